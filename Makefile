@@ -1,0 +1,57 @@
+# Everything is installed into $(VENV), in this folder; nothing else on the machine is touched.
+PYTHON ?= python3
+VENV ?= .venv
+OUT ?= out
+
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+
+.DELETE_ON_ERROR:
+.PHONY: help demo test lint peers clean
+
+help:  ## show this list
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
+
+demo: $(VENV)/.installed  ## render a Cornell box with a master and four slaves
+	@mkdir -p $(OUT)
+	$(BIN)/wdpm render cornell-box --slaves 4 -o $(OUT)/cornell-box.exr -o $(OUT)/cornell-box.png
+	@echo
+	@echo "The picture is $(abspath $(OUT))/cornell-box.png; cornell-box.exr beside it has all layers."
+
+test: $(VENV)/.installed-test  ## run the tests (those marked slow are left out)
+	$(BIN)/python -m pytest -m "not slow"
+
+lint: $(VENV)/.installed-test  ## check style and types
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy -p wdpm
+
+peers: $(VENV)/.installed-peers  ## install the renderers that wdpm is compared with
+
+clean:  ## remove what was built and rendered, and the virtual environment
+	rm -rf $(VENV) $(OUT) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	find wdpm kernels cluster scenes tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# The stamps are older than pyproject.toml when what is to be installed may have changed.
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+		echo "wdpm needs Python 3.11 or newer; $(PYTHON) is `$(PYTHON) --version 2>&1`."; \
+		echo "Name another one, for example: make demo PYTHON=python3.12"; exit 1; }
+	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { \
+		echo "$(PYTHON) cannot make virtual environments; on Debian and Ubuntu: apt install python3-venv"; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.installed: pyproject.toml | $(BIN)/python
+	@echo "Installing wdpm and what it needs into $(VENV) (once; some minutes on a slow line)"
+	$(PIP) install --quiet -e .
+	@touch $@
+
+$(VENV)/.installed-test: pyproject.toml | $(BIN)/python
+	@echo "Installing wdpm, what it needs and what its tests need into $(VENV) (once; some minutes on a slow line)"
+	$(PIP) install --quiet -e '.[test]'
+	@touch $@ $(VENV)/.installed
+
+$(VENV)/.installed-peers: pyproject.toml | $(BIN)/python
+	@echo "Installing Mitsuba and Embree into $(VENV)"
+	$(PIP) install --quiet -e '.[peers]'
+	@touch $@ $(VENV)/.installed

@@ -1,0 +1,1 @@
+"""Who computes it: partition, cells, master, slave and the wire between them."""

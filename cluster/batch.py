@@ -1,0 +1,153 @@
+"""What travels between workers: ray batches towards cells, results towards homes.
+
+A batch is a set of equally long arrays with names. Its kind says which; `SCHEMAS` is the one list of them, and the
+wire checks against it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.scenes.errors import ProtocolError
+
+Arrays = Mapping[str, NDArray[np.generic]]
+
+
+class Kind(Enum):
+    """What a batch holds. The first group goes to a cell, the second to a home."""
+
+    CAMERA = "camera"
+    """Camera rays, by pixel and sample number, with the best hit so far (routing `forward`)."""
+    PROBE = "probe"
+    """Camera rays, by pixel and sample number, to be intersected here and reported to the home (routing `merge`)."""
+    SHADE = "shade"
+    """Final camera hits, in the cell that contains the hit point."""
+    SHADOW = "shadow"
+    """Shadow segments: what arrives in their slot if nothing blocks them."""
+    PHOTON = "photon"
+    """Photons in flight, with the best hit so far."""
+    LANDED = "landed"
+    """Photons whose hit is final, in the cell that contains the hit point."""
+    GHOSTS = "ghosts"
+    """Copies of photons that lie in the destination cell's overlap band."""
+
+    PROBED = "probed"
+    """What a probe found: hits by slot."""
+    SAMPLES = "samples"
+    """What camera samples see, but for direct light: the fixed slots of a home."""
+    LIT = "lit"
+    """Direct light of shadow rays that nothing blocked, by slot."""
+    ENDED = "ended"
+    """Nothing but credit: rays that ended."""
+
+
+TO_HOME = frozenset({Kind.PROBED, Kind.SAMPLES, Kind.LIT, Kind.ENDED})
+
+_RAY = {
+    "slot": ("<i4", ()),  # where the home wants the result
+    "pixel": ("<i4", ()),  # counted row by row
+    "sample": ("<i4", ()),  # of the pixel
+}
+
+_HIT = {
+    "t": ("<f4", ()),  # in units of the direction's length
+    "prim": ("<i4", ()),  # global triangle number, -1 for none yet
+    "u": ("<f4", ()),
+    "v": ("<f4", ()),
+    "owner": ("<i4", ()),  # the cell that contains the hit point
+}
+
+SCHEMAS: dict[Kind, dict[str, tuple[str, tuple[int, ...]]]] = {
+    Kind.CAMERA: {**_RAY, **_HIT},
+    Kind.PROBE: _RAY,
+    Kind.SHADE: {**_RAY, **_HIT},
+    Kind.SHADOW: {"slot": ("<i4", ()), "origin": ("<f4", (3,)), "direction": ("<f4", (3,)), "radiance": ("<f4", (3,))},
+    Kind.PHOTON: {
+        "path": ("<i8", ()),
+        "bounce": ("<i4", ()),
+        "light": ("<i4", ()),
+        "origin": ("<f4", (3,)),
+        "direction": ("<f4", (3,)),
+        "flux": ("<f4", (3,)),
+        **_HIT,
+    },
+    Kind.GHOSTS: {
+        "id": ("<i8", ()),
+        "position": ("<f4", (3,)),
+        "flux": ("<f4", (3,)),
+        "normal": ("<f4", (3,)),
+        "direction": ("<f4", (3,)),
+    },
+    Kind.PROBED: {"slot": ("<i4", ()), **_HIT},
+    Kind.SAMPLES: {
+        "slot": ("<i4", ()),
+        "emission": ("<f4", (3,)),
+        "indirect": ("<f4", (3,)),
+        "depth": ("<f4", ()),
+        "normal": ("<f4", (3,)),
+        "albedo": ("<f4", (3,)),
+        "cell": ("<i4", ()),
+    },
+    Kind.LIT: {"slot": ("<i4", ()), "radiance": ("<f4", (3,))},
+    Kind.ENDED: {},
+}
+SCHEMAS[Kind.LANDED] = SCHEMAS[Kind.PHOTON]
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Arrays of one kind on their way to a cell or to a home.
+
+    Attributes:
+        task: number of the task that the contents belong to; -1 where there is none (ghosts).
+        home: number of the worker that was handed the task.
+        cell: the destination cell; for kinds that go to a home, the cell it comes from.
+        credit: the share of the task's credit that travels with the batch (Mattern 1989).
+        arrays: as SCHEMAS[kind] says.
+    """
+
+    kind: Kind
+    task: int
+    home: int
+    cell: int
+    credit: int
+    arrays: Arrays
+
+    def __len__(self) -> int:
+        return next((len(array) for array in self.arrays.values()), 0)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of all arrays."""
+        return sum(array.nbytes for array in self.arrays.values())
+
+    def check(self) -> None:
+        """Raise ProtocolError unless names, dtypes, shapes and lengths are those of the kind."""
+        schema = SCHEMAS[self.kind]
+        if self.arrays.keys() != schema.keys():
+            raise ProtocolError(f"a {self.kind.value} batch has arrays {sorted(self.arrays)}; expected {sorted(schema)}")
+        count = len(self)
+        for name, (dtype, shape) in schema.items():
+            array = self.arrays[name]
+            if array.dtype != np.dtype(dtype) or array.shape != (count, *shape):
+                raise ProtocolError(
+                    f"{self.kind.value}.{name} is {array.dtype} {array.shape}; expected {dtype} {(count, *shape)}"
+                )
+
+
+def take(arrays: Arrays, rows: NDArray[np.intp] | slice) -> dict[str, NDArray[np.generic]]:
+    """Some rows of every array."""
+    return {name: array[rows] for name, array in arrays.items()}
+
+
+def concatenate(parts: Iterable[Arrays], kind: Kind) -> dict[str, NDArray[np.generic]]:
+    """Arrays of several batches of one kind, one after another."""
+    parts = list(parts)
+    if not parts:
+        return {name: np.empty((0, *shape), dtype) for name, (dtype, shape) in SCHEMAS[kind].items()}
+    return {name: np.concatenate([part[name] for part in parts]) for name in SCHEMAS[kind]}

@@ -1,0 +1,35 @@
+"""What a cluster is run by: times, limits and numbers in flight. None of it changes a bit of the image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClusterSettings:
+    """Settings of a cluster; the master's hold for its slaves.
+
+    Attributes:
+        heartbeat_s: a process sends something at least this often [s].
+        liveness_s: silence that counts as death [s]. Ten heartbeats: long enough for a machine that swaps for a moment,
+            short enough for a person who waits.
+        join_first_s: first wait of a slave for the master's answer [s]; it doubles with every try ...
+        join_longest_s: ... up to this [s]. Both as in the Paranoid Pirate pattern of the ZeroMQ guide.
+        photon_task_paths: photon paths a task. Enough for long kernel launches, few enough that the rays of all tasks
+            in flight stay within some 10 MB.
+        photon_tasks_in_flight: photon tasks handed to a slave at once; the second keeps it busy while the first one's
+            last photons travel.
+        buckets_in_flight: buckets handed to a slave at once. Buckets wait for their peers more than photons do.
+        cells_in_flight: cells on their way to slaves at once. Bounds what the master holds besides the scene.
+        part_triangles: triangles of one Partition message, 140 bytes each: about 64 MB.
+    """
+
+    heartbeat_s: float = 1.0
+    liveness_s: float = 10.0
+    join_first_s: float = 1.0
+    join_longest_s: float = 32.0
+    photon_task_paths: int = 65_536
+    photon_tasks_in_flight: int = 2
+    buckets_in_flight: int = 3
+    cells_in_flight: int = 2
+    part_triangles: int = 450_000

@@ -1,0 +1,243 @@
+"""Where a task's results come together: fixed slots, added in a fixed order once all credit is back.
+
+A home never waits and never polls. It starts its task with some credit; every batch that follows carries a share, and
+returns it at its end. When all of it is home, nothing of the task is left in flight anywhere (Mattern 1989).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, take
+from wdpm.cluster.cell import Replica, by_destination
+from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask
+from wdpm.cluster.world import View
+from wdpm.kernels import camera_samples as cs
+from wdpm.kernels import columns, resolve
+from wdpm.kernels import photon_paths as pp
+from wdpm.kernels.settings import Routing
+from wdpm.scenes.errors import ProtocolError
+
+WAVE_SAMPLES = 1 << 16
+"""Samples of a bucket that are under way at once: bounds memory, changes no bit."""
+
+
+class PhotonHome:
+    """A range of photon paths."""
+
+    def __init__(self, task: PhotonTask, number: int, replica: Replica) -> None:
+        self.task = task
+        self._number = number
+        self._replica = replica
+        self._credit = task.stop - task.start
+        self._emitted = 0.0
+
+    def begin(self) -> Iterator[Batch]:
+        """The photons as they leave the lights, by the first cell on their way."""
+        replica, device = self._replica, self._replica.launcher.device
+        count = self.task.stop - self.task.start
+        flight = columns.empty(pp.Flight, count, device)
+        first = wp.empty(count, dtype=wp.int32, device=device)
+        seed = wp.uint32(replica.world.seed)
+        replica.launcher(pp.emit_photons, count, [replica.lights, self.task.start, seed], [flight])
+        replica.launcher(pp.first_cells, count, [replica.cells, flight], [first])
+        arrays = columns.download(flight, SCHEMAS[Kind.PHOTON])
+        self._emitted = float(arrays["flux"].sum(dtype=np.float64)) / 3.0
+        destination = first.numpy()
+        for cell, rows in by_destination(destination, destination >= 0):
+            yield Batch(Kind.PHOTON, self.task.number, self._number, cell, len(rows), take(arrays, rows))
+
+    def receive(self, batch: Batch) -> Iterator[Batch]:
+        """Take back credit; photons bring nothing else home."""
+        if batch.kind is not Kind.ENDED:
+            raise ProtocolError(f"a {batch.kind.value} batch came home to photon task {self.task.number}")
+        self._credit -= batch.credit
+        return iter(())
+
+    def result(self) -> PhotonsTraced | None:
+        """The task's result once nothing is in flight."""
+        if self._credit > 0:
+            return None
+        return PhotonsTraced(self.task.number, self.task.stop - self.task.start, self._emitted)
+
+
+class BucketHome:
+    """A bucket: all samples of its pixels, in waves."""
+
+    def __init__(self, task: BucketTask, number: int, replica: Replica, view: View) -> None:
+        self.task = task
+        self._number = number
+        self._replica = replica
+        self._view = view
+        width, height = task.x1 - task.x0, task.y1 - task.y0
+        self._shape = (height, width)
+        x = np.arange(task.x0, task.x1, dtype=np.int32)
+        y = np.arange(task.y0, task.y1, dtype=np.int32)
+        self._pixels = (y[:, None] * np.int32(view.camera.width) + x[None, :]).reshape(-1)
+        self._samples_a_wave = max(1, min(view.spp, WAVE_SAMPLES // len(self._pixels)))
+        self._first = 0
+        self._sums = columns.zeros(resolve.Sums, len(self._pixels), replica.launcher.device)
+        self._cell = np.full(len(self._pixels), -1, np.int32)
+        self._credit = 0
+        self._slots: dict[str, NDArray[Any]] = {}
+        self._rays: Arrays = {}
+        self._probing = False
+
+    def begin(self) -> Iterator[Batch]:
+        """Start the next wave of samples."""
+        count = min(self._samples_a_wave, self._view.spp - self._first)
+        sample = np.arange(self._first, self._first + count, dtype=np.int32)
+        total = len(self._pixels) * count
+        rays: dict[str, NDArray[Any]] = {
+            "slot": np.arange(total, dtype=np.int32),
+            "pixel": np.repeat(self._pixels, count),
+            "sample": np.tile(sample, len(self._pixels)),
+        }
+        self._rays = rays
+        self._slots = _empty_slots(total, self._view.light_samples)
+        if self._view.routing is Routing.MERGE:
+            yield from self._begin_merge(rays)
+        else:
+            yield from self._begin_forward(rays)
+
+    def _begin_forward(self, start: dict[str, NDArray[Any]]) -> Iterator[Batch]:
+        """Each ray sets out in the first cell on its way."""
+        replica, device = self._replica, self._replica.launcher.device
+        total = len(start["slot"])
+        rays = columns.empty(cs.Rays, total, device)
+        for name, array in start.items():
+            setattr(rays, name, wp.array(array, dtype=wp.int32, device=device))
+        first = wp.empty(total, dtype=wp.int32, device=device)
+        replica.launcher(cs.start_camera_rays, total, [replica.camera, replica.cells, rays], [first])
+        arrays = columns.download(rays, SCHEMAS[Kind.CAMERA])
+        destination = first.numpy()
+        unit = 1 + self._view.light_samples
+        self._credit = int(np.count_nonzero(destination >= 0)) * unit
+        for cell, rows in by_destination(destination, destination >= 0):
+            yield self._batch(Kind.CAMERA, cell, len(rows) * unit, take(arrays, rows))
+
+    def _begin_merge(self, rays: dict[str, NDArray[Any]]) -> Iterator[Batch]:
+        """Each ray sets out in all cells that it touches; their hits are merged here."""
+        replica, device = self._replica, self._replica.launcher.device
+        total = len(rays["slot"])
+        touched_array = wp.zeros((total, replica.world.top_tree.cells), dtype=wp.uint8, device=device)
+        full = columns.upload(cs.Rays, {**rays, **_no_hits(total)}, device)
+        replica.launcher(cs.mark_touched_cells, total, [replica.camera, replica.cells, full], [touched_array])
+        touched = touched_array.numpy().astype(bool)
+        cells = np.flatnonzero(touched.any(axis=0))
+        self._probing = True
+        self._credit = len(cells)
+        self._rays = {**rays, **_no_hits(total)}
+        for cell in cells:
+            yield self._batch(Kind.PROBE, int(cell), 1, take(rays, np.flatnonzero(touched[:, cell])))
+
+    def receive(self, batch: Batch) -> Iterator[Batch]:
+        """Put what came home into its slots; start the next wave when this one is complete."""
+        arrays = batch.arrays
+        if "slot" in arrays:
+            self._check_slots(batch)
+        if batch.kind is Kind.PROBED:
+            self._merge(arrays)
+        elif batch.kind is Kind.SAMPLES:
+            for name in ("emission", "indirect", "depth", "normal", "albedo", "cell"):
+                self._slots[name][arrays["slot"]] = arrays[name]
+        elif batch.kind is Kind.LIT:
+            self._slots["direct"][arrays["slot"]] = arrays["radiance"]
+        elif batch.kind is not Kind.ENDED:
+            raise ProtocolError(f"a {batch.kind.value} batch came home to bucket {self.task.number}")
+        self._credit -= batch.credit
+        if self._credit == 0:
+            if self._probing:
+                self._probing = False
+                yield from self._shade_merged()
+            if self._credit == 0:
+                self._finish_wave()
+                if self._first < self._view.spp:
+                    yield from self.begin()
+
+    def _merge(self, found: Arrays) -> None:
+        """Nearest first; of equally near hits the smaller triangle number (exactness contract, item 2)."""
+        slot = found["slot"]
+        t, prim = self._rays["t"][slot], self._rays["prim"][slot]
+        nearer = (prim < 0) | (found["t"] < t) | ((found["t"] == t) & (found["prim"] < prim))
+        for name in ("t", "prim", "u", "v", "owner"):
+            self._rays[name][slot[nearer]] = found[name][nearer]  # type: ignore[index]
+
+    def _shade_merged(self) -> Iterator[Batch]:
+        """Send the merged hits to the cells that contain them."""
+        unit = 1 + self._view.light_samples
+        hit = self._rays["prim"] >= 0
+        self._credit = int(np.count_nonzero(hit)) * unit
+        for cell, rows in by_destination(self._rays["owner"].astype(np.int32), hit):
+            yield self._batch(Kind.SHADE, cell, len(rows) * unit, take(self._rays, rows))
+
+    def _finish_wave(self) -> None:
+        """Add the wave's samples to the pixels' sums, in the order of their numbers."""
+        launcher = self._replica.launcher
+        count = len(self._slots["depth"]) // len(self._pixels)
+        slots = columns.upload(resolve.Slots, self._slots, launcher.device)
+        launcher(resolve.add_samples, len(self._pixels), [slots, count, self._view.light_samples], [self._sums])
+        if self._first == 0:
+            self._cell = self._slots["cell"].reshape(-1, count)[:, 0].copy()
+        self._first += count
+        self._slots = {}
+        self._rays = {}
+
+    def result(self) -> BucketRendered | None:
+        """The bucket's pixels once all samples are in."""
+        if self._credit > 0 or self._first < self._view.spp:
+            return None
+        sums = columns.download(self._sums, ("direct", "indirect", "normal", "albedo", "depth", "hits"))
+        share = 1.0 / self._view.spp
+        hits = np.maximum(sums["hits"], 1)
+        flat = {
+            "beauty": (sums["direct"] + sums["indirect"]) * share,
+            "direct": sums["direct"] * share,
+            "indirect": sums["indirect"] * share,
+            "depth": sums["depth"] / hits,
+            "normal": sums["normal"] * share,
+            "albedo": sums["albedo"] * share,
+            "cell": self._cell,
+        }
+        layers = {
+            name: np.ascontiguousarray(layer.reshape(*self._shape, *layer.shape[1:]), np.float32)
+            for name, layer in flat.items()
+        }
+        return BucketRendered(self.task.number, self.task.x0, self.task.y0, layers)
+
+    def _batch(self, kind: Kind, cell: int, credit: int, arrays: Arrays) -> Batch:
+        return Batch(kind, self.task.number, self._number, cell, credit, arrays)
+
+    def _check_slots(self, batch: Batch) -> None:
+        """Slots come over the wire: none may point outside."""
+        size = len(self._slots["direct"] if batch.kind is Kind.LIT else self._slots["depth"])
+        slot = batch.arrays["slot"]
+        if len(slot) and (slot.min() < 0 or slot.max() >= size):
+            raise ProtocolError(f"a {batch.kind.value} batch has a slot outside 0 .. {size - 1}")
+
+
+def _no_hits(count: int) -> dict[str, NDArray[Any]]:
+    return {
+        "t": np.zeros(count, np.float32),
+        "prim": np.full(count, -1, np.int32),
+        "u": np.zeros(count, np.float32),
+        "v": np.zeros(count, np.float32),
+        "owner": np.full(count, -1, np.int32),
+    }
+
+
+def _empty_slots(samples: int, light_samples: int) -> dict[str, NDArray[Any]]:
+    return {
+        "emission": np.zeros((samples, 3), np.float32),
+        "indirect": np.zeros((samples, 3), np.float32),
+        "depth": np.full(samples, -1.0, np.float32),
+        "normal": np.zeros((samples, 3), np.float32),
+        "albedo": np.zeros((samples, 3), np.float32),
+        "cell": np.full(samples, -1, np.int32),
+        "direct": np.zeros((samples * light_samples, 3), np.float32),
+    }

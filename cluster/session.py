@@ -1,0 +1,69 @@
+"""What a master is asked to render, and what it answers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.cluster.film import LAYERS
+from wdpm.cluster.task import PhotonsTraced
+from wdpm.cluster.world import View, World
+from wdpm.scenes.geometry import Triangles
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """One render.
+
+    Attributes:
+        world: what photons depend on.
+        view: what the camera adds.
+        partition: cell -> the triangles that overlap it. Called once a cell, and not at all if the cluster has this
+            world from the session before.
+        holders: cell -> number of the slave that holds it.
+        digest: names world, triangles and holders; equal digests mean that cells and photons can be used again.
+        retrace: trace the photons again even if the cluster has them.
+        layers: name of layer -> channels.
+    """
+
+    world: World
+    view: View
+    partition: Callable[[int], Triangles]
+    holders: tuple[int, ...]
+    digest: str
+    retrace: bool = False
+    layers: Mapping[str, int] = field(default_factory=lambda: LAYERS)
+
+
+@dataclass(frozen=True, eq=False)
+class SessionResult:
+    """A finished render.
+
+    Attributes:
+        layers: name of layer -> float32, shape [height, width, 3] or [height, width].
+        statistics: of each slave, by its number.
+        photons_traced: of each photon task, by its number. From the session that traced them, if they were reused.
+        seconds: wall-clock time by phase [s]: partition, photons, map, render. A phase that was skipped is missing.
+        dropped: messages that were not used, by reason.
+    """
+
+    layers: dict[str, NDArray[np.float32]]
+    statistics: list[dict[str, Any]]
+    photons_traced: tuple[PhotonsTraced, ...]
+    seconds: dict[str, float]
+    dropped: dict[str, int]
+
+    @property
+    def paths(self) -> int:
+        """Photon paths shot."""
+        return sum(traced.paths for traced in self.photons_traced)
+
+    @property
+    def emitted(self) -> float:
+        """Flux that the paths set out with, mean of RGB, summed [W x paths]."""
+        return math.fsum(traced.emitted for traced in self.photons_traced)

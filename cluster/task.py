@@ -1,0 +1,60 @@
+"""Units of work that the master hands out, and what comes back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class PhotonTask:
+    """Trace the photon paths start to stop - 1."""
+
+    number: int
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True)
+class BucketTask:
+    """Render all samples of the pixels x0 <= x < x1, y0 <= y < y1."""
+
+    number: int
+    x0: int
+    y0: int
+    x1: int
+    y1: int
+
+
+@dataclass(frozen=True)
+class PhotonsTraced:
+    """All photon paths of a task have ended.
+
+    Attributes:
+        paths: how many.
+        emitted: flux that they set out with, mean of RGB, summed [W x paths].
+    """
+
+    number: int
+    paths: int
+    emitted: float
+
+
+@dataclass(frozen=True, eq=False)
+class BucketRendered:
+    """The pixels of a bucket.
+
+    Attributes:
+        layers: name of layer -> float32, shape [y1 - y0, x1 - x0, 3] or [y1 - y0, x1 - x0].
+    """
+
+    number: int
+    x0: int
+    y0: int
+    layers: dict[str, NDArray[np.float32]]
+
+
+Task = PhotonTask | BucketTask
+TaskResult = PhotonsTraced | BucketRendered

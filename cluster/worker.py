@@ -1,0 +1,182 @@
+"""What a slave computes: its cells, and the homes of the tasks that it was handed. No input or output of its own.
+
+Batches between its own cells and homes never leave it. All others are put in the outbox, for whoever moves them.
+"""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time
+from collections import deque
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from wdpm.cluster.batch import TO_HOME, Batch, Kind
+from wdpm.cluster.cell import Cell, Replica
+from wdpm.cluster.home import BucketHome, PhotonHome
+from wdpm.cluster.task import BucketTask, PhotonTask, Task, TaskResult
+from wdpm.cluster.world import View, World
+from wdpm.kernels.launch import Launcher
+from wdpm.scenes.errors import ProtocolError
+from wdpm.scenes.geometry import Triangles
+
+RAYS = frozenset({Kind.CAMERA, Kind.PROBE, Kind.SHADE, Kind.SHADOW, Kind.PHOTON, Kind.LANDED})
+
+
+@dataclass
+class Outbox:
+    """What leaves a worker: batches for other workers, and results of tasks for the master."""
+
+    batches: list[Batch] = field(default_factory=list)
+    results: list[TaskResult] = field(default_factory=list)
+
+
+class Worker:
+    """Cells and homes of one slave.
+
+    Args:
+        number: the slave's number.
+        partition: the triangles of each of its cells.
+        holders: number of the worker that holds each cell.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        world: World,
+        partition: Mapping[int, Triangles],
+        holders: Sequence[int],
+        launcher: Launcher,
+    ) -> None:
+        self.number = number
+        self.holders = tuple(holders)
+        self.replica = Replica(world, launcher)
+        self.cells = {cell: Cell(cell, triangles, self.replica) for cell, triangles in sorted(partition.items())}
+        self._homes: dict[int, PhotonHome | BucketHome] = {}
+        self._traffic = {"rays_in": 0, "rays_out": 0, "bytes_in": 0, "bytes_out": 0}
+        self._busy = 0.0
+
+    def set_view(self, view: View) -> None:
+        """Look through a camera; before buckets are started."""
+        self.replica.set_view(view)
+
+    def start(self, task: Task) -> Outbox:
+        """Become a task's home."""
+        began = time.perf_counter()
+        home: PhotonHome | BucketHome
+        if isinstance(task, PhotonTask):
+            home = PhotonHome(task, self.number, self.replica)
+        elif isinstance(task, BucketTask) and self.replica.view is not None:
+            home = BucketHome(task, self.number, self.replica, self.replica.view)
+        else:
+            raise ProtocolError(f"task {task.number} came before a view was set")
+        self._homes[task.number] = home
+        outbox = Outbox()
+        self._run(home.begin(), outbox)
+        self._finish(task.number, outbox)
+        self._busy += time.perf_counter() - began
+        return outbox
+
+    def handle(self, batch: Batch) -> Outbox:
+        """Take in a batch that another worker sent."""
+        began = time.perf_counter()
+        self._traffic["bytes_in"] += batch.nbytes
+        if batch.kind in RAYS:
+            self._traffic["rays_in"] += len(batch)
+        outbox = Outbox()
+        self._run([batch], outbox)
+        self._busy += time.perf_counter() - began
+        return outbox
+
+    def exchange(self) -> list[Batch]:
+        """One batch of ghosts from each own cell to every cell of another worker; between own cells at once."""
+        began = time.perf_counter()
+        outbox = Outbox()
+        for cell in self.cells.values():
+            for ghosts in cell.ghosts():
+                self._run([ghosts], outbox)
+        self._busy += time.perf_counter() - began
+        return outbox.batches
+
+    def ghosts_expected(self) -> int:
+        """Batches of ghosts that other workers send to this one."""
+        return len(self.cells) * (len(self.holders) - len(self.cells))
+
+    def build_maps(self) -> None:
+        """Build the photon maps of all cells."""
+        began = time.perf_counter()
+        for cell in self.cells.values():
+            cell.build_map()
+        self._busy += time.perf_counter() - began
+
+    def forget_photons(self) -> None:
+        """Let go of all photons, before they are traced again."""
+        for cell in self.cells.values():
+            cell.forget_photons()
+
+    def statistics(self) -> dict[str, Any]:
+        """What this worker holds and has done."""
+        cells = self.cells.values()
+        stored = sum(cell.counters.stored_by_light for cell in cells)
+        energy = sum(cell.counters.energy for cell in cells)
+        nonfinite: dict[str, int] = {}
+        for cell in cells:
+            for cause, count in cell.counters.nonfinite.items():
+                nonfinite[cause] = nonfinite.get(cause, 0) + count
+        return {
+            "cells": list(self.cells),
+            "triangles": sum(cell.triangle_count for cell in cells),
+            "photons": sum(cell.photon_count for cell in cells),
+            "ghosts": sum(cell.ghost_count for cell in cells),
+            "stored_by_light": [int(count) for count in stored],
+            "energy": [float(share) for share in energy],
+            "gathers": sum(cell.counters.gathers for cell in cells),
+            "gathers_truncated": sum(cell.counters.gathers_truncated for cell in cells),
+            "gathers_left_band": sum(cell.counters.gathers_left_band for cell in cells),
+            "nonfinite": nonfinite,
+            "busy_s": self._busy,
+            "peak_memory_bytes": peak_memory(),
+            **self._traffic,
+        }
+
+    def _run(self, batches: Iterable[Batch], outbox: Outbox) -> None:
+        """Work off batches, and what follows from them, until only work for other workers is left."""
+        queue = deque(batches)
+        while queue:
+            batch = queue.popleft()
+            if self._destination(batch) != self.number:
+                self._send(batch, outbox)
+            elif batch.kind in TO_HOME:
+                home = self._homes.get(batch.task)
+                if home is None:
+                    raise ProtocolError(f"a {batch.kind.value} batch of unknown task {batch.task}")
+                queue.extend(home.receive(batch))
+                self._finish(batch.task, outbox)
+            elif batch.cell in self.cells:
+                queue.extend(self.cells[batch.cell].advance(batch))
+            else:
+                raise ProtocolError(f"a {batch.kind.value} batch for cell {batch.cell}, which this worker does not hold")
+
+    def _finish(self, task: int, outbox: Outbox) -> None:
+        home = self._homes.get(task)
+        result = None if home is None else home.result()
+        if result is not None:
+            del self._homes[task]
+            outbox.results.append(result)
+
+    def _destination(self, batch: Batch) -> int:
+        return batch.home if batch.kind in TO_HOME else self.holders[batch.cell]
+
+    def _send(self, batch: Batch, outbox: Outbox) -> None:
+        self._traffic["bytes_out"] += batch.nbytes
+        if batch.kind in RAYS:
+            self._traffic["rays_out"] += len(batch)
+        outbox.batches.append(batch)
+
+
+def peak_memory() -> int:
+    """Most memory that this process has had in use [bytes]."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak * 1024

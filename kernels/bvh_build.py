@@ -1,0 +1,332 @@
+"""Building the bounding volume hierarchy: 8-wide nodes by the binned surface area heuristic.
+
+One Warp kernel that runs as one thread on the host (the build is sequential; partitions are built side by side by
+their owners). Each node is built at once with up to eight children, by splitting the child of the largest area
+again and again, so no binary tree is stored. A split bins the centroids along all three axes (Wald 2007, "On fast
+construction of SAH-based bounding volume hierarchies").
+
+Boxes are kept as vec8 (low xyz, unused, -high xyz, unused): the union of two boxes is then one element-wise minimum.
+
+The tree's depth is bounded: once a range could no longer be finished within MAX_DEPTH by halving, it is halved by
+position in the array. So neither a million triangles in one point nor a geometric series of sizes overflows
+the traversal's stack.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+vec8 = wp.types.vector(length=8, dtype=wp.float32)
+vec8i = wp.types.vector(length=8, dtype=wp.int32)
+
+WIDTH = 8
+"""Children a node: one AVX register of float32."""
+
+LEAF_MAX = wp.constant(8)
+"""Triangles a leaf at most: what one pass of the vec8 pre-test takes, and what a child code has room for."""
+
+MAX_DEPTH = 18
+"""Levels of nodes at most. 2^27 triangles, the most a child code can number, need 9 by halving."""
+
+STACK_SIZE = (WIDTH - 1) * MAX_DEPTH + 2
+"""A traversal leaves at most WIDTH - 1 siblings behind on each level."""
+
+BINS = wp.constant(16)
+SMALL_BINS = wp.constant(8)
+SMALL_RANGE = wp.constant(32)
+"""Ranges up to this size use SMALL_BINS: there, clearing and sweeping bins would cost more than filling them."""
+
+FAR = wp.constant(3.4e38)
+
+
+@wp.struct
+class Scratch:
+    """Working memory of the builder.
+
+    Attributes:
+        boxes: box of each triangle, in build order, shape [T].
+        order: row of each triangle in the input, in build order, shape [T].
+        bin_boxes: shape [3 * BINS]; bin_counts: the same shape.
+        right_areas: areas of what lies right of a bin boundary, shape [BINS].
+        slot_boxes, slot_begin, slot_end: the children of the node being built, shape [WIDTH].
+        todo: (begin, end, node, depth) of the ranges to be built.
+    """
+
+    boxes: wp.array(dtype=vec8)
+    order: wp.array(dtype=wp.int32)
+    bin_boxes: wp.array(dtype=vec8)
+    bin_counts: wp.array(dtype=wp.int32)
+    right_areas: wp.array(dtype=wp.float32)
+    slot_boxes: wp.array(dtype=vec8)
+    slot_begin: wp.array(dtype=wp.int32)
+    slot_end: wp.array(dtype=wp.int32)
+    todo: wp.array(dtype=wp.vec4i)
+
+
+@wp.func
+def empty_box() -> vec8:
+    return vec8(FAR)
+
+
+@wp.func
+def half_area(box: vec8) -> float:
+    x = -box[4] - box[0]
+    y = -box[5] - box[1]
+    z = -box[6] - box[2]
+    return x * y + y * z + z * x
+
+
+@wp.func
+def centroid(box: vec8) -> wp.vec3:
+    """Twice the centre."""
+    return wp.vec3(box[0] - box[4], box[1] - box[5], box[2] - box[6])
+
+
+@wp.func
+def bin_of(centre: float, low: float, scale: float, bins: int) -> int:
+    return wp.min(int((centre - low) * scale), bins - 1)
+
+
+@wp.func
+def range_box(s: Scratch, begin: int, end: int) -> vec8:
+    box = empty_box()
+    for i in range(begin, end):
+        box = wp.min(box, s.boxes[i])
+    return box
+
+
+@wp.func
+def halve(s: Scratch, begin: int, end: int) -> int:
+    return begin + (end - begin) / 2
+
+
+@wp.func
+def levels_by_halving(count: int) -> int:
+    """Levels of nodes that halving needs to get a range down to one leaf."""
+    levels = int(1)
+    capacity = int(LEAF_MAX)
+    while capacity < count and levels < 10:
+        capacity = capacity * 8
+        levels = levels + 1
+    return levels
+
+
+@wp.func
+def partition(s: Scratch, begin: int, end: int, axis: int, low: float, scale: float, bins: int, last_left: int) -> int:
+    """Move the triangles whose bin is at most `last_left` to the front; returns where the others begin."""
+    i = int(begin)
+    j = int(end - 1)
+    while i <= j:
+        box = s.boxes[i]
+        if bin_of(box[axis] - box[axis + 4], low, scale, bins) <= last_left:
+            i = i + 1
+        else:
+            row = s.order[i]
+            s.boxes[i] = s.boxes[j]
+            s.order[i] = s.order[j]
+            s.boxes[j] = box
+            s.order[j] = row
+            j = j - 1
+    return i
+
+
+@wp.func
+def split(s: Scratch, begin: int, end: int) -> int:
+    """Reorder a range of at least two triangles and return where its second part begins; neither part is empty."""
+    count = end - begin
+    low = wp.vec3(FAR)
+    high = wp.vec3(-FAR)
+    for i in range(begin, end):
+        c = centroid(s.boxes[i])
+        low = wp.min(low, c)
+        high = wp.max(high, c)
+
+    bins = int(BINS)
+    if count <= SMALL_RANGE:
+        bins = int(SMALL_BINS)
+    extent = high - low
+    scale = wp.vec3()
+    for axis in range(3):
+        if extent[axis] > 0.0:
+            scale[axis] = wp.min(float(bins) / extent[axis], FAR)
+    for k in range(3 * bins):
+        s.bin_boxes[k] = empty_box()
+        s.bin_counts[k] = 0
+    for i in range(begin, end):
+        box = s.boxes[i]
+        c = centroid(box)
+        kx = bin_of(c[0], low[0], scale[0], bins)
+        ky = bin_of(c[1], low[1], scale[1], bins) + bins
+        kz = bin_of(c[2], low[2], scale[2], bins) + 2 * bins
+        s.bin_boxes[kx] = wp.min(s.bin_boxes[kx], box)
+        s.bin_boxes[ky] = wp.min(s.bin_boxes[ky], box)
+        s.bin_boxes[kz] = wp.min(s.bin_boxes[kz], box)
+        s.bin_counts[kx] = s.bin_counts[kx] + 1
+        s.bin_counts[ky] = s.bin_counts[ky] + 1
+        s.bin_counts[kz] = s.bin_counts[kz] + 1
+
+    best_cost = float(FAR)
+    best_axis = int(-1)
+    best_bin = int(0)
+    for axis in range(3):
+        if scale[axis] > 0.0:
+            right = empty_box()
+            for back in range(bins - 1):
+                k = bins - 1 - back
+                right = wp.min(right, s.bin_boxes[axis * bins + k])
+                s.right_areas[k] = half_area(right)
+            left = empty_box()
+            left_count = int(0)
+            for k in range(bins - 1):
+                left = wp.min(left, s.bin_boxes[axis * bins + k])
+                left_count = left_count + s.bin_counts[axis * bins + k]
+                if left_count > 0 and left_count < count:
+                    cost = half_area(left) * float(left_count) + s.right_areas[k + 1] * float(count - left_count)
+                    if cost < best_cost:
+                        best_cost = cost
+                        best_axis = axis
+                        best_bin = k
+    if best_axis < 0:
+        return halve(s, begin, end)  # all centroids in one point, or areas beyond float32
+    return partition(s, begin, end, best_axis, low[best_axis], scale[best_axis], bins, best_bin)
+
+
+@wp.func
+def next_slot(s: Scratch, slots: int, halving: bool) -> int:
+    """Which child to split next: of those too large for a leaf the one with the largest area, then of the others."""
+    best = int(-1)
+    best_large = bool(False)
+    best_score = float(-1.0)
+    for k in range(slots):
+        count = s.slot_end[k] - s.slot_begin[k]
+        if count > 1:
+            large = count > LEAF_MAX
+            score = float(count)
+            if not halving:
+                score = half_area(s.slot_boxes[k])
+                if not large:
+                    score = score * float(count)
+            if (large and not best_large) or (large == best_large and score > best_score):
+                best = k
+                best_large = large
+                best_score = score
+    return best
+
+
+@wp.kernel
+def box_triangles(positions: wp.array2d(dtype=wp.vec3), pad: float, s: Scratch):
+    i = wp.tid()
+    a = positions[i, 0]
+    b = positions[i, 1]
+    c = positions[i, 2]
+    low = wp.min(a, wp.min(b, c)) - wp.vec3(pad)
+    high = wp.max(a, wp.max(b, c)) + wp.vec3(pad)
+    s.boxes[i] = vec8(low[0], low[1], low[2], 0.0, -high[0], -high[1], -high[2], 0.0)
+    s.order[i] = i
+
+
+@wp.kernel
+def build_nodes(
+    s: Scratch,
+    count: int,
+    bounds_out: wp.array(dtype=vec8),
+    children_out: wp.array(dtype=vec8i),
+    sizes_out: wp.array(dtype=wp.int32),
+):
+    """Build the whole tree. sizes_out: (nodes, deepest level)."""
+    nodes = int(1)
+    deepest = int(0)
+    pending = int(1)
+    s.todo[0] = wp.vec4i(0, count, 0, 0)
+    while pending > 0:
+        pending = pending - 1
+        task = s.todo[pending]
+        node = task[2]
+        depth = task[3]
+        deepest = wp.max(deepest, depth)
+        s.slot_begin[0] = task[0]
+        s.slot_end[0] = task[1]
+        s.slot_boxes[0] = range_box(s, task[0], task[1])
+        slots = int(1)
+        if count == 0:
+            slots = 0
+        halving = depth + levels_by_halving(task[1] - task[0]) >= wp.static(MAX_DEPTH)
+
+        while slots < 8:
+            k = next_slot(s, slots, halving)
+            if k < 0:
+                break
+            begin = s.slot_begin[k]
+            end = s.slot_end[k]
+            middle = int(0)
+            if halving:
+                middle = halve(s, begin, end)
+            else:
+                middle = split(s, begin, end)
+            s.slot_end[k] = middle
+            s.slot_begin[slots] = middle
+            s.slot_end[slots] = end
+            s.slot_boxes[k] = range_box(s, begin, middle)
+            s.slot_boxes[slots] = range_box(s, middle, end)
+            slots = slots + 1
+
+        low_x = vec8(wp.inf)
+        low_y = vec8(wp.inf)
+        low_z = vec8(wp.inf)
+        high_x = vec8(-wp.inf)
+        high_y = vec8(-wp.inf)
+        high_z = vec8(-wp.inf)
+        codes = vec8i()
+        for k in range(slots):
+            box = s.slot_boxes[k]
+            low_x[k] = box[0]
+            low_y[k] = box[1]
+            low_z[k] = box[2]
+            high_x[k] = -box[4]
+            high_y[k] = -box[5]
+            high_z[k] = -box[6]
+            begin = s.slot_begin[k]
+            size = s.slot_end[k] - begin
+            if size <= LEAF_MAX:
+                codes[k] = -(begin * 8 + size)
+            else:
+                codes[k] = nodes
+                s.todo[pending] = wp.vec4i(begin, begin + size, nodes, depth + 1)
+                pending = pending + 1
+                nodes = nodes + 1
+        bounds_out[6 * node] = low_x
+        bounds_out[6 * node + 1] = high_x
+        bounds_out[6 * node + 2] = low_y
+        bounds_out[6 * node + 3] = high_y
+        bounds_out[6 * node + 4] = low_z
+        bounds_out[6 * node + 5] = high_z
+        children_out[node] = codes
+    sizes_out[0] = nodes
+    sizes_out[1] = deepest + 1
+
+
+@wp.kernel
+def pack_leaves(
+    positions: wp.array2d(dtype=wp.vec3),
+    ids: wp.array(dtype=wp.int32),
+    order: wp.array(dtype=wp.int32),
+    children: wp.array(dtype=vec8i),
+    corners_out: wp.array(dtype=wp.float32),
+    ids_out: wp.array(dtype=wp.int32),
+):
+    """Write the triangles of each leaf one after another: nine rows (corner, axis), as long as the leaf has triangles."""
+    node = wp.tid()
+    codes = children[node]
+    for k in range(8):
+        if codes[k] < 0:
+            first = (-codes[k] - 1) / 8
+            size = -codes[k] - first * 8
+            for lane in range(size):
+                row = order[first + lane]
+                ids_out[first + lane] = ids[row]
+                for corner in range(3):
+                    p = positions[row, corner]
+                    for axis in range(3):
+                        corners_out[9 * first + (3 * corner + axis) * size + lane] = p[axis]

@@ -1,0 +1,39 @@
+"""Structures of arrays, between numpy and a device: one array a field, all equally long."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+
+def upload(struct: wp.Struct, arrays: Mapping[str, NDArray[Any]], device: str) -> Any:
+    """An instance of a Warp struct whose array fields hold copies of the arrays of the same names."""
+    columns = struct()
+    for name, var in struct.vars.items():
+        setattr(columns, name, wp.array(np.ascontiguousarray(arrays[name]), dtype=var.type.dtype, device=device))
+    return columns
+
+
+def empty(struct: wp.Struct, count: int, device: str) -> Any:
+    """An instance of a Warp struct whose array fields have `count` items of no particular value."""
+    columns = struct()
+    for name, var in struct.vars.items():
+        setattr(columns, name, wp.empty(count, dtype=var.type.dtype, device=device))
+    return columns
+
+
+def zeros(struct: wp.Struct, count: int, device: str) -> Any:
+    """An instance of a Warp struct whose array fields have `count` zeros."""
+    columns = struct()
+    for name, var in struct.vars.items():
+        setattr(columns, name, wp.zeros(count, dtype=var.type.dtype, device=device))
+    return columns
+
+
+def download(columns: Any, names: Iterable[str]) -> dict[str, NDArray[Any]]:
+    """The named arrays as numpy arrays; on the CPU they share memory with the device's."""
+    return {name: getattr(columns, name).numpy() for name in names}

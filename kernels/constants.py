@@ -1,0 +1,81 @@
+"""Every constant of the kernels, with its derivation."""
+
+from __future__ import annotations
+
+import warp as wp
+
+from typing import Final
+
+# --- gather: which photons count at a query ------------------------------------------------------------------------
+
+NORMAL_COS: Final = 0.70710678
+"""Least cosine between a photon's normal and the query's: cos 45°.
+
+The two sides of a wall differ by 180° and the walls of a room's corner by 90°; neighbouring facets of a surface that is
+meant to be smooth differ by 360° / facets (an 8-sided column: 45°, a 12-sided one: 30°). 45° lies halfway between the
+0° of a plane, which must pass, and the 90° of a corner, which must not, so either may be off by as much.
+"""
+
+FLATTENING: Final = 4.0
+"""Ratio of the gather ellipsoid's semi-axes: W in d² = |p - x|² + (W² - 1) (n · (p - x))².
+
+A photon off the tangent plane counts as W times further away (Jensen 2001, section 7.2, squeezes the sphere to a disc).
+W = 1 is a ball, which takes photons of a parallel surface a radius away; W -> infinity drops photons of a curved
+surface: on a sphere of radius R a photon at distance d is d² / 2R off the plane, which lengthens its distance by the factor
+sqrt(1 + (W² - 1) d² / 4R²), 1.2 % at d = R / 12.5 with W = 4. A board closer than r / W to the surface still leaks, if its
+normal is alike.
+"""
+
+MIN_GATHER_RADIUS2: Final = 1e-24
+"""Square of the least gather radius (1e-12): below it the photons count as lying in one place.
+
+The disc's area is a divisor, and flux / area must stay finite: flux up to 1e14 does. One ulp of a float32 coordinate is
+above 1e-12 wherever the coordinate is above 1.7e-5, so distinct photons closer than this do not occur off the origin.
+"""
+
+MAX_GATHER_RADIUS: Final = 1e15
+"""Largest r_max: its square (1e30) and W² times that are finite in float32 (largest: 3.4e38)."""
+
+MAX_PHOTON_COORDINATE: Final = 1e16
+"""Largest photon coordinate: squares of differences, flattened, stay finite: 3 * (2e16)² * 16 = 1.9e34."""
+
+MIN_ARRIVAL_COS: Final = 1e-6
+"""Least divisor of the shading-normal weight (s · d) / (n · d).
+
+The weight grows without bound towards grazing arrival; photons arrive with density proportional to (n · d), so those below
+1e-6 are a 1e-12 part of them, and a finite bound keeps each contribution finite.
+"""
+
+# --- exact sums ----------------------------------------------------------------------------------------------------
+
+EXACT_SUM_BITS: Final = 40
+"""Bits below the exponent of the largest term that an exact sum keeps.
+
+A float32 has 24 bits, so terms down to 2^-16 of the largest are kept whole and smaller ones to 2^-41 of it; an int64 then
+holds 2^(63 - 40) = 8.4 million terms, and up to 2^(53 - 40) = 8192 terms convert to float64 without rounding.
+"""
+
+# Boxes, rays and angles.
+
+PAD_SHARE = 2.0**-19
+"""Growth of every box, as a share of the scene's extent.
+
+A ray's origin and a vertex differ by at most twice the extent; the triangle test works in double, so what remains are
+the roundings of float32 slab arithmetic: (b - o) * inv_d is three roundings, so a plane is misplaced by at most
+3 * 2^-24 * 2 extent < 2^-21 extent. Four times that leaves room for hit points that are rounded to float32.
+"""
+
+OFFSET_SHARE = wp.constant(2.0**-22)
+"""Distance from a surface at which rays leave it, as a share of |n| . |p| (the 1-norm of p seen along n).
+
+A hit point is computed in double and rounded once: it lies within 2^-24 |p_i| of the surface along each axis, so
+within 2^-24 |n| . |p| along the normal. Adding the offset rounds once more, by as much. Half of 2^-22 covers both;
+the other half covers the rounding of the normal itself.
+"""
+
+OFFSET_MIN_SHARE = 2.0**-48
+"""Least such distance, as a share of the scene's extent: weights and corners are combined in double, and the roundings of
+three products and two sums stay below 2^-50 extent."""
+
+PI = wp.constant(3.14159265358979)
+INV_PI = wp.constant(0.318309886183791)

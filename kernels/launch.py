@@ -1,0 +1,60 @@
+"""Launches of kernels over the cores of one machine.
+
+Warp runs a CPU launch on one core but releases the interpreter's lock, so a launch is cut into chunks that a thread
+pool runs at once. Every kernel that is launched here takes `offset`, the number of its first item, as its
+last input before its outputs.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import warp as wp
+
+CHUNK_MIN = 512
+"""Items below which handing a chunk to another thread costs more than it saves (a launch takes about 30 us)."""
+
+
+class Launcher:
+    """Runs kernels on one device with a number of threads.
+
+    Args:
+        device: a Warp device name, "cpu" or "cuda:0".
+        threads: cores to use on the CPU; None for all. On CUDA a launch is never cut.
+    """
+
+    def __init__(self, device: str = "cpu", threads: int | None = None) -> None:
+        self.device = device
+        self.threads = max(1, threads or os.cpu_count() or 1) if device == "cpu" else 1
+        self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
+
+    def chunks(self, count: int, align: int = 1) -> list[tuple[int, int]]:
+        """How `count` items are cut: (start, size) of each chunk, starts being multiples of `align`."""
+        if count == 0:
+            return []
+        parts = 1 if self._pool is None else max(1, min(4 * self.threads, count // CHUNK_MIN))
+        size = -(-count // parts)
+        size = -(-size // align) * align
+        return [(start, min(size, count - start)) for start in range(0, count, size)]
+
+    def __call__(self, kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:
+        """Run `kernel` for items 0 to count - 1; its arguments are the inputs, `offset`, and the outputs."""
+        self.run(kernel, [(size, [*inputs, start, *outputs]) for start, size in self.chunks(count)])
+
+    def run(self, kernel: wp.Kernel, launches: Sequence[tuple[int, Sequence[Any]]]) -> None:
+        """Run several launches of one kernel, at once where there are threads, and wait for all."""
+        if self._pool is None or len(launches) == 1:
+            for size, inputs in launches:
+                wp.launch(kernel, size, inputs=inputs, device=self.device)
+        else:
+            futures = [
+                self._pool.submit(wp.launch, kernel, size, inputs=inputs, device=self.device)
+                for size, inputs in launches
+            ]
+            for future in futures:
+                future.result()
+        if self.device != "cpu":
+            wp.synchronize_device(self.device)

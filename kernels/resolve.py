@@ -1,0 +1,63 @@
+"""From the slots of a bucket's samples to pixels: sums in sample order, in double."""
+
+from __future__ import annotations
+
+import warp as wp
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+
+@wp.struct
+class Slots:
+    """What the samples of one wave brought home. A slot that nothing arrived in is zero."""
+
+    emission: wp.array(dtype=wp.vec3)
+    indirect: wp.array(dtype=wp.vec3)
+    depth: wp.array(dtype=wp.float32)  # negative where nothing was hit
+    normal: wp.array(dtype=wp.vec3)
+    albedo: wp.array(dtype=wp.vec3)
+    direct: wp.array(dtype=wp.vec3)  # [samples * light_samples]
+
+
+@wp.struct
+class Sums:
+    """Sums over the samples of each pixel so far."""
+
+    direct: wp.array(dtype=wp.vec3d)
+    indirect: wp.array(dtype=wp.vec3d)
+    normal: wp.array(dtype=wp.vec3d)
+    albedo: wp.array(dtype=wp.vec3d)
+    depth: wp.array(dtype=wp.float64)
+    hits: wp.array(dtype=wp.int32)
+
+
+@wp.kernel
+def add_samples(slots: Slots, samples: int, light_samples: int, offset: int, sums_out: Sums):
+    """Add a wave's samples to the pixels' sums, in the order of their numbers."""
+    pixel = offset + wp.tid()
+    direct = sums_out.direct[pixel]
+    indirect = sums_out.indirect[pixel]
+    normal = sums_out.normal[pixel]
+    albedo = sums_out.albedo[pixel]
+    depth = sums_out.depth[pixel]
+    hits = sums_out.hits[pixel]
+    share = wp.float64(1.0) / wp.float64(light_samples)
+    for s in range(samples):
+        i = pixel * samples + s
+        if slots.depth[i] >= 0.0:
+            hits += 1
+            depth += wp.float64(slots.depth[i])
+            normal += wp.vec3d(slots.normal[i])
+            albedo += wp.vec3d(slots.albedo[i])
+            indirect += wp.vec3d(slots.indirect[i])
+            direct += wp.vec3d(slots.emission[i])
+            lit = wp.vec3d()
+            for j in range(light_samples):
+                lit += wp.vec3d(slots.direct[i * light_samples + j])
+            direct += lit * share
+    sums_out.direct[pixel] = direct
+    sums_out.indirect[pixel] = indirect
+    sums_out.normal[pixel] = normal
+    sums_out.albedo[pixel] = albedo
+    sums_out.depth[pixel] = depth
+    sums_out.hits[pixel] = hits

@@ -1,0 +1,79 @@
+"""What a person may choose about a render, with the defaults."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+from wdpm.scenes.errors import SettingsError
+
+
+class Routing(Enum):
+    """How camera rays find their nearest hit among several cells. Both give the same bits."""
+
+    FORWARD = "forward"
+    """Only the first cell starts a ray; a miss travels on to the next cell with its best hit."""
+    MERGE = "merge"
+    """The paper's way: every cell on a ray's way works at once, and the home merges the hits, nearest first."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenderSettings:
+    """Settings of a render.
+
+    Attributes:
+        photons: photons to be stored in the map; a fixed pilot turns this into a number of paths.
+        k: photons that a gather looks for.
+        radius: largest gather radius, in scene units; None derives it from the scene and the pilot.
+        spp: samples a pixel.
+        light_samples: shadow rays a camera sample.
+        max_depth: longest light path in edges (1: emitted light only, 2: direct light, ...); None for no limit.
+        seed: of all random numbers.
+        bucket: side of a bucket in pixels. Changes no bit of the image.
+        routing: how camera rays find their nearest hit among cells. Changes no bit of the image.
+        band: width of the overlap band as a share of the gather radius. Below 1 the image is approximate,
+            and `inexact` must say so.
+        inexact: permits band < 1 (the paper's approximation).
+    """
+
+    photons: int = 250_000
+    k: int = 50
+    radius: float | None = None
+    spp: int = 16
+    light_samples: int = 1
+    max_depth: int | None = None
+    seed: int = 0
+    bucket: int = 32
+    routing: Routing = Routing.FORWARD
+    band: float = 1.0
+    inexact: bool = False
+
+    def __post_init__(self) -> None:
+        _at_least("photons", self.photons, 0)
+        _at_least("k", self.k, 1)
+        _at_least("spp", self.spp, 1)
+        _at_least("light_samples", self.light_samples, 1)
+        _at_least("bucket", self.bucket, 1)
+        if self.max_depth is not None:
+            _at_least("max_depth", self.max_depth, 1)
+        if not 0 <= self.seed < 2**32:
+            raise SettingsError(f"seed is {self.seed}; expected an integer from 0 to 4294967295")
+        if self.spp * self.light_samples >= 2**31:
+            raise SettingsError(f"spp x light_samples is {self.spp * self.light_samples}; expected less than 2^31")
+        if self.photons >= 2**31:
+            raise SettingsError(f"photons is {self.photons}; a map holds fewer than 2^31: use several passes")
+        if self.radius is not None and not (math.isfinite(self.radius) and self.radius > 0):
+            raise SettingsError(f"radius is {self.radius}; expected a positive length in scene units")
+        if not (math.isfinite(self.band) and self.band >= 0):
+            raise SettingsError(f"band is {self.band}; expected a share of the gather radius, 0 or more")
+        if self.band < 1 and not self.inexact:
+            raise SettingsError(
+                f"band is {self.band}, narrower than the gather radius: some gathers would miss photons; "
+                "use --inexact to accept that, or leave --band out"
+            )
+
+
+def _at_least(name: str, value: int, least: int) -> None:
+    if value < least:
+        raise SettingsError(f"{name} is {value}; expected an integer of at least {least}")

@@ -1,0 +1,52 @@
+"""Every error that wdpm raises on purpose.
+
+    WdpmError
+    ├── SceneError      something in a scene or model file; names file and line where known
+    ├── SettingsError   a setting or an argument of the command line
+    ├── ImageError      an image that cannot be read, written or compared
+    └── ClusterError    a slave, the master or the connection between them
+        └── ProtocolError   a message that breaks docs/protocol.md
+
+The message is one line for a person: what is wrong, where, what was expected, what to do.
+The command line prints it without a traceback and exits with 2.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class WdpmError(Exception):
+    """Base of all errors that wdpm raises on purpose."""
+
+
+class SceneError(WdpmError):
+    """Something in a scene or model file is wrong.
+
+    Args:
+        message: what is wrong, what was expected, what to do.
+        file: the file it is in, if it is in one.
+        line: its line, counted from 1, where known.
+    """
+
+    def __init__(self, message: str, file: str | Path | None = None, line: int | None = None) -> None:
+        self.file = None if file is None else Path(file)
+        self.line = line
+        where = "" if file is None else f"{file}:{line}: " if line is not None else f"{file}: "
+        super().__init__(where + message)
+
+
+class SettingsError(WdpmError):
+    """A setting is out of range or contradicts another."""
+
+
+class ImageError(WdpmError):
+    """An image cannot be read, written or compared."""
+
+
+class ClusterError(WdpmError):
+    """A slave, the master or the connection between them failed."""
+
+
+class ProtocolError(ClusterError):
+    """A message breaks docs/protocol.md."""

@@ -1,0 +1,55 @@
+"""Loads whatever the command line calls SCENE."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from wdpm.scenes.builtin import BUILT_IN_NAMES, load_built_in
+from wdpm.scenes.checks import check_scene
+from wdpm.scenes.errors import SceneError
+from wdpm.scenes.gltf import read_gltf
+from wdpm.scenes.mitsuba_xml import read_mitsuba
+from wdpm.scenes.model import Scene
+from wdpm.scenes.stand_alone import read_stand_alone
+from wdpm.scenes.xml_document import did_you_mean
+
+_EXTENSIONS = (".xml", ".gltf", ".glb", ".obj", ".ply", ".stl")
+
+
+def load(
+    source: str | Path, *, defines: Mapping[str, str] | None = None, size: tuple[int, int] | None = None
+) -> Scene:
+    """Loads a scene file or a built-in scene, and checks it.
+
+    Args:
+        source: a Mitsuba 3 XML file (0.6 names accepted), glTF 2.0 (.gltf, .glb), a bare mesh (.obj, .ply, .stl: grey, lit
+            and framed by default) or a built-in scene: "cornell-box", "atrium", "atrium:2M".
+        defines: values of a Mitsuba file's `$name` parameters.
+        size: width and height in pixels that replace the file's.
+
+    Raises:
+        SceneError: with file and line where known.
+    """
+    if size is not None and min(size) < 1:
+        raise SceneError(f"the image size is {size[0]}x{size[1]}; both must be at least 1")
+    if isinstance(source, str) and source.partition(":")[0] in BUILT_IN_NAMES:
+        _refuse_defines(defines, source)
+        return check_scene(load_built_in(source, size))
+    file = Path(source)
+    if not file.exists():
+        hint = did_you_mean(str(source), BUILT_IN_NAMES) or f" (built in: {', '.join(BUILT_IN_NAMES)})"
+        raise SceneError(f"no such file, nor a built-in scene{hint}", file)
+    extension = file.suffix.lower()
+    if not file.is_file() or extension not in _EXTENSIONS:
+        raise SceneError(f"not a scene: expected a file with one of the extensions {' '.join(_EXTENSIONS)}", file)
+    if extension == ".xml":
+        return check_scene(read_mitsuba(file, defines or {}, size), file)
+    _refuse_defines(defines, source)
+    reader = read_gltf if extension in (".gltf", ".glb") else read_stand_alone
+    return check_scene(reader(file, size), file)
+
+
+def _refuse_defines(defines: Mapping[str, str] | None, source: str | Path) -> None:
+    if defines:
+        raise SceneError(f"-D {next(iter(defines))}=...: {source} has no parameters; only Mitsuba scenes have")

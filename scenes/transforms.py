@@ -1,0 +1,86 @@
+"""4x4 matrices of Mitsuba's transforms; they multiply column vectors."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Matrix = NDArray[np.float64]
+
+
+def translation(offset: ArrayLike) -> Matrix:
+    """Moves by offset, shape [3]."""
+    matrix = np.eye(4)
+    matrix[:3, 3] = offset
+    return matrix
+
+
+def scaling(factors: ArrayLike) -> Matrix:
+    """Scales each axis by its factor, shape [3]."""
+    matrix = np.eye(4)
+    matrix[[0, 1, 2], [0, 1, 2]] = factors
+    return matrix
+
+
+def rotation(axis: ArrayLike, degrees: float) -> Matrix:
+    """Turns counter-clockwise around an axis that points at the onlooker (Rodrigues' formula).
+
+    Raises:
+        ValueError: the axis is zero.
+    """
+    direction = np.asarray(axis, dtype=np.float64)
+    length = np.linalg.norm(direction)
+    if not length > 0:
+        raise ValueError("the axis is zero")
+    x, y, z = direction / length
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle = math.radians(degrees)
+    matrix = np.eye(4)
+    matrix[:3, :3] += math.sin(angle) * cross + (1.0 - math.cos(angle)) * (cross @ cross)
+    return matrix
+
+
+def look_at(origin: ArrayLike, target: ArrayLike, up: ArrayLike) -> Matrix:
+    """Puts the origin at `origin` and turns +z to `target` and +y near `up`; +x is left, as Mitsuba has it.
+
+    Raises:
+        ValueError: origin and target coincide, or up is parallel to the line of sight.
+    """
+    eye = np.asarray(origin, dtype=np.float64)
+    forward = np.asarray(target, dtype=np.float64) - eye
+    if not np.linalg.norm(forward) > 0:
+        raise ValueError("origin and target are the same point")
+    forward /= np.linalg.norm(forward)
+    left = np.cross(np.asarray(up, dtype=np.float64), forward)
+    if not np.linalg.norm(left) > 1e-9 * np.linalg.norm(up):
+        raise ValueError("up is parallel to the line from origin to target")
+    left /= np.linalg.norm(left)
+    matrix = np.eye(4)
+    matrix[:3, :4] = np.stack([left, np.cross(forward, left), forward, eye], axis=1)
+    return matrix
+
+
+def apply_to_points(matrix: Matrix, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Maps points, shape [N, 3], by an affine matrix."""
+    return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])
+
+
+def apply_to_normals(matrix: Matrix, normals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Maps normals, shape [N, 3], by the inverse transpose; the results have unit length, zero stays zero.
+
+    Raises:
+        ValueError: the matrix has no inverse.
+    """
+    try:
+        inverse = np.linalg.inv(matrix[:3, :3])
+    except np.linalg.LinAlgError as error:
+        raise ValueError("the transform flattens space: its matrix has no inverse") from error
+    return normalized(normals @ inverse)
+
+
+def normalized(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Vectors, shape [N, 3], scaled to unit length; zero stays zero."""
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)

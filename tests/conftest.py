@@ -1,0 +1,28 @@
+"""What all tests share."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+SCENES_VARIABLE = "WDPM_SCENES"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip what needs the scenes with references where they are not."""
+    if os.environ.get(SCENES_VARIABLE):
+        return
+    skip = pytest.mark.skip(reason=f"{SCENES_VARIABLE} is not set: it names a folder of Mitsuba scenes with references")
+    for item in items:
+        if item.get_closest_marker("shared"):
+            item.add_marker(skip)
+
+
+@pytest.fixture(scope="session")
+def scenes_dir() -> Path:
+    """The folder of scenes with references; only for tests that are marked `shared`."""
+    folder = Path(os.environ[SCENES_VARIABLE])
+    assert folder.is_dir(), f"{SCENES_VARIABLE} names {folder}, which is not a folder"
+    return folder

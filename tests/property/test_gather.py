@@ -1,0 +1,366 @@
+"""Gathers against a brute-force oracle, bit for bit, and their independence of everything but the photons in reach."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import warp as wp
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wdpm.kernels import exact_sum, gather, photon_map
+from wdpm.kernels.constants import EXACT_SUM_BITS, FLATTENING, MIN_ARRIVAL_COS, MIN_GATHER_RADIUS2, NORMAL_COS
+from wdpm.scenes.errors import SettingsError, WdpmError
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+F32 = np.float32
+Array = npt.NDArray[Any]
+AXES = np.concatenate([np.eye(3), -np.eye(3)]).astype(F32)
+examples = settings(max_examples=60, deadline=None, derandomize=True)
+
+
+@dataclass
+class Photons:
+    position: Array
+    flux: Array
+    normal: Array
+    direction: Array
+    id: Array
+
+    def __getitem__(self, which: Any) -> Photons:
+        return Photons(*(column[which] for column in vars(self).values()))
+
+    def build(self) -> Any:
+        return photon_map.build(**vars(self))
+
+
+@dataclass
+class Queries:
+    position: Array
+    normal: Array
+    shading: Array
+
+
+@dataclass
+class Results:
+    irradiance: Array
+    count: Array
+    radius: Array
+    truncated: Array
+
+    def assert_same_bits(self, other: Results) -> None:
+        np.testing.assert_array_equal(self.truncated, other.truncated)
+        np.testing.assert_array_equal(self.count, other.count)
+        np.testing.assert_array_equal(self.radius.view(np.uint32), other.radius.view(np.uint32))
+        # Adding 0 makes -0 equal to 0, which is all that bits tell beyond values: no NaN is let through.
+        assert np.isfinite(self.irradiance).all()
+        np.testing.assert_array_equal((self.irradiance + 0).view(np.uint32), (other.irradiance + 0).view(np.uint32))
+
+
+def gather_all(photons: Any, queries: Queries, k: int, r_max: float, run: int = 16, chunks: int = 1) -> Results:
+    """Runs gather_kernel, in so many launches, the last first."""
+    gather.check_settings(k, r_max)
+    count = len(queries.position)
+    inputs = [wp.array(column, dtype=wp.vec3, device="cpu") for column in vars(queries).values()]
+    outputs = [
+        wp.zeros(count, dtype=wp.vec3, device="cpu"),
+        wp.zeros(count, dtype=wp.int32, device="cpu"),
+        wp.zeros(count, dtype=wp.float32, device="cpu"),
+        wp.zeros(count, dtype=wp.bool, device="cpu"),
+    ]
+    threads = -(-count // run)
+    step = max(-(-threads // chunks), 1)
+    for offset in reversed(range(0, threads, step)):
+        scalars = [k, r_max, offset, run]
+        dim = min(step, threads - offset)
+        wp.launch(gather.gather_kernel, dim=dim, inputs=[photons, *inputs, *scalars, *outputs], device="cpu")
+    return Results(*(out.numpy() for out in outputs))
+
+
+def dot(a: Array, b: Array) -> Array:
+    """In the order of the kernels, in float32."""
+    return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
+
+
+def distance2(p: Array, x: Array, n: Array) -> Array:
+    d = p - x
+    height = dot(d, n)
+    return dot(d, d) + F32(FLATTENING**2 - 1) * (height * height)
+
+
+def exact(terms: Array) -> float:
+    """The exact sum of exact_sum.py, by Python's integers and fractions."""
+    e = math.frexp(float(np.abs(terms).max(initial=0)))[1]
+    e = max(e, -126)
+    quantum = Fraction(2) ** (e - EXACT_SUM_BITS)
+    return float(sum(round(Fraction(float(term)) / quantum) for term in terms) * quantum)
+
+
+def brute_force(photons: Photons, queries: Queries, k: int, r_max: float) -> Results:
+    results = Results(np.zeros((len(queries.position), 3), F32), *([] for _ in range(3)))  # type: ignore[arg-type]
+    r_max2 = F32(r_max) * F32(r_max)
+    for q, (x, n, s) in enumerate(zip(queries.position, queries.normal, queries.shading, strict=True)):
+        d2 = distance2(photons.position, x, n)
+        passes = (dot(photons.normal, n) > F32(NORMAL_COS)) & (dot(photons.direction, n) > 0) & (d2 <= r_max2)
+        found = np.flatnonzero(passes)
+        found = found[np.lexsort((photons.id[found], d2[found]))]
+        truncated = len(found) <= k
+        area2, radius = r_max2, F32(r_max)
+        if not truncated and d2[found[k]] >= F32(MIN_GATHER_RADIUS2):
+            area2 = d2[found[k]]
+            radius = np.sqrt(area2)
+        used = photons[found[:k]]
+        terms = used.flux
+        if (s != n).any():
+            weight = np.maximum(dot(used.direction, s), F32(0)) / np.maximum(
+                dot(used.direction, n), F32(MIN_ARRIVAL_COS)
+            )
+            terms = terms * weight[:, None]
+        scale = np.abs(terms).max(initial=0)  # one quantum for all three channels
+        for channel in range(3):
+            total = exact(np.append(terms[:, channel], scale)) - exact(np.array([scale]))
+            results.irradiance[q, channel] = F32(total / (math.pi * float(area2)))
+        results.truncated.append(truncated)  # type: ignore[attr-defined]
+        results.count.append(min(len(found), k))  # type: ignore[attr-defined]
+        results.radius.append(radius)  # type: ignore[attr-defined]
+    return Results(
+        results.irradiance, np.array(results.count), np.array(results.radius, F32), np.array(results.truncated)
+    )
+
+
+def unit(v: Array) -> Array:
+    return (v / np.linalg.norm(v, axis=-1, keepdims=True)).astype(F32)
+
+
+def make_positions(rng: np.random.Generator, kind: str, count: int) -> Array:
+    if kind == "lattice":  # many equal distances and coincident photons
+        p = rng.integers(0, 6, (count, 3)) / 8
+    elif kind == "one place":
+        p = np.full((count, 3), 0.25)
+    elif kind == "clusters":
+        p = rng.random((5, 3))[rng.integers(0, 5, count)] + 1e-4 * rng.standard_normal((count, 3))
+    elif kind == "far off":  # differences lose most of their bits
+        p = 4096 + np.floor(rng.random((count, 3)) * 512) / 512
+    elif kind == "plane":
+        p = rng.random((count, 3)) * [1, 1, 0]
+    else:
+        p = rng.random((count, 3))
+    return p.astype(F32)
+
+
+def make_case(seed: int, kind: str, count: int, query_count: int = 40) -> tuple[Photons, Queries]:
+    rng = np.random.default_rng(seed)
+    position = make_positions(rng, kind, count)
+    normal = AXES[rng.choice([0, 1, 2, 2, 2, 5], count)]
+    direction = unit(rng.standard_normal((count, 3)) + normal)
+    flux = (rng.random((count, 3)) * 10.0 ** rng.integers(-8, 8, (count, 1))).astype(F32)
+    ids = rng.permutation(10 * count)[:count].astype(np.int64) * 2**33
+    at_photons = position[rng.integers(0, max(count, 1), query_count)] if count else np.zeros((query_count, 3), F32)
+    x = np.where(rng.random((query_count, 1)) < 0.4, at_photons, make_positions(rng, kind, query_count))
+    n = AXES[rng.choice([2, 2, 5, 1], query_count)]
+    tilted = unit(n + 0.3 * rng.standard_normal((query_count, 3)))
+    shading = np.where(rng.random((query_count, 1)) < 0.5, n, tilted)
+    return Photons(position, flux, normal, direction, ids), Queries(x.astype(F32), n, shading.astype(F32))
+
+
+KINDS = st.sampled_from(["lattice", "one place", "clusters", "far off", "plane", "volume"])
+COUNTS = st.one_of(st.sampled_from([0, 1, 2, 7, 8, 9, 16, 17, 64, 65, 512, 513, 3000]), st.integers(0, 1500))
+NEIGHBOURS = st.sampled_from([1, 2, 3, 8, 50, 200, gather.MAX_K])
+RADII = st.sampled_from([1e-12, 1e-6, 0.01, 0.125, 0.3, 1.0, 1e4, 1e15])
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+@examples
+@given(SEEDS, KINDS, COUNTS, NEIGHBOURS, RADII)
+def test_equals_brute_force(seed: int, kind: str, count: int, k: int, r_max: float) -> None:
+    photons, queries = make_case(seed, kind, count)
+    gather_all(photons.build(), queries, k, r_max).assert_same_bits(brute_force(photons, queries, k, r_max))
+
+
+def test_a_full_buffer_loses_no_photon() -> None:
+    """Far more photons within the first radius than the buffer holds, at equal distances too."""
+    for kind in ("one place", "lattice", "clusters", "volume"):
+        photons, queries = make_case(5, kind, 9000, query_count=12)
+        for k in (1, 50, gather.MAX_K):
+            expected = brute_force(photons, queries, k, 0.9)
+            gather_all(photons.build(), queries, k, 0.9).assert_same_bits(expected)
+
+
+@examples
+@given(SEEDS, KINDS, COUNTS, NEIGHBOURS, RADII)
+def test_order_of_photons_does_not_matter(seed: int, kind: str, count: int, k: int, r_max: float) -> None:
+    photons, queries = make_case(seed, kind, count)
+    shuffled = photons[np.random.default_rng(seed).permutation(count)]
+    gather_all(photons.build(), queries, k, r_max).assert_same_bits(gather_all(shuffled.build(), queries, k, r_max))
+
+
+@examples
+@given(SEEDS, KINDS, st.integers(1, 3000), NEIGHBOURS, st.sampled_from([0.05, 0.2, 0.5]), st.floats(0, 1))
+def test_photons_out_of_reach_do_not_matter(
+    seed: int, kind: str, count: int, k: int, r_max: float, share: float
+) -> None:
+    """A slave has the photons within r_max of its queries, as owned ones or ghosts, and any number of others."""
+    photons, queries = make_case(seed, kind, count)
+    cell = queries.position[:, 0] < 0.5 + (4096 if kind == "far off" else 0)
+    for inside in (cell, ~cell):
+        mine = Queries(*(column[inside] for column in vars(queries).values()))
+        gap = np.linalg.norm(photons.position[:, None].astype(float) - mine.position[None], axis=-1)
+        reach = gap.min(axis=1, initial=np.inf) <= r_max * 1.0001
+        partition = photons[reach | (np.random.default_rng(seed).random(count) < share)]
+        gather_all(partition.build(), mine, k, r_max).assert_same_bits(gather_all(photons.build(), mine, k, r_max))
+
+
+@examples
+@given(SEEDS, KINDS, COUNTS, NEIGHBOURS, st.integers(1, 50), st.integers(1, 6))
+def test_runs_and_chunks_do_not_matter(seed: int, kind: str, count: int, k: int, run: int, chunks: int) -> None:
+    photons, queries = make_case(seed, kind, count)
+    built = photons.build()
+    gather_all(built, queries, k, 0.3, run, chunks).assert_same_bits(gather_all(built, queries, k, 0.3, run=1))
+
+
+def test_photons_of_another_surface_do_not_count() -> None:
+    """Both sides of a wall, the two walls of a corner, and a photon that came from below: none takes a place in k."""
+    up, down, side = AXES[2], AXES[5], AXES[0]
+    normal = np.array([up, down, side, up, up])
+    direction = np.array([up, down, side, down, up])
+    position = np.zeros((5, 3), F32)
+    position[4] = [0.5, 0, 0]
+    photons = Photons(position, np.ones((5, 3), F32), normal, direction, np.arange(5))
+    queries = Queries(np.zeros((1, 3), F32), up[None], up[None])
+    result = gather_all(photons.build(), queries, 1, 1.0)
+    assert result.count[0] == 1
+    assert result.radius[0] == 0.5  # that of the second photon that counts, the fifth
+    np.testing.assert_allclose(result.irradiance[0], 1 / (math.pi * 0.25), rtol=1e-6)
+
+
+def test_photons_off_the_tangent_plane_count_as_further_away() -> None:
+    up = AXES[2]
+    position = np.array([[0, 0, 0.25], [0.5, 0, 0]], F32)
+    photons = Photons(position, np.eye(2, 3, dtype=F32), np.array([up, up]), np.array([up, up]), np.arange(2))
+    queries = Queries(np.zeros((1, 3), F32), up[None], up[None])
+    result = gather_all(photons.build(), queries, 1, 2.0)
+    assert result.radius[0] == 0.25 * FLATTENING
+    assert result.irradiance[0, 0] == 0
+    assert result.irradiance[0, 1] > 0
+
+
+def test_estimate_is_unbiased() -> None:
+    """Mean over 40 x 40 discs that do not touch, of a uniform plane, k = 10.
+
+    An estimate k / area with a gamma-distributed area of shape k + 1 has relative variance 1 / (k - 1), so the mean of
+    1600 has a standard error of 1 / sqrt(9 * 1600) = 0.83 %; 4 of them are 3.3 %. The textbook's estimate is off by
+    k / (k - 1): 11 %.
+    """
+    rng = np.random.default_rng(11)
+    count, k, side = 400_000, 10, 40
+    position = np.zeros((count, 3), F32)
+    position[:, :2] = rng.random((count, 2))
+    up = np.broadcast_to(AXES[2], (count, 3))
+    photons = Photons(position, np.full((count, 3), 1 / count, F32), up, up, np.arange(count))
+    grid = (np.arange(side, dtype=F32) + F32(0.5)) / side
+    x = np.stack([*np.meshgrid(grid, grid), np.zeros((side, side), F32)], axis=-1).reshape(-1, 3)
+    result = gather_all(photons.build(), Queries(x, up[: side**2], up[: side**2]), k, 1.0)
+    assert (result.count == k).all()
+    assert result.radius.max() < 0.5 / side
+    assert abs(result.irradiance.mean() - 1) < 4 / math.sqrt((k - 1) * side**2)
+
+
+def test_a_large_map_holds_every_photon_once() -> None:
+    """Every photon of a tree of several levels finds itself: k = 1 at its own position, with its own flux."""
+    for count in (1, 8, 9, 70, 130, 520, 1000, 5000, 40_000):
+        rng = np.random.default_rng(count)
+        position = rng.random((count, 3)).astype(F32)
+        up = np.broadcast_to(AXES[2], (count, 3))
+        flux = np.repeat(np.arange(1, count + 1, dtype=F32)[:, None], 3, axis=1)
+        photons = Photons(position, flux, up, up, np.arange(count))
+        result = gather_all(photons.build(), Queries(position, up, up), 1, 4.0)
+        area = math.pi * result.radius.astype(float) ** 2
+        np.testing.assert_allclose(result.irradiance[:, 0] * area, flux[:, 0], rtol=1e-6)
+
+
+def test_maps_split_over_threads_are_the_same() -> None:
+    def launch(kernel: Any, count: int, inputs: list[Any]) -> None:
+        for offset in reversed(range(0, count, 7)):
+            wp.launch(kernel, dim=min(7, count - offset), inputs=[*inputs, offset], device="cpu")
+
+    photons, _ = make_case(3, "volume", 3000)
+    whole, split = photons.build(), photon_map.build(**vars(photons), launch=launch)
+    for name in ("nodes", "leaves", "flux", "rank"):
+        np.testing.assert_array_equal(getattr(whole, name).numpy(), getattr(split, name).numpy())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"flux": np.full((3, 3), np.nan)}, "photon 0 has flux .*nan.*, expected finite"),
+        ({"position": np.full((3, 3), np.inf)}, "photon 0 has position .*inf.*, expected finite"),
+        ({"position": np.full((3, 3), 1e20)}, "a coordinate is 1e"),
+        ({"normal": np.zeros((2, 3))}, r"normal has shape \(2, 3\), expected \(3, 3\)"),
+        ({"id": np.array([7, 5, 7])}, "photon id 7 comes twice"),
+        ({"id": np.zeros((3, 1), int)}, r"id has shape \(3, 1\), expected \[N\]"),
+    ],
+)
+def test_bad_photons_are_errors(change: dict[str, Array], message: str) -> None:
+    good = {name: np.ones((3, 3), F32) for name in ("position", "flux", "normal", "direction")}
+    with pytest.raises(WdpmError, match=message):
+        photon_map.build(**{**good, "id": np.arange(3), **change})
+
+
+@pytest.mark.parametrize(
+    ("k", "r_max"), [(0, 1.0), (gather.MAX_K + 1, 1.0), (5, 0.0), (5, -1.0), (5, math.nan), (5, math.inf)]
+)
+def test_bad_settings_are_errors(k: int, r_max: float) -> None:
+    with pytest.raises(SettingsError, match="expected"):
+        gather.check_settings(k, r_max)
+
+
+@wp.kernel
+def _sum_kernel(
+    terms: wp.array(dtype=wp.float32), quanta_out: wp.array(dtype=wp.int64), sum_out: wp.array(dtype=wp.float64)
+):
+    largest = int(0)
+    for i in range(terms.shape[0]):
+        largest = wp.max(largest, exact_sum.magnitude_bits(terms[i]))
+    e = exact_sum.exponent(largest)
+    total = wp.int64(0)
+    for i in range(terms.shape[0]):
+        total += exact_sum.quantise(terms[i], e)
+    quanta_out[0] = total
+    sum_out[0] = exact_sum.dequantise(total, e)
+
+
+def exact_sum_of(terms: Array) -> tuple[int, float]:
+    quanta = wp.zeros(1, dtype=wp.int64, device="cpu")
+    total = wp.zeros(1, dtype=wp.float64, device="cpu")
+    wp.launch(_sum_kernel, dim=1, inputs=[wp.array(terms, dtype=wp.float32, device="cpu"), quanta, total], device="cpu")
+    return int(quanta.numpy()[0]), float(total.numpy()[0])
+
+
+TERMS = st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), max_size=60)
+
+
+@examples
+@given(TERMS, st.randoms(use_true_random=False))
+def test_exact_sum_has_no_order(terms: list[float], random: Any) -> None:
+    shuffled = list(terms)
+    random.shuffle(shuffled)
+    assert exact_sum_of(np.array(terms, F32)) == exact_sum_of(np.array(shuffled, F32))
+
+
+@examples
+@given(TERMS)
+def test_exact_sum_is_within_its_bound(terms: list[float]) -> None:
+    """And equals that of Python's fractions."""
+    column = np.array(terms, F32)
+    total = exact_sum_of(column)[1]
+    assert total == exact(column)
+    largest = Fraction(float(np.abs(column).max(initial=0)))
+    error = abs(Fraction(total) - sum(Fraction(float(term)) for term in column))
+    assert error <= len(terms) * max(largest * Fraction(2) ** -40, Fraction(2) ** -167)

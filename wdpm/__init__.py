@@ -1,0 +1,1 @@
+"""wdpm: global illumination by distributed photon mapping."""

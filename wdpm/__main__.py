@@ -1,0 +1,8 @@
+"""`python -m wdpm` is the command line."""
+
+import sys
+
+from wdpm.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,46 @@
+"""`wdpm inspect`: what is in a scene, and what each slave would hold of it."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from wdpm import cli_options as options
+from wdpm import cli_values as values
+
+_EXAMPLES = """\
+examples:
+  wdpm inspect scene.xml
+  wdpm inspect atrium:2M --slaves 8"""
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command to the parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "inspect",
+        help="what is in a scene",
+        description="Load a scene as a render would, and show what is in it, what was mended, and what each slave "
+        "would hold.",
+        epilog=_EXAMPLES,
+    )
+    options.add_scene_options(parser)
+    parser.add_argument(
+        "--slaves", type=values.positive_count, default=4, metavar="N", help="slaves to divide it among (default: 4)"
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    return parser
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the inspection; returns the exit code."""
+    from rich.console import Console
+
+    from wdpm import api
+
+    scene = api.load(args.scene, parameters=dict(args.definitions), size=args.size)
+    inspection = api.inspect(scene, slaves=args.slaves)
+    if args.json:
+        print(inspection.to_json())
+    else:
+        inspection.print(Console())
+    return 0

@@ -1,0 +1,53 @@
+"""`wdpm render`: render a scene here, alone or with a local cluster."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from wdpm import cli_options as options
+from wdpm import cli_values as values
+
+_EXAMPLES = """\
+examples:
+  wdpm render cornell-box
+  wdpm render scene.xml -o scene.exr -o scene.png --size 512x512 --spp 64 --photons 1M
+  wdpm render scene.xml --slaves 4 --report report.json
+  wdpm render scene.xml -D resx=256 -D resy=256"""
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command to the parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "render",
+        help="render a scene on this machine",
+        description="Render a scene on this machine: in this process, or with --slaves by a cluster of processes. "
+        "The image is the same, bit for bit.",
+        epilog=_EXAMPLES,
+    )
+    options.add_scene_options(parser)
+    options.add_output_options(parser)
+    options.add_setting_options(parser)
+    options.add_machine_options(parser)
+    cluster = parser.add_argument_group("cluster")
+    cluster.add_argument(
+        "--slaves",
+        type=values.count,
+        default=0,
+        metavar="N",
+        help="slave processes to start; 0 renders in this one (default: 0)",
+    )
+    return parser
+
+
+def run(args: argparse.Namespace) -> int:
+    """Render and write; returns the exit code."""
+    from wdpm import api
+    from wdpm.cli_result import render_and_write
+
+    return render_and_write(
+        args,
+        lambda scene, settings, progress: api.render(
+            scene, settings, slaves=args.slaves, threads=args.threads, device=args.device, progress=progress
+        ),
+    )

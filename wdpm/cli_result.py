@@ -1,0 +1,79 @@
+"""What the commands that make an image have in common: checks first, then load, render, write, report."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+
+from wdpm import api, report
+from wdpm.cli_options import chosen_settings
+from wdpm.image import Image
+from wdpm.image_files import check_output_path, write_bytes
+from wdpm.kernels.settings import RenderSettings
+from wdpm.progress import Progress, make_progress
+from wdpm.scene_settings import settings_for
+from wdpm.scenes.errors import ImageError
+from wdpm.scenes.model import Scene
+
+Renderer = Callable[[Scene, RenderSettings, Progress], Image]
+
+
+def render_and_write(args: argparse.Namespace, render: Renderer) -> int:
+    """Load `args.scene`, have it rendered, write every output and the report; returns the exit code.
+
+    Whatever can be found wrong before the render is found before it.
+    """
+    outputs = [check_output_path(path) for path in args.output or [default_output(args.scene)]]
+    if args.report is not None:
+        check_output_path(args.report, (".json",))
+    chosen = chosen_settings(args)
+    RenderSettings(**chosen)  # a value out of range is an error before the scene is read
+    progress = make_progress(args.quiet)
+    try:
+        progress.start("load")
+        began = time.perf_counter()
+        scene = api.load(args.scene, parameters=dict(args.definitions), size=args.size)
+        load_s = time.perf_counter() - began
+        image = render(scene, settings_for(scene, **chosen), progress)
+    finally:
+        progress.finish()
+    image, account = _with_load_time(image, load_s)
+    _write_all(image, outputs, args.quiet)
+    if args.report is not None:
+        write_bytes(account.to_json().encode(), args.report)
+    if not args.quiet:
+        account.print(Console())
+    return 0
+
+
+def default_output(scene: str) -> Path:
+    """`scenes/hall.xml` gives hall.exr, `atrium:2M` gives atrium.exr, both in the working folder."""
+    path = Path(scene)
+    return Path((path.stem if path.suffix else path.name.partition(":")[0]) + ".exr")
+
+
+def _with_load_time(image: Image, load_s: float) -> tuple[Image, report.Report]:
+    """The render was handed a scene that was loaded already, so it cannot know how long that took."""
+    account = report.from_dict(image.metadata["report"])
+    account = replace(account, phases={"load": load_s, **account.phases})
+    return replace(image, metadata={**image.metadata, "report": account.to_dict()}), account
+
+
+def _write_all(image: Image, outputs: list[Path], quiet: bool) -> None:
+    """Write every output, even when one fails: a PNG that cannot be written must not cost the EXR."""
+    first_error: ImageError | None = None
+    for path in outputs:
+        try:
+            image.save(path)
+        except ImageError as error:
+            first_error = first_error or error
+            continue
+        if not quiet:
+            print(f"wrote {path}")
+    if first_error is not None:
+        raise first_error

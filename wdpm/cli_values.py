@@ -1,0 +1,90 @@
+"""Values on the command line: sizes, counts, memory, addresses. Each parser says in one line what it expected."""
+
+from __future__ import annotations
+
+import re
+from argparse import ArgumentTypeError
+
+_COUNT_UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
+_MEMORY_UNITS = {"k": 2**10, "m": 2**20, "g": 2**30, "t": 2**40}
+
+
+def size(text: str) -> tuple[int, int]:
+    """`512x384` to (width, height)."""
+    match = re.fullmatch(r"(\d+)x(\d+)", text)
+    if match is None or 0 in (int(match[1]), int(match[2])):
+        raise ArgumentTypeError(
+            f"'{text}' is not a size: expected WIDTHxHEIGHT in pixels, both at least 1, like 512x384"
+        )
+    return int(match[1]), int(match[2])
+
+
+def region(text: str) -> tuple[int, int, int, int]:
+    """`0,0,64,64` to (left, top, right, bottom)."""
+    match = re.fullmatch(r"(\d+),(\d+),(\d+),(\d+)", text)
+    if match is None:
+        raise ArgumentTypeError(f"'{text}' is not a region: expected LEFT,TOP,RIGHT,BOTTOM in pixels, like 0,0,64,64")
+    left, top, right, bottom = map(int, match.groups())
+    return left, top, right, bottom
+
+
+def count(text: str) -> int:
+    """`250k`, `1M`, `2.5M` or a plain number, 0 or more."""
+    match = re.fullmatch(r"(\d+)(?:\.(\d+))?([kKmMgG]?)", text)
+    if match is not None:
+        unit, decimals = _COUNT_UNITS[match[3].lower()], match[2] or ""
+        scaled, rest = divmod(int(match[1] + decimals) * unit, 10 ** len(decimals))
+        if rest == 0:
+            return scaled
+    raise ArgumentTypeError(
+        f"'{text}' is not a count: expected a whole number, or one with k, M or G, like 250k or 1.5M"
+    )
+
+
+def positive_count(text: str) -> int:
+    """A count of at least 1."""
+    number = count(text)
+    if number == 0:
+        raise ArgumentTypeError("must be at least 1")
+    return number
+
+
+def length(text: str) -> float:
+    """A number; its range is for the settings to check."""
+    try:
+        return float(text)
+    except ValueError:
+        raise ArgumentTypeError(f"'{text}' is not a number") from None
+
+
+def memory(text: str) -> int:
+    """`8G` or `512M` to bytes, in powers of 1024."""
+    match = re.fullmatch(r"(\d+)([kKmMgGtT])", text)
+    if match is None or int(match[1]) == 0:
+        raise ArgumentTypeError(
+            f"'{text}' is not an amount of memory: expected a whole number with K, M, G or T, like 8G"
+        )
+    return int(match[1]) * _MEMORY_UNITS[match[2].lower()]
+
+
+def address(text: str) -> str:
+    """`tcp://HOST:PORT`, also with an IPv6 address in brackets."""
+    match = re.fullmatch(r"tcp://(?:[^\s:/\[\]]+|\[[0-9a-fA-F:.%]+\]):(\d{1,5})", text)
+    if match is None or not 0 < int(match[1]) < 65536:
+        raise ArgumentTypeError(f"'{text}' is not an address: expected tcp://HOST:PORT, like tcp://127.0.0.1:7117")
+    return text
+
+
+def device(text: str) -> str:
+    """`cpu`, `cuda` or `cuda:N`."""
+    if re.fullmatch(r"cpu|cuda(:\d+)?", text) is None:
+        raise ArgumentTypeError(f"'{text}' is not a device: expected cpu or cuda:N, like cuda:0")
+    return text
+
+
+def definition(text: str) -> tuple[str, str]:
+    """`name=value`."""
+    name, equals, value = text.partition("=")
+    if not (name and equals):
+        raise ArgumentTypeError(f"'{text}' is not a definition: expected NAME=VALUE, like spp=64")
+    return name, value

@@ -1,0 +1,161 @@
+"""What a person sees while a render runs."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Protocol, TextIO
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+PLAIN_INTERVAL_S = 2.0  # a log file of a long render stays short enough to read
+
+
+class Progress(Protocol):
+    """Told by a render what it does. All calls come from one thread, phases one after another."""
+
+    def start(self, phase: str, total: int | None = None) -> None:
+        """A phase begins (see report.PHASES), and ends the one before; `total` units of work, or None if not known."""
+
+    def advance(self, amount: int = 1) -> None:
+        """`amount` more units of the phase are done."""
+
+    def note(self, text: str) -> None:
+        """One line for the person: a warning, or what takes so long."""
+
+    def finish(self) -> None:
+        """All is done, or has failed; may be called again."""
+
+
+class SilentProgress:
+    """Shows nothing."""
+
+    def start(self, phase: str, total: int | None = None) -> None:
+        pass
+
+    def advance(self, amount: int = 1) -> None:
+        pass
+
+    def note(self, text: str) -> None:
+        pass
+
+    def finish(self) -> None:
+        pass
+
+
+class PlainProgress:
+    """Lines for a log file: one when a phase begins and ends, and at most one every two seconds between.
+
+    Args:
+        stream: where the lines go; each is flushed, so that a reader of the log sees it at once.
+        clock: seconds, growing.
+    """
+
+    def __init__(self, stream: TextIO, clock: Callable[[], float] = time.monotonic) -> None:
+        self._stream = stream
+        self._clock = clock
+        self._phase: str | None = None
+        self._total: int | None = None
+        self._done = 0
+        self._started = self._last_line = 0.0
+
+    def start(self, phase: str, total: int | None = None) -> None:
+        self.finish()
+        self._phase, self._total, self._done = phase, total, 0
+        self._started = self._last_line = self._clock()
+        self._print(f"{phase} ...")
+
+    def advance(self, amount: int = 1) -> None:
+        self._done += amount
+        now = self._clock()
+        if now - self._last_line >= PLAIN_INTERVAL_S:
+            self._last_line = now
+            self._print(f"{self._phase}: {self._state(now - self._started)}")
+
+    def note(self, text: str) -> None:
+        self._print(text)
+
+    def finish(self) -> None:
+        if self._phase is not None:
+            elapsed = self._clock() - self._started
+            done = self._total is None or self._done >= self._total
+            ending = "done" if done else f"stopped at {self._done:,} of {self._total:,}"
+            self._print(f"{self._phase}: {ending} in {elapsed:.1f} s")
+            self._phase = None
+
+    def _state(self, elapsed: float) -> str:
+        if self._total is None:
+            return f"{self._done:,}"
+        left = f", about {elapsed * (self._total / self._done - 1):.0f} s left" if self._done else ""
+        return f"{self._done:,} of {self._total:,} ({self._done / max(self._total, 1):.0%}){left}"
+
+    def _print(self, text: str) -> None:
+        print(text, file=self._stream, flush=True)
+
+
+class BarProgress:
+    """Bars with the time left, for a terminal: one for each phase.
+
+    Args:
+        console: of the terminal; None for standard error, so that results on standard output can be piped.
+    """
+
+    def __init__(self, console: Console | None = None) -> None:
+        from rich.console import Console
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            SpinnerColumn,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
+        from rich.progress import Progress as RichProgress
+
+        self._bars = RichProgress(
+            SpinnerColumn(finished_text="[green]✓[/]"),
+            TextColumn("{task.description:<10}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(elapsed_when_finished=False),
+            console=console or Console(stderr=True),
+        )
+        self._bars.start()
+        self._total: int | None = None
+
+    def start(self, phase: str, total: int | None = None) -> None:
+        self._complete_last()
+        self._total = total
+        self._bars.add_task(phase, total=total)
+
+    def advance(self, amount: int = 1) -> None:
+        if self._bars.task_ids:
+            self._bars.advance(self._bars.task_ids[-1], amount)
+
+    def note(self, text: str) -> None:
+        self._bars.console.print(text, markup=False, highlight=False)
+
+    def finish(self) -> None:
+        self._complete_last()
+        self._bars.stop()
+
+    def _complete_last(self) -> None:
+        # A phase of unknown length is complete when the next begins; one of known length shows how far it came.
+        if self._bars.task_ids and self._total is None:
+            last = self._bars.tasks[-1]
+            self._bars.update(last.id, total=max(last.completed, 1), completed=max(last.completed, 1))
+
+
+def make_progress(quiet: bool = False, stream: TextIO | None = None) -> Progress:
+    """Bars on a terminal, lines elsewhere, nothing if `quiet`; on standard error unless `stream` says otherwise."""
+    stream = stream or sys.stderr
+    if quiet:
+        return SilentProgress()
+    if not stream.isatty():
+        return PlainProgress(stream)
+    from rich.console import Console
+
+    return BarProgress(Console(file=stream))

@@ -1,0 +1,181 @@
+"""What a render tells about itself: times, photons, slaves, and everything that was left out or cut short."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
+
+from wdpm.scenes.errors import ImageError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+PHASES = ("load", "compile", "partition", "photons", "map", "render")
+
+
+@dataclass(frozen=True)
+class LightPhotons:
+    """Photons of one light.
+
+    Attributes:
+        name: of the light.
+        paths: photon paths that started there.
+        stored: photons that these left in the map.
+        flux: power of the light, mean of the channels [W].
+    """
+
+    name: str
+    paths: int
+    stored: int
+    flux: float
+
+
+@dataclass(frozen=True)
+class PhotonCounts:
+    """Photons asked for, shot and stored.
+
+    Attributes:
+        asked: photons that were to be stored.
+        paths: photon paths shot for that.
+        stored: photons in the map; every one of them is used.
+        lights: the same for each light.
+    """
+
+    asked: int = 0
+    paths: int = 0
+    stored: int = 0
+    lights: tuple[LightPhotons, ...] = ()
+
+
+@dataclass(frozen=True)
+class SlaveReport:
+    """What one slave held and did.
+
+    Attributes:
+        slave: its name.
+        cells: cells of the partition that it held.
+        triangles: triangles that overlap its cells.
+        photons: photons that its cells own.
+        ghosts: copies of photons of its neighbours, in the overlap band.
+        rays_in, rays_out: rays that came from other cells, and that were sent there.
+        bytes_in, bytes_out: traffic on its sockets.
+        busy_s: time in kernels, all threads together [s].
+        peak_memory_bytes: largest resident size of its process.
+    """
+
+    slave: str
+    cells: int
+    triangles: int
+    photons: int
+    ghosts: int
+    rays_in: int
+    rays_out: int
+    bytes_in: int
+    bytes_out: int
+    busy_s: float
+    peak_memory_bytes: int
+
+
+@dataclass(frozen=True)
+class EnergyLedger:
+    """Where the power of the photon paths went, mean of the channels [W]: emitted = absorbed + escaped + travelling.
+
+    Attributes:
+        travelling: what was still under way at the depth limit.
+    """
+
+    emitted: float = 0.0
+    absorbed: float = 0.0
+    escaped: float = 0.0
+    travelling: float = 0.0
+
+    @property
+    def imbalance(self) -> float:
+        """What is missing or too much, as a share of what was emitted."""
+        missing = self.emitted - self.absorbed - self.escaped - self.travelling
+        return abs(missing) / self.emitted if self.emitted > 0 else abs(missing)
+
+
+@dataclass(frozen=True)
+class Report:
+    """All that a render tells about itself.
+
+    Attributes:
+        phases: wall-clock seconds by phase, in the order of PHASES.
+        triangles: triangles of the scene, each counted once.
+        gathers: photon gathers of the render.
+        gathers_truncated: those with fewer than k photons within the gather radius.
+        gathers_left_band: those that may have missed a photon beyond the overlap band; 0 in an exact render.
+        nonfinite: samples that were NaN or infinite, by cause.
+        warnings: what the loader or the render ignored, dropped or mended.
+        settings: the settings of the render; versions: of wdpm and the packages that its bits depend on.
+    """
+
+    phases: dict[str, float] = field(default_factory=dict)
+    triangles: int = 0
+    photons: PhotonCounts = PhotonCounts()
+    slaves: tuple[SlaveReport, ...] = ()
+    gathers: int = 0
+    gathers_truncated: int = 0
+    gathers_left_band: int = 0
+    nonfinite: dict[str, int] = field(default_factory=dict)
+    energy: EnergyLedger = EnergyLedger()
+    warnings: tuple[str, ...] = ()
+    settings: dict[str, Any] = field(default_factory=dict)
+    versions: dict[str, str] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain dicts, lists, strings and numbers, as JSON has them; for Image.metadata."""
+        plain: dict[str, Any] = json.loads(self.to_json())
+        return plain
+
+    def to_json(self) -> str:
+        """One JSON object. Raises ValueError when a figure is not finite."""
+        return json.dumps(asdict(self), allow_nan=False, indent=2)
+
+    def print(self, console: Console) -> None:
+        """Tables for people."""
+        from wdpm.report_tables import print_report
+
+        print_report(self, console)
+
+
+def from_json(text: str) -> Report:
+    """The report that `to_json` wrote. Raises ImageError when it is another thing."""
+    try:
+        data = json.loads(text)
+    except ValueError as error:
+        raise ImageError(f"not a report of wdpm: {error}") from None
+    return from_dict(data)
+
+
+def from_dict(data: object) -> Report:
+    """The report that `to_dict` gave. Raises ImageError when it is another thing."""
+    try:
+        report: Report = _restore(Report, data)
+    except (TypeError, ValueError) as error:
+        raise ImageError(f"not a report of this version of wdpm: {error}") from None
+    return report
+
+
+def _restore(kind: Any, data: Any) -> Any:
+    """Rebuild dataclasses and tuples from what JSON left of them. Raises TypeError for an unknown or missing key."""
+    if hasattr(kind, "__dataclass_fields__"):
+        if not isinstance(data, dict):
+            raise TypeError(f"{kind.__name__} must be an object (got {data!r})")
+        hints = get_type_hints(kind)
+        unknown = sorted(set(data) - set(hints))
+        if unknown:
+            raise TypeError(f"{kind.__name__} has no field '{unknown[0]}'")
+        return kind(**{name: _restore(hints[name], value) for name, value in data.items()})
+    if get_origin(kind) is tuple:
+        if not isinstance(data, list):
+            raise TypeError(f"must be a list (got {data!r})")
+        return tuple(_restore(get_args(kind)[0], item) for item in data)
+    expected = get_origin(kind) or kind
+    if expected is float and type(data) is int:
+        return float(data)
+    if expected is not Any and (not isinstance(data, expected) or (isinstance(data, bool) and expected is not bool)):
+        raise TypeError(f"must be {expected.__name__} (got {data!r})")
+    return data
