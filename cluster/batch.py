@@ -36,6 +36,9 @@ class Kind(Enum):
     GHOSTS = "ghosts"
     """Copies of photons that lie in the destination cell's overlap band."""
 
+    POINTS = "points"
+    """Copies of surface points that lie in the destination cell's overlap band."""
+
     PROBED = "probed"
     """What a probe found: hits by slot."""
     SAMPLES = "samples"
@@ -83,6 +86,7 @@ SCHEMAS: dict[Kind, dict[str, tuple[str, tuple[int, ...]]]] = {
         "normal": ("<f4", (3,)),
         "direction": ("<f4", (3,)),
     },
+    Kind.POINTS: {"position": ("<f4", (3,)), "normal": ("<f4", (3,))},
     Kind.PROBED: {"slot": ("<i4", ()), **_HIT},
     Kind.SAMPLES: {
         "slot": ("<i4", ()),

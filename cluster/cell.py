@@ -22,6 +22,7 @@ from wdpm.kernels import photon_paths as pp
 from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.gather import gather_kernel
 from wdpm.kernels.launch import Launcher
+from wdpm.kernels.surface_points import divide_by_area, spread
 from wdpm.scenes.geometry import Triangles
 
 GATHER_RUN = 16
@@ -111,6 +112,9 @@ class Cell:
         self._photons: list[Arrays] = []
         self._ghosts: list[Arrays] = []
         self._map: Any = None
+        self._own_points: Arrays = {}
+        self._ghost_points: list[Arrays] = []
+        self._points: Any = None
         self.photon_count = 0
         self.ghost_count = 0
         self.counters = CellCounters(stored_by_light=np.zeros(len(replica.world.lights.names), np.int64))
@@ -130,6 +134,8 @@ class Cell:
         elif batch.kind is Kind.GHOSTS:
             self._ghosts.append(batch.arrays)
             self.ghost_count += len(batch)
+        elif batch.kind is Kind.POINTS:
+            self._ghost_points.append(batch.arrays)
         else:
             raise ValueError(f"{batch.kind} is not for a cell")
 
@@ -191,50 +197,57 @@ class Cell:
                 )
 
     def ghosts(self) -> Iterator[Batch]:
-        """For every other cell, the photons of this one that lie in its band: a batch each, even if empty."""
+        """For every other cell, photons and surface points of this one that lie in its band: two batches, even if empty."""
         world = self.replica.world
         low, high = cells.cell_boxes(world.top_tree.axis, world.top_tree.split)
+        self._own_points = self._spread_points()
         # Distances are rounded, and photons lie a rounding off their surfaces: pad covers both.
-        band = np.float32(world.band + self.replica.pad)
+        band = world.band + self.replica.pad
         for cell in range(len(low)):
-            if cell == self.number:
-                continue
-            parts = []
-            for part in self._photons:
-                position = part["position"]
-                outside = np.maximum(np.maximum(low[cell] - position, position - high[cell]), 0.0)
-                near = np.flatnonzero((outside.astype(np.float64) ** 2).sum(axis=1) <= float(band) ** 2)
-                if len(near):
-                    parts.append(take(part, near))
-            yield Batch(Kind.GHOSTS, -1, -1, cell, 0, concatenate(parts, Kind.GHOSTS))
+            if cell != self.number:
+                near = [take(part, rows_near(part["position"], low[cell], high[cell], band)) for part in self._photons]
+                yield Batch(Kind.GHOSTS, -1, -1, cell, 0, concatenate(near, Kind.GHOSTS))
+                rows = rows_near(self._own_points["position"], low[cell], high[cell], band)
+                yield Batch(Kind.POINTS, -1, -1, cell, 0, take(self._own_points, rows))
+
+    def _spread_points(self) -> Arrays:
+        """The surface points that lie in this cell."""
+        replica = self.replica
+        position, normal = spread(
+            self._surfaces,
+            replica.cells,
+            self.number,
+            self._surfaces.ids.numpy(),
+            lights.triangle_areas(self._surfaces.corners.numpy()),
+            replica.world.point_area,
+            replica.launcher,
+        )
+        return {"position": position, "normal": normal}
 
     def build_map(self) -> None:
-        """Build the photon map of own photons and ghosts. The parts it is built from are let go of."""
+        """Build the trees of photons and of surface points, own and ghosts. The parts they are built from are let go of."""
         photons = concatenate([*self._photons, *self._ghosts], Kind.GHOSTS)
         self._photons, self._ghosts = [], []
-        self._map = photon_map.build(
-            photons["position"],
-            photons["flux"],
-            photons["normal"],
-            photons["direction"],
-            photons["id"],
-            device=self.replica.launcher.device,
-        )
+        device = self.replica.launcher.device
+        columns_of_photons = (photons[name] for name in ("position", "flux", "normal", "direction", "id"))
+        self._map = photon_map.build(*columns_of_photons, device=device)
+        points = concatenate([self._own_points, *self._ghost_points], Kind.POINTS)
+        self._own_points, self._ghost_points = {}, []
+        none = np.zeros_like(points["position"])
+        number = np.arange(len(none), dtype=np.int64)
+        self._points = photon_map.build(points["position"], none, points["normal"], none, number, device=device)
 
     def forget_photons(self) -> None:
         """Let go of all photons and what was counted about them."""
         self._photons, self._ghosts, self._map = [], [], None
+        self._own_points, self._ghost_points, self._points = {}, [], None
         self.photon_count = self.ghost_count = 0
         self.counters.energy[:] = 0
         self.counters.stored_by_light[:] = 0
 
-    def photon_positions(self) -> NDArray[np.float32]:
-        """Positions of the photons stored so far, float32, shape [photons, 3]; only before the map is built."""
-        return np.concatenate([part["position"] for part in self._photons] or [np.zeros((0, 3), np.float32)])
-
-    def photon_normals(self) -> NDArray[np.float32]:
-        """Normals that go with `photon_positions`."""
-        return np.concatenate([part["normal"] for part in self._photons] or [np.zeros((0, 3), np.float32)])
+    def photons_so_far(self) -> Arrays:
+        """The photons stored so far; only before the map is built."""
+        return concatenate(self._photons, Kind.GHOSTS)
 
     # Camera samples
 
@@ -320,6 +333,13 @@ class Cell:
         inputs = [self._map, queries.position, queries.normal, queries.shading_normal, view.k, world.radius]
         outputs = [GATHER_RUN, irradiance, found, radius, truncated]
         replica.launcher(gather_kernel, -(-count // GATHER_RUN), inputs, outputs)
+        replica.launcher(
+            divide_by_area,
+            count,
+            [self._points, queries.position, queries.front_normal, queries.clearance, radius]
+            + [world.point_area, world.radius],
+            [irradiance],
+        )
         replica.launcher(cs.reflect_gathered, count, [albedo, irradiance, 1.0 / world.paths], [indirect])
         self.counters.gathers += count
         self.counters.gathers_truncated += int(np.count_nonzero(truncated.numpy()))
@@ -406,6 +426,14 @@ def by_destination(
         return
     for target in np.unique(targets):
         yield int(target), rows[targets == target]
+
+
+def rows_near(
+    position: NDArray[np.float32], low: NDArray[np.float32], high: NDArray[np.float32], distance: float
+) -> NDArray[np.intp]:
+    """The points that lie in a box or no further from it than a distance."""
+    outside = np.maximum(np.maximum(low - position, position - high), 0.0).astype(np.float64)
+    return np.flatnonzero((outside**2).sum(axis=1) <= distance**2)
 
 
 def _empty_deposits(capacity: int, chunks: int, device: str) -> Any:

@@ -76,7 +76,8 @@ class Film:
             expected = (task.y1 - task.y0, task.x1 - task.x0, *self.layers[name].shape[2:])
             if pixels.dtype != np.float32 or pixels.shape != expected:
                 raise ProtocolError(
-                    f"layer {name} of bucket {task.number} is {pixels.dtype} {pixels.shape}; expected float32 {expected}"
+                    f"layer {name} of bucket {task.number} is {pixels.dtype} {pixels.shape}; "
+                    f"expected float32 {expected}"
                 )
 
     def put(self, task: BucketTask, result: BucketRendered) -> None:

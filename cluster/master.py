@@ -56,6 +56,14 @@ class SlaveLost:
     reason: str
 
 
+@dataclass(frozen=True)
+class ProcessEnded:
+    """A slave's process, which was started here, has ended."""
+
+    process: int
+    reason: str
+
+
 @dataclass(frozen=True, eq=False)
 class Begin:
     """Render a session as soon as all slaves have joined."""
@@ -85,7 +93,7 @@ class Abort:
     reason: str
 
 
-Event = Tick | SlaveSaid | Unreadable | SlaveLost | Begin | PartitionMade | Close | Abort
+Event = Tick | SlaveSaid | Unreadable | SlaveLost | ProcessEnded | Begin | PartitionMade | Close | Abort
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,6 +193,7 @@ class Master:
         self._ticked_at: float | None = None
         self._beat_at = 0.0
         self._phase_at = 0.0
+        self._peer_gone: tuple[float, str] | None = None
         self._seconds: dict[str, float] = {}
         self._dropped: Counter[str] = Counter()
         self._session: Session | None = None
@@ -233,6 +242,8 @@ class Master:
             case SlaveLost(identity, reason):
                 member = self._members.get(identity)
                 return [] if member is None else self._break(f"{member} is lost: {reason}")
+            case ProcessEnded(process, reason):
+                return self._process_ended(process, reason)
             case Unreadable(identity, reason):
                 return self._unreadable(identity, reason)
             case Close(reason):
@@ -266,10 +277,18 @@ class Master:
             silence = now - member.heard_at
             if silence > self._settings.liveness_s:
                 return self._break(f"{member} has been silent for {silence:.0f} s; it may have died")
+        if self._peer_gone is not None and now >= self._peer_gone[0]:
+            return self._break(self._peer_gone[1])
         if now < self._beat_at:
             return []
         self._beat_at = now + self._settings.heartbeat_s
         return self._to_all(protocol.Heartbeat())
+
+    def _process_ended(self, process: int, reason: str) -> list[Instruction]:
+        for member in self._ordered():
+            if member.hello.process == process:
+                return self._break(f"{member} is lost: {reason}")
+        return self._break(f"a slave (process {process}) ended before it joined: {reason}")
 
     def _join(self, identity: bytes, hello: protocol.Hello, now: float) -> list[Instruction]:
         member = self._members.get(identity)
@@ -326,6 +345,10 @@ class Master:
         match message:
             case protocol.Heartbeat():
                 return []
+            case protocol.PeerGone(number):
+                text = f"the connection from slave {member.number} to slave {number} broke"
+                self._peer_gone = self._peer_gone or (now + self._settings.peer_gone_s, text)
+                return []
             case protocol.Note(text):
                 return [Noted(f"slave {member.number} {text}")]
             case protocol.Failed(text):
@@ -361,7 +384,7 @@ class Master:
             case protocol.PartitionReceived(_, cell):
                 return self._cell_received(member, cell)
             case protocol.TaskDone(_, result):
-                return self._task_done(session, member, result, now)
+                return self._task_done(member, result, now)
             case protocol.Ready():
                 out: list[Instruction] = [Advanced(1)]
                 return out + (self._start_photons(session, now) if self._all(Phase.SETUP, member, message) else [])
@@ -371,7 +394,7 @@ class Master:
                 out = [Advanced(1)]
                 return out + (self._start_view(session, now) if self._all(Phase.EXCHANGE, member, message) else [])
             case protocol.ViewSet():
-                return self._start_buckets(session, now) if self._all(Phase.VIEW, member, message) else []
+                return self._start_buckets(session) if self._all(Phase.VIEW, member, message) else []
             case protocol.Statistics(_, values):
                 member.statistics = values
                 return self._finish() if self._all(Phase.STATISTICS, member, message) else []
@@ -437,10 +460,11 @@ class Master:
         holder = self._ordered()[session.holders[cell]]
         size = self._settings.part_triangles
         parts = max(1, -(-len(triangles) // size))
-        return [
-            Send(holder.identity, protocol.Partition(self._epoch, cell, part, parts, rows(triangles, part * size, size)))
+        messages = [
+            protocol.Partition(self._epoch, cell, part, parts, rows(triangles, part * size, size))
             for part in range(parts)
         ]
+        return [Send(holder.identity, message) for message in messages]
 
     def _cell_received(self, member: Member, cell: int) -> list[Instruction]:
         session = self._session
@@ -451,7 +475,8 @@ class Master:
         return self._next_cell()
 
     def _start_photons(self, session: Session, now: float) -> list[Instruction]:
-        self._end_phase("partition", now)
+        if self._phase is Phase.SETUP:
+            self._end_phase("partition", now)
         # Nothing here needs the triangles again, and they may be most of this process's memory.
         self._session = session = replace(session, partition=_partition_is_gone)
         self._phase = Phase.PHOTONS
@@ -480,7 +505,7 @@ class Master:
         self._wait_for_all(Phase.VIEW)
         return self._to_all(protocol.Look(self._epoch, session.view))
 
-    def _start_buckets(self, session: Session, now: float) -> list[Instruction]:
+    def _start_buckets(self, session: Session) -> list[Instruction]:
         view = session.view
         self._phase = Phase.BUCKETS
         self._film = Film(view.camera.width, view.camera.height, session.layers)
@@ -525,13 +550,14 @@ class Master:
                     out.append(Send(member.identity, protocol.DoTask(self._epoch, task)))
         return out
 
-    def _task_done(self, session: Session, member: Member, result: TaskResult, now: float) -> list[Instruction]:
+    def _task_done(self, member: Member, result: TaskResult, now: float) -> list[Instruction]:
         task = member.in_flight.get(result.number)
         if task is None:
             return self._repeated(result)
         if isinstance(task, PhotonTask) and isinstance(result, PhotonsTraced):
-            if result.paths != task.stop - task.start:
-                raise ProtocolError(f"photon task {task.number} has {task.stop - task.start} paths; it says {result.paths}")
+            paths = task.stop - task.start
+            if result.paths != paths:
+                raise ProtocolError(f"photon task {task.number} has {paths} paths; it says {result.paths}")
             self._photons[task.number] = result
             amount = result.paths
         elif isinstance(task, BucketTask) and isinstance(result, BucketRendered) and self._film is not None:

@@ -15,6 +15,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from wdpm.cluster.batch import Arrays
 from wdpm.cluster.cell import Cell
 from wdpm.cluster.partition import deal, rows_of_cells
 from wdpm.cluster.task import PhotonTask
@@ -41,6 +42,12 @@ RADIUS_QUANTILE = 0.9
 RADIUS_MARGIN = 2.0
 """The gather radius is 2 times the one that 9 in 10 photons need to find k others: gathers in light that is a quarter as
 dense as the dimmest tenth still find their k, and dimmer places are averaged over the fixed radius."""
+
+
+POINTS_A_DISC = 64
+POINTS_LEAST = 1 << 16
+POINTS_MOST = 1 << 23
+"""Surface points in the largest gather, and bounds to their number: 52 bytes each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,21 +114,24 @@ def make_plan(flat: FlatScene, settings: RenderSettings, workers: int, launcher:
         max_depth=settings.max_depth,
         paths=0,
         radius=1.0,
+        point_area=1.0,
         band=1.0,
     )
     pilot = Worker(0, alone, {0: flat.triangles}, [0], launcher)
     cell = pilot.cells[0]
     stored = _fly_pilot(pilot, settings)
     paths = math.ceil(settings.photons * PILOT_PATHS / stored) if stored else 0
-    radius = settings.radius or _gather_radius(cell, settings, flat.extent)
-    band = max(settings.band * radius, 0.0)
+    photons = cell.photons_so_far()
+    radius = settings.radius or _gather_radius(cell, photons, settings, flat.extent)
+    band = settings.band * radius
     levels = _levels(max(workers, 1)) if cells is None else cells.bit_length() - 1
-    tree = build_top_tree(flat.triangles.positions, cell.photon_positions(), band, levels)
-    world = replace(alone, top_tree=tree, paths=paths, radius=radius, band=band)
+    tree = build_top_tree(flat.triangles.positions, photons["position"], band, levels)
+    area = _point_area(flat.triangles.positions, radius, settings)
+    world = replace(alone, top_tree=tree, paths=paths, radius=radius, point_area=area, band=band)
     rows = rows_of_cells(flat.triangles.positions, tree, flat.extent, launcher)
     burdens = np.array([len(r) for r in rows], np.float64) / len(flat.triangles)
     if stored:
-        burdens += photons_in_cells(cell.photon_positions(), tree) / stored
+        burdens += photons_in_cells(photons["position"], tree) / stored
     holders = deal(burdens, max(workers, 1))
     pilot.forget_photons()
     return Plan(world, rows, holders, pilot)
@@ -150,9 +160,9 @@ def _fly_pilot(pilot: Worker, settings: RenderSettings) -> int:
     return pilot.cells[0].photon_count
 
 
-def _gather_radius(cell: Cell, settings: RenderSettings, extent: float) -> float:
+def _gather_radius(cell: Cell, photons: Arrays, settings: RenderSettings, extent: float) -> float:
     """A gather radius from the density of the pilot's photons, scaled to the number asked for."""
-    position, normal = cell.photon_positions(), cell.photon_normals()
+    position, normal = photons["position"], photons["normal"]
     if len(position) <= PILOT_K:
         return extent / 16.0  # next to nothing lands: any radius of the scene's order serves
     launcher = cell.replica.launcher
@@ -170,6 +180,13 @@ def _gather_radius(cell: Cell, settings: RenderSettings, extent: float) -> float
     # Photons on a surface: as many times denser, as many times less area for the same number.
     denser = settings.photons / len(position)
     return RADIUS_MARGIN * radius * math.sqrt(settings.k / PILOT_K / denser)
+
+
+def _point_area(corners: NDArray[np.float32], radius: float, settings: RenderSettings) -> float:
+    """The area that a surface point stands for: as many points as photons, and POINTS_A_DISC in the largest gather."""
+    area = float(triangle_areas(corners).sum())
+    wanted = max(settings.photons, POINTS_A_DISC * area / (math.pi * radius**2), POINTS_LEAST)
+    return area / min(wanted, POINTS_MOST)
 
 
 def _levels(workers: int) -> int:

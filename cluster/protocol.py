@@ -95,6 +95,13 @@ class Statistics:
 
 
 @dataclass(frozen=True)
+class PeerGone:
+    """The connection to a peer has broken; what travelled on it is lost."""
+
+    number: int
+
+
+@dataclass(frozen=True)
 class Note:
     """A line for the person at the master."""
 
@@ -259,6 +266,7 @@ FromSlave = (
     | ViewSet
     | PhotonsForgotten
     | Statistics
+    | PeerGone
     | Note
     | Failed
     | Goodbye

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wdpm.cluster import protocol
+from wdpm.cluster import checks, protocol
 from wdpm.cluster.batch import TO_HOME, Batch, Kind
 from wdpm.cluster.cluster_settings import ClusterSettings
 from wdpm.cluster.compute import (
@@ -87,13 +87,18 @@ class PeerLost:
 
 
 @dataclass(frozen=True)
+class MasterLost:
+    """The connection to the master is gone."""
+
+
+@dataclass(frozen=True)
 class Leave:
     """Someone here wants the slave to end: Ctrl-C, or the process that started it has died."""
 
     reason: str
 
 
-Event = Start | Tick | MasterSaid | PeerSaid | Unreadable | Computed | ComputeFailed | PeerLost | Leave
+Event = Start | Tick | MasterSaid | PeerSaid | Unreadable | Computed | ComputeFailed | PeerLost | MasterLost | Leave
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +189,7 @@ class Slave:
         self._batches: deque[Batch] = deque()
         self._tasks: deque[StartTask] = deque()
         self._running: Job | None = None
+        self._running_epoch = 0
         self._running_since = 0.0
         self._slow_build_told = False
         self._ghosts_handled = 0
@@ -245,7 +251,12 @@ class Slave:
             case ComputeFailed(text):
                 return self._fail(text)
             case PeerLost(number):
-                return self._fail(f"lost the connection to slave {number}")
+                # Not this slave's to judge: the peer may have died, or have been told to stop a moment earlier.
+                return [ToMaster(protocol.PeerGone(number))]
+            case MasterLost():
+                if self._welcome is None:
+                    return []  # it does not listen yet
+                return self._exit(f"lost the connection to the master at {self._endpoint}")
             case Leave(reason):
                 return self._leave(reason)
         raise AssertionError(f"unknown event {event}")
@@ -385,7 +396,9 @@ class Slave:
         parts.append(message.triangles)
         if len(parts) < message.parts:
             return []
-        self._partition[message.cell] = join(self._parts.pop(message.cell))
+        triangles = join(self._parts.pop(message.cell))
+        checks.check_triangles(triangles, self._setup.world, f"cell {message.cell}")
+        self._partition[message.cell] = triangles
         self._build_if_complete()
         return [ToMaster(protocol.PartitionReceived(self._epoch, message.cell))]
 
@@ -439,7 +452,7 @@ class Slave:
 
     def _enqueue(self, batch: Batch, source: str) -> None:
         if self._destination(batch, source) != self.number:
-            raise ProtocolError(f"a {batch.kind.value} batch of {source} came to slave {self.number}, which is the wrong one")
+            raise ProtocolError(f"a {batch.kind.value} batch of {source} is not for slave {self.number}")
         (self._homebound if batch.kind in TO_HOME else self._batches).append(batch)
 
     def _next_job(self, now: float) -> list[Instruction]:
@@ -456,15 +469,15 @@ class Slave:
             job = self._tasks.popleft()
         else:
             return []
-        self._running, self._running_since = job, now
+        self._running, self._running_epoch, self._running_since = job, self._epoch, now
         return [Run(job)]
 
     def _computed(self, outcome: Outcome) -> list[Instruction]:
         job, self._running = self._running, None
         if job is None:
             raise AssertionError("an outcome without a job")
-        if isinstance(job, Build) and (self._setup is None or job.world is not self._setup.world):
-            return []  # another Setup came while this one was built
+        if self._running_epoch != self._epoch:
+            return self._drop("outcome of another epoch")  # a Setup came while the worker was busy
         out: list[Instruction] = []
         for batch in outcome.batches:
             destination = self._destination(batch, "this slave")
@@ -506,11 +519,9 @@ class Slave:
 
 
 def join(parts: Sequence[Triangles]) -> Triangles:
-    """Triangles of several parts of a cell as one; ProtocolError unless their numbers ascend."""
+    """Triangles of several parts of a cell as one."""
     whole = parts[0]
     if len(parts) > 1:
         names = ("ids", "positions", "normals", "uvs", "material", "emitter")
         whole = Triangles(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
-    if np.any(whole.ids[1:] <= whole.ids[:-1]):
-        raise ProtocolError("the triangles of a cell are not in the order of their numbers")
     return whole

@@ -91,7 +91,7 @@ class Worker:
         return outbox
 
     def exchange(self) -> list[Batch]:
-        """One batch of ghosts from each own cell to every cell of another worker; between own cells at once."""
+        """Ghosts and surface points of each own cell for every cell of another worker; between own cells at once."""
         began = time.perf_counter()
         outbox = Outbox()
         for cell in self.cells.values():
@@ -101,8 +101,8 @@ class Worker:
         return outbox.batches
 
     def ghosts_expected(self) -> int:
-        """Batches of ghosts that other workers send to this one."""
-        return len(self.cells) * (len(self.holders) - len(self.cells))
+        """Batches of ghosts and of surface points that other workers send to this one."""
+        return 2 * len(self.cells) * (len(self.holders) - len(self.cells))
 
     def build_maps(self) -> None:
         """Build the photon maps of all cells."""

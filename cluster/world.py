@@ -85,6 +85,7 @@ class World:
         extent: largest absolute coordinate of the scene, its lights and its camera, in the renderer's space.
         paths: photon paths to shoot.
         radius: largest gather radius.
+        point_area: the area that each surface point stands for (kernels.surface_points).
         band: width of the overlap band; ghosts lie in it. At least `radius` unless the image may be approximate.
     """
 
@@ -98,6 +99,7 @@ class World:
     max_depth: int | None
     paths: int
     radius: float
+    point_area: float
     band: float
 
 

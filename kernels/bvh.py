@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from wdpm.kernels import bvh_build
 from wdpm.kernels.bvh_build import LEAF_MAX, MAX_DEPTH, STACK_SIZE, WIDTH, vec8, vec8i
-from wdpm.kernels.triangle import EXIT_SCALE, NO_HIT, Hit, intersect_triangle, inverse_direction, no_hit
+from wdpm.kernels.triangle import NO_HIT, Hit, intersect_triangle, make_ray, no_hit
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -122,13 +122,143 @@ def _overlapping_lanes(corners: wp.array) -> wp.array:
     return lanes
 
 
-@wp.func
-def lanes_mask(values: vec8) -> int:
-    """Bit k is set where values[k] >= 0; a NaN sets none."""
-    mask = int(0)
-    for k in range(8):
-        mask = mask | wp.where(values[k] >= 0.0, 1 << k, 0)
-    return mask
+_ENTER_CHILDREN = """
+    const float* rows = bounds.data->c + 48 * node;
+    const float* x = rows + (inverse[0] > 0.0f ? 0 : 8);
+    const float* y = rows + (inverse[1] > 0.0f ? 16 : 24);
+    const float* z = rows + (inverse[2] > 0.0f ? 32 : 40);
+    wp::vec_t<8, wp::float32> result;
+#if defined(__CUDA_ARCH__)
+    for (int k = 0; k < 8; ++k) {
+        float enter_x = (x[k] - origin[0]) * inverse[0];
+        float enter_y = (y[k] - origin[1]) * inverse[1];
+        float enter_z = (z[k] - origin[2]) * inverse[2];
+        result.c[k] = fmaxf(fmaxf(enter_x, enter_y), fmaxf(enter_z, 0.0f));
+    }
+#else
+    typedef float lanes __attribute__((ext_vector_type(8), aligned(4)));
+    const lanes enter_x = (*(const lanes*)x - origin[0]) * inverse[0];
+    const lanes enter_y = (*(const lanes*)y - origin[1]) * inverse[1];
+    const lanes enter_z = (*(const lanes*)z - origin[2]) * inverse[2];
+    const lanes enter_xy = enter_x > enter_y ? enter_x : enter_y;
+    const lanes enter_z0 = enter_z > 0.0f ? enter_z : (lanes)0.0f;
+    *(lanes*)result.c = enter_xy > enter_z0 ? enter_xy : enter_z0;
+#endif
+    return result;
+"""
+
+_LEAVE_CHILDREN = """
+    const float* rows = bounds.data->c + 48 * node;
+    const float* x = rows + (inverse[0] > 0.0f ? 8 : 0);
+    const float* y = rows + (inverse[1] > 0.0f ? 24 : 16);
+    const float* z = rows + (inverse[2] > 0.0f ? 40 : 32);
+    wp::vec_t<8, wp::float32> result;
+#if defined(__CUDA_ARCH__)
+    for (int k = 0; k < 8; ++k) {
+        float leave_x = (x[k] - origin[0]) * inverse[0];
+        float leave_y = (y[k] - origin[1]) * inverse[1];
+        float leave_z = (z[k] - origin[2]) * inverse[2];
+        result.c[k] = fminf(fminf(leave_x, leave_y), fminf(leave_z, t_max));
+    }
+#else
+    typedef float lanes __attribute__((ext_vector_type(8), aligned(4)));
+    const lanes leave_x = (*(const lanes*)x - origin[0]) * inverse[0];
+    const lanes leave_y = (*(const lanes*)y - origin[1]) * inverse[1];
+    const lanes leave_z = (*(const lanes*)z - origin[2]) * inverse[2];
+    const lanes leave_xy = leave_x < leave_y ? leave_x : leave_y;
+    const lanes leave_zt = leave_z < t_max ? leave_z : (lanes)t_max;
+    *(lanes*)result.c = leave_xy < leave_zt ? leave_xy : leave_zt;
+#endif
+    return result;
+"""
+
+_LANES_NOT_ABOVE = """
+#if defined(__CUDA_ARCH__)
+    int mask = 0;
+    for (int k = 0; k < 8; ++k)
+        mask |= int(a.c[k] <= b.c[k]) << k;
+    return mask;
+#else
+    typedef float lanes __attribute__((ext_vector_type(8), aligned(4)));
+    typedef bool bits __attribute__((ext_vector_type(8)));
+    const bits below = __builtin_convertvector(*(const lanes*)a.c <= *(const lanes*)b.c, bits);
+    return __builtin_bit_cast(unsigned char, below);
+#endif
+"""
+
+
+@wp.func_native(_ENTER_CHILDREN)
+def enter_children(bounds: wp.array(dtype=vec8), node: int, origin: wp.vec3, inverse: wp.vec3) -> vec8:
+    """Where the ray enters the boxes of a node's children, not before its origin."""
+    ...
+
+
+@wp.func_native(_LEAVE_CHILDREN)
+def leave_children(bounds: wp.array(dtype=vec8), node: int, origin: wp.vec3, inverse: wp.vec3, t_max: float) -> vec8:
+    """Where the ray leaves the boxes of a node's children, not after t_max."""
+    ...
+
+
+@wp.func_native(_LANES_NOT_ABOVE)
+def lanes_not_above(a: vec8, b: vec8) -> int:
+    """Bit k is set where a[k] <= b[k]; a NaN sets none."""
+    ...
+
+
+@wp.func_native("return children.data->c[8 * node + lane];")
+def child_code(children: wp.array(dtype=vec8i), node: int, lane: int) -> int:
+    """children[node][lane]; plain indexing would copy all eight first."""
+    ...
+
+
+@wp.func_native("return wp::vec_t<3, wp::float32>(corners.data[at], corners.data[at + size], corners.data[at + 2 * size]);")
+def leaf_corner(corners: wp.array(dtype=wp.float32), at: int, size: int) -> wp.vec3:
+    """One corner of a triangle whose x lies at `at` in a leaf of `size` triangles."""
+    ...
+
+
+_NEAR_LEAF = """
+    const float* rows = corners.data + 9 * first;
+    wp::vec_t<8, wp::float32> result;
+    typedef float lanes __attribute__((ext_vector_type(8), aligned(4)));
+#define ROW(k) (*(const lanes*)(rows + (k) * size))
+#define MAX(a, b) ((a) > (b) ? (a) : (b))
+#define ABS(a) __builtin_elementwise_abs(a)
+    lanes ax = ROW(0), ay = ROW(1), az = ROW(2);
+    lanes e1x = ROW(3) - ax, e1y = ROW(4) - ay, e1z = ROW(5) - az;
+    lanes e2x = ROW(6) - ax, e2y = ROW(7) - ay, e2z = ROW(8) - az;
+    lanes cx = ax - origin[0], cy = ay - origin[1], cz = az - origin[2];
+    lanes rx = cy * direction[2] - cz * direction[1];
+    lanes ry = cz * direction[0] - cx * direction[2];
+    lanes rz = cx * direction[1] - cy * direction[0];
+    lanes u = rx * e2x + ry * e2y + rz * e2z;
+    lanes v = -(rx * e1x + ry * e1y + rz * e1z);
+    lanes nx = e1y * e2z - e1z * e2y;
+    lanes ny = e1z * e2x - e1x * e2z;
+    lanes nz = e1x * e2y - e1y * e2x;
+    lanes w = nx * direction[0] + ny * direction[1] + nz * direction[2] - u - v;
+    lanes e = ABS(e1x); e = MAX(e, ABS(e1y)); e = MAX(e, ABS(e1z)); e = MAX(e, ABS(e2x)); e = MAX(e, ABS(e2y)); e = MAX(e, ABS(e2z));
+    lanes c = ABS(cx); c = MAX(c, ABS(cy)); c = MAX(c, ABS(cz)); c += e;
+    lanes slack = c * (e + c * rounding) * margin;
+    lanes low = u < v ? u : v; low = low < w ? low : w;
+    lanes high = u > v ? u : v; high = high > w ? high : w;
+    high = -high;
+    *(lanes*)result.c = (low > high ? low : high) + slack;
+    return result;
+"""
+
+
+@wp.func_native(_NEAR_LEAF)
+def near_leaf_lanes(
+    corners: wp.array(dtype=wp.float32),
+    first: int,
+    size: int,
+    origin: wp.vec3,
+    direction: wp.vec3,
+    margin: float,
+    rounding: float,
+) -> vec8:
+    ...
 
 
 @wp.func
@@ -138,50 +268,7 @@ def lowest_bit(mask: int) -> int:
 
 @wp.func
 def near_leaf(bvh: Bvh, first: int, size: int, origin: wp.vec3, direction: wp.vec3) -> int:
-    """Which triangles of a leaf the ray may hit, as a mask: all that intersect_triangle accepts, and few others.
-
-    Möller & Trumbore 1997 in float32: with c the first corner less the origin and e1, e2 the edges, u = (c x d) . e2,
-    v = -(c x d) . e1 and w = (e1 x e2) . d - u - v have one sign on a hit. With unit roundoff r = 2^-24, c and e standing for the
-    largest absolute component, and to first order: c x d is off by 6 r c |d|, u and v by 42 r c e |d|,
-    the determinant by 42 r e^2 |d|, and w by at most 108 r (c + e) e |d|. 128 r = 2^-17 is the margin given. The double test's
-    own errors are below 2^-48 c^2 |d|, which ROUNDING adds.
-    """
-    n = size
-    at = 9 * first
-    ax = bvh.lanes[at]
-    ay = bvh.lanes[at + n]
-    az = bvh.lanes[at + 2 * n]
-    e1x = bvh.lanes[at + 3 * n] - ax
-    e1y = bvh.lanes[at + 4 * n] - ay
-    e1z = bvh.lanes[at + 5 * n] - az
-    e2x = bvh.lanes[at + 6 * n] - ax
-    e2y = bvh.lanes[at + 7 * n] - ay
-    e2z = bvh.lanes[at + 8 * n] - az
-    cx = ax - vec8(origin[0])
-    cy = ay - vec8(origin[1])
-    cz = az - vec8(origin[2])
-    rx = cy * direction[2] - cz * direction[1]
-    ry = cz * direction[0] - cx * direction[2]
-    rz = cx * direction[1] - cy * direction[0]
-    u = wp.cw_mul(rx, e2x) + wp.cw_mul(ry, e2y) + wp.cw_mul(rz, e2z)
-    v = -(wp.cw_mul(rx, e1x) + wp.cw_mul(ry, e1y) + wp.cw_mul(rz, e1z))
-    nx = wp.cw_mul(e1y, e2z) - wp.cw_mul(e1z, e2y)
-    ny = wp.cw_mul(e1z, e2x) - wp.cw_mul(e1x, e2z)
-    nz = wp.cw_mul(e1x, e2y) - wp.cw_mul(e1y, e2x)
-    w = nx * direction[0] + ny * direction[1] + nz * direction[2] - u - v
-    e = wp.max(
-        wp.max(wp.max(wp.abs(e1x), wp.abs(e1y)), wp.abs(e1z)), wp.max(wp.max(wp.abs(e2x), wp.abs(e2y)), wp.abs(e2z))
-    )
-    c = wp.max(wp.max(wp.abs(cx), wp.abs(cy)), wp.abs(cz)) + e
-    margin = wp.cw_mul(c, e + c * ROUNDING) * (MARGIN * wp.max(wp.abs(direction)))
-    inside = wp.max(wp.min(wp.min(u, v), w), -wp.max(wp.max(u, v), w))
-    return lanes_mask(inside + margin) & ((1 << size) - 1)
-
-
-@wp.func
-def leaf_corner(bvh: Bvh, at: int, size: int, corner: int) -> wp.vec3:
-    row = at + 3 * corner * size
-    return wp.vec3(bvh.corners[row], bvh.corners[row + size], bvh.corners[row + 2 * size])
+    return lanes_not_above(vec8(0.0), near_leaf_lanes(bvh.corners, first, size, origin, direction, MARGIN * wp.max(wp.abs(direction)), ROUNDING)) & ((1 << size) - 1)
 
 
 @wp.func
@@ -195,49 +282,45 @@ def closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, best: Hit) -> Hit
     """
     stack = wp.zeros(shape=(STACK_SIZE,), dtype=wp.int32)
     stack_enter = wp.zeros(shape=(STACK_SIZE,), dtype=wp.float32)
-    inverse = inverse_direction(direction)
-    near_x = wp.where(inverse[0] > 0.0, 0, 1)
-    near_y = wp.where(inverse[1] > 0.0, 2, 3)
-    near_z = wp.where(inverse[2] > 0.0, 4, 5)
+    ray = make_ray(origin, direction)
     result = best
     code = int(0)
     height = int(0)
     while True:
         if code >= 0:
-            row = 6 * code
-            enter = wp.max(
-                wp.max(
-                    (bvh.bounds[row + near_x] - vec8(origin[0])) * inverse[0],
-                    (bvh.bounds[row + near_y] - vec8(origin[1])) * inverse[1],
-                ),
-                wp.max((bvh.bounds[row + near_z] - vec8(origin[2])) * inverse[2], vec8(0.0)),
-            )
-            leave = (
-                wp.min(
-                    wp.min(
-                        (bvh.bounds[row + 1 - near_x] - vec8(origin[0])) * inverse[0],
-                        (bvh.bounds[row + 5 - near_y] - vec8(origin[1])) * inverse[1],
-                    ),
-                    (bvh.bounds[row + 9 - near_z] - vec8(origin[2])) * inverse[2],
-                )
-                * EXIT_SCALE
-            )
-            mask = lanes_mask(wp.min(leave, vec8(result.t)) - enter)
-            codes = bvh.children[code]
-            base = height
-            while mask != 0:
+            node = code
+            enter = enter_children(bvh.bounds, node, origin, ray.inverse)
+            leave = leave_children(bvh.bounds, node, origin, ray.inverse_leave, result.t)
+            mask = lanes_not_above(enter, leave)
+            if mask != 0:
                 lane = lowest_bit(mask)
                 mask = mask & (mask - 1)
-                distance = enter[lane]
-                # Insertion by falling distance, so that the nearest child is popped first.
-                slot = height
-                while slot > base and stack_enter[slot - 1] < distance:
-                    stack[slot] = stack[slot - 1]
-                    stack_enter[slot] = stack_enter[slot - 1]
-                    slot = slot - 1
-                stack[slot] = codes[lane]
-                stack_enter[slot] = distance
-                height = height + 1
+                code = child_code(bvh.children, node, lane)
+                if mask == 0:
+                    continue
+                nearest = enter[lane]
+                base = height
+                while mask != 0:
+                    lane = lowest_bit(mask)
+                    mask = mask & (mask - 1)
+                    other = child_code(bvh.children, node, lane)
+                    distance = enter[lane]
+                    if distance < nearest:
+                        swap = other
+                        other = code
+                        code = swap
+                        swap_distance = distance
+                        distance = nearest
+                        nearest = swap_distance
+                    slot = height
+                    while slot > base and stack_enter[slot - 1] < distance:
+                        stack[slot] = stack[slot - 1]
+                        stack_enter[slot] = stack_enter[slot - 1]
+                        slot = slot - 1
+                    stack[slot] = other
+                    stack_enter[slot] = distance
+                    height = height + 1
+                continue
         else:
             first = (-code - 1) / 8
             size = -code - 8 * first
@@ -247,12 +330,10 @@ def closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, best: Hit) -> Hit
                 mask = mask & (mask - 1)
                 at = 9 * first + lane
                 hit = intersect_triangle(
-                    leaf_corner(bvh, at, size, 0),
-                    leaf_corner(bvh, at, size, 1),
-                    leaf_corner(bvh, at, size, 2),
-                    origin,
-                    direction,
-                    inverse,
+                    leaf_corner(bvh.corners, at, size),
+                    leaf_corner(bvh.corners, at + 3 * size, size),
+                    leaf_corner(bvh.corners, at + 6 * size, size),
+                    ray,
                     bvh.pad,
                 )
                 prim = bvh.ids[first + lane]
@@ -276,39 +357,23 @@ def closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, best: Hit) -> Hit
 def any_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_max: float) -> bool:
     """Whether closest_hit would find anything with 0 < t < t_max."""
     stack = wp.zeros(shape=(STACK_SIZE,), dtype=wp.int32)
-    inverse = inverse_direction(direction)
-    near_x = wp.where(inverse[0] > 0.0, 0, 1)
-    near_y = wp.where(inverse[1] > 0.0, 2, 3)
-    near_z = wp.where(inverse[2] > 0.0, 4, 5)
+    ray = make_ray(origin, direction)
     code = int(0)
     height = int(0)
     while True:
         if code >= 0:
-            row = 6 * code
-            enter = wp.max(
-                wp.max(
-                    (bvh.bounds[row + near_x] - vec8(origin[0])) * inverse[0],
-                    (bvh.bounds[row + near_y] - vec8(origin[1])) * inverse[1],
-                ),
-                wp.max((bvh.bounds[row + near_z] - vec8(origin[2])) * inverse[2], vec8(0.0)),
-            )
-            leave = (
-                wp.min(
-                    wp.min(
-                        (bvh.bounds[row + 1 - near_x] - vec8(origin[0])) * inverse[0],
-                        (bvh.bounds[row + 5 - near_y] - vec8(origin[1])) * inverse[1],
-                    ),
-                    (bvh.bounds[row + 9 - near_z] - vec8(origin[2])) * inverse[2],
-                )
-                * EXIT_SCALE
-            )
-            mask = lanes_mask(wp.min(leave, vec8(t_max)) - enter)
-            codes = bvh.children[code]
-            while mask != 0:
-                lane = lowest_bit(mask)
+            node = code
+            enter = enter_children(bvh.bounds, node, origin, ray.inverse)
+            leave = leave_children(bvh.bounds, node, origin, ray.inverse_leave, t_max)
+            mask = lanes_not_above(enter, leave)
+            if mask != 0:
+                code = child_code(bvh.children, node, lowest_bit(mask))
                 mask = mask & (mask - 1)
-                stack[height] = codes[lane]
-                height = height + 1
+                while mask != 0:
+                    stack[height] = child_code(bvh.children, node, lowest_bit(mask))
+                    mask = mask & (mask - 1)
+                    height = height + 1
+                continue
         else:
             first = (-code - 1) / 8
             size = -code - 8 * first
@@ -318,12 +383,10 @@ def any_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_max: float) -> bool
                 mask = mask & (mask - 1)
                 at = 9 * first + lane
                 hit = intersect_triangle(
-                    leaf_corner(bvh, at, size, 0),
-                    leaf_corner(bvh, at, size, 1),
-                    leaf_corner(bvh, at, size, 2),
-                    origin,
-                    direction,
-                    inverse,
+                    leaf_corner(bvh.corners, at, size),
+                    leaf_corner(bvh.corners, at + 3 * size, size),
+                    leaf_corner(bvh.corners, at + 6 * size, size),
+                    ray,
                     bvh.pad,
                 )
                 if hit[0] < t_max:

@@ -27,7 +27,7 @@ WIDTH = 8
 LEAF_MAX = wp.constant(8)
 """Triangles a leaf at most: what one pass of the vec8 pre-test takes, and what a child code has room for."""
 
-MAX_DEPTH = 18
+MAX_DEPTH = 12
 """Levels of nodes at most. 2^27 triangles, the most a child code can number, need 9 by halving."""
 
 STACK_SIZE = (WIDTH - 1) * MAX_DEPTH + 2

@@ -6,12 +6,12 @@ import warp as wp
 
 from wdpm.kernels.bvh import Bvh, any_hit, closest_hit
 from wdpm.kernels.camera import CameraView, camera_ray
-from wdpm.kernels.cells import Cells, cell_of, entry_of, next_cell
+from wdpm.kernels.cells import Cells, cell_of, entry_of, inverse_direction, next_cell
 from wdpm.kernels.constants import INV_PI
 from wdpm.kernels.lights import LightTable, sample_light
 from wdpm.kernels.random import PURPOSE_LIGHT, sample_1d, sample_2d, stream_of
-from wdpm.kernels.surface import Surface, Surfaces, leave, position_at, row_of, surface_at
-from wdpm.kernels.triangle import Hit, inverse_direction
+from wdpm.kernels.surface import Surface, Surfaces, clearance, leave, position_at, row_of, surface_at
+from wdpm.kernels.triangle import Hit
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -53,6 +53,8 @@ class Queries:
     position: wp.array(dtype=wp.vec3)
     normal: wp.array(dtype=wp.vec3)
     shading_normal: wp.array(dtype=wp.vec3)
+    front_normal: wp.array(dtype=wp.vec3)
+    clearance: wp.array(dtype=wp.float32)  # distance to the nearest edge of the triangle
 
 
 @wp.struct
@@ -190,6 +192,10 @@ def shade_camera_hits(
     queries_out.position[i] = s.position
     queries_out.normal[i] = s.normal
     queries_out.shading_normal[i] = s.shading_normal
+    queries_out.front_normal[i] = s.normal
+    if not s.front:
+        queries_out.front_normal[i] = -s.normal
+    queries_out.clearance[i] = clearance(surfaces, rays.prim[i], s.position)
 
     origin = leave(s.position, s.normal, surfaces.offset_min)
     index = wp.uint32(sample) * wp.uint32(light_samples)

@@ -15,7 +15,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels.triangle import EXIT_SCALE, inverse_direction
+from wdpm.kernels.triangle import EXIT_SCALE, inverse_component
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -56,6 +56,12 @@ def upload(axis: NDArray[np.int32], split: NDArray[np.float32], pad: float, devi
     cells.low = wp.array(low - np.float32(pad), dtype=wp.vec3, device=device)
     cells.high = wp.array(high + np.float32(pad), dtype=wp.vec3, device=device)
     return cells
+
+
+@wp.func
+def inverse_direction(direction: wp.vec3) -> wp.vec3:
+    """1 / direction for slab arithmetic, as in the triangles' tree."""
+    return wp.vec3(inverse_component(direction[0]), inverse_component(direction[1]), inverse_component(direction[2]))
 
 
 @wp.func

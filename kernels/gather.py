@@ -1,7 +1,7 @@
 """Gathers: the k nearest photons of a point, and the irradiance they tell.
 
-What is returned is a function of the set of photons within reach, bit for bit: neither the tree's shape nor the order of
-the photons nor the guess of the radius nor what lies further away has a say. This is so because
+What is returned is a function of the set of photons within reach, bit for bit: neither the tree's shape nor the order
+of the photons nor the guess of the radius nor what lies further away has a say. This is so because
 
 * a photon passes the filters, or does not, by itself, before it counts towards k;
 * photons are ordered by (distance², id), which has no ties, and the distance is computed by one function;
@@ -9,18 +9,18 @@ the photons nor the guess of the radius nor what lies further away has a say. Th
   is never above that of a photon in it: no tolerance is needed;
 * contributions are added exactly (exact_sum.py).
 
-The estimate. With k + 1 photons or more within r_max, r is the distance of the (k + 1)-th and the k nearer ones are summed
-over pi r². For a Poisson process of density D, the area to the (k + 1)-th point has a gamma distribution of shape k + 1, so
-E[k / area] = D: unbiased. The textbook's k / (pi r_k²), with the k-th on its own circle, has E = D k / (k - 1): at k = 50
-it is 2 % too bright (Loftsgaarden & Quesenberry 1965; García, Ureña & Sbert 2012). With fewer photons the estimate is
-that of a fixed radius, r_max, and the gather is called truncated.
+The estimate. With k + 1 photons or more within r_max, r is the distance of the (k + 1)-th and the k nearer ones are
+summed over pi r². For a Poisson process of density D, the area to the (k + 1)-th point has a gamma distribution of
+shape k + 1, so E[k / area] = D: unbiased. The textbook's k / (pi r_k²), with the k-th on its own circle, has mean
+D k / (k - 1), since its area has shape k: at k = 50 it is 2 % too bright. With k photons or fewer the estimate is that
+of a fixed radius, r_max, and the gather is called truncated.
 
 Coincident photons. If the (k + 1)-th photon is nearer than 1e-12 (constants.py), no density can be told: the k nearest
 are summed over the disc of r_max.
 
 The search. Consecutive queries of a run lie close together, so the radius of one is a good guess for the next. With a
-good guess a range search beats a best-first one: visit, in any order, what the ball of the guess touches, append what is
-in it, and select at the end. Too small a guess is grown and searched again.
+good guess a range search beats a best-first one: visit, in any order, what the ball of the guess touches, append what
+is in it, and select at the end. Too small a guess is grown and searched again.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ import math
 import warp as wp
 
 from wdpm.kernels.constants import (
+    ADJOINT_BOUND,
     FLATTENING,
     MAX_GATHER_RADIUS,
     MIN_ARRIVAL_COS,
@@ -80,24 +81,24 @@ class Gathered:
 
 
 @wp.func
-def _dot8(ax: vec8, ay: vec8, az: vec8, b: wp.vec3) -> vec8:
+def dot8(ax: vec8, ay: vec8, az: vec8, b: wp.vec3) -> vec8:
     return ax * b[0] + ay * b[1] + az * b[2]
 
 
 @wp.func
-def _distance2(px: vec8, py: vec8, pz: vec8, x: wp.vec3, n: wp.vec3) -> vec8:
+def distance2_to(px: vec8, py: vec8, pz: vec8, x: wp.vec3, n: wp.vec3) -> vec8:
     """Squared distances of eight photons, flattened along the normal: the one place where they are computed."""
     dx = px - vec8(x[0])
     dy = py - vec8(x[1])
     dz = pz - vec8(x[2])
-    height = _dot8(dx, dy, dz, n)
+    height = dot8(dx, dy, dz, n)
     euclid2 = wp.cw_mul(dx, dx) + wp.cw_mul(dy, dy) + wp.cw_mul(dz, dz)
     return euclid2 + _FLATTENING * wp.cw_mul(height, height)
 
 
 @wp.func
-def _box_distance2(nodes: wp.array(dtype=vec8), row: wp.int32, x: wp.vec3) -> vec8:
-    """Squared Euclidean distances of a node's eight children; inf for empty ones. Never above a photon's `_distance2`."""
+def box_distance2(nodes: wp.array[vec8], row: wp.int32, x: wp.vec3) -> vec8:
+    """Squared Euclidean distances of a node's children, inf for empty ones: never above `_distance2` of a photon."""
     zero = vec8(0.0)
     x8 = vec8(x[0])
     y8 = vec8(x[1])
@@ -125,7 +126,7 @@ def _key_place(key: wp.uint64) -> wp.int32:
 
 
 @wp.func
-def _key_before(a: wp.uint64, b: wp.uint64, rank: wp.array(dtype=wp.int32)) -> wp.bool:
+def _key_before(a: wp.uint64, b: wp.uint64, rank: wp.array[wp.int32]) -> wp.bool:
     """Order by (distance², id)."""
     before = a < b
     if (a >> wp.uint64(32)) == (b >> wp.uint64(32)):
@@ -135,8 +136,8 @@ def _key_before(a: wp.uint64, b: wp.uint64, rank: wp.array(dtype=wp.int32)) -> w
 
 @wp.func
 def _quickselect(
-    keys: wp.array(dtype=wp.uint64), begin: wp.int32, end: wp.int32, nth: wp.int32, rank: wp.array(dtype=wp.int32)
-):
+    keys: wp.array[wp.uint64], begin: wp.int32, end: wp.int32, nth: wp.int32, rank: wp.array[wp.int32]
+) -> None:
     """Moves the keys so that keys[nth] is in its sorted place, with smaller ones before and larger ones behind it."""
     low = int(begin)
     high = int(end)
@@ -162,17 +163,17 @@ def _quickselect(
 
 @wp.func
 def _select(
-    candidates: wp.array(dtype=wp.uint64),
+    candidates: wp.array[wp.uint64],
     count: wp.int32,
     nth: wp.int32,
     radius2: wp.float32,
-    rank: wp.array(dtype=wp.int32),
-    ints: wp.array(dtype=wp.int32),
-):
+    rank: wp.array[wp.int32],
+    ints: wp.array[wp.int32],
+) -> None:
     """Moves the nth + 1 nearest candidates, 0 <= nth < count, to the front, the farthest of them to candidates[nth].
 
-    A histogram of distance² finds the bin that holds the nth; on a surface its bins fill evenly, so that hardly more than
-    one candidate is left to be selected by comparisons. The bin's number is monotonic in the distance, rounding or not.
+    A histogram of distance² finds the bin that holds the nth; on a surface its bins fill evenly, so that hardly more
+    than one candidate is left to be selected by comparisons. The bin is monotonic in the distance, rounding or not.
 
     Args:
         candidates: keys; the second half of the array is scratch.
@@ -185,12 +186,12 @@ def _select(
     for i in range(count):
         b = (bins + wp.min(wp.int32(_key_distance2(candidates[i]) * scale), BIN_COUNT - 1)) & _INT_MASK
         ints[b] = ints[b] + 1
-    bin = int(0)
-    below = int(0)
+    bin = wp.int32(0)
+    below = wp.int32(0)
     while below + ints[bins + bin] <= nth:
         below += ints[bins + bin]
         bin += 1
-    kept = int(0)
+    kept = wp.int32(0)
     within = int(CANDIDATE_CAPACITY)
     for i in range(count):
         key = candidates[i]
@@ -205,8 +206,8 @@ def _select(
 
 
 @wp.func
-def _next_above(value: wp.float32) -> wp.float32:
-    """Least float above a positive one: a <= b is a < _next_above(b)."""
+def next_above(value: wp.float32) -> wp.float32:
+    """Least float above a positive one: a <= b is a < next_above(b)."""
     return wp.cast(wp.cast(value, wp.uint32) + wp.uint32(1), wp.float32)
 
 
@@ -218,20 +219,20 @@ def _search_leaf(
     n: wp.vec3,
     radius2_above: wp.float32,
     count: wp.int32,
-    candidates: wp.array(dtype=wp.uint64),
+    candidates: wp.array[wp.uint64],
 ) -> wp.int32:
     """Appends the leaf's photons that pass the filters and lie below the radius²; returns the new count."""
     row = LEAF_ROWS * leaf
-    distance2 = _distance2(photons.leaves[row + 0], photons.leaves[row + 1], photons.leaves[row + 2], x, n)
-    facing = _dot8(photons.leaves[row + 3], photons.leaves[row + 4], photons.leaves[row + 5], n)
-    arrival = _dot8(photons.leaves[row + 6], photons.leaves[row + 7], photons.leaves[row + 8], n)
+    distance2 = distance2_to(photons.leaves[row + 0], photons.leaves[row + 1], photons.leaves[row + 2], x, n)
+    facing = dot8(photons.leaves[row + 3], photons.leaves[row + 4], photons.leaves[row + 5], n)
+    arrival = dot8(photons.leaves[row + 6], photons.leaves[row + 7], photons.leaves[row + 8], n)
     # All three strict, so that one comparison of eight values tells who passes; the sign of a difference is exact.
     passes = wp.min(wp.min(vec8(radius2_above) - distance2, facing - vec8(_NORMAL_COS)), arrival)
     found = int(count)
     for c in range(8):
         # Stored always, kept if counted: a branch would be mispredicted too often.
         candidates[found & _KEY_MASK] = _key(distance2[c], 8 * leaf + c)
-        found += wp.int32(passes[c] > float(0.0))
+        found += wp.int32(passes[c] > wp.float32(0.0))
     return found
 
 
@@ -242,25 +243,25 @@ def _search(
     n: wp.vec3,
     k: wp.int32,
     radius: wp.float32,
-    candidates: wp.array(dtype=wp.uint64),
-    ints: wp.array(dtype=wp.int32),
-):
+    candidates: wp.array[wp.uint64],
+    ints: wp.array[wp.int32],
+) -> tuple[wp.int32, wp.float32]:
     """All photons that pass the filters within the radius, or at least the k + 1 nearest of them if they are many.
 
     Returns:
         count of candidates, and the square of the radius that holds them all.
     """
     radius2 = float(radius * radius)
-    count = int(0)
-    stacked = int(1)
+    count = wp.int32(0)
+    stacked = wp.int32(1)
     ints[0] = 0
     while stacked > 0:
-        leaf_count = int(0)
+        leaf_count = wp.int32(0)
         while stacked > 0 and leaf_count <= LEAF_CAPACITY - 8:
             stacked -= 1
             node = ints[stacked]
             child = first_child(node, photons.fan_out)
-            distance2 = _box_distance2(photons.nodes, NODE_ROWS * node, x)
+            distance2 = box_distance2(photons.nodes, NODE_ROWS * node, x)
             if child < photons.inner_count:
                 for c in range(8):
                     ints[stacked & _INT_MASK] = child + c
@@ -270,7 +271,7 @@ def _search(
                     ints[(STACK_CAPACITY + leaf_count) & _INT_MASK] = child + c - photons.inner_count
                     leaf_count += wp.int32(distance2[c] <= radius2)
         for i in range(leaf_count):
-            count = _search_leaf(photons, ints[STACK_CAPACITY + i], x, n, _next_above(radius2), count, candidates)
+            count = _search_leaf(photons, ints[STACK_CAPACITY + i], x, n, next_above(radius2), count, candidates)
             if count > CANDIDATE_CAPACITY - 8:
                 _select(candidates, count, k, radius2, photons.rank, ints)
                 count = k + 1
@@ -284,14 +285,14 @@ def _guess_from_density(photons: PhotonMap, x: wp.vec3, k: wp.int32) -> wp.float
 
     The box is that of the smallest node near x with more than 2 k photons.
     """
-    node = int(0)
+    node = wp.int32(0)
     share = wp.float32(photons.count)
-    area = float(0.0)
+    area = wp.float32(0.0)
     enough = 2.0 * wp.float32(k) + 2.0
-    descend = bool(True)
+    descend = wp.bool(True)
     while descend:
         row = NODE_ROWS * node
-        distance2 = _box_distance2(photons.nodes, row, x)
+        distance2 = box_distance2(photons.nodes, row, x)
         nearest = wp.int32(wp.argmin(distance2))
         ex = photons.nodes[row + 3][nearest] - photons.nodes[row + 0][nearest]
         ey = photons.nodes[row + 4][nearest] - photons.nodes[row + 1][nearest]
@@ -304,13 +305,13 @@ def _guess_from_density(photons: PhotonMap, x: wp.vec3, k: wp.int32) -> wp.float
         node = first_child(node, photons.fan_out) + nearest
         descend = share > enough and node < photons.inner_count
     wanted = wp.float32(k) + 1.0
-    return wp.sqrt((wanted + _SPREAD * wp.sqrt(wanted)) * area / (share * wp.PI))
+    return wp.sqrt((wanted + _SPREAD * wp.sqrt(wanted)) * area / (share * wp.float32(_PI)))
 
 
 @wp.func
 def _weight(n: wp.vec3, s: wp.vec3, d: wp.vec3) -> wp.float32:
-    """Turns flux per true area into irradiance on the shading normal's plane (Veach 1997, section 5.3); 1 if s == n."""
-    return wp.max(wp.dot(s, d), 0.0) / wp.max(wp.dot(n, d), _MIN_ARRIVAL_COS)
+    """Turns flux per true area into irradiance on the shading normal's plane (Veach 1997, section 5.3), bounded."""
+    return wp.min(wp.max(wp.dot(s, d), 0.0) / wp.max(wp.dot(n, d), _MIN_ARRIVAL_COS), ADJOINT_BOUND)
 
 
 @wp.func
@@ -327,7 +328,7 @@ def _contribution(photons: PhotonMap, place: wp.int32, n: wp.vec3, s: wp.vec3, s
 @wp.func
 def _estimate(
     photons: PhotonMap,
-    candidates: wp.array(dtype=wp.uint64),
+    candidates: wp.array[wp.uint64],
     count: wp.int32,
     n: wp.vec3,
     s: wp.vec3,
@@ -335,7 +336,7 @@ def _estimate(
 ) -> wp.vec3:
     """Sum of the contributions of the first `count` candidates over the area of the disc."""
     smooth = s[0] != n[0] or s[1] != n[1] or s[2] != n[2]
-    largest = int(0)
+    largest = wp.int32(0)
     for i in range(count):
         term = _contribution(photons, _key_place(candidates[i]), n, s, smooth)
         largest = wp.max(largest, wp.max(magnitude_bits(term[0]), magnitude_bits(term[1])))
@@ -366,8 +367,8 @@ def gather(
     k: wp.int32,
     r_max: wp.float32,
     guess: wp.float32,
-    candidates: wp.array(dtype=wp.uint64),
-    ints: wp.array(dtype=wp.int32),
+    candidates: wp.array[wp.uint64],
+    ints: wp.array[wp.int32],
 ) -> Gathered:
     """Irradiance at x from the k nearest photons within r_max.
 
@@ -388,9 +389,9 @@ def gather(
     if not radius > 0.0:
         radius = r_max
     radius = wp.clamp(radius, _MIN_RADIUS, r_max)
-    count = int(0)
-    radius2 = float(0.0)
-    searching = bool(True)
+    count = wp.int32(0)
+    radius2 = wp.float32(0.0)
+    searching = wp.bool(True)
     while searching:
         count, radius2 = _search(photons, x, n, k, radius, candidates, ints)
         searching = count <= k and radius < r_max
@@ -416,24 +417,24 @@ def gather(
 @wp.kernel
 def gather_kernel(
     photons: PhotonMap,
-    position: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
-    shading_normal: wp.array(dtype=wp.vec3),
+    position: wp.array[wp.vec3],
+    normal: wp.array[wp.vec3],
+    shading_normal: wp.array[wp.vec3],
     k: wp.int32,
     r_max: wp.float32,
     offset: wp.int32,
     run: wp.int32,
-    irradiance_out: wp.array(dtype=wp.vec3),
-    count_out: wp.array(dtype=wp.int32),
-    radius_out: wp.array(dtype=wp.float32),
-    truncated_out: wp.array(dtype=wp.bool),
-):
-    """Thread t gathers at queries (offset + t) * run .. + run - 1, one after another; those past the end are left out."""
+    irradiance_out: wp.array[wp.vec3],
+    count_out: wp.array[wp.int32],
+    radius_out: wp.array[wp.float32],
+    truncated_out: wp.array[wp.bool],
+) -> None:
+    """Thread t gathers at queries (offset + t) * run .. + run - 1, one after another, as far as there are any."""
     candidates = wp.zeros(shape=(KEY_SCRATCH,), dtype=wp.uint64)
     ints = wp.zeros(shape=(INT_SCRATCH,), dtype=wp.int32)
     begin = (offset + wp.tid()) * run
     end = wp.min(begin + run, position.shape[0])
-    guess = float(0.0)
+    guess = wp.float32(0.0)
     before = wp.vec3(0.0)
     for q in range(begin, end):
         x = position[q]

@@ -1,10 +1,10 @@
 """The photon map: a kd-tree of photons, eight children wide, for range searches with SIMD tests.
 
-The tree is a true kd-tree: every binary node is split at the median of the widest side of its photons' box. It is stored
-without pointers: three binary levels make one node with eight children, whose boxes lie in six rows of eight floats, so
-that one element-wise expression tests all eight. Leaves hold up to eight photons the same way. With 2^B leaves the root
-has 2^(B mod 3) children, or 8, and every other node 8; the children of node i are nodes max(8 i + fan_out - 7, 1) + 0..7,
-level by level, and node `inner_count + j` is leaf j.
+The tree is a true kd-tree: every binary node is split at the median of the widest side of its photons' box. It is
+stored without pointers: three binary levels make one node with eight children, whose boxes lie in six rows of eight
+floats, so that one element-wise expression tests all eight. Leaves hold up to eight photons the same way. With 2^B
+leaves the root has 2^((B - 1) mod 3 + 1) children (1 if B = 0), every other node 8; the children of node i are nodes
+max(8 i + fan_out - 7, 1) + 0 .. 7, level by level, and node `inner_count + j` is leaf j.
 
 What a gather returns never depends on this shape (see gather.py), which is free to change.
 """
@@ -31,9 +31,9 @@ LEAF_ROWS = wp.constant(9)  # position x, y, z, normal x, y, z, direction x, y, 
 _EMPTY = wp.constant(float("inf"))
 
 Launch = Callable[..., None]
-"""Called as launch(kernel, dim=..., inputs=[...], device=...): `wp.launch`, or one that splits dim over threads.
+"""Called as launch(kernel, count, inputs, outputs), like `launch.Launcher`: runs a kernel on the CPU for `count` items.
 
-A kernel given to it takes `offset: int` as its last input, to be added to the thread index.
+The items may be cut into several launches: the first item of each is an argument between inputs and outputs.
 """
 
 
@@ -45,10 +45,10 @@ class PhotonMap:
     fan_out: wp.int32  # children of the root: 1, 2, 4 or 8
     level_count: wp.int32  # levels of inner nodes
     inner_count: wp.int32  # inner nodes
-    nodes: wp.array(dtype=vec8)  # boxes of the children; empty ones are +inf .. -inf  [6 * inner_count]
-    leaves: wp.array(dtype=vec8)  # positions, normals, directions; unused places have normal 0  [9 * leaf count]
-    flux: wp.array(dtype=wp.vec3)  # flux by place in the leaves  [8 * leaf count]
-    rank: wp.array(dtype=wp.int32)  # place in the order of ids, by place in the leaves  [8 * leaf count]
+    nodes: wp.array[vec8]  # boxes of the children; empty ones are +inf .. -inf  [6 * inner_count]
+    leaves: wp.array[vec8]  # positions, normals, directions; unused places have normal 0  [9 * leaf count]
+    flux: wp.array[wp.vec3]  # flux by place in the leaves  [8 * leaf count]
+    rank: wp.array[wp.int32]  # place in the order of ids, by place in the leaves  [8 * leaf count]
 
 
 @wp.struct
@@ -72,7 +72,7 @@ def _segment_begin(segment: wp.int32, segment_bits: wp.int32, count: wp.int32) -
 
 
 @wp.func
-def _widest_axis(records: wp.array(dtype=_Record), begin: wp.int32, end: wp.int32) -> wp.int32:
+def _widest_axis(records: wp.array[_Record], begin: wp.int32, end: wp.int32) -> wp.int32:
     low = wp.vec3(_EMPTY)
     high = wp.vec3(-_EMPTY)
     for i in range(begin, end):
@@ -89,7 +89,7 @@ def _before(coordinate: wp.float32, index: wp.int32, pivot: wp.float32, pivot_in
 
 
 @wp.func
-def _swap(records: wp.array(dtype=_Record), i: wp.int32, j: wp.int32):
+def _swap(records: wp.array[_Record], i: wp.int32, j: wp.int32) -> None:
     r = records[i]
     s = records[j]
     records[i] = s
@@ -97,9 +97,7 @@ def _swap(records: wp.array(dtype=_Record), i: wp.int32, j: wp.int32):
 
 
 @wp.func
-def _median_of_three(
-    records: wp.array(dtype=_Record), axis: wp.int32, i: wp.int32, j: wp.int32, k: wp.int32
-) -> wp.int32:
+def _median_of_three(records: wp.array[_Record], axis: wp.int32, i: wp.int32, j: wp.int32, k: wp.int32) -> wp.int32:
     a = records[i].position[axis]
     b = records[j].position[axis]
     c = records[k].position[axis]
@@ -112,7 +110,7 @@ def _median_of_three(
 
 
 @wp.func
-def _select(records: wp.array(dtype=_Record), axis: wp.int32, begin: wp.int32, end: wp.int32, nth: wp.int32):
+def _select(records: wp.array[_Record], axis: wp.int32, begin: wp.int32, end: wp.int32, nth: wp.int32) -> None:
     """Quickselect: moves records so that those of [begin, nth) come before those of [nth, end) along the axis."""
     low = int(begin)
     high = int(end)
@@ -141,16 +139,16 @@ def _select(records: wp.array(dtype=_Record), axis: wp.int32, begin: wp.int32, e
 
 
 @wp.kernel
-def _fill_records(position: wp.array(dtype=wp.vec3), records: wp.array(dtype=_Record), offset: wp.int32):
+def _fill_records(position: wp.array[wp.vec3], offset: wp.int32, records_out: wp.array[_Record]) -> None:
     i = offset + wp.tid()
     record = _Record()
     record.position = position[i]
     record.index = i
-    records[i] = record
+    records_out[i] = record
 
 
 @wp.kernel
-def _split_level(records: wp.array(dtype=_Record), count: wp.int32, level: wp.int32, offset: wp.int32):
+def _split_level(count: wp.int32, level: wp.int32, offset: wp.int32, records: wp.array[_Record]) -> None:
     """Splits each of the 2^level segments at its median."""
     segment = offset + wp.tid()
     begin = _segment_begin(2 * segment, level + 1, count)
@@ -162,21 +160,21 @@ def _split_level(records: wp.array(dtype=_Record), count: wp.int32, level: wp.in
 
 @wp.kernel
 def _pack_leaves(
-    records: wp.array(dtype=_Record),
-    flux: wp.array(dtype=wp.vec3),
-    normal: wp.array(dtype=wp.vec3),
-    direction: wp.array(dtype=wp.vec3),
-    rank: wp.array(dtype=wp.int32),
+    records: wp.array[_Record],
+    flux: wp.array[wp.vec3],
+    normal: wp.array[wp.vec3],
+    direction: wp.array[wp.vec3],
+    rank: wp.array[wp.int32],
     count: wp.int32,
     leaf_bits: wp.int32,
     children: wp.int32,
     first_parent: wp.int32,
-    nodes_out: wp.array(dtype=vec8),
-    leaves_out: wp.array(dtype=vec8),
-    flux_out: wp.array(dtype=wp.vec3),
-    rank_out: wp.array(dtype=wp.int32),
     offset: wp.int32,
-):
+    nodes_out: wp.array[vec8],
+    leaves_out: wp.array[vec8],
+    flux_out: wp.array[wp.vec3],
+    rank_out: wp.array[wp.int32],
+) -> None:
     """One thread for each parent of leaves: copies its photons into their rows and writes its boxes."""
     parent = offset + wp.tid()
     low_x = vec8(_EMPTY)
@@ -246,8 +244,8 @@ def _pack_leaves(
 
 @wp.kernel
 def _fit_boxes(
-    nodes: wp.array(dtype=vec8), fan_out: wp.int32, children: wp.int32, first_node: wp.int32, offset: wp.int32
-):
+    fan_out: wp.int32, children: wp.int32, first_node: wp.int32, offset: wp.int32, nodes: wp.array[vec8]
+) -> None:
     """The boxes of a node's children enclose those of their children. One thread for each node of a level."""
     i = first_node + offset + wp.tid()
     for axis in range(3):
@@ -279,7 +277,7 @@ def build(
         direction: unit, pointing back to where the photon came from, shape [N, 3].
         id: integers, unique among all photons of the pass, in this map or not, shape [N].
         device: where the map will be used.
-        launch: launches kernels on the CPU, `launch(kernel, dim, inputs)`; may split dim over threads (see `Launch`).
+        launch: runs the kernels, on several threads perhaps (see `Launch`); None for one thread.
 
     Returns:
         PhotonMap.
@@ -303,9 +301,9 @@ def build(
 
     records = wp.empty(count, dtype=_Record, device="cpu")
     place_of = {name: wp.array(value, dtype=wp.vec3, device="cpu", copy=False) for name, value in vectors.items()}
-    run(_fill_records, count, [place_of["position"], records])
+    run(_fill_records, count, [place_of["position"]], [records])
     for level in range(leaf_bits):
-        run(_split_level, 1 << level, [records, count, level])
+        run(_split_level, 1 << level, [count, level], [records])
 
     nodes = wp.empty(6 * inner_count, dtype=vec8, device="cpu")
     leaves = wp.empty(9 * leaf_count, dtype=vec8, device="cpu")
@@ -315,10 +313,11 @@ def build(
     children = fan_out if level_count == 1 else 8
     by_index = [place_of["flux"], place_of["normal"], place_of["direction"], rank]
     sizes = [count, leaf_bits, children, level_begin[level_count - 1]]
-    run(_pack_leaves, leaf_count // children, [records, *by_index, *sizes, nodes, leaves, flux_out, rank_out])
+    outputs = [nodes, leaves, flux_out, rank_out]
+    run(_pack_leaves, leaf_count // children, [records, *by_index, *sizes], outputs)
     for level in reversed(range(level_count - 1)):
         width = level_begin[level + 1] - level_begin[level]
-        run(_fit_boxes, width, [nodes, fan_out, fan_out if level == 0 else 8, level_begin[level]])
+        run(_fit_boxes, width, [fan_out, fan_out if level == 0 else 8, level_begin[level]], [nodes])
 
     photons = PhotonMap()
     photons.count = count
@@ -332,8 +331,8 @@ def build(
     return photons
 
 
-def _launch_whole(kernel: Any, dim: int, inputs: list[Any]) -> None:
-    wp.launch(kernel, dim=dim, inputs=[*inputs, 0], device="cpu")
+def _launch_whole(kernel: Any, count: int, inputs: list[Any], outputs: list[Any]) -> None:
+    wp.launch(kernel, dim=count, inputs=[*inputs, 0, *outputs], device="cpu")
 
 
 def _check(vectors: dict[str, npt.NDArray[np.float32]], ids: npt.NDArray[np.int64]) -> None:

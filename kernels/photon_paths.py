@@ -11,6 +11,7 @@ import warp as wp
 
 from wdpm.kernels.bvh import Bvh, closest_hit
 from wdpm.kernels.cells import Cells, cell_of, next_cell
+from wdpm.kernels.constants import ADJOINT_BOUND
 from wdpm.kernels.triangle import NO_HIT
 from wdpm.kernels.lights import LightTable, cosine_hemisphere, emit
 from wdpm.kernels.random import (
@@ -129,7 +130,7 @@ def scatter_weight(surface: Surface, to_source: wp.vec3, away: wp.vec3) -> wp.ve
     out_shading = wp.dot(surface.shading_normal, away)
     if in_geometric <= 0.0 or out_shading <= 0.0:
         return wp.vec3(0.0)
-    return surface.albedo * ((in_shading / in_geometric) * (out_geometric / out_shading))
+    return surface.albedo * (wp.min(in_shading / in_geometric, ADJOINT_BOUND) * wp.min(out_geometric / out_shading, ADJOINT_BOUND))
 
 
 @wp.kernel

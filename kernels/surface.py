@@ -123,22 +123,48 @@ def face_normal(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3) -> wp.vec3:
 
 
 @wp.func
+def is_smooth(surfaces: Surfaces, row: int) -> bool:
+    """Whether a triangle has normals at its corners to interpolate."""
+    n = surfaces.normals[row, 0]
+    return wp.dot(n, n) > 0.0
+
+
+@wp.func
+def surface_normal(surfaces: Surfaces, row: int) -> wp.vec3:
+    """Unit geometric normal of a triangle's front: the side its vertex normals are on, else the one its winding shows."""
+    normal = face_normal(surfaces.corners[row, 0], surfaces.corners[row, 1], surfaces.corners[row, 2])
+    if is_smooth(surfaces, row):
+        around = surfaces.normals[row, 0] + surfaces.normals[row, 1] + surfaces.normals[row, 2]
+        if wp.dot(normal, around) < 0.0:
+            normal = -normal
+    return normal
+
+
+@wp.func
+def clearance(surfaces: Surfaces, prim: int, position: wp.vec3) -> float:
+    """Distance of a point of a triangle to the nearest of its edges."""
+    row = row_of(surfaces, prim)
+    nearest = float(3.0e38)
+    for corner in range(3):
+        start = surfaces.corners[row, corner]
+        edge = wp.normalize(surfaces.corners[row, (corner + 1) % 3] - start)
+        arm = position - start
+        nearest = wp.min(nearest, wp.length(wp.cross(edge, arm)))
+    return nearest
+
+
+@wp.func
 def surface_at(surfaces: Surfaces, prim: int, u: float, v: float, towards: wp.vec3) -> Surface:
     """The surface at a hit, seen from the direction `towards` (pointing away from the surface)."""
     row = row_of(surfaces, prim)
-    normal = face_normal(surfaces.corners[row, 0], surfaces.corners[row, 1], surfaces.corners[row, 2])
+    normal = surface_normal(surfaces, row)
     shading = normal
-    n0 = surfaces.normals[row, 0]
-    n1 = surfaces.normals[row, 1]
-    n2 = surfaces.normals[row, 2]
-    if wp.dot(n0, n0) > 0.0 and wp.dot(n1, n1) > 0.0 and wp.dot(n2, n2) > 0.0:
-        blend = n0 * (1.0 - u - v) + n1 * u + n2 * v
-        if wp.dot(blend, blend) > 0.0:
+    if is_smooth(surfaces, row):
+        blend = (
+            surfaces.normals[row, 0] * (1.0 - u - v) + surfaces.normals[row, 1] * u + surfaces.normals[row, 2] * v
+        )
+        if wp.dot(blend, normal) > 0.0:
             shading = wp.normalize(blend)
-            # Vertex normals may point against the winding: the normals say where the front is.
-            if wp.dot(normal, shading) < 0.0:
-                normal = -normal
-
     front = wp.dot(normal, towards) > 0.0
     material = surfaces.material[row]
     s = Surface()

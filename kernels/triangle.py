@@ -78,81 +78,109 @@ def inverse_component(d: float) -> float:
     return 1.0 / d
 
 
-@wp.func
-def inverse_direction(direction: wp.vec3) -> wp.vec3:
-    """1 / direction for slab arithmetic: no component is zero, infinite or NaN; -0.0 is like 0.0."""
-    return wp.vec3(inverse_component(direction[0]), inverse_component(direction[1]), inverse_component(direction[2]))
+@wp.struct
+class Ray:
+    """A ray and what all boxes and triangles need of it, computed once.
+
+    Attributes:
+        origin, direction: as given.
+        inverse: 1 / direction for slab arithmetic: no component is zero, infinite or NaN; -0.0 is like 0.0.
+        inverse_leave: the same, scaled by EXIT_SCALE: for the faces where the ray leaves a box.
+        shear_x, shear_y, shear_z: rows of the matrix that turns the direction into the unit z axis.
+    """
+
+    origin: wp.vec3
+    direction: wp.vec3
+    inverse: wp.vec3
+    inverse_leave: wp.vec3
+    shear_x: wp.vec3d
+    shear_y: wp.vec3d
+    shear_z: wp.vec3d
 
 
 @wp.func
-def shear_row(axis: int, along: int, slope: wp.float64) -> wp.vec3d:
-    """The row that maps a corner to its coordinate `axis`, less `slope` times the coordinate `along`."""
-    row = wp.vec3d()
-    row[axis] = wp.float64(1.0)
-    row[along] = -slope
-    return row
+def make_ray(origin: wp.vec3, direction: wp.vec3) -> Ray:
+    """Prepare a ray; the direction need not have length 1."""
+    x = direction[0]
+    y = direction[1]
+    z = direction[2]
+    zero = wp.float64(0.0)
+    one = wp.float64(1.0)
+    ray = Ray()
+    ray.origin = origin
+    ray.direction = direction
+    ray.inverse = wp.vec3(inverse_component(x), inverse_component(y), inverse_component(z))
+    ray.inverse_leave = ray.inverse * EXIT_SCALE
+    # Shearing along the longest axis keeps the slopes at most 1.
+    if wp.abs(x) >= wp.abs(y) and wp.abs(x) >= wp.abs(z):
+        per = one / wp.float64(x)
+        ray.shear_x = wp.vec3d(-wp.float64(y) * per, one, zero)
+        ray.shear_y = wp.vec3d(-wp.float64(z) * per, zero, one)
+        ray.shear_z = wp.vec3d(per, zero, zero)
+    elif wp.abs(y) >= wp.abs(z):
+        per = one / wp.float64(y)
+        ray.shear_x = wp.vec3d(zero, -wp.float64(z) * per, one)
+        ray.shear_y = wp.vec3d(one, -wp.float64(x) * per, zero)
+        ray.shear_z = wp.vec3d(zero, per, zero)
+    else:
+        per = one / wp.float64(z)
+        ray.shear_x = wp.vec3d(one, zero, -wp.float64(x) * per)
+        ray.shear_y = wp.vec3d(zero, one, -wp.float64(y) * per)
+        ray.shear_z = wp.vec3d(zero, zero, per)
+    return ray
 
 
 @wp.func
-def intersect_triangle(
-    a: wp.vec3, b: wp.vec3, c: wp.vec3, origin: wp.vec3, direction: wp.vec3, inverse: wp.vec3, pad: float
-) -> wp.vec3:
+def intersect_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3, ray: Ray, pad: float) -> wp.vec3:
     """The hit of a ray with one triangle, both faces, edges included.
 
     Args:
         a, b, c: the corners.
-        origin, direction: the ray; the direction need not have length 1.
-        inverse: inverse_direction(direction).
+        ray: the ray.
         pad: how far the triangle's box is grown on every side; one number for the whole scene.
 
     Returns:
         (t, u, v): t > 0 in units of the direction, NO_HIT on a miss; u and v weigh corners b and c.
     """
     miss = wp.vec3(NO_HIT, 0.0, 0.0)
-
-    # The axis along which the ray is longest keeps |slope| <= 1.
-    kz = int(0)
-    if wp.abs(direction[1]) > wp.abs(direction[0]):
-        kz = 1
-    if wp.abs(direction[2]) > wp.abs(direction[kz]):
-        kz = 2
-    kx = (kz + 1) % 3
-    ky = (kz + 2) % 3
-    dz = wp.float64(direction[kz])
-    row_x = shear_row(kx, kz, wp.float64(direction[kx]) / dz)
-    row_y = shear_row(ky, kz, wp.float64(direction[ky]) / dz)
-
-    o = wp.vec3d(origin)
+    o = wp.vec3d(ray.origin)
     pa = wp.vec3d(a) - o
     pb = wp.vec3d(b) - o
     pc = wp.vec3d(c) - o
-    ax = wp.dot(row_x, pa)
-    ay = wp.dot(row_y, pa)
-    bx = wp.dot(row_x, pb)
-    by = wp.dot(row_y, pb)
-    cx = wp.dot(row_x, pc)
-    cy = wp.dot(row_y, pc)
+    ax = wp.dot(ray.shear_x, pa)
+    ay = wp.dot(ray.shear_y, pa)
+    bx = wp.dot(ray.shear_x, pb)
+    by = wp.dot(ray.shear_y, pb)
+    cx = wp.dot(ray.shear_x, pc)
+    cy = wp.dot(ray.shear_y, pc)
 
     u = cx * by - cy * bx  # weight of a
     v = ax * cy - ay * cx  # weight of b
     w = bx * ay - by * ax  # weight of c
     zero = wp.float64(0.0)
-    if wp.min(u, wp.min(v, w)) < zero and wp.max(u, wp.max(v, w)) > zero:
+    if (u < zero or v < zero or w < zero) and (u > zero or v > zero or w > zero):
         return miss
     det = u + v + w
     if det == zero:
         return miss  # a needle seen from its side, or no area at all
-    t = float((u * pa[kz] + v * pb[kz] + w * pc[kz]) / (det * dz))
+    per = wp.float64(1.0) / det
+    t = float((u * wp.dot(ray.shear_z, pa) + v * wp.dot(ray.shear_z, pb) + w * wp.dot(ray.shear_z, pc)) * per)
 
     low = wp.min(a, wp.min(b, c)) - wp.vec3(pad)
     high = wp.max(a, wp.max(b, c)) + wp.vec3(pad)
-    to_low = wp.cw_mul(low - origin, inverse)
-    to_high = wp.cw_mul(high - origin, inverse)
-    enter = wp.max(wp.min(to_low, to_high))
-    leave = wp.min(wp.max(to_low, to_high)) * EXIT_SCALE
+    enter = float(-NO_HIT)
+    leave = float(NO_HIT)
+    for axis in range(3):
+        near = low[axis]
+        far = high[axis]
+        if ray.inverse[axis] < 0.0:
+            near = high[axis]
+            far = low[axis]
+        enter = wp.max(enter, (near - ray.origin[axis]) * ray.inverse[axis])
+        leave = wp.min(leave, (far - ray.origin[axis]) * ray.inverse_leave[axis])
     if not (enter <= leave):
         return miss
     t = wp.min(wp.max(t, enter), leave)
     if not (t > 0.0 and t < NO_HIT):
         return miss
-    return wp.vec3(t, float(v / det), float(w / det))
+    return wp.vec3(t, float(v * per), float(w * per))

@@ -1,6 +1,8 @@
 """The Cornell box as it was measured.
 
-Cornell University Program of Computer Graphics, "Cornell Box Data", 1998 (www.graphics.cornell.edu/online/box/data.html).
+Cornell University Program of Computer Graphics, "Cornell Box Data", 1998
+(www.graphics.cornell.edu/online/box/data.html).
+
 The colours are the usual linear RGB approximations of the measured spectra.
 """
 
@@ -64,7 +66,7 @@ _LAMP_QUAD: _Quad = (
 
 
 def cornell_box(size: tuple[int, int] | None = None) -> Scene:
-    """The Cornell box: 32 triangles and a lamp of 2, seen by the camera of the measurement. Lengths in millimetres.
+    """The Cornell box: 30 triangles and a lamp of 2, seen by the camera of the measurement. Lengths in millimetres.
 
     Args:
         size: width and height of the image in pixels; 512x512 by default.

@@ -1,4 +1,4 @@
-"""A camera and lights for scenes that come without: the whole bounding box in view, from the front and a little above."""
+"""A camera and lights for scenes that come without: all of it in view, from the front and a little above."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ FLOOR_SIZE = 8.0  # half its side: its edge is out of sight
 LAMP_SIZE = 1.0  # half its side: large enough for soft shadows
 LAMP_DISTANCE = 4.0
 
-# Direction from the scene's middle, and radiance. A lamp's irradiance at the middle is about radiance * (2 / 4)²; the two
-# together give about pi there, so a white surface that faces them has radiance 1.
+# Direction from the scene's middle, and radiance. A lamp's irradiance there is about radiance * (2 / 4)²; the two
+# together give about 1.5 pi there, so grey that faces them is about as bright as paper in a photograph.
 _LAMPS: dict[str, tuple[tuple[float, float, float], RGB]] = {
-    "key lamp": ((-0.7, 1.0, 0.8), (9.5, 9.2, 8.7)),
-    "fill lamp": ((1.0, 0.7, 0.5), (2.8, 3.0, 3.4)),
+    "key lamp": ((-0.7, 1.0, 0.8), (14.5, 14.0, 13.2)),
+    "fill lamp": ((1.0, 0.7, 0.5), (4.4, 4.7, 5.3)),
 }
 
 
@@ -85,7 +85,7 @@ def framed_scene(
     size: tuple[int, int] | None,
     warnings: Sequence[str],
 ) -> Scene:
-    """A scene of meshes that came without a camera: framed, and lit by two large soft lamps above a floor if nothing in it glows.
+    """A scene of meshes that came without a camera: framed, and on a floor under two soft lamps if nothing in it glows.
 
     What is added is said in Scene.warnings.
     """
@@ -97,10 +97,8 @@ def framed_scene(
         return Scene(name, tuple(meshes), tuple(materials), (), camera, warnings=(*warnings, note))
     camera = framing_camera(meshes, size)
     stage, stage_materials = stage_for(low, high, first_material=len(materials))
-    note = "no camera and no lights in the file: it is framed from the front, put on a grey floor and lit by two soft lamps"
-    return Scene(
-        name, (*meshes, *stage), (*materials, *stage_materials), (), camera, warnings=(*warnings, note)
-    )
+    note = "no camera and no lights in the file: framed from the front, put on a grey floor and lit by two soft lamps"
+    return Scene(name, (*meshes, *stage), (*materials, *stage_materials), (), camera, warnings=(*warnings, note))
 
 
 def stage_for(

@@ -44,7 +44,12 @@ class Triangles:
     def take(self, rows: NDArray[np.intp]) -> Triangles:
         """Some of the triangles; rows ascending."""
         return Triangles(
-            self.ids[rows], self.positions[rows], self.normals[rows], self.uvs[rows], self.material[rows], self.emitter[rows]
+            self.ids[rows],
+            self.positions[rows],
+            self.normals[rows],
+            self.uvs[rows],
+            self.material[rows],
+            self.emitter[rows],
         )
 
 
@@ -168,7 +173,7 @@ def _corner_normals(mesh: Mesh) -> NDArray[np.float32]:
         return np.zeros((len(mesh.faces), 3, 3), dtype=np.float32)
     normals = normalized(mesh.normals).astype(np.float32)[mesh.faces]
     # a normal that is missing at one corner cannot be interpolated: the triangle is flat
-    normals[~normals.any(axis=2).all(axis=1)] = 0.0
+    normals[~np.any(normals != 0, axis=2).all(axis=1)] = 0.0
     return normals
 
 
@@ -180,14 +185,16 @@ def _joined(parts: Sequence[Triangles]) -> Triangles:
 def _without_degenerate(soup: Triangles) -> tuple[Triangles, dict[str, int]]:
     """Drops triangles that have no area and numbers the others."""
     cause = _degenerate_cause(soup.positions)
-    dropped = {name: int(np.sum(cause == code)) for code, name in enumerate((NON_FINITE, ZERO_AREA, NO_NORMAL), start=1)}
+    dropped = {
+        name: int(np.sum(cause == code)) for code, name in enumerate((NON_FINITE, ZERO_AREA, NO_NORMAL), start=1)
+    }
     kept = soup if not cause.any() else soup.take(np.flatnonzero(cause == 0))
     numbered = replace(kept, ids=np.arange(len(kept), dtype=np.int32))
     return numbered, {name: count for name, count in dropped.items() if count}
 
 
 def _degenerate_cause(positions: NDArray[np.float32]) -> NDArray[np.int8]:
-    """0 for proper triangles, 1 for non-finite ones, 2 for zero area, 3 where single precision finds no normal; shape [T]."""
+    """Why triangles are dropped, shape [T]: 0 not, 1 not finite, 2 zero area, 3 no normal in single precision."""
     cause = np.zeros(len(positions), dtype=np.int8)
     with np.errstate(invalid="ignore", over="ignore", under="ignore"):
         cross = np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])

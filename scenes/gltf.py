@@ -1,8 +1,9 @@
-"""Reads glTF 2.0 scenes (.gltf and .glb): triangles, node transforms, diffuse materials, emission, cameras and point lights.
+"""Reads glTF 2.0 scenes (.gltf and .glb): triangles, nodes, diffuse materials, emission, cameras and point lights.
 
-Format: Khronos Group, "glTF 2.0 Specification", and the extensions KHR_lights_punctual, KHR_materials_emissive_strength and
-KHR_texture_transform. Lengths are metres. Photometric values are taken over as they are: one candela becomes one W/sr and one
-nit one W/(m² sr), so emissive surfaces and lights keep their ratio, and the picture is in candelas per square metre.
+Format: Khronos Group, "glTF 2.0 Specification", and the extensions KHR_lights_punctual,
+KHR_materials_emissive_strength and KHR_texture_transform. Lengths are metres. Photometric values are taken over as they
+are: one candela becomes one W/sr and one nit one W/(m² sr), so emissive surfaces and lights keep their ratio, and the
+picture is in candelas per square metre.
 """
 
 from __future__ import annotations
@@ -76,7 +77,9 @@ class _Reader:
             camera = self._read_camera(size)
             if not self.lights and all(mesh.emission is None for mesh in self.meshes):
                 return self._lit(name, materials, camera)
-        return Scene(name, tuple(self.meshes), tuple(materials), tuple(self.lights), camera, warnings=tuple(self.warnings))
+        return Scene(
+            name, tuple(self.meshes), tuple(materials), tuple(self.lights), camera, warnings=tuple(self.warnings)
+        )
 
     def _lit(self, name: str, materials: list[Any], camera: Camera) -> Scene:
         """A scene that has a camera but no light: a lamp at the camera, so that what it sees is lit."""
@@ -95,10 +98,10 @@ class _Reader:
 
     def _nodes(self) -> Iterator[tuple[str, dict[str, Any], Matrix]]:
         """All nodes of the default scene with their transform to world space."""
-        stack: list[tuple[Any, Matrix, int]] = [(root, np.eye(4), 0) for root in reversed(self._roots())]
+        stack: list[tuple[Any, Matrix]] = [(root, np.eye(4)) for root in reversed(self._roots())]
         visited: set[int] = set()
         while stack:
-            index, parent, depth = stack.pop()
+            index, parent = stack.pop()
             node = self.gltf.item("nodes", index)
             if index in visited:
                 raise self.gltf.error(f"broken glTF: nodes[{index}] has two parents or is its own ancestor")
@@ -106,13 +109,15 @@ class _Reader:
             to_world = parent @ self._local(node, index)
             yield self.gltf.get(node, "name", str, f"node {index}"), node, to_world
             children = self.gltf.get(node, "children", list, [])
-            stack.extend((child, to_world, depth + 1) for child in reversed(children))
+            stack.extend((child, to_world) for child in reversed(children))
 
     def _roots(self) -> list[Any]:
         if self.gltf.count("scenes"):
             return list(self.gltf.get(self.gltf.item("scenes", self.gltf.json.get("scene", 0)), "nodes", list, []))
         nodes = [self.gltf.item("nodes", index) for index in range(self.gltf.count("nodes"))]
-        children = {child for node in nodes for child in self.gltf.get(node, "children", list, []) if isinstance(child, int)}
+        children = {
+            child for node in nodes for child in self.gltf.get(node, "children", list, []) if isinstance(child, int)
+        }
         return [index for index in range(len(nodes)) if index not in children]
 
     def _local(self, node: dict[str, Any], index: Any) -> Matrix:
@@ -164,8 +169,9 @@ class _Reader:
                 self._warn_once(f'mesh "{name}": {what} are ignored')
         number = self.materials.read(primitive.get("material"))
         entry = self.materials.materials[number]
-        vertices = self._attribute(attributes, "POSITION", 3, None)
-        assert vertices is not None
+        vertices = self.gltf.accessor(attributes["POSITION"]).astype(np.float64)
+        if vertices.shape[1] != 3:
+            raise self.gltf.error(f"broken glTF: POSITION has {vertices.shape[1]} components, expected 3")
         data = MeshData(
             vertices,
             self._faces(primitive, mode, len(vertices), name),
@@ -184,14 +190,12 @@ class _Reader:
         mirrored = np.linalg.det(to_world[:3, :3]) < 0
         return moved.flipped() if mirrored and data.normals is None else moved
 
-    def _attribute(
-        self, attributes: dict[str, Any], key: str, width: int, count: int | None
-    ) -> NDArray[np.float64] | None:
+    def _attribute(self, attributes: dict[str, Any], key: str, width: int, count: int) -> NDArray[np.float64] | None:
         if key not in attributes:
             return None
         values = self.gltf.accessor(attributes[key]).astype(np.float64)
-        if values.shape[1] != width or count not in (None, len(values)):
-            raise self.gltf.error(f"broken glTF: {key} has shape {values.shape}, expected ({count or 'any'}, {width})")
+        if values.shape[1] != width or len(values) != count:
+            raise self.gltf.error(f"broken glTF: {key} has shape {values.shape}, expected ({count}, {width})")
         return values
 
     def _faces(self, primitive: dict[str, Any], mode: int, vertex_count: int, name: str) -> NDArray[np.int64]:
@@ -201,17 +205,18 @@ class _Reader:
             indices = np.arange(vertex_count)
         if len(indices) and not 0 <= indices.min() <= indices.max() < vertex_count:
             raise self.gltf.error(f'mesh "{name}": an index is out of range (there are {vertex_count} vertices)')
-        match mode:
-            case 4:
-                if len(indices) % 3:
-                    raise self.gltf.error(f'mesh "{name}": {len(indices)} indices do not make whole triangles')
-                return indices.reshape(-1, 3)
-            case 5:
-                strip = np.stack([indices[:-2], indices[1:-1], indices[2:]], axis=1)
-                strip[1::2] = strip[1::2, [1, 0, 2]]  # every other triangle of a strip is the other way round
-                return strip
-            case 6:
-                return np.stack([np.full(max(len(indices) - 2, 0), indices[0]), indices[1:-1], indices[2:]], axis=1)
+        if mode == _TRIANGLES:
+            if len(indices) % 3:
+                raise self.gltf.error(f'mesh "{name}": {len(indices)} indices do not make whole triangles')
+            return indices.reshape(-1, 3)
+        if mode in (_STRIP, _FAN) and len(indices) < 3:
+            return np.zeros((0, 3), dtype=np.int64)
+        if mode == _STRIP:
+            strip = np.stack([indices[:-2], indices[1:-1], indices[2:]], axis=1)
+            strip[1::2] = strip[1::2, [1, 0, 2]]  # every other triangle of a strip is the other way round
+            return strip
+        if mode == _FAN:
+            return np.stack([np.full(len(indices) - 2, indices[0]), indices[1:-1], indices[2:]], axis=1)
         raise self.gltf.error(f'mesh "{name}": primitives of mode {mode} do not exist')
 
     def _read_light(self, name: str, index: Any, to_world: Matrix) -> None:
@@ -233,7 +238,8 @@ class _Reader:
         for other, _, _ in self.cameras[1:]:
             self.warnings.append(f'the file has {len(self.cameras)} cameras: "{other}" is ignored, the first is used')
         if camera.get("type") != "perspective":
-            raise self.gltf.error(f'camera "{name}": type "{camera.get("type")}" is not supported yet; supported: perspective')
+            kind = camera.get("type")
+            raise self.gltf.error(f'camera "{name}": type "{kind}" is not supported yet; supported: perspective')
         perspective = self.gltf.get(camera, "perspective", dict, {})
         aspect = self.gltf.number(perspective, "aspectRatio", 1.0)
         fov_y = self.gltf.number(perspective, "yfov", 0.0)
@@ -246,7 +252,7 @@ class _Reader:
 
 
 def _camera_to_world(node: Matrix) -> Matrix:
-    """glTF's cameras look along -z with +x to the right; ours look along +z with +x to the left. Scale does not count."""
+    """glTF's cameras look along -z with +x to the right; ours along +z with +x to the left. Scale does not count."""
     matrix = node @ np.diag([-1.0, 1.0, -1.0, 1.0])
     matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)
     return np.asarray(matrix)

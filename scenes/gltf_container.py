@@ -56,7 +56,7 @@ class GltfFile:
     def get(self, owner: dict[str, Any], key: str, kind: type | tuple[type, ...], default: Any) -> Any:
         """A property of the right JSON type, or the default."""
         value = owner.get(key, default)
-        if value is not default and (not isinstance(value, kind) or isinstance(value, bool) and kind is not bool):
+        if value is not default and (not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool)):
             raise self.error(f'broken glTF: "{key}" is {json.dumps(value)[:60]}')
         return value
 
@@ -116,7 +116,9 @@ class GltfFile:
         if size > 1 << 30:
             raise self.error(f"broken glTF: an accessor without data announces {size} bytes")
 
-    def _strided(self, view_index: Any, offset: int, dtype: np.dtype[Any], count: int, width: int) -> NDArray[np.generic]:
+    def _strided(
+        self, view_index: Any, offset: int, dtype: np.dtype[Any], count: int, width: int
+    ) -> NDArray[np.generic]:
         view = self.item("bufferViews", view_index)
         data = self.view_bytes(view_index)
         row = dtype.itemsize * width
@@ -166,7 +168,9 @@ class GltfFile:
                 raise self.error(f"broken glTF: buffers[{index}] has no data")
             length = self.get(buffer, "byteLength", int, 0)
             if length > len(self._buffers[index]):
-                raise self.error(f"buffers[{index}] has {len(self._buffers[index])} bytes instead of {length}: truncated")
+                raise self.error(
+                    f"buffers[{index}] has {len(self._buffers[index])} bytes instead of {length}: truncated"
+                )
         return self._buffers[index]
 
     def uri_bytes(self, uri: str) -> bytes:

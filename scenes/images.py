@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
+from typing import Any
 
 import imageio.v3 as imageio
 import numpy as np
@@ -17,7 +18,7 @@ def read_texture(file: Path, *, raw: bool) -> NDArray[np.float32]:
     """The pixels of an image file.
 
     Args:
-        raw: leave the numbers as they are; otherwise 8 and 16-bit files are decoded from sRGB. EXR, HDR and PFM are linear anyway.
+        raw: leave the numbers as they are; otherwise 8 and 16-bit files are decoded from sRGB. EXR and HDR are linear.
 
     Returns:
         linear RGB, shape [height, width, 3]; alpha is dropped and grey is spread over three channels.
@@ -34,15 +35,17 @@ def decode_texture(data: bytes, name: str, *, raw: bool) -> NDArray[np.float32]:
     return _decode(_read_any(data, name, None), name, raw=raw)
 
 
-def _read_any(data: bytes, name: str, suffix: str | None) -> NDArray[np.generic]:
+def _read_any(data: bytes, name: str, suffix: str | None) -> NDArray[Any]:
     try:
-        return np.asarray(imageio.imread(io.BytesIO(data), extension=suffix, index=0))
+        return np.asarray(
+            imageio.imread(io.BytesIO(data), index=0, **({} if suffix is None else {"extension": suffix}))
+        )
     except Exception as error:  # imageio and its plugins promise no exception types
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise SceneError(f"cannot be read as an image: {reason}", name) from error
 
 
-def _decode(pixels: NDArray[np.generic], name: str, *, raw: bool) -> NDArray[np.float32]:
+def _decode(pixels: NDArray[Any], name: str, *, raw: bool) -> NDArray[np.float32]:
     if pixels.dtype == np.bool_:
         pixels = pixels.astype(np.uint8) * np.uint8(255)
     if np.issubdtype(pixels.dtype, np.integer):
@@ -79,7 +82,9 @@ def _checked(pixels: NDArray[np.float32], name: str | Path) -> NDArray[np.float3
 def _read_exr(file: Path) -> NDArray[np.float32]:
     try:
         with OpenEXR.File(str(file), separate_channels=True) as image:
-            channels = {name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in image.channels().items()}
+            channels = {
+                name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in image.channels().items()
+            }
     except Exception as error:  # OpenEXR raises RuntimeError and others
         raise SceneError(f"cannot be read as EXR: {str(error).splitlines()[0]}", file) from error
     for names in (("R", "G", "B"), ("Y", "Y", "Y")):

@@ -83,9 +83,14 @@ def merge_corners(*columns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArr
         corner_vertex: for every corner its vertex, shape [N].
     """
     code = np.zeros(len(columns[0]), dtype=np.int64)
+    size = 1  # codes are below it
     for column in columns:
-        _, compact = np.unique(column, return_inverse=True)
-        _, code = np.unique(code * (int(compact.max(initial=0)) + 1) + compact, return_inverse=True)
+        low, high = int(column.min(initial=0)), int(column.max(initial=0))
+        if size * (high - low + 1) >= 1 << 62:  # the product of all ranges would overflow
+            _, code = np.unique(code, return_inverse=True)
+            size = len(code)
+        code = code * (high - low + 1) + (column - low)
+        size *= high - low + 1
     _, first, inverse = np.unique(code, return_index=True, return_inverse=True)
     order = np.argsort(first, kind="stable")
     rank = np.empty_like(order)

@@ -95,7 +95,9 @@ class MaterialReader:
 
     @staticmethod
     def _check_gamma(plugin: Plugin) -> None:
-        error = plugin.value_error("gamma", "other than -1 (by the file's type) is not supported; use raw for linear data")
+        error = plugin.value_error(
+            "gamma", "other than -1 (by the file's type) is not supported; use raw for linear data"
+        )
         if plugin.take_float("gamma", -1.0) != -1.0:
             raise error
 

@@ -67,7 +67,9 @@ class Plugin:
         if child.tag in VALUE_TAGS:
             name = snake_case(child.attribute("name"))
             if name in self._values:
-                raise child.error(f'{self}: parameter "{name}" is given twice (first in line {self._values[name].line})')
+                raise child.error(
+                    f'{self}: parameter "{name}" is given twice (first in line {self._values[name].line})'
+                )
             self._values[name] = child
         elif child.tag == "ref":
             self._nested.append((snake_case(child.attributes.get("name", "")), self.document.referenced(child)))

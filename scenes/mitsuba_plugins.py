@@ -11,37 +11,125 @@ SUPPORTED: dict[str, tuple[str, ...]] = {
     "film": ("hdrfilm", "ldrfilm", "mfilm"),
     "rfilter": ("box", "gaussian"),
     "sampler": ("independent", "stratified", "multijitter", "orthogonal", "ldsampler", "halton", "hammersley", "sobol"),
+    # what these do to the paths they find differs, but not which paths there are up to max_depth
     "integrator": (
-        # what these do to the paths they find differs, but not which paths there are up to max_depth
-        ("path", "volpath", "volpathmis", "volpath_simple", "direct", "ptracer", "bdpt", "pssmlt", "mlt", "erpt")
-        + ("photonmapper", "ppm", "sppm", "vpl", "prb", "prb_basic", "prbvolpath", "direct_projective")
-        + ("prb_projective", "aov", "moment", "adaptive", "irrcache", "batch")
+        "path",
+        "volpath",
+        "volpathmis",
+        "volpath_simple",
+        "direct",
+        "ptracer",
+        "bdpt",
+        "pssmlt",
+        "mlt",
+        "erpt",
+        "photonmapper",
+        "ppm",
+        "sppm",
+        "vpl",
+        "prb",
+        "prb_basic",
+        "prbvolpath",
+        "direct_projective",
+        "prb_projective",
+        "aov",
+        "moment",
+        "adaptive",
+        "irrcache",
+        "batch",
     ),
 }
 
 # Mitsuba 3.9 and Mitsuba 0.6 together, without the supported ones
 _KNOWN: dict[str, tuple[str, ...]] = {
     "shape": (
-        ("instance", "shapegroup", "merge", "bsplinecurve", "linearcurve", "sdfgrid", "ellipsoids", "ellipsoidsmesh")
-        + ("blender", "hair", "heightfield", "deformable", "animatedinstance")
+        "instance",
+        "shapegroup",
+        "merge",
+        "bsplinecurve",
+        "linearcurve",
+        "sdfgrid",
+        "ellipsoids",
+        "ellipsoidsmesh",
+        "blender",
+        "hair",
+        "heightfield",
+        "deformable",
+        "animatedinstance",
     ),
     "bsdf": (
-        ("conductor", "roughconductor", "dielectric", "roughdielectric", "thindielectric", "plastic", "roughplastic")
-        + ("pplastic", "principled", "principledthin", "blendbsdf", "mask", "bumpmap", "normalmap", "null", "hair")
-        + ("measured", "measured_polarized", "polarizer", "circular", "retarder", "roughdiffuse", "coating")
-        + ("roughcoating", "phong", "ward", "mixturebsdf", "difftrans", "hk", "irawan")
+        "conductor",
+        "roughconductor",
+        "dielectric",
+        "roughdielectric",
+        "thindielectric",
+        "plastic",
+        "roughplastic",
+        "pplastic",
+        "principled",
+        "principledthin",
+        "blendbsdf",
+        "mask",
+        "bumpmap",
+        "normalmap",
+        "null",
+        "hair",
+        "measured",
+        "measured_polarized",
+        "polarizer",
+        "circular",
+        "retarder",
+        "roughdiffuse",
+        "coating",
+        "roughcoating",
+        "phong",
+        "ward",
+        "mixturebsdf",
+        "difftrans",
+        "hk",
+        "irawan",
     ),
     "texture": (
-        ("checkerboard", "mesh_attribute", "volume", "blackbody", "d65", "irregular", "regular", "uniform", "srgb")
-        + ("rawconstant", "gridtexture", "scale", "vertexcolors", "wireframe", "curvature")
+        "checkerboard",
+        "mesh_attribute",
+        "volume",
+        "blackbody",
+        "d65",
+        "irregular",
+        "regular",
+        "uniform",
+        "srgb",
+        "rawconstant",
+        "gridtexture",
+        "scale",
+        "vertexcolors",
+        "wireframe",
+        "curvature",
     ),
     "emitter": (
-        ("constant", "envmap", "spot", "projector", "directional", "directionalarea", "sunsky", "timed_sunsky", "sky")
-        + ("sun", "collimated")
+        "constant",
+        "envmap",
+        "spot",
+        "projector",
+        "directional",
+        "directionalarea",
+        "sunsky",
+        "timed_sunsky",
+        "sky",
+        "sun",
+        "collimated",
     ),
     "sensor": (
-        ("thinlens", "orthographic", "radiancemeter", "irradiancemeter", "distant", "batch", "telecentric", "spherical")
-        + ("fluencemeter", "perspective_rdist")
+        "thinlens",
+        "orthographic",
+        "radiancemeter",
+        "irradiancemeter",
+        "distant",
+        "batch",
+        "telecentric",
+        "spherical",
+        "fluencemeter",
+        "perspective_rdist",
     ),
     "film": ("specfilm", "tiledhdrfilm"),
     "rfilter": ("tent", "mitchell", "catmullrom", "lanczos"),

@@ -14,9 +14,21 @@ DEFAULT_SIZE: Size = (768, 576)  # Mitsuba's
 FILM_DIAGONAL = math.hypot(36.0, 24.0)  # mm, of the 35 mm film that focal lengths refer to
 _FOV_AXES = ("x", "y", "diagonal", "smaller", "larger")
 
-_FILE_FORMAT_PARAMETERS = (  # what the written file looks like, which is --output's business here
-    ("file_format", "pixel_format", "component_format", "banner", "attach_log", "gamma", "exposure", "tonemap_method")
-    + ("key", "burn", "variable", "digits", "channel_names")
+# what the written file looks like, which is --output's business here
+_FILE_FORMAT_PARAMETERS = (
+    "file_format",
+    "pixel_format",
+    "component_format",
+    "banner",
+    "attach_log",
+    "gamma",
+    "exposure",
+    "tonemap_method",
+    "key",
+    "burn",
+    "variable",
+    "digits",
+    "channel_names",
 )
 
 
@@ -27,7 +39,9 @@ def read_sensor(plugin: Plugin, size: Size | None, warnings: list[str]) -> tuple
         size: width and height that replace the film's.
     """
     film = plugin.take_one("film")
-    (width, height), pixel_filter = (size or DEFAULT_SIZE, _gaussian(0.5)) if film is None else _read_film(film, size, warnings)
+    (width, height), pixel_filter = (
+        (size or DEFAULT_SIZE, _gaussian(0.5)) if film is None else _read_film(film, size, warnings)
+    )
     sampler = plugin.take_one("sampler")
     fov = _read_fov(plugin, width / height)
     near, far = plugin.take_positive("near_clip", 1e-2), plugin.take_positive("far_clip", 1e4)
@@ -35,8 +49,8 @@ def read_sensor(plugin: Plugin, size: Size | None, warnings: list[str]) -> tuple
         raise plugin.error(f"{plugin}: near_clip ({near:g}) must be less than far_clip ({far:g})")
     # Mitsuba adds its offset to the position on the film, which moves the optical centre the other way
     offset = -plugin.take_float("principal_point_offset_x", 0.0), -plugin.take_float("principal_point_offset_y", 0.0)
-    for name in plugin.ignore("shutter_open", "shutter_close", "focus_distance", "srf"):
-        warnings.append(f"{plugin}: {name} is ignored: nothing moves, and everything is in focus")
+    ignored = plugin.ignore("shutter_open", "shutter_close", "focus_distance", "srf")
+    warnings.extend(f"{plugin}: {name} is ignored: nothing moves, and everything is in focus" for name in ignored)
     camera = Camera(_read_to_world(plugin), fov, width, height, near, far, offset, pixel_filter)
     plugin.finish()
     return camera, None if sampler is None else _read_sampler(sampler)
@@ -99,10 +113,12 @@ def _read_film(plugin: Plugin, size: Size | None, warnings: list[str]) -> tuple[
     width, height = _read_extent(plugin, "width", DEFAULT_SIZE[0]), _read_extent(plugin, "height", DEFAULT_SIZE[1])
     for name in ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height", "crop_window"):
         if plugin.has(name):
-            raise plugin.value_error(name, "is not supported yet: crop windows come later; remove it to render the whole image")
+            raise plugin.value_error(
+                name, "is not supported yet: crop windows come later; remove it to render the whole image"
+            )
     plugin.ignore(*_FILE_FORMAT_PARAMETERS)
-    for name in plugin.ignore("sample_border", "high_quality_edges", "compensate"):
-        warnings.append(f"{plugin}: {name} is ignored")
+    ignored = plugin.ignore("sample_border", "high_quality_edges", "compensate")
+    warnings.extend(f"{plugin}: {name} is ignored" for name in ignored)
     pixel_filter = plugin.take_one("rfilter")
     plugin.finish()
     return size or (width, height), _gaussian(0.5) if pixel_filter is None else _read_filter(pixel_filter)
@@ -152,7 +168,7 @@ def read_integrator(plugin: Plugin, warnings: list[str]) -> int | None:
         nested = plugin.take_nested("integrator")
         ignored = plugin.ignore_values()
         plugin.finish()
-        warnings.append(f'{plugin} is ignored{_listed(ignored)}; wdpm renders by photon mapping')
+        warnings.append(f"{plugin} is ignored{_listed(ignored)}; wdpm renders by photon mapping")
         if len(nested) != 1:
             raise plugin.error(f"{plugin}: expected one nested integrator, got {len(nested)}")
         return read_integrator(nested[0], warnings)

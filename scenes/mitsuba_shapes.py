@@ -101,7 +101,7 @@ def _read_cylinder(plugin: Plugin) -> MeshData:
 
 
 def _coordinate_system(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two vectors that complete n to a right-handed frame, the same ones as Mitsuba, so that u begins where Mitsuba's does.
+    """Two vectors that complete n to a right-handed frame: those that Mitsuba takes, so that u begins where its does.
 
     "Building an Orthonormal Basis, Revisited", Duff et al. 2017.
     """

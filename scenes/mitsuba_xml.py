@@ -1,7 +1,7 @@
 """Reads Mitsuba 3 scene files; the spellings of Mitsuba 0.6 are accepted.
 
-Format: Mitsuba 3 documentation, "Scene XML file format". What is not supported yet is an error that names file and line,
-never ignored; what cannot change the image is ignored, and what might is listed in Scene.warnings.
+Format: Mitsuba 3 documentation, "Scene XML file format". What is not supported yet is an error that names file and
+line; what cannot change the image is ignored, and what might is listed in Scene.warnings.
 """
 
 from __future__ import annotations
@@ -94,9 +94,7 @@ class _SceneReader:
         material = self.materials.read(plugin.take_one("bsdf"), emits=emitter is not None)
         plugin.finish()
         self._warn_without_uvs(plugin, mesh, material)
-        self.meshes.append(
-            Mesh(plugin.name, mesh.vertices, mesh.faces, mesh.normals, mesh.uvs, material, emission)
-        )
+        self.meshes.append(Mesh(plugin.name, mesh.vertices, mesh.faces, mesh.normals, mesh.uvs, material, emission))
 
     def _warn_without_uvs(self, plugin: Plugin, mesh: MeshData, material: int) -> None:
         if mesh.uvs is None and isinstance(self.materials.materials[material].reflectance, Bitmap):
@@ -121,7 +119,9 @@ class _SceneReader:
             self.warnings.append("the scene has no sensor: the camera frames its bounding box")
             return framing_camera(self.meshes, size), None
         for other in self.sensors[1:]:
-            self.warnings.append(f"the scene has {len(self.sensors)} sensors: {other.name} is ignored, the first is used")
+            self.warnings.append(
+                f"the scene has {len(self.sensors)} sensors: {other.name} is ignored, the first is used"
+            )
         return read_sensor(self.sensors[0], size, self.warnings)
 
 

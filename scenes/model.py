@@ -106,7 +106,7 @@ class FilterKind(Enum):
 
 @dataclass(frozen=True)
 class PixelFilter:
-    """The pixel's reconstruction filter; lengths in pixels. A gaussian is cut off at its radius and lowered to zero there."""
+    """The pixel's reconstruction filter; lengths in pixels. A gaussian is cut off and lowered to zero at its radius."""
 
     kind: FilterKind = FilterKind.BOX
     radius: float = 0.5
@@ -122,7 +122,8 @@ class Camera:
         fov_x: full horizontal field of view of the image, degrees.
         width, height: image size in pixels.
         near_clip, far_clip: distances along the camera's z outside which nothing is seen.
-        principal_point: offset of the optical centre, as shares of the image's width and height.
+        principal_point: offset of the optical centre from the image's middle to the right and down, as shares of the
+            image's width and height.
     """
 
     to_world: NDArray[np.float64]

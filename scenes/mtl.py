@@ -1,7 +1,7 @@
 """Reads the material libraries of OBJ files (MTL), as far as diffuse surfaces and lamps go.
 
-Format: "MTL material format", Wavefront 1995. Kd, map_Kd and Ke are used; what asks for more than that is approximated by the
-diffuse part, and said in a warning.
+Format: "MTL material format", Wavefront 1995. Kd, map_Kd and Ke are used; what asks for more than that is approximated
+by the diffuse part, and said in a warning.
 """
 
 from __future__ import annotations
@@ -96,7 +96,9 @@ class _Converter:
             values *= 3
         if len(values) != 3 or not all(math.isfinite(value) and value >= 0 for value in values):
             shown = " ".join(words)
-            raise SceneError(f'"{keyword}" must be 1 or 3 numbers that are not negative, got "{shown}"', self.file, line)
+            raise SceneError(
+                f'"{keyword}" must be 1 or 3 numbers that are not negative, got "{shown}"', self.file, line
+            )
         return values[0], values[1], values[2]
 
     def _reflectance(self) -> RGB:
@@ -132,11 +134,12 @@ class _Converter:
         return None
 
     def _beyond_diffuse(self) -> list[str]:
-        found = []
-        for keyword in ("Ks", "Tf", "Ns", "Ni", "d", "Tr", "illum"):
-            if keyword in self.entry.values and self._matters(keyword):
-                found.append(f"{keyword} {' '.join(self.entry.values[keyword][1])}")
-        maps = sorted(key for key in self.entry.values if key.lower().startswith(("map_", "bump", "norm", "disp", "refl")))
+        values = self.entry.values
+        looks = [key for key in ("Ks", "Tf", "Ns", "Ni", "d", "Tr", "illum") if key in values and self._matters(key)]
+        found = [f"{key} {' '.join(values[key][1])}" for key in looks]
+        maps = sorted(
+            key for key in self.entry.values if key.lower().startswith(("map_", "bump", "norm", "disp", "refl"))
+        )
         return found + [key for key in maps if key != "map_Kd"]
 
     def _matters(self, keyword: str) -> bool:

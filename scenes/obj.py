@@ -1,7 +1,7 @@
 """Reads Wavefront OBJ files.
 
-Format: "Object Files (.obj)", Wavefront Advanced Visualizer, appendix B1. Indices may be negative: they then count back from
-the latest vertex before the face. Polygons are cut into fans.
+Format: "Object Files (.obj)", Wavefront Advanced Visualizer, appendix B1. Indices may be negative: they then count
+back from the latest vertex before the face. Polygons are cut into fans.
 """
 
 from __future__ import annotations
@@ -19,13 +19,14 @@ from wdpm.scenes.transforms import normalized
 
 NO_MATERIAL = ""
 
-# neither surfaces nor what they look like: names, smoothing groups, points, lines, free-form geometry, display attributes
-_IGNORED = frozenset(
-    (
-        "g o s mg p l vp cstype deg bmat step curv curv2 surf parm trim hole scrv sp end con "
-        "bevel c_interp d_interp lod shadow_obj trace_obj ctech stech maplib usemap"
-    ).split()
-)
+# neither surfaces nor how they look: names, smoothing groups, points, lines, free-form geometry, display attributes
+# fmt: off
+_IGNORED = frozenset((
+    "g", "o", "s", "mg", "p", "l", "vp", "cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim",
+    "hole", "scrv", "sp", "end", "con", "bevel", "c_interp", "d_interp", "lod", "shadow_obj", "trace_obj", "ctech",
+    "stech", "maplib", "usemap",
+))
+# fmt: on
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +171,7 @@ class _Parser:
         return ObjFile(mesh, tuple(self.materials), face_material, tuple(self.libraries), warnings)
 
     def _indices(self, face: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Indices of position, texture coordinate and normal of every corner, from 0; -1 where not given; shape [C, 3]."""
+        """Indices of each corner's position, texture coordinate and normal from 0, shape [C, 3]; -1 if not given."""
         written = self._written_indices(face)
         seen = np.array(self.faces.seen, dtype=np.int64)[face]
         totals = np.array([len(self.positions.rows), len(self.uvs.rows), len(self.normals.rows)])

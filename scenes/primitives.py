@@ -1,8 +1,8 @@
 """Mitsuba's simple shapes as triangles, with its orientation and texture coordinates.
 
-Curved shapes have AROUND segments around their axis, and a sphere has AROUND / 2 rings. Their vertices lie on the surface and their
-normals are exact, so silhouettes are off by at most radius * (pi / AROUND)² / 2: 0.03 % of the radius, and areas by 0.04 %.
-They are watertight: seams and poles repeat positions bit for bit.
+Curved shapes have AROUND segments around their axis, and a sphere has AROUND / 2 rings. Their vertices lie on the
+surface and their normals are exact; silhouettes are off by at most radius * (pi / AROUND)² / 2, which is 0.03 % of the
+radius, and areas by twice that. They are watertight: seams and poles repeat positions bit for bit.
 """
 
 from __future__ import annotations
@@ -32,7 +32,9 @@ def cube() -> MeshData:
         vertices += [n - u + v, n + u + v, n + u - v, n - u - v]  # Mitsuba's order: uv (0,1) (1,1) (1,0) (0,0)
         normals += [n] * 4
     uvs = np.tile([[0.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]], (6, 1))
-    faces = np.concatenate([[[4 * side, 4 * side + 1, 4 * side + 2], [4 * side + 3, 4 * side, 4 * side + 2]] for side in range(6)])
+    faces = np.concatenate(
+        [[[4 * side, 4 * side + 1, 4 * side + 2], [4 * side + 3, 4 * side, 4 * side + 2]] for side in range(6)]
+    )
     return MeshData(np.array(vertices), faces, np.array(normals), uvs)
 
 
@@ -48,14 +50,15 @@ _CUBE_SIDES = (
 
 
 def sphere() -> MeshData:
-    """The unit sphere at the origin; it faces outwards. u goes around z from +x, v from the north pole (+z) to the south pole."""
+    """The unit sphere at the origin; it faces outwards. u goes around z from +x, v from the pole at +z to the other."""
     rings = AROUND // 2
     circle = _circle()
     theta = np.pi * np.arange(rings + 1) / rings
     sin, cos = np.sin(theta), np.cos(theta)
     sin[[0, -1]] = 0.0  # sin(pi) is not quite 0 in floating point, and poles must be points
     normals = np.concatenate(
-        [circle[None, :, :] * sin[:, None, None], np.broadcast_to(cos[:, None, None], (rings + 1, AROUND + 1, 1))], axis=2
+        [circle[None, :, :] * sin[:, None, None], np.broadcast_to(cos[:, None, None], (rings + 1, AROUND + 1, 1))],
+        axis=2,
     )
     u = np.broadcast_to(np.arange(AROUND + 1) / AROUND, (rings + 1, AROUND + 1)).copy()
     u[0] += 0.5 / AROUND  # at a pole each triangle has a vertex of its own, in the middle of its segment
@@ -82,7 +85,7 @@ def disk() -> MeshData:
 
 
 def cylinder() -> MeshData:
-    """The side of the cylinder of radius 1 around z from 0 to 1, without caps; it faces outwards. u goes around, v along z."""
+    """The side of a cylinder of radius 1, z from 0 to 1, without caps; it faces outwards. u goes around, v along z."""
     circle = _circle()
     ends = [np.concatenate([circle, np.full((AROUND + 1, 1), height)], axis=1) for height in (1.0, 0.0)]
     normals = np.tile(np.concatenate([circle, np.zeros((AROUND + 1, 1))], axis=1), (2, 1))

@@ -84,7 +84,9 @@ class _Stream:
 
     def take(self, size: int) -> bytes:
         if size > self.limit:
-            raise SceneError(f"{self.name}: announces {size} bytes, more than the file can hold: it is broken", self.file)
+            raise SceneError(
+                f"{self.name}: announces {size} bytes, more than the file can hold: it is broken", self.file
+            )
         parts = [self.buffer]
         have = len(self.buffer)
         while have < size:

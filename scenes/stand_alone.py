@@ -65,9 +65,11 @@ def _part(obj: ObjFile, material: int) -> MeshData:
 def _read_libraries(obj: ObjFile, file: Path, warnings: list[str]) -> dict[str, MtlMaterial]:
     found: dict[str, MtlMaterial] = {}
     for name, line in obj.libraries:
-        library = file.parent / name.replace("\\", "/")
-        if library.is_file():
-            found.update(read_mtl(library, warnings))
-        else:
+        named = file.parent / name.replace("\\", "/")
+        # exporters write paths of their own machine; the library then mostly lies beside the model
+        library = next((path for path in (named, file.parent / named.name) if path.is_file()), None)
+        if library is None:
             warnings.append(f'{file.name}:{line}: material library "{name}" not found: grey is used')
+        else:
+            found.update(read_mtl(library, warnings))
     return found

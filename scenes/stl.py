@@ -49,7 +49,7 @@ def _announced(data: bytes) -> int:
 
 def _read_binary(data: bytes, file: Path) -> np.ndarray:
     if len(data) < _HEADER_SIZE + 4:
-        raise SceneError("not an STL file: too short for a binary one, and it does not begin with \"solid\"", file)
+        raise SceneError('not an STL file: too short for a binary one, and it does not begin with "solid"', file)
     if len(data) < _binary_size(data):
         whole = (len(data) - _HEADER_SIZE - 4) // _FACET.itemsize
         raise SceneError(f"announces {_announced(data)} facets, but ends after {whole}: it is truncated", file)

@@ -93,7 +93,7 @@ def read_document(file: Path, defines: Mapping[str, str]) -> Document:
         defines: values of `$name` parameters; they win over <default>.
 
     Raises:
-        SceneError: broken XML, an undefined parameter, a definition that nothing uses, a missing include, two equal ids.
+        SceneError: broken XML, an undefined parameter, a definition that nothing uses, a missing include, equal ids.
     """
     reader = _Reader(defines)
     root = reader.read_tree(file)
@@ -174,7 +174,9 @@ class _Reader:
         name = found[1] or found[2]
         if name not in self.parameters:
             hint = did_you_mean(name, self.parameters)
-            raise element.error(f"parameter ${name} has no value: give -D {name}=... or a <default> above this line{hint}")
+            raise element.error(
+                f"parameter ${name} has no value: give -D {name}=... or a <default> above this line{hint}"
+            )
         self.used.add(name)
         return self.parameters[name]
 

@@ -49,7 +49,7 @@ def test_exr_keeps_every_bit_of_every_layer_and_the_metadata(image: Image, tmp_p
 
 @pytest.mark.parametrize("extension", LOSSLESS)
 def test_float_formats_keep_every_bit_of_beauty(extension: str, tmp_path: Path) -> None:
-    pixels = np.array([[[0, -0.0, 1e-45], [np.inf, -np.inf, np.nan], [3e38, -1, 1 / 3]]], dtype=np.float32)
+    pixels: np.ndarray = np.array([[[0, -0.0, 1e-45], [np.inf, -np.inf, np.nan], [3e38, -1, 1 / 3]]], dtype=np.float32)
     path = tmp_path / f"a{extension}"
     Image({"beauty": pixels}).save(path)
     assert same_bits(load(path).pixels, pixels)
@@ -225,7 +225,7 @@ def test_a_truncated_file_is_one_line(
 def test_a_file_of_something_else_is_one_line(extension: str, tmp_path: Path) -> None:
     path = tmp_path / f"a{extension}"
     path.write_bytes(b"<html>404 not found</html>" * 9)
-    with pytest.raises(ImageError, match="^[^\n]*$"):
+    with pytest.raises(ImageError, match=r"^[^\n]*$"):
         load(path)
 
 
@@ -297,7 +297,7 @@ def test_output_paths_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest
     (tmp_path / "folder.exr").mkdir()
     with pytest.raises(ImageError, match="is a folder"):
         check_output_path(tmp_path / "folder.exr")
-    with pytest.raises(ImageError, match="there is no folder .*: make it first"):
+    with pytest.raises(ImageError, match=r"there is no folder .*: make it first"):
         check_output_path(tmp_path / "nowhere" / "a.exr")
 
     def refuse(self: Path, **_: object) -> None:
@@ -315,7 +315,7 @@ def test_a_failed_write_leaves_the_old_file(
     path = tmp_path / f"a{extension}"
     path.write_bytes(b"old")
 
-    def full(self: Path, target: Path) -> None:
+    def full(_: Path, target: Path) -> None:
         raise OSError(28, "No space left on device", str(target))
 
     monkeypatch.setattr(Path, "replace", full)

@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 ROOMS = ("scenes", "kernels", "cluster", "wdpm")  # each may import those before it
 
-# Packages that a room has no business with. The data model and the loaders run where no Warp is; kernels know no sockets.
+# Packages that a room has no business with: the loaders run where no Warp is, and kernels know no sockets.
 FORBIDDEN = {
     "scenes": {"warp", "zmq", "msgpack", "rich"},
     "kernels": {"zmq", "msgpack", "rich", "OpenEXR", "imageio", "trimesh"},
@@ -64,7 +64,8 @@ def wrong_imports(source: str, room: str) -> list[str]:
     return sorted(
         name
         for name in imported_names(source, room)
-        if room_of(name) in above or name.split(".")[0] in FORBIDDEN[room] | UNPICKLERS | {"kernels", "cluster", "scenes"}
+        if room_of(name) in above
+        or name.split(".")[0] in FORBIDDEN[room] | UNPICKLERS | {"kernels", "cluster", "scenes"}
     )
 
 
@@ -98,7 +99,9 @@ def test_right_imports_pass() -> None:
 @EVERY_SOURCE
 def test_nothing_is_unpickled_by_numpy(room: str, path: Path) -> None:  # noqa: ARG001
     calls = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
-    allowed = [k for call in calls for k in call.keywords if k.arg == "allow_pickle" and ast.unparse(k.value) != "False"]
+    allowed = [
+        k for call in calls for k in call.keywords if k.arg == "allow_pickle" and ast.unparse(k.value) != "False"
+    ]
     assert allowed == []
 
 

@@ -1,8 +1,8 @@
 """How fast gathers and the building of photon maps are, next to scipy's cKDTree, in one run on one core.
 
 The photons lie evenly on five faces of a unit box, as in the Cornell box. `coherent` queries are the pixels of a camera
-that looks into it, row by row; `incoherent` ones are points in random order. cKDTree only finds the neighbours; ours also
-filters them, and sums their flux.
+that looks into it, row by row; `incoherent` ones are points in random order. cKDTree only finds the neighbours; ours
+also filters them, and sums their flux.
 """
 
 from __future__ import annotations

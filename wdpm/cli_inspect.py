@@ -36,8 +36,9 @@ def run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from wdpm import api
+    from wdpm.scenes.load import load as load_scene
 
-    scene = api.load(args.scene, parameters=dict(args.definitions), size=args.size)
+    scene = load_scene(args.scene, defines=dict(args.definitions), size=args.size)
     inspection = api.inspect(scene, slaves=args.slaves)
     if args.json:
         print(inspection.to_json())

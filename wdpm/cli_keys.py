@@ -9,7 +9,7 @@ from typing import Any
 _EXAMPLES = """\
 examples:
   wdpm keys cluster-keys
-  scp -r cluster-keys other-machine:"""
+  scp -rp cluster-keys other-machine:"""
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:

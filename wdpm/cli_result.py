@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from wdpm import api, report
+from wdpm import report
 from wdpm.cli_options import chosen_settings
 from wdpm.image import Image
 from wdpm.image_files import check_output_path, write_bytes
@@ -18,6 +18,7 @@ from wdpm.kernels.settings import RenderSettings
 from wdpm.progress import Progress, make_progress
 from wdpm.scene_settings import settings_for
 from wdpm.scenes.errors import ImageError
+from wdpm.scenes.load import load as load_scene
 from wdpm.scenes.model import Scene
 
 Renderer = Callable[[Scene, RenderSettings, Progress], Image]
@@ -37,7 +38,7 @@ def render_and_write(args: argparse.Namespace, render: Renderer) -> int:
     try:
         progress.start("load")
         began = time.perf_counter()
-        scene = api.load(args.scene, parameters=dict(args.definitions), size=args.size)
+        scene = load_scene(args.scene, defines=dict(args.definitions), size=args.size)
         load_s = time.perf_counter() - began
         image = render(scene, settings_for(scene, **chosen), progress)
     finally:

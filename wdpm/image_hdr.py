@@ -79,11 +79,10 @@ def _encode_run_length(plane: bytes) -> bytes:
     values = np.frombuffer(plane, dtype=np.uint8)
     starts = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1])
     lengths = np.diff(np.concatenate([starts, [len(values)]]))
+    worth = lengths >= _SHORTEST_RUN
     out = bytearray()
     literal_start = 0
-    for start, length in zip(starts.tolist(), lengths.tolist(), strict=True):
-        if length < _SHORTEST_RUN:
-            continue
+    for start, length in zip(starts[worth].tolist(), lengths[worth].tolist(), strict=True):
         _put_literals(out, plane[literal_start:start])
         for offset in range(0, length, _RUN_LIMIT):
             out += bytes((128 + min(_RUN_LIMIT, length - offset), plane[start]))

@@ -53,29 +53,25 @@ def format_seconds(seconds: float) -> str:
 def _times(report: Report) -> Table:
     order = [phase for phase in PHASES if phase in report.phases]
     order += [phase for phase in report.phases if phase not in PHASES]
-    table = _table("Time")
-    for phase in [*order, "total"]:
-        table.add_column(phase, justify="right")
     total = sum(report.phases.values())
-    table.add_row(*(format_seconds(report.phases[phase]) for phase in order), format_seconds(total))
+    table = _table("Time", "phase", "time", "share")
+    for phase in order:
+        seconds = report.phases[phase]
+        table.add_row(escape(phase), format_seconds(seconds), _percent(seconds, total))
+    table.add_row("total", format_seconds(total), "")
     return table
 
 
 def _lights(report: Report) -> Table:
-    table = _table("Photons by light")
-    table.add_column("light")
-    for column in ("power [W]", "paths shot", "stored"):
-        table.add_column(column, justify="right")
+    table = _table("Photons by light", "light", "power [W]", "paths shot", "stored")
     for light in report.photons.lights:
         table.add_row(escape(light.name), f"{light.flux:.4g}", f"{light.paths:,}", f"{light.stored:,}")
     return table
 
 
 def _held(report: Report) -> Table:
-    table = _table("Slaves: what they held (shares of the scene's triangles and of all stored photons)")
-    table.add_column("slave")
-    for column in ("cells", "triangles", "share", "photons", "ghosts", "share"):
-        table.add_column(column, justify="right")
+    title = "Slaves: what they held (shares of the scene's triangles and of all stored photons)"
+    table = _table(title, "slave", "cells", "triangles", "share", "photons", "ghosts", "share")
     for slave in report.slaves:
         table.add_row(
             escape(slave.slave),
@@ -90,10 +86,7 @@ def _held(report: Report) -> Table:
 
 
 def _did(report: Report) -> Table:
-    table = _table("Slaves: what they did")
-    table.add_column("slave")
-    for column in ("rays in", "rays out", "received", "sent", "busy", "peak memory"):
-        table.add_column(column, justify="right")
+    table = _table("Slaves: what they did", "slave", "rays in", "rays out", "received", "sent", "busy", "peak memory")
     for slave in report.slaves:
         table.add_row(
             escape(slave.slave),
@@ -134,6 +127,10 @@ def _percent(part: float, whole: float) -> str:
     return f"{part / whole:.1%}" if whole else "-"
 
 
-def _table(title: str) -> Table:
-    """Without lines, and with no cell ever wrapped: a number cut in two is worse than a line that is too long."""
-    return Table(title=f"\n{title}", title_justify="left", title_style="bold", box=None, padding=(0, 2, 0, 0))
+def _table(title: str, name: str, *numbers: str) -> Table:
+    """A table without lines: a name on the left, which gives way on a narrow terminal, and numbers, which do not."""
+    table = Table(title=f"\n{title}", title_justify="left", title_style="bold", box=None, padding=(0, 2, 0, 0))
+    table.add_column(name, overflow="fold")
+    for number in numbers:
+        table.add_column(number, justify="right", no_wrap=True)
+    return table

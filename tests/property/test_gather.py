@@ -14,8 +14,16 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from wdpm import bench_gather
 from wdpm.kernels import exact_sum, gather, photon_map
-from wdpm.kernels.constants import EXACT_SUM_BITS, FLATTENING, MIN_ARRIVAL_COS, MIN_GATHER_RADIUS2, NORMAL_COS
+from wdpm.kernels.constants import (
+    ADJOINT_BOUND,
+    EXACT_SUM_BITS,
+    FLATTENING,
+    MIN_ARRIVAL_COS,
+    MIN_GATHER_RADIUS2,
+    NORMAL_COS,
+)
 from wdpm.scenes.errors import SettingsError, WdpmError
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -119,9 +127,8 @@ def brute_force(photons: Photons, queries: Queries, k: int, r_max: float) -> Res
         used = photons[found[:k]]
         terms = used.flux
         if (s != n).any():
-            weight = np.maximum(dot(used.direction, s), F32(0)) / np.maximum(
-                dot(used.direction, n), F32(MIN_ARRIVAL_COS)
-            )
+            divisor = np.maximum(dot(used.direction, n), F32(MIN_ARRIVAL_COS))
+            weight = np.minimum(np.maximum(dot(used.direction, s), F32(0)) / divisor, F32(ADJOINT_BOUND))
             terms = terms * weight[:, None]
         scale = np.abs(terms).max(initial=0)  # one quantum for all three channels
         for channel in range(3):
@@ -286,14 +293,24 @@ def test_a_large_map_holds_every_photon_once() -> None:
 
 
 def test_maps_split_over_threads_are_the_same() -> None:
-    def launch(kernel: Any, count: int, inputs: list[Any]) -> None:
+    def launch(kernel: Any, count: int, inputs: list[Any], outputs: list[Any]) -> None:
         for offset in reversed(range(0, count, 7)):
-            wp.launch(kernel, dim=min(7, count - offset), inputs=[*inputs, offset], device="cpu")
+            wp.launch(kernel, dim=min(7, count - offset), inputs=[*inputs, offset, *outputs], device="cpu")
 
     photons, _ = make_case(3, "volume", 3000)
     whole, split = photons.build(), photon_map.build(**vars(photons), launch=launch)
     for name in ("nodes", "leaves", "flux", "rank"):
         np.testing.assert_array_equal(getattr(whole, name).numpy(), getattr(split, name).numpy())
+
+
+def test_bench_compares_gathers_and_builds() -> None:
+    rows = bench_gather.measure(photon_count=500, k=5, resolution=8, rounds=1)
+    assert [row.work for row in rows] == [
+        "5 nearest of 500 photons, coherent",
+        "5 nearest of 500 photons, incoherent",
+        "map of 500 photons",
+    ]
+    assert all(row.seconds > 0 and row.ratio == row.peer_seconds / row.seconds for row in rows)
 
 
 @pytest.mark.parametrize(
@@ -324,8 +341,8 @@ def test_bad_settings_are_errors(k: int, r_max: float) -> None:
 @wp.kernel
 def _sum_kernel(
     terms: wp.array(dtype=wp.float32), quanta_out: wp.array(dtype=wp.int64), sum_out: wp.array(dtype=wp.float64)
-):
-    largest = int(0)
+) -> None:
+    largest = wp.int32(0)
     for i in range(terms.shape[0]):
         largest = wp.max(largest, exact_sum.magnitude_bits(terms[i]))
     e = exact_sum.exponent(largest)

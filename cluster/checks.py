@@ -1,0 +1,191 @@
+"""What type hints cannot say about a message: lengths that belong together, and ranges.
+
+A kernel trusts the arrays it is given, so whatever comes over the wire is checked here first: no index that travels may
+point outside.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.cluster import protocol
+from wdpm.cluster.batch import Batch
+from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask
+from wdpm.cluster.world import Lights, Materials, TopTree, View, World
+from wdpm.scenes.errors import ProtocolError
+from wdpm.scenes.geometry import Triangles
+from wdpm.scenes.model import Bitmap, Camera
+
+Shape = tuple[int | str, ...]
+
+SHAPES: dict[type, dict[str, Shape]] = {
+    TopTree: {"axis": ("inner nodes",), "split": ("inner nodes",)},
+    Materials: {"reflectance": ("materials", 3), "texture": ("materials",), "twosided": ("materials",)},
+    Lights: {
+        "corners": ("triangles", 3, 3),
+        "triangle_radiance": ("triangles", 3),
+        "triangle_light": ("triangles",),
+        "point_position": ("points", 3),
+        "point_intensity": ("points", 3),
+        "point_light": ("points",),
+        "power": ("elements",),
+    },
+    World: {"emitter_radiance": ("emitters", 3)},
+    Bitmap: {"pixels": ("height", "width", 3), "to_uv": (3, 3)},
+    Camera: {"to_world": (4, 4)},
+    Triangles: {
+        "ids": ("triangles",),
+        "positions": ("triangles", 3, 3),
+        "normals": ("triangles", 3, 3),
+        "uvs": ("triangles", 3, 2),
+        "material": ("triangles",),
+        "emitter": ("triangles",),
+    },
+}
+"""Shapes of arrays by class and field. A name stands for any length, the same wherever it occurs in one object."""
+
+LARGEST_SIDE = 1 << 20
+"""Pixels of an image's or a bucket's side."""
+
+
+def check(value: Any, where: str) -> None:
+    """Raise ProtocolError unless a dataclass that came over the wire holds together."""
+    shapes = SHAPES.get(type(value))
+    if shapes is not None:
+        _check_shapes(value, shapes, where)
+    ranges = _RANGES.get(type(value))
+    if ranges is not None:
+        ranges(value, where)
+
+
+def check_triangles(triangles: Triangles, world: World, where: str) -> None:
+    """Raise ProtocolError unless triangles are in order and name only materials and emitters that the world has."""
+    if np.any(triangles.ids[1:] <= triangles.ids[:-1]):
+        raise ProtocolError(f"{where}: triangles are not in the order of their numbers")
+    _indices(triangles.material, 0, len(world.materials.reflectance), f"{where}: material")
+    _indices(triangles.emitter, -1, len(world.emitter_radiance), f"{where}: emitter")
+
+
+def _check_shapes(value: Any, shapes: dict[str, Shape], where: str) -> None:
+    lengths: dict[str, int] = {}
+    for field, expected in shapes.items():
+        shape = getattr(value, field).shape
+        if len(shape) != len(expected):
+            raise ProtocolError(f"{where}.{field} has shape {shape}; expected {_in_words(expected)}")
+        for length, name in zip(shape, expected, strict=True):
+            if length != (name if isinstance(name, int) else lengths.setdefault(name, length)):
+                raise ProtocolError(f"{where}.{field} has shape {shape}; expected {_in_words(expected)}: {lengths}")
+
+
+def _in_words(shape: Shape) -> str:
+    return "[" + ", ".join(str(length) for length in shape) + "]"
+
+
+def _require(condition: bool, where: str, what: str) -> None:
+    if not condition:
+        raise ProtocolError(f"{where}: {what}")
+
+
+def _indices(array: NDArray[np.int32], least: int, end: int, where: str) -> None:
+    if len(array) and not (array.min() >= least and array.max() < end):
+        raise ProtocolError(f"{where} is {array.min()} to {array.max()}; expected {least} to {end - 1}")
+
+
+def _positive(value: float) -> bool:
+    return math.isfinite(value) and value > 0
+
+
+def _top_tree(tree: TopTree, where: str) -> None:
+    _require(tree.cells & (tree.cells - 1) == 0, where, f"{tree.cells} cells; expected a power of two")
+    _indices(tree.axis, 0, 3, f"{where}.axis")
+
+
+def _lights(lights: Lights, where: str) -> None:
+    elements = len(lights.corners) + len(lights.point_position)
+    _require(len(lights.power) == elements, where, f"power of {len(lights.power)} elements; there are {elements}")
+    _indices(lights.triangle_light, 0, len(lights.names), f"{where}.triangle_light")
+    _indices(lights.point_light, 0, len(lights.names), f"{where}.point_light")
+
+
+def _world(world: World, where: str) -> None:
+    _indices(world.materials.texture, -1, len(world.textures), f"{where}.materials.texture")
+    _require(world.paths >= 0 and 0 <= world.seed < 2**32, where, f"{world.paths} paths, seed {world.seed}")
+    _require(world.max_depth is None or world.max_depth >= 1, where, f"max_depth {world.max_depth}")
+    lengths = _positive(world.radius) and math.isfinite(world.band) and world.band >= 0
+    _require(lengths and math.isfinite(world.extent), where, f"radius {world.radius}, band {world.band}")
+
+
+def _view(view: View, where: str) -> None:
+    counts = (view.spp, view.light_samples, view.k, view.bucket)
+    _require(min(counts) >= 1 and max(counts) < 2**31, where, f"spp, light_samples, k, bucket are {counts}")
+    _require(0 <= view.seed < 2**32, where, f"seed {view.seed}")
+    _require(view.max_depth is None or view.max_depth >= 1, where, f"max_depth {view.max_depth}")
+
+
+def _camera(camera: Camera, where: str) -> None:
+    size = (camera.width, camera.height)
+    _require(1 <= min(size) and max(size) <= LARGEST_SIDE, where, f"an image of {size} pixels")
+    _require(bool(np.isfinite(camera.to_world).all()), where, "to_world is not finite")
+
+
+def _bitmap(bitmap: Bitmap, where: str) -> None:
+    _require(bitmap.pixels.size > 0, where, f"texture {bitmap.name} has no pixels")
+
+
+def _bucket_task(task: BucketTask, where: str) -> None:
+    inside = 0 <= task.x0 < task.x1 <= LARGEST_SIDE and 0 <= task.y0 < task.y1 <= LARGEST_SIDE
+    _require(task.number >= 0 and inside, where, f"{task} is no bucket")
+
+
+def _photon_task(task: PhotonTask, where: str) -> None:
+    _require(task.number >= 0 and 0 <= task.start < task.stop, where, f"{task} is no range of paths")
+
+
+def _photons_traced(result: PhotonsTraced, where: str) -> None:
+    _require(result.paths >= 0 and math.isfinite(result.emitted), where, f"{result} is no result")
+
+
+def _bucket_rendered(result: BucketRendered, where: str) -> None:
+    _require(len(result.layers) > 0, where, "a bucket without layers")
+
+
+def _batch(batch: Batch, where: str) -> None:
+    _require(batch.credit >= 0, where, f"credit {batch.credit}")
+    batch.check()
+
+
+def _partition(message: protocol.Partition, where: str) -> None:
+    _require(0 <= message.part < message.parts, where, f"part {message.part} of {message.parts}")
+
+
+def _hello(hello: protocol.Hello, where: str) -> None:
+    _require(len(hello.versions) <= 64, where, f"{len(hello.versions)} versions")
+    _require(min(hello.threads, hello.memory, hello.process) >= 0, where, "a negative count")
+
+
+def _welcome(welcome: protocol.Welcome, where: str) -> None:
+    times = _positive(welcome.heartbeat_s) and _positive(welcome.liveness_s)
+    _require(welcome.number >= 0 and times, where, f"{welcome} makes no sense")
+
+
+_RANGES: dict[type, Callable[[Any, str], None]] = {
+    TopTree: _top_tree,
+    Lights: _lights,
+    World: _world,
+    View: _view,
+    Camera: _camera,
+    Bitmap: _bitmap,
+    BucketTask: _bucket_task,
+    PhotonTask: _photon_task,
+    PhotonsTraced: _photons_traced,
+    BucketRendered: _bucket_rendered,
+    Batch: _batch,
+    protocol.Partition: _partition,
+    protocol.Hello: _hello,
+    protocol.Welcome: _welcome,
+}

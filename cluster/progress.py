@@ -1,0 +1,18 @@
+"""What a cluster tells while a render runs; `wdpm.progress` shows it to a person."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+
+class Progress(Protocol):
+    """Told by a render what it does. All calls come from one thread, phases one after another."""
+
+    def start(self, phase: str, total: int | None = None) -> None:
+        """A phase begins, and ends the one before; `total` units of work, or None if not known."""
+
+    def advance(self, amount: int = 1) -> None:
+        """`amount` more units of the phase are done."""
+
+    def note(self, text: str) -> None:
+        """One line for the person."""

@@ -1,0 +1,206 @@
+"""A worker without light: batches travel as in a render, and pixels are a function of their place.
+
+It keeps books, so that tests notice a batch that came to the wrong slave, twice or out of phase.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind
+from wdpm.cluster.film import LAYERS
+from wdpm.cluster.session import Session
+from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, Task, TaskResult
+from wdpm.cluster.world import Lights, Materials, TopTree, View, World
+from wdpm.kernels.settings import Routing
+from wdpm.scenes.geometry import Triangles
+from wdpm.scenes.model import Bitmap, Camera
+
+
+@dataclass
+class Outbox:
+    batches: list[Batch] = field(default_factory=list)
+    results: list[TaskResult] = field(default_factory=list)
+
+
+class FakeWorker:
+    """Every task sends a batch to every cell; each answers home; the last answer ends the task."""
+
+    def __init__(
+        self,
+        number: int,
+        world: World,
+        partition: Mapping[int, Triangles],
+        holders: Sequence[int],
+        delay: float = 0.0,
+    ) -> None:
+        assert set(partition) == {cell for cell, holder in enumerate(holders) if holder == number}
+        self.number, self.world, self.holders, self.delay = number, world, holders, delay
+        self.cells = sorted(partition)
+        self.triangles = sum(len(triangles) for triangles in partition.values())
+        self.view: View | None = None
+        self.open: dict[int, tuple[Task, int]] = {}
+        self.photons = self.ghosts = 0
+        self.maps_built = False
+
+    def set_view(self, view: View) -> None:
+        assert self.maps_built
+        self.view = view
+
+    def start(self, task: Task) -> Outbox:
+        time.sleep(self.delay)
+        assert task.number not in self.open
+        assert isinstance(task, PhotonTask) or self.view is not None
+        outbox = Outbox()
+        self.open[task.number] = (task, len(self.holders))
+        kind = Kind.LANDED if isinstance(task, PhotonTask) else Kind.SHADE
+        for cell in range(len(self.holders)):
+            batch = Batch(kind, task.number, self.number, cell, 1, arrays(kind, 3))
+            if self.holders[cell] == self.number:
+                self._at_cell(batch, outbox)
+            else:
+                outbox.batches.append(batch)
+        return outbox
+
+    def handle(self, batch: Batch) -> Outbox:
+        batch.check()
+        outbox = Outbox()
+        if batch.kind in TO_HOME:
+            assert batch.home == self.number
+            self._at_home(batch.task, outbox)
+        else:
+            assert self.holders[batch.cell] == self.number
+            self._at_cell(batch, outbox)
+        return outbox
+
+    def _at_cell(self, batch: Batch, outbox: Outbox) -> None:
+        if batch.kind is Kind.GHOSTS:
+            self.ghosts += len(batch)
+            return
+        if batch.kind is Kind.LANDED:
+            assert not self.maps_built
+            self.photons += len(batch)
+        else:
+            assert self.view is not None
+        if batch.home == self.number:
+            self._at_home(batch.task, outbox)
+        else:
+            outbox.batches.append(Batch(Kind.ENDED, batch.task, batch.home, batch.cell, batch.credit, {}))
+
+    def _at_home(self, number: int, outbox: Outbox) -> None:
+        task, missing = self.open[number]
+        self.open[number] = (task, missing - 1)
+        if missing > 1:
+            return
+        del self.open[number]
+        if isinstance(task, PhotonTask):
+            outbox.results.append(PhotonsTraced(number, task.stop - task.start, 0.5))
+        else:
+            assert self.view is not None
+            outbox.results.append(pixels_of(task, self.view))
+
+    def exchange(self) -> list[Batch]:
+        assert not self.open
+        foreign = [cell for cell, holder in enumerate(self.holders) if holder != self.number]
+        ghosts = arrays(Kind.GHOSTS, 2)
+        return [Batch(Kind.GHOSTS, -1, self.number, cell, 0, ghosts) for _ in self.cells for cell in foreign]
+
+    def ghosts_expected(self) -> int:
+        return len(self.cells) * (len(self.holders) - len(self.cells))
+
+    def build_maps(self) -> None:
+        assert self.ghosts == 2 * self.ghosts_expected()
+        self.maps_built = True
+
+    def forget_photons(self) -> None:
+        self.photons = self.ghosts = 0
+        self.maps_built = False
+
+    def statistics(self) -> dict[str, Any]:
+        assert not self.open
+        return {"triangles": self.triangles, "photons": self.photons, "ghosts": self.ghosts, "cells": self.cells}
+
+
+def arrays(kind: Kind, count: int) -> dict[str, Any]:
+    """Arrays of a kind, counting up."""
+    return {
+        name: np.arange(count * int(np.prod(shape, dtype=int))).reshape(count, *shape).astype(dtype)
+        for name, (dtype, shape) in SCHEMAS[kind].items()
+    }
+
+
+def pixels_of(task: BucketTask, view: View) -> BucketRendered:
+    """What a bucket must look like, wherever it is rendered."""
+    y, x = np.mgrid[task.y0 : task.y1, task.x0 : task.x1]
+    value = (x + 1000 * y + view.seed).astype(np.float32)
+    layers = {
+        name: value if channels == 1 else np.repeat(value[..., None], channels, axis=2)
+        for name, channels in LAYERS.items()
+    }
+    return BucketRendered(task.number, task.x0, task.y0, layers)
+
+
+def picture(view: View) -> BucketRendered:
+    """What the whole image must look like."""
+    return pixels_of(BucketTask(0, 0, 0, view.camera.width, view.camera.height), view)
+
+
+def triangles(count: int, first: int = 0) -> Triangles:
+    """Some triangles, numbered from `first`."""
+    return Triangles(
+        np.arange(first, first + count, dtype=np.int32),
+        np.ones((count, 3, 3), np.float32),
+        np.zeros((count, 3, 3), np.float32),
+        np.zeros((count, 3, 2), np.float32),
+        np.zeros(count, np.int32),
+        np.full(count, -1, np.int32),
+    )
+
+
+def make_world(cells: int, paths: int = 1000) -> World:
+    """A world of a power of two of cells."""
+    return World(
+        materials=Materials(np.full((1, 3), 0.5, np.float32), np.full(1, -1, np.int32), np.zeros(1, np.int32)),
+        textures=(Bitmap("grey", np.full((2, 2, 3), 0.5, np.float32)),),
+        lights=Lights(
+            corners=np.zeros((1, 3, 3), np.float32),
+            triangle_radiance=np.ones((1, 3), np.float32),
+            triangle_light=np.zeros(1, np.int32),
+            point_position=np.zeros((0, 3), np.float32),
+            point_intensity=np.zeros((0, 3), np.float32),
+            point_light=np.zeros(0, np.int32),
+            power=np.ones(1),
+            names=("lamp",),
+        ),
+        emitter_radiance=np.ones((1, 3), np.float32),
+        top_tree=TopTree(np.zeros(cells - 1, np.int32), np.zeros(cells - 1, np.float32)),
+        extent=1.0,
+        seed=0,
+        max_depth=None,
+        paths=paths,
+        radius=0.1,
+        band=0.1,
+    )
+
+
+def make_view(width: int = 50, height: int = 34, bucket: int = 16, seed: int = 0) -> View:
+    """A view whose buckets do not come out even."""
+    camera = Camera(np.eye(4), 40.0, width, height)
+    return View(camera, seed, 1, 1, None, 8, bucket, Routing.FORWARD)
+
+
+def make_session(slaves: int, cells: int, digest: str = "a", paths: int = 1000, **others: Any) -> Session:
+    """A session whose cell c has 5 + c triangles."""
+    return Session(
+        world=make_world(cells, paths),
+        view=others.pop("view", make_view()),
+        partition=lambda cell: triangles(5 + cell, 10 * cell),
+        holders=tuple(cell % slaves for cell in range(cells)),
+        digest=digest,
+        **others,
+    )

@@ -1,0 +1,275 @@
+"""Every message survives the wire; nothing that is not a message gets through it, and nothing makes it crash."""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+from fake_worker import arrays, make_view, make_world, picture, triangles
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from wdpm.cluster import protocol as p
+from wdpm.cluster import wire
+from wdpm.cluster.batch import SCHEMAS, Batch, Kind
+from wdpm.cluster.task import BucketTask, PhotonsTraced, PhotonTask
+from wdpm.cluster.world import TopTree
+from wdpm.scenes.errors import ProtocolError
+
+ALL = wire.by_name(p.Message)
+
+counts = st.integers(0, 2**31 - 1)
+texts = st.text(max_size=30)
+epochs = st.integers(0, 2**62)
+plain = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**63), 2**63 - 1) | st.floats(allow_nan=False) | texts,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3),
+    max_leaves=5,
+)
+batches = st.builds(
+    lambda kind, count, task, home, cell, credit: Batch(kind, task, home, cell, credit, arrays(kind, count)),
+    st.sampled_from(Kind),
+    st.integers(0, 20),
+    st.integers(-1, 1000),
+    counts,
+    counts,
+    epochs,
+)
+views = st.builds(make_view, st.integers(1, 4000), st.integers(1, 4000), st.integers(1, 64), counts)
+tasks = st.builds(lambda n, a, b: PhotonTask(n, a, a + b), counts, epochs, st.integers(1, 10**6)) | st.builds(
+    lambda n, x, y, w, h: BucketTask(n, x, y, x + w, y + h),
+    counts,
+    *[st.integers(0, 9999)] * 2,
+    *[st.integers(1, 64)] * 2,
+)
+results = st.builds(PhotonsTraced, counts, counts, st.floats(0, 1e30)) | st.builds(picture, views.filter(
+    lambda view: view.camera.width * view.camera.height < 10_000
+))
+
+MESSAGES: dict[type, st.SearchStrategy[Any]] = {
+    p.Hello: st.builds(p.Hello, st.dictionaries(texts, texts, max_size=4), texts, counts, counts, epochs, texts),
+    p.PartitionReceived: st.builds(p.PartitionReceived, epochs, counts),
+    p.Ready: st.builds(p.Ready, epochs),
+    p.TaskDone: st.builds(p.TaskDone, epochs, results),
+    p.MapsBuilt: st.builds(p.MapsBuilt, epochs),
+    p.ViewSet: st.builds(p.ViewSet, epochs),
+    p.PhotonsForgotten: st.builds(p.PhotonsForgotten, epochs),
+    p.Statistics: st.builds(p.Statistics, epochs, st.dictionaries(texts, plain, max_size=4)),
+    p.PeerGone: st.builds(p.PeerGone, counts),
+    p.Note: st.builds(p.Note, texts),
+    p.Failed: st.builds(p.Failed, texts),
+    p.Goodbye: st.builds(p.Goodbye, texts),
+    p.Heartbeat: st.just(p.Heartbeat()),
+    p.Rejected: st.builds(p.Rejected, texts),
+    p.Welcome: st.builds(p.Welcome, counts, texts, st.floats(0.1, 10), st.floats(0.1, 100)),
+    p.Refuse: st.builds(p.Refuse, texts),
+    p.Setup: st.builds(
+        lambda epoch, levels, holders, peers: p.Setup(epoch, make_world(1 << levels), tuple(holders), tuple(peers)),
+        epochs,
+        st.integers(0, 4),
+        st.lists(counts, max_size=4),
+        st.lists(texts, max_size=4),
+    ),
+    p.Partition: st.builds(
+        lambda epoch, cell, part, more, count: p.Partition(epoch, cell, part, part + more, triangles(count)),
+        epochs,
+        counts,
+        st.integers(0, 9),
+        st.integers(1, 9),
+        st.integers(0, 20),
+    ),
+    p.DoTask: st.builds(p.DoTask, epochs, tasks),
+    p.Exchange: st.builds(p.Exchange, epochs),
+    p.Look: st.builds(p.Look, epochs, views),
+    p.ForgetPhotons: st.builds(p.ForgetPhotons, epochs),
+    p.AskStatistics: st.builds(p.AskStatistics, epochs),
+    p.Stop: st.builds(p.Stop, texts),
+    p.PeerHello: st.builds(p.PeerHello, texts, counts),
+    p.PeerBatch: st.builds(p.PeerBatch, epochs, batches),
+}
+
+
+def same(a: Any, b: Any) -> bool:
+    """Whether two values are equal through and through; arrays by type, shape and bits."""
+    if isinstance(a, np.ndarray):
+        return isinstance(b, np.ndarray) and (a.dtype, a.shape) == (b.dtype, b.shape) and a.tobytes() == b.tobytes()
+    if dataclasses.is_dataclass(a):
+        return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a))
+    if isinstance(a, dict):
+        return isinstance(b, dict) and a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    if isinstance(a, tuple | list):
+        return isinstance(b, type(a)) and len(a) == len(b) and all(map(same, a, b))
+    return type(a) is type(b) and bool(a == b)
+
+
+def test_every_message_is_tried() -> None:
+    assert set(MESSAGES) == set(typing.get_args(p.Message))
+
+
+@pytest.mark.parametrize("message", MESSAGES, ids=lambda message: message.__name__)
+@settings(max_examples=25, deadline=None)
+@given(data=st.data())
+def test_round_trip(message: type, data: st.DataObject) -> None:
+    sent = data.draw(MESSAGES[message])
+    frames = wire.encode(sent)
+    assert same(wire.decode([bytes(frame) for frame in frames], ALL), sent)
+
+
+@settings(max_examples=300, deadline=None)
+@given(data=st.data())
+def test_a_damaged_message_is_a_protocol_error(data: st.DataObject) -> None:
+    message = data.draw(st.one_of(*MESSAGES.values()))
+    frames = [bytearray(frame) for frame in wire.encode(message)]
+    for _ in range(data.draw(st.integers(1, 3))):
+        index = data.draw(st.integers(0, len(frames) - 1)) if frames else 0
+        match data.draw(st.sampled_from(["drop", "repeat", "cut", "flip", "grow"])):
+            case "drop" if frames:
+                del frames[index]
+            case "repeat" if frames:
+                frames.insert(index, bytearray(frames[index]))
+            case "cut" if frames and frames[index]:
+                del frames[index][data.draw(st.integers(0, len(frames[index]) - 1)) :]
+            case "flip" if frames and frames[index]:
+                frames[index][data.draw(st.integers(0, len(frames[index]) - 1))] ^= data.draw(st.integers(1, 255))
+            case "grow":
+                frames.append(bytearray(data.draw(st.binary(max_size=8))))
+    try:
+        wire.decode(frames, ALL)  # a flipped bit of an array may still make a valid message
+    except ProtocolError as error:
+        assert "\n" not in str(error)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.sampled_from(sorted(ALL)), st.lists(plain | st.binary(max_size=9), max_size=8), st.lists(st.binary(max_size=9), max_size=3))
+def test_a_right_header_with_wrong_fields_is_a_protocol_error(name: str, values: list[Any], more: list[bytes]) -> None:
+    frames = [msgpack.packb([wire.MAGIC, p.PROTOCOL, name, values]), *more]
+    try:
+        wire.decode(frames, ALL)
+    except ProtocolError as error:
+        assert "\n" not in str(error)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(st.binary(max_size=40), max_size=4))
+def test_random_bytes_are_a_protocol_error(frames: list[bytes]) -> None:
+    with pytest.raises(ProtocolError):
+        wire.decode(frames, ALL)
+
+
+def header(*fields: Any) -> bytes:
+    return bytes(msgpack.packb(list(fields)))
+
+
+BATCH = p.PeerBatch(1, Batch(Kind.LIT, 1, 0, 0, 1, arrays(Kind.LIT, 2)))
+
+
+@pytest.mark.parametrize(
+    ("frames", "reason"),
+    [
+        ([], "without frames"),
+        ([b"\xc1"], "not msgpack"),
+        ([b"\x91" * 2000], "not msgpack"),
+        ([bytes(wire.HEADER_BYTES + 1)], "at most"),
+        ([header(1, 2)], "not a message of wdpm"),
+        ([header(b"wdpn", 1, "Ready", [1])], "not a message of wdpm"),
+        ([header(wire.MAGIC, p.PROTOCOL + 1, "Ready", [1])], "install the same wdpm"),
+        ([header(wire.MAGIC, p.PROTOCOL, 5, [1])], "name of a message"),
+        ([header(wire.MAGIC, p.PROTOCOL, "Eval", ["1"])], "not known here"),
+        ([header(wire.MAGIC, p.PROTOCOL, "Ready", [])], "not a list of 1 fields"),
+        ([header(wire.MAGIC, p.PROTOCOL, "Ready", [True])], "expected int"),
+        ([header(wire.MAGIC, p.PROTOCOL, "Ready", [2**63])], "64 bits"),
+        ([header(wire.MAGIC, p.PROTOCOL, "Ready", [1]), b"x"], "1 frames too many"),
+        ([header(wire.MAGIC, p.PROTOCOL, "DoTask", [1, ["Task", [1]]])], "expected PhotonTask or BucketTask"),
+        ([header(wire.MAGIC, p.PROTOCOL, "DoTask", [1, ["PhotonTask", [1, 5, 5]]])], "no range of paths"),
+        ([header(wire.MAGIC, p.PROTOCOL, "Statistics", [1, {"a": [[[[[[[1]]]]]]]}])], "nested"),
+    ],
+)
+def test_the_reason_is_told(frames: list[bytes], reason: str) -> None:
+    with pytest.raises(ProtocolError, match=reason):
+        wire.decode(frames, ALL)
+
+
+def replaced(**fields: Any) -> p.PeerBatch:
+    return p.PeerBatch(1, dataclasses.replace(BATCH.batch, **fields))
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [
+        (replaced(arrays={}), "expected"),
+        (replaced(arrays={**BATCH.batch.arrays, "more": np.zeros(2, np.int32)}), "more"),
+        (replaced(arrays={**BATCH.batch.arrays, "slot": np.zeros(3, np.int32)}), "lit.radiance"),
+        (replaced(arrays={**BATCH.batch.arrays, "slot": np.zeros(2, np.int64)}), "lit.slot is int64"),
+        (replaced(credit=-1), "credit"),
+        (p.Partition(1, 0, 1, 1, triangles(1)), "part 1 of 1"),
+        (p.Partition(1, 0, 0, 1, dataclasses.replace(triangles(2), uvs=np.zeros((1, 3, 2), np.float32))), "uvs"),
+        (p.Partition(1, 0, 0, 1, dataclasses.replace(triangles(2), uvs=np.zeros((2, 6), np.float32))), "uvs"),
+        (
+            p.Setup(1, dataclasses.replace(make_world(4), top_tree=TopTree(np.zeros(2, np.int32), np.zeros(2, np.float32))), (), ()),
+            "power of two",
+        ),
+        (
+            p.Setup(1, dataclasses.replace(make_world(2), top_tree=TopTree(np.full(1, 3, np.int32), np.zeros(1, np.float32))), (), ()),
+            "axis",
+        ),
+        (p.Setup(1, dataclasses.replace(make_world(1), textures=()), (), ()), None),
+        (p.Setup(1, dataclasses.replace(make_world(1), radius=float("nan")), (), ()), "radius"),
+        (p.Look(1, make_view(width=0)), "pixels"),
+    ],
+)
+def test_what_does_not_hold_together_is_refused(message: Any, reason: str | None) -> None:
+    frames = wire.encode(message)
+    if reason is None:
+        assert same(wire.decode(frames, ALL), message)
+    else:
+        with pytest.raises(ProtocolError, match=reason):
+            wire.decode(frames, ALL)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        p.Ready(1.5),  # type: ignore[arg-type]
+        p.Ready(2**64),
+        p.Note(5),  # type: ignore[arg-type]
+        p.Statistics(1, {"a": object()}),
+        p.DoTask(1, "task"),  # type: ignore[arg-type]
+        p.Partition(1, 0, 0, 1, dataclasses.replace(triangles(1), ids=np.zeros(1))),
+    ],
+)
+def test_a_wrong_field_is_not_sent(message: Any) -> None:
+    with pytest.raises(ProtocolError):
+        wire.encode(message)
+
+
+def test_large_arrays_span_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(wire, "FRAME_BYTES", 100)
+    message = p.Partition(1, 0, 0, 1, triangles(30))
+    frames = wire.encode(message)
+    assert max(len(frame) for frame in frames[1:]) == 100
+    assert same(wire.decode(frames, ALL), message)
+
+
+def test_arrays_are_not_copied() -> None:
+    sent = triangles(1000)
+    frames = wire.encode(p.Partition(1, 0, 0, 1, sent))
+    got = wire.decode(frames, ALL).triangles
+    assert np.shares_memory(got.positions, sent.positions)
+    assert not got.positions.flags.writeable or got.positions.base is not None
+
+
+def test_digests_tell_values_apart() -> None:
+    def digest(value: Any) -> list[bytes]:
+        return [bytes(frame) for frame in wire.digest_frames(value)]
+
+    assert digest(make_world(4)) == digest(make_world(4))
+    assert digest(make_world(4)) != digest(make_world(8))
+    assert digest(triangles(4)) != digest(triangles(4, 1))
+
+
+def test_every_kind_of_batch_has_a_schema() -> None:
+    assert SCHEMAS.keys() == set(Kind)
