@@ -52,7 +52,7 @@ WorkerFactory = Callable[[int, World, Mapping[int, Triangles], Sequence[int]], W
 """(number, world, cell -> triangles, cell -> number of its holder) -> worker."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Build:
     """Make the worker; may compile kernels."""
 
@@ -62,7 +62,7 @@ class Build:
     holders: tuple[int, ...]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class SetView:
     view: View
 
@@ -72,7 +72,7 @@ class StartTask:
     task: Task
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class HandleBatch:
     batch: Batch
 
@@ -100,7 +100,7 @@ class ReadStatistics:
 Job = Build | SetView | StartTask | HandleBatch | MakeGhosts | BuildMaps | Forget | ReadStatistics
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Outcome:
     """What a job left behind.
 

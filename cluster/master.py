@@ -32,7 +32,7 @@ class Tick:
     """Time has passed; comes several times a heartbeat."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class SlaveSaid:
     """`identity` names the connection."""
 
@@ -64,14 +64,14 @@ class ProcessEnded:
     reason: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Begin:
     """Render a session as soon as all slaves have joined."""
 
     session: Session
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class PartitionMade:
     """The answer to MakePartition."""
 
@@ -96,7 +96,7 @@ class Abort:
 Event = Tick | SlaveSaid | Unreadable | SlaveLost | ProcessEnded | Begin | PartitionMade | Close | Abort
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Send:
     identity: bytes
     message: protocol.FromMaster
@@ -129,7 +129,7 @@ class Noted:
     text: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Finished:
     result: SessionResult
 

@@ -57,7 +57,7 @@ class Ready:
     epoch: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class TaskDone:
     """A task whose home this slave is has ended."""
 
@@ -149,7 +149,7 @@ class Refuse:
     reason: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Setup:
     """A new world; the slave's cells follow as Partitions.
 
@@ -164,7 +164,7 @@ class Setup:
     peers: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Partition:
     """Triangles of a cell, or one part of them; parts follow each other in the order of the triangles' numbers.
 
@@ -194,7 +194,7 @@ class Exchange:
     epoch: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Look:
     """The view of the buckets that follow."""
 
@@ -249,7 +249,7 @@ class PeerHello:
     number: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class PeerBatch:
     """A batch for a cell or a home of the receiver."""
 

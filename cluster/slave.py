@@ -46,12 +46,12 @@ class Tick:
     """Time has passed; comes several times a heartbeat."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class MasterSaid:
     message: protocol.FromMaster
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class PeerSaid:
     """`identity` names the connection, not the slave: a PeerHello tells which that is."""
 
@@ -67,7 +67,7 @@ class Unreadable:
     reason: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Computed:
     outcome: Outcome
 
@@ -101,12 +101,12 @@ class Leave:
 Event = Start | Tick | MasterSaid | PeerSaid | Unreadable | Computed | ComputeFailed | PeerLost | MasterLost | Leave
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class ToMaster:
     message: protocol.FromSlave
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class ToPeer:
     number: int
     message: protocol.FromPeer
@@ -128,7 +128,7 @@ class ConnectPeers:
     peers: tuple[str, ...]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Run:
     """Have the worker do a job; its Outcome is due before another Run comes."""
 
@@ -182,6 +182,7 @@ class Slave:
         self._setup: protocol.Setup | None = None
         self._parts: dict[int, list[Triangles]] = {}
         self._partition: dict[int, Triangles] = {}
+        self._missing: set[int] = set()
         self._peers: dict[bytes, int] = {}
         self._connected: tuple[str, ...] = ()
         self._orders: deque[Job] = deque()
@@ -366,6 +367,7 @@ class Slave:
         self._epoch = setup.epoch
         self._setup = setup
         self._parts, self._partition = {}, {}
+        self._missing = {cell for cell, holder in enumerate(setup.holders) if holder == welcome.number}
         for queue in (self._orders, self._homebound, self._batches, self._tasks):
             queue.clear()
         self._ghosts_handled, self._ghosts_expected = 0, None
@@ -388,7 +390,7 @@ class Slave:
             raise ProtocolError(f"Setup has no endpoint for slave {welcome.number}")
 
     def _receive(self, message: protocol.Partition) -> list[Instruction]:
-        if self._setup is None or not self._own(message.cell) or message.cell in self._partition:
+        if self._setup is None or message.cell not in self._missing:
             raise ProtocolError(f"the master sent cell {message.cell}, which is not expected here")
         parts = self._parts.setdefault(message.cell, [])
         if message.part != len(parts) or message.parts <= message.part:
@@ -399,19 +401,14 @@ class Slave:
         triangles = join(self._parts.pop(message.cell))
         checks.check_triangles(triangles, self._setup.world, f"cell {message.cell}")
         self._partition[message.cell] = triangles
+        self._missing.remove(message.cell)
         self._build_if_complete()
         return [ToMaster(protocol.PartitionReceived(self._epoch, message.cell))]
 
     def _build_if_complete(self) -> None:
-        setup = self._setup
-        if setup is None or self._partition.keys() != {cell for cell in range(len(setup.holders)) if self._own(cell)}:
-            return
-        partition, self._partition = self._partition, {}
-        self._orders.append(Build(self.number, setup.world, partition, setup.holders))
-
-    def _own(self, cell: int) -> bool:
-        setup = self._setup
-        return setup is not None and 0 <= cell < len(setup.holders) and setup.holders[cell] == self.number
+        if self._setup is not None and not self._missing:
+            partition, self._partition = self._partition, {}
+            self._orders.append(Build(self.number, self._setup.world, partition, self._setup.holders))
 
     def _peer_said(self, identity: bytes, message: protocol.FromPeer) -> list[Instruction]:
         if isinstance(message, protocol.PeerHello):

@@ -62,6 +62,12 @@ class Worker:
         """Look through a camera; before buckets are started."""
         self.replica.set_view(view)
 
+    def adopt(self, world: World) -> None:
+        """Go on with the same scene under another photon plan, without any photons."""
+        self.forget_photons()
+        self.replica.world = world
+        self._busy = 0.0
+
     def start(self, task: Task) -> Outbox:
         """Become a task's home."""
         began = time.perf_counter()

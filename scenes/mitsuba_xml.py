@@ -47,12 +47,12 @@ class _SceneReader:
     def read(self, size: Size | None) -> Scene:
         for element in self.document.root.children:
             self._read_top_level(element)
-        camera, samples = self._camera(size)
         max_depth = None
         for integrator in self.integrators[:1]:
             max_depth = read_integrator(integrator, self.warnings)
         for extra in self.integrators[1:]:
             raise extra.error("the scene has more than one integrator")
+        camera, samples = self._camera(size)
         return Scene(
             self.file.parent.name if self.file.stem == "scene" else self.file.stem,
             tuple(self.meshes),

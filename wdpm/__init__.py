@@ -1,1 +1,50 @@
-"""wdpm: global illumination by distributed photon mapping."""
+"""wdpm: global illumination by distributed photon mapping.
+
+    import wdpm
+    image = wdpm.render("cornell-box", photons=250_000, spp=16)
+    image.save("image.exr")
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from wdpm import scenes
+    from wdpm.api import render
+    from wdpm.cluster_api import Cluster
+    from wdpm.compare import compare
+    from wdpm.image import Image
+    from wdpm.kernels.settings import RenderSettings, Routing
+    from wdpm.scenes.errors import WdpmError
+    from wdpm.scenes.load import load
+    from wdpm.scenes.model import Scene
+
+__all__ = ["Cluster", "Image", "RenderSettings", "Routing", "Scene", "WdpmError", "compare", "load", "render", "scenes"]
+
+_HOME = {
+    "Cluster": "wdpm.cluster_api",
+    "Image": "wdpm.image",
+    "RenderSettings": "wdpm.kernels.settings",
+    "Routing": "wdpm.kernels.settings",
+    "Scene": "wdpm.scenes.model",
+    "WdpmError": "wdpm.scenes.errors",
+    "compare": "wdpm.compare",
+    "load": "wdpm.scenes.load",
+    "render": "wdpm.api",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Public names are imported when they are first used, so that `wdpm --help` need not wait for Warp."""
+    import importlib
+
+    if name in _HOME:
+        return getattr(importlib.import_module(_HOME[name]), name)
+    if name == "scenes":
+        return importlib.import_module("wdpm.scenes")
+    raise AttributeError(f"module 'wdpm' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

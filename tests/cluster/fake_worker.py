@@ -178,6 +178,7 @@ def make_world(cells: int, paths: int = 1000) -> World:
             names=("lamp",),
         ),
         emitter_radiance=np.ones((1, 3), np.float32),
+        point_area=1.0,
         top_tree=TopTree(np.zeros(cells - 1, np.int32), np.zeros(cells - 1, np.float32)),
         extent=1.0,
         seed=0,

@@ -140,7 +140,8 @@ def test_constant_spectrum_of_a_light_is_equal_energy_white(tmp_path: Path) -> N
 def test_point_light_by_position_and_by_transform(tmp_path: Path) -> None:
     scene = read(
         tmp_path,
-        '<emitter type="point"><point name="position" x="1" y="2" z="3"/><rgb name="intensity" value="4 5 6"/></emitter>'
+        '<emitter type="point"><point name="position" x="1" y="2" z="3"/>'
+        '<rgb name="intensity" value="4 5 6"/></emitter>'
         '<emitter type="point"><transform name="toWorld"><translate value="7 8 9"/></transform></emitter>',
     )
     first, second = scene.point_lights
@@ -179,8 +180,8 @@ RAW = '<boolean name="raw" value="true"/>'
 def test_shapes_that_share_a_texture_share_one_bitmap(tmp_path: Path) -> None:
     imageio.imwrite(tmp_path / "a.png", np.full((2, 2, 3), 9, dtype=np.uint8))
     body = "".join(
-        f'<bsdf type="diffuse" id="b{i}"><texture type="bitmap" name="reflectance"><string name="filename" value="a.png"/>'
-        f'</texture></bsdf><shape type="cube"><ref id="b{i}"/></shape>'
+        f'<bsdf type="diffuse" id="b{i}"><texture type="bitmap" name="reflectance">'
+        f'<string name="filename" value="a.png"/></texture></bsdf><shape type="cube"><ref id="b{i}"/></shape>'
         for i in range(3)
     )
     flat = flatten(read(tmp_path, body))

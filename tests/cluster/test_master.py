@@ -1,0 +1,387 @@
+"""The master's state machine: events in, instructions compared. No sockets, no clock, no workers."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from fake_worker import make_session, make_view, pixels_of, triangles
+
+from wdpm.cluster import master as m
+from wdpm.cluster import protocol as p
+from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.task import BucketTask, PhotonsTraced, PhotonTask
+
+VERSIONS = {"code": "1"}
+SETTINGS = ClusterSettings(photon_task_paths=100, part_triangles=4, cells_in_flight=1)
+A, B, C = b"a", b"b", b"c"
+EPOCH = 1
+
+
+class Driver:
+    """Feeds a master, and keeps the time."""
+
+    def __init__(self, slaves: int = 2) -> None:
+        self.master = m.Master(slaves, VERSIONS, SETTINGS)
+        self.now = 0.0
+
+    def __call__(self, event: m.Event) -> list[m.Instruction]:
+        self.now += 0.001
+        return self.master.handle(event, self.now)
+
+    def says(self, identity: bytes, message: p.FromSlave) -> list[m.Instruction]:
+        return self(m.SlaveSaid(identity, message))
+
+    def join(self) -> Driver:
+        for number, identity in enumerate((A, B)):
+            self.says(identity, hello(number))
+        assert self.master.phase is m.Phase.IDLE
+        return self
+
+    def to_photons(self, **session: Any) -> list[m.Instruction]:
+        """As far as the first photon tasks."""
+        self.join()
+        self(m.Begin(make_session(2, 2, **{"paths": 450, **session})))
+        self(m.PartitionMade(0, triangles(3)))
+        self.says(A, p.PartitionReceived(EPOCH, 0))
+        self(m.PartitionMade(1, triangles(3)))
+        self.says(B, p.PartitionReceived(EPOCH, 1))
+        self.says(A, p.Ready(EPOCH))
+        return self.says(B, p.Ready(EPOCH))
+
+    def to_buckets(self) -> list[m.Instruction]:
+        """As far as the first buckets."""
+        self.to_photons(paths=0, view=make_view(64, 32, 16))
+        for answer in (p.MapsBuilt(EPOCH), p.ViewSet(EPOCH)):
+            self.says(A, answer)
+            out = self.says(B, answer)
+        assert self.master.phase is m.Phase.BUCKETS
+        return out
+
+
+def hello(process: int = 0, versions: dict[str, str] | None = None) -> p.Hello:
+    return p.Hello(VERSIONS if versions is None else versions, "host", process, 1, 0, f"tcp://peer:{process}")
+
+
+def sent(instructions: list[m.Instruction], identity: bytes | None = None) -> list[Any]:
+    """Messages among instructions, to one slave or to all."""
+    return [
+        i.message for i in instructions if isinstance(i, m.Send) and (identity is None or i.identity == identity)
+    ]
+
+
+def tasks_of(instructions: list[m.Instruction], identity: bytes) -> list[Any]:
+    return [message.task for message in sent(instructions, identity) if isinstance(message, p.DoTask)]
+
+
+def broken(instructions: list[m.Instruction]) -> str:
+    """Why the cluster ended; everybody must have been told to stop."""
+    reasons = [i.reason for i in instructions if isinstance(i, m.Broken)]
+    assert len(reasons) == 1
+    assert [type(message) for message in sent(instructions, A)][-1] is p.Stop
+    assert [type(message) for message in sent(instructions, B)][-1] is p.Stop
+    return reasons[0]
+
+
+def test_slaves_are_welcomed_in_order() -> None:
+    driver = Driver()
+    first, second = driver.says(A, hello(7)), driver.says(B, hello(8))
+    [welcome_a], [welcome_b] = sent(first), sent(second)
+    assert (welcome_a.number, welcome_b.number) == (0, 1)
+    assert welcome_a.cluster == welcome_b.cluster
+    assert [member.process for member in driver.master.members] == [7, 8]
+
+
+def test_a_second_hello_of_the_same_slave_is_answered_alike() -> None:
+    driver = Driver()
+    assert sent(driver.says(A, hello())) == sent(driver.says(A, hello()))
+    assert driver.master.phase is m.Phase.JOINING
+
+
+def test_versions_that_differ_are_named() -> None:
+    [refusal] = sent(Driver().says(A, hello(versions={"code": "2", "more": "x"})))
+    assert isinstance(refusal, p.Refuse)
+    assert "code: master 1, slave 2" in refusal.reason
+    assert "more: master none, slave x" in refusal.reason
+    assert "install the same" in refusal.reason
+
+
+def test_one_slave_too_many_is_refused() -> None:
+    [refusal] = sent(Driver().join().says(C, hello()))
+    assert isinstance(refusal, p.Refuse)
+    assert "all 2 slaves" in refusal.reason
+
+
+def test_a_session_waits_for_the_slaves() -> None:
+    driver = Driver()
+    assert driver(m.Begin(make_session(2, 2))) == []
+    driver.says(A, hello())
+    out = driver.says(B, hello())
+    assert [type(message) for message in sent(out, A)] == [p.Setup]
+
+
+def test_cells_go_out_one_after_another_in_parts() -> None:
+    driver = Driver().join()
+    out = driver(m.Begin(make_session(2, 4)))
+    setups = sent(out)
+    assert [setup.peers for setup in setups] == [("tcp://peer:0", "tcp://peer:1")] * 2
+    assert [i for i in out if isinstance(i, m.MakePartition)] == [m.MakePartition(0)]
+    parts = sent(driver(m.PartitionMade(0, triangles(9))), A)
+    assert [(part.cell, part.part, part.parts, len(part.triangles)) for part in parts] == [
+        (0, 0, 3, 4),
+        (0, 1, 3, 4),
+        (0, 2, 3, 1),
+    ]
+    assert driver.says(A, p.PartitionReceived(EPOCH, 0)) == [m.MakePartition(1)]
+    [empty] = sent(driver(m.PartitionMade(1, triangles(0))), B)
+    assert (empty.part, empty.parts, len(empty.triangles)) == (0, 1, 0)
+
+
+def test_triangles_are_let_go() -> None:
+    driver = Driver()
+    driver.to_photons()
+    session = driver.master._session
+    assert session is not None
+    with pytest.raises(AssertionError, match="after all cells were sent"):
+        session.partition(0)
+
+
+def test_two_photon_tasks_are_in_flight_for_each_slave() -> None:
+    driver = Driver()
+    out = driver.to_photons()
+    assert m.Started("photons", 450) in out
+    ranges = {identity: [(task.start, task.stop) for task in tasks_of(out, identity)] for identity in (A, B)}
+    assert ranges == {A: [(0, 100), (200, 300)], B: [(100, 200), (300, 400)]}
+    first = tasks_of(out, B)[0]
+    out = driver.says(B, p.TaskDone(EPOCH, PhotonsTraced(first.number, 100, 1.0)))
+    assert m.Advanced(100) in out
+    assert [(task.start, task.stop) for task in tasks_of(out, B)] == [(400, 450)]
+    assert tasks_of(out, A) == []
+
+
+def test_the_exchange_waits_for_the_last_photon() -> None:
+    driver = Driver()
+    out = driver.to_photons(paths=200)
+    [task_a], [task_b] = tasks_of(out, A), tasks_of(out, B)
+    assert sent(driver.says(A, p.TaskDone(EPOCH, PhotonsTraced(task_a.number, 100, 1.0)))) == []
+    out = driver.says(B, p.TaskDone(EPOCH, PhotonsTraced(task_b.number, 100, 1.0)))
+    assert sent(out, A) == sent(out, B) == [p.Exchange(EPOCH)]
+    assert sent(driver.says(A, p.MapsBuilt(EPOCH))) == []
+    assert [type(message) for message in sent(driver.says(B, p.MapsBuilt(EPOCH)))] == [p.Look, p.Look]
+
+
+def test_buckets_to_the_end() -> None:
+    driver = Driver()
+    out = driver.to_buckets()
+    pending = [(identity, task) for identity in (A, B) for task in tasks_of(out, identity)]
+    assert len(pending) == 6
+    view = make_view(64, 32, 16)
+    while pending:
+        identity, task = pending.pop()
+        out = driver.says(identity, p.TaskDone(EPOCH, pixels_of(task, view)))
+        pending += [(other, task) for other in (A, B) for task in tasks_of(out, other)]
+    assert sent(out) == [p.AskStatistics(EPOCH)] * 2
+    driver.says(B, p.Statistics(EPOCH, {"who": "b"}))
+    [finished] = driver.says(A, p.Statistics(EPOCH, {"who": "a"}))
+    assert isinstance(finished, m.Finished)
+    assert finished.result.statistics == [{"who": "a"}, {"who": "b"}]
+    whole = pixels_of(BucketTask(0, 0, 0, 64, 32), view)
+    for name, layer in whole.layers.items():
+        np.testing.assert_array_equal(finished.result.layers[name], layer)
+    assert driver.master.phase is m.Phase.IDLE
+
+
+# What goes wrong.
+
+
+def test_a_repeated_result_is_dropped_if_it_is_the_same() -> None:
+    driver = Driver()
+    task = tasks_of(driver.to_buckets(), A)[0]
+    result = pixels_of(task, make_view(64, 32, 16))
+    driver.says(A, p.TaskDone(EPOCH, result))
+    assert driver.says(A, p.TaskDone(EPOCH, result)) == []
+    assert driver.master.dropped == {"repeated result": 1}
+    assert driver.master.phase is m.Phase.BUCKETS
+
+
+def test_two_different_results_end_the_render() -> None:
+    driver = Driver()
+    task = tasks_of(driver.to_buckets(), A)[0]
+    driver.says(A, p.TaskDone(EPOCH, pixels_of(task, make_view(64, 32, 16))))
+    out = driver.says(A, p.TaskDone(EPOCH, pixels_of(task, make_view(64, 32, 16, seed=1))))
+    assert f"two results of task {task.number} differ" in broken(out)
+
+
+def test_two_different_photon_results_end_the_render() -> None:
+    driver = Driver()
+    task = tasks_of(driver.to_photons(), A)[0]
+    driver.says(A, p.TaskDone(EPOCH, PhotonsTraced(task.number, 100, 1.0)))
+    assert driver.says(A, p.TaskDone(EPOCH, PhotonsTraced(task.number, 100, 1.0))) == []
+    assert "differ" in broken(driver.says(A, p.TaskDone(EPOCH, PhotonsTraced(task.number, 100, 2.0))))
+
+
+def test_a_result_of_an_unknown_task_ends_the_render() -> None:
+    driver = Driver()
+    driver.to_photons()
+    assert "task 99" in broken(driver.says(A, p.TaskDone(EPOCH, PhotonsTraced(99, 100, 1.0))))
+
+
+def test_a_result_of_another_slaves_task_ends_the_render() -> None:
+    driver = Driver()
+    task = tasks_of(driver.to_photons(), B)[0]
+    out = driver.says(A, p.TaskDone(EPOCH, PhotonsTraced(task.number, 100, 1.0)))
+    assert "not handed" in broken(out)
+
+
+def test_a_photon_result_with_too_few_paths_ends_the_render() -> None:
+    driver = Driver()
+    task = tasks_of(driver.to_photons(), A)[0]
+    assert "has 100 paths; it says 99" in broken(
+        driver.says(A, p.TaskDone(EPOCH, PhotonsTraced(task.number, 99, 1.0)))
+    )
+
+
+def test_a_photon_result_for_a_bucket_ends_the_render() -> None:
+    driver = Driver()
+    task = tasks_of(driver.to_buckets(), A)[0]
+    assert "PhotonsTraced came for" in broken(driver.says(A, p.TaskDone(EPOCH, PhotonsTraced(task.number, 1, 1.0))))
+
+
+@pytest.mark.parametrize("fault", ["place", "layers", "dtype", "shape"])
+def test_a_bucket_that_does_not_fit_ends_the_render(fault: str) -> None:
+    driver = Driver()
+    task = tasks_of(driver.to_buckets(), A)[0]
+    result = pixels_of(task, make_view(64, 32, 16))
+    match fault:
+        case "place":
+            result = dataclasses.replace(result, x0=result.x0 + 1)
+        case "layers":
+            del result.layers["depth"]
+        case "dtype":
+            result.layers["depth"] = result.layers["depth"].astype(np.float64)  # type: ignore[assignment]
+        case "shape":
+            result.layers["depth"] = result.layers["depth"][:1]
+    assert "broke the protocol" in broken(driver.says(A, p.TaskDone(EPOCH, result)))
+
+
+@pytest.mark.parametrize("epoch", [0, 2])
+def test_a_message_of_another_epoch_is_dropped(epoch: int) -> None:
+    driver = Driver()
+    task = tasks_of(driver.to_photons(), A)[0]
+    assert driver.says(A, p.TaskDone(epoch, PhotonsTraced(task.number, 100, 1.0))) == []
+    assert driver.master.dropped == {"TaskDone of another epoch": 1}
+    assert driver.master.phase is m.Phase.PHOTONS
+
+
+@pytest.mark.parametrize(
+    "message", [p.Ready(EPOCH), p.MapsBuilt(EPOCH), p.ViewSet(EPOCH), p.Statistics(EPOCH, {}), p.PhotonsForgotten(EPOCH)]
+)
+def test_an_answer_out_of_turn_ends_the_render(message: p.FromSlave) -> None:
+    driver = Driver()
+    driver.to_photons()
+    assert "not expected from it in phase photons" in broken(driver.says(A, message))
+
+
+def test_an_answer_while_nothing_is_rendered_ends_the_cluster() -> None:
+    assert "while nothing is rendered" in broken(Driver().join().says(A, p.Ready(0)))
+
+
+def test_a_cell_that_was_not_sent_ends_the_render() -> None:
+    driver = Driver().join()
+    driver(m.Begin(make_session(2, 2)))
+    driver(m.PartitionMade(0, triangles(3)))
+    assert "got cell 1" in broken(driver.says(A, p.PartitionReceived(EPOCH, 1)))
+
+
+def test_a_silent_slave_ends_the_render() -> None:
+    driver = Driver()
+    driver.to_photons()
+    for second in range(1, 9):
+        out = driver.master.handle(m.Tick(), second)
+        assert sent(out, A) == [p.Heartbeat()]
+        driver.master.handle(m.SlaveSaid(A, p.Heartbeat()), second)
+    assert driver.master.phase is m.Phase.PHOTONS
+    reason = broken(driver.master.handle(m.Tick(), 11.0))
+    assert "slave 1 (host, process 1) has been silent" in reason
+
+
+def test_a_master_that_slept_does_not_blame_the_slaves() -> None:
+    driver = Driver()
+    driver.to_photons()
+    driver.master.handle(m.Tick(), 1.0)
+    out = driver.master.handle(m.Tick(), 3600.0)
+    assert sent(out, A) == [p.Heartbeat()]
+
+
+@pytest.mark.parametrize(
+    ("event", "reason"),
+    [
+        (m.SlaveLost(B, "its connection is gone"), "slave 1 (host, process 1) is lost: its connection is gone"),
+        (m.ProcessEnded(1, "killed by SIGKILL"), "slave 1 (host, process 1) is lost: killed by SIGKILL"),
+        (m.ProcessEnded(9, "killed by SIGKILL"), "a slave (process 9) ended before it joined: killed by SIGKILL"),
+        (m.SlaveSaid(B, p.Failed("no memory")), "slave 1 (host, process 1) failed: no memory"),
+        (m.SlaveSaid(B, p.Goodbye("interrupted")), "slave 1 (host, process 1) left: interrupted"),
+        (m.SlaveSaid(B, p.Rejected("what?")), "slave 1 (host, process 1) could not read"),
+        (m.SlaveSaid(B, hello(1)), "slave 1 (host, process 1) lost its connection and came back"),
+        (m.Unreadable(B, "7 frames"), "slave 1 (host, process 1) broke the protocol: 7 frames"),
+        (m.Abort("the disk is full"), "the disk is full"),
+    ],
+)
+def test_losing_a_slave_ends_the_render_and_names_it(event: m.Event, reason: str) -> None:
+    driver = Driver()
+    driver.to_photons()
+    assert broken(driver(event)).startswith(reason)
+    assert driver.master.phase is m.Phase.ENDED
+    assert driver(m.SlaveLost(A, "too")) == []
+    assert driver(m.Begin(make_session(2, 2))) == [m.Broken("the cluster has ended; start another")]
+    assert [type(message) for message in sent(driver.says(C, hello()))] == [p.Refuse]
+
+
+def test_a_broken_connection_between_slaves_waits_for_a_better_explanation() -> None:
+    driver = Driver()
+    driver.to_photons()
+    assert driver.says(A, p.PeerGone(1)) == []
+    assert not [i for i in driver.master.handle(m.Tick(), 1.0) if isinstance(i, m.Broken)]
+    assert "slave 1 (host, process 1) is lost" in broken(driver(m.SlaveLost(B, "killed")))
+
+
+def test_a_broken_connection_between_live_slaves_ends_the_render() -> None:
+    driver = Driver()
+    driver.to_photons()
+    driver.says(A, p.PeerGone(1))
+    reason = broken(driver.master.handle(m.Tick(), driver.now + SETTINGS.peer_gone_s))
+    assert reason == "the connection from slave 0 to slave 1 broke"
+
+
+def test_strangers_are_answered_and_counted() -> None:
+    driver = Driver()
+    driver.to_photons()
+    assert sent(driver(m.Unreadable(C, "noise"))) == [p.Rejected("noise")]
+    assert [type(message) for message in sent(driver.says(C, p.Ready(EPOCH)))] == [p.Rejected]
+    assert driver(m.SlaveLost(C, "gone")) == []
+    assert driver.master.dropped == {"unreadable message": 1, "message before Hello": 1}
+    assert driver.master.phase is m.Phase.PHOTONS
+
+
+def test_close_stops_everyone() -> None:
+    out = Driver().join()(m.Close("done"))
+    assert sent(out) == [p.Stop("done")] * 2
+    assert not [i for i in out if isinstance(i, m.Broken)]
+
+
+def test_a_note_names_the_slave() -> None:
+    assert Driver().join().says(B, p.Note("compiles kernels")) == [m.Noted("slave 1 compiles kernels")]
+
+
+def test_task_numbers_never_repeat() -> None:
+    driver = Driver()
+    photons = tasks_of(driver.to_photons(paths=200), A) + [PhotonTask(1, 100, 200)]
+    for identity, task in zip((A, B), photons, strict=True):
+        driver.says(identity, p.TaskDone(EPOCH, PhotonsTraced(task.number, 100, 1.0)))
+    for answer in (p.MapsBuilt(EPOCH), p.ViewSet(EPOCH)):
+        driver.says(A, answer)
+        out = driver.says(B, answer)
+    buckets = tasks_of(out, A) + tasks_of(out, B)
+    assert min(task.number for task in buckets) == 2

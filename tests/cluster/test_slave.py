@@ -1,0 +1,377 @@
+"""A slave's state machine: events in, instructions compared. No sockets, no clock, no workers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from fake_worker import arrays, make_view, make_world, triangles
+
+from wdpm.cluster import compute as c
+from wdpm.cluster import protocol as p
+from wdpm.cluster import slave as s
+from wdpm.cluster.batch import Batch, Kind
+from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.task import PhotonsTraced, PhotonTask
+from wdpm.scenes.geometry import Triangles
+
+HELLO = p.Hello({}, "host", 1, 1, 0, "tcp://here:1")
+WELCOME = p.Welcome(1, "cluster", 1.0, 10.0)
+PEERS = ("tcp://a:1", "tcp://b:1", "tcp://c:1")
+HOLDERS = (0, 1, 2, 1)
+EPOCH = 3
+PEER = b"peer"
+
+
+class Driver:
+    """Feeds a slave, number 1 of 3, which holds cells 1 and 3 of 4."""
+
+    def __init__(self, patience: float = 60.0) -> None:
+        self.slave = s.Slave(HELLO, "tcp://master:1", patience, ClusterSettings())
+        self.now = 0.0
+
+    def __call__(self, event: s.Event) -> list[s.Instruction]:
+        self.now += 0.001
+        return self.slave.handle(event, self.now)
+
+    def told(self, *messages: p.FromMaster) -> list[s.Instruction]:
+        return [instruction for message in messages for instruction in self(s.MasterSaid(message))]
+
+    def peer(self, message: p.FromPeer, identity: bytes = PEER) -> list[s.Instruction]:
+        return self(s.PeerSaid(identity, message))
+
+    def computed(self, job: c.Job, *batches: Batch, **others: Any) -> list[s.Instruction]:
+        return self(s.Computed(c.Outcome(job, batches, **others)))
+
+    def ready(self) -> Driver:
+        """As far as Ready; a peer has said hello."""
+        self(s.Start())
+        out = self.told(WELCOME, setup(), part(1), part(3))
+        [build] = jobs(out)
+        assert to_master(self.computed(build)) == [p.Ready(EPOCH)]
+        self.peer(p.PeerHello("cluster", 0))
+        return self
+
+
+def setup(epoch: int = EPOCH, holders: tuple[int, ...] = HOLDERS, peers: tuple[str, ...] = PEERS) -> p.Setup:
+    return p.Setup(epoch, make_world(4), holders, peers)
+
+
+def part(cell: int, index: int = 0, parts: int = 1, held: Triangles | None = None, epoch: int = EPOCH) -> p.Partition:
+    return p.Partition(epoch, cell, index, parts, triangles(2, 10 * cell + 2 * index) if held is None else held)
+
+
+def batch(kind: Kind, cell: int = 1, home: int = 1) -> Batch:
+    return Batch(kind, 5, home, cell, 1, arrays(kind, 1))
+
+
+def jobs(instructions: list[s.Instruction]) -> list[c.Job]:
+    return [i.job for i in instructions if isinstance(i, s.Run)]
+
+
+def to_master(instructions: list[s.Instruction]) -> list[Any]:
+    return [i.message for i in instructions if isinstance(i, s.ToMaster)]
+
+
+def error_of(instructions: list[s.Instruction]) -> str:
+    """Why the slave exits with an error."""
+    [ending] = [i for i in instructions if isinstance(i, s.Exit)]
+    assert ending.error is not None
+    return ending.error
+
+
+# Joining and leaving.
+
+
+def test_it_says_hello_and_joins() -> None:
+    driver = Driver()
+    assert driver(s.Start()) == [s.ToMaster(HELLO)]
+    assert driver.told(WELCOME) == [s.Tell("joined tcp://master:1 as slave 1")]
+    assert driver.slave.number == 1
+    assert driver.told(WELCOME) == []
+
+
+def test_it_tries_again_with_growing_waits_and_gives_up() -> None:
+    driver = Driver(patience=20.0)
+    driver.slave.handle(s.Start(), 0.0)
+    tries: list[float] = []
+    for tenth in range(1, 300):
+        out = driver.slave.handle(s.Tick(), tenth / 10)
+        if s.Reconnect() in out:
+            assert out[-1] == s.ToMaster(HELLO)
+            tries.append(tenth / 10)
+        if driver.slave.ended:
+            break
+    assert tries == [1.0, 3.0, 7.0, 15.0]
+    assert tenth == 200
+    assert "no master answered at tcp://master:1 within 20 s" in error_of(out)
+
+
+def test_a_refusal_is_told() -> None:
+    driver = Driver()
+    driver(s.Start())
+    assert "refused: versions differ" in error_of(driver.told(p.Refuse("versions differ")))
+    assert driver.slave.ended
+    assert driver.told(WELCOME) == []
+
+
+def test_a_connection_that_is_refused_before_joining_is_tried_again() -> None:
+    driver = Driver()
+    driver(s.Start())
+    assert driver(s.MasterLost()) == []
+
+
+def test_stop_is_no_error() -> None:
+    out = Driver().ready().told(p.Stop("done"))
+    assert to_master(out) == [p.Goodbye("stopped")]
+    assert out[-1] == s.Exit(None)
+
+
+def test_heartbeats_go_out_while_the_worker_computes() -> None:
+    driver = Driver().ready()
+    driver.told(p.DoTask(EPOCH, PhotonTask(5, 0, 10)))
+    beats = 0
+    for tenth in range(1, 51):
+        beats += to_master(driver.slave.handle(s.Tick(), tenth / 10)).count(p.Heartbeat())
+    assert beats in (4, 5)
+
+
+def test_a_silent_master_is_left() -> None:
+    driver = Driver().ready()
+    for second in range(1, 10):
+        assert not driver.slave.ended
+        driver.slave.handle(s.Tick(), second)
+    assert "has been silent" in error_of(driver.slave.handle(s.Tick(), 11.0))
+
+
+def test_a_slave_that_slept_does_not_blame_the_master() -> None:
+    driver = Driver().ready()
+    driver.slave.handle(s.Tick(), 1.0)
+    assert to_master(driver.slave.handle(s.Tick(), 3600.0)) == [p.Heartbeat()]
+
+
+def test_a_long_build_is_told_once() -> None:
+    driver = Driver()
+    driver(s.Start())
+    driver.told(WELCOME, setup(), part(1), part(3))
+    notes = [
+        message
+        for tenth in range(1, 80)
+        for message in to_master(driver.slave.handle(s.Tick(), tenth / 10))
+        if isinstance(message, p.Note)
+    ]
+    assert len(notes) == 1
+    assert "compiles kernels" in notes[0].text
+
+
+@pytest.mark.parametrize(
+    ("event", "message", "error"),
+    [
+        (s.Leave("interrupted"), p.Goodbye("interrupted"), "interrupted"),
+        (s.ComputeFailed("no memory"), p.Failed("no memory"), "no memory"),
+        (s.Unreadable(None, "noise"), None, "cannot read a message of the master: noise"),
+        (s.Unreadable(PEER, "noise"), None, "cannot read a message of slave 0: noise"),
+        (s.MasterSaid(p.Rejected("noise")), None, "the master could not read a message of this slave: noise"),
+        (s.MasterSaid(part(1)), None, "cell 1, which is not expected here"),
+    ],
+)
+def test_what_ends_a_slave_is_told_to_the_master(event: s.Event, message: p.FromSlave | None, error: str) -> None:
+    out = Driver().ready()(event)
+    assert error in error_of(out)
+    [last_words] = to_master(out)
+    assert last_words == message or (message is None and isinstance(last_words, p.Failed))
+
+
+def test_a_lost_master_ends_it() -> None:
+    assert "lost the connection" in error_of(Driver().ready()(s.MasterLost()))
+
+
+def test_a_lost_peer_is_for_the_master_to_judge() -> None:
+    driver = Driver().ready()
+    assert driver(s.PeerLost(2)) == [s.ToMaster(p.PeerGone(2))]
+    assert not driver.slave.ended
+
+
+# Setup.
+
+
+def test_setup_connects_greets_and_builds() -> None:
+    driver = Driver()
+    driver(s.Start())
+    out = driver.told(WELCOME, setup())
+    greeting = p.PeerHello("cluster", 1)
+    assert out[1:] == [s.ConnectPeers(1, PEERS), s.ToPeer(0, greeting), s.ToPeer(2, greeting)]
+    assert driver.told(part(3, 0, 2)) == []
+    assert to_master(driver.told(part(3, 1, 2))) == [p.PartitionReceived(EPOCH, 3)]
+    [build] = jobs(driver.told(part(1)))
+    assert isinstance(build, c.Build)
+    assert {cell: list(held.ids) for cell, held in build.partition.items()} == {1: [10, 11], 3: [30, 31, 32, 33]}
+    assert (build.number, build.holders) == (1, HOLDERS)
+
+
+def test_a_slave_without_cells_builds_too() -> None:
+    driver = Driver()
+    driver(s.Start())
+    [build] = jobs(driver.told(WELCOME, setup(holders=(0, 0, 2, 2))))
+    assert isinstance(build, c.Build)
+    assert build.partition == {}
+
+
+def test_peers_stay_connected_for_the_next_world() -> None:
+    driver = Driver().ready()
+    out = driver.told(setup(EPOCH + 1))
+    assert not [i for i in out if isinstance(i, s.ConnectPeers)]
+
+
+@pytest.mark.parametrize(
+    ("messages", "error"),
+    [
+        ([part(1)], "Partition came before Welcome"),
+        ([WELCOME, setup(holders=(0, 1))], "holders of 2 cells; its top tree has 4"),
+        ([WELCOME, setup(holders=(0, 1, 2, 3))], "a holder outside 0 to 2"),
+        ([WELCOME, setup(holders=(0, 0, 0, 0), peers=PEERS[:1])], "no endpoint for slave 1"),
+        ([WELCOME, setup(), part(0)], "cell 0, which is not expected"),
+        ([WELCOME, setup(), part(1, 1, 2)], "part 1 of 2 of cell 1 is out of order"),
+        ([WELCOME, setup(), part(1, 0, 2), part(1, 0, 2)], "out of order"),
+        ([WELCOME, setup(), part(1), part(1)], "cell 1, which is not expected"),
+        ([WELCOME, setup(), part(1, 0, 2), part(1, 1, 2, triangles(1))], "not in the order of their numbers"),
+    ],
+)
+def test_a_wrong_setup_is_refused(messages: list[Any], error: str) -> None:
+    driver = Driver()
+    driver(s.Start())
+    assert error in error_of(driver.told(*messages))
+
+
+def test_a_triangle_of_an_unknown_material_is_refused() -> None:
+    driver = Driver()
+    driver(s.Start())
+    wrong = triangles(1)
+    wrong.material[0] = 1
+    assert "material" in error_of(driver.told(WELCOME, setup(), part(1, held=wrong)))
+
+
+# Work.
+
+
+def test_finishing_goes_before_starting() -> None:
+    driver = Driver().ready()
+    first, second = PhotonTask(5, 0, 10), PhotonTask(6, 10, 20)
+    assert jobs(driver.told(p.DoTask(EPOCH, first), p.DoTask(EPOCH, second))) == [c.StartTask(first)]
+    ray, home = batch(Kind.PHOTON), batch(Kind.ENDED, cell=0)
+    assert driver.peer(p.PeerBatch(EPOCH, ray)) == []
+    assert driver.peer(p.PeerBatch(EPOCH, home)) == []
+    assert jobs(driver.computed(c.StartTask(first))) == [c.HandleBatch(home)]
+    assert jobs(driver.computed(c.HandleBatch(home))) == [c.HandleBatch(ray)]
+    assert jobs(driver.computed(c.HandleBatch(ray))) == [c.StartTask(second)]
+    assert jobs(driver.computed(c.StartTask(second))) == []
+
+
+def test_batches_and_results_find_their_way() -> None:
+    driver = Driver().ready()
+    job = c.StartTask(PhotonTask(5, 0, 10))
+    driver.told(p.DoTask(EPOCH, job.task))
+    away, home, own = batch(Kind.PHOTON, cell=2), batch(Kind.LIT, home=0), batch(Kind.PHOTON, cell=3)
+    result = PhotonsTraced(5, 10, 1.0)
+    out = driver.computed(job, away, home, own, results=[result])
+    peers = [(i.number, i.message.batch) for i in out if isinstance(i, s.ToPeer) and isinstance(i.message, p.PeerBatch)]
+    assert peers == [(2, away), (0, home)]
+    assert to_master(out) == [p.TaskDone(EPOCH, result)]
+    assert jobs(out) == [c.HandleBatch(own)]
+
+
+@pytest.mark.parametrize("early", [0, 1, 2])
+def test_maps_are_built_when_the_last_ghosts_are_in(early: int) -> None:
+    driver = Driver().ready()
+    ghosts = batch(Kind.GHOSTS, home=0)
+    for _ in range(early):
+        driver.peer(p.PeerBatch(EPOCH, ghosts))
+        driver.computed(c.HandleBatch(ghosts))
+    [exchange] = jobs(driver.told(p.Exchange(EPOCH)))
+    out = driver.computed(exchange, ghosts_expected=2)
+    for _ in range(2 - early):
+        assert jobs(out) == []
+        driver.peer(p.PeerBatch(EPOCH, ghosts))
+        out = driver.computed(c.HandleBatch(ghosts))
+    assert jobs(out) == [c.BuildMaps()]
+    assert to_master(driver.computed(c.BuildMaps())) == [p.MapsBuilt(EPOCH)]
+
+
+def test_too_many_ghosts_are_an_error() -> None:
+    driver = Driver().ready()
+    ghosts = batch(Kind.GHOSTS, home=0)
+    for _ in range(2):
+        driver.peer(p.PeerBatch(EPOCH, ghosts))
+        driver.computed(c.HandleBatch(ghosts))
+    driver.told(p.Exchange(EPOCH))
+    assert "2 batches of ghosts came; expected 1" in error_of(driver.computed(c.MakeGhosts(), ghosts_expected=1))
+
+
+@pytest.mark.parametrize(
+    ("message", "job", "outcome", "answer"),
+    [
+        (p.Look(EPOCH, make_view()), c.SetView, {}, p.ViewSet(EPOCH)),
+        (p.ForgetPhotons(EPOCH), c.Forget, {}, p.PhotonsForgotten(EPOCH)),
+        (
+            p.AskStatistics(EPOCH),
+            c.ReadStatistics,
+            {"statistics": {"photons": 5}},
+            p.Statistics(EPOCH, {"photons": 5, "dropped": {}}),
+        ),
+    ],
+)
+def test_orders_are_carried_out_and_acknowledged(
+    message: p.FromMaster, job: type, outcome: dict[str, Any], answer: p.FromSlave
+) -> None:
+    driver = Driver().ready()
+    [ordered] = jobs(driver.told(message))
+    assert isinstance(ordered, job)
+    assert to_master(driver.computed(ordered, **outcome)) == [answer]
+
+
+def test_late_messages_are_dropped_and_counted() -> None:
+    driver = Driver().ready()
+    assert driver.told(p.DoTask(EPOCH - 1, PhotonTask(5, 0, 10))) == []
+    assert driver.told(setup(EPOCH)) == []
+    assert driver.peer(p.PeerBatch(EPOCH - 1, batch(Kind.PHOTON))) == []
+    assert driver.slave.dropped == {
+        "DoTask of another epoch": 1,
+        "Setup of an older epoch": 1,
+        "PeerBatch of another epoch": 1,
+    }
+
+
+def test_what_was_computed_for_an_older_epoch_is_dropped() -> None:
+    driver = Driver().ready()
+    job = c.StartTask(PhotonTask(5, 0, 10))
+    driver.told(p.DoTask(EPOCH, job.task))
+    driver.told(setup(EPOCH + 1))
+    assert driver.computed(job, batch(Kind.PHOTON, cell=2)) == []
+    assert driver.slave.dropped == {"outcome of another epoch": 1}
+
+
+def test_strangers_are_answered_and_counted() -> None:
+    driver = Driver().ready()
+    for out in (
+        driver.peer(p.PeerBatch(EPOCH, batch(Kind.PHOTON)), b"stranger"),
+        driver.peer(p.PeerHello("another cluster", 0), b"stranger"),
+        driver(s.Unreadable(b"stranger", "noise")),
+    ):
+        [answer] = out
+        assert isinstance(answer, s.AnswerStranger)
+        assert answer.identity == b"stranger"
+    assert sum(driver.slave.dropped.values()) == 3
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error"),
+    [
+        (batch(Kind.PHOTON, cell=0), "is not for slave 1"),
+        (batch(Kind.LIT, home=2), "is not for slave 1"),
+        (batch(Kind.PHOTON, cell=4), "for cell 4 and home 1"),
+        (batch(Kind.PHOTON, cell=-1), "for cell -1"),
+        (batch(Kind.LIT, home=3), "and home 3"),
+    ],
+)
+def test_a_misled_batch_is_an_error(wrong: Batch, error: str) -> None:
+    assert error in error_of(Driver().ready().peer(p.PeerBatch(EPOCH, wrong)))

@@ -1,0 +1,206 @@
+"""glTF files made by hand."""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+
+from wdpm.scenes import Bitmap, Interpolation, SceneError, Wrap, load
+
+POSITIONS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype="<f4")
+INDICES = np.array([0, 1, 2, 0, 2, 3], dtype="<u2")
+BLOB = POSITIONS.tobytes() + INDICES.tobytes() + POSITIONS[:, :2].tobytes()
+
+
+def document(**changes: Any) -> dict[str, Any]:
+    """A unit square in the plane z = 0."""
+    return {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0, "name": "square"}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 2}, "indices": 1}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5123, "count": 6, "type": "SCALAR"},
+            {"bufferView": 2, "componentType": 5126, "count": 4, "type": "VEC2"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 48},
+            {"buffer": 0, "byteOffset": 48, "byteLength": 12},
+            {"buffer": 0, "byteOffset": 60, "byteLength": 32},
+        ],
+        "buffers": [{"byteLength": len(BLOB), "uri": "data:;base64," + base64.b64encode(BLOB).decode()}],
+        **changes,
+    }
+
+
+def write(folder: Path, content: dict[str, Any]) -> Path:
+    file = folder / "m.gltf"
+    file.write_text(json.dumps(content))
+    return file
+
+
+def glb(content: dict[str, Any]) -> bytes:
+    content = {**content, "buffers": [{"byteLength": len(BLOB)}]}
+    text = json.dumps(content).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(BLOB), 0x004E4942) + BLOB
+    return struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks
+
+
+def test_gltf_and_glb_hold_the_same(tmp_path: Path) -> None:
+    first = load(write(tmp_path, document()))
+    (tmp_path / "m.glb").write_bytes(glb(document()))
+    second = load(tmp_path / "m.glb")
+    np.testing.assert_array_equal(first.meshes[0].vertices, POSITIONS)
+    np.testing.assert_array_equal(first.meshes[0].vertices, second.meshes[0].vertices)
+    np.testing.assert_array_equal(first.meshes[0].faces, [[0, 1, 2], [0, 2, 3]])
+    assert any("no camera and no lights" in warning for warning in first.warnings)
+
+
+def test_nodes_camera_and_light(tmp_path: Path) -> None:
+    half = np.sqrt(0.5)
+    nodes = [
+        {"children": [1], "translation": [10, 0, 0], "scale": [2, 2, 2]},
+        {"mesh": 0, "rotation": [0, 0, half, half]},
+        {"camera": 0, "translation": [0, 0, 5]},
+        {"extensions": {"KHR_lights_punctual": {"light": 0}}, "translation": [0, 7, 0]},
+    ]
+    lights = [{"type": "point", "intensity": 100, "color": [1, 0.5, 0.25]}]
+    camera = {"type": "perspective", "perspective": {"yfov": 1.0, "aspectRatio": 2.0, "znear": 0.1}}
+    scene = load(
+        write(
+            tmp_path,
+            document(
+                nodes=nodes,
+                scenes=[{"nodes": [0, 2, 3]}],
+                cameras=[camera],
+                extensions={"KHR_lights_punctual": {"lights": lights}},
+            ),
+        )
+    )
+    np.testing.assert_allclose(scene.meshes[0].vertices[1], [10, 2, 0], atol=1e-12)
+    assert (scene.camera.width, scene.camera.height) == (1024, 512)
+    assert np.tan(np.radians(scene.camera.fov_x) / 2) == pytest.approx(2 * np.tan(0.5))
+    np.testing.assert_allclose(scene.camera.to_world[:3], [[-1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 5]], atol=1e-12)
+    assert scene.point_lights[0].position == (0.0, 7.0, 0.0)
+    assert scene.point_lights[0].intensity == (100.0, 50.0, 25.0)
+
+
+def test_material(tmp_path: Path) -> None:
+    pixels = np.zeros((2, 2, 3), dtype=np.uint8)
+    pixels[0, 0] = 255
+    png = io.BytesIO()
+    imageio.imwrite(png, pixels, extension=".png")
+    content = document(
+        materials=[
+            {
+                "name": "painted",
+                "doubleSided": True,
+                "emissiveFactor": [1, 0.5, 0],
+                "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 4}},
+                "pbrMetallicRoughness": {
+                    "metallicFactor": 0,
+                    "baseColorFactor": [0.5, 1, 1, 1],
+                    "baseColorTexture": {"index": 0},
+                },
+            }
+        ],
+        textures=[{"source": 0, "sampler": 0}],
+        samplers=[{"wrapS": 33648, "wrapT": 33648, "magFilter": 9728}],
+        images=[{"uri": "data:image/png;base64," + base64.b64encode(png.getvalue()).decode()}],
+    )
+    content["meshes"][0]["primitives"][0]["material"] = 0
+    scene = load(write(tmp_path, content))
+    bitmap = scene.materials[0].reflectance
+    assert isinstance(bitmap, Bitmap)
+    assert scene.materials[0].twosided
+    np.testing.assert_allclose(bitmap.pixels[0, 0], [0.5, 1, 1])
+    np.testing.assert_allclose(bitmap.to_uv @ [0, 0, 1], [0, 1, 1])  # glTF's v = 0 is the top, our v = 1
+    assert (bitmap.wrap, bitmap.interpolation) == (Wrap.MIRROR, Interpolation.NEAREST)
+    assert scene.meshes[0].emission == (4.0, 2.0, 0.0)
+
+
+def test_metal_is_said_to_be_treated_as_diffuse(tmp_path: Path) -> None:
+    scene = load(write(tmp_path, document()))
+    assert any("treated as diffuse, without metallic" in warning for warning in scene.warnings)
+
+
+@pytest.mark.parametrize(
+    ("mode", "expected"),
+    [(4, [[0, 1, 2], [0, 2, 3]]), (5, [[0, 1, 2], [1, 0, 0], [0, 2, 2], [0, 2, 3][::1]]), (6, None)],
+)
+def test_primitive_modes(tmp_path: Path, mode: int, expected: list[list[int]] | None) -> None:
+    content = document()
+    content["meshes"][0]["primitives"][0]["mode"] = mode
+    faces = load(write(tmp_path, content)).meshes[0].faces.tolist()
+    strip = [[0, 1, 2], [2, 1, 0], [2, 0, 2], [2, 0, 3]]
+    fan = [[0, 1, 2], [0, 2, 0], [0, 0, 2], [0, 2, 3]]
+    assert faces == {4: expected, 5: strip, 6: fan}[mode]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"asset": {"version": "1.0"}}, "expected glTF version 2"),
+        ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "KHR_draco_mesh_compression"),
+        ({"nodes": [{"mesh": 3}]}, r"there is no meshes\[3\]"),
+        ({"nodes": [{"mesh": 0, "children": [0]}]}, "its own ancestor"),
+        ({"buffers": [{"byteLength": 1000, "uri": "data:;base64,AAAA"}]}, "truncated"),
+        ({"buffers": [{"byteLength": 92, "uri": "http://example.org/a.bin"}]}, "nothing is fetched"),
+        ({"buffers": [{"byteLength": 92, "uri": "none.bin"}]}, '"none.bin" cannot be read'),
+        ({"bufferViews": [{"buffer": 0, "byteLength": 9999}]}, "beyond the end"),
+        ({"nodes": [{"mesh": 0, "scale": [1, 0, 1]}]}, "flattens space"),
+        ({"nodes": [{"mesh": 0, "scale": "big"}]}, '"scale" is "big"'),
+        ({"nodes": []}, r"there is no nodes\[0\]"),
+    ],
+)
+def test_broken_gltf(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    content = document(**changes)
+    if "scale" in str(changes):
+        content["accessors"].append(content["accessors"][0])
+        content["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = 0
+    with pytest.raises(SceneError, match=message):
+        load(write(tmp_path, content))
+
+
+def test_light_kinds_that_come_later(tmp_path: Path) -> None:
+    content = document(
+        nodes=[{"mesh": 0, "extensions": {"KHR_lights_punctual": {"light": 0}}}],
+        extensions={"KHR_lights_punctual": {"lights": [{"type": "spot"}]}},
+    )
+    with pytest.raises(SceneError, match='type "spot" is not supported yet'):
+        load(write(tmp_path, content))
+
+
+def test_index_out_of_range(tmp_path: Path) -> None:
+    blob = bytearray(BLOB)
+    blob[48:50] = b"\x09\x00"
+    uri = "data:;base64," + base64.b64encode(bytes(blob)).decode()
+    with pytest.raises(SceneError, match="an index is out of range"):
+        load(write(tmp_path, document(buffers=[{"byteLength": len(blob), "uri": uri}])))
+
+
+def test_truncated_glb(tmp_path: Path) -> None:
+    data = glb(document())
+    file = tmp_path / "m.glb"
+    for end in range(4, len(data) - 1, 37):
+        file.write_bytes(data[:end])
+        with pytest.raises(SceneError, match=r"truncated|too short"):
+            load(file)
+
+
+def test_broken_json(tmp_path: Path) -> None:
+    file = tmp_path / "m.gltf"
+    file.write_text("{\n  broken\n}")
+    with pytest.raises(SceneError, match=r"m\.gltf:2: broken JSON"):
+        load(file)

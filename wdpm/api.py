@@ -1,0 +1,103 @@
+"""The Python interface: load, render, inspect.
+
+    import wdpm
+    scene = wdpm.load("scene.xml")
+    image = wdpm.render(scene, photons=250_000, spp=16)
+    image.save("image.exr")
+"""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+from typing import Any
+
+from wdpm.cluster import memory
+from wdpm.cluster.plan import cells_of
+from wdpm.cluster.worker import Worker
+from wdpm.image import Image
+from wdpm.kernels.launch import Launcher
+from wdpm.kernels.settings import RenderSettings
+from wdpm.prepare import Prepared, image_of, prepare
+from wdpm.progress import Progress, SilentProgress
+from wdpm.scene_settings import settings_for
+from wdpm.scenes.load import load
+from wdpm.scenes.model import Scene
+
+
+def render(
+    scene: Scene | str | Path,
+    settings: RenderSettings | None = None,
+    *,
+    slaves: int = 0,
+    threads: int | None = None,
+    device: str = "cpu",
+    progress: Progress | None = None,
+    **chosen: Any,
+) -> Image:
+    """Render a scene on this machine.
+
+    Args:
+        scene: a scene, a file or the name of a built-in scene.
+        settings: all settings; or give single ones by name (`photons=250_000, spp=16`), see RenderSettings.
+        slaves: processes of a local cluster; 0 renders in this process. The image is the same, bit for bit.
+        threads: cores to use in all; None for all there are.
+        device: "cpu" or a CUDA device, "cuda:0".
+        progress: is told how far the render is.
+
+    Raises:
+        SceneError, SettingsError, ClusterError: see their messages.
+    """
+    scene = scene if isinstance(scene, Scene) else load(scene)
+    settings = settings or settings_for(scene, **chosen)
+    progress = progress or SilentProgress()
+    if slaves:
+        from wdpm.cluster_api import Cluster
+
+        with Cluster.local(slaves=slaves, threads=threads, device=device) as cluster:
+            return cluster.render(scene, settings, progress=progress)
+    launcher = Launcher(device, threads)
+    prepared = prepare(scene, settings, 1, launcher, progress)
+    return _in_this_process(prepared, 1, launcher, progress, None)
+
+
+def render_in_process(
+    scene: Scene,
+    settings: RenderSettings,
+    *,
+    workers: int,
+    cells: int | None = None,
+    threads: int | None = None,
+    shuffle: random.Random | None = None,
+) -> Image:
+    """Render with several workers in this process: a cluster without sockets, for tests.
+
+    Args:
+        cells: a power of two, at least `workers`; None for the least that serves them.
+        shuffle: shuffles the order in which messages arrive.
+    """
+    launcher = Launcher("cpu", threads)
+    prepared = prepare(scene, settings, workers, launcher, SilentProgress(), cells)
+    return _in_this_process(prepared, workers, launcher, SilentProgress(), shuffle)
+
+
+def _in_this_process(
+    prepared: Prepared, workers: int, launcher: Launcher, progress: Progress, shuffle: random.Random | None
+) -> Image:
+    session, plan = prepared.session, prepared.plan
+    if workers == 1 and session.world.top_tree.cells == 1:
+        made = [plan.pilot]
+        plan.pilot.adopt(session.world)
+    else:
+        parts = {cell: session.partition(cell) for cell in range(session.world.top_tree.cells)}
+        made = [
+            Worker(
+                number,
+                session.world,
+                {cell: parts[cell] for cell in cells_of(session.holders, number)},
+                session.holders,
+                launcher,
+            )
+            for number in range(workers)
+        ]
+    return image_of(prepared, memory.run(session, made, progress, shuffle=shuffle))

@@ -1,0 +1,180 @@
+"""From a scene to a session for a cluster, and from its result to an image with a report."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields, is_dataclass
+from enum import Enum
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+
+from wdpm.cluster.plan import Plan, make_plan, view_of
+from wdpm.cluster.session import Session, SessionResult
+from wdpm.image import Image
+from wdpm.kernels.compile import compile_kernels
+from wdpm.kernels.launch import Launcher
+from wdpm.kernels.settings import RenderSettings
+from wdpm.progress import Progress
+from wdpm.report import EnergyLedger, LightPhotons, PhotonCounts, Report, SlaveReport
+from wdpm.scenes.geometry import Triangles, flatten
+from wdpm.scenes.model import Scene
+
+PACKAGES = ("wdpm", "warp-lang", "numpy")
+"""Packages whose versions the bits of an image may depend on."""
+
+
+@dataclass(eq=False)
+class Prepared:
+    """A scene that is ready to be rendered by a number of workers."""
+
+    plan: Plan
+    session: Session
+    settings: RenderSettings
+    triangles: int
+    warnings: tuple[str, ...]
+    seconds: dict[str, float]
+
+
+def prepare(
+    scene: Scene,
+    settings: RenderSettings,
+    workers: int,
+    launcher: Launcher,
+    progress: Progress,
+    cells: int | None = None,
+) -> Prepared:
+    """Compile what is needed, fly the pilot, and divide the scene.
+
+    Args:
+        workers: how many will share the work; 0 or 1 for one.
+        cells: a power of two, or None for the least that serves the workers.
+    """
+    seconds = {}
+    progress.start("compile")
+    began = time.perf_counter()
+    compile_kernels(launcher.device)
+    seconds["compile"] = time.perf_counter() - began
+
+    progress.start("partition")
+    began = time.perf_counter()
+    flat = flatten(scene)
+    plan = make_plan(flat, settings, workers, launcher, cells)
+    session = Session(
+        world=plan.world,
+        view=view_of(flat, settings),
+        partition=_partition(flat.triangles, plan),
+        holders=tuple(plan.holders),
+        digest=_digest(plan.world, flat.triangles, plan.holders),
+    )
+    seconds["partition"] = time.perf_counter() - began
+    dropped = tuple(f"{count} triangles were left out: {cause}" for cause, count in flat.dropped.items())
+    return Prepared(plan, session, settings, len(flat.triangles), scene.warnings + dropped, seconds)
+
+
+def _partition(triangles: Triangles, plan: Plan) -> Callable[[int], Triangles]:
+    """Hands out each cell's triangles once; after the last cell nothing holds the scene's triangles any more."""
+    left = dict(enumerate(plan.rows))
+    source = [triangles]
+
+    def of_cell(cell: int) -> Triangles:
+        part = source[0].take(left.pop(cell))
+        if not left:
+            source.clear()
+        return part
+
+    return of_cell
+
+
+def _digest(*parts: Any) -> str:
+    """Names a value of dataclasses, arrays and scalars by its contents."""
+    digest = hashlib.sha256()
+    for part in parts:
+        _feed(digest, part)
+    return digest.hexdigest()
+
+
+def _feed(digest: Any, value: Any) -> None:
+    if isinstance(value, np.ndarray):
+        digest.update(f"{value.dtype}{value.shape}".encode())
+        digest.update(np.ascontiguousarray(value).data)
+    elif is_dataclass(value):
+        for attribute in fields(value):
+            digest.update(attribute.name.encode())
+            _feed(digest, getattr(value, attribute.name))
+    elif isinstance(value, list | tuple):
+        digest.update(f"[{len(value)}]".encode())
+        for item in value:
+            _feed(digest, item)
+    else:
+        digest.update(f"{type(value).__name__}:{value!r};".encode())
+
+
+def image_of(prepared: Prepared, result: SessionResult) -> Image:
+    """The image of a finished session, with settings and report."""
+    report = report_of(prepared, result)
+    return Image(result.layers, {"settings": report.settings, "report": report.to_dict()})
+
+
+def report_of(prepared: Prepared, result: SessionResult) -> Report:
+    """What a render tells about itself."""
+    slaves = result.statistics
+    world = prepared.session.world
+    paths = max(result.paths, 1)
+    absorbed, escaped, cut = np.sum([slave["energy"] for slave in slaves], axis=0) / paths
+    nonfinite: dict[str, int] = {}
+    for slave in slaves:
+        for cause, count in slave["nonfinite"].items():
+            nonfinite[cause] = nonfinite.get(cause, 0) + count
+    return Report(
+        phases={**prepared.seconds, **result.seconds, "partition": _sum_of("partition", prepared, result)},
+        triangles=prepared.triangles,
+        photons=_photon_counts(prepared, result),
+        slaves=tuple(_slave_report(number, slave) for number, slave in enumerate(slaves)),
+        gathers=sum(slave["gathers"] for slave in slaves),
+        gathers_truncated=sum(slave["gathers_truncated"] for slave in slaves),
+        gathers_left_band=sum(slave["gathers_left_band"] for slave in slaves),
+        nonfinite=nonfinite,
+        energy=EnergyLedger(result.emitted / paths, float(absorbed), float(escaped), float(cut)),
+        warnings=prepared.warnings,
+        settings=_settings(prepared) | {"gather_radius": world.radius, "cells": world.top_tree.cells},
+        versions={name: metadata.version(name) for name in PACKAGES} | {"python": platform.python_version()},
+    )
+
+
+def _sum_of(phase: str, prepared: Prepared, result: SessionResult) -> float:
+    return prepared.seconds.get(phase, 0.0) + result.seconds.get(phase, 0.0)
+
+
+def _settings(prepared: Prepared) -> dict[str, Any]:
+    camera = prepared.session.view.camera
+    values = {k: v.value if isinstance(v, Enum) else v for k, v in asdict(prepared.settings).items()}
+    return values | {"width": camera.width, "height": camera.height}
+
+
+def _photon_counts(prepared: Prepared, result: SessionResult) -> PhotonCounts:
+    world = prepared.session.world
+    lights = world.lights
+    stored = np.sum([slave["stored_by_light"] for slave in result.statistics], axis=0, dtype=np.int64)
+    light_of_element = np.concatenate([lights.triangle_light, lights.point_light])
+    power = np.bincount(light_of_element, lights.power, minlength=len(lights.names))
+    share = power / power.sum() if power.sum() > 0 else power
+    return PhotonCounts(
+        asked=prepared.settings.photons,
+        paths=result.paths,
+        stored=int(np.sum(stored)),
+        lights=tuple(
+            LightPhotons(name, round(result.paths * float(share[i])), int(stored[i]), float(power[i]))
+            for i, name in enumerate(lights.names)
+        ),
+    )
+
+
+def _slave_report(number: int, slave: dict[str, Any]) -> SlaveReport:
+    counted = {name: slave[name] for name in ("triangles", "photons", "ghosts", "rays_in", "rays_out")}
+    used = {name: slave[name] for name in ("bytes_in", "bytes_out", "busy_s", "peak_memory_bytes")}
+    return SlaveReport(slave=f"slave {number}", cells=len(slave["cells"]), **counted, **used)
