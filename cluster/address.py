@@ -19,7 +19,10 @@ def split(address: str) -> tuple[str, int]:
 
 
 def resolve(address: str) -> str:
-    """The same address with a number in place of a name: ZeroMQ binds to numbers only. A host * means all interfaces."""
+    """The same address with a number in place of a name, since ZeroMQ binds to numbers only.
+
+    A host * means all interfaces of this machine.
+    """
     host, port = split(address)
     if host == "*":
         return f"tcp://0.0.0.0:{port}"

@@ -109,7 +109,7 @@ class Batch:
 
     Attributes:
         task: number of the task that the contents belong to; -1 where there is none (ghosts).
-        home: number of the worker that was handed the task.
+        home: number of the worker that was handed the task; of ghosts, the worker that they come from.
         cell: the destination cell; for kinds that go to a home, the cell it comes from.
         credit: the share of the task's credit that travels with the batch (Mattern 1989).
         arrays: as SCHEMAS[kind] says.

@@ -38,6 +38,7 @@ class Replica:
 
     world: World
     launcher: Launcher
+    worker: int
     view: View | None = None
     camera: Any = None
     cells: Any = field(init=False)
@@ -201,14 +202,16 @@ class Cell:
         world = self.replica.world
         low, high = cells.cell_boxes(world.top_tree.axis, world.top_tree.split)
         self._own_points = self._spread_points()
+        photons = concatenate(self._photons, Kind.GHOSTS)
+        self._photons = [photons]
         # Distances are rounded, and photons lie a rounding off their surfaces: pad covers both.
         band = world.band + self.replica.pad
         for cell in range(len(low)):
             if cell != self.number:
-                near = [take(part, rows_near(part["position"], low[cell], high[cell], band)) for part in self._photons]
-                yield Batch(Kind.GHOSTS, -1, -1, cell, 0, concatenate(near, Kind.GHOSTS))
+                rows = rows_near(photons["position"], low[cell], high[cell], band)
+                yield Batch(Kind.GHOSTS, -1, self.replica.worker, cell, 0, take(photons, rows))
                 rows = rows_near(self._own_points["position"], low[cell], high[cell], band)
-                yield Batch(Kind.POINTS, -1, -1, cell, 0, take(self._own_points, rows))
+                yield Batch(Kind.POINTS, -1, self.replica.worker, cell, 0, take(self._own_points, rows))
 
     def _spread_points(self) -> Arrays:
         """The surface points that lie in this cell."""

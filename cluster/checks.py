@@ -129,7 +129,7 @@ def _view(view: View, where: str) -> None:
 
 def _camera(camera: Camera, where: str) -> None:
     size = (camera.width, camera.height)
-    _require(1 <= min(size) and max(size) <= LARGEST_SIDE, where, f"an image of {size} pixels")
+    _require(all(1 <= side <= LARGEST_SIDE for side in size), where, f"an image of {size} pixels")
     _require(bool(np.isfinite(camera.to_world).all()), where, "to_world is not finite")
 
 

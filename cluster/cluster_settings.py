@@ -13,8 +13,8 @@ class ClusterSettings:
         heartbeat_s: a process sends something at least this often [s].
         liveness_s: silence that counts as death [s]. Ten heartbeats: long enough for a machine that swaps for a moment,
             short enough for a person who waits.
-        peer_gone_s: time between the news that a connection between slaves broke and the end of the render [s]. One of the
-            two may have died, or may be stopping: the master then hears so itself, and can name it.
+        peer_gone_s: time between the news that a connection between slaves broke and the end of the render [s]. One
+            of the two may have died, or may be stopping: the master then hears so itself, and can name it.
         join_first_s: first wait of a slave for the master's answer [s]; it doubles with every try ...
         join_longest_s: ... up to this [s]. Both as in the Paranoid Pirate pattern of the ZeroMQ guide.
         photon_task_paths: photon paths a task. Enough for long kernel launches, few enough that the rays of all tasks

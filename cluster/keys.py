@@ -50,7 +50,7 @@ def make_keys(folder: Path) -> list[Path]:
     try:
         folder.mkdir(mode=0o700, parents=True)
     except FileExistsError:
-        raise SettingsError(f"{folder} exists already; name a new folder, so that no key in use is overwritten") from None
+        raise SettingsError(f"{folder} exists already; name a new folder, so that no key is overwritten") from None
     except OSError as error:
         raise SettingsError(f"cannot make the folder {folder}: {error.strerror}") from None
     paths: list[Path] = []
@@ -89,7 +89,8 @@ def _load(path: Path) -> KeyPair:
             raise SettingsError(f"{path} can be read by others: run `chmod 600 {path}`")
         public, secret = zmq.auth.load_certificate(path)
     except OSError as error:
-        raise SettingsError(f"cannot read the key {path}: {error.strerror or 'no such file'}; make it with `wdpm keys`") from None
+        reason = error.strerror or "no such file"
+        raise SettingsError(f"cannot read the key {path}: {reason}; make it with `wdpm keys`") from None
     except ValueError as error:
         raise SettingsError(f"{path} holds no key ({error}); make it with `wdpm keys`") from None
     if secret is None or len(public) != 40 or len(secret) != 40:

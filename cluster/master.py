@@ -303,9 +303,7 @@ class Master:
             member = self._members[identity] = Member(len(self._members), identity, hello, now)
         elif self._phase is not Phase.JOINING:
             return self._break(f"{member} lost its connection and came back, which this version does not survive")
-        welcome = protocol.Welcome(
-            member.number, self._cluster, self._settings.heartbeat_s, self._settings.liveness_s
-        )
+        welcome = protocol.Welcome(member.number, self._cluster, self._settings.heartbeat_s, self._settings.liveness_s)
         out: list[Instruction] = [
             Send(identity, welcome),
             Noted(f"{member} joined, {hello.threads} threads ({len(self._members)} of {self._expected})"),
@@ -618,4 +616,3 @@ def rows(triangles: Triangles, start: int, count: int) -> Triangles:
 
 def _partition_is_gone(cell: int) -> Triangles:
     raise AssertionError(f"cell {cell} was asked for after all cells were sent")
-

@@ -32,6 +32,9 @@ from wdpm.cluster.compute import (
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.geometry import Triangles
 
+COPIES = frozenset({Kind.GHOSTS, Kind.POINTS})
+"""What slaves exchange before they build their maps. It belongs to no task, so it has no home (-1)."""
+
 SLOW_BUILD_S = 3.0
 """A build that takes longer than this is worth a word to the person who waits."""
 
@@ -440,7 +443,8 @@ class Slave:
     def _destination(self, batch: Batch, source: str) -> int:
         holders = () if self._setup is None else self._setup.holders
         slaves = 0 if self._setup is None else len(self._setup.peers)
-        if not (0 <= batch.cell < len(holders) and 0 <= batch.home < slaves):
+        least_home = -1 if batch.kind in COPIES else 0
+        if not (0 <= batch.cell < len(holders) and least_home <= batch.home < slaves):
             raise ProtocolError(
                 f"a {batch.kind.value} batch of {source} is for cell {batch.cell} and home {batch.home}; "
                 f"there are {len(holders)} cells and {slaves} slaves"
@@ -501,7 +505,7 @@ class Slave:
             case MakeGhosts():
                 self._ghosts_expected = outcome.ghosts_expected
                 self._build_maps_if_complete()
-            case HandleBatch(batch) if batch.kind is Kind.GHOSTS:
+            case HandleBatch(batch) if batch.kind in COPIES:
                 self._ghosts_handled += 1
                 self._build_maps_if_complete()
         return []
@@ -510,7 +514,7 @@ class Slave:
         if self._ghosts_expected is None or self._ghosts_handled < self._ghosts_expected:
             return
         if self._ghosts_handled > self._ghosts_expected:
-            raise ProtocolError(f"{self._ghosts_handled} batches of ghosts came; expected {self._ghosts_expected}")
+            raise ProtocolError(f"{self._ghosts_handled} batches of ghosts and points came; expected {self._ghosts_expected}")
         self._ghosts_handled, self._ghosts_expected = 0, None
         self._orders.append(BuildMaps())
 

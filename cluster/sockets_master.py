@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from types import TracebackType
-from typing import Any, Self
+from typing import Self
 
 import zmq
 
@@ -227,4 +227,5 @@ def _listen(router: Socket, where: str) -> str:
     except zmq.ZMQError as error:
         if error.errno == zmq.EADDRINUSE:
             raise ClusterError(f"cannot listen at {where}: another program uses port {port}; choose another") from None
-        raise ClusterError(f"cannot listen at {where}: {error.strerror}; it must be an address of this machine") from None
+        reason = f"{error.strerror}; it must be an address of this machine"
+        raise ClusterError(f"cannot listen at {where}: {reason}") from None

@@ -24,7 +24,18 @@ from wdpm.cluster import address, keys, protocol, wire
 from wdpm.cluster import slave as s
 from wdpm.cluster.cluster_settings import ClusterSettings
 from wdpm.cluster.compute import Compute, Job, WorkerFactory
-from wdpm.cluster.sockets import POLL_MS, TURN_MESSAGES, Mailbox, Socket, bind, connect, make_socket, read, receive, send
+from wdpm.cluster.sockets import (
+    POLL_MS,
+    TURN_MESSAGES,
+    Mailbox,
+    Socket,
+    bind,
+    connect,
+    make_socket,
+    read,
+    receive,
+    send,
+)
 from wdpm.cluster.versions import versions
 from wdpm.scenes.errors import ClusterError, ProtocolError, WdpmError
 

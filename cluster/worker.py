@@ -8,7 +8,6 @@ from __future__ import annotations
 import resource
 import sys
 import time
-from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,6 +15,7 @@ from typing import Any
 from wdpm.cluster.batch import TO_HOME, Batch, Kind
 from wdpm.cluster.cell import Cell, Replica
 from wdpm.cluster.home import BucketHome, PhotonHome
+from wdpm.cluster.queues import Queues
 from wdpm.cluster.task import BucketTask, PhotonTask, Task, TaskResult
 from wdpm.cluster.world import View, World
 from wdpm.kernels.launch import Launcher
@@ -52,7 +52,7 @@ class Worker:
     ) -> None:
         self.number = number
         self.holders = tuple(holders)
-        self.replica = Replica(world, launcher)
+        self.replica = Replica(world, launcher, number)
         self.cells = {cell: Cell(cell, triangles, self.replica) for cell, triangles in sorted(partition.items())}
         self._homes: dict[int, PhotonHome | BucketHome] = {}
         self._traffic = {"rays_in": 0, "rays_out": 0, "bytes_in": 0, "bytes_out": 0}
@@ -80,19 +80,24 @@ class Worker:
             raise ProtocolError(f"task {task.number} came before a view was set")
         self._homes[task.number] = home
         outbox = Outbox()
-        self._run(home.begin(), outbox)
+        self._start(home.begin(), outbox)
         self._finish(task.number, outbox)
         self._busy += time.perf_counter() - began
         return outbox
 
     def handle(self, batch: Batch) -> Outbox:
         """Take in a batch that another worker sent."""
+        return self.handle_all([batch])
+
+    def handle_all(self, batches: Sequence[Batch]) -> Outbox:
+        """Take in batches that other workers sent; many at once are worked off with fewer, larger launches."""
         began = time.perf_counter()
-        self._traffic["bytes_in"] += batch.nbytes
-        if batch.kind in RAYS:
-            self._traffic["rays_in"] += len(batch)
+        for batch in batches:
+            self._traffic["bytes_in"] += batch.nbytes
+            if batch.kind in RAYS:
+                self._traffic["rays_in"] += len(batch)
         outbox = Outbox()
-        self._run([batch], outbox)
+        self._run(batches, outbox)
         self._busy += time.perf_counter() - began
         return outbox
 
@@ -101,8 +106,7 @@ class Worker:
         began = time.perf_counter()
         outbox = Outbox()
         for cell in self.cells.values():
-            for ghosts in cell.ghosts():
-                self._run([ghosts], outbox)
+            self._start(cell.ghosts(), outbox)
         self._busy += time.perf_counter() - began
         return outbox.batches
 
@@ -148,22 +152,47 @@ class Worker:
         }
 
     def _run(self, batches: Iterable[Batch], outbox: Outbox) -> None:
-        """Work off batches, and what follows from them, until only work for other workers is left."""
-        queue = deque(batches)
-        while queue:
-            batch = queue.popleft()
-            if self._destination(batch) != self.number:
-                self._send(batch, outbox)
-            elif batch.kind in TO_HOME:
-                home = self._homes.get(batch.task)
-                if home is None:
-                    raise ProtocolError(f"a {batch.kind.value} batch of unknown task {batch.task}")
-                queue.extend(home.receive(batch))
-                self._finish(batch.task, outbox)
-            elif batch.cell in self.cells:
-                queue.extend(self.cells[batch.cell].advance(batch))
+        """Work off batches, and what follows from them, until only work for other workers is left.
+
+        Rays for one cell are collected until nothing else is to be done, and the fullest cell goes first: few large
+        launches in place of many small ones. The order changes no bit.
+        """
+        waiting = Queues()
+        leaving = Queues()
+        waiting.extend(batches)
+        while waiting:
+            batch = waiting.pop()
+            if batch.kind in TO_HOME:
+                follows = self._home_of(batch).receive(batch)
             else:
-                raise ProtocolError(f"a {batch.kind.value} batch for cell {batch.cell}, which this worker does not hold")
+                follows = self._cell_of(batch).advance(batch)
+            for following in follows:
+                (waiting if self._destination(following) == self.number else leaving).add(following)
+            if batch.kind in TO_HOME:
+                self._finish(batch.task, outbox)
+        while leaving:
+            self._send(leaving.pop(), outbox)
+
+    def _start(self, batches: Iterable[Batch], outbox: Outbox) -> None:
+        """Send new batches on their way, and work off those that stay here."""
+        own = []
+        for batch in batches:
+            if self._destination(batch) == self.number:
+                own.append(batch)
+            else:
+                self._send(batch, outbox)
+        self._run(own, outbox)
+
+    def _home_of(self, batch: Batch) -> PhotonHome | BucketHome:
+        home = self._homes.get(batch.task)
+        if home is None:
+            raise ProtocolError(f"a {batch.kind.value} batch came home to task {batch.task}, which is unknown here")
+        return home
+
+    def _cell_of(self, batch: Batch) -> Cell:
+        if batch.cell not in self.cells:
+            raise ProtocolError(f"a {batch.kind.value} batch came for cell {batch.cell}, which is not held here")
+        return self.cells[batch.cell]
 
     def _finish(self, task: int, outbox: Outbox) -> None:
         home = self._homes.get(task)

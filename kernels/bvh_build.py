@@ -14,29 +14,37 @@ the traversal's stack.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
 import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.kernels.lanes import vec8, vec8i
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-vec8 = wp.types.vector(length=8, dtype=wp.float32)
-vec8i = wp.types.vector(length=8, dtype=wp.int32)
-
-WIDTH = 8
+WIDTH = wp.constant(8)
 """Children a node: one AVX register of float32."""
 
 LEAF_MAX = wp.constant(8)
-"""Triangles a leaf at most: what one pass of the vec8 pre-test takes, and what a child code has room for."""
+"""Triangles a leaf at most: what one pass of lanes_inside takes, and what a child code has room for."""
 
-MAX_DEPTH = 12
-"""Levels of nodes at most. 2^27 triangles, the most a child code can number, need 9 by halving."""
+MAX_TRIANGLES = 2**31 // 18
+"""Triangles a tree at most: places in `corners` (9 a triangle) and child codes (8 a triangle) stay well within int32."""
 
-STACK_SIZE = (WIDTH - 1) * MAX_DEPTH + 2
-"""A traversal leaves at most WIDTH - 1 siblings behind on each level."""
+MAX_DEPTH = wp.constant(16)
+"""Levels of nodes at most. MAX_TRIANGLES need 9 by halving."""
 
-BINS = wp.constant(16)
+STACK_SIZE = wp.constant(7 * 16)
+"""(WIDTH - 1) * MAX_DEPTH: a traversal leaves at most WIDTH - 1 siblings behind on each level."""
+
+BINS = wp.constant(32)
+"""Bins an axis. 16 make coherent rays a fifth slower where sizes vary (Sponza)."""
+
 SMALL_BINS = wp.constant(8)
-SMALL_RANGE = wp.constant(32)
-"""Ranges up to this size use SMALL_BINS: there, clearing and sweeping bins would cost more than filling them."""
+SMALL_RANGE = wp.constant(64)
+"""Ranges up to this size use SMALL_BINS: clearing and sweeping more would cost more than filling them."""
 
 FAR = wp.constant(3.4e38)
 
@@ -98,7 +106,7 @@ def range_box(s: Scratch, begin: int, end: int) -> vec8:
 
 
 @wp.func
-def halve(s: Scratch, begin: int, end: int) -> int:
+def halve(begin: int, end: int) -> int:
     return begin + (end - begin) / 2
 
 
@@ -106,9 +114,9 @@ def halve(s: Scratch, begin: int, end: int) -> int:
 def levels_by_halving(count: int) -> int:
     """Levels of nodes that halving needs to get a range down to one leaf."""
     levels = int(1)
-    capacity = int(LEAF_MAX)
-    while capacity < count and levels < 10:
-        capacity = capacity * 8
+    left = (count + WIDTH - 1) / WIDTH
+    while left > LEAF_MAX:
+        left = (left + WIDTH - 1) / WIDTH
         levels = levels + 1
     return levels
 
@@ -189,28 +197,26 @@ def split(s: Scratch, begin: int, end: int) -> int:
                         best_axis = axis
                         best_bin = k
     if best_axis < 0:
-        return halve(s, begin, end)  # all centroids in one point, or areas beyond float32
+        return halve(begin, end)  # all centroids in one point, or areas beyond float32
     return partition(s, begin, end, best_axis, low[best_axis], scale[best_axis], bins, best_bin)
 
 
 @wp.func
 def next_slot(s: Scratch, slots: int, halving: bool) -> int:
-    """Which child to split next: of those too large for a leaf the one with the largest area, then of the others."""
+    """Which child to split next: the one with the largest area (when halving, the most triangles); -1 if all are leaves.
+
+    A range that fits a leaf is not split even where there is room: a leaf of eight costs no more than a leaf of one.
+    """
     best = int(-1)
-    best_large = bool(False)
     best_score = float(-1.0)
     for k in range(slots):
         count = s.slot_end[k] - s.slot_begin[k]
-        if count > 1:
-            large = count > LEAF_MAX
-            score = float(count)
-            if not halving:
-                score = half_area(s.slot_boxes[k])
-                if not large:
-                    score = score * float(count)
-            if (large and not best_large) or (large == best_large and score > best_score):
+        if count > LEAF_MAX:
+            score = half_area(s.slot_boxes[k])
+            if halving or not (score < FAR):
+                score = float(count)
+            if score > best_score:
                 best = k
-                best_large = large
                 best_score = score
     return best
 
@@ -252,9 +258,9 @@ def build_nodes(
         slots = int(1)
         if count == 0:
             slots = 0
-        halving = depth + levels_by_halving(task[1] - task[0]) >= wp.static(MAX_DEPTH)
+        halving = depth + levels_by_halving(task[1] - task[0]) >= MAX_DEPTH
 
-        while slots < 8:
+        while slots < WIDTH:
             k = next_slot(s, slots, halving)
             if k < 0:
                 break
@@ -262,7 +268,7 @@ def build_nodes(
             end = s.slot_end[k]
             middle = int(0)
             if halving:
-                middle = halve(s, begin, end)
+                middle = halve(begin, end)
             else:
                 middle = split(s, begin, end)
             s.slot_end[k] = middle
@@ -290,7 +296,7 @@ def build_nodes(
             begin = s.slot_begin[k]
             size = s.slot_end[k] - begin
             if size <= LEAF_MAX:
-                codes[k] = -(begin * 8 + size)
+                codes[k] = -(8 * begin + size)
             else:
                 codes[k] = nodes
                 s.todo[pending] = wp.vec4i(begin, begin + size, nodes, depth + 1)
@@ -319,10 +325,10 @@ def pack_leaves(
     """Write the triangles of each leaf one after another: nine rows (corner, axis), as long as the leaf has triangles."""
     node = wp.tid()
     codes = children[node]
-    for k in range(8):
+    for k in range(WIDTH):
         if codes[k] < 0:
-            first = (-codes[k] - 1) / 8
-            size = -codes[k] - first * 8
+            first = (-codes[k] - 1) >> 3
+            size = -codes[k] - 8 * first
             for lane in range(size):
                 row = order[first + lane]
                 ids_out[first + lane] = ids[row]
@@ -330,3 +336,61 @@ def pack_leaves(
                     p = positions[row, corner]
                     for axis in range(3):
                         corners_out[9 * first + (3 * corner + axis) * size + lane] = p[axis]
+
+
+@dataclass(frozen=True)
+class Tree:
+    """The arrays of a tree, on the host; bvh.Bvh describes them."""
+
+    bounds: wp.array
+    children: wp.array
+    corners: wp.array
+    ids: wp.array
+
+
+def build_tree(positions: NDArray[np.float32], ids: NDArray[np.int32], pad: float) -> Tree:
+    """Build a tree; arguments as for bvh.build."""
+    count = len(positions)
+    if np.shape(positions) != (count, 3, 3) or np.shape(ids) != (count,):
+        raise ValueError(f"positions {np.shape(positions)} and ids {np.shape(ids)}: expected [T, 3, 3] and [T]")
+    if count > MAX_TRIANGLES:
+        raise ValueError(f"{count} triangles in one tree: at most {MAX_TRIANGLES}; use more cells")
+    if not 0.0 <= pad < np.inf:
+        raise ValueError(f"pad {pad}: expected a finite number, at least 0")
+    if not np.isfinite(positions).all():
+        raise ValueError("positions that are not finite: drop such triangles when the scene is loaded")
+    corners_in = wp.array(np.ascontiguousarray(positions, dtype=np.float32), dtype=wp.vec3, device="cpu")
+    ids_in = wp.array(np.ascontiguousarray(ids, dtype=np.int32), dtype=wp.int32, device="cpu")
+    bounds, children, order = _build_nodes(corners_in, count, pad)
+    corners = wp.zeros(9 * count + WIDTH, dtype=wp.float32, device="cpu")
+    leaf_ids = wp.empty(count, dtype=wp.int32, device="cpu")
+    wp.launch(
+        pack_leaves, len(children), inputs=[corners_in, ids_in, order, children, corners, leaf_ids], device="cpu"
+    )
+    return Tree(bounds, children, corners, leaf_ids)
+
+
+def _build_nodes(corners: wp.array, count: int, pad: float) -> tuple[wp.array, wp.array, wp.array]:
+    """Bounds and children of all nodes, and the rows of the triangles in leaf order."""
+    scratch = Scratch()
+    scratch.boxes = wp.empty(count, dtype=vec8, device="cpu")
+    scratch.order = wp.empty(count, dtype=wp.int32, device="cpu")
+    scratch.bin_boxes = wp.empty(3 * BINS, dtype=vec8, device="cpu")
+    scratch.bin_counts = wp.empty(3 * BINS, dtype=wp.int32, device="cpu")
+    scratch.right_areas = wp.empty(BINS, dtype=wp.float32, device="cpu")
+    scratch.slot_boxes = wp.empty(WIDTH, dtype=vec8, device="cpu")
+    scratch.slot_begin = wp.empty(WIDTH, dtype=wp.int32, device="cpu")
+    scratch.slot_end = wp.empty(WIDTH, dtype=wp.int32, device="cpu")
+    scratch.todo = wp.empty(WIDTH * (MAX_DEPTH + 1), dtype=wp.vec4i, device="cpu")
+    # A node whose children are all leaves has more than LEAF_MAX triangles; any other has all eight children. So B of the
+    # first kind and L further leaves make at most B + (B + L) / 7 nodes, with 9 B + L <= count.
+    capacity = count // (WIDTH - 1) + 1
+    bounds = wp.empty(6 * capacity, dtype=vec8, device="cpu")
+    children = wp.empty(capacity, dtype=vec8i, device="cpu")
+    sizes = wp.zeros(2, dtype=wp.int32, device="cpu")
+    wp.launch(box_triangles, count, inputs=[corners, pad, scratch], device="cpu")
+    wp.launch(build_nodes, 1, inputs=[scratch, count, bounds, children, sizes], device="cpu")
+    nodes, depth = (int(n) for n in sizes.numpy())
+    if nodes > capacity or depth > MAX_DEPTH:
+        raise RuntimeError(f"a tree of {count} triangles: {nodes} nodes of {capacity}, {depth} levels of {MAX_DEPTH}")
+    return wp.clone(bounds[: 6 * nodes]), wp.clone(children[:nodes]), scratch.order

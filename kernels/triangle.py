@@ -161,7 +161,7 @@ def intersect_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3, ray: Ray, pad: float)
     if (u < zero or v < zero or w < zero) and (u > zero or v > zero or w > zero):
         return miss
     det = u + v + w
-    if det == zero:
+    if not (wp.abs(det) > zero):
         return miss  # a needle seen from its side, or no area at all
     per = wp.float64(1.0) / det
     t = float((u * wp.dot(ray.shear_z, pa) + v * wp.dot(ray.shear_z, pb) + w * wp.dot(ray.shear_z, pc)) * per)

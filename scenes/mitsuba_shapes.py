@@ -27,10 +27,17 @@ class ShapeReader:
 
         Takes all parameters that belong to the geometry; bsdf and emitter are left.
         """
-        mesh = self._read_file(plugin) if plugin.type in ("obj", "ply", "serialized") else _read_primitive(plugin)
+        from_file = plugin.type in ("obj", "ply", "serialized")
+        mesh = self._read_file(plugin) if from_file else _read_primitive(plugin)
+        flat = from_file and plugin.take_bool("face_normals", False)
+        if flat:
+            mesh = mesh.flat()
         to_world = plugin.take_transform("to_world")
         if to_world is not None:
             mesh = _transformed(mesh, to_world, plugin)
+        if not flat:
+            # Mitsuba computes normals for every mesh that lacks them, in world space, unless it is told to be flat
+            mesh = mesh.smooth()
         return mesh.flipped() if plugin.take_bool("flip_normals", False) else mesh
 
     def _read_file(self, plugin: Plugin) -> MeshData:
@@ -45,8 +52,7 @@ class ShapeReader:
             mesh = replace(mesh, uvs=mesh.uvs * (1.0, -1.0) + (0.0, 1.0))
         if plugin.type == "obj":
             plugin.ignore("collapse", "load_materials")  # 0.6; materials are always Mitsuba's own
-        # Mitsuba computes normals for every mesh that lacks them, unless it is told to be flat
-        return mesh.flat() if plugin.take_bool("face_normals", False) else mesh.smooth()
+        return mesh
 
     def _load(self, plugin: Plugin, file: Path, index: int) -> MeshData:
         match plugin.type:

@@ -45,12 +45,12 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> int:
     """Serve, render and write; returns the exit code."""
-    from wdpm import api
     from wdpm.cli_result import render_and_write
+    from wdpm.cluster_api import render_as_master
 
     return render_and_write(
         args,
-        lambda scene, settings, progress: api.render_as_master(
+        lambda scene, settings, progress: render_as_master(
             scene,
             settings,
             bind=args.bind,

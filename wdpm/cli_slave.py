@@ -28,20 +28,31 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--memory", type=values.memory, metavar="SIZE", help="most memory to use, like 8G (default: no limit)"
     )
+    parser.add_argument(
+        "--timeout",
+        type=values.positive_count,
+        default=60,
+        metavar="SECONDS",
+        help="how long to wait for the master's first answer (default: 60)",
+    )
+    # For the process that starts local slaves: end when standard input closes.
+    parser.add_argument("--life-line", action="store_true", help=argparse.SUPPRESS)
     options.add_security_options(parser)
     return parser
 
 
 def run(args: argparse.Namespace) -> int:
     """Work until the master is done; returns the exit code."""
-    from wdpm import api
+    from wdpm.cluster_api import serve_as_slave
 
-    api.run_slave(
+    serve_as_slave(
         args.address,
         threads=args.threads,
         device=args.device,
         memory=args.memory,
         keys=args.keys,
         insecure=args.insecure,
+        patience=float(args.timeout),
+        life_line=args.life_line,
     )
     return 0

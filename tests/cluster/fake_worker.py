@@ -108,7 +108,7 @@ class FakeWorker:
         assert not self.open
         foreign = [cell for cell, holder in enumerate(self.holders) if holder != self.number]
         ghosts = arrays(Kind.GHOSTS, 2)
-        return [Batch(Kind.GHOSTS, -1, self.number, cell, 0, ghosts) for _ in self.cells for cell in foreign]
+        return [Batch(Kind.GHOSTS, -1, -1, cell, 0, ghosts) for _ in self.cells for cell in foreign]
 
     def ghosts_expected(self) -> int:
         return len(self.cells) * (len(self.holders) - len(self.cells))

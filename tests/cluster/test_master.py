@@ -67,9 +67,7 @@ def hello(process: int = 0, versions: dict[str, str] | None = None) -> p.Hello:
 
 def sent(instructions: list[m.Instruction], identity: bytes | None = None) -> list[Any]:
     """Messages among instructions, to one slave or to all."""
-    return [
-        i.message for i in instructions if isinstance(i, m.Send) and (identity is None or i.identity == identity)
-    ]
+    return [i.message for i in instructions if isinstance(i, m.Send) and (identity is None or i.identity == identity)]
 
 
 def tasks_of(instructions: list[m.Instruction], identity: bytes) -> list[Any]:
@@ -238,9 +236,7 @@ def test_a_result_of_another_slaves_task_ends_the_render() -> None:
 def test_a_photon_result_with_too_few_paths_ends_the_render() -> None:
     driver = Driver()
     task = tasks_of(driver.to_photons(), A)[0]
-    assert "has 100 paths; it says 99" in broken(
-        driver.says(A, p.TaskDone(EPOCH, PhotonsTraced(task.number, 99, 1.0)))
-    )
+    assert "has 100 paths; it says 99" in broken(driver.says(A, p.TaskDone(EPOCH, PhotonsTraced(task.number, 99, 1.0))))
 
 
 def test_a_photon_result_for_a_bucket_ends_the_render() -> None:
@@ -276,7 +272,8 @@ def test_a_message_of_another_epoch_is_dropped(epoch: int) -> None:
 
 
 @pytest.mark.parametrize(
-    "message", [p.Ready(EPOCH), p.MapsBuilt(EPOCH), p.ViewSet(EPOCH), p.Statistics(EPOCH, {}), p.PhotonsForgotten(EPOCH)]
+    "message",
+    [p.Ready(EPOCH), p.MapsBuilt(EPOCH), p.ViewSet(EPOCH), p.Statistics(EPOCH, {}), p.PhotonsForgotten(EPOCH)],
 )
 def test_an_answer_out_of_turn_ends_the_render(message: p.FromSlave) -> None:
     driver = Driver()
@@ -377,7 +374,7 @@ def test_a_note_names_the_slave() -> None:
 
 def test_task_numbers_never_repeat() -> None:
     driver = Driver()
-    photons = tasks_of(driver.to_photons(paths=200), A) + [PhotonTask(1, 100, 200)]
+    photons = [*tasks_of(driver.to_photons(paths=200), A), PhotonTask(1, 100, 200)]
     for identity, task in zip((A, B), photons, strict=True):
         driver.says(identity, p.TaskDone(EPOCH, PhotonsTraced(task.number, 100, 1.0)))
     for answer in (p.MapsBuilt(EPOCH), p.ViewSet(EPOCH)):

@@ -304,7 +304,7 @@ def test_too_many_ghosts_are_an_error() -> None:
         driver.peer(p.PeerBatch(EPOCH, ghosts))
         driver.computed(c.HandleBatch(ghosts))
     driver.told(p.Exchange(EPOCH))
-    assert "2 batches of ghosts came; expected 1" in error_of(driver.computed(c.MakeGhosts(), ghosts_expected=1))
+    assert "2 batches of ghosts and points came; expected 1" in error_of(driver.computed(c.MakeGhosts(), ghosts_expected=1))
 
 
 @pytest.mark.parametrize(

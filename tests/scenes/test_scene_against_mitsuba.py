@@ -58,6 +58,7 @@ TURNED = '<transform name="to_world"><scale x="1.5" y="0.7" z="1.2"/><rotate x="
 RIGID = '<transform name="to_world"><rotate x="0.6" y="0.8" angle="40"/><translate x="0.2"/></transform>'
 MIRRORED = '<transform name="to_world"><scale x="-1"/><rotate x="0.6" y="0.8" angle="40"/></transform>'
 FLIPPED = '<boolean name="flip_normals" value="true"/>'
+CENTRE = '<point name="center" x="0.1" y="0" z="0"/>'
 POINTS = '<point name="p0" x="-0.5" y="0.1" z="-0.4"/><point name="p1" x="0.6" y="0.3" z="0.5"/>'
 OBJ_FILE = '<string name="filename" value="m.obj"/>'
 SHAPES = {
@@ -66,13 +67,14 @@ SHAPES = {
     "rectangle mirrored": f'<shape type="rectangle">{MIRRORED}</shape>',
     "cube": f'<shape type="cube">{TURNED}</shape>',
     "cube mirrored": f'<shape type="cube">{MIRRORED}</shape>',
-    "sphere": f'<shape type="sphere"><point name="center" x="0.1" y="0" z="0"/><float name="radius" value="0.8"/>{RIGID}</shape>',
+    "sphere": f'<shape type="sphere">{CENTRE}<float name="radius" value="0.8"/>{RIGID}</shape>',
     "sphere flipped": f'<shape type="sphere">{FLIPPED}</shape>',
     "sphere mirrored": f'<shape type="sphere">{MIRRORED}</shape>',
     "disk": f'<shape type="disk">{RIGID}</shape>',
     "cylinder": f'<shape type="cylinder">{POINTS}<float name="radius" value="0.4"/></shape>',
     "cylinder flipped": f'<shape type="cylinder">{RIGID}{FLIPPED}</shape>',
     "obj": f'<shape type="obj"><string name="filename" value="m.obj"/>{TURNED}</shape>',
+    "obj mirrored": f'<shape type="obj">{OBJ_FILE}<boolean name="face_normals" value="true"/>{MIRRORED}</shape>',
     "obj flat": f'<shape type="obj">{OBJ_FILE}<boolean name="face_normals" value="true"/></shape>',
     "obj unflipped": f'<shape type="obj">{OBJ_FILE}<boolean name="flip_tex_coords" value="false"/></shape>',
     "ply": f'<shape type="ply"><string name="filename" value="m.ply"/>{RIGID}</shape>',

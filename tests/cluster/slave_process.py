@@ -1,0 +1,16 @@
+"""A slave process with a worker that knows no light: slave_process.py ENDPOINT SECONDS_PER_TASK [life-line]."""
+
+import functools
+import sys
+
+from fake_worker import FakeWorker
+
+from wdpm.cluster.sockets_slave import run_slave
+
+endpoint, delay = sys.argv[1], float(sys.argv[2])
+run_slave(
+    endpoint,
+    functools.partial(FakeWorker, delay=delay),
+    life_line=sys.stdin.fileno() if "life-line" in sys.argv else None,
+    patience=20.0,
+)

@@ -1,0 +1,329 @@
+"""The shells over localhost: few tests, since the state machines have their own.
+
+Slaves are threads where nothing has to die, and processes where something has.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+import zmq
+from fake_worker import FakeWorker, arrays, make_session, make_view, picture
+
+from wdpm.cluster import protocol, wire
+from wdpm.cluster.batch import Batch, Kind
+from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.keys import Keys, load_keys, make_keys
+from wdpm.cluster.local import LocalSlaves
+from wdpm.cluster.session import Session
+from wdpm.cluster.sockets_master import SocketMaster
+from wdpm.cluster.sockets_slave import run_slave
+from wdpm.scenes.errors import ClusterError
+
+pytestmark = pytest.mark.sockets
+
+HERE = Path(__file__).parent
+ANY_PORT = "tcp://127.0.0.1:0"
+SMALL = ClusterSettings(photon_task_paths=64, part_triangles=3)
+AGREED = {"code": "1"}
+
+
+def make_master(slaves: int, **options: Any) -> SocketMaster:
+    return SocketMaster(ANY_PORT, slaves, settings=SMALL, agreed=AGREED, **options)
+
+
+class SlaveThread(threading.Thread):
+    """A slave in this process; `error` is what ended it."""
+
+    def __init__(self, endpoint: str, make_worker: Any = FakeWorker, **options: Any) -> None:
+        super().__init__(daemon=True)
+        self.error: BaseException | None = None
+        self._endpoint, self._make_worker = endpoint, make_worker
+        self._options = {"agreed": AGREED, "patience": 10.0, "tell": lambda _: None, **options}
+        self.start()
+
+    def run(self) -> None:
+        try:
+            run_slave(self._endpoint, self._make_worker, **self._options)
+        except ClusterError as error:
+            self.error = error
+
+    def end(self) -> BaseException | None:
+        """Wait for its end; what ended it."""
+        self.join(10.0)
+        assert not self.is_alive()
+        return self.error
+
+
+def slow_slave(delay: float, *options: str) -> Callable[[str], Sequence[str]]:
+    """Command line of a slave process that takes some seconds a task."""
+    return lambda endpoint: [sys.executable, str(HERE / "slave_process.py"), endpoint, str(delay), *options]
+
+
+def is_running(process: int) -> bool:
+    """Whether a process exists and is no zombie."""
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    """At most 20 s: a machine under load is slow, but it must not hang."""
+    deadline = time.monotonic() + 20.0
+    while not condition():
+        assert time.monotonic() < deadline, "it did not happen within 20 s"
+        time.sleep(0.02)
+
+
+class At:
+    """Does something when a phase begins."""
+
+    def __init__(self, phase: str, action: Callable[[], None]) -> None:
+        self._phase, self._action = phase, action
+
+    def start(self, phase: str, total: int | None = None) -> None:  # noqa: ARG002 - a Progress
+        if phase == self._phase:
+            self._action()
+
+    def advance(self, amount: int = 1) -> None: ...
+
+    def note(self, text: str) -> None: ...
+
+
+def check_picture(session: Session, layers: dict[str, Any]) -> None:
+    for name, layer in picture(session.view).layers.items():
+        np.testing.assert_array_equal(layers[name], layer)
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_sessions_over_sockets(count: int) -> None:
+    with make_master(count) as master:
+        slaves = [SlaveThread(master.endpoint) for _ in range(count)]
+        first = make_session(count, 4)
+        result = master.render(first)
+        check_picture(first, result.layers)
+        assert result.paths == 1000
+        assert sum(values["triangles"] for values in result.statistics) == 5 + 6 + 7 + 8
+        second = make_session(count, 4, view=make_view(90, 70, seed=3))
+        again = master.render(second)
+        check_picture(second, again.layers)
+        assert again.seconds.keys() == {"render"}
+        assert again.dropped == {}
+    assert [slave.end() for slave in slaves] == [None] * count
+
+
+def test_an_ended_cluster_says_so() -> None:
+    with make_master(1) as master:
+        slave = SlaveThread(master.endpoint)
+        master.render(make_session(1, 1))
+    assert slave.end() is None
+    with pytest.raises(ClusterError, match="has been closed"):
+        master.render(make_session(1, 1))
+
+
+def test_a_slave_may_be_first() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    lines: list[str] = []
+    slave = SlaveThread(
+        f"tcp://127.0.0.1:{port}", tell=lines.append, settings=ClusterSettings(join_first_s=0.1, join_longest_s=0.4)
+    )
+    wait_until(lambda: len(lines) > 0)
+    assert "no answer" in lines[0]
+    with SocketMaster(f"tcp://127.0.0.1:{port}", 1, settings=SMALL, agreed=AGREED) as master:
+        session = make_session(1, 2)
+        check_picture(session, master.render(session).layers)
+    assert slave.end() is None
+
+
+def test_an_unreachable_master_is_given_up() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    with pytest.raises(ClusterError, match=f"no master answered at tcp://127.0.0.1:{port} within 0.3 s"):
+        run_slave(f"tcp://127.0.0.1:{port}", FakeWorker, patience=0.3, agreed=AGREED)
+
+
+def test_other_versions_are_refused() -> None:
+    with make_master(1) as master:
+        error = SlaveThread(master.endpoint, agreed={"code": "2"}).end()
+        assert "refused: versions differ (code: master 1, slave 2)" in str(error)
+        slave = SlaveThread(master.endpoint)
+        session = make_session(1, 1)
+        check_picture(session, master.render(session).layers)
+    assert slave.end() is None
+
+
+def test_an_occupied_port() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(ClusterError, match=f"another program uses port {port}"):
+            SocketMaster(f"tcp://127.0.0.1:{port}", 1, agreed=AGREED)
+
+
+def test_an_address_of_another_machine() -> None:
+    with pytest.raises(ClusterError, match="must be an address of this machine"):
+        SocketMaster("tcp://192.0.2.1:7117", 1, agreed=AGREED)
+
+
+def noise(endpoint: str) -> None:
+    """Bytes on the wire, frames on the wire, and messages that are nearly right."""
+    host, _, port = endpoint.removeprefix("tcp://").rpartition(":")
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        with socket.create_connection((host, int(port))) as raw:
+            raw.sendall(rng.bytes(300))
+    good = [bytes(frame) for frame in wire.encode(protocol.Statistics(1, {"a": 1}))]
+    batch = protocol.PeerBatch(1, Batch(Kind.LIT, 1, 0, 0, 1, arrays(Kind.LIT, 2)))
+    wrong: list[list[bytes]] = [
+        [rng.bytes(40)],
+        [rng.bytes(40), rng.bytes(4000)],
+        [b""],
+        [*good, b"one too many"],
+        good,
+        [bytes(frame) for frame in wire.encode(batch)],
+        [msgpack.packb([wire.MAGIC, protocol.PROTOCOL, "TaskDone", [1, ["BucketRendered", [1, 2]]]])],
+    ]
+    with zmq.Context() as context, context.socket(zmq.DEALER) as dealer:
+        dealer.linger = 0
+        dealer.connect(endpoint)
+        for frames in wrong:
+            dealer.send_multipart(frames)
+        for _ in wrong:
+            assert dealer.poll(10_000)
+            answer = wire.decode(dealer.recv_multipart(), wire.by_name(protocol.FromMaster))
+            assert isinstance(answer, protocol.Rejected)
+
+
+def test_noise_is_dropped_counted_and_answered() -> None:
+    with make_master(1) as master:
+        noise(master.endpoint)
+        slave = SlaveThread(master.endpoint)
+        session = make_session(1, 2)
+        result = master.render(session, At("render", lambda: noise(master.endpoint)))
+        check_picture(session, result.layers)
+        assert master.dropped == {"unreadable message": 12, "message before Hello": 2}
+    assert slave.end() is None
+
+
+@pytest.mark.parametrize("error", [ClusterError("no more room"), ValueError("a fault of the program")])
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_failing_worker_ends_the_render(error: Exception, capsys: pytest.CaptureFixture[str]) -> None:
+    class Failing(FakeWorker):
+        def build_maps(self) -> None:
+            raise error
+
+    with make_master(2) as master:
+        slaves = [SlaveThread(master.endpoint, Failing) for _ in range(2)]
+        with pytest.raises(ClusterError, match=rf"slave \d \(.*, process {os.getpid()}\) failed: .*{error}"):
+            master.render(make_session(2, 2))
+        for slave in slaves:
+            slave.end()
+    traceback_printed = "Traceback" in capsys.readouterr().err
+    assert traceback_printed == isinstance(error, ValueError)
+
+
+def test_a_killed_slave_ends_the_render_and_leaves_no_process() -> None:
+    slaves = LocalSlaves()
+    with contextlib.ExitStack() as stack:
+        stack.callback(slaves.stop)
+        master = stack.enter_context(SocketMaster(ANY_PORT, 2, watch=slaves.ended))
+        slaves.start(2, slow_slave(0.2, "life-line"), master.endpoint)
+        processes = slaves.processes
+        victim = processes[1]
+        session = make_session(2, 2, view=make_view(640, 640))
+        with pytest.raises(ClusterError, match=rf"slave \d \(.*, process {victim}\) is lost"):
+            master.render(session, At("render", lambda: os.kill(victim, signal.SIGKILL)))
+    assert not any(is_running(process) for process in processes)
+
+
+def test_a_slave_that_cannot_start_ends_the_render() -> None:
+    slaves = LocalSlaves()
+    with contextlib.ExitStack() as stack:
+        stack.callback(slaves.stop)
+        master = stack.enter_context(make_master(1, watch=slaves.ended))
+        slaves.start(1, lambda _: [sys.executable, "-c", "raise SystemExit('no such device')"], master.endpoint)
+        with pytest.raises(ClusterError, match="ended before it joined: it ended with exit code 1: no such device"):
+            master.render(make_session(1, 1))
+
+
+def test_a_program_that_does_not_exist_cannot_be_started() -> None:
+    slaves = LocalSlaves()
+    with pytest.raises(ClusterError, match="cannot start a slave"):
+        slaves.start(1, lambda _: ["/no/such/program"], "tcp://127.0.0.1:1")
+    slaves.stop()
+
+
+@contextlib.contextmanager
+def master_process(*options: str) -> Iterator[tuple[subprocess.Popen[str], list[int]]]:
+    """A master process in the middle of a render, and its slaves' process numbers."""
+    with subprocess.Popen(
+        [sys.executable, str(HERE / "master_process.py"), *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    ) as process:
+        assert process.stdout is not None
+        slaves = [int(number) for number in process.stdout.readline().split()]
+        try:
+            assert len(slaves) == 2
+            assert process.stdout.readline() == "rendering\n"
+            assert all(map(is_running, slaves))
+            yield process, slaves
+        finally:
+            process.kill()
+            for slave in filter(is_running, slaves):
+                os.kill(slave, signal.SIGKILL)
+
+
+@pytest.mark.parametrize("options", [("life-line",), ()], ids=["local", "remote"])
+def test_a_killed_master_leaves_no_slave(options: tuple[str, ...]) -> None:
+    with master_process(*options) as (process, slaves):
+        process.kill()
+        wait_until(lambda: not any(map(is_running, slaves)))
+
+
+def test_ctrl_c_in_the_master_leaves_no_slave() -> None:
+    with master_process("life-line") as (process, slaves):
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20.0) != 0
+        assert not any(map(is_running, slaves))
+
+
+@pytest.fixture(scope="module")
+def security(tmp_path_factory: pytest.TempPathFactory) -> Keys:
+    folder = tmp_path_factory.mktemp("keys") / "cluster"
+    make_keys(folder)
+    return load_keys(folder)
+
+
+def test_a_cluster_with_keys(security: Keys, tmp_path: Path) -> None:
+    make_keys(tmp_path / "others")
+    with make_master(2, security=security) as master:
+        slaves = [SlaveThread(master.endpoint, security=security) for _ in range(2)]
+        session = make_session(2, 2)
+        check_picture(session, master.render(session).layers)
+        for stranger in (None, load_keys(tmp_path / "others")):
+            with pytest.raises(ClusterError, match="no master answered"):
+                run_slave(master.endpoint, FakeWorker, security=stranger, patience=0.5, agreed=AGREED)
+        check_picture(session, master.render(session).layers)
+    assert [slave.end() for slave in slaves] == [None, None]
+
+
+def test_the_masters_key_lets_nobody_in_as_a_slave(security: Keys) -> None:
+    impostor = Keys(master=security.master, slave=security.master)
+    with make_master(1, security=security) as master, pytest.raises(ClusterError, match="no master answered"):
+        run_slave(master.endpoint, FakeWorker, security=impostor, patience=0.5, agreed=AGREED)
