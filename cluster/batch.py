@@ -145,7 +145,9 @@ class Batch:
 
 
 def take(arrays: Arrays, rows: NDArray[np.intp] | slice) -> dict[str, NDArray[np.generic]]:
-    """Some rows of every array."""
+    """Some rows of every array, ascending; the arrays themselves where that is all of them."""
+    if not isinstance(rows, slice) and len(rows) == len(next(iter(arrays.values()))):
+        return dict(arrays)
     return {name: array[rows] for name, array in arrays.items()}
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster import protocol
-from wdpm.cluster.batch import Batch
+from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask
 from wdpm.cluster.world import Lights, Materials, TopTree, View, World
 from wdpm.scenes.errors import ProtocolError
@@ -69,6 +69,30 @@ def check_triangles(triangles: Triangles, world: World, where: str) -> None:
         raise ProtocolError(f"{where}: triangles are not in the order of their numbers")
     _indices(triangles.material, 0, len(world.materials.reflectance), f"{where}: material")
     _indices(triangles.emitter, -1, len(world.emitter_radiance), f"{where}: emitter")
+
+
+def check_batch(batch: Batch, world: World) -> None:
+    """Raise ProtocolError unless every index in a batch of a peer is one that kernels can use.
+
+    Slots are for the home to check, which knows how many it has.
+    """
+    final = batch.kind in (Kind.SHADE, Kind.LANDED)  # their hits are looked up among the cell's triangles
+    cells, lights, any_number = world.top_tree.cells, len(world.lights.names), 2**63 - 1
+    ranges = {
+        "prim": (0 if final else -1, any_number),
+        "owner": (-1, cells),
+        "cell": (-1, cells),
+        "light": (0, lights),
+        "pixel": (0, any_number),
+        "sample": (0, any_number),
+        "path": (0, any_number),
+        "bounce": (0, any_number),
+        "id": (0, any_number),
+    }
+    for name in batch.arrays.keys() & ranges.keys():
+        least, end = ranges[name]
+        array: NDArray[Any] = batch.arrays[name]
+        _indices(array, least, end, f"{batch.kind.value}.{name}")
 
 
 def _check_shapes(value: Any, shapes: dict[str, Shape], where: str) -> None:

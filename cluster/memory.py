@@ -14,13 +14,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wdpm.cluster import master as m
+from wdpm.cluster import master_events as m
 from wdpm.cluster import protocol
-from wdpm.cluster import slave as s
+from wdpm.cluster import slave_events as s
 from wdpm.cluster.cluster_settings import ClusterSettings
 from wdpm.cluster.compute import Compute, Worker, WorkerFactory
+from wdpm.cluster.master import Master
 from wdpm.cluster.progress import Progress
 from wdpm.cluster.session import Session, SessionResult
+from wdpm.cluster.slave import Slave
 from wdpm.scenes.errors import ClusterError
 from wdpm.scenes.geometry import Triangles
 
@@ -89,15 +91,15 @@ class MemoryCluster:
         shuffle: random.Random | None = None,
     ) -> None:
         self._post = Post(shuffle)
-        self._master = m.Master(slaves, {}, settings)
-        self._slaves: list[s.Slave] = []
+        self._master = Master(slaves, {}, settings)
+        self._slaves: list[Slave] = []
         self._computes = [Compute(make_worker) for _ in range(slaves)]
         self._session: Session | None = None
         self._progress: Progress | None = None
         self._result: SessionResult | None = None
         for number in range(slaves):
             hello = protocol.Hello({}, "this process", number, 0, 0, f"memory:{number}")
-            self._slaves.append(s.Slave(hello, "memory", patience=float("inf"), settings=settings))
+            self._slaves.append(Slave(hello, "memory", patience=float("inf"), settings=settings))
             self._tell_slave(number, s.Start())
             # They join one by one, so that the master's numbers are the places in the list of workers.
             while self._post.deliver():

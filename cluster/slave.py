@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,6 +28,29 @@ from wdpm.cluster.compute import (
     SetView,
     StartTask,
 )
+from wdpm.cluster.queues import Queues
+from wdpm.cluster.slave_events import (
+    AnswerStranger,
+    Computed,
+    ComputeFailed,
+    ConnectPeers,
+    Event,
+    Exit,
+    Instruction,
+    Leave,
+    MasterLost,
+    MasterSaid,
+    PeerLost,
+    PeerSaid,
+    Reconnect,
+    Run,
+    Start,
+    Tell,
+    Tick,
+    ToMaster,
+    ToPeer,
+    Unreadable,
+)
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.geometry import Triangles
 
@@ -37,127 +59,6 @@ COPIES = frozenset({Kind.GHOSTS, Kind.POINTS})
 
 SLOW_BUILD_S = 3.0
 """A build that takes longer than this is worth a word to the person who waits."""
-
-
-@dataclass(frozen=True)
-class Start:
-    """The socket to the master is open for the first time."""
-
-
-@dataclass(frozen=True)
-class Tick:
-    """Time has passed; comes several times a heartbeat."""
-
-
-@dataclass(frozen=True)
-class MasterSaid:
-    message: protocol.FromMaster
-
-
-@dataclass(frozen=True)
-class PeerSaid:
-    """`identity` names the connection, not the slave: a PeerHello tells which that is."""
-
-    identity: bytes
-    message: protocol.FromPeer
-
-
-@dataclass(frozen=True)
-class Unreadable:
-    """A message that breaks the protocol came, from the master (identity None) or over a peer connection."""
-
-    identity: bytes | None
-    reason: str
-
-
-@dataclass(frozen=True)
-class Computed:
-    outcome: Outcome
-
-
-@dataclass(frozen=True)
-class ComputeFailed:
-    """The worker raised; `text` says what."""
-
-    text: str
-
-
-@dataclass(frozen=True)
-class PeerLost:
-    """The connection to a peer is gone."""
-
-    number: int
-
-
-@dataclass(frozen=True)
-class MasterLost:
-    """The connection to the master is gone."""
-
-
-@dataclass(frozen=True)
-class Leave:
-    """Someone here wants the slave to end: Ctrl-C, or the process that started it has died."""
-
-    reason: str
-
-
-Event = Start | Tick | MasterSaid | PeerSaid | Unreadable | Computed | ComputeFailed | PeerLost | MasterLost | Leave
-
-
-@dataclass(frozen=True)
-class ToMaster:
-    message: protocol.FromSlave
-
-
-@dataclass(frozen=True)
-class ToPeer:
-    number: int
-    message: protocol.FromPeer
-
-
-@dataclass(frozen=True)
-class AnswerStranger:
-    """Tell the other end of a peer connection why its message was dropped."""
-
-    identity: bytes
-    message: protocol.Rejected
-
-
-@dataclass(frozen=True)
-class ConnectPeers:
-    """Open a connection to each peer but oneself."""
-
-    number: int
-    peers: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Run:
-    """Have the worker do a job; its Outcome is due before another Run comes."""
-
-    job: Job
-
-
-@dataclass(frozen=True)
-class Reconnect:
-    """Open a fresh socket to the master; what waits in the old one is thrown away."""
-
-
-@dataclass(frozen=True)
-class Tell:
-    """A line for the person at the slave."""
-
-    text: str
-
-
-@dataclass(frozen=True)
-class Exit:
-    """End the process; `error` says why if that is a failure."""
-
-    error: str | None
-
-
-Instruction = ToMaster | ToPeer | AnswerStranger | ConnectPeers | Run | Reconnect | Tell | Exit
 
 
 class Slave:
@@ -189,8 +90,8 @@ class Slave:
         self._peers: dict[bytes, int] = {}
         self._connected: tuple[str, ...] = ()
         self._orders: deque[Job] = deque()
-        self._homebound: deque[Batch] = deque()
-        self._batches: deque[Batch] = deque()
+        self._copies: deque[Batch] = deque()
+        self._batches = Queues()
         self._tasks: deque[StartTask] = deque()
         self._running: Job | None = None
         self._running_epoch = 0
@@ -371,8 +272,10 @@ class Slave:
         self._setup = setup
         self._parts, self._partition = {}, {}
         self._missing = {cell for cell, holder in enumerate(setup.holders) if holder == welcome.number}
-        for queue in (self._orders, self._homebound, self._batches, self._tasks):
-            queue.clear()
+        self._orders.clear()
+        self._copies.clear()
+        self._batches = Queues()
+        self._tasks.clear()
         self._ghosts_handled, self._ghosts_expected = 0, None
         out: list[Instruction] = []
         if setup.peers != self._connected:
@@ -423,7 +326,10 @@ class Slave:
             return self._stranger(identity, "PeerBatch without PeerHello")
         if message.epoch != self._epoch:
             return self._drop("PeerBatch of another epoch")
-        self._enqueue(message.batch, f"slave {self._peers[identity]}")
+        source = f"slave {self._peers[identity]}"
+        self._enqueue(message.batch, source)
+        if self._setup is not None:
+            checks.check_batch(message.batch, self._setup.world)
         return []
 
     def _unreadable_peer(self, identity: bytes, reason: str) -> list[Instruction]:
@@ -454,7 +360,10 @@ class Slave:
     def _enqueue(self, batch: Batch, source: str) -> None:
         if self._destination(batch, source) != self.number:
             raise ProtocolError(f"a {batch.kind.value} batch of {source} is not for slave {self.number}")
-        (self._homebound if batch.kind in TO_HOME else self._batches).append(batch)
+        if batch.kind in COPIES:
+            self._copies.append(batch)  # counted, so they must not be joined
+        else:
+            self._batches.add(batch)
 
     def _next_job(self, now: float) -> list[Instruction]:
         if self._running is not None:
@@ -462,10 +371,10 @@ class Slave:
         job: Job
         if self._orders:
             job = self._orders.popleft()
-        elif self._homebound:
-            job = HandleBatch(self._homebound.popleft())
+        elif self._copies:
+            job = HandleBatch(self._copies.popleft())
         elif self._batches:
-            job = HandleBatch(self._batches.popleft())
+            job = HandleBatch(self._batches.pop())
         elif self._tasks:
             job = self._tasks.popleft()
         else:
@@ -514,7 +423,9 @@ class Slave:
         if self._ghosts_expected is None or self._ghosts_handled < self._ghosts_expected:
             return
         if self._ghosts_handled > self._ghosts_expected:
-            raise ProtocolError(f"{self._ghosts_handled} batches of ghosts and points came; expected {self._ghosts_expected}")
+            raise ProtocolError(
+                f"{self._ghosts_handled} batches of ghosts and points came; expected {self._ghosts_expected}"
+            )
         self._ghosts_handled, self._ghosts_expected = 0, None
         self._orders.append(BuildMaps())
 

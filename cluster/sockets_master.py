@@ -17,8 +17,9 @@ from typing import Self
 import zmq
 
 from wdpm.cluster import address, keys, protocol, wire
-from wdpm.cluster import master as m
+from wdpm.cluster import master_events as m
 from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.master import Master
 from wdpm.cluster.memory import report
 from wdpm.cluster.progress import Progress
 from wdpm.cluster.session import Session, SessionResult
@@ -77,7 +78,7 @@ class SocketMaster:
             self.endpoint = _listen(router, listen_at)
             self._mailbox = Mailbox()
             self._stack.callback(self._mailbox.close)
-            state = m.Master(slaves, versions() if agreed is None else agreed, settings)
+            state = Master(slaves, versions() if agreed is None else agreed, settings)
             self._loop = _Loop(state, router, self._mailbox, watch, self._answers)
             self._thread = threading.Thread(target=self._loop.run, name="wdpm master", daemon=True)
             self._thread.start()
@@ -148,7 +149,7 @@ class _Loop:
 
     def __init__(
         self,
-        state: m.Master,
+        state: Master,
         router: Socket,
         mailbox: Mailbox,
         watch: Watch,

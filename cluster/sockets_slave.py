@@ -21,9 +21,10 @@ import zmq
 from zmq.utils.monitor import recv_monitor_message
 
 from wdpm.cluster import address, keys, protocol, wire
-from wdpm.cluster import slave as s
+from wdpm.cluster import slave_events as s
 from wdpm.cluster.cluster_settings import ClusterSettings
 from wdpm.cluster.compute import Compute, Job, WorkerFactory
+from wdpm.cluster.slave import Slave
 from wdpm.cluster.sockets import (
     POLL_MS,
     TURN_MESSAGES,
@@ -89,7 +90,7 @@ def run_slave(
             machine_memory() if memory is None else memory,
             shell.endpoint,
         )
-        shell.run(s.Slave(hello, master, patience, settings))
+        shell.run(Slave(hello, master, patience, settings))
 
 
 def machine_memory() -> int:
@@ -155,7 +156,7 @@ class _Shell:
         computer = _Computer(Compute(make_worker), self._jobs, self._mailbox)
         self._thread = threading.Thread(target=computer.run, name="wdpm compute", daemon=True)
 
-    def run(self, state: s.Slave) -> None:
+    def run(self, state: Slave) -> None:
         """Until the state machine says Exit; ClusterError if that is a failure."""
         self._thread.start()
         try:
@@ -172,7 +173,7 @@ class _Shell:
         if self._error is not None:
             raise ClusterError(self._error)
 
-    def _loop(self, state: s.Slave) -> None:
+    def _loop(self, state: Slave) -> None:
         poller = zmq.Poller()
         poller.register(self._router, zmq.POLLIN)
         poller.register(self._mailbox.fd, zmq.POLLIN)
@@ -197,7 +198,7 @@ class _Shell:
                 self._find_broken_connections(state)
                 self._handle(state, s.Tick())
 
-    def _receive_from_master(self, state: s.Slave) -> None:
+    def _receive_from_master(self, state: Slave) -> None:
         for _ in range(TURN_MESSAGES):
             frames = receive(self._master.socket)
             if frames is None:
@@ -208,7 +209,7 @@ class _Shell:
             else:
                 self._handle(state, s.MasterSaid(message))
 
-    def _receive_from_peers(self, state: s.Slave) -> None:
+    def _receive_from_peers(self, state: Slave) -> None:
         for _ in range(TURN_MESSAGES):
             frames = receive(self._router)
             if frames is None:
@@ -220,7 +221,7 @@ class _Shell:
             else:
                 self._handle(state, s.PeerSaid(identity, message))
 
-    def _find_broken_connections(self, state: s.Slave) -> None:
+    def _find_broken_connections(self, state: Slave) -> None:
         if self._master.broke():
             # Its last words come before the news that it hung up.
             self._receive_from_master(state)
@@ -229,15 +230,15 @@ class _Shell:
             if connection.broke():
                 self._lose_peer(state, number)
 
-    def _lose_peer(self, state: s.Slave, number: int) -> None:
+    def _lose_peer(self, state: Slave, number: int) -> None:
         self._peers.pop(number).close(0)
         self._handle(state, s.PeerLost(number))
 
-    def _handle(self, state: s.Slave, event: s.Event) -> None:
+    def _handle(self, state: Slave, event: s.Event) -> None:
         for instruction in state.handle(event, time.monotonic()):
             self._obey(state, instruction)
 
-    def _obey(self, state: s.Slave, instruction: s.Instruction) -> None:
+    def _obey(self, state: Slave, instruction: s.Instruction) -> None:
         match instruction:
             case s.ToPeer(number, message):
                 self._send_to_peer(state, number, message)
@@ -263,7 +264,7 @@ class _Shell:
         except zmq.Again:
             return  # the connection is gone; its monitor says so within a tick, and the state machine decides
 
-    def _send_to_peer(self, state: s.Slave, number: int, message: protocol.FromPeer) -> None:
+    def _send_to_peer(self, state: Slave, number: int, message: protocol.FromPeer) -> None:
         connection = self._peers.get(number)
         if connection is None:
             return  # lost before, and the master knows

@@ -78,14 +78,6 @@ def by_name(union: Any) -> dict[str, type]:
     return {member.__name__: member for member in typing.get_args(union)}
 
 
-def digest_frames(value: Any) -> Iterator[Frame]:
-    """Bytes that two values share if and only if all their fields are equal, for hashes."""
-    arrays: list[np.ndarray[Any, Any]] = []
-    yield msgpack.packb(_pack(type(value), value, type(value).__name__, arrays), use_bin_type=True)
-    for array in arrays:
-        yield from _split(array)
-
-
 def _header(frame: Frame) -> tuple[str, Any]:
     if len(frame) > HEADER_BYTES:
         raise ProtocolError(f"a header of {len(frame)} bytes; at most {HEADER_BYTES} are taken")

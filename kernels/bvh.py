@@ -1,7 +1,7 @@
 """The nearest triangle along a ray, and whether there is any: an 8-wide bounding volume hierarchy.
 
-Why the result does not depend on the tree is explained in triangle.py; here, a node is skipped only if its interval is empty
-or begins beyond the best hit, and equal distances are decided by the smaller triangle id.
+Why the result does not depend on the tree is explained in triangle.py; here, a node is skipped only if its interval is
+empty or begins beyond the best hit, and equal distances are decided by the smaller triangle id.
 
 All child boxes of a node are tested at once, and so are all triangles of a leaf, by a float32 test that never rejects
 what intersect_triangle accepts (lanes.py); one or two are left for that. Children are visited nearest first.
@@ -41,11 +41,11 @@ class Bvh:
     """A tree over some triangles.
 
     Attributes:
-        bounds: child boxes, six rows a node, shape [6 * nodes]: low x, high x, low y, high y, low z, high z; (inf, -inf)
-            where there is no child.
+        bounds: child boxes, six rows a node, shape [6 * nodes]: low x, high x, low y, high y, low z, high z;
+            (inf, -inf) where there is no child.
         children: child codes, shape [nodes]: a node's number, or -(8 * first + size) for a leaf, size from 1 to 8.
-        corners: leaf after leaf nine rows (corner, axis) of `size` floats, shape [9 * T + 8]; the last eight are there to be
-            read with the last rows.
+        corners: leaf after leaf nine rows (corner, axis) of `size` floats, shape [9 * T + 8]; rows are read eight floats
+            at a time, so eight more follow the last.
         ids: global triangle ids in the order of the leaves, shape [T].
         pad: by how much the box of every triangle was grown.
     """
@@ -63,8 +63,8 @@ def build(positions: NDArray[np.float32], ids: NDArray[np.int32], pad: float, de
     Args:
         positions: corners, finite, shape [T, 3, 3]; T may be 0.
         ids: global triangle ids, shape [T], each once.
-        pad: how far every triangle's box is grown, at least 0: about 2^-19 of the scene's extent, and the same number for
-            all trees of a scene.
+        pad: how far every triangle's box is grown, at least 0: about 2^-19 of the scene's extent, and the same number
+            for all trees of a scene.
         device: where the tree is to be traversed.
     """
     tree = bvh_build.build_tree(positions, ids, pad)
@@ -115,10 +115,10 @@ def closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, best: Hit) -> Hit
     """
     stack = stack_of_codes()
     stack_enter = stack_of_distances()
-    height = int(0)
+    height = wp.int32(0)
     ray = make_ray(origin, direction)
     nearest = best
-    code = int(0)
+    code = wp.int32(0)
     while True:
         if code >= 0:
             node = code
@@ -171,7 +171,7 @@ def closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, best: Hit) -> Hit
                         nearest.prim = prim
                         nearest.u = hit[1]
                         nearest.v = hit[2]
-        found = bool(False)
+        found = wp.bool(False)
         while height > 0 and not found:
             height = height - 1
             found = stack_enter[height] <= nearest.t
@@ -185,9 +185,9 @@ def closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, best: Hit) -> Hit
 def any_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_max: float) -> bool:
     """Whether closest_hit would find a hit with 0 < t < t_max in this tree."""
     stack = stack_of_codes()
-    height = int(0)
+    height = wp.int32(0)
     ray = make_ray(origin, direction)
-    code = int(0)
+    code = wp.int32(0)
     while True:
         if code >= 0:
             node = code

@@ -31,12 +31,12 @@ LEAF_MAX = wp.constant(8)
 """Triangles a leaf at most: what one pass of lanes_inside takes, and what a child code has room for."""
 
 MAX_TRIANGLES = 2**31 // 18
-"""Triangles a tree at most: places in `corners` (9 a triangle) and child codes (8 a triangle) stay well within int32."""
+"""Triangles a tree at most: places in `corners` (9 a triangle) and child codes (8 a triangle) stay within int32."""
 
-MAX_DEPTH = wp.constant(16)
-"""Levels of nodes at most. MAX_TRIANGLES need 9 by halving."""
+MAX_DEPTH = wp.constant(12)
+"""Levels of nodes at most. MAX_TRIANGLES need 8 by halving; the heuristic took 8 for Sponza."""
 
-STACK_SIZE = wp.constant(7 * 16)
+STACK_SIZE = wp.constant(7 * 12)
 """(WIDTH - 1) * MAX_DEPTH: a traversal leaves at most WIDTH - 1 siblings behind on each level."""
 
 BINS = wp.constant(32)
@@ -113,7 +113,7 @@ def halve(begin: int, end: int) -> int:
 @wp.func
 def levels_by_halving(count: int) -> int:
     """Levels of nodes that halving needs to get a range down to one leaf."""
-    levels = int(1)
+    levels = wp.int32(1)
     left = (count + WIDTH - 1) / WIDTH
     while left > LEAF_MAX:
         left = (left + WIDTH - 1) / WIDTH
@@ -176,8 +176,8 @@ def split(s: Scratch, begin: int, end: int) -> int:
         s.bin_counts[kz] = s.bin_counts[kz] + 1
 
     best_cost = float(FAR)
-    best_axis = int(-1)
-    best_bin = int(0)
+    best_axis = wp.int32(-1)
+    best_bin = wp.int32(0)
     for axis in range(3):
         if scale[axis] > 0.0:
             right = empty_box()
@@ -186,7 +186,7 @@ def split(s: Scratch, begin: int, end: int) -> int:
                 right = wp.min(right, s.bin_boxes[axis * bins + k])
                 s.right_areas[k] = half_area(right)
             left = empty_box()
-            left_count = int(0)
+            left_count = wp.int32(0)
             for k in range(bins - 1):
                 left = wp.min(left, s.bin_boxes[axis * bins + k])
                 left_count = left_count + s.bin_counts[axis * bins + k]
@@ -203,12 +203,12 @@ def split(s: Scratch, begin: int, end: int) -> int:
 
 @wp.func
 def next_slot(s: Scratch, slots: int, halving: bool) -> int:
-    """Which child to split next: the one with the largest area (when halving, the most triangles); -1 if all are leaves.
+    """Which child to split next: that of the largest area (when halving, the most triangles); -1 if all are leaves.
 
     A range that fits a leaf is not split even where there is room: a leaf of eight costs no more than a leaf of one.
     """
-    best = int(-1)
-    best_score = float(-1.0)
+    best = wp.int32(-1)
+    best_score = wp.float32(-1.0)
     for k in range(slots):
         count = s.slot_end[k] - s.slot_begin[k]
         if count > LEAF_MAX:
@@ -242,9 +242,9 @@ def build_nodes(
     sizes_out: wp.array(dtype=wp.int32),
 ):
     """Build the whole tree. sizes_out: (nodes, deepest level)."""
-    nodes = int(1)
-    deepest = int(0)
-    pending = int(1)
+    nodes = wp.int32(1)
+    deepest = wp.int32(0)
+    pending = wp.int32(1)
     s.todo[0] = wp.vec4i(0, count, 0, 0)
     while pending > 0:
         pending = pending - 1
@@ -255,7 +255,7 @@ def build_nodes(
         s.slot_begin[0] = task[0]
         s.slot_end[0] = task[1]
         s.slot_boxes[0] = range_box(s, task[0], task[1])
-        slots = int(1)
+        slots = wp.int32(1)
         if count == 0:
             slots = 0
         halving = depth + levels_by_halving(task[1] - task[0]) >= MAX_DEPTH
@@ -266,7 +266,7 @@ def build_nodes(
                 break
             begin = s.slot_begin[k]
             end = s.slot_end[k]
-            middle = int(0)
+            middle = wp.int32(0)
             if halving:
                 middle = halve(begin, end)
             else:
@@ -322,7 +322,7 @@ def pack_leaves(
     corners_out: wp.array(dtype=wp.float32),
     ids_out: wp.array(dtype=wp.int32),
 ):
-    """Write the triangles of each leaf one after another: nine rows (corner, axis), as long as the leaf has triangles."""
+    """Write the triangles of each leaf: nine rows (corner, axis), each as long as the leaf has triangles."""
     node = wp.tid()
     codes = children[node]
     for k in range(WIDTH):
@@ -364,9 +364,7 @@ def build_tree(positions: NDArray[np.float32], ids: NDArray[np.int32], pad: floa
     bounds, children, order = _build_nodes(corners_in, count, pad)
     corners = wp.zeros(9 * count + WIDTH, dtype=wp.float32, device="cpu")
     leaf_ids = wp.empty(count, dtype=wp.int32, device="cpu")
-    wp.launch(
-        pack_leaves, len(children), inputs=[corners_in, ids_in, order, children, corners, leaf_ids], device="cpu"
-    )
+    wp.launch(pack_leaves, len(children), inputs=[corners_in, ids_in, order, children, corners, leaf_ids], device="cpu")
     return Tree(bounds, children, corners, leaf_ids)
 
 
@@ -382,8 +380,8 @@ def _build_nodes(corners: wp.array, count: int, pad: float) -> tuple[wp.array, w
     scratch.slot_begin = wp.empty(WIDTH, dtype=wp.int32, device="cpu")
     scratch.slot_end = wp.empty(WIDTH, dtype=wp.int32, device="cpu")
     scratch.todo = wp.empty(WIDTH * (MAX_DEPTH + 1), dtype=wp.vec4i, device="cpu")
-    # A node whose children are all leaves has more than LEAF_MAX triangles; any other has all eight children. So B of the
-    # first kind and L further leaves make at most B + (B + L) / 7 nodes, with 9 B + L <= count.
+    # A node whose children are all leaves has more than LEAF_MAX triangles; any other has all eight children. So B of
+    # the first kind and L further leaves make at most B + (B + L) / 7 nodes, with 9 B + L <= count.
     capacity = count // (WIDTH - 1) + 1
     bounds = wp.empty(6 * capacity, dtype=vec8, device="cpu")
     children = wp.empty(capacity, dtype=vec8i, device="cpu")

@@ -11,10 +11,16 @@ from numpy.typing import NDArray
 
 
 def upload(struct: wp.Struct, arrays: Mapping[str, NDArray[Any]], device: str) -> Any:
-    """An instance of a Warp struct whose array fields hold copies of the arrays of the same names."""
+    """An instance of a Warp struct whose array fields hold the arrays of the same names.
+
+    On the CPU they share memory with arrays that may be written to, so a kernel that refines them in place refines the
+    caller's; what came over a wire is read-only, and is copied.
+    """
     columns = struct()
     for name, var in struct.vars.items():
-        setattr(columns, name, wp.array(np.ascontiguousarray(arrays[name]), dtype=var.type.dtype, device=device))
+        array = np.ascontiguousarray(arrays[name])
+        copy = not array.flags.writeable
+        setattr(columns, name, wp.array(array, dtype=var.type.dtype, device=device, copy=copy))
     return columns
 
 

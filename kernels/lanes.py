@@ -1,9 +1,9 @@
 """Eight floats side by side: what the tree's nodes and leaves are tested with.
 
-Warp's own vector operators become SIMD code only where the optimiser sees through them (its min and max, which skip NaNs,
-do not), and these few functions are where a ray spends its time: they are 1.6 times faster overall as native
-snippets. Each is written once: on the CPU `lanes` is a vector of eight floats and the loop runs once, on a GPU it is one
-float and the loop runs eight times. Both round alike, operation by operation.
+Warp's own vector operators become SIMD code only where the optimiser sees through them (its min and max, which skip
+NaNs, do not), and a ray spends its time in these few functions: as native snippets they make it 1.6 times faster
+overall. Each is written once: on the CPU `lanes` is a vector of eight floats and the loop runs once, on a GPU it is
+one float and the loop runs eight times. Both round alike, operation by operation.
 """
 
 from __future__ import annotations
@@ -153,15 +153,18 @@ def lanes_not_above(a: vec8, b: vec8) -> int:
 def lanes_inside(
     corners: wp.array(dtype=wp.float32), first: int, size: int, origin: wp.vec3, direction: wp.vec3, d_max: float
 ) -> vec8:
-    """Which triangles of a leaf a ray may hit: below 0 only where intersect_triangle says miss. Lanes from `size` on: anything.
+    """Which triangles of a leaf a ray may hit: below 0 only where intersect_triangle says miss.
 
-    Möller & Trumbore 1997 in float32, behind and before the origin. With c the first corner less the origin, e1 and e2 the
-    edges, u = (c x d) . e2, v = -(c x d) . e1 and w = (e1 x e2) . d - u - v have one sign on a hit: the lesser of them is not
-    below 0, or the greater not above. Errors, with r = 2^-24 and c, e, d for largest absolute components, to first
-    order: a component of c x d is off by 6 r c d; u and v by 3 e (6 + 8) r c d = 42 r c e d; the determinant by
-    42 r e^2 d; w, a sum of these, by at most 108 r (c + e) e d. The margin added is 128 r (c + e) e d. intersect_triangle
-    itself rounds corners by 2^-53 c, which moves its edge functions by less than 2^-48 c^2 d: 2^-28 (c + e) more for e pays for that, and
-    1e-36 for underflow. Overflow gives NaN, which lanes_not_above counts as a candidate.
+    Lanes from `size` on hold anything.
+
+    Möller & Trumbore 1997 in float32, behind and before the origin. With c the first corner less the origin, e1 and e2
+    the edges, u = (c x d) . e2, v = -(c x d) . e1 and w = (e1 x e2) . d - u - v have one sign on a hit: the least of
+    them is not below 0, or the greatest not above. Errors, with r = 2^-24 and c, e, d for largest absolute components, to
+    first order: a component of c x d is off by 6 r c d; u and v by 3 e (6 + 8) r c d = 42 r c e d; the determinant by
+    42 r e^2 d; w, a sum of these, by at most 108 r (c + e) e d. The margin added is 128 r (c + e) e d.
+    intersect_triangle itself rounds corners by 2^-53 c, which moves its edge functions by less than 2^-48 c^2 d:
+    adding 2^-28 (c + e) to e pays for that, and 1e-36 for underflow. Overflow gives NaN, which lanes_not_above counts
+    as a candidate.
 
     Args:
         corners: leaf after leaf nine rows (corner, axis) of `size` floats.

@@ -7,7 +7,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.kernels.constants import OFFSET_MIN_SHARE, PI
-from wdpm.kernels.surface import face_normal, leave
+from wdpm.kernels.surface import leave
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -19,6 +19,7 @@ class LightTable:
     triangles: wp.int32
     count: wp.int32
     corners: wp.array2d(dtype=wp.vec3)  # [triangles, 3]
+    normal: wp.array(dtype=wp.vec3)  # by triangle
     radiance: wp.array(dtype=wp.vec3)  # by triangle
     area: wp.array(dtype=wp.float32)  # by triangle
     position: wp.array(dtype=wp.vec3)  # by point
@@ -70,6 +71,7 @@ def upload(
     table.triangles = len(corners)
     table.count = len(power)
     table.corners = wp.array(corners, dtype=wp.vec3, device=device)
+    table.normal = wp.array(triangle_normals(corners), dtype=wp.vec3, device=device)
     table.radiance = wp.array(radiance, dtype=wp.vec3, device=device)
     table.area = wp.array(triangle_areas(corners).astype(np.float32), dtype=wp.float32, device=device)
     table.position = wp.array(position, dtype=wp.vec3, device=device)
@@ -88,6 +90,14 @@ def triangle_areas(corners: NDArray[np.float32]) -> NDArray[np.float64]:
     """Areas of triangles, float64, shape [T]."""
     p = corners.astype(np.float64)
     return 0.5 * np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1)
+
+
+def triangle_normals(corners: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Unit normals of triangles by their winding, computed in double: a cross product of needles cancels."""
+    p = corners.astype(np.float64)
+    normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    unit: NDArray[np.float32] = (normal / np.linalg.norm(normal, axis=1, keepdims=True)).astype(np.float32)
+    return unit
 
 
 @wp.func
@@ -143,7 +153,7 @@ def sample_light(lights: LightTable, u_element: wp.float64, u_position: wp.vec2)
         s.position = wp.vec3(
             a * wp.float64(1.0 - w[0] - w[1]) + wp.vec3d(p1) * wp.float64(w[0]) + wp.vec3d(p2) * wp.float64(w[1])
         )
-        s.normal = face_normal(p0, p1, p2)
+        s.normal = lights.normal[element]
         s.radiance = lights.radiance[element]
         s.pdf = probability / lights.area[element]
     else:
@@ -155,19 +165,30 @@ def sample_light(lights: LightTable, u_element: wp.float64, u_position: wp.vec2)
 
 
 @wp.func
+def sincos_octant(x: float) -> wp.vec2:
+    """Sine and cosine of pi/4 x for x in [-1, 1], to 1e-7.
+
+    Polynomials, not the C library's functions: those differ between its versions, and the image must not.
+    """
+    a = (0.25 * PI) * x
+    a2 = a * a
+    sine = a * (1.0 + a2 * (-1.6666667e-1 + a2 * (8.3333310e-3 + a2 * (-1.9840874e-4 + a2 * 2.7525562e-6))))
+    cosine = 1.0 + a2 * (-0.5 + a2 * (4.1666667e-2 + a2 * (-1.3888889e-3 + a2 * (2.4801587e-5 - a2 * 2.7557319e-7))))
+    return wp.vec2(sine, cosine)
+
+
+@wp.func
 def concentric_disk(u: wp.vec2) -> wp.vec2:
     """The unit square mapped to the unit disk, keeping areas and neighbours (Shirley & Chiu 1997)."""
     x = 2.0 * u[0] - 1.0
     y = 2.0 * u[1] - 1.0
-    r = float(0.0)
-    phi = float(0.0)
     if wp.abs(x) > wp.abs(y):
-        r = x
-        phi = (0.25 * PI) * (y / x)
-    elif y != 0.0:
-        r = y
-        phi = 0.5 * PI - (0.25 * PI) * (x / y)
-    return wp.vec2(r * wp.cos(phi), r * wp.sin(phi))
+        sc = sincos_octant(y / x)
+        return wp.vec2(x * sc[1], x * sc[0])
+    if y == 0.0:
+        return wp.vec2(0.0, 0.0)
+    sc = sincos_octant(x / y)
+    return wp.vec2(y * sc[0], y * sc[1])
 
 
 @wp.func
@@ -193,11 +214,11 @@ def cosine_hemisphere(normal: wp.vec3, u: wp.vec2) -> wp.vec3:
 
 @wp.func
 def uniform_sphere(u: wp.vec2) -> wp.vec3:
-    """A direction with pdf_solid_angle = 1 / (4 pi)."""
-    z = 1.0 - 2.0 * u[0]
-    r = wp.sqrt(wp.max(0.0, 1.0 - z * z))
-    phi = 2.0 * PI * u[1]
-    return wp.vec3(r * wp.cos(phi), r * wp.sin(phi), z)
+    """A direction with pdf_solid_angle = 1 / (4 pi): the disk wrapped around the sphere, areas kept (Lambert)."""
+    d = concentric_disk(u)
+    r2 = d[0] * d[0] + d[1] * d[1]
+    shrink = 2.0 * wp.sqrt(wp.max(0.0, 1.0 - r2))
+    return wp.vec3(d[0] * shrink, d[1] * shrink, 1.0 - 2.0 * r2)
 
 
 @wp.func

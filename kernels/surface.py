@@ -21,6 +21,8 @@ class Surfaces:
     count: wp.int32
     ids: wp.array(dtype=wp.int32)
     corners: wp.array2d(dtype=wp.vec3)  # [triangles, 3]
+    front: wp.array(dtype=wp.vec3)  # unit geometric normal of each triangle's front
+    smooth: wp.array(dtype=wp.int32)  # 1 where there are normals to interpolate
     normals: wp.array2d(dtype=wp.vec3)  # [triangles, 3]; zero where flat
     uvs: wp.array2d(dtype=wp.vec2)  # [triangles, 3]
     material: wp.array(dtype=wp.int32)
@@ -68,6 +70,9 @@ def upload(
     surfaces.count = len(triangles)
     surfaces.ids = wp.array(triangles.ids, dtype=wp.int32, device=device)
     surfaces.corners = wp.array(triangles.positions, dtype=wp.vec3, device=device)
+    front, smooth = front_normals(triangles)
+    surfaces.front = wp.array(front, dtype=wp.vec3, device=device)
+    surfaces.smooth = wp.array(smooth, dtype=wp.int32, device=device)
     surfaces.normals = wp.array(triangles.normals, dtype=wp.vec3, device=device)
     surfaces.uvs = wp.array(triangles.uvs, dtype=wp.vec2, device=device)
     surfaces.material = wp.array(triangles.material, dtype=wp.int32, device=device)
@@ -80,6 +85,21 @@ def upload(
 
     surfaces.offset_min = float(extent) * OFFSET_MIN_SHARE
     return surfaces
+
+
+def front_normals(triangles: Triangles) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Unit geometric normals of the triangles' fronts, and whether each has normals to interpolate.
+
+    The front is the side that the vertex normals are on; without them, the one from which the corners go
+    counter-clockwise. Computed in double: a cross product of needles cancels.
+    """
+    p = triangles.positions.astype(np.float64)
+    normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    against = np.einsum("ij,ij->i", normal, triangles.normals.sum(axis=1, dtype=np.float64)) < 0
+    normal[against] *= -1.0
+    smooth = (triangles.normals != 0).any(axis=2).all(axis=1)
+    return normal.astype(np.float32), smooth.astype(np.int32)
 
 
 @wp.func
@@ -116,31 +136,6 @@ def position_at(surfaces: Surfaces, row: int, u: float, v: float) -> wp.vec3:
 
 
 @wp.func
-def face_normal(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3) -> wp.vec3:
-    """Unit normal of a triangle, in double: a cross product of needles cancels."""
-    a = wp.vec3d(p0)
-    return wp.vec3(wp.normalize(wp.cross(wp.vec3d(p1) - a, wp.vec3d(p2) - a)))
-
-
-@wp.func
-def is_smooth(surfaces: Surfaces, row: int) -> bool:
-    """Whether a triangle has normals at its corners to interpolate."""
-    n = surfaces.normals[row, 0]
-    return wp.dot(n, n) > 0.0
-
-
-@wp.func
-def surface_normal(surfaces: Surfaces, row: int) -> wp.vec3:
-    """Unit geometric normal of a triangle's front: the side its vertex normals are on, else the one its winding shows."""
-    normal = face_normal(surfaces.corners[row, 0], surfaces.corners[row, 1], surfaces.corners[row, 2])
-    if is_smooth(surfaces, row):
-        around = surfaces.normals[row, 0] + surfaces.normals[row, 1] + surfaces.normals[row, 2]
-        if wp.dot(normal, around) < 0.0:
-            normal = -normal
-    return normal
-
-
-@wp.func
 def clearance(surfaces: Surfaces, prim: int, position: wp.vec3) -> float:
     """Distance of a point of a triangle to the nearest of its edges."""
     row = row_of(surfaces, prim)
@@ -157,9 +152,9 @@ def clearance(surfaces: Surfaces, prim: int, position: wp.vec3) -> float:
 def surface_at(surfaces: Surfaces, prim: int, u: float, v: float, towards: wp.vec3) -> Surface:
     """The surface at a hit, seen from the direction `towards` (pointing away from the surface)."""
     row = row_of(surfaces, prim)
-    normal = surface_normal(surfaces, row)
+    normal = surfaces.front[row]
     shading = normal
-    if is_smooth(surfaces, row):
+    if surfaces.smooth[row] == 1:
         blend = (
             surfaces.normals[row, 0] * (1.0 - u - v) + surfaces.normals[row, 1] * u + surfaces.normals[row, 2] * v
         )

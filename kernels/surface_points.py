@@ -23,7 +23,7 @@ from wdpm.kernels.constants import LEAST_POINTS, NORMAL_COS
 from wdpm.kernels.gather import box_distance2, distance2_to, dot8, next_above
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photon_map import LEAF_ROWS, NODE_ROWS, PhotonMap, first_child, vec8
-from wdpm.kernels.surface import Surfaces, position_at, surface_normal
+from wdpm.kernels.surface import Surfaces, position_at
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -62,7 +62,7 @@ def _place_points(
     i = offset + wp.tid()
     position = position_at(surfaces, row[i], u[i], v[i])
     position_out[i] = position
-    normal_out[i] = surface_normal(surfaces, row[i])
+    normal_out[i] = surfaces.front[row[i]]
     cell_out[i] = cell_of(cells, position)
 
 

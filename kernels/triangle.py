@@ -6,18 +6,18 @@ finds it. Three steps make that true for any tree of boxes:
 1. **The test.** Woop, Benthin & Wald 2013, "Watertight ray/triangle intersection": the corners are moved to the ray's
    origin and sheared so that the ray becomes an axis; three edge functions then tell on which side of each edge the
    origin lies. A sheared corner depends on that corner and the ray only, and an edge function computed with the corners
-   exchanged is the exact negative, so neighbours agree about a shared edge. Subtraction and rounding are monotone: the
-   computed sign of x*y - z*w is the true sign or zero. Zero counts as inside for both neighbours, so a ray through an edge or
-   corner never slips between them. Doubles make corner minus origin practically exact for float32 coordinates.
+   exchanged is the exact negative, so neighbours agree about a shared edge. Rounding is monotone: the computed sign of
+   x*y - z*w is the true sign or zero. Zero counts as inside for both neighbours, so a ray through an edge or corner
+   never slips between them. Doubles make corner minus origin practically exact for float32 coordinates.
 
 2. **The clamp.** The t found is clamped to the interval in which the ray is inside the triangle's own box, grown by
    `pad`; an empty interval is a miss. The interval is computed in float32 with the arithmetic that the tree's
    nodes use: (b - o) * inv_d for each face, maximum of the near ones, minimum of the far ones.
 
-3. **Why no tree can lose it.** Subtraction, multiplication, minimum and maximum are monotone under rounding. A node's box
-   contains the boxes of its triangles exactly (it is the minimum and maximum of the same floats), so its computed
-   interval contains each triangle's computed interval, hence its t: enter(node) <= t <= exit(node). A traversal that skips a
-   node only if it is empty or if enter > best.t therefore visits every triangle that is nearer than
+3. **Why no tree can lose it.** Subtraction, multiplication, minimum and maximum are monotone under rounding. A node's
+   box contains the boxes of its triangles exactly (it is the minimum and maximum of the same floats), so its computed
+   interval contains each triangle's computed interval, hence its t: enter(node) <= t <= exit(node). A traversal that
+   skips a node only if its interval is empty or if enter > best.t therefore visits every triangle that is nearer than
    the best, or as near: ties are seen too, and the smaller id wins. Which tree it was does not matter.
 
 The clamp moves t by rounding errors only: a hit lies on its triangle, so its t is inside the grown box's interval
@@ -43,6 +43,15 @@ LARGEST_INVERSE = wp.constant(1.0e37)
 
 SMALLEST_DIRECTION = wp.constant(1.0e-37)
 """Components of a direction below this count as 0 in slab arithmetic."""
+
+EDGE_ON = wp.constant(2.0**-28)
+"""A determinant below this share of size times distance means: seen from its side, as far as float32 coordinates tell.
+
+The determinant's error is 2^-50 of the same product, so above, weights are good to 2^-22. Below, the ray passes every
+edge it crosses within a few 2^-28 of the distance, less than a rounding of a coordinate."""
+
+FAR = wp.constant(1.0e300)
+"""Beyond every t, in doubles."""
 
 
 @wp.struct
@@ -87,6 +96,7 @@ class Ray:
         inverse: 1 / direction for slab arithmetic: no component is zero, infinite or NaN; -0.0 is like 0.0.
         inverse_leave: the same, scaled by EXIT_SCALE: for the faces where the ray leaves a box.
         shear_x, shear_y, shear_z: rows of the matrix that turns the direction into the unit z axis.
+        longest: the direction's largest absolute component.
     """
 
     origin: wp.vec3
@@ -96,6 +106,7 @@ class Ray:
     shear_x: wp.vec3d
     shear_y: wp.vec3d
     shear_z: wp.vec3d
+    longest: wp.float64
 
 
 @wp.func
@@ -113,21 +124,68 @@ def make_ray(origin: wp.vec3, direction: wp.vec3) -> Ray:
     ray.inverse_leave = ray.inverse * EXIT_SCALE
     # Shearing along the longest axis keeps the slopes at most 1.
     if wp.abs(x) >= wp.abs(y) and wp.abs(x) >= wp.abs(z):
+        ray.longest = wp.abs(wp.float64(x))
         per = one / wp.float64(x)
         ray.shear_x = wp.vec3d(-wp.float64(y) * per, one, zero)
         ray.shear_y = wp.vec3d(-wp.float64(z) * per, zero, one)
         ray.shear_z = wp.vec3d(per, zero, zero)
     elif wp.abs(y) >= wp.abs(z):
+        ray.longest = wp.abs(wp.float64(y))
         per = one / wp.float64(y)
         ray.shear_x = wp.vec3d(zero, -wp.float64(z) * per, one)
         ray.shear_y = wp.vec3d(one, -wp.float64(x) * per, zero)
         ray.shear_z = wp.vec3d(zero, per, zero)
     else:
+        ray.longest = wp.abs(wp.float64(z))
         per = one / wp.float64(z)
         ray.shear_x = wp.vec3d(one, zero, -wp.float64(x) * per)
         ray.shear_y = wp.vec3d(zero, one, -wp.float64(y) * per)
         ray.shear_z = wp.vec3d(zero, zero, per)
     return ray
+
+
+@wp.func
+def nearer_crossing(best: wp.vec3d, s0: wp.float64, s1: wp.float64, p0: wp.vec3d, p1: wp.vec3d) -> wp.vec3d:
+    """The nearer of `best` and the point of an edge where s is 0; points are (t, v, w)."""
+    zero = wp.float64(0.0)
+    if (s0 > zero and s1 > zero) or (s0 < zero and s1 < zero):
+        return best
+    p = p0
+    if s0 != s1:
+        p = p0 + (p1 - p0) * (s0 / (s0 - s1))
+    if p[0] > zero and p[0] < best[0]:
+        return p
+    return best
+
+
+@wp.func
+def sum_of_absolutes(p: wp.vec3d) -> wp.float64:
+    return wp.abs(p[0]) + wp.abs(p[1]) + wp.abs(p[2])
+
+
+@wp.func
+def edge_on_hit(x: wp.vec3d, y: wp.vec3d, t: wp.vec3d) -> wp.vec3d:
+    """Where a ray enters a triangle that it sees from its side: (t, v, w), t = FAR where it does not.
+
+    The sheared corners lie on a line through the ray, up to rounding, so the area that they span says nothing: weights
+    computed from it would be those of any point of the triangle, off the ray. The edges still cross the ray well.
+
+    Args:
+        x, y: sheared coordinates of the three corners.
+        t: how far along the ray they are.
+    """
+    s = x
+    if wp.max(y) - wp.min(y) > wp.max(x) - wp.min(x):
+        s = y
+    zero = wp.float64(0.0)
+    one = wp.float64(1.0)
+    a = wp.vec3d(t[0], zero, zero)
+    b = wp.vec3d(t[1], one, zero)
+    c = wp.vec3d(t[2], zero, one)
+    best = wp.vec3d(wp.float64(FAR), zero, zero)
+    best = nearer_crossing(best, s[0], s[1], a, b)
+    best = nearer_crossing(best, s[1], s[2], b, c)
+    return nearer_crossing(best, s[2], s[0], c, a)
 
 
 @wp.func
@@ -147,24 +205,29 @@ def intersect_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3, ray: Ray, pad: float)
     pa = wp.vec3d(a) - o
     pb = wp.vec3d(b) - o
     pc = wp.vec3d(c) - o
-    ax = wp.dot(ray.shear_x, pa)
-    ay = wp.dot(ray.shear_y, pa)
-    bx = wp.dot(ray.shear_x, pb)
-    by = wp.dot(ray.shear_y, pb)
-    cx = wp.dot(ray.shear_x, pc)
-    cy = wp.dot(ray.shear_y, pc)
+    x = wp.vec3d(wp.dot(ray.shear_x, pa), wp.dot(ray.shear_x, pb), wp.dot(ray.shear_x, pc))
+    y = wp.vec3d(wp.dot(ray.shear_y, pa), wp.dot(ray.shear_y, pb), wp.dot(ray.shear_y, pc))
 
-    u = cx * by - cy * bx  # weight of a
-    v = ax * cy - ay * cx  # weight of b
-    w = bx * ay - by * ax  # weight of c
+    u = x[2] * y[1] - y[2] * x[1]  # weight of a
+    v = x[0] * y[2] - y[0] * x[2]  # weight of b
+    w = x[1] * y[0] - y[1] * x[0]  # weight of c
     zero = wp.float64(0.0)
     if (u < zero or v < zero or w < zero) and (u > zero or v > zero or w > zero):
         return miss
     det = u + v + w
     if not (wp.abs(det) > zero):
         return miss  # a needle seen from its side, or no area at all
+    z = wp.vec3d(wp.dot(ray.shear_z, pa), wp.dot(ray.shear_z, pb), wp.dot(ray.shear_z, pc))
     per = wp.float64(1.0) / det
-    t = float((u * wp.dot(ray.shear_z, pa) + v * wp.dot(ray.shear_z, pb) + w * wp.dot(ray.shear_z, pc)) * per)
+    hit = wp.vec3d((u * z[0] + v * z[1] + w * z[2]) * per, v * per, w * per)
+    # x and y of a hit are no larger than the triangle, and known to 2^-52 of its distance.
+    size = sum_of_absolutes(x) + sum_of_absolutes(y)
+    distance = size + sum_of_absolutes(z) * ray.longest
+    if wp.abs(det) < size * distance * wp.float64(EDGE_ON):
+        hit = edge_on_hit(x, y, z)
+        if hit[0] >= wp.float64(FAR):
+            return miss
+    t = float(hit[0])
 
     low = wp.min(a, wp.min(b, c)) - wp.vec3(pad)
     high = wp.max(a, wp.max(b, c)) + wp.vec3(pad)
@@ -176,11 +239,13 @@ def intersect_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3, ray: Ray, pad: float)
         if ray.inverse[axis] < 0.0:
             near = high[axis]
             far = low[axis]
-        enter = wp.max(enter, (near - ray.origin[axis]) * ray.inverse[axis])
-        leave = wp.min(leave, (far - ray.origin[axis]) * ray.inverse_leave[axis])
+        enter_axis = (near - ray.origin[axis]) * ray.inverse[axis]
+        leave_axis = (far - ray.origin[axis]) * ray.inverse_leave[axis]
+        enter = wp.where(enter_axis > enter, enter_axis, enter)
+        leave = wp.where(leave_axis < leave, leave_axis, leave)
     if not (enter <= leave):
         return miss
     t = wp.min(wp.max(t, enter), leave)
     if not (t > 0.0 and t < NO_HIT):
         return miss
-    return wp.vec3(t, float(v * per), float(w * per))
+    return wp.vec3(t, float(hit[1]), float(hit[2]))

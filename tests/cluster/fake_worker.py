@@ -127,10 +127,13 @@ class FakeWorker:
 
 
 def arrays(kind: Kind, count: int) -> dict[str, Any]:
-    """Arrays of a kind, counting up."""
-    return {
+    """Arrays of a kind, counting up; those that point at cells and lights point at the first."""
+    counting = {
         name: np.arange(count * int(np.prod(shape, dtype=int))).reshape(count, *shape).astype(dtype)
         for name, (dtype, shape) in SCHEMAS[kind].items()
+    }
+    return {
+        name: np.zeros_like(array) if name in ("owner", "cell", "light") else array for name, array in counting.items()
     }
 
 

@@ -1,10 +1,13 @@
-"""A master process that renders too slowly to end: master_process.py [life-line]. Prints its slaves' process numbers."""
+"""A master process that renders too slowly to end: master_process.py [life-line].
+
+Prints the process numbers of its slaves.
+"""
 
 import signal
 import sys
 
 from fake_worker import make_session, make_view
-from test_sockets import slow_slave
+from test_sockets import AGREED, slow_slave
 
 from wdpm.cluster.local import LocalSlaves
 from wdpm.cluster.sockets_master import SocketMaster
@@ -22,7 +25,7 @@ class TellWhenRendering:
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a parent may have had it ignored
 slaves = LocalSlaves()
-with SocketMaster("tcp://127.0.0.1:0", 2) as master:
+with SocketMaster("tcp://127.0.0.1:0", 2, agreed=AGREED) as master:
     slaves.start(2, slow_slave(1.0, *sys.argv[1:]), master.endpoint)
     print(*slaves.processes, flush=True)
     try:

@@ -13,4 +13,5 @@ run_slave(
     functools.partial(FakeWorker, delay=delay),
     life_line=sys.stdin.fileno() if "life-line" in sys.argv else None,
     patience=20.0,
+    agreed={"code": "1"},
 )

@@ -43,7 +43,9 @@ def test_missing_keys(folder: Path) -> None:
         load_keys(folder)
 
 
-@pytest.mark.parametrize("text", ["", "metadata\ncurve\n", 'curve\n    public-key = "short"\n    secret-key = "short"\n'])
+@pytest.mark.parametrize(
+    "text", ["", "metadata\ncurve\n", 'curve\n    public-key = "short"\n    secret-key = "short"\n']
+)
 def test_damaged_keys(folder: Path, text: str) -> None:
     make_keys(folder)
     (folder / "slave.key_secret").write_text(text)
@@ -89,5 +91,5 @@ def test_what_is_no_address(text: str) -> None:
 
 
 def test_an_unknown_machine() -> None:
-    with pytest.raises(SettingsError, match="cannot find the machine 'no.such.machine.invalid'"):
+    with pytest.raises(SettingsError, match=r"cannot find the machine 'no\.such\.machine\.invalid'"):
         address.resolve("tcp://no.such.machine.invalid:80")

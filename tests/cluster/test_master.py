@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from fake_worker import make_session, make_view, pixels_of, triangles
 
-from wdpm.cluster import master as m
+from wdpm.cluster import master_events as m
 from wdpm.cluster import protocol as p
 from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.master import Master, Phase
 from wdpm.cluster.task import BucketTask, PhotonsTraced, PhotonTask
 
 VERSIONS = {"code": "1"}
@@ -24,7 +25,7 @@ class Driver:
     """Feeds a master, and keeps the time."""
 
     def __init__(self, slaves: int = 2) -> None:
-        self.master = m.Master(slaves, VERSIONS, SETTINGS)
+        self.master = Master(slaves, VERSIONS, SETTINGS)
         self.now = 0.0
 
     def __call__(self, event: m.Event) -> list[m.Instruction]:
@@ -37,7 +38,7 @@ class Driver:
     def join(self) -> Driver:
         for number, identity in enumerate((A, B)):
             self.says(identity, hello(number))
-        assert self.master.phase is m.Phase.IDLE
+        assert self.master.phase is Phase.IDLE
         return self
 
     def to_photons(self, **session: Any) -> list[m.Instruction]:
@@ -57,7 +58,7 @@ class Driver:
         for answer in (p.MapsBuilt(EPOCH), p.ViewSet(EPOCH)):
             self.says(A, answer)
             out = self.says(B, answer)
-        assert self.master.phase is m.Phase.BUCKETS
+        assert self.master.phase is Phase.BUCKETS
         return out
 
 
@@ -95,7 +96,7 @@ def test_slaves_are_welcomed_in_order() -> None:
 def test_a_second_hello_of_the_same_slave_is_answered_alike() -> None:
     driver = Driver()
     assert sent(driver.says(A, hello())) == sent(driver.says(A, hello()))
-    assert driver.master.phase is m.Phase.JOINING
+    assert driver.master.phase is Phase.JOINING
 
 
 def test_versions_that_differ_are_named() -> None:
@@ -188,7 +189,7 @@ def test_buckets_to_the_end() -> None:
     whole = pixels_of(BucketTask(0, 0, 0, 64, 32), view)
     for name, layer in whole.layers.items():
         np.testing.assert_array_equal(finished.result.layers[name], layer)
-    assert driver.master.phase is m.Phase.IDLE
+    assert driver.master.phase is Phase.IDLE
 
 
 # What goes wrong.
@@ -201,7 +202,7 @@ def test_a_repeated_result_is_dropped_if_it_is_the_same() -> None:
     driver.says(A, p.TaskDone(EPOCH, result))
     assert driver.says(A, p.TaskDone(EPOCH, result)) == []
     assert driver.master.dropped == {"repeated result": 1}
-    assert driver.master.phase is m.Phase.BUCKETS
+    assert driver.master.phase is Phase.BUCKETS
 
 
 def test_two_different_results_end_the_render() -> None:
@@ -268,7 +269,7 @@ def test_a_message_of_another_epoch_is_dropped(epoch: int) -> None:
     task = tasks_of(driver.to_photons(), A)[0]
     assert driver.says(A, p.TaskDone(epoch, PhotonsTraced(task.number, 100, 1.0))) == []
     assert driver.master.dropped == {"TaskDone of another epoch": 1}
-    assert driver.master.phase is m.Phase.PHOTONS
+    assert driver.master.phase is Phase.PHOTONS
 
 
 @pytest.mark.parametrize(
@@ -299,7 +300,7 @@ def test_a_silent_slave_ends_the_render() -> None:
         out = driver.master.handle(m.Tick(), second)
         assert sent(out, A) == [p.Heartbeat()]
         driver.master.handle(m.SlaveSaid(A, p.Heartbeat()), second)
-    assert driver.master.phase is m.Phase.PHOTONS
+    assert driver.master.phase is Phase.PHOTONS
     reason = broken(driver.master.handle(m.Tick(), 11.0))
     assert "slave 1 (host, process 1) has been silent" in reason
 
@@ -330,7 +331,7 @@ def test_losing_a_slave_ends_the_render_and_names_it(event: m.Event, reason: str
     driver = Driver()
     driver.to_photons()
     assert broken(driver(event)).startswith(reason)
-    assert driver.master.phase is m.Phase.ENDED
+    assert driver.master.phase is Phase.ENDED
     assert driver(m.SlaveLost(A, "too")) == []
     assert driver(m.Begin(make_session(2, 2))) == [m.Broken("the cluster has ended; start another")]
     assert [type(message) for message in sent(driver.says(C, hello()))] == [p.Refuse]
@@ -359,7 +360,7 @@ def test_strangers_are_answered_and_counted() -> None:
     assert [type(message) for message in sent(driver.says(C, p.Ready(EPOCH)))] == [p.Rejected]
     assert driver(m.SlaveLost(C, "gone")) == []
     assert driver.master.dropped == {"unreadable message": 1, "message before Hello": 1}
-    assert driver.master.phase is m.Phase.PHOTONS
+    assert driver.master.phase is Phase.PHOTONS
 
 
 def test_close_stops_everyone() -> None:

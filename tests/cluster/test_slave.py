@@ -9,9 +9,10 @@ from fake_worker import arrays, make_view, make_world, triangles
 
 from wdpm.cluster import compute as c
 from wdpm.cluster import protocol as p
-from wdpm.cluster import slave as s
+from wdpm.cluster import slave_events as s
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.slave import Slave
 from wdpm.cluster.task import PhotonsTraced, PhotonTask
 from wdpm.scenes.geometry import Triangles
 
@@ -27,7 +28,7 @@ class Driver:
     """Feeds a slave, number 1 of 3, which holds cells 1 and 3 of 4."""
 
     def __init__(self, patience: float = 60.0) -> None:
-        self.slave = s.Slave(HELLO, "tcp://master:1", patience, ClusterSettings())
+        self.slave = Slave(HELLO, "tcp://master:1", patience, ClusterSettings())
         self.now = 0.0
 
     def __call__(self, event: s.Event) -> list[s.Instruction]:
@@ -304,7 +305,9 @@ def test_too_many_ghosts_are_an_error() -> None:
         driver.peer(p.PeerBatch(EPOCH, ghosts))
         driver.computed(c.HandleBatch(ghosts))
     driver.told(p.Exchange(EPOCH))
-    assert "2 batches of ghosts and points came; expected 1" in error_of(driver.computed(c.MakeGhosts(), ghosts_expected=1))
+    assert "2 batches of ghosts and points came; expected 1" in error_of(
+        driver.computed(c.MakeGhosts(), ghosts_expected=1)
+    )
 
 
 @pytest.mark.parametrize(
@@ -361,6 +364,29 @@ def test_strangers_are_answered_and_counted() -> None:
         assert isinstance(answer, s.AnswerStranger)
         assert answer.identity == b"stranger"
     assert sum(driver.slave.dropped.values()) == 3
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "index"),
+    [
+        (Kind.SHADE, "prim", -1),
+        (Kind.LANDED, "prim", -2),
+        (Kind.PHOTON, "prim", -2),
+        (Kind.CAMERA, "owner", 4),
+        (Kind.PHOTON, "light", 1),
+        (Kind.PHOTON, "light", -1),
+        (Kind.PHOTON, "bounce", -1),
+        (Kind.SAMPLES, "cell", 4),
+        (Kind.PROBE, "pixel", -1),
+    ],
+)
+def test_an_index_that_points_outside_is_an_error(kind: Kind, name: str, index: int) -> None:
+    good = batch(kind)
+    driver = Driver().ready()
+    driver.peer(p.PeerBatch(EPOCH, good))
+    assert not driver.slave.ended
+    good.arrays[name][0] = index
+    assert f"{kind.value}.{name} is {index} to {index}" in error_of(driver.peer(p.PeerBatch(EPOCH, good)))
 
 
 @pytest.mark.parametrize(

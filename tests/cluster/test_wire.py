@@ -265,14 +265,5 @@ def test_arrays_are_not_copied() -> None:
     assert not got.positions.flags.writeable or got.positions.base is not None
 
 
-def test_digests_tell_values_apart() -> None:
-    def digest(value: Any) -> list[bytes]:
-        return [bytes(frame) for frame in wire.digest_frames(value)]
-
-    assert digest(make_world(4)) == digest(make_world(4))
-    assert digest(make_world(4)) != digest(make_world(8))
-    assert digest(triangles(4)) != digest(triangles(4, 1))
-
-
 def test_every_kind_of_batch_has_a_schema() -> None:
     assert SCHEMAS.keys() == set(Kind)

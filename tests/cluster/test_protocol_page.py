@@ -1,0 +1,55 @@
+"""docs/protocol.md is the norm: it must name every message with its fields, and no other."""
+
+from __future__ import annotations
+
+import re
+import typing
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+from wdpm.cluster import protocol, task, wire
+from wdpm.cluster.batch import Batch
+from wdpm.cluster.cluster_settings import ClusterSettings
+
+PAGE = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text()
+
+
+def table(heading: str) -> dict[str, list[str]]:
+    """Names of the fields of each row of a section's table."""
+    section = PAGE.split(f"\n## {heading}\n")[1].split("\n## ")[0]
+    rows = re.findall(r"^\| (\w+) \| ([^|]*)\|", section, re.MULTILINE)
+    return {name: re.findall(r"(?:^|; )(\w+):", described) for name, described in rows if name[0].isupper()}
+
+
+@pytest.mark.parametrize(
+    ("heading", "union"),
+    [
+        ("Messages from a slave to the master", protocol.FromSlave),
+        ("Messages from the master to a slave", protocol.FromMaster),
+        ("Messages between slaves", protocol.FromPeer | protocol.Rejected),
+    ],
+)
+def test_messages_are_as_described(heading: str, union: object) -> None:
+    actual = {message.__name__: [field.name for field in fields(message)] for message in typing.get_args(union)}
+    assert table(heading) == actual
+
+
+@pytest.mark.parametrize("record", [task.PhotonTask, task.BucketTask, task.PhotonsTraced, task.BucketRendered, Batch])
+def test_records_are_as_described(record: type) -> None:
+    assert table("Records")[record.__name__] == [field.name for field in fields(record)]
+
+
+def test_numbers_are_as_described() -> None:
+    settings = ClusterSettings()
+    assert PAGE.startswith(f"# The protocol of a wdpm cluster, version {protocol.PROTOCOL}\n")
+    for row in (
+        f"| header | {wire.HEADER_BYTES >> 20} MiB |",
+        f"| frame | {wire.FRAME_BYTES >> 20} MiB (",
+        f"| triangles of one Partition | {settings.part_triangles:,} (",
+        f"| cells on their way at once | {settings.cells_in_flight} |",
+        f"| photon tasks in flight for each slave | {settings.photon_tasks_in_flight} |",
+        f"| buckets in flight for each slave | {settings.buckets_in_flight} |",
+    ):
+        assert row in PAGE

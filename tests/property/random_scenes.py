@@ -1,0 +1,140 @@
+"""Small scenes of every awkward kind, for Hypothesis: needles, duplicates, coplanar overlaps, boxes, smooth and textured
+meshes, lights inside and outside of everything."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from wdpm.scenes.model import (
+    Bitmap,
+    Camera,
+    FilterKind,
+    Interpolation,
+    Material,
+    Mesh,
+    PixelFilter,
+    PointLight,
+    Scene,
+    Wrap,
+)
+from wdpm.scenes.primitives import cube
+from wdpm.scenes.transforms import look_at
+
+Array = NDArray[np.float64]
+
+# Coordinates on a coarse lattice, so that planes, edges and vertices coincide, as well as anywhere.
+LATTICE = np.linspace(-1.0, 1.0, 9)
+
+
+def soup(rng: np.random.Generator, count: int, on_lattice: bool) -> Array:
+    """Corners of random triangles, shape [count, 3, 3]: some of them long needles, some repeated."""
+    if on_lattice:
+        corners = rng.choice(LATTICE, (count, 3, 3))
+    else:
+        corners = rng.uniform(-1, 1, (count, 3, 3))
+    needles = rng.random(count) < 0.2
+    corners[needles, 2] = corners[needles, 1] + rng.normal(0, 1e-4, (int(needles.sum()), 3))
+    return np.concatenate([corners, corners[rng.random(count) < 0.2]])
+
+
+def coplanar(rng: np.random.Generator, count: int) -> Array:
+    """Overlapping triangles in one axis-aligned plane of the lattice, shape [count, 3, 3]."""
+    corners = rng.uniform(-1, 1, (count, 3, 3))
+    corners[:, :, rng.integers(3)] = rng.choice(LATTICE)
+    return corners
+
+
+def box(rng: np.random.Generator) -> Array:
+    """A cube or box along the axes, its faces on planes of the lattice, shape [12, 3, 3]."""
+    data = cube()
+    size = rng.choice([0.25, 0.5, 0.75], 3)
+    centre = rng.choice(LATTICE[2:7], 3)
+    return (data.vertices * size + centre)[data.faces]
+
+
+def room() -> Array:
+    """The cube [-1.5, 1.5]³ seen from inside, shape [12, 3, 3]."""
+    data = cube()
+    return 1.5 * data.vertices[data.faces[:, ::-1]]
+
+
+def mesh_of(corners: Array, material: int, rng: np.random.Generator, smooth: bool = False) -> Mesh:
+    """A mesh of a triangle soup; smooth ones get normals that lean from the facets' by up to some 30 degrees."""
+    vertices = corners.reshape(-1, 3)
+    faces = np.arange(len(vertices)).reshape(-1, 3)
+    normals = None
+    if smooth:
+        flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.linalg.norm(flat, axis=1, keepdims=True)
+        flat = np.divide(flat, length, out=np.tile([0.0, 0.0, 1.0], (len(flat), 1)), where=length > 0)
+        leaning = np.repeat(flat, 3, axis=0) + rng.uniform(-0.3, 0.3, (len(vertices), 3))
+        normals = leaning / np.linalg.norm(leaning, axis=1, keepdims=True)
+    return Mesh("soup", vertices, faces, normals, rng.uniform(-3, 3, (len(vertices), 2)), material)
+
+
+def lamp(rng: np.random.Generator) -> Mesh:
+    """One or two glowing triangles."""
+    corners = soup(rng, int(rng.integers(1, 3)), bool(rng.integers(2)))
+    vertices = corners.reshape(-1, 3)
+    faces = np.arange(len(vertices)).reshape(-1, 3)
+    emission = tuple(float(x) for x in rng.uniform(0.5, 20, 3))
+    return Mesh("lamp", vertices, faces, None, None, 0, emission)  # type: ignore[arg-type]
+
+
+def materials(rng: np.random.Generator) -> tuple[Material, ...]:
+    """Black, grey, two-sided, bright, and one of each kind of texture."""
+    texture = tuple(
+        Bitmap(
+            "noise",
+            rng.uniform(0, 1, (int(rng.integers(1, 5)), int(rng.integers(1, 5)), 3)).astype(np.float32),
+            wrap,
+            interpolation,
+        )
+        for wrap, interpolation in zip(
+            Wrap, (Interpolation.BILINEAR, Interpolation.NEAREST, Interpolation.BILINEAR), strict=True
+        )
+    )
+    plain = (
+        Material("black", (0.0, 0.0, 0.0), twosided=True),
+        Material("one side", (0.5, 0.5, 0.5)),
+        Material("coloured", (0.8, 0.3, 0.05), twosided=True),
+        Material("bright", (0.95, 0.95, 0.95), twosided=True),
+    )
+    return (*plain, *(Material("texture", bitmap, twosided=True) for bitmap in texture))
+
+
+def scene_of(meshes: Sequence[Mesh], points: Sequence[PointLight], rng: np.random.Generator, size: int) -> Scene:
+    """The scene, seen from within or from outside, sometimes straight along an axis."""
+    eye = rng.choice([rng.uniform(-1, 1, 3), [0.0, 0.0, -4.0], [0.25, 0.25, -1.25], [3.0, 2.0, -3.0]])
+    towards = rng.choice([rng.uniform(-1, 1, 3), eye + np.array([0.0, 0.0, 1.0])])
+    to_world = look_at(eye, towards, (0.03, 1.0, 0.05))
+    kind = FilterKind.GAUSSIAN if rng.random() < 0.3 else FilterKind.BOX
+    camera = Camera(to_world, float(rng.uniform(30, 90)), size, size - 3, 1e-2, 1e3, filter=PixelFilter(kind))
+    return Scene("random", tuple(meshes), materials(rng), tuple(points), camera)
+
+
+@st.composite
+def scenes(draw: st.DrawFn, size: int = 14) -> Scene:
+    """A random scene with at least one light."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1), label="seed of the scene"))
+    parts: list[tuple[Array, bool]] = []
+    if draw(st.booleans(), label="in a room"):
+        parts.append((room(), False))
+    if draw(st.booleans(), label="soup"):
+        parts.append((soup(rng, 12, draw(st.booleans(), label="on a lattice")), draw(st.booleans(), label="smooth")))
+    if draw(st.booleans(), label="coplanar"):
+        parts.append((coplanar(rng, 8), False))
+    if draw(st.booleans(), label="box") or not parts:
+        parts.append((box(rng), False))
+    meshes = [mesh_of(corners, int(rng.integers(7)), rng, smooth) for corners, smooth in parts]
+    points = []
+    if draw(st.booleans(), label="point light"):
+        place = rng.choice([rng.uniform(-1, 1, 3), rng.choice(LATTICE, 3)])
+        points.append(PointLight("point", tuple(float(x) for x in place), (5.0, 4.0, 3.0)))
+    if draw(st.booleans(), label="area light") or not points:
+        meshes.append(lamp(rng))
+    return scene_of(meshes, points, rng, size)

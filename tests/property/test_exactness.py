@@ -1,0 +1,393 @@
+"""The exactness contract: the image is a function of scene and settings, whatever computes it, and in whatever order."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from digests import same_bits
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from random_scenes import scenes
+
+from wdpm.api import render_in_process
+from wdpm.cluster import plan
+from wdpm.cluster.batch import Arrays, Kind, concatenate
+from wdpm.cluster.cell import Cell
+from wdpm.cluster.world import TopTree
+from wdpm.image import Image
+from wdpm.kernels.cells import cell_boxes
+from wdpm.kernels.constants import PAD_SHARE
+from wdpm.kernels.settings import RenderSettings, Routing
+from wdpm.scenes.builtin import cornell_box
+from wdpm.scenes.geometry import flatten
+from wdpm.scenes.model import Scene
+from wdpm.scenes.transforms import look_at
+
+FEW = RenderSettings(photons=3000, spp=2, k=20)
+CORNELL = cornell_box((33, 26))
+
+
+def alone(scene: Scene, chosen: RenderSettings) -> Image:
+    """The image of one cell on one thread, in one bucket: what all others are compared with."""
+    return render_in_process(scene, replace(chosen, bucket=1024), workers=1, cells=1, threads=1)
+
+
+@pytest.fixture(scope="module")
+def cornell_alone() -> Image:
+    return alone(CORNELL, FEW)
+
+
+# The built-in Cornell box
+
+
+@pytest.mark.parametrize("routing", list(Routing))
+@pytest.mark.parametrize(("workers", "cells"), [(1, 2), (1, 8), (2, 2), (2, 4), (3, 8), (4, 4), (8, 8)])
+def test_partition_and_routing_change_no_bit(cornell_alone: Image, routing: Routing, workers: int, cells: int) -> None:
+    image = render_in_process(CORNELL, replace(FEW, routing=routing), workers=workers, cells=cells, threads=1)
+    assert same_bits(image, cornell_alone)
+    assert len(np.unique(image.layers["cell"])) > 1  # several cells did take part
+    assert len(image.metadata["report"]["slaves"]) == workers
+    assert image.metadata["report"]["settings"]["cells"] == cells
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3, 5])
+def test_the_default_number_of_cells_changes_no_bit(cornell_alone: Image, workers: int) -> None:
+    assert same_bits(render_in_process(CORNELL, FEW, workers=workers, threads=1), cornell_alone)
+
+
+@pytest.mark.parametrize(("bucket", "workers"), [(8, 1), (16, 2), (32, 2), (7, 3), (13, 1), (1000, 4)])
+def test_bucket_size_changes_no_bit(cornell_alone: Image, bucket: int, workers: int) -> None:
+    assert same_bits(render_in_process(CORNELL, replace(FEW, bucket=bucket), workers=workers), cornell_alone)
+
+
+def test_one_pixel_buckets_change_no_bit() -> None:
+    small = cornell_box((7, 5))
+    assert same_bits(render_in_process(small, replace(FEW, bucket=1), workers=2), alone(small, FEW))
+
+
+@pytest.mark.parametrize("threads", [2, 3])
+@pytest.mark.parametrize(("workers", "cells"), [(1, 1), (2, 4)])
+def test_threads_change_no_bit(cornell_alone: Image, threads: int, workers: int, cells: int) -> None:
+    assert same_bits(render_in_process(CORNELL, FEW, workers=workers, cells=cells, threads=threads), cornell_alone)
+
+
+@pytest.mark.parametrize("order", range(6))
+def test_order_of_delivery_changes_no_bit(cornell_alone: Image, order: int) -> None:
+    chosen = replace(FEW, routing=(Routing.FORWARD, Routing.MERGE)[order % 2], bucket=(9, 32)[order // 3])
+    image = render_in_process(
+        CORNELL, chosen, workers=(2, 4, 3)[order % 3], cells=(4, 8)[order % 2], shuffle=random.Random(order)
+    )
+    assert same_bits(image, cornell_alone)
+
+
+@pytest.mark.parametrize("seed", [1, 12345, 2**32 - 1])
+def test_every_seed_has_its_own_bits(cornell_alone: Image, seed: int) -> None:
+    chosen = replace(FEW, seed=seed)
+    image = render_in_process(CORNELL, chosen, workers=3, shuffle=random.Random(seed))
+    assert same_bits(image, alone(CORNELL, chosen))
+    for layer in ("direct", "indirect", "depth"):
+        assert not np.array_equal(image.layers[layer], cornell_alone.layers[layer]), layer
+
+
+@pytest.mark.parametrize("change", [{"k": 1}, {"k": 200}, {"light_samples": 3}, {"max_depth": 3}, {"max_depth": 2}])
+def test_every_setting_gives_the_same_bits(cornell_alone: Image, change: dict[str, int]) -> None:
+    chosen = replace(FEW, **change)  # type: ignore[arg-type]
+    reference = alone(CORNELL, chosen)
+    assert not same_bits(reference, cornell_alone)
+    for routing in Routing:
+        image = render_in_process(
+            CORNELL, replace(chosen, routing=routing), workers=2, cells=8, shuffle=random.Random(1)
+        )
+        assert same_bits(image, reference)
+
+
+def test_waves_and_full_photon_regions_change_no_bit(monkeypatch: pytest.MonkeyPatch, cornell_alone: Image) -> None:
+    monkeypatch.setattr("wdpm.cluster.home.WAVE_SAMPLES", 100)  # a bucket's samples in many waves of one
+    monkeypatch.setattr("wdpm.cluster.cell.DEPOSITS_A_PATH", 1)  # photons must wait for room
+    monkeypatch.setattr("wdpm.kernels.launch.CHUNK_MIN", 16)  # many chunks for many threads
+    monkeypatch.setattr("wdpm.cluster.cell.GATHER_RUN", 3)
+    assert same_bits(render_in_process(CORNELL, FEW, workers=2, cells=4, threads=3), cornell_alone)
+
+
+# Random scenes
+
+
+@given(
+    scene=scenes(),
+    seed=st.integers(0, 2**32 - 1),
+    cells=st.sampled_from([2, 4, 8]),
+    workers=st.sampled_from([1, 2, 3, 4]),
+    max_depth=st.sampled_from([None, 1, 2, 3, 5]),
+    light_samples=st.sampled_from([1, 2]),
+    bucket=st.sampled_from([5, 8, 32]),
+)
+@settings(max_examples=45, deadline=None, derandomize=True)
+def test_random_scenes_have_the_same_bits_in_any_partition(
+    scene: Scene, seed: int, cells: int, workers: int, max_depth: int | None, light_samples: int, bucket: int
+) -> None:
+    chosen = RenderSettings(
+        photons=400, k=8, spp=2, seed=seed, max_depth=max_depth, light_samples=light_samples, bucket=bucket
+    )
+    reference = alone(scene, chosen)
+    assert reference.metadata["report"]["nonfinite"] == {}
+    for routing in Routing:
+        image = render_in_process(
+            scene,
+            replace(chosen, routing=routing),
+            workers=min(workers, cells),
+            cells=cells,
+            threads=2,
+            shuffle=random.Random(seed),
+        )
+        assert same_bits(image, reference)
+        stored = [i.metadata["report"]["photons"]["stored"] for i in (image, reference)]
+        assert stored[0] == stored[1]
+
+
+# Split planes that go through everything
+
+
+def give_tree(monkeypatch: pytest.MonkeyPatch, axis: list[int], split: list[float]) -> None:
+    """Have the next renders use this top tree, in the renderer's coordinates."""
+    tree = TopTree(np.array(axis, np.int32), np.array(split, np.float32))
+    monkeypatch.setattr(plan, "build_top_tree", lambda *_: tree)
+
+
+def eight_cells_through(point: NDArray[Any]) -> tuple[list[int], list[float]]:
+    """Three planes that all go through one point."""
+    x, y, z = (float(np.float32(v)) for v in point)
+    return [0, 1, 1, 2, 2, 2, 2], [x, y, y, z, z, z, z]
+
+
+def places_of_cornell() -> dict[str, NDArray[Any]]:
+    """Points that the planes shall go through: walls, vertices, the light, the camera, and where nothing is."""
+    flat = flatten(CORNELL)
+    corners = flat.triangles.positions.reshape(-1, 3)
+    glowing = flat.triangles.positions[flat.triangles.emitter >= 0]
+    return {
+        "lower corner of the room": corners.min(axis=0),
+        "upper corner of the room": corners.max(axis=0),
+        "a vertex of a block": corners[np.abs(corners).max(axis=1).argmin()],
+        "a corner of the light": glowing[0, 0],
+        "the middle of the light": glowing.reshape(-1, 3).mean(axis=0, dtype=np.float32),
+        "the camera": flat.camera.to_world[:3, 3],
+        "outside of everything": corners.max(axis=0) + 10.0,
+        "just beyond the wall": np.nextafter(corners.max(axis=0), np.float32(np.inf)),
+        "just within the wall": np.nextafter(corners.max(axis=0), np.float32(-np.inf)),
+    }
+
+
+@pytest.mark.parametrize("place", list(places_of_cornell()))
+def test_planes_through_everything_change_no_bit(
+    monkeypatch: pytest.MonkeyPatch, cornell_alone: Image, place: str
+) -> None:
+    give_tree(monkeypatch, *eight_cells_through(places_of_cornell()[place]))
+    for routing in Routing:
+        image = render_in_process(
+            CORNELL, replace(FEW, routing=routing), workers=3, cells=8, shuffle=random.Random(len(place))
+        )
+        assert same_bits(image, cornell_alone)
+
+
+def test_cells_without_triangles_and_photons_change_no_bit(
+    monkeypatch: pytest.MonkeyPatch, cornell_alone: Image
+) -> None:
+    # All geometry lies in the last cell; six planes in one place make cells without any space at all.
+    give_tree(monkeypatch, [0, 0, 0, 0, 0, 0, 0], [-1e6, -1e6, -1e6, -1e6, -1e6, -1e6, -1e6])
+    image = render_in_process(CORNELL, FEW, workers=8, cells=8)
+    assert same_bits(image, cornell_alone)
+    assert sorted(slave["photons"] for slave in image.metadata["report"]["slaves"])[:-1] == [0] * 7
+
+
+def test_slabs_thinner_than_the_gather_radius_change_no_bit(
+    monkeypatch: pytest.MonkeyPatch, cornell_alone: Image
+) -> None:
+    give_tree(monkeypatch, [2] * 7, [0.0, -2.0, 2.0, -3.0, -1.0, 1.0, 3.0])
+    image = render_in_process(CORNELL, FEW, workers=4, cells=8)
+    assert same_bits(image, cornell_alone)
+
+
+@pytest.mark.parametrize("routing", list(Routing))
+def test_64_cells_change_no_bit(cornell_alone: Image, routing: Routing) -> None:
+    image = render_in_process(
+        CORNELL, replace(FEW, routing=routing), workers=3, cells=64, shuffle=random.Random(7)
+    )
+    assert same_bits(image, cornell_alone)
+
+
+@settings(max_examples=12, deadline=None, derandomize=True)
+@given(scene=scenes(), data=st.data())
+def test_planes_through_vertices_of_random_scenes_change_no_bit(scene: Scene, data: st.DataObject) -> None:
+    """Every plane goes through a vertex, a light or the camera: of lattice scenes that is through faces and edges."""
+    flat = flatten(scene)
+    places = np.concatenate(
+        [flat.triangles.positions.reshape(-1, 3), flat.point_position, flat.camera.to_world[None, :3, 3]]
+    )
+    axis = [data.draw(st.integers(0, 2)) for _ in range(7)]
+    split = [float(places[data.draw(st.integers(0, len(places) - 1)), a]) for a in axis]
+    chosen = RenderSettings(photons=400, k=8, spp=2)
+    reference = alone(scene, chosen)
+    with pytest.MonkeyPatch.context() as patch:
+        give_tree(patch, axis, split)
+        for routing in Routing:
+            image = render_in_process(scene, replace(chosen, routing=routing), workers=2, cells=8)
+            assert same_bits(image, reference)
+
+
+def test_a_camera_that_looks_along_a_wall_and_a_plane(monkeypatch: pytest.MonkeyPatch) -> None:
+    # The eye lies in the floor's plane and in two split planes, and looks along all three.
+    scene = replace(
+        CORNELL,
+        camera=replace(
+            CORNELL.camera,
+            to_world=look_at((278.0, 0.0, -800.0), (278.0, 0.0, 0.0), (0.0, 1.0, 0.0)),
+            width=15,
+            height=15,
+        ),
+    )
+    eye = flatten(scene).camera.to_world[:3, 3]
+    reference = alone(scene, FEW)
+    assert (reference.layers["depth"] > 0).any()
+    give_tree(monkeypatch, *eight_cells_through(np.array([eye[0], eye[1], 0.0])))
+    for routing in Routing:
+        assert same_bits(render_in_process(scene, replace(FEW, routing=routing), workers=2, cells=8), reference)
+
+
+def test_far_from_the_origin_only_rounding_changes() -> None:
+    """A scene a million units away renders to the same bits in any partition, and like the one at the origin."""
+    move = np.array([1e6, -3e6, 5e5])
+    meshes = tuple(replace(mesh, vertices=mesh.vertices + move) for mesh in CORNELL.meshes)
+    to_world = CORNELL.camera.to_world.copy()
+    to_world[:3, 3] += move
+    far = replace(CORNELL, meshes=meshes, camera=replace(CORNELL.camera, to_world=to_world))
+    reference = alone(far, FEW)
+    assert same_bits(render_in_process(far, FEW, workers=3, cells=8), reference)
+    at_origin = alone(CORNELL, FEW)
+    # Vertices on multiples of 0.1 mm differ by roundings of a double at 5e6 (1e-9) before they are centred: a pixel may
+    # change where a sample grazes an edge, the mean hardly.
+    np.testing.assert_allclose(reference.pixels.mean(), at_origin.pixels.mean(), rtol=1e-3)
+
+
+# Photons and ghosts
+
+
+@dataclass
+class Exchange:
+    """What the cells of a render owned, and what they sent to each other."""
+
+    owned: dict[int, Arrays] = field(default_factory=dict)
+    sent: list[tuple[int, int, Kind, Arrays]] = field(default_factory=list)
+    band: float = 0.0
+    points: dict[int, Arrays] = field(default_factory=dict)
+
+
+@pytest.fixture
+def exchange(monkeypatch: pytest.MonkeyPatch) -> Exchange:
+    """Records the exchange of ghosts of the renders that follow."""
+    seen = Exchange()
+    original = Cell.ghosts
+
+    def recorded(cell: Cell) -> Iterator[Any]:
+        seen.owned[cell.number] = cell.photons_so_far()
+        seen.band = cell.replica.world.band + cell.replica.pad
+        for batch in original(cell):
+            seen.sent.append((cell.number, batch.cell, batch.kind, batch.arrays))
+            yield batch
+        seen.points[cell.number] = cell._own_points
+
+    monkeypatch.setattr(Cell, "ghosts", recorded)
+    return seen
+
+
+def by_id(arrays: Arrays) -> Arrays:
+    """The photons in the order of their ids."""
+    order = np.argsort(arrays["id"])
+    return {name: column[order] for name, column in arrays.items()}
+
+
+@pytest.mark.parametrize("cells", [2, 8, 16])
+def test_photons_are_the_same_set_each_with_one_owner(exchange: Exchange, cells: int) -> None:
+    whole = render_in_process(CORNELL, FEW, workers=1, cells=1)
+    photons = by_id(exchange.owned.pop(0))
+    points = exchange.points.pop(0)
+    assert len(np.unique(photons["id"])) == len(photons["id"]) > 2000
+
+    divided = render_in_process(CORNELL, FEW, workers=2, cells=cells, shuffle=random.Random(cells))
+    assert len(exchange.owned) == cells
+    pieces = by_id(concatenate(list(exchange.owned.values()), Kind.GHOSTS))
+    assert photons.keys() == pieces.keys()
+    for name in photons:
+        np.testing.assert_array_equal(photons[name].view(np.uint8), pieces[name].view(np.uint8), err_msg=name)
+
+    report = divided.metadata["report"]
+    assert sum(slave["photons"] for slave in report["slaves"]) == report["photons"]["stored"] == len(photons["id"])
+    assert report["photons"]["stored"] == whole.metadata["report"]["photons"]["stored"]
+    assert sum(light["stored"] for light in report["photons"]["lights"]) == report["photons"]["stored"]
+
+    pieces_of_points = concatenate(list(exchange.points.values()), Kind.POINTS)
+    for name in points:
+        np.testing.assert_array_equal(
+            np.sort(points[name], axis=0), np.sort(pieces_of_points[name], axis=0), err_msg=name
+        )
+
+
+@pytest.mark.parametrize("radius", [5.0, 60.0, 400.0])
+def test_ghosts_are_just_the_photons_of_the_band(
+    exchange: Exchange, monkeypatch: pytest.MonkeyPatch, radius: float
+) -> None:
+    axis, split = [0, 1, 2], [10.0, -50.0, 0.0]
+    give_tree(monkeypatch, axis, split)
+    image = render_in_process(CORNELL, replace(FEW, radius=radius), workers=2, cells=4)
+    low, high = (
+        corner.astype(np.float64) for corner in cell_boxes(np.array(axis, np.int32), np.array(split, np.float32))
+    )
+    pad = flatten(CORNELL).extent * PAD_SHARE
+    assert exchange.band == pytest.approx(radius + pad, rel=1e-12)
+    for source, target, kind, arrays in exchange.sent:
+        owned = exchange.owned[source] if kind is Kind.GHOSTS else exchange.points[source]
+        position = owned["position"].astype(np.float64)
+        distance = np.linalg.norm(position - np.clip(position, low[target], high[target]), axis=1)
+        sent = np.zeros(len(position), bool)
+        name = "id" if kind is Kind.GHOSTS else "position"
+        if kind is Kind.GHOSTS:
+            sent = np.isin(owned["id"], arrays["id"])
+            assert sent.sum() == len(arrays[name])
+            # Differences are rounded to float32 before they are squared: half an ulp of the distance.
+            doubtful = np.abs(distance - exchange.band) < 1e-6 * exchange.band
+            np.testing.assert_array_equal(sent[~doubtful], (distance <= exchange.band)[~doubtful])
+        else:
+            assert abs(len(arrays[name]) - np.count_nonzero(distance <= exchange.band)) <= 1
+    pairs = {(source, target, kind) for source, target, kind, _ in exchange.sent}
+    assert len(pairs) == len(exchange.sent) == 2 * 4 * 3  # every ordered pair once, photons and points
+    ghosts = sum(len(arrays["id"]) for _, _, kind, arrays in exchange.sent if kind is Kind.GHOSTS)
+    assert ghosts == sum(slave["ghosts"] for slave in image.metadata["report"]["slaves"]) > 0
+
+
+def test_a_narrow_band_is_told_and_a_full_one_never_left(cornell_alone: Image) -> None:
+    exact = render_in_process(CORNELL, FEW, workers=4, cells=4)
+    assert exact.metadata["report"]["gathers_left_band"] == 0
+    wide = render_in_process(CORNELL, replace(FEW, band=1.5), workers=4, cells=4)
+    assert wide.metadata["report"]["gathers_left_band"] == 0
+    assert same_bits(wide, cornell_alone)
+    narrow = render_in_process(CORNELL, replace(FEW, band=0.3, inexact=True), workers=4, cells=4)
+    assert narrow.metadata["report"]["gathers_left_band"] > 0
+    assert not same_bits(narrow, cornell_alone)
+    # What lies beyond the band is missing from the indirect light, and from nothing else.
+    np.testing.assert_array_equal(narrow.layers["direct"], cornell_alone.layers["direct"])
+    no_band = render_in_process(CORNELL, replace(FEW, band=0.0, inexact=True), workers=4, cells=4)
+    left = [i.metadata["report"]["gathers_left_band"] for i in (narrow, no_band)]
+    assert left[1] > left[0]
+
+
+def test_no_photons_no_indirect_light_and_the_same_bits() -> None:
+    chosen = replace(FEW, photons=0)
+    reference = alone(CORNELL, chosen)
+    assert not reference.layers["indirect"].any()
+    assert reference.layers["direct"].any()
+    assert same_bits(render_in_process(CORNELL, chosen, workers=3, cells=4), reference)
