@@ -9,13 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.errors import ProtocolError
 
-Arrays = Mapping[str, NDArray[np.generic]]
+Arrays = Mapping[str, NDArray[Any]]
 
 
 class Kind(Enum):
@@ -51,13 +52,16 @@ class Kind(Enum):
 
 TO_HOME = frozenset({Kind.PROBED, Kind.SAMPLES, Kind.LIT, Kind.ENDED})
 
-_RAY = {
+Schema = dict[str, tuple[str, tuple[int, ...]]]
+"""Name of an array -> its dtype, little-endian, and the shape of one item."""
+
+_RAY: Schema = {
     "slot": ("<i4", ()),  # where the home wants the result
     "pixel": ("<i4", ()),  # counted row by row
     "sample": ("<i4", ()),  # of the pixel
 }
 
-_HIT = {
+_HIT: Schema = {
     "t": ("<f4", ()),  # in units of the direction's length
     "prim": ("<i4", ()),  # global triangle number, -1 for none yet
     "u": ("<f4", ()),
@@ -65,7 +69,7 @@ _HIT = {
     "owner": ("<i4", ()),  # the cell that contains the hit point
 }
 
-SCHEMAS: dict[Kind, dict[str, tuple[str, tuple[int, ...]]]] = {
+SCHEMAS: dict[Kind, Schema] = {
     Kind.CAMERA: {**_RAY, **_HIT},
     Kind.PROBE: _RAY,
     Kind.SHADE: {**_RAY, **_HIT},
@@ -134,7 +138,9 @@ class Batch:
         """Raise ProtocolError unless names, dtypes, shapes and lengths are those of the kind."""
         schema = SCHEMAS[self.kind]
         if self.arrays.keys() != schema.keys():
-            raise ProtocolError(f"a {self.kind.value} batch has arrays {sorted(self.arrays)}; expected {sorted(schema)}")
+            raise ProtocolError(
+                f"a {self.kind.value} batch has arrays {sorted(self.arrays)}; expected {sorted(schema)}"
+            )
         count = len(self)
         for name, (dtype, shape) in schema.items():
             array = self.arrays[name]
@@ -144,14 +150,14 @@ class Batch:
                 )
 
 
-def take(arrays: Arrays, rows: NDArray[np.intp] | slice) -> dict[str, NDArray[np.generic]]:
+def take(arrays: Arrays, rows: NDArray[np.intp] | slice) -> dict[str, NDArray[Any]]:
     """Some rows of every array, ascending; the arrays themselves where that is all of them."""
     if not isinstance(rows, slice) and len(rows) == len(next(iter(arrays.values()))):
         return dict(arrays)
     return {name: array[rows] for name, array in arrays.items()}
 
 
-def concatenate(parts: Iterable[Arrays], kind: Kind) -> dict[str, NDArray[np.generic]]:
+def concatenate(parts: Iterable[Arrays], kind: Kind) -> dict[str, NDArray[Any]]:
     """Arrays of several batches of one kind, one after another."""
     parts = list(parts)
     if not parts:

@@ -159,9 +159,7 @@ class Cell:
         if ended:
             yield self._batch(batch, Kind.ENDED, self.number, ended, {})
 
-    def _launch_trace(
-        self, arrays: Arrays, landed: bool
-    ) -> tuple[Arrays, NDArray[np.int32], NDArray[np.int32]]:
+    def _launch_trace(self, arrays: Arrays, landed: bool) -> tuple[Arrays, NDArray[np.int32], NDArray[np.int32]]:
         """One launch over photons in flight; keeps what was stored."""
         launcher, device, world = self.replica.launcher, self.replica.launcher.device, self.replica.world
         count = len(arrays["path"])
@@ -198,7 +196,7 @@ class Cell:
                 )
 
     def ghosts(self) -> Iterator[Batch]:
-        """For every other cell, photons and surface points of this one that lie in its band: two batches, even if empty."""
+        """For every other cell, the photons and surface points that lie in its band: two batches, even if empty."""
         world = self.replica.world
         low, high = cells.cell_boxes(world.top_tree.axis, world.top_tree.split)
         self._own_points = self._spread_points()
@@ -228,17 +226,18 @@ class Cell:
         return {"position": position, "normal": normal}
 
     def build_map(self) -> None:
-        """Build the trees of photons and of surface points, own and ghosts. The parts they are built from are let go of."""
+        """Build the trees of photons and of surface points, own and ghosts, and let go of what they are built from."""
         photons = concatenate([*self._photons, *self._ghosts], Kind.GHOSTS)
         self._photons, self._ghosts = [], []
         device = self.replica.launcher.device
-        columns_of_photons = (photons[name] for name in ("position", "flux", "normal", "direction", "id"))
-        self._map = photon_map.build(*columns_of_photons, device=device)
+        self._map = photon_map.build(
+            photons["position"], photons["flux"], photons["normal"], photons["direction"], photons["id"], device
+        )
         points = concatenate([self._own_points, *self._ghost_points], Kind.POINTS)
         self._own_points, self._ghost_points = {}, []
         none = np.zeros_like(points["position"])
         number = np.arange(len(none), dtype=np.int64)
-        self._points = photon_map.build(points["position"], none, points["normal"], none, number, device=device)
+        self._points = photon_map.build(points["position"], none, points["normal"], none, number, device)
 
     def forget_photons(self) -> None:
         """Let go of all photons and what was counted about them."""
@@ -336,13 +335,8 @@ class Cell:
         inputs = [self._map, queries.position, queries.normal, queries.shading_normal, view.k, world.radius]
         outputs = [GATHER_RUN, irradiance, found, radius, truncated]
         replica.launcher(gather_kernel, -(-count // GATHER_RUN), inputs, outputs)
-        replica.launcher(
-            divide_by_area,
-            count,
-            [self._points, queries.position, queries.front_normal, queries.clearance, radius]
-            + [world.point_area, world.radius],
-            [irradiance],
-        )
+        places = [self._points, queries.position, queries.front_normal, queries.clearance]
+        replica.launcher(divide_by_area, count, [*places, radius, world.point_area, world.radius], [irradiance])
         replica.launcher(cs.reflect_gathered, count, [albedo, irradiance, 1.0 / world.paths], [indirect])
         self.counters.gathers += count
         self.counters.gathers_truncated += int(np.count_nonzero(truncated.numpy()))
@@ -416,9 +410,7 @@ class Cell:
                 samples[cause] = np.where(bad[:, None], np.float32(0), samples[cause])
 
 
-def by_destination(
-    destination: NDArray[np.int32], chosen: NDArray[np.bool_]
-) -> Iterator[tuple[int, NDArray[np.intp]]]:
+def by_destination(destination: NDArray[np.int32], chosen: NDArray[np.bool_]) -> Iterator[tuple[int, NDArray[np.intp]]]:
     """The chosen rows, grouped by destination, in ascending order of both."""
     rows = np.flatnonzero(chosen)
     if not len(rows):

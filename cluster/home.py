@@ -166,7 +166,7 @@ class BucketHome:
         t, prim = self._rays["t"][slot], self._rays["prim"][slot]
         nearer = (prim < 0) | (found["t"] < t) | ((found["t"] == t) & (found["prim"] < prim))
         for name in ("t", "prim", "u", "v", "owner"):
-            self._rays[name][slot[nearer]] = found[name][nearer]  # type: ignore[index]
+            self._rays[name][slot[nearer]] = found[name][nearer]
 
     def _shade_merged(self) -> Iterator[Batch]:
         """Send the merged hits to the cells that contain them."""

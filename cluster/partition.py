@@ -17,8 +17,8 @@ def rows_of_cells(
 ) -> list[NDArray[np.intp]]:
     """For each cell, the rows of the triangles that overlap it, ascending.
 
-    Cells are grown by twice the pad: routing grows them once, so a ray whose interval in a cell is rounded outwards still
-    finds there every triangle that it can hit.
+    Cells are grown by twice the pad: routing grows them once, so a ray whose interval in a cell is rounded outwards
+    still finds there every triangle that it can hit.
     """
     if tree.cells == 1:
         return [np.arange(len(corners))]

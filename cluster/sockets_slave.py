@@ -164,6 +164,9 @@ class _Shell:
         except KeyboardInterrupt:
             self._handle(state, s.Leave("interrupted"))
             raise
+        except Exception as error:  # a fault of the program: the master should not have to guess
+            self._send_to_master(protocol.Failed(f"{type(error).__name__}: {error}"))
+            raise
         finally:
             self._jobs.put(None)
             self._thread.join(LEAVE_S)

@@ -22,9 +22,7 @@ forwarding, an uneven burden makes all slaves wait for one. Balance comes first;
 MAX_LEVELS = 8
 
 
-def build_top_tree(
-    corners: NDArray[np.float32], photons: NDArray[np.float32], band: float, levels: int
-) -> TopTree:
+def build_top_tree(corners: NDArray[np.float32], photons: NDArray[np.float32], band: float, levels: int) -> TopTree:
     """Split a scene into 2^levels cells.
 
     Args:

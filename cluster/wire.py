@@ -144,9 +144,9 @@ def _elements(shape: Sequence[int]) -> int:
 
 
 def _dtype_of(hint: Any) -> np.dtype[Any] | None:
-    """Element type of an NDArray hint; None for NDArray[np.generic], which may be any of DTYPES."""
+    """Element type of an NDArray hint; None for NDArray[Any], which may be any of DTYPES."""
     scalar = typing.get_args(typing.get_args(hint)[1])[0]
-    return None if scalar is np.generic else np.dtype(scalar).newbyteorder("<")
+    return None if scalar in (Any, np.generic) else np.dtype(scalar).newbyteorder("<")
 
 
 def _pack_array(hint: Any, value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:

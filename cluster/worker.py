@@ -12,6 +12,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from wdpm.cluster.batch import TO_HOME, Batch, Kind
 from wdpm.cluster.cell import Cell, Replica
 from wdpm.cluster.home import BucketHome, PhotonHome
@@ -129,8 +131,8 @@ class Worker:
     def statistics(self) -> dict[str, Any]:
         """What this worker holds and has done."""
         cells = self.cells.values()
-        stored = sum(cell.counters.stored_by_light for cell in cells)
-        energy = sum(cell.counters.energy for cell in cells)
+        stored = np.sum([cell.counters.stored_by_light for cell in cells], axis=0)
+        energy = np.sum([cell.counters.energy for cell in cells], axis=0)
         nonfinite: dict[str, int] = {}
         for cell in cells:
             for cause, count in cell.counters.nonfinite.items():

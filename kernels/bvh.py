@@ -44,8 +44,8 @@ class Bvh:
         bounds: child boxes, six rows a node, shape [6 * nodes]: low x, high x, low y, high y, low z, high z;
             (inf, -inf) where there is no child.
         children: child codes, shape [nodes]: a node's number, or -(8 * first + size) for a leaf, size from 1 to 8.
-        corners: leaf after leaf nine rows (corner, axis) of `size` floats, shape [9 * T + 8]; rows are read eight floats
-            at a time, so eight more follow the last.
+        corners: leaf after leaf nine rows (corner, axis) of `size` floats, shape [9 * T + 8]; rows are read eight
+            floats at a time, so eight more follow the last.
         ids: global triangle ids in the order of the leaves, shape [T].
         pad: by how much the box of every triangle was grown.
     """

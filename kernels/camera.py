@@ -30,7 +30,7 @@ class CameraView:
     height: wp.int32
     near: wp.float32
     far: wp.float32
-    filter: wp.array(dtype=wp.float32)  # inverse distribution of the pixel filter, [FILTER_STEPS + 1]
+    filter: wp.array[wp.float32]  # inverse distribution of the pixel filter, [FILTER_STEPS + 1]
     seed: wp.uint32
 
 
@@ -82,7 +82,7 @@ def filter_quantiles(pixel_filter: PixelFilter) -> NDArray[np.float32]:
 
 
 @wp.func
-def _quantile(table: wp.array(dtype=wp.float32), u: float) -> float:
+def _quantile(table: wp.array[wp.float32], u: wp.float32) -> wp.float32:
     x = u * float(FILTER_STEPS)
     i = wp.min(int(x), FILTER_STEPS - 1)
     f = x - float(i)
@@ -90,7 +90,7 @@ def _quantile(table: wp.array(dtype=wp.float32), u: float) -> float:
 
 
 @wp.func
-def camera_ray(camera: CameraView, pixel: int, sample: int) -> Ray:
+def camera_ray(camera: CameraView, pixel: wp.int32, sample: wp.int32) -> Ray:
     """The ray of a sample of a pixel (counted row by row); it starts on the near clip plane and ends on the far one."""
     x = float(pixel % camera.width)
     y = float(pixel // camera.width)

@@ -26,51 +26,51 @@ class Rays:
     A ray is a function of its pixel and its sample number; `slot` is where its home wants the result.
     """
 
-    slot: wp.array(dtype=wp.int32)
-    pixel: wp.array(dtype=wp.int32)
-    sample: wp.array(dtype=wp.int32)
-    t: wp.array(dtype=wp.float32)
-    prim: wp.array(dtype=wp.int32)
-    u: wp.array(dtype=wp.float32)
-    v: wp.array(dtype=wp.float32)
-    owner: wp.array(dtype=wp.int32)
+    slot: wp.array[wp.int32]
+    pixel: wp.array[wp.int32]
+    sample: wp.array[wp.int32]
+    t: wp.array[wp.float32]
+    prim: wp.array[wp.int32]
+    u: wp.array[wp.float32]
+    v: wp.array[wp.float32]
+    owner: wp.array[wp.int32]
 
 
 @wp.struct
 class Seen:
     """What camera samples see. The indirect part is filled in from the gather."""
 
-    emission: wp.array(dtype=wp.vec3)
-    depth: wp.array(dtype=wp.float32)
-    normal: wp.array(dtype=wp.vec3)
-    albedo: wp.array(dtype=wp.vec3)
+    emission: wp.array[wp.vec3]
+    depth: wp.array[wp.float32]
+    normal: wp.array[wp.vec3]
+    albedo: wp.array[wp.vec3]
 
 
 @wp.struct
 class Queries:
     """Places where photons are to be gathered; what does not reflect towards the camera has an albedo of zero."""
 
-    position: wp.array(dtype=wp.vec3)
-    normal: wp.array(dtype=wp.vec3)
-    shading_normal: wp.array(dtype=wp.vec3)
-    front_normal: wp.array(dtype=wp.vec3)
-    clearance: wp.array(dtype=wp.float32)  # distance to the nearest edge of the triangle
+    position: wp.array[wp.vec3]
+    normal: wp.array[wp.vec3]
+    shading_normal: wp.array[wp.vec3]
+    front_normal: wp.array[wp.vec3]
+    clearance: wp.array[wp.float32]  # distance to the nearest edge of the triangle
 
 
 @wp.struct
 class Segments:
     """Shadow segments from origin to origin + direction, and the radiance that arrives if nothing blocks them."""
 
-    slot: wp.array(dtype=wp.int32)
-    origin: wp.array(dtype=wp.vec3)
-    direction: wp.array(dtype=wp.vec3)
-    radiance: wp.array(dtype=wp.vec3)
+    slot: wp.array[wp.int32]
+    origin: wp.array[wp.vec3]
+    direction: wp.array[wp.vec3]
+    radiance: wp.array[wp.vec3]
 
 
 @wp.kernel
 def start_camera_rays(
-    camera: CameraView, cells: Cells, rays: Rays, offset: int, next_cell_out: wp.array(dtype=wp.int32)
-):
+    camera: CameraView, cells: Cells, rays: Rays, offset: wp.int32, next_cell_out: wp.array[wp.int32]
+) -> None:
     """The first cell of every ray; its best hit so far becomes its far end."""
     i = offset + wp.tid()
     ray = camera_ray(camera, rays.pixel[i], rays.sample[i])
@@ -84,8 +84,8 @@ def start_camera_rays(
 
 @wp.kernel
 def mark_touched_cells(
-    camera: CameraView, cells: Cells, rays: Rays, offset: int, touched_out: wp.array2d(dtype=wp.uint8)
-):
+    camera: CameraView, cells: Cells, rays: Rays, offset: wp.int32, touched_out: wp.array2d[wp.uint8]
+) -> None:
     """Which cells each ray may find its hit in, uint8, shape [rays, cells]."""
     i = offset + wp.tid()
     ray = camera_ray(camera, rays.pixel[i], rays.sample[i])
@@ -102,10 +102,10 @@ def visit_camera_rays(
     cells: Cells,
     camera: CameraView,
     rays: Rays,
-    own_cell: int,
-    offset: int,
-    next_cell_out: wp.array(dtype=wp.int32),
-):
+    own_cell: wp.int32,
+    offset: wp.int32,
+    next_cell_out: wp.array[wp.int32],
+) -> None:
     """Intersect rays with this cell. Best hits are refined in place; -1 in next_cell_out says that a hit is final."""
     i = offset + wp.tid()
     ray = camera_ray(camera, rays.pixel[i], rays.sample[i])
@@ -127,9 +127,15 @@ def visit_camera_rays(
 
 @wp.func
 def incoming_direct(
-    lights: LightTable, s: Surface, origin: wp.vec3, u_element: wp.float64, u_position: wp.vec2, slot: int, j: int,
+    lights: LightTable,
+    s: Surface,
+    origin: wp.vec3,
+    u_element: wp.float64,
+    u_position: wp.vec2,
+    slot: wp.int32,
+    j: wp.int32,
     segments_out: Segments,
-):
+) -> None:
     """One sample of the direct light that a surface reflects: a shadow segment, and what it carries."""
     light = sample_light(lights, u_element, u_position)
     end = light.position
@@ -141,7 +147,7 @@ def incoming_direct(
     if distance2 > 0.0:
         to_light = wp.normalize(direction)
         cos_surface = wp.dot(s.shading_normal, to_light)
-        cos_light = float(1.0)
+        cos_light = wp.float32(1.0)
         if light.element < lights.triangles:
             cos_light = -wp.dot(light.normal, to_light)
         if cos_surface > 0.0 and cos_light > 0.0 and wp.dot(s.normal, to_light) > 0.0 and light.pdf > 0.0:
@@ -159,13 +165,13 @@ def shade_camera_hits(
     lights: LightTable,
     camera: CameraView,
     rays: Rays,
-    light_samples: int,
-    max_depth: int,
-    offset: int,
+    light_samples: wp.int32,
+    max_depth: wp.int32,
+    offset: wp.int32,
     seen_out: Seen,
     queries_out: Queries,
     segments_out: Segments,
-):
+) -> None:
     """Emission, shadow segments and gather query of final hits that lie in this cell.
 
     Args:
@@ -218,19 +224,19 @@ def shade_camera_hits(
 
 @wp.kernel
 def reflect_gathered(
-    albedo: wp.array(dtype=wp.vec3),
-    irradiance: wp.array(dtype=wp.vec3),
-    scale: float,
-    offset: int,
-    indirect_out: wp.array(dtype=wp.vec3),
-):
+    albedo: wp.array[wp.vec3],
+    irradiance: wp.array[wp.vec3],
+    scale: wp.float32,
+    offset: wp.int32,
+    indirect_out: wp.array[wp.vec3],
+) -> None:
     """Radiance that a diffuse surface reflects of gathered irradiance; scale is 1 / paths."""
     i = offset + wp.tid()
     indirect_out[i] = wp.cw_mul(albedo[i], irradiance[i]) * (INV_PI * scale)
 
 
 @wp.kernel
-def first_shadow_cells(cells: Cells, segments: Segments, offset: int, next_cell_out: wp.array(dtype=wp.int32)):
+def first_shadow_cells(cells: Cells, segments: Segments, offset: wp.int32, next_cell_out: wp.array[wp.int32]) -> None:
     """The first cell on the way of each shadow segment; -1 for one that carries nothing."""
     i = offset + wp.tid()
     next_cell_out[i] = -1
@@ -244,8 +250,8 @@ SHADOW_CLEAR = wp.constant(-1)
 
 @wp.kernel
 def visit_shadow_segments(
-    bvh: Bvh, cells: Cells, segments: Segments, own_cell: int, offset: int, next_cell_out: wp.array(dtype=wp.int32)
-):
+    bvh: Bvh, cells: Cells, segments: Segments, own_cell: wp.int32, offset: wp.int32, next_cell_out: wp.array[wp.int32]
+) -> None:
     """Look for a blocker in this cell: SHADOW_BLOCKED, SHADOW_CLEAR at the end of the way, or the next cell."""
     i = offset + wp.tid()
     if wp.max(segments.radiance[i]) == 0.0 or any_hit(bvh, segments.origin[i], segments.direction[i], 1.0):

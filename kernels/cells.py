@@ -28,10 +28,10 @@ class Cells:
     """The top tree on a device, in heap order, and the boxes of its leaves grown by `pad`."""
 
     count: wp.int32
-    axis: wp.array(dtype=wp.int32)
-    split: wp.array(dtype=wp.float32)
-    low: wp.array(dtype=wp.vec3)
-    high: wp.array(dtype=wp.vec3)
+    axis: wp.array[wp.int32]
+    split: wp.array[wp.float32]
+    low: wp.array[wp.vec3]
+    high: wp.array[wp.vec3]
 
 
 def cell_boxes(axis: NDArray[np.int32], split: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -65,10 +65,10 @@ def inverse_direction(direction: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def cell_of(cells: Cells, point: wp.vec3) -> int:
+def cell_of(cells: Cells, point: wp.vec3) -> wp.int32:
     """The cell that contains a point."""
     inner = cells.count - 1
-    node = int(0)
+    node = wp.int32(0)
     while node < inner:
         if point[cells.axis[node]] < cells.split[node]:
             node = 2 * node + 1
@@ -78,7 +78,7 @@ def cell_of(cells: Cells, point: wp.vec3) -> int:
 
 
 @wp.func
-def entry_of(cells: Cells, cell: int, origin: wp.vec3, inverse: wp.vec3, t_max: float) -> float:
+def entry_of(cells: Cells, cell: wp.int32, origin: wp.vec3, inverse: wp.vec3, t_max: wp.float32) -> wp.float32:
     """Where a ray enters a cell's grown box, at least 0; -1 if it doesn't before t_max."""
     a = wp.cw_mul(cells.low[cell] - origin, inverse)
     b = wp.cw_mul(cells.high[cell] - origin, inverse)
@@ -92,16 +92,16 @@ def entry_of(cells: Cells, cell: int, origin: wp.vec3, inverse: wp.vec3, t_max: 
 
 
 @wp.func
-def next_cell(cells: Cells, origin: wp.vec3, direction: wp.vec3, t_max: float, current: int) -> int:
+def next_cell(cells: Cells, origin: wp.vec3, direction: wp.vec3, t_max: wp.float32, current: wp.int32) -> wp.int32:
     """The cell that a ray visits after `current` (-1: before the first), or -1 when none is left."""
     if cells.count == 1:
         return -1 - current  # the only cell, once: 0 after -1, -1 after 0
     inverse = inverse_direction(direction)
-    after = float(-1.0)
+    after = wp.float32(-1.0)
     if current >= 0:
         after = wp.max(entry_of(cells, current, origin, inverse, 3.4e38), 0.0)
-    found = int(-1)
-    entry = float(3.4e38)
+    found = wp.int32(-1)
+    entry = wp.float32(3.4e38)
     for cell in range(cells.count):
         e = entry_of(cells, cell, origin, inverse, t_max)
         if e >= 0.0 and (e > after or (e == after and cell > current)) and e < entry:

@@ -1,4 +1,4 @@
-"""Compiling kernels before anything needs them, so that a person can be told, and threads and slaves find them ready."""
+"""Compiling kernels before anything needs them: a person can be told, and threads and slaves find them ready."""
 
 from __future__ import annotations
 

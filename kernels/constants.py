@@ -11,8 +11,9 @@ import warp as wp
 NORMAL_COS: Final = 0.9
 """Least cosine between a photon's normal and the query's: about 26 degrees.
 
-The two sides of a wall differ by 180 degrees and the walls of a room's corner by 90; neighbouring facets of a surface that
-is meant to be smooth differ by 360 degrees / facets (a 14-sided column: 26). Surface that turns away further is left
+The two sides of a wall differ by 180 degrees and the walls of a room's corner by 90; neighbouring facets of a surface
+that is meant to be smooth differ by 360 degrees / facets (a 14-sided column: 26). Surface that turns away further is
+left
 out of the photons and of the measured area alike (surface_points.py), so a narrow filter costs no light; it only keeps
 apart what is lit differently.
 """
@@ -23,7 +24,8 @@ FLATTENING: Final = 8.0
 A photon off the tangent plane counts as W times further away (Jensen 2001, section 7.2, squeezes the sphere to a
 disc). W = 1 is a ball, which takes photons of a parallel surface a radius away; W -> infinity drops photons of a curved
 surface: on a sphere of radius R a photon at distance d is d² / 2R off the plane, which lengthens its distance by the
-factor sqrt(1 + (W² - 1) d² / 4R²), 1.2 % at d = R / 25 with W = 8; the measured area shrinks alike, so no light is lost. A board closer than r / W to the surface still
+factor sqrt(1 + (W² - 1) d² / 4R²), 1.2 % at d = R / 25 with W = 8; the measured area shrinks alike, so no light is
+lost. A board closer than r / W to the surface still
 leaks, if its normal is alike.
 """
 
@@ -74,8 +76,8 @@ the other half covers the rounding of the normal itself.
 """
 
 OFFSET_MIN_SHARE = 2.0**-48
-"""Least such distance, as a share of the scene's extent: weights and corners are combined in double, and the roundings of
-three products and two sums stay below 2^-50 extent."""
+"""Least such distance, as a share of the scene's extent: weights and corners are combined in double, and the roundings
+of three products and two sums stay below 2^-50 extent."""
 
 PI = wp.constant(3.14159265358979)
 INV_PI = wp.constant(0.318309886183791)
@@ -91,5 +93,5 @@ they lean by 10 degrees, nothing where normals are flat.
 """
 
 LEAST_POINTS = wp.constant(16.0)
-"""Surface points that the area of a gather is counted from, at least: their stratified count is then off by some 8 %, less
-than the 14 % of 50 photons."""
+"""Surface points that the area of a gather is counted from, at least: their stratified count is then off by some 8 %,
+less than the 14 % of 50 photons."""

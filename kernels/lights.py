@@ -18,14 +18,14 @@ class LightTable:
 
     triangles: wp.int32
     count: wp.int32
-    corners: wp.array2d(dtype=wp.vec3)  # [triangles, 3]
-    normal: wp.array(dtype=wp.vec3)  # by triangle
-    radiance: wp.array(dtype=wp.vec3)  # by triangle
-    area: wp.array(dtype=wp.float32)  # by triangle
-    position: wp.array(dtype=wp.vec3)  # by point
-    intensity: wp.array(dtype=wp.vec3)  # by point
-    light: wp.array(dtype=wp.int32)  # by element: which light of the scene
-    cumulative: wp.array(dtype=wp.float64)  # by element: share of the power up to and with it; the last is 1
+    corners: wp.array2d[wp.vec3]  # [triangles, 3]
+    normal: wp.array[wp.vec3]  # by triangle
+    radiance: wp.array[wp.vec3]  # by triangle
+    area: wp.array[wp.float32]  # by triangle
+    position: wp.array[wp.vec3]  # by point
+    intensity: wp.array[wp.vec3]  # by point
+    light: wp.array[wp.int32]  # by element: which light of the scene
+    cumulative: wp.array[wp.float64]  # by element: share of the power up to and with it; the last is 1
     offset_min: wp.float32
 
 
@@ -101,9 +101,9 @@ def triangle_normals(corners: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 @wp.func
-def choose_element(lights: LightTable, u: wp.float64) -> int:
+def choose_element(lights: LightTable, u: wp.float64) -> wp.int32:
     """The element whose share of the power covers u: the first whose cumulative share exceeds it."""
-    low = int(0)
+    low = wp.int32(0)
     high = lights.count - 1
     while low < high:
         middle = (low + high) // 2
@@ -115,7 +115,7 @@ def choose_element(lights: LightTable, u: wp.float64) -> int:
 
 
 @wp.func
-def share_before(lights: LightTable, element: int) -> wp.float64:
+def share_before(lights: LightTable, element: wp.int32) -> wp.float64:
     """Cumulative share of the power of all elements before one."""
     share = wp.float64(0.0)
     if element > 0:
@@ -165,7 +165,7 @@ def sample_light(lights: LightTable, u_element: wp.float64, u_position: wp.vec2)
 
 
 @wp.func
-def sincos_octant(x: float) -> wp.vec2:
+def sincos_octant(x: wp.float32) -> wp.vec2:
     """Sine and cosine of pi/4 x for x in [-1, 1], to 1e-7.
 
     Polynomials, not the C library's functions: those differ between its versions, and the image must not.
@@ -194,7 +194,7 @@ def concentric_disk(u: wp.vec2) -> wp.vec2:
 @wp.func
 def around(normal: wp.vec3, local: wp.vec3) -> wp.vec3:
     """A direction given in a frame whose z axis is `normal` (Duff et al. 2017)."""
-    sign = float(1.0)
+    sign = wp.float32(1.0)
     if normal[2] < 0.0:
         sign = -1.0
     a = -1.0 / (sign + normal[2])

@@ -12,7 +12,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.func
-def _separated(axis: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.vec3d) -> bool:
+def _separated(axis: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.vec3d) -> wp.bool:
     """Whether a triangle and a box about the origin lie apart along an axis."""
     reach = half[0] * wp.abs(axis[0]) + half[1] * wp.abs(axis[1]) + half[2] * wp.abs(axis[2])
     pa = wp.dot(axis, a)
@@ -22,7 +22,7 @@ def _separated(axis: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.v
 
 
 @wp.func
-def overlaps(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, low: wp.vec3d, high: wp.vec3d) -> bool:
+def overlaps(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, low: wp.vec3d, high: wp.vec3d) -> wp.bool:
     """Whether a triangle and a box have a point in common (Akenine-Moeller 2001)."""
     centre = (low + high) * wp.float64(0.5)
     half = (high - low) * wp.float64(0.5)
@@ -48,12 +48,12 @@ def overlaps(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, low: wp.vec3d, high: wp.vec3
 
 @wp.kernel
 def _overlap_kernel(
-    corners: wp.array2d(dtype=wp.vec3),
-    low: wp.array(dtype=wp.vec3d),
-    high: wp.array(dtype=wp.vec3d),
-    offset: int,
-    overlaps_out: wp.array2d(dtype=wp.uint8),
-):
+    corners: wp.array2d[wp.vec3],
+    low: wp.array[wp.vec3d],
+    high: wp.array[wp.vec3d],
+    offset: wp.int32,
+    overlaps_out: wp.array2d[wp.uint8],
+) -> None:
     i = offset + wp.tid()
     a = wp.vec3d(corners[i, 0])
     b = wp.vec3d(corners[i, 1])

@@ -12,7 +12,6 @@ import warp as wp
 from wdpm.kernels.bvh import Bvh, closest_hit
 from wdpm.kernels.cells import Cells, cell_of, next_cell
 from wdpm.kernels.constants import ADJOINT_BOUND
-from wdpm.kernels.triangle import NO_HIT
 from wdpm.kernels.lights import LightTable, cosine_hemisphere, emit
 from wdpm.kernels.random import (
     PURPOSE_EMISSION,
@@ -22,7 +21,7 @@ from wdpm.kernels.random import (
     stream_of,
 )
 from wdpm.kernels.surface import Surface, Surfaces, leave, position_at, row_of, surface_at
-from wdpm.kernels.triangle import Hit
+from wdpm.kernels.triangle import NO_HIT, Hit
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -51,17 +50,17 @@ CUT = wp.constant(2)
 class Flight:
     """Photons in flight, one an item; see cluster.batch.SCHEMAS."""
 
-    path: wp.array(dtype=wp.int64)
-    bounce: wp.array(dtype=wp.int32)
-    light: wp.array(dtype=wp.int32)
-    origin: wp.array(dtype=wp.vec3)
-    direction: wp.array(dtype=wp.vec3)
-    flux: wp.array(dtype=wp.vec3)
-    t: wp.array(dtype=wp.float32)
-    prim: wp.array(dtype=wp.int32)
-    u: wp.array(dtype=wp.float32)
-    v: wp.array(dtype=wp.float32)
-    owner: wp.array(dtype=wp.int32)
+    path: wp.array[wp.int64]
+    bounce: wp.array[wp.int32]
+    light: wp.array[wp.int32]
+    origin: wp.array[wp.vec3]
+    direction: wp.array[wp.vec3]
+    flux: wp.array[wp.vec3]
+    t: wp.array[wp.float32]
+    prim: wp.array[wp.int32]
+    u: wp.array[wp.float32]
+    v: wp.array[wp.float32]
+    owner: wp.array[wp.int32]
 
 
 @wp.struct
@@ -69,23 +68,23 @@ class Deposits:
     """Room for stored photons: a region of `capacity` for each chunk, and how many it was asked to take."""
 
     capacity: wp.int32
-    count: wp.array(dtype=wp.int32)
-    id: wp.array(dtype=wp.int64)
-    light: wp.array(dtype=wp.int32)
-    position: wp.array(dtype=wp.vec3)
-    flux: wp.array(dtype=wp.vec3)
-    normal: wp.array(dtype=wp.vec3)
-    direction: wp.array(dtype=wp.vec3)
+    count: wp.array[wp.int32]
+    id: wp.array[wp.int64]
+    light: wp.array[wp.int32]
+    position: wp.array[wp.vec3]
+    flux: wp.array[wp.vec3]
+    normal: wp.array[wp.vec3]
+    direction: wp.array[wp.vec3]
 
 
 @wp.func
-def path_stream(seed: wp.uint32, purpose: wp.uint32, path: wp.int64, dimension: int) -> wp.uint32:
+def path_stream(seed: wp.uint32, purpose: wp.uint32, path: wp.int64, dimension: wp.int32) -> wp.uint32:
     """Numbers of one dimension of all paths form one stream; its items are the low 32 bits of the path number."""
     return stream_of(seed, purpose, wp.uint32(path >> wp.int64(32)), dimension)
 
 
 @wp.kernel
-def emit_photons(lights: LightTable, first: wp.int64, seed: wp.uint32, offset: int, flight_out: Flight):
+def emit_photons(lights: LightTable, first: wp.int64, seed: wp.uint32, offset: wp.int32, flight_out: Flight) -> None:
     """Start the paths first + i."""
     i = offset + wp.tid()
     path = first + wp.int64(i)
@@ -130,7 +129,9 @@ def scatter_weight(surface: Surface, to_source: wp.vec3, away: wp.vec3) -> wp.ve
     out_shading = wp.dot(surface.shading_normal, away)
     if in_geometric <= 0.0 or out_shading <= 0.0:
         return wp.vec3(0.0)
-    return surface.albedo * (wp.min(in_shading / in_geometric, ADJOINT_BOUND) * wp.min(out_geometric / out_shading, ADJOINT_BOUND))
+    return surface.albedo * (
+        wp.min(in_shading / in_geometric, ADJOINT_BOUND) * wp.min(out_geometric / out_shading, ADJOINT_BOUND)
+    )
 
 
 @wp.kernel
@@ -139,17 +140,17 @@ def trace_photons(
     surfaces: Surfaces,
     cells: Cells,
     flight: Flight,
-    landed: int,
-    own_cell: int,
+    landed: wp.int32,
+    own_cell: wp.int32,
     seed: wp.uint32,
-    max_depth: int,
-    chunk: int,
-    offset: int,
+    max_depth: wp.int32,
+    chunk: wp.int32,
+    offset: wp.int32,
     deposits_out: Deposits,
-    status_out: wp.array(dtype=wp.int32),
-    next_cell_out: wp.array(dtype=wp.int32),
-    energy_out: wp.array2d(dtype=wp.float64),
-):
+    status_out: wp.array[wp.int32],
+    next_cell_out: wp.array[wp.int32],
+    energy_out: wp.array2d[wp.float64],
+) -> None:
     """Follow photons for as long as they stay in this cell. `flight` is updated in place.
 
     Args:
@@ -171,8 +172,8 @@ def trace_photons(
     hit.u = flight.u[i]
     hit.v = flight.v[i]
     final = landed == 1
-    status = int(-1)
-    destination = int(-1)
+    status = wp.int32(-1)
+    destination = wp.int32(-1)
     absorbed = wp.float64(0.0)
     escaped = wp.float64(0.0)
     cut = wp.float64(0.0)
@@ -258,7 +259,7 @@ def trace_photons(
 
 
 @wp.kernel
-def first_cells(cells: Cells, flight: Flight, offset: int, next_cell_out: wp.array(dtype=wp.int32)):
+def first_cells(cells: Cells, flight: Flight, offset: wp.int32, next_cell_out: wp.array[wp.int32]) -> None:
     """The first cell on the way of each photon that just set out."""
     i = offset + wp.tid()
     next_cell_out[i] = next_cell(cells, flight.origin[i], flight.direction[i], NO_HIT, -1)

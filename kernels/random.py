@@ -105,13 +105,13 @@ def sample_2d(index: wp.uint32, stream: wp.uint32) -> wp.vec2:
 
 @wp.func
 def sample_1d(index: wp.uint32, stream: wp.uint32) -> wp.float64:
-    """Item `index` of a stream of stratified numbers in [0, 1), with 32 bits: fine enough to pick one of many lights."""
+    """Item `index` of a stream of stratified numbers in [0, 1), with 32 bits: enough to pick one of many lights."""
     i = shuffled(index, stream)
     x = reverse_bits(scramble_reversed(i, hash_combine(stream, wp.uint32(1))))
     return wp.float64(x) * TO_UNIT_DOUBLE
 
 
 @wp.func
-def stream_of(seed: wp.uint32, purpose: wp.uint32, item: wp.uint32, dimension: int) -> wp.uint32:
+def stream_of(seed: wp.uint32, purpose: wp.uint32, item: wp.uint32, dimension: wp.int32) -> wp.uint32:
     """The name of a stream."""
     return hash_combine(hash_combine(hash_combine(purpose, seed), item), wp.uint32(dimension))

@@ -11,28 +11,28 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 class Slots:
     """What the samples of one wave brought home. A slot that nothing arrived in is zero."""
 
-    emission: wp.array(dtype=wp.vec3)
-    indirect: wp.array(dtype=wp.vec3)
-    depth: wp.array(dtype=wp.float32)  # negative where nothing was hit
-    normal: wp.array(dtype=wp.vec3)
-    albedo: wp.array(dtype=wp.vec3)
-    direct: wp.array(dtype=wp.vec3)  # [samples * light_samples]
+    emission: wp.array[wp.vec3]
+    indirect: wp.array[wp.vec3]
+    depth: wp.array[wp.float32]  # negative where nothing was hit
+    normal: wp.array[wp.vec3]
+    albedo: wp.array[wp.vec3]
+    direct: wp.array[wp.vec3]  # [samples * light_samples]
 
 
 @wp.struct
 class Sums:
     """Sums over the samples of each pixel so far."""
 
-    direct: wp.array(dtype=wp.vec3d)
-    indirect: wp.array(dtype=wp.vec3d)
-    normal: wp.array(dtype=wp.vec3d)
-    albedo: wp.array(dtype=wp.vec3d)
-    depth: wp.array(dtype=wp.float64)
-    hits: wp.array(dtype=wp.int32)
+    direct: wp.array[wp.vec3d]
+    indirect: wp.array[wp.vec3d]
+    normal: wp.array[wp.vec3d]
+    albedo: wp.array[wp.vec3d]
+    depth: wp.array[wp.float64]
+    hits: wp.array[wp.int32]
 
 
 @wp.kernel
-def add_samples(slots: Slots, samples: int, light_samples: int, offset: int, sums_out: Sums):
+def add_samples(slots: Slots, samples: wp.int32, light_samples: wp.int32, offset: wp.int32, sums_out: Sums) -> None:
     """Add a wave's samples to the pixels' sums, in the order of their numbers."""
     pixel = offset + wp.tid()
     direct = sums_out.direct[pixel]

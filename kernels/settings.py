@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from dataclasses import dataclass
 from enum import Enum
 
@@ -50,6 +51,7 @@ class RenderSettings:
     inexact: bool = False
 
     def __post_init__(self) -> None:
+        self._make_plain()
         _at_least("photons", self.photons, 0)
         _at_least("k", self.k, 1)
         _at_least("spp", self.spp, 1)
@@ -72,6 +74,16 @@ class RenderSettings:
                 f"band is {self.band}, narrower than the gather radius: some gathers would miss photons; "
                 "use --inexact to accept that, or leave --band out"
             )
+
+    def _make_plain(self) -> None:
+        """Numbers of numpy become Python's: settings go into reports and over the wire."""
+        for name in ("photons", "k", "spp", "light_samples", "seed", "bucket", "max_depth"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, operator.index(value))
+        object.__setattr__(self, "band", float(self.band))
+        if self.radius is not None:
+            object.__setattr__(self, "radius", float(self.radius))
 
 
 def _at_least(name: str, value: int, least: int) -> None:

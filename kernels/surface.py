@@ -19,18 +19,18 @@ class Surfaces:
     """The triangles of a cell, sorted by global number, and all materials."""
 
     count: wp.int32
-    ids: wp.array(dtype=wp.int32)
-    corners: wp.array2d(dtype=wp.vec3)  # [triangles, 3]
-    front: wp.array(dtype=wp.vec3)  # unit geometric normal of each triangle's front
-    smooth: wp.array(dtype=wp.int32)  # 1 where there are normals to interpolate
-    normals: wp.array2d(dtype=wp.vec3)  # [triangles, 3]; zero where flat
-    uvs: wp.array2d(dtype=wp.vec2)  # [triangles, 3]
-    material: wp.array(dtype=wp.int32)
-    emitter: wp.array(dtype=wp.int32)
-    reflectance: wp.array(dtype=wp.vec3)  # by material
-    texture: wp.array(dtype=wp.int32)  # by material; -1 without
-    twosided: wp.array(dtype=wp.int32)  # by material
-    emitter_radiance: wp.array(dtype=wp.vec3)  # by emitter
+    ids: wp.array[wp.int32]
+    corners: wp.array2d[wp.vec3]  # [triangles, 3]
+    front: wp.array[wp.vec3]  # unit geometric normal of each triangle's front
+    smooth: wp.array[wp.int32]  # 1 where there are normals to interpolate
+    normals: wp.array2d[wp.vec3]  # [triangles, 3]; zero where flat
+    uvs: wp.array2d[wp.vec2]  # [triangles, 3]
+    material: wp.array[wp.int32]
+    emitter: wp.array[wp.int32]
+    reflectance: wp.array[wp.vec3]  # by material
+    texture: wp.array[wp.int32]  # by material; -1 without
+    twosided: wp.array[wp.int32]  # by material
+    emitter_radiance: wp.array[wp.vec3]  # by emitter
     textures: Textures
     offset_min: wp.float32  # least distance at which rays leave a surface
 
@@ -103,13 +103,13 @@ def front_normals(triangles: Triangles) -> tuple[NDArray[np.float32], NDArray[np
 
 
 @wp.func
-def row_of(surfaces: Surfaces, prim: int) -> int:
+def row_of(surfaces: Surfaces, prim: wp.int32) -> wp.int32:
     """The row of a global triangle number; the triangle must be in the cell."""
     # A cell that holds the whole scene finds it at once.
     guess = wp.min(prim, surfaces.count - 1)
     if surfaces.ids[guess] == prim:
         return guess
-    low = int(0)
+    low = wp.int32(0)
     high = surfaces.count - 1
     while low < high:
         middle = (low + high) // 2
@@ -121,7 +121,7 @@ def row_of(surfaces: Surfaces, prim: int) -> int:
 
 
 @wp.func
-def position_at(surfaces: Surfaces, row: int, u: float, v: float) -> wp.vec3:
+def position_at(surfaces: Surfaces, row: wp.int32, u: wp.float32, v: wp.float32) -> wp.vec3:
     """A point of a triangle, combined in double and rounded once.
 
     That is what makes the offset of leaving rays provable (constants.OFFSET_SHARE).
@@ -136,10 +136,10 @@ def position_at(surfaces: Surfaces, row: int, u: float, v: float) -> wp.vec3:
 
 
 @wp.func
-def clearance(surfaces: Surfaces, prim: int, position: wp.vec3) -> float:
+def clearance(surfaces: Surfaces, prim: wp.int32, position: wp.vec3) -> wp.float32:
     """Distance of a point of a triangle to the nearest of its edges."""
     row = row_of(surfaces, prim)
-    nearest = float(3.0e38)
+    nearest = wp.float32(3.0e38)
     for corner in range(3):
         start = surfaces.corners[row, corner]
         edge = wp.normalize(surfaces.corners[row, (corner + 1) % 3] - start)
@@ -149,15 +149,13 @@ def clearance(surfaces: Surfaces, prim: int, position: wp.vec3) -> float:
 
 
 @wp.func
-def surface_at(surfaces: Surfaces, prim: int, u: float, v: float, towards: wp.vec3) -> Surface:
+def surface_at(surfaces: Surfaces, prim: wp.int32, u: wp.float32, v: wp.float32, towards: wp.vec3) -> Surface:
     """The surface at a hit, seen from the direction `towards` (pointing away from the surface)."""
     row = row_of(surfaces, prim)
     normal = surfaces.front[row]
     shading = normal
     if surfaces.smooth[row] == 1:
-        blend = (
-            surfaces.normals[row, 0] * (1.0 - u - v) + surfaces.normals[row, 1] * u + surfaces.normals[row, 2] * v
-        )
+        blend = surfaces.normals[row, 0] * (1.0 - u - v) + surfaces.normals[row, 1] * u + surfaces.normals[row, 2] * v
         if wp.dot(blend, normal) > 0.0:
             shading = wp.normalize(blend)
     front = wp.dot(normal, towards) > 0.0
@@ -181,9 +179,7 @@ def surface_at(surfaces: Surfaces, prim: int, u: float, v: float, towards: wp.ve
 
 
 @wp.func
-def leave(position: wp.vec3, normal: wp.vec3, offset_min: float) -> wp.vec3:
+def leave(position: wp.vec3, normal: wp.vec3, offset_min: wp.float32) -> wp.vec3:
     """Where a ray that leaves a surface on the side of `normal` starts: certainly on that side."""
-    size = (
-        wp.abs(normal[0] * position[0]) + wp.abs(normal[1] * position[1]) + wp.abs(normal[2] * position[2])
-    )
+    size = wp.abs(normal[0] * position[0]) + wp.abs(normal[1] * position[1]) + wp.abs(normal[2] * position[2])
     return position + normal * (OFFSET_SHARE * size + offset_min)

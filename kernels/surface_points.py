@@ -1,7 +1,7 @@
 """How much surface lies within a gather: counted, not assumed to be a full disc.
 
-The textbook divides gathered flux by the area of a disc, pi r². At an edge, in a corner, on a column or a moulding, part
-of the disc is off the surface, and the estimate is too dark, the more so the smaller the features are against r (by
+The textbook divides gathered flux by the area of a disc, pi r². At an edge, in a corner, on a column or a moulding,
+part of the disc is off the surface, and the estimate is too dark, the more so the smaller the features are against r (by
 15 % on average in a cathedral of a million photons). So points are spread evenly over all surfaces, and those
 that pass the very filters and the metric of the gather are counted: each stands for the same area. A gather that lies
 within its own triangle needs no count.
@@ -51,14 +51,14 @@ def point_counts(area: NDArray[np.float64], ids: NDArray[np.int32], point_area: 
 def _place_points(
     surfaces: Surfaces,
     cells: Cells,
-    row: wp.array(dtype=wp.int32),
-    u: wp.array(dtype=wp.float32),
-    v: wp.array(dtype=wp.float32),
-    offset: int,
-    position_out: wp.array(dtype=wp.vec3),
-    normal_out: wp.array(dtype=wp.vec3),
-    cell_out: wp.array(dtype=wp.int32),
-):
+    row: wp.array[wp.int32],
+    u: wp.array[wp.float32],
+    v: wp.array[wp.float32],
+    offset: wp.int32,
+    position_out: wp.array[wp.vec3],
+    normal_out: wp.array[wp.vec3],
+    cell_out: wp.array[wp.int32],
+) -> None:
     i = offset + wp.tid()
     position = position_at(surfaces, row[i], u[i], v[i])
     position_out[i] = position
@@ -105,9 +105,7 @@ def spread(
 
 
 @wp.func
-def count_within(
-    points: PhotonMap, x: wp.vec3, n: wp.vec3, radius2: wp.float32, stack: wp.array(dtype=wp.int32)
-) -> wp.int32:
+def count_within(points: PhotonMap, x: wp.vec3, n: wp.vec3, radius2: wp.float32, stack: wp.array[wp.int32]) -> wp.int32:
     """Points that pass the filters and the metric of a gather at x with the normal n."""
     found = wp.int32(0)
     stacked = wp.int32(1)
@@ -137,15 +135,15 @@ def count_within(
 @wp.kernel
 def divide_by_area(
     points: PhotonMap,
-    position: wp.array(dtype=wp.vec3),
-    front_normal: wp.array(dtype=wp.vec3),
-    clearance: wp.array(dtype=wp.float32),
-    radius: wp.array(dtype=wp.float32),
+    position: wp.array[wp.vec3],
+    front_normal: wp.array[wp.vec3],
+    clearance: wp.array[wp.float32],
+    radius: wp.array[wp.float32],
     point_area: wp.float32,
     r_max: wp.float32,
-    offset: int,
-    irradiance: wp.array(dtype=wp.vec3),
-):
+    offset: wp.int32,
+    irradiance: wp.array[wp.vec3],
+) -> None:
     """Correct gathered irradiance, in place, from the area of a disc to the area of the surface within.
 
     Args:

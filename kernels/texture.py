@@ -21,13 +21,13 @@ _WRAP_CODE = {Wrap.REPEAT: 0, Wrap.MIRROR: 1, Wrap.CLAMP: 2}
 class Textures:
     """All textures. Texel (row, column) of texture i is texel[start[i] + row * width[i] + column]."""
 
-    texel: wp.array(dtype=wp.vec3)
-    start: wp.array(dtype=wp.int64)
-    width: wp.array(dtype=wp.int32)
-    height: wp.array(dtype=wp.int32)
-    wrap: wp.array(dtype=wp.int32)
-    nearest: wp.array(dtype=wp.int32)
-    to_uv: wp.array2d(dtype=wp.float32)  # [textures, 6]: the first two rows of the 3 x 3 matrix
+    texel: wp.array[wp.vec3]
+    start: wp.array[wp.int64]
+    width: wp.array[wp.int32]
+    height: wp.array[wp.int32]
+    wrap: wp.array[wp.int32]
+    nearest: wp.array[wp.int32]
+    to_uv: wp.array2d[wp.float32]  # [textures, 6]: the first two rows of the 3 x 3 matrix
 
 
 def upload(bitmaps: Sequence[Bitmap], device: str) -> Textures:
@@ -36,7 +36,9 @@ def upload(bitmaps: Sequence[Bitmap], device: str) -> Textures:
     texels = [bitmap.pixels.reshape(-1, 3) for bitmap in bitmaps]
     textures = Textures()
     textures.texel = wp.array(
-        np.concatenate(texels).astype(np.float32) if texels else np.zeros((1, 3), np.float32), dtype=wp.vec3, device=device
+        np.concatenate(texels).astype(np.float32) if texels else np.zeros((1, 3), np.float32),
+        dtype=wp.vec3,
+        device=device,
     )
     textures.start = wp.array(np.cumsum([0, *sizes])[: max(len(sizes), 1)], dtype=wp.int64, device=device)
     textures.width = wp.array([b.pixels.shape[1] for b in bitmaps] or [1], dtype=wp.int32, device=device)
@@ -51,7 +53,7 @@ def upload(bitmaps: Sequence[Bitmap], device: str) -> Textures:
 
 
 @wp.func
-def _wrapped(i: int, n: int, wrap: int) -> int:
+def _wrapped(i: wp.int32, n: wp.int32, wrap: wp.int32) -> wp.int32:
     """Column or row `i` brought into 0 .. n - 1."""
     if wrap == WRAP_CLAMP:
         return wp.clamp(i, 0, n - 1)
@@ -67,7 +69,7 @@ def _wrapped(i: int, n: int, wrap: int) -> int:
 
 
 @wp.func
-def _texel(textures: Textures, texture: int, column: int, row: int) -> wp.vec3:
+def _texel(textures: Textures, texture: wp.int32, column: wp.int32, row: wp.int32) -> wp.vec3:
     width = textures.width[texture]
     height = textures.height[texture]
     wrap = textures.wrap[texture]
@@ -77,7 +79,7 @@ def _texel(textures: Textures, texture: int, column: int, row: int) -> wp.vec3:
 
 
 @wp.func
-def lookup(textures: Textures, texture: int, uv: wp.vec2) -> wp.vec3:
+def lookup(textures: Textures, texture: wp.int32, uv: wp.vec2) -> wp.vec3:
     """The texture at uv; texel centres lie at half-integers, v grows upwards from the last row."""
     u = textures.to_uv[texture, 0] * uv[0] + textures.to_uv[texture, 1] * uv[1] + textures.to_uv[texture, 2]
     v = textures.to_uv[texture, 3] * uv[0] + textures.to_uv[texture, 4] * uv[1] + textures.to_uv[texture, 5]
@@ -106,5 +108,7 @@ def lookup(textures: Textures, texture: int, uv: wp.vec2) -> wp.vec3:
     column = int(c)
     row = int(r)
     top = _texel(textures, texture, column, row) * (1.0 - fx) + _texel(textures, texture, column + 1, row) * fx
-    bottom = _texel(textures, texture, column, row + 1) * (1.0 - fx) + _texel(textures, texture, column + 1, row + 1) * fx
+    bottom = (
+        _texel(textures, texture, column, row + 1) * (1.0 - fx) + _texel(textures, texture, column + 1, row + 1) * fx
+    )
     return top * (1.0 - fy) + bottom * fy

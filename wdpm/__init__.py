@@ -1,8 +1,8 @@
 """wdpm: global illumination by distributed photon mapping.
 
-    import wdpm
-    image = wdpm.render("cornell-box", photons=250_000, spp=16)
-    image.save("image.exr")
+import wdpm
+image = wdpm.render("cornell-box", photons=250_000, spp=16)
+image.save("image.exr")
 """
 
 from __future__ import annotations

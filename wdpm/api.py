@@ -1,9 +1,9 @@
 """The Python interface: load, render, inspect.
 
-    import wdpm
-    scene = wdpm.load("scene.xml")
-    image = wdpm.render(scene, photons=250_000, spp=16)
-    image.save("image.exr")
+import wdpm
+scene = wdpm.load("scene.xml")
+image = wdpm.render(scene, photons=250_000, spp=16)
+image.save("image.exr")
 """
 
 from __future__ import annotations

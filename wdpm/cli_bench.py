@@ -1,15 +1,38 @@
-"""`wdpm bench`: how fast this machine is, as ratios against libraries, in one run."""
+"""`wdpm bench`: how fast this machine is, always as ratios in one run: kernels, the paper's table, Mitsuba 3."""
 
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
+
+from wdpm import cli_values as values
+from wdpm.cli_options import available_cores
 
 _EXAMPLES = """\
 examples:
   wdpm bench kernels
+  wdpm bench paper scene.xml --slaves 0,2,4 --routing both --markdown table.md
+  wdpm bench mitsuba scene.xml --reference reference.exr
 
-The libraries compared with come with: pip install 'wdpm[peers,test]'"""
+wdpm bench WHAT --help says more. The libraries compared with come with: pip install 'wdpm[peers,test]'"""
+
+_KERNELS = """\
+Measure one core of this machine in one process: rays against Embree, nearest
+photons against SciPy's cKDTree, and how many photons are traced a second.
+Times to compile are apart. What is not installed is left out, and said so."""
+
+_PAPER = """\
+Render scenes without slaves and with clusters of slaves on this machine: time
+and speed-up, photons and triangles that each slave holds as shares of all, what
+is sent, and the error against the image without slaves (it should be none)."""
+
+_MITSUBA = """\
+Render a Mitsuba scene by turns with wdpm and with Mitsuba 3's path tracer, both
+warm: time, ratio, and with a reference the error of both. Mitsuba finds LLVM's
+library by the environment variable DRJIT_LIBLLVM_PATH where it does not itself."""
+
+ROUTINGS = ("forward", "merge", "both")
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -17,18 +40,148 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "bench",
         help="how fast this machine is",
-        description="Measure one core of this machine, in one run: rays against Embree, nearest photons against SciPy.",
+        description="Measure this machine, as ratios in one run.",
         epilog=_EXAMPLES,
     )
-    parser.add_argument("what", choices=("kernels",), metavar="WHAT", help="kernels: ray traversal and photon gathers")
+    benches = parser.add_subparsers(title="benchmarks", metavar="WHAT", required=True)
+    _add_kernels(benches)
+    _add_paper(benches)
+    _add_mitsuba(benches)
     return parser
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure and print; returns the exit code."""
+    """Measure, print and write; returns the exit code."""
     from rich.console import Console
 
     from wdpm import bench
+    from wdpm.progress import make_progress
 
-    bench.run(args.what, Console())
+    bench.check_outputs(args.json, args.markdown)
+    progress = make_progress()
+    try:
+        grids, figures = args.measure(args, progress)
+    finally:
+        progress.finish()
+    console = Console()
+    for grid in grids:
+        grid.print(console)
+    console.print(f"\nMeasured on {bench.machine_in_words()}.", markup=False, highlight=False)
+    bench.write_outputs(grids, figures, args.json, args.markdown)
     return 0
+
+
+def slave_counts(text: str) -> tuple[int, ...]:
+    """`0,2,4` to numbers of slaves, each once."""
+    return tuple(dict.fromkeys(values.count(part) for part in text.split(",")))
+
+
+def _add_kernels(benches: Any) -> None:
+    parser = _add_bench(benches, "kernels", "ray traversal, photon gathers and photon tracing on one core", _KERNELS)
+    parser.set_defaults(measure=_kernels)
+
+
+def _add_paper(benches: Any) -> None:
+    parser = _add_bench(benches, "paper", "what a cluster holds, sends and costs", _PAPER)
+    parser.add_argument(
+        "scenes",
+        nargs="*",
+        metavar="SCENE",
+        help="scene files or built-in scenes (default: cornell-box and atrium:100k)",
+    )
+    parser.add_argument(
+        "--slaves",
+        type=slave_counts,
+        metavar="N,N,...",
+        help="numbers of slaves; the render without slaves is always made (default: 0,2,4)",
+    )
+    parser.add_argument(
+        "--routing",
+        choices=ROUTINGS,
+        default="forward",
+        metavar="HOW",
+        help="forward, merge or both (default: forward)",
+    )
+    parser.add_argument("--size", type=values.size, metavar="WxH", help="size of the images (default: the scene's)")
+    parser.add_argument(
+        "--spp", type=values.positive_count, metavar="N", help="samples a pixel (default: the scene's, or 16)"
+    )
+    parser.add_argument("--photons", type=values.count, metavar="N", help="photons to be stored (default: 250k)")
+    _add_threads(parser, "cores to use in all, shared out among slaves")
+    parser.set_defaults(measure=_paper)
+
+
+def _add_mitsuba(benches: Any) -> None:
+    parser = _add_bench(benches, "mitsuba", "time and error next to Mitsuba 3's path tracer", _MITSUBA)
+    parser.add_argument("scene", type=Path, metavar="SCENE.xml", help="Mitsuba scene")
+    parser.add_argument(
+        "--reference", type=Path, metavar="FILE", help="image of the same size to measure errors against"
+    )
+    options = (
+        ("--spp", 16, "samples a pixel of wdpm"),
+        ("--mitsuba-spp", 64, "samples a pixel of Mitsuba"),
+        ("--photons", 250_000, "photons to be stored"),
+        ("--k", 50, "photons that an estimate looks for"),
+        ("--rounds", 5, "images of each"),
+    )
+    parser.add_argument(
+        "--size", type=values.size, default=(512, 512), metavar="WxH", help="size of the images (default: 512x512)"
+    )
+    for flag, default, text in options:
+        parser.add_argument(
+            flag, type=values.positive_count, default=default, metavar="N", help=f"{text} (default: {default:,})"
+        )
+    _add_threads(parser, "threads of each")
+    parser.set_defaults(measure=_mitsuba)
+
+
+def _add_bench(benches: Any, name: str, text: str, description: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = benches.add_parser(
+        name, help=text, description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE.json", help="also write all figures as JSON")
+    parser.add_argument("--markdown", type=Path, metavar="FILE.md", help="also write the tables as Markdown")
+    return parser
+
+
+def _add_threads(parser: argparse.ArgumentParser, text: str) -> None:
+    parser.add_argument(
+        "--threads",
+        type=values.positive_count,
+        default=available_cores(),
+        metavar="N",
+        help=f"{text} (default: all cores)",
+    )
+
+
+def _kernels(_: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:
+    from wdpm import bench_kernels
+
+    figures = bench_kernels.measure(progress)
+    return [figures.grid()], {"kernels": figures.to_dict()}
+
+
+def _paper(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:
+    from wdpm import bench_paper
+    from wdpm.kernels.settings import RenderSettings, Routing
+
+    chosen = {name: getattr(args, name) for name in ("spp", "photons") if getattr(args, name) is not None}
+    RenderSettings(**chosen)  # a value out of range is an error before the first scene is rendered
+    routings = tuple(Routing) if args.routing == "both" else (Routing(args.routing),)
+    slaves = bench_paper.DEFAULT_SLAVES if args.slaves is None else args.slaves
+    scenes = [
+        bench_paper.measure(scene, slaves, routings, progress, size=args.size, threads=args.threads, **chosen)
+        for scene in args.scenes or bench_paper.DEFAULT_SCENES
+    ]
+    return [figures.grid() for figures in scenes], {"paper": [figures.to_dict() for figures in scenes]}
+
+
+def _mitsuba(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:
+    from wdpm import bench_mitsuba
+    from wdpm.kernels.settings import RenderSettings
+
+    width, height = args.size
+    settings = RenderSettings(spp=args.spp, photons=args.photons, k=args.k)
+    setup = bench_mitsuba.Setup(args.scene, width, height, settings, args.mitsuba_spp, args.rounds, args.threads)
+    figures = bench_mitsuba.measure(setup, args.reference, progress)
+    return [figures.grid()], {"mitsuba": figures.to_dict()}

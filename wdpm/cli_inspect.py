@@ -35,11 +35,11 @@ def run(args: argparse.Namespace) -> int:
     """Print the inspection; returns the exit code."""
     from rich.console import Console
 
-    from wdpm import api
+    from wdpm.inspect import inspect
     from wdpm.scenes.load import load as load_scene
 
     scene = load_scene(args.scene, defines=dict(args.definitions), size=args.size)
-    inspection = api.inspect(scene, slaves=args.slaves)
+    inspection = inspect(scene, slaves=args.slaves)
     if args.json:
         print(inspection.to_json())
     else:

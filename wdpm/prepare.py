@@ -159,7 +159,7 @@ def _settings(prepared: Prepared) -> dict[str, Any]:
 def _photon_counts(prepared: Prepared, result: SessionResult) -> PhotonCounts:
     world = prepared.session.world
     lights = world.lights
-    stored = np.sum([slave["stored_by_light"] for slave in result.statistics], axis=0, dtype=np.int64)
+    stored = np.array([slave["stored_by_light"] for slave in result.statistics], np.int64).sum(axis=0)
     light_of_element = np.concatenate([lights.triangle_light, lights.point_light])
     power = np.bincount(light_of_element, lights.power, minlength=len(lights.names))
     share = power / power.sum() if power.sum() > 0 else power

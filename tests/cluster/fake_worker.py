@@ -72,7 +72,7 @@ class FakeWorker:
         outbox = Outbox()
         if batch.kind in TO_HOME:
             assert batch.home == self.number
-            self._at_home(batch.task, outbox)
+            self._at_home(batch, outbox)
         else:
             assert self.holders[batch.cell] == self.number
             self._at_cell(batch, outbox)
@@ -88,14 +88,15 @@ class FakeWorker:
         else:
             assert self.view is not None
         if batch.home == self.number:
-            self._at_home(batch.task, outbox)
+            self._at_home(batch, outbox)
         else:
             outbox.batches.append(Batch(Kind.ENDED, batch.task, batch.home, batch.cell, batch.credit, {}))
 
-    def _at_home(self, number: int, outbox: Outbox) -> None:
+    def _at_home(self, batch: Batch, outbox: Outbox) -> None:
+        number = batch.task
         task, missing = self.open[number]
-        self.open[number] = (task, missing - 1)
-        if missing > 1:
+        self.open[number] = (task, missing - batch.credit)
+        if missing > batch.credit:
             return
         del self.open[number]
         if isinstance(task, PhotonTask):

@@ -268,6 +268,28 @@ def test_finishing_goes_before_starting() -> None:
     assert jobs(driver.computed(c.StartTask(second))) == []
 
 
+def test_batches_that_go_the_same_way_are_handled_together() -> None:
+    driver = Driver().ready()
+    [started] = jobs(driver.told(p.DoTask(EPOCH, PhotonTask(5, 0, 10))))
+    for _ in range(3):
+        driver.peer(p.PeerBatch(EPOCH, batch(Kind.PHOTON)))
+    [job] = jobs(driver.computed(started))
+    assert isinstance(job, c.HandleBatch)
+    assert (len(job.batch), job.batch.credit) == (3, 3)
+    assert jobs(driver.computed(job)) == []
+
+
+def test_ghosts_are_not_joined_since_they_are_counted() -> None:
+    driver = Driver().ready()
+    [exchange] = jobs(driver.told(p.Exchange(EPOCH)))
+    ghosts = batch(Kind.GHOSTS, home=-1)
+    for _ in range(2):
+        driver.peer(p.PeerBatch(EPOCH, ghosts))
+    assert jobs(driver.computed(exchange, ghosts_expected=2)) == [c.HandleBatch(ghosts)]
+    assert jobs(driver.computed(c.HandleBatch(ghosts))) == [c.HandleBatch(ghosts)]
+    assert jobs(driver.computed(c.HandleBatch(ghosts))) == [c.BuildMaps()]
+
+
 def test_batches_and_results_find_their_way() -> None:
     driver = Driver().ready()
     job = c.StartTask(PhotonTask(5, 0, 10))

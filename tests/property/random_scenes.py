@@ -110,7 +110,7 @@ def materials(rng: np.random.Generator) -> tuple[Material, ...]:
 def scene_of(meshes: Sequence[Mesh], points: Sequence[PointLight], rng: np.random.Generator, size: int) -> Scene:
     """The scene, seen from within or from outside, sometimes straight along an axis."""
     eye = rng.choice([rng.uniform(-1, 1, 3), [0.0, 0.0, -4.0], [0.25, 0.25, -1.25], [3.0, 2.0, -3.0]])
-    towards = rng.choice([rng.uniform(-1, 1, 3), eye + np.array([0.0, 0.0, 1.0])])
+    towards = rng.choice([rng.uniform(-0.4, 0.4, 3), eye + np.array([0.0, 0.0, 1.0])])
     to_world = look_at(eye, towards, (0.03, 1.0, 0.05))
     kind = FilterKind.GAUSSIAN if rng.random() < 0.3 else FilterKind.BOX
     camera = Camera(to_world, float(rng.uniform(30, 90)), size, size - 3, 1e-2, 1e3, filter=PixelFilter(kind))

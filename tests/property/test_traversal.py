@@ -448,7 +448,7 @@ def test_far_from_the_origin_of_the_ray() -> None:
     """10,000 extents away, where the pad no longer covers the slab arithmetic."""
     mesh = ball_mesh(8)
     rng = np.random.default_rng(3)
-    origin = rng.normal(size=(20_000, 3))
+    origin = rng.normal(size=(1000, 3))
     origin = (20_000 * origin / np.linalg.norm(origin, axis=1, keepdims=True)).astype(F32)
     target = mesh[rng.integers(0, len(mesh), len(origin))].mean(axis=1)
     hits = trace(tree_of(mesh), origin, target - origin)

@@ -1,0 +1,37 @@
+"""How fast one core traces photons: paths through the Cornell box, as a slave traces the tasks that it is handed."""
+
+from __future__ import annotations
+
+import time
+
+from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.task import PhotonTask
+from wdpm.kernels.launch import Launcher
+from wdpm.kernels.settings import RenderSettings
+from wdpm.prepare import prepare
+from wdpm.progress import SilentProgress
+from wdpm.scenes.load import load
+
+SCENE = "cornell-box"
+
+
+def seconds_per_photon(task_paths: int = ClusterSettings.photon_task_paths, rounds: int = 8) -> float:
+    """Seconds of one core for each photon stored, launches and bookkeeping included; the best of some tasks counts.
+
+    Args:
+        task_paths: photon paths a task.
+        rounds: tasks.
+    """
+    launcher = Launcher("cpu", threads=1)
+    prepared = prepare(load(SCENE), RenderSettings(), 1, launcher, SilentProgress())
+    worker = prepared.plan.pilot
+    worker.adopt(prepared.session.world)
+    best = float("inf")
+    for number in range(rounds):
+        task = PhotonTask(number, number * task_paths, (number + 1) * task_paths)
+        began = time.perf_counter()
+        worker.start(task)
+        seconds = time.perf_counter() - began
+        best = min(best, seconds / sum(cell.photon_count for cell in worker.cells.values()))
+        worker.forget_photons()
+    return best
