@@ -26,7 +26,7 @@ from wdpm.kernels.lanes import (
     vec8,
     vec8i,
 )
-from wdpm.kernels.triangle import NO_HIT, Hit, Ray, intersect_triangle, make_ray, no_hit
+from wdpm.kernels.triangle import NO_HIT, Hit, Ray, intersect_turned, make_ray, no_hit
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -89,10 +89,10 @@ def leaf_candidates(bvh: Bvh, first: int, size: int, ray: Ray) -> int:
 def intersect_lane(bvh: Bvh, first: int, size: int, lane: int, ray: Ray) -> wp.vec3:
     """(t, u, v) of one triangle of a leaf, as intersect_triangle gives it."""
     at = 9 * first + lane
-    return intersect_triangle(
-        leaf_corner(bvh.corners, at, size),
-        leaf_corner(bvh.corners, at + 3 * size, size),
-        leaf_corner(bvh.corners, at + 6 * size, size),
+    return intersect_turned(
+        leaf_corner(bvh.corners, at, size, ray.axes),
+        leaf_corner(bvh.corners, at + 3 * size, size, ray.axes),
+        leaf_corner(bvh.corners, at + 6 * size, size, ray.axes),
         ray,
         bvh.pad,
     )

@@ -181,11 +181,15 @@ def child_code(children: wp.array(dtype=vec8i), node: int, lane: int) -> int:
     ...
 
 
-@wp.func_native(
-    "return wp::vec_t<3, wp::float32>(corners.data[at], corners.data[at + size], corners.data[at + 2 * size]);"
-)
-def leaf_corner(corners: wp.array(dtype=wp.float32), at: int, size: int) -> wp.vec3:
-    """A corner whose x lies at `at`, in a leaf of `size` triangles."""
+_LEAF_CORNER = """
+    const float* x = corners.data + at;
+    return wp::vec_t<3, wp::float32>(x[axes[0] * size], x[axes[1] * size], x[axes[2] * size]);
+"""
+
+
+@wp.func_native(_LEAF_CORNER)
+def leaf_corner(corners: wp.array(dtype=wp.float32), at: int, size: int, axes: wp.vec3i) -> wp.vec3:
+    """A corner whose x lies at `at`, in a leaf of `size` triangles; its components in the order of `axes`."""
     ...
 
 

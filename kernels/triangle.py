@@ -95,7 +95,9 @@ class Ray:
         origin, direction: as given.
         inverse: 1 / direction for slab arithmetic: no component is zero, infinite or NaN; -0.0 is like 0.0.
         inverse_leave: the same, scaled by EXIT_SCALE: for the faces where the ray leaves a box.
-        shear_x, shear_y, shear_z: rows of the matrix that turns the direction into the unit z axis.
+        axes: the axes in cyclic order, the one along which the direction is longest last.
+        turned_origin, turned_inverse, turned_inverse_leave: in the order of `axes`.
+        shear: slopes of the first two of `axes` against the third, at most 1, and 1 / direction along the third.
         longest: the direction's largest absolute component.
     """
 
@@ -103,44 +105,50 @@ class Ray:
     direction: wp.vec3
     inverse: wp.vec3
     inverse_leave: wp.vec3
-    shear_x: wp.vec3d
-    shear_y: wp.vec3d
-    shear_z: wp.vec3d
+    axes: wp.vec3i
+    turned_origin: wp.vec3
+    turned_inverse: wp.vec3
+    turned_inverse_leave: wp.vec3
+    shear: wp.vec3d
     longest: wp.float64
+
+
+@wp.func
+def turn(v: wp.vec3, axes: wp.vec3i) -> wp.vec3:
+    """The components of v in the order of `axes`, one of the three cyclic ones."""
+    if axes[2] == 0:
+        return wp.vec3(v[1], v[2], v[0])
+    if axes[2] == 1:
+        return wp.vec3(v[2], v[0], v[1])
+    return v
 
 
 @wp.func
 def make_ray(origin: wp.vec3, direction: wp.vec3) -> Ray:
     """Prepare a ray; the direction need not have length 1."""
-    x = direction[0]
-    y = direction[1]
-    z = direction[2]
-    zero = wp.float64(0.0)
-    one = wp.float64(1.0)
+    x = wp.abs(direction[0])
+    y = wp.abs(direction[1])
+    z = wp.abs(direction[2])
     ray = Ray()
     ray.origin = origin
     ray.direction = direction
-    ray.inverse = wp.vec3(inverse_component(x), inverse_component(y), inverse_component(z))
+    ray.inverse = wp.vec3(
+        inverse_component(direction[0]), inverse_component(direction[1]), inverse_component(direction[2])
+    )
     ray.inverse_leave = ray.inverse * EXIT_SCALE
-    # Shearing along the longest axis keeps the slopes at most 1.
-    if wp.abs(x) >= wp.abs(y) and wp.abs(x) >= wp.abs(z):
-        ray.longest = wp.abs(wp.float64(x))
-        per = one / wp.float64(x)
-        ray.shear_x = wp.vec3d(-wp.float64(y) * per, one, zero)
-        ray.shear_y = wp.vec3d(-wp.float64(z) * per, zero, one)
-        ray.shear_z = wp.vec3d(per, zero, zero)
-    elif wp.abs(y) >= wp.abs(z):
-        ray.longest = wp.abs(wp.float64(y))
-        per = one / wp.float64(y)
-        ray.shear_x = wp.vec3d(zero, -wp.float64(z) * per, one)
-        ray.shear_y = wp.vec3d(one, -wp.float64(x) * per, zero)
-        ray.shear_z = wp.vec3d(zero, per, zero)
+    if x >= y and x >= z:
+        ray.axes = wp.vec3i(1, 2, 0)
+    elif y >= z:
+        ray.axes = wp.vec3i(2, 0, 1)
     else:
-        ray.longest = wp.abs(wp.float64(z))
-        per = one / wp.float64(z)
-        ray.shear_x = wp.vec3d(one, zero, -wp.float64(x) * per)
-        ray.shear_y = wp.vec3d(zero, one, -wp.float64(y) * per)
-        ray.shear_z = wp.vec3d(zero, zero, per)
+        ray.axes = wp.vec3i(0, 1, 2)
+    ray.turned_origin = turn(origin, ray.axes)
+    ray.turned_inverse = turn(ray.inverse, ray.axes)
+    ray.turned_inverse_leave = turn(ray.inverse_leave, ray.axes)
+    d = wp.vec3d(turn(direction, ray.axes))
+    per = wp.float64(1.0) / d[2]
+    ray.shear = wp.vec3d(d[0] * per, d[1] * per, per)
+    ray.longest = wp.abs(d[2])
     return ray
 
 
@@ -189,24 +197,17 @@ def edge_on_hit(x: wp.vec3d, y: wp.vec3d, t: wp.vec3d) -> wp.vec3d:
 
 
 @wp.func
-def intersect_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3, ray: Ray, pad: float) -> wp.vec3:
-    """The hit of a ray with one triangle, both faces, edges included.
-
-    Args:
-        a, b, c: the corners.
-        ray: the ray.
-        pad: how far the triangle's box is grown on every side; one number for the whole scene.
-
-    Returns:
-        (t, u, v): t > 0 in units of the direction, NO_HIT on a miss; u and v weigh corners b and c.
-    """
+def intersect_turned(a: wp.vec3, b: wp.vec3, c: wp.vec3, ray: Ray, pad: float) -> wp.vec3:
+    """intersect_triangle, for corners whose components are in the order of the ray's axes."""
     miss = wp.vec3(NO_HIT, 0.0, 0.0)
-    o = wp.vec3d(ray.origin)
+    o = wp.vec3d(ray.turned_origin)
     pa = wp.vec3d(a) - o
     pb = wp.vec3d(b) - o
     pc = wp.vec3d(c) - o
-    x = wp.vec3d(wp.dot(ray.shear_x, pa), wp.dot(ray.shear_x, pb), wp.dot(ray.shear_x, pc))
-    y = wp.vec3d(wp.dot(ray.shear_y, pa), wp.dot(ray.shear_y, pb), wp.dot(ray.shear_y, pc))
+    slope_x = ray.shear[0]
+    slope_y = ray.shear[1]
+    x = wp.vec3d(pa[0] - slope_x * pa[2], pb[0] - slope_x * pb[2], pc[0] - slope_x * pc[2])
+    y = wp.vec3d(pa[1] - slope_y * pa[2], pb[1] - slope_y * pb[2], pc[1] - slope_y * pc[2])
 
     u = x[2] * y[1] - y[2] * x[1]  # weight of a
     v = x[0] * y[2] - y[0] * x[2]  # weight of b
@@ -217,7 +218,7 @@ def intersect_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3, ray: Ray, pad: float)
     det = u + v + w
     if not (wp.abs(det) > zero):
         return miss  # a needle seen from its side, or no area at all
-    z = wp.vec3d(wp.dot(ray.shear_z, pa), wp.dot(ray.shear_z, pb), wp.dot(ray.shear_z, pc))
+    z = wp.vec3d(pa[2], pb[2], pc[2]) * ray.shear[2]
     per = wp.float64(1.0) / det
     hit = wp.vec3d((u * z[0] + v * z[1] + w * z[2]) * per, v * per, w * per)
     # x and y of a hit are no larger than the triangle, and known to 2^-52 of its distance.
@@ -236,11 +237,11 @@ def intersect_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3, ray: Ray, pad: float)
     for axis in range(3):
         near = low[axis]
         far = high[axis]
-        if ray.inverse[axis] < 0.0:
+        if ray.turned_inverse[axis] < 0.0:
             near = high[axis]
             far = low[axis]
-        enter_axis = (near - ray.origin[axis]) * ray.inverse[axis]
-        leave_axis = (far - ray.origin[axis]) * ray.inverse_leave[axis]
+        enter_axis = (near - ray.turned_origin[axis]) * ray.turned_inverse[axis]
+        leave_axis = (far - ray.turned_origin[axis]) * ray.turned_inverse_leave[axis]
         enter = wp.where(enter_axis > enter, enter_axis, enter)
         leave = wp.where(leave_axis < leave, leave_axis, leave)
     if not (enter <= leave):
@@ -249,3 +250,18 @@ def intersect_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3, ray: Ray, pad: float)
     if not (t > 0.0 and t < NO_HIT):
         return miss
     return wp.vec3(t, float(hit[1]), float(hit[2]))
+
+
+@wp.func
+def intersect_triangle(a: wp.vec3, b: wp.vec3, c: wp.vec3, ray: Ray, pad: float) -> wp.vec3:
+    """The hit of a ray with one triangle, both faces, edges included.
+
+    Args:
+        a, b, c: the corners.
+        ray: the ray.
+        pad: how far the triangle's box is grown on every side; one number for the whole scene.
+
+    Returns:
+        (t, u, v): t > 0 in units of the direction, NO_HIT on a miss; u and v weigh corners b and c.
+    """
+    return intersect_turned(turn(a, ray.axes), turn(b, ray.axes), turn(c, ray.axes), ray, pad)
