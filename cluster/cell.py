@@ -23,6 +23,7 @@ from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.gather import gather_kernel
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.surface_points import divide_by_area, spread
+from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.geometry import Triangles
 
 GATHER_RUN = 16
@@ -122,6 +123,8 @@ class Cell:
 
     def advance(self, batch: Batch) -> Iterator[Batch]:
         """Do what a batch asks for, and yield what follows from it."""
+        if batch.kind in (Kind.SHADE, Kind.LANDED) and not self.triangle_count:
+            raise ProtocolError(f"a {batch.kind.value} batch came for cell {self.number}, which holds no triangle")
         if batch.kind is Kind.CAMERA:
             yield from self._visit_camera(batch)
         elif batch.kind is Kind.PROBE:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import signal
 import subprocess
@@ -13,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-import wdpm
 from wdpm.scenes.errors import ClusterError
 
 GRACE_S = 5.0
@@ -102,7 +102,10 @@ class LocalSlaves:
 
 def _environment() -> dict[str, str]:
     """That of this process, in which the slave finds the wdpm that runs here, installed or not."""
-    folder = str(Path(wdpm.__path__[0]).absolute().parent)
+    package = importlib.util.find_spec("wdpm")
+    if package is None or not package.submodule_search_locations:
+        raise AssertionError("wdpm runs, so it can be found")
+    folder = str(Path(package.submodule_search_locations[0]).absolute().parent)
     path = os.environ.get("PYTHONPATH")
     return {**os.environ, "PYTHONPATH": folder if not path else folder + os.pathsep + path}
 

@@ -57,13 +57,16 @@ class Plan:
     Attributes:
         rows: the triangles of each cell, rows of the flat scene.
         holders: the worker that holds each cell.
-        pilot: the pilot's one-cell worker, to be used again where there is but one cell.
+        pilot: the pilot's one-cell worker, to be used again, where there is but one cell; otherwise None, since it
+            holds the whole scene.
+        pilot_photons: places of the pilot's photons, float32, shape [P, 3].
     """
 
     world: World
     rows: list[NDArray[np.intp]]
     holders: list[int]
-    pilot: Worker
+    pilot: Worker | None
+    pilot_photons: NDArray[np.float32]
 
 
 def light_elements(flat: FlatScene) -> Lights:
@@ -136,7 +139,7 @@ def make_plan(
         burdens += photons_in_cells(photons["position"], tree) / stored
     holders = deal(burdens, max(workers, 1))
     pilot.forget_photons()
-    return Plan(world, rows, holders, pilot)
+    return Plan(world, rows, holders, pilot if tree.cells == 1 else None, photons["position"])
 
 
 def view_of(flat: FlatScene, settings: RenderSettings) -> View:

@@ -13,7 +13,7 @@ import wdpm
 from wdpm.image import encode_srgb8
 
 FOLDER = Path(__file__).parent / "pictures"
-EXPOSURE = {"cornell-box": 1.8, "atrium": 1.3}
+EXPOSURE = {"cornell-box": 1.8, "atrium": 0.8}
 CELL_COLOURS = np.array([[0.95, 0.35, 0.25], [0.25, 0.55, 0.95], [0.95, 0.80, 0.25], [0.35, 0.80, 0.45]])
 
 
@@ -24,9 +24,10 @@ def main(spp: int) -> None:
         spp: samples a pixel.
     """
     FOLDER.mkdir(exist_ok=True)
-    box = wdpm.render(wdpm.load("cornell-box", size=(400, 400)), spp=spp, photons=2_000_000, k=300)
+    quality = {"spp": spp, "light_samples": 4, "photons": 2_000_000, "k": 250}
+    box = wdpm.render(wdpm.load("cornell-box", size=(400, 400)), **quality)
     save("cornell-box", encode_srgb8(box.pixels * EXPOSURE["cornell-box"]))
-    hall = wdpm.render(wdpm.load("atrium:200k", size=(640, 400)), spp=spp, photons=2_000_000, k=200, slaves=4)
+    hall = wdpm.render(wdpm.load("atrium:200k", size=(640, 400)), slaves=4, **quality)
     shown = hall.pixels * EXPOSURE["atrium"]
     save("atrium", encode_srgb8(shown))
     save("atrium-cells", encode_srgb8(tinted(shown, hall.layers["cell"])))

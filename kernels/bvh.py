@@ -14,7 +14,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.kernels import bvh_build
-from wdpm.kernels.bvh_build import STACK_SIZE
+from wdpm.kernels.bvh_build import MAX_DEPTH
 from wdpm.kernels.lanes import (
     child_code,
     children_enter,
@@ -32,8 +32,10 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 __all__ = ["NO_HIT", "Bvh", "Hit", "any_hit", "build", "closest_hit", "no_hit"]
 
-stack_of_codes = wp.types.vector(length=STACK_SIZE, dtype=wp.int32)
-stack_of_distances = wp.types.vector(length=STACK_SIZE, dtype=wp.float32)
+stack_of_ints = wp.types.vector(length=MAX_DEPTH, dtype=wp.int32)
+stack_of_floats = wp.types.vector(length=MAX_DEPTH, dtype=wp.float32)
+"""A traversal's stack has one entry a level: a node and which of its children are left. It is small, since Warp clears it
+for every ray; an entry for each child would cost a tenth of the time of a ray."""
 
 
 @wp.struct
@@ -80,8 +82,7 @@ def build(positions: NDArray[np.float32], ids: NDArray[np.int32], pad: float, de
 @wp.func
 def leaf_candidates(bvh: Bvh, first: int, size: int, ray: Ray) -> int:
     """Mask of the triangles of a leaf that the ray may hit."""
-    d_max = wp.max(wp.abs(ray.direction))
-    inside = lanes_inside(bvh.corners, first, size, ray.origin, ray.direction, d_max)
+    inside = lanes_inside(bvh.corners, first, size, ray.origin, ray.direction, float(ray.longest))
     return lanes_not_above(vec8(0.0), inside) & ((1 << size) - 1)
 
 
@@ -105,6 +106,26 @@ def leaf_first(code: int) -> int:
 
 
 @wp.func
+def order_by_distance(mask: int, enter: vec8) -> int:
+    """The lanes of a mask, nearest first: each as 8 + lane in four bits, the first lowest."""
+    order = wp.int32(0)
+    shift = wp.int32(0)
+    left = mask
+    while left != 0:
+        nearest = lowest_bit(left)
+        rest = left & (left - 1)
+        while rest != 0:
+            lane = lowest_bit(rest)
+            rest = rest & (rest - 1)
+            if enter[lane] < enter[nearest]:
+                nearest = lane
+        left = left & ~(1 << nearest)
+        order = order | ((8 + nearest) << shift)
+        shift = shift + 4
+    return order
+
+
+@wp.func
 def closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, best: Hit) -> Hit:
     """The smaller of `best` and the nearest hit in this tree, by (t, triangle id).
 
@@ -113,8 +134,9 @@ def closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, best: Hit) -> Hit
         origin, direction: the ray; the direction need not have length 1. Hits have t > 0, with no epsilon.
         best: no_hit(), or what the ray has found in other trees.
     """
-    stack = stack_of_codes()
-    stack_enter = stack_of_distances()
+    stack_node = stack_of_ints()
+    stack_order = stack_of_ints()  # as order_by_distance gives it
+    stack_enter = stack_of_floats()  # where the ray enters the nearest of these children
     height = wp.int32(0)
     ray = make_ray(origin, direction)
     nearest = best
@@ -126,34 +148,18 @@ def closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, best: Hit) -> Hit
             leave = children_leave(bvh.bounds, node, origin, ray.inverse_leave, nearest.t)
             mask = lanes_not_above(enter, leave)
             if mask != 0:
-                lane = lowest_bit(mask)
-                mask = mask & (mask - 1)
-                code = child_code(bvh.children, node, lane)
-                if mask == 0:
-                    continue  # one child: by far the most frequent case
-                first_enter = enter[lane]
-                base = height
-                while mask != 0:
-                    lane = lowest_bit(mask)
-                    mask = mask & (mask - 1)
-                    later = child_code(bvh.children, node, lane)
-                    later_enter = enter[lane]
-                    if later_enter < first_enter:
-                        swap = later
-                        later = code
-                        code = swap
-                        swap_enter = later_enter
-                        later_enter = first_enter
-                        first_enter = swap_enter
-                    # Insertion by falling distance: the nearest is popped first.
-                    slot = height
-                    while slot > base and stack_enter[slot - 1] < later_enter:
-                        stack[slot] = stack[slot - 1]
-                        stack_enter[slot] = stack_enter[slot - 1]
-                        slot = slot - 1
-                    stack[slot] = later
-                    stack_enter[slot] = later_enter
-                    height = height + 1
+                if (mask & (mask - 1)) == 0:  # one child: by far the most frequent case
+                    code = child_code(bvh.children, node, lowest_bit(mask))
+                    continue
+                order = order_by_distance(mask, enter)
+                code = child_code(bvh.children, node, order & 7)
+                order = order >> 4
+                # All eight lanes fill 32 bits, and the shift of a negative number keeps its sign.
+                order = order & 0xFFFFFFF
+                stack_node[height] = node
+                stack_order[height] = order
+                stack_enter[height] = enter[order & 7]
+                height = height + 1
                 continue
         else:
             first = leaf_first(code)
@@ -171,20 +177,24 @@ def closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, best: Hit) -> Hit
                         nearest.prim = prim
                         nearest.u = hit[1]
                         nearest.v = hit[2]
-        found = wp.bool(False)
-        while height > 0 and not found:
+        while height > 0 and stack_enter[height - 1] > nearest.t:
             height = height - 1
-            found = stack_enter[height] <= nearest.t
-        if not found:
+        if height == 0:
             break
-        code = stack[height]
+        top = height - 1
+        order = stack_order[top]
+        code = child_code(bvh.children, stack_node[top], order & 7)
+        stack_order[top] = order >> 4
+        if (order >> 4) == 0:
+            height = top
     return nearest
 
 
 @wp.func
 def any_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_max: float) -> bool:
     """Whether closest_hit would find a hit with 0 < t < t_max in this tree."""
-    stack = stack_of_codes()
+    stack_node = stack_of_ints()
+    stack_mask = stack_of_ints()
     height = wp.int32(0)
     ray = make_ray(origin, direction)
     code = wp.int32(0)
@@ -197,9 +207,9 @@ def any_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_max: float) -> bool
             if mask != 0:
                 code = child_code(bvh.children, node, lowest_bit(mask))
                 mask = mask & (mask - 1)
-                while mask != 0:
-                    stack[height] = child_code(bvh.children, node, lowest_bit(mask))
-                    mask = mask & (mask - 1)
+                if mask != 0:
+                    stack_node[height] = node
+                    stack_mask[height] = mask
                     height = height + 1
                 continue
         else:
@@ -214,6 +224,11 @@ def any_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_max: float) -> bool
                     return True
         if height == 0:
             break
-        height = height - 1
-        code = stack[height]
+        top = height - 1
+        mask = stack_mask[top]
+        code = child_code(bvh.children, stack_node[top], lowest_bit(mask))
+        mask = mask & (mask - 1)
+        stack_mask[top] = mask
+        if mask == 0:
+            height = top
     return False

@@ -40,9 +40,10 @@ def cell_boxes(axis: NDArray[np.int32], split: NDArray[np.float32]) -> tuple[NDA
     low = np.full((nodes, 3), -FAR_AWAY, np.float32)
     high = np.full((nodes, 3), FAR_AWAY, np.float32)
     for node in range(len(axis)):
-        for child, bound in ((2 * node + 1, high), (2 * node + 2, low)):
+        for child, bound, tighter in ((2 * node + 1, high, np.minimum), (2 * node + 2, low, np.maximum)):
             low[child], high[child] = low[node], high[node]
-            bound[child, axis[node]] = split[node]
+            # A plane outside of its node leaves one child all of it and the other nothing.
+            bound[child, axis[node]] = tighter(bound[child, axis[node]], split[node])
     return low[len(axis) :], high[len(axis) :]
 
 

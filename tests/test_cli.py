@@ -42,7 +42,7 @@ class Renderer:
     """Stands for the loader and for wdpm.api: remembers what it was asked for and gives a small image."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        from wdpm import api, cli_result
+        from wdpm import api, cli_result, cluster_api
 
         self.scene = scene()
         self.pixels = np.full((2, 3, 3), 0.5, dtype=np.float32)
@@ -50,7 +50,7 @@ class Renderer:
         self.rendered: dict[str, Any] = {}
         monkeypatch.setattr(cli_result, "load_scene", self.load)
         monkeypatch.setattr(api, "render", self.render)
-        monkeypatch.setattr(api, "render_as_master", self.render)
+        monkeypatch.setattr(cluster_api, "render_as_master", self.render)
 
     def load(self, name: str, **options: Any) -> Scene:
         self.loaded = {"scene": name, **options}
@@ -301,10 +301,11 @@ def test_the_master_gets_its_options(renderer: Renderer) -> None:
 
 
 def test_the_slave_gets_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
-    from wdpm import api
+    from wdpm import cluster_api
+    from wdpm.cluster.sockets_slave import PATIENCE_S
 
     asked: dict[str, Any] = {}
-    monkeypatch.setattr(api, "run_slave", lambda address, **options: asked.update(address=address, **options))
+    monkeypatch.setattr(cluster_api, "serve_as_slave", lambda address, **options: asked.update(address=address, **options))
     assert run(["slave", "tcp://10.0.0.1:7000", "--threads", "2", "--memory", "8G", "--insecure"]) == 0
     assert asked == {
         "address": "tcp://10.0.0.1:7000",
@@ -313,6 +314,8 @@ def test_the_slave_gets_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
         "memory": 8 * 2**30,
         "keys": None,
         "insecure": True,
+        "patience": PATIENCE_S,
+        "life_line": False,
     }
 
 

@@ -84,10 +84,10 @@ def render_in_process(
 def _in_this_process(
     prepared: Prepared, workers: int, launcher: Launcher, progress: Progress, shuffle: random.Random | None
 ) -> Image:
-    session, plan = prepared.session, prepared.plan
-    if workers == 1 and session.world.top_tree.cells == 1:
-        made = [plan.pilot]
-        plan.pilot.adopt(session.world)
+    session = prepared.session
+    if prepared.pilot is not None:
+        made = [prepared.pilot]
+        prepared.pilot.adopt(session.world)
     else:
         parts = {cell: session.partition(cell) for cell in range(session.world.top_tree.cells)}
         made = [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from typing import Any
@@ -29,6 +29,10 @@ MITSUBA_06_PHOTON_S = 1 / 2.0e6
 MITSUBA_06_MAP_S = 0.36e-6
 """Of Mitsuba 0.6's photon mapper in the Cornell box, a stored photon: to trace it, and to put it into the map [s]. It
 was measured once on the machine that wdpm was written on, so it is shown as a floor and no ratio is formed with it."""
+
+
+_PEERS = {"Embree (embreex)": "Embree", "scipy cKDTree": "cKDTree"}
+"""Short names, for the table."""
 
 
 @dataclass(frozen=True)
@@ -97,11 +101,14 @@ class KernelFigures:
 
     def grid(self) -> Grid:
         """The table."""
-        notes = [f"Kernels were compiled or loaded in {self.compile_s:.1f} s, which is not counted."]
+        notes = [
+            "Ratio: how many times as fast wdpm is; the best of several rounds by turns.",
+            f"Kernels were compiled or loaded in {self.compile_s:.1f} s, which is not counted.",
+        ]
         if any(figure.floor_seconds is not None for figure in self.figures):
             notes.append("* Mitsuba 0.6, measured on the machine that wdpm was written on, not in this run.")
         notes += [f"Below its floor: {figure.work}." for figure in self.figures if _below(figure)]
-        columns = ("work", "wdpm", "peer", "ratio", "floor", "compared with")
+        columns = ("work", "wdpm", "peer", "ratio", "floor")
         return Grid("Kernels, one core", columns, tuple(map(_row, self.figures)), tuple(notes))
 
 
@@ -134,21 +141,21 @@ def _compile() -> float:
 
 def _rays(load: Load) -> list[Figure]:
     if find_spec("embreex") is None:
-        return _missing(["closest hit", "any hit"], True, "Embree (embreex)", "pip install 'wdpm[peers]'")
+        return [_missing("closest hit and any hit", "Embree", "pip install 'wdpm[peers]'")]
     rows = bench_traversal.measure(rays=load.rays, seconds=load.seconds)
     return [_figure(row, rate=True) for row in rows]
 
 
 def _gathers(load: Load, k: int, side: int) -> list[Figure]:
     if find_spec("scipy") is None:
-        return _missing([f"{k} nearest of {load.photons:,} photons"], False, "scipy cKDTree", "pip install scipy")
+        return [_missing(f"{k} nearest of {load.photons:,} photons", "SciPy", "pip install scipy")]
     rows = bench_gather.measure(load.photons, k, side, load.rounds)
     return [_figure(row, rate=False) for row in rows if "nearest" in row.work]
 
 
 def _map(load: Load) -> list[Figure]:
     if find_spec("scipy") is None:
-        return _missing([f"map of {load.photons:,} photons"], False, "scipy cKDTree", "pip install scipy")
+        return [_missing(f"map of {load.photons:,} photons", "SciPy", "pip install scipy")]
     rows = bench_gather.measure(load.photons, 1, 1, load.rounds)
     return [_figure(row, rate=False, floor_seconds=MITSUBA_06_MAP_S) for row in rows if row.work.startswith("map")]
 
@@ -173,12 +180,8 @@ def _floor_of(work: str) -> float | None:
     return None
 
 
-def _missing(works: Sequence[str], rate: bool, peer: str, command: str) -> list[Figure]:
-    return [
-        Figure(f"{work}, {order}" if "map" not in work else work, rate, None, peer, missing=command)
-        for work in works
-        for order in (("coherent", "incoherent") if "map" not in work else ("",))
-    ]
+def _missing(work: str, peer: str, command: str) -> Figure:
+    return Figure(work, False, None, peer, missing=command)
 
 
 def _below(figure: Figure) -> bool:
@@ -188,21 +191,16 @@ def _below(figure: Figure) -> bool:
 
 
 def _row(figure: Figure) -> tuple[str, ...]:
-    ratio = "-" if figure.ratio is None else f"{figure.ratio:.2f}"
+    if figure.missing is not None:
+        return f"{figure.work}: {figure.peer} not installed: {figure.missing}", "-", "-", "-", "-"
+    peer = "-"
+    if figure.peer is not None:
+        peer = f"{_PEERS.get(figure.peer, figure.peer)} {_speed(figure.peer_seconds, figure.rate)}"
     floor = "-" if figure.floor_ratio is None else f"{figure.floor_ratio:.1f}"
     if figure.floor_seconds is not None:
         floor = _speed(figure.floor_seconds, figure.rate) + " *"
-    peer = figure.peer or "-"
-    if figure.missing is not None:
-        peer = f"not installed: {figure.missing}"
-    return (
-        figure.work,
-        _speed(figure.seconds, figure.rate),
-        _speed(figure.peer_seconds, figure.rate),
-        ratio,
-        floor,
-        peer,
-    )
+    ratio = "-" if figure.ratio is None else f"{figure.ratio:.2f}"
+    return figure.work, _speed(figure.seconds, figure.rate), peer, ratio, floor
 
 
 def _speed(seconds: float | None, rate: bool) -> str:

@@ -172,8 +172,8 @@ def measure(setup: Setup, reference_file: Path | None, progress: Progress) -> Mi
     reference = None if reference_file is None else _read_reference(reference_file, setup)
     progress.start("compile")
     compile_kernels("cpu")
+    progress.start("warm up")
     with MitsubaProcess(setup) as mitsuba:
-        progress.note("warming up")
         mitsuba.render(setup.mitsuba_spp, WARM_SEED)
         _render(scene, setup, WARM_SEED)
         progress.start("rounds", setup.rounds)

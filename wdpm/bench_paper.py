@@ -88,25 +88,14 @@ class SceneFigures:
 
     def grid(self, cores: int | None = None) -> Grid:
         """The table; says so if there are fewer cores than slaves."""
-        columns = (
-            "slaves",
-            "routing",
-            "time",
-            "speed-up",
-            "photons a slave",
-            "triangles a slave",
-            "sent",
-            "MSE",
-            "largest diff.",
-            "bits",
-        )
+        columns = ("slaves", "time", "speed-up", "photons", "triangles", "sent", "MSE", "max", "bits")
         title = (
             f"{self.scene}: {self.triangles:,} triangles, {self.photons:,} photons, k {self.k}, "
             f"{self.width}x{self.height}, {self.spp} samples"
         )
         notes = (
-            "time: of photons, map and render. Shares of all triangles and of all stored photons (own and ghosts); "
-            "all against the image without slaves.",
+            "time: of photons, map and render. photons, triangles: shares of all that a slave holds, least to most, "
+            "ghosts included. MSE, max: error against the image without slaves, mean square and largest.",
             *_cores_note([run.slaves for run in self.runs], available_cores() if cores is None else cores),
         )
         return Grid(title, columns, tuple(map(_row, self.runs)), notes)
@@ -205,8 +194,7 @@ def _cores_note(slaves: Sequence[int], cores: int) -> list[str]:
 
 def _row(run: Run) -> tuple[str, ...]:
     return (
-        f"{run.slaves}",
-        run.routing or "-",
+        f"{run.slaves}" if run.routing is None else f"{run.slaves} {run.routing}",
         format_seconds(run.seconds),
         f"{run.speed_up:.2f}",
         _range(run.photons),
@@ -220,4 +208,4 @@ def _row(run: Run) -> tuple[str, ...]:
 
 def _range(shares: Sequence[float]) -> str:
     low, high = min(shares), max(shares)
-    return f"{high:.3f}" if f"{low:.3f}" == f"{high:.3f}" else f"{low:.3f}-{high:.3f}"
+    return f"{high:.2f}" if f"{low:.2f}" == f"{high:.2f}" else f"{low:.2f}-{high:.2f}"

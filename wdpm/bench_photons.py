@@ -16,7 +16,7 @@ SCENE = "cornell-box"
 
 
 def seconds_per_photon(task_paths: int = ClusterSettings.photon_task_paths, rounds: int = 8) -> float:
-    """Seconds of one core for each photon stored, launches and bookkeeping included; the best of some tasks counts.
+    """Time of one core for each photon stored [s], launches and bookkeeping included; the best of some tasks counts.
 
     Args:
         task_paths: photon paths a task.
@@ -24,14 +24,15 @@ def seconds_per_photon(task_paths: int = ClusterSettings.photon_task_paths, roun
     """
     launcher = Launcher("cpu", threads=1)
     prepared = prepare(load(SCENE), RenderSettings(), 1, launcher, SilentProgress())
-    worker = prepared.plan.pilot
+    worker = prepared.pilot
+    assert worker is not None  # one worker, one cell
     worker.adopt(prepared.session.world)
     best = float("inf")
     for number in range(rounds):
         task = PhotonTask(number, number * task_paths, (number + 1) * task_paths)
-        began = time.perf_counter()
+        began = time.process_time()
         worker.start(task)
-        seconds = time.perf_counter() - began
+        seconds = time.process_time() - began
         best = min(best, seconds / sum(cell.photon_count for cell in worker.cells.values()))
         worker.forget_photons()
     return best

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,9 @@ library by the environment variable DRJIT_LIBLLVM_PATH where it does not itself.
 
 ROUTINGS = ("forward", "merge", "both")
 
+LOG_WIDTH = 120
+"""Columns of the tables where there is no terminal that says how many it has."""
+
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """Add the command to the parser."""
@@ -63,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         grids, figures = args.measure(args, progress)
     finally:
         progress.finish()
-    console = Console()
+    console = Console() if sys.stdout.isatty() else Console(width=LOG_WIDTH)
     for grid in grids:
         grid.print(console)
     console.print(f"\nMeasured on {bench.machine_in_words()}.", markup=False, highlight=False)

@@ -36,8 +36,10 @@ def run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from wdpm.inspect import inspect
+    from wdpm.quiet import quiet_warp
     from wdpm.scenes.load import load as load_scene
 
+    quiet_warp()
     scene = load_scene(args.scene, defines=dict(args.definitions), size=args.size)
     inspection = inspect(scene, slaves=args.slaves)
     if args.json:

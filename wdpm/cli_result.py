@@ -16,6 +16,7 @@ from wdpm.image import Image
 from wdpm.image_files import check_output_path, write_bytes
 from wdpm.kernels.settings import RenderSettings
 from wdpm.progress import Progress, make_progress
+from wdpm.quiet import quiet_warp
 from wdpm.scene_settings import settings_for
 from wdpm.scenes.errors import ImageError
 from wdpm.scenes.load import load as load_scene
@@ -34,6 +35,7 @@ def render_and_write(args: argparse.Namespace, render: Renderer) -> int:
         check_output_path(args.report, (".json",))
     chosen = chosen_settings(args)
     RenderSettings(**chosen)  # a value out of range is an error before the scene is read
+    quiet_warp()
     progress = make_progress(args.quiet)
     try:
         progress.start("load")

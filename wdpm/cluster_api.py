@@ -184,7 +184,9 @@ def serve_as_slave(
         from wdpm.cluster.worker import Worker
         from wdpm.kernels.compile import compile_kernels
         from wdpm.kernels.launch import Launcher
+        from wdpm.quiet import quiet_warp
 
+        quiet_warp()
         compile_kernels(device)
         return Worker(number, world, partition, holders, Launcher(device, threads))
 

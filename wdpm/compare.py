@@ -40,7 +40,8 @@ class Comparison:
         ratio: mean_a / mean_b; NaN where both are 0.
         layers: the layers that both images have.
         differing: pixels of each of these in which a bit differs.
-        differing_pixels: pixels in which a bit of any common layer differs.
+        differing_pixels: pixels in which a bit of any common layer but `cell` differs: that one shows which part of a
+            cluster saw a pixel, and is meant to differ.
         nonfinite_a, nonfinite_b: values of the beauty layer that are NaN or infinite.
     """
 
@@ -62,7 +63,7 @@ class Comparison:
 
     @property
     def bits_equal(self) -> bool:
-        """Whether every bit of every common layer is equal."""
+        """Whether every bit of every common layer but `cell` is equal."""
         return self.differing_pixels == 0
 
     def to_json(self) -> str:
@@ -89,10 +90,19 @@ class Comparison:
 
     def _bits_in_words(self) -> str:
         if self.bits_equal:
-            return f"all equal ({', '.join(self.layers)})"
+            return f"all equal ({', '.join(name for name in self.layers if name != PARTITION_LAYER)})"
         share = self.differing_pixels / (self.width * self.height)
         layers = ", ".join(f"{name} {count:,}" for name, count in self.differing.items() if count)
         return f"differ in {self.differing_pixels:,} pixels, {share:.2%} ({layers})"
+
+
+PARTITION_LAYER = "cell"
+"""The layer that shows the partition itself."""
+
+
+def _pixels_that_differ(differs: dict[str, NDArray[np.bool_]]) -> int:
+    masks = [mask for name, mask in differs.items() if name != PARTITION_LAYER]
+    return int(np.logical_or.reduce(masks).sum())
 
 
 def compare(a: Image, b: Image, region: Region | None = None) -> Comparison:
@@ -127,7 +137,7 @@ def compare(a: Image, b: Image, region: Region | None = None) -> Comparison:
         ratio=_triple(_ratio(mean_a, mean_b)),
         layers=layers,
         differing={name: int(mask.sum()) for name, mask in differs.items()},
-        differing_pixels=int(np.logical_or.reduce(list(differs.values())).sum()),
+        differing_pixels=_pixels_that_differ(differs),
         nonfinite_a=int((~np.isfinite(beauty_a)).sum()),
         nonfinite_b=int((~np.isfinite(beauty_b)).sum()),
     )

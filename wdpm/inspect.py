@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wdpm.cluster.cell import rows_near
-from wdpm.cluster.plan import PILOT_PATHS, Plan, make_plan
-from wdpm.cluster.task import PhotonTask
+from wdpm.cluster.plan import Plan, make_plan
 from wdpm.kernels.cells import cell_boxes
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.launch import Launcher
@@ -85,7 +84,8 @@ class Inspection:
         rows |= {f"light {name}": f"{power:.4g} W" for name, power in self.lights[:12]}
         if len(self.lights) > 12:
             rows["lights"] = f"{len(self.lights) - 12:,} more"
-        rows |= {"left out": f"{count:,} triangles: {cause}" for cause, count in self.dropped.items()}
+        if self.dropped:
+            rows["left out"] = ", ".join(f"{count:,} triangles: {cause}" for cause, count in self.dropped.items())
         for name, value in rows.items():
             facts.add_row(name, value)
         console.print(facts)
@@ -135,21 +135,20 @@ def inspect(scene: Scene, *, slaves: int = 4) -> Inspection:
 
 
 def _shares(plan: Plan, flat: FlatScene, slaves: int) -> tuple[Share, ...]:
-    """What each slave would hold, the photons foretold from a pilot flown once more."""
-    cell = plan.pilot.cells[0]
-    if plan.world.paths:
-        plan.pilot.start(PhotonTask(number=0, start=0, stop=PILOT_PATHS))
-    position = cell.photons_so_far()["position"]
+    """What each slave would hold, the photons foretold from the pilot's."""
+    position = plan.pilot_photons
     tree = plan.world.top_tree
     low, high = cell_boxes(tree.axis, tree.split)
-    held = [0.0] * slaves, [0.0] * slaves, [0.0] * slaves
-    for number, worker in enumerate(plan.holders):
-        inside = np.all((position >= low[number]) & (position < high[number]), axis=1)
-        near = len(rows_near(position, low[number], high[number], plan.world.band))
-        held[0][worker] += len(plan.rows[number]) / len(flat.triangles)
-        held[1][worker] += np.count_nonzero(inside) / max(len(position), 1)
-        held[2][worker] += (near - np.count_nonzero(inside)) / max(len(position), 1)
+    triangles, photons, ghosts = np.zeros(slaves), np.zeros(slaves), np.zeros(slaves)
+    for cell, worker in enumerate(plan.holders):
+        inside = np.count_nonzero(np.all((position >= low[cell]) & (position < high[cell]), axis=1))
+        near = len(rows_near(position, low[cell], high[cell], plan.world.band))
+        triangles[worker] += len(plan.rows[cell]) / len(flat.triangles)
+        photons[worker] += inside / max(len(position), 1)
+        ghosts[worker] += (near - inside) / max(len(position), 1)
     return tuple(
-        Share(worker, plan.holders.count(worker), held[0][worker], held[1][worker], held[2][worker])
+        Share(
+            worker, plan.holders.count(worker), float(triangles[worker]), float(photons[worker]), float(ghosts[worker])
+        )
         for worker in range(slaves)
     )

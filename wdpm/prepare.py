@@ -15,6 +15,7 @@ import numpy as np
 
 from wdpm.cluster.plan import Plan, make_plan, view_of
 from wdpm.cluster.session import Session, SessionResult
+from wdpm.cluster.worker import Worker
 from wdpm.image import Image
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.launch import Launcher
@@ -30,9 +31,15 @@ PACKAGES = ("wdpm", "warp-lang", "numpy")
 
 @dataclass(eq=False)
 class Prepared:
-    """A scene that is ready to be rendered by a number of workers."""
+    """A scene that is ready to be rendered by a number of workers.
 
-    plan: Plan
+    Attributes:
+        pilot: the worker that flew the pilot, to go on with where there is but one cell.
+        triangles: of the whole scene.
+        seconds: by phase.
+    """
+
+    pilot: Worker | None
     session: Session
     settings: RenderSettings
     triangles: int
@@ -60,7 +67,7 @@ def prepare(
     compile_kernels(launcher.device)
     seconds["compile"] = time.perf_counter() - began
 
-    progress.start("partition")
+    progress.start("plan")
     began = time.perf_counter()
     flat = flatten(scene)
     plan = make_plan(flat, settings, workers, launcher, cells)
@@ -73,7 +80,7 @@ def prepare(
     )
     seconds["partition"] = time.perf_counter() - began
     dropped = tuple(f"{count} triangles were left out: {cause}" for cause, count in flat.dropped.items())
-    return Prepared(plan, session, settings, len(flat.triangles), scene.warnings + dropped, seconds)
+    return Prepared(plan.pilot, session, settings, len(flat.triangles), scene.warnings + dropped, seconds)
 
 
 def _partition(triangles: Triangles, plan: Plan) -> Callable[[int], Triangles]:

@@ -130,23 +130,18 @@ def test_rays_visit_every_cell_that_may_hold_their_hit(tree: TopTree, seed: int)
 @examples
 @given(tree=trees(), seed=st.integers(0, 2**32 - 1))
 def test_rays_visit_all_cells_that_they_pass(tree: TopTree, seed: int) -> None:
-    """Points all along the ray, computed in double: the cell of each is visited, and cells come in that order."""
+    """Points all along the ray, computed in double: the cell of each is visited, none twice."""
     rng = np.random.default_rng(seed)
     origin = points_of(rng, 60)
     direction = rng.normal(size=(60, 3)).astype(np.float32)
     direction[:20, rng.integers(0, 3)] = 0.0
     way, _ = ways(tree, origin, direction, 3.4e38)
-    t = np.sort(rng.uniform(0, 3, 40))
+    t = rng.uniform(0, 3, 40)
     for i in range(60):
         visited = way[i][way[i] >= 0].tolist()
         assert len(visited) == len(set(visited)) <= tree.cells
         points = (origin[i].astype(np.float64) + t[:, None] * direction[i].astype(np.float64)).astype(np.float32)
-        passed = list(dict.fromkeys(owners(tree, points).tolist()))
-        assert set(passed) <= set(visited)
-        places = [visited.index(cell) for cell in passed]
-        # Boxes grown by the pad overlap: cells that are entered within it may change places.
-        if not np.any(np.abs(points[:, None] - LATTICE[:, None]).min(axis=(1, 2)) < 1e-4):
-            assert places == sorted(places)
+        assert set(owners(tree, points).tolist()) <= set(visited)
 
 
 def test_one_cell_is_visited_once() -> None:
