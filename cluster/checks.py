@@ -17,6 +17,7 @@ from wdpm.cluster import protocol
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask
 from wdpm.cluster.world import Lights, Materials, TopTree, View, World
+from wdpm.kernels.settings import MAX_K
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.geometry import Triangles
 from wdpm.scenes.model import Bitmap, Camera
@@ -147,6 +148,7 @@ def _world(world: World, where: str) -> None:
 def _view(view: View, where: str) -> None:
     counts = (view.spp, view.light_samples, view.k, view.bucket)
     _require(min(counts) >= 1 and max(counts) < 2**31, where, f"spp, light_samples, k, bucket are {counts}")
+    _require(view.k <= MAX_K, where, f"k is {view.k}")
     _require(0 <= view.seed < 2**32, where, f"seed {view.seed}")
     _require(view.max_depth is None or view.max_depth >= 1, where, f"max_depth {view.max_depth}")
 

@@ -23,7 +23,7 @@ from wdpm.cluster.top_tree import build_top_tree
 from wdpm.cluster.worker import Worker
 from wdpm.cluster.world import Lights, Materials, TopTree, View, World
 from wdpm.kernels import photon_map
-from wdpm.kernels.gather import gather_kernel
+from wdpm.kernels.gather import check_settings, gather_kernel
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.lights import triangle_areas
 from wdpm.kernels.settings import RenderSettings
@@ -128,6 +128,7 @@ def make_plan(
     paths = math.ceil(settings.photons * PILOT_PATHS / stored) if stored else 0
     photons = cell.photons_so_far()
     radius = settings.radius or _gather_radius(cell, photons, settings, flat.extent)
+    check_settings(settings.k, radius)
     band = settings.band * radius
     levels = _levels(max(workers, 1)) if cells is None else cells.bit_length() - 1
     tree = build_top_tree(flat.triangles.positions, photons["position"], band, levels)

@@ -14,7 +14,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.kernels import bvh_build
-from wdpm.kernels.bvh_build import MAX_DEPTH
+from wdpm.kernels.bvh_build import CHILD_STACK, MAX_DEPTH
 from wdpm.kernels.lanes import (
     child_code,
     children_enter,
@@ -32,10 +32,9 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 __all__ = ["NO_HIT", "Bvh", "Hit", "any_hit", "build", "closest_hit", "no_hit"]
 
-stack_of_ints = wp.types.vector(length=MAX_DEPTH, dtype=wp.int32)
-stack_of_floats = wp.types.vector(length=MAX_DEPTH, dtype=wp.float32)
-"""A traversal's stack has one entry a level: a node and which of its children are left. It is small, since Warp clears it
-for every ray; an entry for each child would cost a tenth of the time of a ray."""
+child_stack_of_ints = wp.types.vector(length=CHILD_STACK, dtype=wp.int32)
+child_stack_of_floats = wp.types.vector(length=CHILD_STACK, dtype=wp.float32)
+node_stack_of_ints = wp.types.vector(length=MAX_DEPTH, dtype=wp.int32)
 
 
 @wp.struct
@@ -106,26 +105,6 @@ def leaf_first(code: int) -> int:
 
 
 @wp.func
-def order_by_distance(mask: int, enter: vec8) -> int:
-    """The lanes of a mask, nearest first: each as 8 + lane in four bits, the first lowest."""
-    order = wp.int32(0)
-    shift = wp.int32(0)
-    left = mask
-    while left != 0:
-        nearest = lowest_bit(left)
-        rest = left & (left - 1)
-        while rest != 0:
-            lane = lowest_bit(rest)
-            rest = rest & (rest - 1)
-            if enter[lane] < enter[nearest]:
-                nearest = lane
-        left = left & ~(1 << nearest)
-        order = order | ((8 + nearest) << shift)
-        shift = shift + 4
-    return order
-
-
-@wp.func
 def closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, best: Hit) -> Hit:
     """The smaller of `best` and the nearest hit in this tree, by (t, triangle id).
 
@@ -134,9 +113,8 @@ def closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, best: Hit) -> Hit
         origin, direction: the ray; the direction need not have length 1. Hits have t > 0, with no epsilon.
         best: no_hit(), or what the ray has found in other trees.
     """
-    stack_node = stack_of_ints()
-    stack_order = stack_of_ints()  # as order_by_distance gives it
-    stack_enter = stack_of_floats()  # where the ray enters the nearest of these children
+    stack = child_stack_of_ints()
+    stack_enter = child_stack_of_floats()
     height = wp.int32(0)
     ray = make_ray(origin, direction)
     nearest = best
@@ -148,18 +126,34 @@ def closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, best: Hit) -> Hit
             leave = children_leave(bvh.bounds, node, origin, ray.inverse_leave, nearest.t)
             mask = lanes_not_above(enter, leave)
             if mask != 0:
-                if (mask & (mask - 1)) == 0:  # one child: by far the most frequent case
-                    code = child_code(bvh.children, node, lowest_bit(mask))
-                    continue
-                order = order_by_distance(mask, enter)
-                code = child_code(bvh.children, node, order & 7)
-                order = order >> 4
-                # All eight lanes fill 32 bits, and the shift of a negative number keeps its sign.
-                order = order & 0xFFFFFFF
-                stack_node[height] = node
-                stack_order[height] = order
-                stack_enter[height] = enter[order & 7]
-                height = height + 1
+                lane = lowest_bit(mask)
+                mask = mask & (mask - 1)
+                code = child_code(bvh.children, node, lane)
+                if mask == 0:
+                    continue  # one child: by far the most frequent case
+                first_enter = enter[lane]
+                base = height
+                while mask != 0:
+                    lane = lowest_bit(mask)
+                    mask = mask & (mask - 1)
+                    later = child_code(bvh.children, node, lane)
+                    later_enter = enter[lane]
+                    if later_enter < first_enter:
+                        swap = later
+                        later = code
+                        code = swap
+                        swap_enter = later_enter
+                        later_enter = first_enter
+                        first_enter = swap_enter
+                    # Insertion by falling distance: the nearest is popped first.
+                    slot = height
+                    while slot > base and stack_enter[slot - 1] < later_enter:
+                        stack[slot] = stack[slot - 1]
+                        stack_enter[slot] = stack_enter[slot - 1]
+                        slot = slot - 1
+                    stack[slot] = later
+                    stack_enter[slot] = later_enter
+                    height = height + 1
                 continue
         else:
             first = leaf_first(code)
@@ -177,24 +171,21 @@ def closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, best: Hit) -> Hit
                         nearest.prim = prim
                         nearest.u = hit[1]
                         nearest.v = hit[2]
-        while height > 0 and stack_enter[height - 1] > nearest.t:
+        found = wp.bool(False)
+        while height > 0 and not found:
             height = height - 1
-        if height == 0:
+            found = stack_enter[height] <= nearest.t
+        if not found:
             break
-        top = height - 1
-        order = stack_order[top]
-        code = child_code(bvh.children, stack_node[top], order & 7)
-        stack_order[top] = order >> 4
-        if (order >> 4) == 0:
-            height = top
+        code = stack[height]
     return nearest
 
 
 @wp.func
 def any_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_max: float) -> bool:
     """Whether closest_hit would find a hit with 0 < t < t_max in this tree."""
-    stack_node = stack_of_ints()
-    stack_mask = stack_of_ints()
+    stack_node = node_stack_of_ints()
+    stack_mask = node_stack_of_ints()
     height = wp.int32(0)
     ray = make_ray(origin, direction)
     code = wp.int32(0)

@@ -33,10 +33,13 @@ LEAF_MAX = wp.constant(8)
 MAX_TRIANGLES = 2**31 // 18
 """Triangles a tree at most: places in `corners` (9 a triangle) and child codes (8 a triangle) stay within int32."""
 
-MAX_DEPTH = wp.constant(16)
-"""Levels of nodes at most: what a traversal's stack holds.
+MAX_DEPTH = wp.constant(11)
+"""Levels of nodes at most. MAX_TRIANGLES need 8 by halving; the heuristic takes 8 for Sponza, 7 for a terrain of two
+million triangles."""
 
-MAX_TRIANGLES need 8 by halving; the heuristic takes 8 for Sponza, 7 for a terrain of two million triangles."""
+CHILD_STACK = wp.constant(7 * 11)
+"""(WIDTH - 1) * MAX_DEPTH: a traversal leaves at most WIDTH - 1 siblings behind on each level. No larger than need be,
+since Warp clears local arrays: that takes a tenth of the time of a ray."""
 
 BINS = wp.constant(32)
 """Bins an axis. 16 make coherent rays a fifth slower where sizes vary (Sponza)."""

@@ -39,12 +39,10 @@ from wdpm.kernels.constants import (
 )
 from wdpm.kernels.exact_sum import dequantise, exponent, magnitude_bits, quantise
 from wdpm.kernels.photon_map import LEAF_ROWS, NODE_ROWS, PhotonMap, first_child, vec8
+from wdpm.kernels.settings import MAX_K
 from wdpm.scenes.errors import SettingsError
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
-MAX_K = 500
-"""Largest k: buffers have a fixed size (1024 candidates, on the stack)."""
 
 CANDIDATE_CAPACITY = wp.constant(1024)  # at least 2 * (MAX_K + 1) + 8, so that a full buffer halves at least
 STACK_CAPACITY = wp.constant(128)  # 7 siblings a level and 8 children; levels <= 10 for 2^31 photons

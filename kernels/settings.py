@@ -10,6 +10,10 @@ from enum import Enum
 from wdpm.scenes.errors import SettingsError
 
 
+MAX_K = 500
+"""Largest k: a gather's candidates have a fixed place on the stack. A larger k only blurs; more photons do not."""
+
+
 class Routing(Enum):
     """How camera rays find their nearest hit among several cells. Both give the same bits."""
 
@@ -54,6 +58,8 @@ class RenderSettings:
         self._make_plain()
         _at_least("photons", self.photons, 0)
         _at_least("k", self.k, 1)
+        if self.k > MAX_K:
+            raise SettingsError(f"k is {self.k}; expected at most {MAX_K}: use more photons, not a larger k")
         _at_least("spp", self.spp, 1)
         _at_least("light_samples", self.light_samples, 1)
         _at_least("bucket", self.bucket, 1)

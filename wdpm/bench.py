@@ -43,7 +43,7 @@ class Grid:
                 raise ValueError(f"a row of {len(row)} cells in a table of {len(self.columns)} columns: {row}")
 
     def print(self, console: Console) -> None:
-        """For people; names give way on a narrow terminal, numbers do not."""
+        """For people; where the terminal is too narrow cells are folded, and nothing is cut off."""
         from rich.markup import escape
         from rich.table import Table
 
@@ -52,7 +52,7 @@ class Grid:
         )
         table.add_column(self.columns[0], overflow="fold")
         for column in self.columns[1:]:
-            table.add_column(escape(column), justify="right", no_wrap=True)
+            table.add_column(escape(column), justify="right", overflow="fold")
         for row in self.rows:
             table.add_row(*map(escape, row))
         console.print(table)

@@ -30,9 +30,9 @@ def seconds_per_photon(task_paths: int = ClusterSettings.photon_task_paths, roun
     best = float("inf")
     for number in range(rounds):
         task = PhotonTask(number, number * task_paths, (number + 1) * task_paths)
-        began = time.process_time()
+        began = time.thread_time()  # one thread traces: this one
         worker.start(task)
-        seconds = time.process_time() - began
+        seconds = time.thread_time() - began
         best = min(best, seconds / sum(cell.photon_count for cell in worker.cells.values()))
         worker.forget_photons()
     return best

@@ -30,9 +30,9 @@ PHOTONS = 200_000
 TOLERANCE = 0.03
 
 
-def indirect(meshes: list[Mesh], eye: ArrayLike, target: ArrayLike, fov: float) -> tuple[float, float]:
+def indirect(meshes: list[Mesh], eye: ArrayLike, target: ArrayLike, fov: float, k: int = 50) -> tuple[float, float]:
     """Mean indirect radiance of a view, and the largest gather radius."""
-    image = rendered(scene(meshes, view(eye, target, fov, 16), GREY), photons=PHOTONS, spp=4)
+    image = rendered(scene(meshes, view(eye, target, fov, 16), GREY), photons=PHOTONS, k=k, spp=4)
     assert (image.layers["depth"] > 0).all()
     return float(image.layers["indirect"].mean(dtype=np.float64)), image.metadata["report"]["settings"]["gather_radius"]
 
@@ -67,15 +67,30 @@ def test_a_cube_of_another_albedo(rho: float) -> None:
 ROOM = box((1, 1, 1), inside=True, emission=GLOW)
 
 
+def test_the_middle_of_a_wall() -> None:
+    seen, _ = indirect([ROOM], (-0.5, 0, 0), (1, 0, 0), 60)  # 3 of 24 of the room's surface
+    assert seen == pytest.approx(INDIRECT, rel=TOLERANCE)
+
+
 @pytest.mark.parametrize(
-    ("place", "target", "fov"),
-    [("middle of a wall", (1, 0, 0), 20), ("edge", (1, 1, 0), 3), ("corner", (1, 1, 1), 3)],
+    "places",
+    [
+        [(1, y, z) for y in (-1, 1) for z in (-0.5, 0, 0.5)],
+        [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)],
+    ],
+    ids=["edges", "corners"],
 )
-def test_edges_and_corners_are_as_bright_as_walls(place: str, target: tuple[float, ...], fov: float) -> None:
-    seen, radius = indirect([ROOM], (0, 0, 0), target, fov)
-    if place != "middle of a wall":
-        assert radius > 2 * np.tan(np.radians(fov / 2))  # all of the view is near the edge
-    assert seen == pytest.approx(INDIRECT, rel=TOLERANCE if place == "middle of a wall" else 2 * TOLERANCE)
+def test_edges_and_corners_are_as_bright_as_walls(places: list[tuple[float, float, float]]) -> None:
+    seen = []
+    for place in places:
+        value, radius = indirect([ROOM], (0, 0, 0), place, 3, k=200)
+        assert radius > 2 * np.tan(np.radians(1.5)) * np.linalg.norm(place)  # all of the view is near the edge
+        seen.append(value)
+    # Each view tells from the 200 photons nearest to the edge on each of its two or three sides: 2,400 of six edges and 4,800
+    # of eight corners. Photons of one path land alike (a factor of sqrt(2)): 2.9 % and 2 %; four of those. A disc in
+    # place of the measured area would make edges half as bright, and corners a quarter.
+    sides = 3 if len(places) == 8 else 2
+    assert np.mean(seen) == pytest.approx(INDIRECT, rel=4 * np.sqrt(2 / (200 * sides * len(places))))
 
 
 def test_a_narrow_strip_is_as_bright_as_a_wall() -> None:
