@@ -39,15 +39,20 @@ PILOT_K = 16
 """Neighbours that tell the density at a pilot photon: few enough to stay local, enough to be within a quarter."""
 
 RADIUS_QUANTILE = 0.5
-RADIUS_MARGIN = 2.0
-"""The gather radius is 2 times the one in which the median photon finds k others: gathers in light that is a quarter as
+RADIUS_MARGIN = 2.5
+"""The gather radius is 2.5 times the one in which the median photon finds k others: gathers in light that is a sixth as
 dense still find their k; dimmer places are averaged over the fixed radius, and counted in the report. Wider, the
 overlap bands would take more photons than they are worth; narrower, dim places would be noisier."""
 
+POINTS_A_PHOTON = 2
+"""Surface points a photon: their count then adds little to the noise of the photons' own."""
+
 POINTS_A_DISC = 64
+"""Surface points in the largest gather, at least, however few the photons."""
+
 POINTS_LEAST = 1 << 16
-POINTS_MOST = 1 << 23
-"""Surface points in the largest gather, and bounds to their number: 52 bytes each."""
+POINTS_MOST = 1 << 24
+"""Bounds to the number of surface points: 52 bytes each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,9 +194,9 @@ def _gather_radius(cell: Cell, photons: Arrays, settings: RenderSettings, extent
 
 
 def _point_area(corners: NDArray[np.float32], radius: float, settings: RenderSettings) -> float:
-    """The area that a surface point stands for: as many points as photons, and POINTS_A_DISC in the largest gather."""
+    """The area that a surface point stands for."""
     area = float(triangle_areas(corners).sum())
-    wanted = max(settings.photons, POINTS_A_DISC * area / (math.pi * radius**2), POINTS_LEAST)
+    wanted = max(POINTS_A_PHOTON * settings.photons, POINTS_A_DISC * area / (math.pi * radius**2), POINTS_LEAST)
     return area / min(wanted, POINTS_MOST)
 
 

@@ -47,9 +47,9 @@ class Grid:
         from rich.markup import escape
         from rich.table import Table
 
-        table = Table(
-            title=f"\n{escape(self.title)}", title_justify="left", title_style="bold", box=None, padding=(0, 2, 0, 0)
-        )
+        # Not the table's own title, which would be folded to the table's width.
+        console.print(f"\n[bold]{escape(self.title)}[/]", highlight=False)
+        table = Table(box=None, padding=(0, 2, 0, 0))
         table.add_column(self.columns[0], overflow="fold")
         for column in self.columns[1:]:
             table.add_column(escape(column), justify="right", overflow="fold")

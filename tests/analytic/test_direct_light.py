@@ -28,7 +28,8 @@ def test_the_formula_gives_the_textbooks_form_factor() -> None:
     a, b, c = 2.0, 3.0, 1.5
     x, y = a / c, b / c
     textbook = (
-        x / np.sqrt(1 + x * x) * np.arctan(y / np.sqrt(1 + x * x)) + y / np.sqrt(1 + y * y) * np.arctan(x / np.sqrt(1 + y * y))
+        x / np.sqrt(1 + x * x) * np.arctan(y / np.sqrt(1 + x * x))
+        + y / np.sqrt(1 + y * y) * np.arctan(x / np.sqrt(1 + y * y))
     ) / (2 * np.pi)
     corners = np.array([[0, c, 0], [a, c, 0], [a, c, b], [0, c, b]], float)
     irradiance = irradiance_of_polygon(corners, np.zeros(3), np.array([0.0, 1, 0]))
@@ -57,10 +58,16 @@ def test_a_rectangle_lights_a_patch(lamp: str, light_samples: int) -> None:
     image = rendered(looking, photons=0, spp=256, light_samples=light_samples)
     seen = image.layers["direct"].astype(np.float64).mean(axis=(0, 1))
     polygon = np.array([corner, corner + u, corner + u + v, corner + v])
-    exact = np.array(ALBEDO) * np.array(RADIANCE) / np.pi * irradiance_of_polygon(polygon, np.zeros(3), np.array([0.0, 1, 0]))
-    # 64 pixels x 256 samples = 16,384 at least. A sample's integrand cos cos / d² varies over these lamps by less than 100 %
-    # (standard deviation over mean, asserted), so the mean of independent ones would be off by 1 / 128 = 0.8 % at most;
-    # 256 stratified samples a pixel leave the variation within a stratum, 1/16 across: 16 times less. Six of that: 0.3 %.
+    exact = (
+        np.array(ALBEDO)
+        * np.array(RADIANCE)
+        / np.pi
+        * irradiance_of_polygon(polygon, np.zeros(3), np.array([0.0, 1, 0]))
+    )
+    # 64 pixels x 256 samples = 16,384 at least. A sample's integrand cos cos / d² varies over these lamps by less
+    # than 100 % (standard deviation over mean, asserted), so the mean of independent ones would be off by 1 / 128 =
+    # 0.8 % at most; 256 stratified samples a pixel leave the variation within a stratum, 1/16 across: 16 times less.
+    # Six of that: 0.3 %.
     np.testing.assert_allclose(seen, exact, rtol=3e-3)
     assert relative_deviation(polygon) < 1.0
     assert not image.layers["indirect"].any()
@@ -94,8 +101,9 @@ def test_a_point_light_falls_off_with_the_square(distance: float, angle: float) 
     looking = scene([floor], view((0, 2, -3), (0, 0, 0), 0.001), ALBEDO, (PointLight("p", place, RADIANCE),))
     image = rendered(looking, photons=0, spp=1)
     exact = np.array(ALBEDO) / np.pi * np.array(RADIANCE) * np.cos(a) / distance**2
-    # No sampling. The pixels see within 4e-5 of the origin: relative slopes up to 3 / 0.5 plus tan 80° / 0.5 give 7e-4 at a
-    # corner, which cancels in the mean; what is left is its square, and the coordinates' rounding, 50 * 2^-24 / 0.5 tan 80°.
+    # No sampling. The pixels see within 4e-5 of the origin: relative slopes up to 3 / 0.5 plus tan 80° / 0.5 give
+    # 7e-4 at a corner, which cancels in the mean; what is left is its square, and the coordinates' rounding, 50 *
+    # 2^-24 / 0.5 tan 80°.
     np.testing.assert_allclose(image.layers["direct"].mean(axis=(0, 1), dtype=np.float64), exact, rtol=1e-4)
 
 
@@ -107,6 +115,6 @@ def test_two_lights_add_up_and_a_blocker_takes_one_away() -> None:
     one = 1 / np.pi * 0.5 / 2 / np.sqrt(2)  # albedo / pi * cos / d²
     for meshes, exact in (([floor], 4 * one), ([floor, screen], one)):
         image = rendered(scene(meshes, camera, (0.5,) * 3, (left, right)), photons=0, spp=1024, light_samples=1)
-        # The lights are chosen 3 : 1 in proportion to their power, so a sample's value is the same for both in the open; with
-        # the screen it is a stratified choice with p = 1/4, off by at most 1 in 1024 a pixel.
+        # The lights are chosen 3 : 1 in proportion to their power, so a sample's value is the same for both in the
+        # open; with the screen it is a stratified choice with p = 1/4, off by at most 1 in 1024 a pixel.
         np.testing.assert_allclose(image.layers["direct"].mean(), exact, rtol=4e-3)

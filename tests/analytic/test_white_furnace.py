@@ -1,4 +1,4 @@
-"""White furnaces: where all surfaces glow with Le and reflect rho, radiance is Le / (1 - rho) everywhere, whatever is inside.
+"""White furnaces: where all surfaces glow with Le and reflect rho, radiance is Le / (1 - rho), whatever is inside.
 
 Light once reflected off what is seen is `direct`: Le + rho Le. All other is `indirect`: Le rho² / (1 - rho).
 
@@ -22,11 +22,11 @@ GREY = (RHO, RHO, RHO)
 INDIRECT = LE * RHO**2 / (1 - RHO)
 
 PHOTONS = 200_000
-# The total flux of the map is that of N paths, each with 1 / (1 - rho) = 2 landings on average, one of them stored. Their
-# number a path is geometric with a variance of rho / (1 - rho)² = 2, so the density is off by sqrt(2 / N), N = 200,000: 0.3 %.
-# A view that shows a share s of the surface sees s N photons or a few k; its mean is off by 1 / sqrt(s N) or so: 1 % at s = 0.05.
-# Four standard deviations and the count of surface points (stratified, 8 % a gather at worst, averaged over hundreds of
-# independent places: 0.5 %, and 0.3 % for the bias of one over a count) make 3 %.
+# The total flux of the map is that of N paths, each with 1 / (1 - rho) = 2 landings on average, one of them stored.
+# Their number a path is geometric with a variance of rho / (1 - rho)² = 2, so the density is off by sqrt(2 / N), N =
+# 200,000: 0.3 %. A view that shows a share s of the surface sees s N photons or a few k; its mean is off by 1 /
+# sqrt(s N) or so: 1 % at s = 0.05. Four standard deviations and the count of surface points (stratified, 8 % a gather
+# at worst, averaged over hundreds of independent places: 0.5 %, and 0.3 % for the bias of one over a count) make 3 %.
 TOLERANCE = 0.03
 
 
@@ -41,9 +41,12 @@ def indirect(meshes: list[Mesh], eye: ArrayLike, target: ArrayLike, fov: float, 
 def test_a_sphere(smooth: bool) -> None:
     image = rendered(
         scene([hollow_sphere(smooth, GLOW)], view((0.1, 0.2, 0), (1, 0, 0), 90, 16), GREY),
-        photons=PHOTONS, spp=16, light_samples=4,
+        photons=PHOTONS,
+        spp=16,
+        light_samples=4,
     )
-    # In a sphere the integrand of direct light, cos cos / d², is the same everywhere: only the facets (128 around) vary.
+    # In a sphere the integrand of direct light, cos cos / d², is the same everywhere: only the facets (128 around)
+    # vary.
     np.testing.assert_allclose(image.layers["direct"].mean(), LE + RHO * LE, rtol=5e-3)
     np.testing.assert_allclose(image.layers["indirect"].mean(), INDIRECT, rtol=0.02)
     np.testing.assert_allclose(image.pixels.mean(), LE / (1 - RHO), rtol=0.01)
@@ -55,10 +58,12 @@ def test_a_sphere(smooth: bool) -> None:
 def test_a_cube_of_another_albedo(rho: float) -> None:
     image = rendered(
         scene([box((1, 1, 1), inside=True, emission=GLOW)], view((-0.5, 0.3, -0.6), (1, 0, 0.2), 60, 16), (rho,) * 3),
-        photons=PHOTONS, spp=16, light_samples=4,
+        photons=PHOTONS,
+        spp=16,
+        light_samples=4,
     )
-    # Direct light of a wall by samples of all walls: cos cos / d² has the mean pi / 24 and, away from edges, values up to
-    # some 1 / 0.1; 16,384 samples leave about 1 %.
+    # Direct light of a wall by samples of all walls: cos cos / d² has the mean pi / 24 and, away from edges, values
+    # up to some 1 / 0.1; 16,384 samples leave about 1 %.
     np.testing.assert_allclose(image.layers["direct"].mean(), LE + rho * LE, rtol=0.02)
     np.testing.assert_allclose(image.layers["indirect"].mean(), LE * rho**2 / (1 - rho), rtol=TOLERANCE)
     np.testing.assert_allclose(image.pixels.mean(), LE / (1 - rho), rtol=0.02)
@@ -86,15 +91,15 @@ def test_edges_and_corners_are_as_bright_as_walls(places: list[tuple[float, floa
         value, radius = indirect([ROOM], (0, 0, 0), place, 3, k=200)
         assert radius > 2 * np.tan(np.radians(1.5)) * np.linalg.norm(place)  # all of the view is near the edge
         seen.append(value)
-    # Each view tells from the 200 photons nearest to the edge on each of its two or three sides: 2,400 of six edges and 4,800
-    # of eight corners. Photons of one path land alike (a factor of sqrt(2)): 2.9 % and 2 %; four of those. A disc in
-    # place of the measured area would make edges half as bright, and corners a quarter.
+    # Each view tells from the 200 photons nearest to the edge on each of its two or three sides: 2,400 of six edges
+    # and 4,800 of eight corners. Photons of one path land alike (a factor of sqrt(2)): 2.9 % and 2 %; four of those.
+    # A disc in place of the measured area would make edges half as bright, and corners a quarter.
     sides = 3 if len(places) == 8 else 2
     assert np.mean(seen) == pytest.approx(INDIRECT, rel=4 * np.sqrt(2 / (200 * sides * len(places))))
 
 
 def test_a_narrow_strip_is_as_bright_as_a_wall() -> None:
-    """A bar 0.01 across: gathers on its faces reach far beyond them, and a disc would make them several times too dark."""
+    """A bar 0.01 across: gathers on its faces reach far beyond them; a disc would make them several times too dark."""
     half = 0.005
     bar = box((half, half, 0.8), emission=GLOW)
     seen: list[float] = []
@@ -104,8 +109,8 @@ def test_a_narrow_strip_is_as_bright_as_a_wall() -> None:
         value, radius = indirect([ROOM, bar], eye, (half, 0, shift), 1.2)
         assert radius > 2 * half
         seen.append(value)
-    # Nine places share some 50 photons each: 1 / sqrt(450) = 5 % for the mean; a disc instead of the strip's area would give
-    # at most 2 * half * 2 r / (pi r²) of it, with r the radius that a strip needs for 50 photons.
+    # Nine places share some 50 photons each: 1 / sqrt(450) = 5 % for the mean; a disc instead of the strip's area
+    # would give at most 2 * half * 2 r / (pi r²) of it, with r the radius that a strip needs for 50 photons.
     assert np.mean(seen) == pytest.approx(INDIRECT, rel=0.15)
 
 

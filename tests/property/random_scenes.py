@@ -1,5 +1,7 @@
-"""Small scenes of every awkward kind, for Hypothesis: needles, duplicates, coplanar overlaps, boxes, smooth and textured
-meshes, lights inside and outside of everything."""
+"""Small scenes of every awkward kind, for Hypothesis.
+
+Needles, duplicates, coplanar overlaps, boxes, smooth and textured meshes, lights inside and outside of everything.
+"""
 
 from __future__ import annotations
 

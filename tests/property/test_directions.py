@@ -163,7 +163,9 @@ def test_frames_are_orthonormal_and_right_handed() -> None:
     normal[200:400, :2] *= 1e-6  # about the poles, where a frame from a cross product would lose its axes
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     *_, frame = directions(np.full((len(normal), 2), 0.5), normal)
-    np.testing.assert_allclose(np.einsum("nai,nbi->nab", frame, frame), np.broadcast_to(np.eye(3), frame.shape), atol=1e-6)
+    np.testing.assert_allclose(
+        np.einsum("nai,nbi->nab", frame, frame), np.broadcast_to(np.eye(3), frame.shape), atol=1e-6
+    )
     np.testing.assert_allclose(frame[:, 2], normal, atol=1e-6)
     np.testing.assert_allclose(np.linalg.det(frame), 1.0, atol=1e-6)
 
@@ -217,7 +219,8 @@ def test_power_ratios_of_1e12_are_kept() -> None:
     alive = np.flatnonzero(power)
     np.testing.assert_array_equal(choose(table, middle[alive]), alive)
     pdf = sampled(table, middle[alive], 1)[4]
-    # A share of 5e-13 is the difference of two doubles below 1: each is off by 2^-53, so by 2 * 1.1e-16 / 5e-13 = 4.4e-4.
+    # A share of 5e-13 is the difference of two doubles below 1: each is off by 2^-53, so by 2 * 1.1e-16 / 5e-13 =
+    # 4.4e-4.
     np.testing.assert_allclose(pdf, np.array(power)[alive] / total, rtol=5e-4)
 
 

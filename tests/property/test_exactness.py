@@ -1,4 +1,4 @@
-"""The exactness contract: the image is a function of scene and settings, whatever computes it, and in whatever order."""
+"""The exactness contract: the image is a function of scene and settings, whatever computes it, in whatever order."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def small_pilot() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def cornell_alone(small_pilot: None) -> Image:  # noqa: ARG001: renders alike only after it
+def cornell_alone() -> Image:
     return alone(CORNELL, FEW)
 
 
@@ -236,9 +236,7 @@ def test_slabs_thinner_than_the_gather_radius_change_no_bit(
 
 @pytest.mark.parametrize("routing", list(Routing))
 def test_64_cells_change_no_bit(cornell_alone: Image, routing: Routing) -> None:
-    image = render_in_process(
-        CORNELL, replace(FEW, routing=routing), workers=3, cells=64, shuffle=random.Random(7)
-    )
+    image = render_in_process(CORNELL, replace(FEW, routing=routing), workers=3, cells=64, shuffle=random.Random(7))
     assert same_bits(image, cornell_alone)
 
 

@@ -53,7 +53,10 @@ def triangles_of(rng: np.random.Generator, count: int) -> NDArray[np.float32]:
 
 
 def boxes_of(rng: np.random.Generator, count: int) -> tuple[Array, Array]:
-    one, two = (np.where(rng.random((count, 3)) < 0.5, rng.choice(LATTICE, (count, 3)), rng.uniform(-1, 1, (count, 3))) for _ in range(2))
+    one, two = (
+        np.where(rng.random((count, 3)) < 0.5, rng.choice(LATTICE, (count, 3)), rng.uniform(-1, 1, (count, 3)))
+        for _ in range(2)
+    )
     return np.minimum(one, two), np.maximum(one, two)
 
 
@@ -64,8 +67,8 @@ def test_overlap_is_what_clipping_says(seed: int) -> None:
     corners = triangles_of(rng, 30)
     low, high = boxes_of(rng, 12)
     found = triangles_in_boxes(corners, low, high, LAUNCHER)
-    # Clipping and the separating axes are rounded: at coordinates up to 30 by about 30 * 30 * 2^-50 along an axis that is
-    # a product of edges. Where the answer hangs on less than `slack`, either is right.
+    # Clipping and the separating axes are rounded: at coordinates up to 30 by about 30 * 30 * 2^-50 along an axis
+    # that is a product of edges. Where the answer hangs on less than `slack`, either is right.
     slack = 1e-9
     for i, triangle in enumerate(corners.astype(np.float64)):
         for box in range(12):

@@ -55,7 +55,11 @@ def words_kernel(
 
 @wp.kernel
 def streams_kernel(
-    seed: wp.uint32, purpose: wp.uint32, items: wp.array(dtype=wp.uint32), dimension: int, out: wp.array(dtype=wp.uint32)
+    seed: wp.uint32,
+    purpose: wp.uint32,
+    items: wp.array(dtype=wp.uint32),
+    dimension: int,
+    out: wp.array(dtype=wp.uint32),
 ):
     i = wp.tid()
     out[i] = stream_of(seed, purpose, items[i], dimension)
@@ -135,7 +139,7 @@ def test_shuffling_permutes_within_aligned_blocks(bits: int) -> None:
 @pytest.mark.parametrize("bits", [1, 2, 5, 8, 12])
 @pytest.mark.parametrize("stream", [0, 1, 0xDEADBEEF, 2**32 - 1])
 def test_points_are_a_net(bits: int, stream: int) -> None:
-    """A (0, m, 2)-net in base 2: each elementary interval of area 2^-m holds one of 2^m points, in every aligned block."""
+    """A (0, m, 2)-net in base 2: each elementary interval of area 2^-m holds one of 2^m points of an aligned block."""
     count = 1 << bits
     for block in (0, 1, 777):
         points, _ = samples(np.arange(count) + block * count, stream)
@@ -158,7 +162,7 @@ def test_numbers_are_stratified(bits: int) -> None:
 
 
 def test_any_prefix_covers_evenly() -> None:
-    """The first n points of a stream miss the mean of 1/2 by less than 2 / n: so much for counts that are no power of two.
+    """The first n points of a stream have a mean close to 1/2, for counts that are no power of two, too.
 
     A prefix of n is a union of at most log2(n) + 1 aligned blocks, each a net; a net of 2^m points misses a mean of a
     coordinate by less than 2^-m / 2 a point, 1/2 in sum; so the sums are off by (log2(n) + 1) / 2 at most.
@@ -177,8 +181,8 @@ def chi_square(counts: NDArray[np.int64]) -> float:
     return float((((counts - expected) ** 2).sum() / expected - freedom) / np.sqrt(2 * freedom))
 
 
-# With 255 degrees of freedom and more, chi-square is close to normal: it leaves 5 standard deviations with a probability
-# below 1e-5 (its tail is somewhat heavier than the normal's 3e-7), and seeds are fixed.
+# With 255 degrees of freedom and more, chi-square is close to normal: it leaves 5 standard deviations with a
+# probability below 1e-5 (its tail is somewhat heavier than the normal's 3e-7), and seeds are fixed.
 DEVIATIONS = 5.0
 
 

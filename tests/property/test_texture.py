@@ -18,7 +18,10 @@ Array = NDArray[np.float64]
 
 @wp.kernel
 def lookup_kernel(
-    textures: Textures, image: wp.array(dtype=wp.int32), uv: wp.array(dtype=wp.vec2), colour_out: wp.array(dtype=wp.vec3)
+    textures: Textures,
+    image: wp.array(dtype=wp.int32),
+    uv: wp.array(dtype=wp.vec2),
+    colour_out: wp.array(dtype=wp.vec3),
 ):
     i = wp.tid()
     colour_out[i] = lookup(textures, image[i], uv[i])
@@ -142,7 +145,7 @@ def test_huge_coordinates_stay_in_the_image(wrap: Wrap, interpolation: Interpola
     """Any finite uv gives a colour of the image; one that no float32 tells apart within a repeat, some colour of it."""
     pixels = noise(9, 3, 3)
     bitmap = Bitmap("noise", pixels, wrap, interpolation)
-    ends = np.float32([-3e38, -1e10, -1e7, -2.0**20, -1.0, -1e-30, -0.0, 0.0, 1e-45, 1.0, 2.0**20, 1e7, 1e10, 3e38])
+    ends = np.float32([-3e38, -1e10, -1e7, -(2.0**20), -1.0, -1e-30, -0.0, 0.0, 1e-45, 1.0, 2.0**20, 1e7, 1e10, 3e38])
     uv = np.stack(np.meshgrid(ends, ends), axis=2).reshape(-1, 2)
     colour = looked_up([bitmap], np.zeros(len(uv), np.int32), uv)
     assert np.isfinite(colour).all()

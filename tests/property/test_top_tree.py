@@ -40,8 +40,9 @@ def way_kernel(
     """The cells that a ray visits, in order; one place more than there are cells, to see that it ends."""
     i = wp.tid()
     inverse = inverse_direction(direction[i])
-    current = int(-1)
-    step = int(0)
+    # int() makes variables of what Warp would take for constants.
+    current = int(-1)  # noqa: RUF046, UP018
+    step = int(0)  # noqa: RUF046, UP018
     while step <= cells.count:
         current = next_cell(cells, origin[i], direction[i], t_max, current)
         way_out[i, step] = current
@@ -113,7 +114,9 @@ def test_rays_visit_every_cell_that_may_hold_their_hit(tree: TopTree, seed: int)
     origin, hit = points_of(rng, 200), points_of(rng, 200)
     along = rng.integers(0, 3, 200)
     some = rng.random(200) < 0.3
-    hit[some] = origin[some] + np.eye(3, dtype=np.float32)[along[some]] * rng.uniform(-1, 1, (some.sum(), 1)).astype(np.float32)
+    hit[some] = origin[some] + np.eye(3, dtype=np.float32)[along[some]] * rng.uniform(-1, 1, (some.sum(), 1)).astype(
+        np.float32
+    )
     direction = hit - origin
     owner = owners(tree, hit)
     way, entry = ways(tree, origin, direction, 1.0)

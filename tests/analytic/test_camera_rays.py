@@ -1,0 +1,142 @@
+"""Camera rays against the pinhole's formula, and pixel filters against their moments."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.kernels import camera as kernel_camera
+from wdpm.kernels.camera import CameraView, camera_ray, filter_quantiles
+from wdpm.scenes.model import Camera, FilterKind, PixelFilter
+from wdpm.scenes.transforms import look_at
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+Array = NDArray[np.float64]
+WIDTH, HEIGHT = 40, 30
+PLAIN = Camera(look_at((1, 2, 3), (4, 1, -2), (0, 1, 0)), 50.0, WIDTH, HEIGHT, 0.5, 100.0)
+
+
+@wp.kernel
+def rays_kernel(
+    view: CameraView,
+    pixel: wp.array(dtype=wp.int32),
+    sample: wp.array(dtype=wp.int32),
+    origin_out: wp.array(dtype=wp.vec3),
+    direction_out: wp.array(dtype=wp.vec3),
+    t_max_out: wp.array(dtype=wp.float32),
+):
+    i = wp.tid()
+    ray = camera_ray(view, pixel[i], sample[i])
+    origin_out[i] = ray.origin
+    direction_out[i] = ray.direction
+    t_max_out[i] = ray.t_max
+
+
+def rays(camera: Camera, samples: int, seed: int = 0) -> tuple[Array, Array, Array]:
+    """Origins, directions and lengths of all samples of all pixels, shape [pixels, samples, ...]."""
+    pixels = camera.width * camera.height
+    count = pixels * samples
+    outputs = [wp.empty(count, dtype=t, device="cpu") for t in (wp.vec3, wp.vec3, wp.float32)]
+    pixel = np.repeat(np.arange(pixels, dtype=np.int32), samples)
+    sample = np.tile(np.arange(samples, dtype=np.int32), pixels)
+    inputs = [wp.array(a, dtype=wp.int32, device="cpu") for a in (pixel, sample)]
+    wp.launch(rays_kernel, count, inputs=[kernel_camera.upload(camera, seed, "cpu"), *inputs, *outputs], device="cpu")
+    return tuple(out.numpy().astype(np.float64).reshape(pixels, samples, -1) for out in outputs)  # type: ignore[return-value]
+
+
+def film_places(camera: Camera, samples: int, seed: int = 0) -> Array:
+    """Where each ray passes the film, in pixels from its pixel's centre, shape [pixels, samples, 2]; by the formula.
+
+    A point (x, y, 1) of camera space, +x to the left and +y up, is at column width (1/2 - x / (2 tan(fov / 2))), moved
+    by the offset.
+    """
+    _, direction, _ = rays(camera, samples, seed)
+    local = direction @ camera.to_world[:3, :3]  # a rotation's inverse is its transpose
+    scale = camera.width / (2 * np.tan(np.radians(camera.fov_x) / 2))
+    x = camera.width / 2 - local[..., 0] / local[..., 2] * scale + camera.principal_point[0] * camera.width
+    y = camera.height / 2 - local[..., 1] / local[..., 2] * scale + camera.principal_point[1] * camera.height
+    pixel = np.arange(camera.width * camera.height)
+    centres = np.stack([pixel % camera.width + 0.5, pixel // camera.width + 0.5], axis=1)
+    return np.asarray(np.stack([x, y], axis=2) - centres[:, None])
+
+
+@pytest.mark.parametrize("fov", [1.0, 50.0, 140.0])
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.25, -0.5)])
+def test_samples_of_a_box_filter_lie_in_their_pixel(fov: float, offset: tuple[float, float]) -> None:
+    places = film_places(replace(PLAIN, fov_x=fov, principal_point=offset), 16)
+    # float32 directions: some 2^-22 of the image's width.
+    slack = WIDTH * 2.0**-22 / min(1.0, np.tan(np.radians(fov) / 2))
+    assert np.all(np.abs(places) <= 0.5 + slack)
+    # 16 samples are one in each sixteenth of the pixel across and down.
+    for axis in (0, 1):
+        strata = np.sort(np.floor((places[..., axis] + 0.5) * 16), axis=1)
+        assert (np.mean(strata == np.arange(16))) > 0.99  # but for the roundings
+
+
+def test_rays_run_from_the_near_to_the_far_plane() -> None:
+    origin, direction, t_max = rays(PLAIN, 2)
+    forward = PLAIN.to_world[:3, 2]
+    eye = PLAIN.to_world[:3, 3]
+    np.testing.assert_allclose(direction @ forward, 1.0, atol=1e-6)
+    np.testing.assert_allclose((origin - eye) @ forward, 0.5, atol=1e-6)
+    np.testing.assert_allclose(np.cross(origin - eye, direction), 0.0, atol=1e-5)
+    np.testing.assert_allclose(((origin + t_max * direction) - eye) @ forward, 100.0, rtol=1e-6)
+
+
+def test_the_matrix_may_scale_and_the_image_stays() -> None:
+    scaled = PLAIN.to_world.copy()
+    scaled[:3, :3] *= 7.0
+    for one, other in zip(rays(PLAIN, 2), rays(replace(PLAIN, to_world=scaled), 2), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-6)
+
+
+def truncated_gaussian_variance(radius: float, stddev: float) -> float:
+    """Second moment of exp(-x² / 2 s²) - exp(-r² / 2 s²) on [-r, r], by quadrature."""
+    x = np.linspace(-radius, radius, 200_001)
+    density = np.exp(-(x**2) / (2 * stddev**2)) - np.exp(-(radius**2) / (2 * stddev**2))
+    return float((x**2 * density).sum() / density.sum())
+
+
+@pytest.mark.parametrize("radius", [0.5, 1.0, 2.0])
+def test_a_box_filter_has_the_variance_of_its_width(radius: float) -> None:
+    places = film_places(replace(PLAIN, filter=PixelFilter(FilterKind.BOX, radius)), 64)
+    check_moments(places, radius, radius**2 / 3)
+
+
+@pytest.mark.parametrize(("radius", "stddev"), [(2.0, 0.5), (1.0, 0.5), (1.5, 0.7)])
+def test_a_gaussian_filter_has_its_moments(radius: float, stddev: float) -> None:
+    places = film_places(replace(PLAIN, filter=PixelFilter(FilterKind.GAUSSIAN, radius, stddev)), 64)
+    check_moments(places, radius, truncated_gaussian_variance(radius, stddev))
+
+
+def check_moments(places: Array, radius: float, variance: float) -> None:
+    """1200 pixels x 64 samples: independent ones would leave sqrt(variance / 76,800) in the mean, and at most twice the
+    relative deviation of sqrt(2 / 76,800) = 0.5 % in the variance; stratified ones are closer. Five of each."""
+    flat = places.reshape(-1, 2)
+    assert np.abs(flat).max() <= radius + 1e-4
+    assert np.all(np.abs(flat.mean(axis=0)) < 5 * np.sqrt(variance / len(flat)))
+    np.testing.assert_allclose((flat**2).mean(axis=0), variance, rtol=0.025)
+    assert abs(np.corrcoef(flat.T)[0, 1]) < 5 / np.sqrt(len(flat))
+
+
+def test_the_inverse_distribution_is_exact() -> None:
+    """The share of a gaussian left of the table's entries is their place in the table."""
+    radius, stddev = 2.0, 0.5
+    table = filter_quantiles(PixelFilter(FilterKind.GAUSSIAN, radius, stddev)).astype(np.float64)
+    np.testing.assert_array_equal(table[[0, -1]], [-radius, radius])
+    assert np.all(np.diff(table) > 0)
+    x = np.linspace(-radius, radius, 400_001)
+    density = np.exp(-(x**2) / (2 * stddev**2)) - np.exp(-(radius**2) / (2 * stddev**2))
+    share = np.interp(table, x, np.cumsum(density) / density.sum())
+    np.testing.assert_allclose(share, np.linspace(0, 1, len(table)), atol=1e-5)
+
+
+def test_seeds_and_pixels_have_their_own_samples() -> None:
+    one, two = film_places(PLAIN, 4, seed=0), film_places(PLAIN, 4, seed=1)
+    assert np.mean(np.abs(one - two) < 1e-4) < 0.01
+    assert len(np.unique(np.round(one[:, 0], 4), axis=0)) > 0.99 * len(one)

@@ -1,0 +1,106 @@
+"""Measured surface area: how many points a surface gets, where they lie, and what the correction does to a gather."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.kernels import photon_map
+from wdpm.kernels.surface_points import divide_by_area, point_counts
+
+Array = NDArray[np.float64]
+
+
+def corrected(points: Array, clearance: Array, radius: Array, at: Array, point_area: float, r_max: float) -> Array:
+    """divide_by_area on an irradiance of 1 at places of the plane z = 0."""
+    count = len(at)
+    up = np.tile(np.float32([0, 0, 1]), (len(points), 1))
+    none = np.zeros((len(points), 3), np.float32)
+    tree = photon_map.build(
+        points.astype(np.float32), none, up, none, np.arange(len(points), dtype=np.int64), device="cpu"
+    )
+    irradiance = wp.array(np.ones((count, 3), np.float32), dtype=wp.vec3, device="cpu")
+    inputs = [
+        tree,
+        wp.array(at.astype(np.float32), dtype=wp.vec3, device="cpu"),
+        wp.array(np.tile(np.float32([0, 0, 1]), (count, 1)), dtype=wp.vec3, device="cpu"),
+        wp.array(clearance.astype(np.float32), dtype=wp.float32, device="cpu"),
+        wp.array(radius.astype(np.float32), dtype=wp.float32, device="cpu"),
+        point_area,
+        r_max,
+        0,
+        irradiance,
+    ]
+    wp.launch(divide_by_area, count, inputs=inputs, device="cpu")
+    return irradiance.numpy().astype(np.float64)[:, 0]
+
+
+def lattice(step: float, low: tuple[float, float], high: tuple[float, float]) -> Array:
+    """Centres of squares of side `step` that fill a rectangle of the plane z = 0."""
+    x, y = (np.arange(a + step / 2, b, step) for a, b in zip(low, high, strict=True))
+    grid = np.stack(np.meshgrid(x, y), axis=2).reshape(-1, 2)
+    return np.column_stack([grid, np.zeros(len(grid))])
+
+
+STEP = 0.02
+
+
+def test_a_gather_within_its_triangle_is_left_alone() -> None:
+    at = np.random.default_rng(0).uniform(-0.3, 0.3, (50, 3)) * [1, 1, 0]
+    points = lattice(STEP, (-1, -1), (1, 1))
+    out = corrected(points, np.full(50, 0.3), np.full(50, 0.29), at, 2 * STEP**2, 0.3)
+    np.testing.assert_array_equal(out, 1.0)  # not a bit, even with points that tell of another area
+
+
+def test_a_full_plane_is_counted_as_a_full_disc() -> None:
+    at = np.random.default_rng(1).uniform(-0.3, 0.3, (200, 3)) * [1, 1, 0]
+    points = lattice(STEP, (-1, -1), (1, 1))
+    out = corrected(points, np.zeros(200), np.full(200, 0.2), at, STEP**2, 0.3)
+    # A circle of radius R = 10 steps holds pi R² = 314 points but for about R^(2/3) of them (Gauss's circle problem):
+    # 2 %.
+    np.testing.assert_allclose(out, 1.0, rtol=0.04)
+    assert abs(out.mean() - 1.0) < 0.005
+
+
+def test_edges_corners_and_strips_are_measured() -> None:
+    """What is off the surface is not divided by: twice the irradiance at an edge, four times at a corner."""
+    half = lattice(STEP, (0, -1), (1, 1))
+    edge = np.column_stack([np.zeros(80), np.random.default_rng(2).uniform(-0.5, 0.5, 80), np.zeros(80)])
+    out = corrected(half, np.zeros(80), np.full(80, 0.2), edge, STEP**2, 0.3)
+    assert abs(out.mean() / 2.0 - 1.0) < 0.02
+    quarter = lattice(STEP, (0, 0), (1, 1))
+    out = corrected(quarter, np.zeros(1), np.full(1, 0.2), np.zeros((1, 3)), STEP**2, 0.3)
+    np.testing.assert_allclose(out, 4.0, rtol=0.05)
+    strip = lattice(STEP, (-0.04, -1), (0.04, 1))
+    place = np.column_stack([np.zeros(40), np.random.default_rng(3).uniform(-0.5, 0.5, 40), np.zeros(40)])
+    out = corrected(strip, np.zeros(40), np.full(40, 0.2), place, STEP**2, 0.3)
+    # A strip of width w through a disc of radius r: area 2 (x sqrt(r² - x²) + r² asin(x / r)), x = w / 2.
+    x, r = 0.04, 0.2
+    area = 2 * (x * np.sqrt(r * r - x * x) + r * r * np.arcsin(x / r))
+    assert abs(out.mean() / (np.pi * r * r / area) - 1.0) < 0.03
+
+
+def test_a_tiny_gather_is_measured_by_a_larger_disc() -> None:
+    """Where points are sparse, the share of surface is that of a disc with some 16 points, or of r_max."""
+    half = lattice(STEP, (0, -1), (1, 1))
+    edge = np.column_stack([np.full(200, 1e-4), np.random.default_rng(4).uniform(-0.5, 0.5, 200), np.zeros(200)])
+    out = corrected(half, np.zeros(200), np.full(200, 1e-3), edge, STEP**2, 0.3)
+    # 8 points on average, within one or two of them; the mean of one over a count of 8 +- 1 is 1.6 % high.
+    assert abs(out.mean() / 2.0 - 1.0) < 0.06
+    lonely = corrected(np.array([[5.0, 5, 0]]), np.zeros(1), np.full(1, 1e-3), np.zeros((1, 3)), 1e-6, 2e-3)
+    assert np.isfinite(lonely).all()  # no point at all counts as one
+
+
+def test_triangles_get_points_by_their_area() -> None:
+    """In sum over many small triangles the count is the area over point_area; each one's is rounded up or down."""
+    rng = np.random.default_rng(5)
+    area = rng.exponential(0.3, 20_000)
+    counts = point_counts(area, np.arange(20_000, dtype=np.int32), 1.0)
+    assert np.all((counts == np.floor(area)) | (counts == np.floor(area) + 1))
+    # The golden ratio's sequence is even to about log(n) / n; random areas leave sqrt(n * 1/4 * 1/12) or less.
+    assert abs(counts.sum() - area.sum()) < 5 * np.sqrt(20_000 / 12)
+    same = np.full(1000, 0.05)
+    for start in (0, 12345):
+        runs = point_counts(same, np.arange(start, start + 1000, dtype=np.int32), 1.0)
+        assert abs(runs.sum() - 50) <= 4  # three-distance theorem: runs of equal triangles are counted within a few
