@@ -131,7 +131,7 @@ def make_plan(
     cell = pilot.cells[0]
     stored = _fly_pilot(pilot, settings)
     paths = math.ceil(settings.photons * PILOT_PATHS / stored) if stored else 0
-    photons = cell.photons_so_far()
+    photons = _in_order(cell.photons_so_far())
     radius = settings.radius or _gather_radius(cell, photons, settings, flat.extent)
     check_settings(settings.k, radius)
     band = settings.band * radius
@@ -169,6 +169,12 @@ def _fly_pilot(pilot: Worker, settings: RenderSettings) -> int:
         return 0
     pilot.start(PhotonTask(number=0, start=0, stop=PILOT_PATHS))
     return pilot.cells[0].photon_count
+
+
+def _in_order(photons: Arrays) -> Arrays:
+    """Photons by number: those that had to wait for room are stored later, and who waits depends on the threads."""
+    order = np.argsort(photons["id"])
+    return {name: column[order] for name, column in photons.items()}
 
 
 def _gather_radius(cell: Cell, photons: Arrays, settings: RenderSettings, extent: float) -> float:

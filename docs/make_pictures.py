@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import imageio.v3 as imageio
 import numpy as np
@@ -24,7 +25,7 @@ def main(spp: int) -> None:
         spp: samples a pixel.
     """
     FOLDER.mkdir(exist_ok=True)
-    quality = {"spp": spp, "light_samples": 4, "photons": 2_000_000, "k": 250}
+    quality: dict[str, Any] = {"spp": spp, "light_samples": 4, "photons": 2_000_000, "k": 250}
     box = wdpm.render(wdpm.load("cornell-box", size=(400, 400)), **quality)
     save("cornell-box", encode_srgb8(box.pixels * EXPOSURE["cornell-box"]))
     hall = wdpm.render(wdpm.load("atrium:200k", size=(640, 400)), slaves=4, **quality)

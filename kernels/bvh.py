@@ -51,10 +51,10 @@ class Bvh:
         pad: by how much the box of every triangle was grown.
     """
 
-    bounds: wp.array(dtype=vec8)
-    children: wp.array(dtype=vec8i)
-    corners: wp.array(dtype=wp.float32)
-    ids: wp.array(dtype=wp.int32)
+    bounds: wp.array[vec8]
+    children: wp.array[vec8i]
+    corners: wp.array[wp.float32]
+    ids: wp.array[wp.int32]
     pad: wp.float32
 
 

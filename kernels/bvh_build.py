@@ -64,15 +64,15 @@ class Scratch:
         todo: (begin, end, node, depth) of the ranges to be built.
     """
 
-    boxes: wp.array(dtype=vec8)
-    order: wp.array(dtype=wp.int32)
-    bin_boxes: wp.array(dtype=vec8)
-    bin_counts: wp.array(dtype=wp.int32)
-    right_areas: wp.array(dtype=wp.float32)
-    slot_boxes: wp.array(dtype=vec8)
-    slot_begin: wp.array(dtype=wp.int32)
-    slot_end: wp.array(dtype=wp.int32)
-    todo: wp.array(dtype=wp.vec4i)
+    boxes: wp.array[vec8]
+    order: wp.array[wp.int32]
+    bin_boxes: wp.array[vec8]
+    bin_counts: wp.array[wp.int32]
+    right_areas: wp.array[wp.float32]
+    slot_boxes: wp.array[vec8]
+    slot_begin: wp.array[wp.int32]
+    slot_end: wp.array[wp.int32]
+    todo: wp.array[wp.vec4i]
 
 
 @wp.func
@@ -231,7 +231,7 @@ def next_slot(s: Scratch, slots: int, halving: bool) -> int:
 
 
 @wp.kernel
-def box_triangles(positions: wp.array2d(dtype=wp.vec3), pad: float, s: Scratch):
+def box_triangles(positions: wp.array2d(dtype=wp.vec3), pad: wp.float32, s: Scratch) -> None:
     i = wp.tid()
     a = positions[i, 0]
     b = positions[i, 1]
@@ -245,11 +245,11 @@ def box_triangles(positions: wp.array2d(dtype=wp.vec3), pad: float, s: Scratch):
 @wp.kernel
 def build_nodes(
     s: Scratch,
-    count: int,
-    bounds_out: wp.array(dtype=vec8),
-    children_out: wp.array(dtype=vec8i),
-    sizes_out: wp.array(dtype=wp.int32),
-):
+    count: wp.int32,
+    bounds_out: wp.array[vec8],
+    children_out: wp.array[vec8i],
+    sizes_out: wp.array[wp.int32],
+) -> None:
     """Build the whole tree. sizes_out: (nodes, deepest level)."""
     nodes = wp.int32(1)
     deepest = wp.int32(0)
@@ -325,12 +325,12 @@ def build_nodes(
 @wp.kernel
 def pack_leaves(
     positions: wp.array2d(dtype=wp.vec3),
-    ids: wp.array(dtype=wp.int32),
-    order: wp.array(dtype=wp.int32),
-    children: wp.array(dtype=vec8i),
-    corners_out: wp.array(dtype=wp.float32),
-    ids_out: wp.array(dtype=wp.int32),
-):
+    ids: wp.array[wp.int32],
+    order: wp.array[wp.int32],
+    children: wp.array[vec8i],
+    corners_out: wp.array[wp.float32],
+    ids_out: wp.array[wp.int32],
+) -> None:
     """Write the triangles of each leaf: nine rows (corner, axis), each as long as the leaf has triangles."""
     node = wp.tid()
     codes = children[node]

@@ -125,7 +125,7 @@ _INSIDE = """
 
 
 @wp.func_native(_ENTER)
-def children_enter(bounds: wp.array(dtype=vec8), node: int, origin: wp.vec3, inverse: wp.vec3) -> vec8:
+def children_enter(bounds: wp.array[vec8], node: int, origin: wp.vec3, inverse: wp.vec3) -> vec8:
     """Where a ray enters the boxes of a node's children, not before its origin.
 
     Args:
@@ -138,7 +138,7 @@ def children_enter(bounds: wp.array(dtype=vec8), node: int, origin: wp.vec3, inv
 
 
 @wp.func_native(_LEAVE)
-def children_leave(bounds: wp.array(dtype=vec8), node: int, origin: wp.vec3, inverse: wp.vec3, t_max: float) -> vec8:
+def children_leave(bounds: wp.array[vec8], node: int, origin: wp.vec3, inverse: wp.vec3, t_max: float) -> vec8:
     """Where a ray leaves the boxes of a node's children, not after t_max; `inverse` as scaled for leaving."""
     ...
 
@@ -151,7 +151,7 @@ def lanes_not_above(a: vec8, b: vec8) -> int:
 
 @wp.func_native(_INSIDE)
 def lanes_inside(
-    corners: wp.array(dtype=wp.float32), first: int, size: int, origin: wp.vec3, direction: wp.vec3, d_max: float
+    corners: wp.array[wp.float32], first: int, size: int, origin: wp.vec3, direction: wp.vec3, d_max: float
 ) -> vec8:
     """Which triangles of a leaf a ray may hit: below 0 only where intersect_triangle says miss.
 
@@ -176,7 +176,7 @@ def lanes_inside(
 
 
 @wp.func_native("return children.data->c[8 * node + lane];")
-def child_code(children: wp.array(dtype=vec8i), node: int, lane: int) -> int:
+def child_code(children: wp.array[vec8i], node: int, lane: int) -> int:
     """children[node][lane]; plain indexing would copy all eight first."""
     ...
 
@@ -188,7 +188,7 @@ _LEAF_CORNER = """
 
 
 @wp.func_native(_LEAF_CORNER)
-def leaf_corner(corners: wp.array(dtype=wp.float32), at: int, size: int, axes: wp.vec3i) -> wp.vec3:
+def leaf_corner(corners: wp.array[wp.float32], at: int, size: int, axes: wp.vec3i) -> wp.vec3:
     """A corner whose x lies at `at`, in a leaf of `size` triangles; its components in the order of `axes`."""
     ...
 

@@ -16,9 +16,9 @@ from wdpm.kernels.lights import LightTable, cosine_hemisphere, emit
 from wdpm.kernels.random import (
     PURPOSE_EMISSION,
     PURPOSE_SCATTER,
+    hash_combine,
     sample_1d,
     sample_2d,
-    stream_of,
 )
 from wdpm.kernels.surface import Surface, Surfaces, leave, position_at, row_of, surface_at
 from wdpm.kernels.triangle import NO_HIT, Hit
@@ -39,6 +39,8 @@ BOUNCE_BITS = 16
 BOUNCE_LIMIT = wp.constant((1 << BOUNCE_BITS) - 1)
 """Russian roulette ends a path of albedo 0.999 within 10^4 bounces; this bound only guards closed boxes of albedo 1,
 and what it cuts off is counted in the energy ledger."""
+
+THIRD = wp.constant(wp.float64(1.0 / 3.0))
 
 # Columns of the energy ledger.
 ABSORBED = wp.constant(0)
@@ -78,9 +80,18 @@ class Deposits:
 
 
 @wp.func
-def path_stream(seed: wp.uint32, purpose: wp.uint32, path: wp.int64, dimension: wp.int32) -> wp.uint32:
-    """Numbers of one dimension of all paths form one stream; its items are the low 32 bits of the path number."""
-    return stream_of(seed, purpose, wp.uint32(path >> wp.int64(32)), dimension)
+def path_streams(seed: wp.uint32, purpose: wp.uint32, path: wp.int64) -> wp.uint32:
+    """Base of the streams of a path: those of random.stream_of, for the high half of the path number as the item.
+
+    Numbers of one dimension of all paths form one stream; its items are the low 32 bits of the path number.
+    """
+    return hash_combine(hash_combine(purpose, seed), wp.uint32(path >> wp.int64(32)))
+
+
+@wp.func
+def dimension_of(streams: wp.uint32, dimension: wp.int32) -> wp.uint32:
+    """One dimension's stream of a path."""
+    return hash_combine(streams, wp.uint32(dimension))
 
 
 @wp.kernel
@@ -89,11 +100,12 @@ def emit_photons(lights: LightTable, first: wp.int64, seed: wp.uint32, offset: w
     i = offset + wp.tid()
     path = first + wp.int64(i)
     index = wp.uint32(path)
+    streams = path_streams(seed, PURPOSE_EMISSION, path)
     e = emit(
         lights,
-        sample_1d(index, path_stream(seed, PURPOSE_EMISSION, path, 0)),
-        sample_2d(index, path_stream(seed, PURPOSE_EMISSION, path, 1)),
-        sample_2d(index, path_stream(seed, PURPOSE_EMISSION, path, 2)),
+        sample_1d(index, dimension_of(streams, 0)),
+        sample_2d(index, dimension_of(streams, 1)),
+        sample_2d(index, dimension_of(streams, 2)),
     )
     flight_out.path[i] = path
     flight_out.bounce[i] = 0
@@ -111,7 +123,7 @@ def emit_photons(lights: LightTable, first: wp.int64, seed: wp.uint32, offset: w
 @wp.func
 def mean3(x: wp.vec3) -> wp.float64:
     """Mean of the channels: the energy that the ledger counts."""
-    return (wp.float64(x[0]) + wp.float64(x[1]) + wp.float64(x[2])) / wp.float64(3.0)
+    return (wp.float64(x[0]) + wp.float64(x[1]) + wp.float64(x[2])) * THIRD
 
 
 @wp.func
@@ -171,6 +183,7 @@ def trace_photons(
     hit.prim = flight.prim[i]
     hit.u = flight.u[i]
     hit.v = flight.v[i]
+    streams = path_streams(seed, PURPOSE_SCATTER, path)
     final = landed == 1
     status = wp.int32(-1)
     destination = wp.int32(-1)
@@ -220,11 +233,11 @@ def trace_photons(
                     status = ENDED
                 else:
                     away = cosine_hemisphere(
-                        s.shading_normal, sample_2d(index, path_stream(seed, PURPOSE_SCATTER, path, 2 * bounce))
+                        s.shading_normal, sample_2d(index, dimension_of(streams, 2 * bounce))
                     )
                     scattered = wp.cw_mul(flux, scatter_weight(s, to_source, away))
                     survival = wp.min(1.0, wp.max(scattered) / wp.max(flux))
-                    roulette = float(sample_1d(index, path_stream(seed, PURPOSE_SCATTER, path, 2 * bounce + 1)))
+                    roulette = float(sample_1d(index, dimension_of(streams, 2 * bounce + 1)))
                     if roulette < survival:
                         scattered = scattered / survival
                         absorbed += mean3(flux) - mean3(scattered)

@@ -9,7 +9,6 @@ from enum import Enum
 
 from wdpm.scenes.errors import SettingsError
 
-
 MAX_K = 500
 """Largest k: a gather's candidates have a fixed place on the stack. A larger k only blurs; more photons do not."""
 

@@ -305,7 +305,9 @@ def test_the_slave_gets_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
     from wdpm.cluster.sockets_slave import PATIENCE_S
 
     asked: dict[str, Any] = {}
-    monkeypatch.setattr(cluster_api, "serve_as_slave", lambda address, **options: asked.update(address=address, **options))
+    monkeypatch.setattr(
+        cluster_api, "serve_as_slave", lambda address, **options: asked.update(address=address, **options)
+    )
     assert run(["slave", "tcp://10.0.0.1:7000", "--threads", "2", "--memory", "8G", "--insecure"]) == 0
     assert asked == {
         "address": "tcp://10.0.0.1:7000",

@@ -27,11 +27,11 @@ Array = npt.NDArray[Any]
 @wp.kernel
 def closest_kernel(
     bvh: Bvh,
-    origin: wp.array(dtype=wp.vec3),
-    direction: wp.array(dtype=wp.vec3),
-    t_out: wp.array(dtype=wp.float32),
-    prim_out: wp.array(dtype=wp.int32),
-):
+    origin: wp.array[wp.vec3],
+    direction: wp.array[wp.vec3],
+    t_out: wp.array[wp.float32],
+    prim_out: wp.array[wp.int32],
+) -> None:
     """The nearest hit of each ray."""
     i = wp.tid()
     hit = closest_hit(bvh, origin[i], direction[i], no_hit())
@@ -42,11 +42,11 @@ def closest_kernel(
 @wp.kernel
 def any_kernel(
     bvh: Bvh,
-    origin: wp.array(dtype=wp.vec3),
-    direction: wp.array(dtype=wp.vec3),
-    t_max: float,
-    hit_out: wp.array(dtype=wp.bool),
-):
+    origin: wp.array[wp.vec3],
+    direction: wp.array[wp.vec3],
+    t_max: wp.float32,
+    hit_out: wp.array[wp.bool],
+) -> None:
     """Whether each ray hits anything before t_max."""
     i = wp.tid()
     hit_out[i] = any_hit(bvh, origin[i], direction[i], t_max)

@@ -27,7 +27,7 @@ from wdpm.kernels.settings import RenderSettings, Routing
 from wdpm.report import EnergyLedger
 from wdpm.scenes.builtin import cornell_box
 from wdpm.scenes.geometry import flatten
-from wdpm.scenes.model import Scene
+from wdpm.scenes.model import Material, Scene
 from wdpm.scenes.transforms import look_at
 
 FEW = RenderSettings(photons=3000, spp=2, k=20)
@@ -123,6 +123,21 @@ def test_waves_and_full_photon_regions_change_no_bit(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("wdpm.kernels.launch.CHUNK_MIN", 16)  # many chunks for many threads
     monkeypatch.setattr("wdpm.cluster.cell.GATHER_RUN", 3)
     assert same_bits(render_in_process(CORNELL, FEW, workers=2, cells=4, threads=3), cornell_alone)
+
+
+def test_photons_that_wait_for_room_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In bright rooms a launch runs out of room for photons, and which ones wait depends on the number of threads.
+
+    The pilot then finds its photons in another order, and more of them than it asks for their density.
+    """
+    monkeypatch.setattr("wdpm.cluster.cell.DEPOSITS_A_PATH", 1)
+    bright = replace(CORNELL, materials=tuple(Material(m.name, (0.95, 0.9, 0.9), True) for m in CORNELL.materials))
+    reference = alone(bright, FEW)
+    for threads in (2, 3, 4):
+        image = render_in_process(bright, FEW, workers=1, cells=1, threads=threads)
+        radii = [i.metadata["report"]["settings"]["gather_radius"] for i in (image, reference)]
+        assert radii[0] == radii[1]
+        assert same_bits(image, reference)
 
 
 # Random scenes
