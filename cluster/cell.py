@@ -22,12 +22,15 @@ from wdpm.kernels import photon_paths as pp
 from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.gather import gather_kernel
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.surface_points import divide_by_area, spread
+from wdpm.kernels.surface_points import reflect_gathered, spread
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.geometry import Triangles
 
-GATHER_RUN = 16
+GATHER_RUN = 32
 """Gathers that one Warp thread makes one after another: enough to profit from its last radius, and to share out."""
+
+GATHER_GRAIN = 32
+"""Runs of gathers that are worth a launch of their own."""
 
 DEPOSITS_A_PATH = 6
 """Room for photons, a path, in one launch. What finds none waits for the next launch."""
@@ -272,16 +275,7 @@ class Cell:
 
     def _probe(self, batch: Batch) -> Iterator[Batch]:
         """Intersect camera rays with this cell alone, and tell the home what was hit."""
-        count = len(batch)
-        start = {
-            # As camera_ray computes it: the difference of two float32, rounded once.
-            "t": np.full(count, np.float32(self._view.camera.far_clip) - np.float32(self._view.camera.near_clip)),
-            "prim": np.full(count, -1, np.int32),
-            "u": np.zeros(count, np.float32),
-            "v": np.zeros(count, np.float32),
-            "owner": np.full(count, -1, np.int32),
-        }
-        rays, _ = self._intersect({**batch.arrays, **start})
+        rays, _ = self._intersect({**batch.arrays, **no_hits(len(batch), self._view)})
         found = np.flatnonzero(rays["prim"] >= 0)
         yield self._batch(
             batch, Kind.PROBED, self.number, batch.credit, {name: rays[name][found] for name in SCHEMAS[Kind.PROBED]}
@@ -332,15 +326,16 @@ class Cell:
         if world.paths == 0:
             return np.asarray(indirect.numpy())
         irradiance = wp.empty(count, dtype=wp.vec3, device=device)
-        found = wp.empty(count, dtype=wp.int32, device=device)
+        used = wp.empty(count, dtype=wp.int32, device=device)
         radius = wp.empty(count, dtype=wp.float32, device=device)
         truncated = wp.empty(count, dtype=wp.bool, device=device)
         inputs = [self._map, queries.position, queries.normal, queries.shading_normal, view.k, world.radius]
-        outputs = [GATHER_RUN, irradiance, found, radius, truncated]
-        replica.launcher(gather_kernel, -(-count // GATHER_RUN), inputs, outputs)
+        outputs = [GATHER_RUN, irradiance, used, radius, truncated]
+        runs = -(-count // GATHER_RUN)
+        replica.launcher(gather_kernel, runs, inputs, outputs, grain=GATHER_GRAIN)
         places = [self._points, queries.position, queries.front_normal, queries.clearance]
-        replica.launcher(divide_by_area, count, [*places, radius, world.point_area, world.radius], [irradiance])
-        replica.launcher(cs.reflect_gathered, count, [albedo, irradiance, 1.0 / world.paths], [indirect])
+        found = [albedo, irradiance, radius, world.point_area, world.radius, 1.0 / world.paths]
+        replica.launcher(reflect_gathered, count, [*places, *found], [indirect])
         self.counters.gathers += count
         self.counters.gathers_truncated += int(np.count_nonzero(truncated.numpy()))
         if world.band < world.radius:
@@ -357,9 +352,12 @@ class Cell:
     def _start_shadows(self, batch: Batch, segments: Any, count: int) -> Iterator[Batch]:
         """Send shadow segments to the first cell on their way; those that carry nothing end here."""
         replica = self.replica
+        arrays = columns.download(segments, SCHEMAS[Kind.SHADOW])
+        if replica.world.top_tree.cells == 1:
+            yield self._batch(batch, Kind.SHADOW, self.number, count, arrays)
+            return
         first = wp.empty(count, dtype=wp.int32, device=replica.launcher.device)
         replica.launcher(cs.first_shadow_cells, count, [replica.cells, segments], [first])
-        arrays = columns.download(segments, SCHEMAS[Kind.SHADOW])
         yield from self._send_shadows(batch, arrays, first.numpy())
         dark = int(np.count_nonzero(first.numpy() < 0))
         if dark:
@@ -406,11 +404,25 @@ class Cell:
     def _count_nonfinite(self, samples: dict[str, NDArray[Any]]) -> None:
         """Count samples that are not finite, by cause, and make them black: one must not spoil a pixel."""
         for cause in ("emission", "indirect"):
+            if np.isfinite(samples[cause].sum(dtype=np.float64)):
+                continue  # a sum is finite only if its terms are
             bad = ~np.isfinite(samples[cause]).all(axis=1)
             count = int(np.count_nonzero(bad))
             if count:
                 self.counters.nonfinite[cause] = self.counters.nonfinite.get(cause, 0) + count
                 samples[cause] = np.where(bad[:, None], np.float32(0), samples[cause])
+
+
+def no_hits(count: int, view: View) -> dict[str, NDArray[Any]]:
+    """Best hits of camera rays that have met nothing yet."""
+    return {
+        # As camera_ray computes it: the difference of two float32, rounded once.
+        "t": np.full(count, np.float32(view.camera.far_clip) - np.float32(view.camera.near_clip)),
+        "prim": np.full(count, -1, np.int32),
+        "u": np.zeros(count, np.float32),
+        "v": np.zeros(count, np.float32),
+        "owner": np.full(count, -1, np.int32),
+    }
 
 
 def by_destination(destination: NDArray[np.int32], chosen: NDArray[np.bool_]) -> Iterator[tuple[int, NDArray[np.intp]]]:

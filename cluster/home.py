@@ -6,7 +6,7 @@ returns it at its end. When all of it is home, nothing of the task is left in fl
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, take
-from wdpm.cluster.cell import Replica, by_destination
+from wdpm.cluster.cell import Replica, by_destination, no_hits
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask
 from wdpm.cluster.world import View
 from wdpm.kernels import camera_samples as cs
@@ -109,13 +109,13 @@ class BucketHome:
         """Each ray sets out in the first cell on its way."""
         replica, device = self._replica, self._replica.launcher.device
         total = len(start["slot"])
-        rays = columns.empty(cs.Rays, total, device)
-        for name, array in start.items():
-            setattr(rays, name, wp.array(array, dtype=wp.int32, device=device))
-        first = wp.empty(total, dtype=wp.int32, device=device)
-        replica.launcher(cs.start_camera_rays, total, [replica.camera, replica.cells, rays], [first])
-        arrays = columns.download(rays, SCHEMAS[Kind.CAMERA])
-        destination = first.numpy()
+        arrays: Arrays = {**start, **no_hits(total, self._view)}
+        destination = np.zeros(total, np.int32)
+        if replica.world.top_tree.cells > 1:
+            first = wp.empty(total, dtype=wp.int32, device=device)
+            rays = columns.upload(cs.Rays, arrays, device)
+            replica.launcher(cs.first_camera_cells, total, [replica.camera, replica.cells, rays], [first])
+            destination = first.numpy()
         unit = 1 + self._view.light_samples
         self._credit = int(np.count_nonzero(destination >= 0)) * unit
         for cell, rows in by_destination(destination, destination >= 0):
@@ -126,13 +126,13 @@ class BucketHome:
         replica, device = self._replica, self._replica.launcher.device
         total = len(rays["slot"])
         touched_array = wp.zeros((total, replica.world.top_tree.cells), dtype=wp.uint8, device=device)
-        full = columns.upload(cs.Rays, {**rays, **_no_hits(total)}, device)
+        full = columns.upload(cs.Rays, {**rays, **no_hits(total, self._view)}, device)
         replica.launcher(cs.mark_touched_cells, total, [replica.camera, replica.cells, full], [touched_array])
         touched = touched_array.numpy().astype(bool)
         cells = np.flatnonzero(touched.any(axis=0))
         self._probing = True
         self._credit = len(cells)
-        self._rays = {**rays, **_no_hits(total)}
+        self._rays = {**rays, **no_hits(total, self._view)}
         for cell in cells:
             yield self._batch(Kind.PROBE, int(cell), 1, take(rays, np.flatnonzero(touched[:, cell])))
 
@@ -144,8 +144,7 @@ class BucketHome:
         if batch.kind is Kind.PROBED:
             self._merge(arrays)
         elif batch.kind is Kind.SAMPLES:
-            for name in ("emission", "indirect", "depth", "normal", "albedo", "cell"):
-                self._slots[name][arrays["slot"]] = arrays[name]
+            self._fill(arrays, ("emission", "indirect", "depth", "normal", "albedo", "cell"))
         elif batch.kind is Kind.LIT:
             self._slots["direct"][arrays["slot"]] = arrays["radiance"]
         elif batch.kind is not Kind.ENDED:
@@ -159,6 +158,16 @@ class BucketHome:
                 self._finish_wave()
                 if self._first < self._view.spp:
                     yield from self.begin()
+
+    def _fill(self, arrays: Arrays, names: Iterable[str]) -> None:
+        """Put samples into their slots; where all come at once and in order, they are the slots."""
+        slot = arrays["slot"]
+        whole = len(slot) == len(self._slots["depth"]) and np.array_equal(slot, self._rays["slot"])
+        for name in names:
+            if whole:
+                self._slots[name] = arrays[name]
+            else:
+                self._slots[name][slot] = arrays[name]
 
     def _merge(self, found: Arrays) -> None:
         """Nearest first; of equally near hits the smaller triangle number (exactness contract, item 2)."""
@@ -219,16 +228,6 @@ class BucketHome:
         slot = batch.arrays["slot"]
         if len(slot) and (slot.min() < 0 or slot.max() >= size):
             raise ProtocolError(f"a {batch.kind.value} batch has a slot outside 0 .. {size - 1}")
-
-
-def _no_hits(count: int) -> dict[str, NDArray[Any]]:
-    return {
-        "t": np.zeros(count, np.float32),
-        "prim": np.full(count, -1, np.int32),
-        "u": np.zeros(count, np.float32),
-        "v": np.zeros(count, np.float32),
-        "owner": np.full(count, -1, np.int32),
-    }
 
 
 def _empty_slots(samples: int, light_samples: int) -> dict[str, NDArray[Any]]:

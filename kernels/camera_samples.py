@@ -68,17 +68,12 @@ class Segments:
 
 
 @wp.kernel
-def start_camera_rays(
+def first_camera_cells(
     camera: CameraView, cells: Cells, rays: Rays, offset: wp.int32, next_cell_out: wp.array[wp.int32]
 ) -> None:
-    """The first cell of every ray; its best hit so far becomes its far end."""
+    """The first cell on the way of every ray."""
     i = offset + wp.tid()
     ray = camera_ray(camera, rays.pixel[i], rays.sample[i])
-    rays.t[i] = ray.t_max
-    rays.prim[i] = -1
-    rays.u[i] = 0.0
-    rays.v[i] = 0.0
-    rays.owner[i] = -1
     next_cell_out[i] = next_cell(cells, ray.origin, ray.direction, ray.t_max, -1)
 
 
@@ -220,19 +215,6 @@ def shade_camera_hits(
         else:
             segments_out.slot[i * light_samples + j] = slot + j
             segments_out.radiance[i * light_samples + j] = wp.vec3(0.0)
-
-
-@wp.kernel
-def reflect_gathered(
-    albedo: wp.array[wp.vec3],
-    irradiance: wp.array[wp.vec3],
-    scale: wp.float32,
-    offset: wp.int32,
-    indirect_out: wp.array[wp.vec3],
-) -> None:
-    """Radiance that a diffuse surface reflects of gathered irradiance; scale is 1 / paths."""
-    i = offset + wp.tid()
-    indirect_out[i] = wp.cw_mul(albedo[i], irradiance[i]) * (INV_PI * scale)
 
 
 @wp.kernel

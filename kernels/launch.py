@@ -14,8 +14,12 @@ from typing import Any
 
 import warp as wp
 
-CHUNK_MIN = 512
-"""Items below which handing a chunk to another thread costs more than it saves (a launch takes about 30 us)."""
+GRAIN = 2048
+"""Items below which handing a chunk of ordinary work to another thread costs more than it saves: a launch takes some
+50 us of the interpreter's time, an item a few tens of nanoseconds at least."""
+
+CHUNKS_A_THREAD = 3
+"""Chunks a thread: more even out their lengths, fewer cost less."""
 
 
 class Launcher:
@@ -31,18 +35,19 @@ class Launcher:
         self.threads = max(1, threads or os.cpu_count() or 1) if device == "cpu" else 1
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
 
-    def chunks(self, count: int, align: int = 1) -> list[tuple[int, int]]:
-        """How `count` items are cut: (start, size) of each chunk, starts being multiples of `align`."""
+    def chunks(self, count: int, grain: int = GRAIN) -> list[tuple[int, int]]:
+        """How `count` items are cut: (start, size) of each chunk, of at least `grain` items where there are several."""
         if count == 0:
             return []
-        parts = 1 if self._pool is None else max(1, min(4 * self.threads, count // CHUNK_MIN))
+        parts = 1 if self._pool is None else max(1, min(CHUNKS_A_THREAD * self.threads, count // grain))
         size = -(-count // parts)
-        size = -(-size // align) * align
         return [(start, min(size, count - start)) for start in range(0, count, size)]
 
-    def __call__(self, kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any]) -> None:
+    def __call__(
+        self, kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], grain: int = GRAIN
+    ) -> None:
         """Run `kernel` for items 0 to count - 1; its arguments are the inputs, `offset`, and the outputs."""
-        self.run(kernel, [(size, [*inputs, start, *outputs]) for start, size in self.chunks(count)])
+        self.run(kernel, [(size, [*inputs, start, *outputs]) for start, size in self.chunks(count, grain)])
 
     def run(self, kernel: wp.Kernel, launches: Sequence[tuple[int, Sequence[Any]]]) -> None:
         """Run several launches of one kernel, at once where there are threads, and wait for all."""

@@ -19,7 +19,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.kernels.cells import Cells, cell_of
-from wdpm.kernels.constants import LEAST_POINTS, NORMAL_COS
+from wdpm.kernels.constants import INV_PI, LEAST_POINTS, NORMAL_COS
 from wdpm.kernels.gather import box_distance2, distance2_to, dot8, next_above
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photon_map import LEAF_ROWS, NODE_ROWS, PhotonMap, first_child, vec8
@@ -133,29 +133,35 @@ def count_within(points: PhotonMap, x: wp.vec3, n: wp.vec3, radius2: wp.float32,
 
 
 @wp.kernel
-def divide_by_area(
+def reflect_gathered(
     points: PhotonMap,
     position: wp.array[wp.vec3],
     front_normal: wp.array[wp.vec3],
     clearance: wp.array[wp.float32],
+    albedo: wp.array[wp.vec3],
+    irradiance: wp.array[wp.vec3],
     radius: wp.array[wp.float32],
     point_area: wp.float32,
     r_max: wp.float32,
+    scale: wp.float32,
     offset: wp.int32,
-    irradiance: wp.array[wp.vec3],
+    radiance_out: wp.array[wp.vec3],
 ) -> None:
-    """Correct gathered irradiance, in place, from the area of a disc to the area of the surface within.
+    """Radiance that diffuse surfaces reflect of gathered irradiance, corrected from a disc's area to the surface's.
 
     Args:
         front_normal: unit normal of the surface's front, whichever side is seen.
         clearance: distance to the nearest edge of the query's own triangle.
-        radius: of each gather.
+        irradiance, radius: of each gather.
         point_area: the area that each point stands for.
+        scale: 1 / photon paths.
     """
     i = offset + wp.tid()
     stack = wp.zeros(shape=(_STACK,), dtype=wp.int32)
+    incoming = irradiance[i]
     if radius[i] > clearance[i]:
         # Where photons lie denser than points, the share of a disc that is surface is that of a somewhat larger disc.
         r = wp.max(radius[i], wp.min(wp.sqrt(LEAST_POINTS * point_area / _PI), r_max))
         count = count_within(points, position[i], front_normal[i], r * r, stack)
-        irradiance[i] = irradiance[i] * ((_PI * r * r) / (wp.float32(wp.max(count, 1)) * point_area))
+        incoming = incoming * ((_PI * r * r) / (wp.float32(wp.max(count, 1)) * point_area))
+    radiance_out[i] = wp.cw_mul(albedo[i], incoming) * (INV_PI * scale)
