@@ -14,15 +14,15 @@ from wdpm.scenes.model import Scene
 from wdpm.scenes.stand_alone import read_stand_alone
 from wdpm.scenes.xml_document import did_you_mean
 
-_EXTENSIONS = (".xml", ".gltf", ".glb", ".obj", ".ply", ".stl")
+_EXTENSIONS = (".xml", ".gltf", ".glb", ".obj", ".ply", ".stl", ".off")
 
 
 def load(source: str | Path, *, defines: Mapping[str, str] | None = None, size: tuple[int, int] | None = None) -> Scene:
     """Loads a scene file or a built-in scene, and checks it.
 
     Args:
-        source: a Mitsuba 3 XML file (0.6 names accepted), glTF 2.0 (.gltf, .glb), a bare mesh (.obj, .ply, .stl: grey,
-            lit and framed by default) or a built-in scene: "cornell-box", "atrium", "atrium:2M".
+        source: a Mitsuba 3 XML file (0.6 names accepted), glTF 2.0 (.gltf, .glb), a bare mesh (.obj, .ply, .stl,
+            .off: grey, lit and framed by default) or a built-in scene: "cornell-box", "atrium", "atrium:2M".
         defines: values of a Mitsuba file's `$name` parameters.
         size: width and height in pixels that replace the file's.
 

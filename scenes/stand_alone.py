@@ -11,6 +11,7 @@ from wdpm.scenes.mesh_data import MeshData
 from wdpm.scenes.model import RGB, Material, Mesh, Scene
 from wdpm.scenes.mtl import MtlMaterial, read_mtl
 from wdpm.scenes.obj import ObjFile, read_obj
+from wdpm.scenes.off import read_off
 from wdpm.scenes.ply import read_ply
 from wdpm.scenes.stl import read_stl
 
@@ -18,14 +19,15 @@ GREY = Material("grey", (0.5, 0.5, 0.5), twosided=True)
 
 
 def read_stand_alone(file: Path, size: tuple[int, int] | None = None) -> Scene:
-    """Reads an OBJ, PLY or STL file. Vertex normals are used where the file has them.
+    """Reads an OBJ, PLY, STL or OFF file. Vertex normals are used where the file has them.
 
     Raises:
         SceneError: the file is broken.
     """
     if file.suffix.lower() == ".obj":
         return _read_obj_scene(file, size)
-    mesh = read_ply(file) if file.suffix.lower() == ".ply" else read_stl(file)
+    read = {".ply": read_ply, ".stl": read_stl, ".off": read_off}[file.suffix.lower()]
+    mesh = read(file)
     return framed_scene(file.stem, [_placed(file.stem, mesh, 0, None)], [GREY], size=size, warnings=[])
 
 

@@ -7,33 +7,37 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.kernels import photon_map
-from wdpm.kernels.surface_points import divide_by_area, point_counts
+from wdpm.kernels.surface_points import point_counts, reflect_gathered
 
 Array = NDArray[np.float64]
 
 
 def corrected(points: Array, clearance: Array, radius: Array, at: Array, point_area: float, r_max: float) -> Array:
-    """divide_by_area on an irradiance of 1 at places of the plane z = 0."""
+    """reflect_gathered on an irradiance of 1 and an albedo of 1, scaled by pi, at places of the plane z = 0."""
     count = len(at)
     up = np.tile(np.float32([0, 0, 1]), (len(points), 1))
     none = np.zeros((len(points), 3), np.float32)
     tree = photon_map.build(
         points.astype(np.float32), none, up, none, np.arange(len(points), dtype=np.int64), device="cpu"
     )
-    irradiance = wp.array(np.ones((count, 3), np.float32), dtype=wp.vec3, device="cpu")
+    one = wp.array(np.ones((count, 3), np.float32), dtype=wp.vec3, device="cpu")
+    radiance = wp.empty(count, dtype=wp.vec3, device="cpu")
     inputs = [
         tree,
         wp.array(at.astype(np.float32), dtype=wp.vec3, device="cpu"),
         wp.array(np.tile(np.float32([0, 0, 1]), (count, 1)), dtype=wp.vec3, device="cpu"),
         wp.array(clearance.astype(np.float32), dtype=wp.float32, device="cpu"),
+        one,
+        one,
         wp.array(radius.astype(np.float32), dtype=wp.float32, device="cpu"),
         point_area,
         r_max,
+        np.pi,
         0,
-        irradiance,
+        radiance,
     ]
-    wp.launch(divide_by_area, count, inputs=inputs, device="cpu")
-    return irradiance.numpy().astype(np.float64)[:, 0]
+    wp.launch(reflect_gathered, count, inputs=inputs, device="cpu")
+    return radiance.numpy().astype(np.float64)[:, 0]
 
 
 def lattice(step: float, low: tuple[float, float], high: tuple[float, float]) -> Array:

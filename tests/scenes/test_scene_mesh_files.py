@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from wdpm.scenes import SceneError, flatten, load
 from wdpm.scenes.mesh_data import MeshData, merge_corners, triangulate_fans
 from wdpm.scenes.obj import read_obj
+from wdpm.scenes.off import read_off
 from wdpm.scenes.ply import read_ply
 from wdpm.scenes.serialized import read_serialized
 from wdpm.scenes.stl import read_stl
@@ -223,6 +224,33 @@ def test_broken_stl(tmp_path: Path) -> None:
             read_stl(file)
 
 
+def test_off(tmp_path: Path) -> None:
+    file = tmp_path / "m.off"
+    file.write_text("OFF\n# a square\n4 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n")
+    mesh = read_off(file)
+    assert len(mesh.faces) == 2
+    p = mesh.vertices[mesh.faces]
+    assert np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])[:, 2].sum() == 2.0  # twice the area, all facing up
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "OFF\n4 1 0\n0 0 0\n1 0 0\n",
+        "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 9\n",
+        "OFF\n0 0 0\n",
+        "nothing of the kind",
+        "",
+    ],
+    ids=["truncated", "index out of range", "empty", "no OFF", "no bytes"],
+)
+def test_broken_off(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "m.off"
+    file.write_text(text)
+    with pytest.raises(SceneError, match=r"m\.off"):
+        read_off(file)
+
+
 def serialized_bytes(version: int, real: str, meshes: int = 2, vertex_count: int | None = None) -> bytes:
     flags = (0x1000 if real == "f" else 0x2000) | 0x1 | 0x2
     data, offsets = b"", []
@@ -296,7 +324,8 @@ def test_mcguires_cornell_box_has_its_area(scenes_dir: Path) -> None:
 
 @pytest.mark.shared
 def test_hard_meshes_load_or_say_why(scenes_dir: Path) -> None:
-    files = [f for f in (scenes_dir / "hard-meshes").rglob("*") if f.suffix.lower() in (".obj", ".ply", ".stl", ".glb")]
+    read = (".obj", ".ply", ".stl", ".glb", ".off")
+    files = [f for f in (scenes_dir / "hard-meshes").rglob("*") if f.suffix.lower() in read]
     assert len(files) > 20
     for file in files:
         with contextlib.suppress(SceneError):  # anything else, a crash, fails the test
