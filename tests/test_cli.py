@@ -6,6 +6,7 @@ import argparse
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -56,8 +57,8 @@ class Renderer:
         self.loaded = {"scene": name, **options}
         return self.scene
 
-    def render(self, scene: Scene, settings: RenderSettings, **options: Any) -> Image:
-        self.rendered = {"scene": scene, "settings": settings, **options}
+    def render(self, source: Callable[[], Scene], settings: RenderSettings, **options: Any) -> Image:
+        self.rendered = {"scene": source(), "settings": settings, **options}
         return Image({"beauty": self.pixels}, {"report": Report(phases={"render": 1.5}).to_dict()})
 
 

@@ -9,7 +9,6 @@ image.save("image.exr")
 from __future__ import annotations
 
 import random
-from pathlib import Path
 from typing import Any
 
 from wdpm.cluster import memory
@@ -18,15 +17,14 @@ from wdpm.cluster.worker import Worker
 from wdpm.image import Image
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.settings import RenderSettings
-from wdpm.prepare import Prepared, image_of, prepare
+from wdpm.prepare import Prepared, Source, image_of, prepare, scene_of
 from wdpm.progress import Progress, SilentProgress
 from wdpm.scene_settings import settings_for
-from wdpm.scenes.load import load
 from wdpm.scenes.model import Scene
 
 
 def render(
-    scene: Scene | str | Path,
+    source: Source,
     settings: RenderSettings | None = None,
     *,
     slaves: int = 0,
@@ -38,7 +36,7 @@ def render(
     """Render a scene on this machine.
 
     Args:
-        scene: a scene, a file or the name of a built-in scene.
+        source: a scene, a file, the name of a built-in scene, or a function that gives a scene.
         settings: all settings; or give single ones by name (`photons=250_000, spp=16`), see RenderSettings.
         slaves: processes of a local cluster; 0 renders in this process. The image is the same, bit for bit.
         threads: cores to use in all; None for all there are.
@@ -48,16 +46,16 @@ def render(
     Raises:
         SceneError, SettingsError, ClusterError: see their messages.
     """
-    scene = scene if isinstance(scene, Scene) else load(scene)
-    settings = settings or settings_for(scene, **chosen)
     progress = progress or SilentProgress()
     if slaves:
         from wdpm.cluster_api import Cluster
 
         with Cluster.local(slaves=slaves, threads=threads, device=device) as cluster:
-            return cluster.render(scene, settings, progress=progress)
+            return cluster.render(source, settings, progress=progress, **chosen)
     launcher = Launcher(device, threads)
-    prepared = prepare(scene, settings, 1, launcher, progress)
+    scene = scene_of(source)
+    prepared = prepare(scene, settings or settings_for(scene, **chosen), 1, launcher, progress)
+    del scene  # its triangles are the cells' now
     return _in_this_process(prepared, 1, launcher, progress, None)
 
 

@@ -50,8 +50,8 @@ def run(args: argparse.Namespace) -> int:
 
     return render_and_write(
         args,
-        lambda scene, settings, progress: render_as_master(
-            scene,
+        lambda source, settings, progress: render_as_master(
+            source,
             settings,
             bind=args.bind,
             slaves=args.slaves,

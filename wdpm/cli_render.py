@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
 
     return render_and_write(
         args,
-        lambda scene, settings, progress: api.render(
-            scene, settings, slaves=args.slaves, threads=args.threads, device=args.device, progress=progress
+        lambda source, settings, progress: api.render(
+            source, settings, slaves=args.slaves, threads=args.threads, device=args.device, progress=progress
         ),
     )

@@ -22,7 +22,7 @@ from wdpm.scenes.errors import ImageError
 from wdpm.scenes.load import load as load_scene
 from wdpm.scenes.model import Scene
 
-Renderer = Callable[[Scene, RenderSettings, Progress], Image]
+Renderer = Callable[[Callable[[], Scene], RenderSettings, Progress], Image]
 
 
 def render_and_write(args: argparse.Namespace, render: Renderer) -> int:
@@ -42,7 +42,10 @@ def render_and_write(args: argparse.Namespace, render: Renderer) -> int:
         began = time.perf_counter()
         scene = load_scene(args.scene, defines=dict(args.definitions), size=args.size)
         load_s = time.perf_counter() - began
-        image = render(scene, settings_for(scene, **chosen), progress)
+        settings = settings_for(scene, **chosen)
+        handed_over = [scene]
+        del scene  # a master lets go of what it has sent to its slaves, and so must we
+        image = render(handed_over.pop, settings, progress)
     finally:
         progress.finish()
     image, account = _with_load_time(image, load_s)

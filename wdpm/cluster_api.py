@@ -20,14 +20,13 @@ from wdpm.cluster.sockets_slave import PATIENCE_S, run_slave
 from wdpm.progress import Progress, SilentProgress
 from wdpm.scene_settings import settings_for
 from wdpm.scenes.errors import SettingsError
-from wdpm.scenes.load import load
-from wdpm.scenes.model import Scene
 
 if TYPE_CHECKING:
     from wdpm.cluster.compute import Worker
     from wdpm.cluster.world import World
     from wdpm.image import Image
     from wdpm.kernels.settings import RenderSettings
+    from wdpm.prepare import Source
     from wdpm.scenes.geometry import Triangles
 
 
@@ -101,7 +100,7 @@ class Cluster:
 
     def render(
         self,
-        scene: Scene | str | Path,
+        source: Source,
         settings: RenderSettings | None = None,
         *,
         progress: Progress | None = None,
@@ -110,7 +109,7 @@ class Cluster:
         """Render a scene: the same bits as `wdpm.render`.
 
         Args:
-            scene: a scene, a file or the name of a built-in scene.
+            source: a scene, a file, the name of a built-in scene, or a function that gives a scene.
             settings: all settings; or give single ones by name, see RenderSettings.
 
         Raises:
@@ -118,13 +117,14 @@ class Cluster:
             ClusterError: a slave failed or was lost; the cluster has ended.
         """
         from wdpm.kernels.launch import Launcher
-        from wdpm.prepare import image_of, prepare
+        from wdpm.prepare import image_of, prepare, scene_of
 
-        scene = scene if isinstance(scene, Scene) else load(scene)
+        scene = scene_of(source)
         settings = settings or settings_for(scene, **chosen)
         progress = progress or SilentProgress()
         launcher = Launcher(self._device, self._threads)
         prepared = prepare(scene, settings, self.slaves, launcher, progress)
+        del scene  # its triangles go to the slaves; nothing here holds them longer
         return image_of(prepared, self.run(prepared.session, progress))
 
     def close(self) -> None:
@@ -142,7 +142,7 @@ class Cluster:
 
 
 def render_as_master(
-    scene: Scene,
+    source: Source,
     settings: RenderSettings,
     *,
     bind: str,
@@ -153,7 +153,7 @@ def render_as_master(
 ) -> Image:
     """What `wdpm master` does: one render with slaves that people start."""
     with Cluster.listen(bind, slaves, keys=keys, insecure=insecure) as cluster:
-        return cluster.render(scene, settings, progress=progress)
+        return cluster.render(source, settings, progress=progress)
 
 
 def serve_as_slave(

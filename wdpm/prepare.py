@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields, is_dataclass
 from enum import Enum
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,14 @@ from wdpm.kernels.settings import RenderSettings
 from wdpm.progress import Progress
 from wdpm.report import EnergyLedger, LightPhotons, PhotonCounts, Report, SlaveReport
 from wdpm.scenes.geometry import Triangles, flatten
+from wdpm.scenes.load import load
 from wdpm.scenes.model import Scene
+
+Source = Scene | str | Path | Callable[[], Scene]
+"""A scene, or how to get it: a file, a built-in scene's name, or a function that is called once.
+
+Whoever gives a function need not hold the scene while it is rendered, so the master can let go of what it has sent.
+"""
 
 PACKAGES = ("wdpm", "warp-lang", "numpy")
 """Packages whose versions the bits of an image may depend on."""
@@ -45,6 +53,13 @@ class Prepared:
     triangles: int
     warnings: tuple[str, ...]
     seconds: dict[str, float]
+
+
+def scene_of(source: Source) -> Scene:
+    """The scene that a source stands for."""
+    if isinstance(source, Scene):
+        return source
+    return load(source) if isinstance(source, str | Path) else source()
 
 
 def prepare(
