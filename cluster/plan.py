@@ -135,8 +135,9 @@ def make_plan(
     radius = settings.radius or _gather_radius(cell, photons, settings, flat.extent)
     check_settings(settings.k, radius)
     band = settings.band * radius
-    levels = _levels(max(workers, 1)) if cells is None else cells.bit_length() - 1
-    tree = build_top_tree(flat.triangles.positions, photons["position"], band, levels)
+    wanted = max(workers, 1) if cells is None else cells
+    levels = (wanted - 1).bit_length()
+    tree = build_top_tree(flat.triangles.positions, photons["position"], band, levels, wanted)
     area = _point_area(flat.triangles.positions, radius, settings)
     world = replace(alone, top_tree=tree, paths=paths, radius=radius, point_area=area, band=band)
     rows = rows_of_cells(flat.triangles.positions, tree, flat.extent, launcher)
@@ -204,12 +205,6 @@ def _point_area(corners: NDArray[np.float32], radius: float, settings: RenderSet
     area = float(triangle_areas(corners).sum())
     wanted = max(POINTS_A_PHOTON * settings.photons, POINTS_A_DISC * area / (math.pi * radius**2), POINTS_LEAST)
     return area / min(wanted, POINTS_MOST)
-
-
-def _levels(workers: int) -> int:
-    """Levels of the top tree. Where cells cannot come out even, twice as many as workers keep loads closer."""
-    levels = (workers - 1).bit_length()
-    return levels if workers == 1 << levels else levels + 1
 
 
 def photons_in_cells(position: NDArray[np.float32], tree: TopTree) -> NDArray[np.int64]:

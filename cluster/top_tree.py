@@ -22,24 +22,38 @@ forwarding, an uneven burden makes all slaves wait for one. Balance comes first;
 MAX_LEVELS = 8
 
 
-def build_top_tree(corners: NDArray[np.float32], photons: NDArray[np.float32], band: float, levels: int) -> TopTree:
-    """Split a scene into 2^levels cells.
+def build_top_tree(
+    corners: NDArray[np.float32], photons: NDArray[np.float32], band: float, levels: int, workers: int | None = None
+) -> TopTree:
+    """Split a scene into 2^levels cells, of which as many are worth holding as there are workers.
+
+    A node's workers are divided among its children, and its plane divides the burden in the same proportion: three
+    workers get a third each. A node that is left with one worker is split beyond everything, so that its other cells
+    are empty.
 
     Args:
         corners: of the triangles, float32, shape [T, 3, 3].
         photons: places of a sample of the photons, float32, shape [P, 3].
         band: width of the overlap band.
         levels: 0 for one cell.
+        workers: from 2^(levels - 1) + 1 to 2^levels; None for 2^levels.
     """
     inner = 2**levels - 1
     axis = np.zeros(inner, np.int32)
     split = np.zeros(inner, np.float32)
     low, high = corners.min(axis=1), corners.max(axis=1)
     box = (low.min(axis=0).astype(np.float64), high.max(axis=0).astype(np.float64))
+    seats = {0: 2**levels if workers is None else workers}
     parts = {0: (low, high, photons, box)}
     for node in range(inner):
         low, high, photons, (box_low, box_high) = parts.pop(node)
-        axis[node], split[node] = _best_plane(low, high, photons, band, box_low, box_high)
+        all_seats = seats.pop(node)
+        left_seats = (all_seats + 1) // 2
+        seats[2 * node + 1], seats[2 * node + 2] = left_seats, all_seats - left_seats
+        if all_seats <= 1:
+            axis[node], split[node] = 0, _beyond(corners)
+        else:
+            axis[node], split[node] = _best_plane(low, high, photons, band, box_low, box_high, left_seats / all_seats)
         a, s = axis[node], split[node]
         left, right = low[:, a] < s, high[:, a] >= s
         left_box, right_box = box_high.copy(), box_low.copy()
@@ -60,8 +74,9 @@ def _best_plane(
     band: float,
     box_low: NDArray[np.float64],
     box_high: NDArray[np.float64],
+    left_share: float,
 ) -> tuple[int, np.float32]:
-    """The axis and the place of the cheapest plane."""
+    """The axis and the place of the plane that comes nearest to giving the left side its share."""
     best = (np.inf, 0, np.float32((box_low[0] + box_high[0]) / 2))
     extent = box_high - box_low
     for a in range(3):
@@ -69,15 +84,12 @@ def _best_plane(
         planes = planes[(planes > box_low[a]) & (planes < box_high[a])]
         if not len(planes):
             continue
-        cost = _burden(
-            np.sort(low[:, a]).searchsorted(planes, "left"), len(low) - np.sort(high[:, a]).searchsorted(planes, "left")
-        )
+        starts, ends = np.sort(low[:, a]), np.sort(high[:, a])
+        cost = _burden(starts.searchsorted(planes), len(low) - ends.searchsorted(planes), left_share)
         if len(photons):
             place = np.sort(photons[:, a])
-            cost = np.maximum(
-                cost,
-                _burden(place.searchsorted(planes + band), len(place) - place.searchsorted(planes - band)),
-            )
+            left, right = place.searchsorted(planes + band), len(place) - place.searchsorted(planes - band)
+            cost = np.maximum(cost, _burden(left, right, left_share))
         cost = cost + AREA_WEIGHT * _area_share(a, extent)
         chosen = int(np.argmin(cost))
         best = min(best, (float(cost[chosen]), a, np.float32(planes[chosen])), key=lambda plane: plane[0])
@@ -97,11 +109,16 @@ def _candidates(
     return np.unique(np.concatenate(places).astype(np.float32)) if places else np.zeros(0, np.float32)
 
 
-def _burden(left: NDArray[np.intp], right: NDArray[np.intp]) -> NDArray[np.float64]:
-    """What the fuller side holds, as a share of an even split without overlap: 1 is perfect."""
+def _burden(left: NDArray[np.intp], right: NDArray[np.intp], left_share: float) -> NDArray[np.float64]:
+    """What the fuller side holds against its share of a split without overlap: 1 is perfect."""
     total = max(int((left + right).min()), 1)
-    share: NDArray[np.float64] = 2.0 * np.maximum(left, right) / total
-    return share
+    burden: NDArray[np.float64] = np.maximum(left / left_share, right / (1.0 - left_share)) / total
+    return burden
+
+
+def _beyond(corners: NDArray[np.float32]) -> np.float32:
+    """A place on an axis that nothing of the scene comes near."""
+    return np.float32(16.0 * np.abs(corners).max(initial=1.0))
 
 
 def _area_share(axis: int, extent: NDArray[np.float64]) -> float:
