@@ -38,13 +38,19 @@ DEPOSITS_A_PATH = 6
 
 @dataclass(eq=False)
 class Replica:
-    """A worker's copy of the World, on its device, and the View of the moment."""
+    """A worker's copy of the World, on its device, and the View of the moment.
+
+    Attributes:
+        worker: its number.
+        paths_by_light: photon paths that its homes have started, by light.
+    """
 
     world: World
     launcher: Launcher
     worker: int
     view: View | None = None
     camera: Any = None
+    paths_by_light: NDArray[np.int64] = field(init=False)
     cells: Any = field(init=False)
     lights: Any = field(init=False)
     textures: Any = field(init=False)
@@ -52,6 +58,7 @@ class Replica:
     def __post_init__(self) -> None:
         world, device = self.world, self.launcher.device
         tree, lamps = world.top_tree, world.lights
+        self.paths_by_light = np.zeros(len(lamps.names), np.int64)
         self.cells = cells.upload(tree.axis, tree.split, self.pad, device)
         self.lights = lights.upload(
             lamps.corners,
@@ -195,11 +202,15 @@ class Cell:
             kept = min(int(asked), capacity)
             if kept:
                 region = slice(chunk * capacity, chunk * capacity + kept)
-                self._photons.append({name: regions[name][region].copy() for name in names})
-                self.photon_count += kept
-                self.counters.stored_by_light += np.bincount(
-                    regions["light"][region], minlength=len(self.counters.stored_by_light)
-                )
+                photons = {name: regions[name][region].copy() for name in names}
+                light = regions["light"][region]
+                finite = np.isfinite(photons["flux"]).all(axis=1)
+                if not finite.all():
+                    self._count_nonfinite("photon", int(np.count_nonzero(~finite)))
+                    photons, light = take(photons, np.flatnonzero(finite)), light[finite]
+                self._photons.append(photons)
+                self.photon_count += len(light)
+                self.counters.stored_by_light += np.bincount(light, minlength=len(self.counters.stored_by_light))
 
     def ghosts(self) -> Iterator[Batch]:
         """For every other cell, the photons and surface points that lie in its band: two batches, even if empty."""
@@ -252,6 +263,7 @@ class Cell:
         self.photon_count = self.ghost_count = 0
         self.counters.energy[:] = 0
         self.counters.stored_by_light[:] = 0
+        self.counters.nonfinite.clear()
 
     def photons_so_far(self) -> Arrays:
         """The photons stored so far; only before the map is built."""
@@ -314,7 +326,8 @@ class Cell:
             "cell": np.full(count, self.number, np.int32),
             **columns.download(seen, ("emission", "depth", "normal", "albedo")),
         }
-        self._count_nonfinite(samples)
+        for cause in ("emission", "indirect"):
+            samples[cause] = self._blacken_nonfinite(samples[cause], cause)
         yield self._batch(batch, Kind.SAMPLES, self.number, count, samples)
         yield from self._start_shadows(batch, segments, count * shots)
 
@@ -353,6 +366,7 @@ class Cell:
         """Send shadow segments to the first cell on their way; those that carry nothing end here."""
         replica = self.replica
         arrays = columns.download(segments, SCHEMAS[Kind.SHADOW])
+        arrays["radiance"] = self._blacken_nonfinite(arrays["radiance"], "direct")
         if replica.world.top_tree.cells == 1:
             yield self._batch(batch, Kind.SHADOW, self.number, count, arrays)
             return
@@ -385,6 +399,11 @@ class Cell:
         if blocked:
             yield self._batch(batch, Kind.ENDED, self.number, blocked, {})
 
+    def begin_view(self) -> None:
+        """Count anew what is counted for each view."""
+        self.counters.gathers = self.counters.gathers_truncated = self.counters.gathers_left_band = 0
+        self.counters.nonfinite = {cause: n for cause, n in self.counters.nonfinite.items() if cause == "photon"}
+
     # Odds and ends
 
     @property
@@ -401,16 +420,19 @@ class Cell:
         """What follows from a batch: the same task, the same home."""
         return Batch(kind, cause.task, cause.home, cell, credit, arrays)
 
-    def _count_nonfinite(self, samples: dict[str, NDArray[Any]]) -> None:
-        """Count samples that are not finite, by cause, and make them black: one must not spoil a pixel."""
-        for cause in ("emission", "indirect"):
-            if np.isfinite(samples[cause].sum(dtype=np.float64)):
-                continue  # a sum is finite only if its terms are
-            bad = ~np.isfinite(samples[cause]).all(axis=1)
-            count = int(np.count_nonzero(bad))
-            if count:
-                self.counters.nonfinite[cause] = self.counters.nonfinite.get(cause, 0) + count
-                samples[cause] = np.where(bad[:, None], np.float32(0), samples[cause])
+    def _blacken_nonfinite(self, values: NDArray[np.float32], cause: str) -> NDArray[np.float32]:
+        """Rows with a NaN or an infinity become black, since one would spoil its pixel, and are counted by cause."""
+        if np.isfinite(values.sum(dtype=np.float64)):
+            return values  # a sum is finite only if its terms are
+        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+        blackened = values.copy()
+        blackened[bad] = 0.0
+        self._count_nonfinite(cause, len(bad))
+        return blackened
+
+    def _count_nonfinite(self, cause: str, count: int) -> None:
+        if count:
+            self.counters.nonfinite[cause] = self.counters.nonfinite.get(cause, 0) + count
 
 
 def no_hits(count: int, view: View) -> dict[str, NDArray[Any]]:

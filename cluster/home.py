@@ -48,6 +48,8 @@ class PhotonHome:
         replica.launcher(pp.first_cells, count, [replica.cells, flight], [first])
         arrays = columns.download(flight, SCHEMAS[Kind.PHOTON])
         self._emitted = float(arrays["flux"].sum(dtype=np.float64)) / 3.0
+        lights = replica.paths_by_light
+        lights += np.bincount(arrays["light"], minlength=len(lights))
         destination = first.numpy()
         for cell, rows in by_destination(destination, destination >= 0):
             yield Batch(Kind.PHOTON, self.task.number, self._number, cell, len(rows), take(arrays, rows))

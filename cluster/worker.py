@@ -57,18 +57,22 @@ class Worker:
         self.replica = Replica(world, launcher, number)
         self.cells = {cell: Cell(cell, triangles, self.replica) for cell, triangles in sorted(partition.items())}
         self._homes: dict[int, PhotonHome | BucketHome] = {}
-        self._traffic = {"rays_in": 0, "rays_out": 0, "bytes_in": 0, "bytes_out": 0}
+        self._traffic = dict.fromkeys(("rays_in", "rays_out", "bytes_in", "bytes_out"), 0)
         self._busy = 0.0
+        self._photon_traffic = dict(self._traffic)  # what they were when the maps were built
+        self._photon_busy = 0.0
 
     def set_view(self, view: View) -> None:
-        """Look through a camera; before buckets are started."""
+        """Look through a camera; before buckets are started. What is counted for each view begins anew."""
         self.replica.set_view(view)
+        self._traffic, self._busy = dict(self._photon_traffic), self._photon_busy
+        for cell in self.cells.values():
+            cell.begin_view()
 
     def adopt(self, world: World) -> None:
         """Go on with the same scene under another photon plan, without any photons."""
         self.forget_photons()
         self.replica.world = world
-        self._busy = 0.0
 
     def start(self, task: Task) -> Outbox:
         """Become a task's home."""
@@ -122,11 +126,15 @@ class Worker:
         for cell in self.cells.values():
             cell.build_map()
         self._busy += time.perf_counter() - began
+        self._photon_traffic, self._photon_busy = dict(self._traffic), self._busy
 
     def forget_photons(self) -> None:
         """Let go of all photons, before they are traced again."""
         for cell in self.cells.values():
             cell.forget_photons()
+        self.replica.paths_by_light[:] = 0
+        self._traffic = dict.fromkeys(self._traffic, 0)
+        self._busy = 0.0
 
     def statistics(self) -> dict[str, Any]:
         """What this worker holds and has done."""
@@ -142,6 +150,7 @@ class Worker:
             "triangles": sum(cell.triangle_count for cell in cells),
             "photons": sum(cell.photon_count for cell in cells),
             "ghosts": sum(cell.ghost_count for cell in cells),
+            "paths_by_light": [int(count) for count in self.replica.paths_by_light],
             "stored_by_light": [int(count) for count in stored],
             "energy": [float(share) for share in energy],
             "gathers": sum(cell.counters.gathers for cell in cells),

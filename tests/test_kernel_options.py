@@ -1,5 +1,7 @@
-"""Every file with Warp code sets the options that the exactness contract asks for: Warp applies those of the file that a
-kernel is in to all functions that it calls."""
+"""Every file with Warp code sets the options that the exactness contract asks for.
+
+Warp applies those of the file that a kernel is in to all functions that it calls.
+"""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from wdpm.cluster.plan import Plan, make_plan, view_of
+from wdpm.cluster.plan import PILOT_PATHS, Plan, make_plan, view_of
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.worker import Worker
 from wdpm.image import Image
@@ -95,6 +95,8 @@ def prepare(
     )
     seconds["partition"] = time.perf_counter() - began
     dropped = tuple(f"{count} triangles were left out: {cause}" for cause, count in flat.dropped.items())
+    if settings.photons and not plan.world.paths:
+        dropped += (f"none of {PILOT_PATHS:,} photon paths stored a photon: there is no indirect light",)
     return Prepared(plan.pilot, session, settings, len(flat.triangles), scene.warnings + dropped, seconds)
 
 
@@ -184,14 +186,13 @@ def _photon_counts(prepared: Prepared, result: SessionResult) -> PhotonCounts:
     stored = np.array([slave["stored_by_light"] for slave in result.statistics], np.int64).sum(axis=0)
     light_of_element = np.concatenate([lights.triangle_light, lights.point_light])
     power = np.bincount(light_of_element, lights.power, minlength=len(lights.names))
-    share = power / power.sum() if power.sum() > 0 else power
+    shot = np.array([slave["paths_by_light"] for slave in result.statistics], np.int64).sum(axis=0)
     return PhotonCounts(
         asked=prepared.settings.photons,
         paths=result.paths,
         stored=int(np.sum(stored)),
         lights=tuple(
-            LightPhotons(name, round(result.paths * float(share[i])), int(stored[i]), float(power[i]))
-            for i, name in enumerate(lights.names)
+            LightPhotons(name, int(shot[i]), int(stored[i]), float(power[i])) for i, name in enumerate(lights.names)
         ),
     )
 
