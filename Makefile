@@ -14,7 +14,7 @@ help:  ## show this list
 
 demo: $(VENV)/.installed  ## render a Cornell box with a master and four slaves
 	@mkdir -p $(OUT)
-	$(BIN)/wdpm render cornell-box --slaves 4 -o $(OUT)/cornell-box.exr -o $(OUT)/cornell-box.png
+	$(BIN)/wdpm render cornell-box --slaves 4 --photons 1M --k 100 -o $(OUT)/cornell-box.exr -o $(OUT)/cornell-box.png
 	@echo
 	@echo "The picture is $(abspath $(OUT))/cornell-box.png; cornell-box.exr beside it has all layers."
 

@@ -246,15 +246,15 @@ class Cell:
         """Build the trees of photons and of surface points, own and ghosts, and let go of what they are built from."""
         photons = concatenate([*self._photons, *self._ghosts], Kind.GHOSTS)
         self._photons, self._ghosts = [], []
-        device = self.replica.launcher.device
+        device, launch = self.replica.launcher.device, self.replica.launcher.build_launcher()
         self._map = photon_map.build(
-            photons["position"], photons["flux"], photons["normal"], photons["direction"], photons["id"], device
+            photons["position"], photons["flux"], photons["normal"], photons["direction"], photons["id"], device, launch
         )
         points = concatenate([self._own_points, *self._ghost_points], Kind.POINTS)
         self._own_points, self._ghost_points = {}, []
         none = np.zeros_like(points["position"])
         number = np.arange(len(none), dtype=np.int64)
-        self._points = photon_map.build(points["position"], none, points["normal"], none, number, device)
+        self._points = photon_map.build(points["position"], none, points["normal"], none, number, device, launch)
 
     def forget_photons(self) -> None:
         """Let go of all photons and what was counted about them."""

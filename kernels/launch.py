@@ -8,7 +8,7 @@ last input before its outputs.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
@@ -48,6 +48,19 @@ class Launcher:
     ) -> None:
         """Run `kernel` for items 0 to count - 1; its arguments are the inputs, `offset`, and the outputs."""
         self.run(kernel, [(size, [*inputs, start, *outputs]) for start, size in self.chunks(count, grain)])
+
+    def build_launcher(self) -> Callable[..., None] | None:
+        """For trees, which are built on the CPU: launches whose items are subtrees, each worth a chunk of its own.
+
+        None where there is but one thread for them.
+        """
+        if self._pool is None:
+            return None
+
+        def launch(kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any] = ()) -> None:
+            self(kernel, count, inputs, outputs, grain=1)
+
+        return launch
 
     def run(self, kernel: wp.Kernel, launches: Sequence[tuple[int, Sequence[Any]]]) -> None:
         """Run several launches of one kernel, at once where there are threads, and wait for all."""
