@@ -6,7 +6,7 @@ wire checks against it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
@@ -163,3 +163,16 @@ def concatenate(parts: Iterable[Arrays], kind: Kind) -> dict[str, NDArray[Any]]:
     if not parts:
         return {name: np.empty((0, *shape), dtype) for name, (dtype, shape) in SCHEMAS[kind].items()}
     return {name: np.concatenate([part[name] for part in parts]) for name in SCHEMAS[kind]}
+
+
+def by_destination(destination: NDArray[np.int32], chosen: NDArray[np.bool_]) -> Iterator[tuple[int, NDArray[np.intp]]]:
+    """The chosen rows, grouped by destination, in ascending order of both."""
+    rows = np.flatnonzero(chosen)
+    if not len(rows):
+        return
+    targets = destination[rows]
+    if (targets == targets[0]).all():
+        yield int(targets[0]), rows
+        return
+    for target in np.unique(targets):
+        yield int(target), rows[targets == target]

@@ -14,14 +14,14 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, concatenate, take
-from wdpm.cluster.world import View, World
-from wdpm.kernels import bvh, camera, cells, columns, lights, photon_map, surface, texture
+from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
+from wdpm.cluster.partition import rows_near
+from wdpm.cluster.replica import Replica
+from wdpm.cluster.world import View
+from wdpm.kernels import bvh, cells, columns, lights, photon_map, surface
 from wdpm.kernels import camera_samples as cs
 from wdpm.kernels import photon_paths as pp
-from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.gather import gather_kernel
-from wdpm.kernels.launch import Launcher
 from wdpm.kernels.surface_points import reflect_gathered, spread
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.geometry import Triangles
@@ -34,53 +34,6 @@ GATHER_GRAIN = 32
 
 DEPOSITS_A_PATH = 6
 """Room for photons, a path, in one launch. What finds none waits for the next launch."""
-
-
-@dataclass(eq=False)
-class Replica:
-    """A worker's copy of the World, on its device, and the View of the moment.
-
-    Attributes:
-        worker: its number.
-        paths_by_light: photon paths that its homes have started, by light.
-    """
-
-    world: World
-    launcher: Launcher
-    worker: int
-    view: View | None = None
-    camera: Any = None
-    paths_by_light: NDArray[np.int64] = field(init=False)
-    cells: Any = field(init=False)
-    lights: Any = field(init=False)
-    textures: Any = field(init=False)
-
-    def __post_init__(self) -> None:
-        world, device = self.world, self.launcher.device
-        tree, lamps = world.top_tree, world.lights
-        self.paths_by_light = np.zeros(len(lamps.names), np.int64)
-        self.cells = cells.upload(tree.axis, tree.split, self.pad, device)
-        self.lights = lights.upload(
-            lamps.corners,
-            lamps.triangle_radiance,
-            lamps.point_position,
-            lamps.point_intensity,
-            np.concatenate([lamps.triangle_light, lamps.point_light]),
-            lamps.power,
-            world.extent,
-            device,
-        )
-        self.textures = texture.upload(world.textures, device)
-
-    @property
-    def pad(self) -> float:
-        """How far boxes are grown (constants.PAD_SHARE)."""
-        return self.world.extent * PAD_SHARE
-
-    def set_view(self, view: View) -> None:
-        """Look through another camera."""
-        self.view = view
-        self.camera = camera.upload(view.camera, view.seed, self.launcher.device)
 
 
 @dataclass
@@ -445,27 +398,6 @@ def no_hits(count: int, view: View) -> dict[str, NDArray[Any]]:
         "v": np.zeros(count, np.float32),
         "owner": np.full(count, -1, np.int32),
     }
-
-
-def by_destination(destination: NDArray[np.int32], chosen: NDArray[np.bool_]) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """The chosen rows, grouped by destination, in ascending order of both."""
-    rows = np.flatnonzero(chosen)
-    if not len(rows):
-        return
-    targets = destination[rows]
-    if (targets == targets[0]).all():
-        yield int(targets[0]), rows
-        return
-    for target in np.unique(targets):
-        yield int(target), rows[targets == target]
-
-
-def rows_near(
-    position: NDArray[np.float32], low: NDArray[np.float32], high: NDArray[np.float32], distance: float
-) -> NDArray[np.intp]:
-    """The points that lie in a box or no further from it than a distance."""
-    outside = np.maximum(np.maximum(low - position, position - high), 0.0).astype(np.float64)
-    return np.flatnonzero((outside**2).sum(axis=1) <= distance**2)
 
 
 def _empty_deposits(capacity: int, chunks: int, device: str) -> Any:

@@ -13,8 +13,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, take
-from wdpm.cluster.cell import Replica, by_destination, no_hits
+from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, take
+from wdpm.cluster.cell import no_hits
+from wdpm.cluster.replica import Replica
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask
 from wdpm.cluster.world import View
 from wdpm.kernels import camera_samples as cs

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from wdpm.cluster.batch import TO_HOME, Batch, Kind
-from wdpm.cluster.cell import Cell, Replica
+from wdpm.cluster.cell import Cell
 from wdpm.cluster.home import BucketHome, PhotonHome
 from wdpm.cluster.queues import Queues
+from wdpm.cluster.replica import Replica
 from wdpm.cluster.task import BucketTask, PhotonTask, Task, TaskResult
 from wdpm.cluster.world import View, World
 from wdpm.kernels.launch import Launcher

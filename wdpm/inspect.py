@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wdpm.cluster.cell import rows_near
+from wdpm.cluster.partition import rows_near
 from wdpm.cluster.plan import Plan, make_plan
 from wdpm.kernels.cells import cell_boxes
 from wdpm.kernels.compile import compile_kernels
