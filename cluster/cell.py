@@ -76,6 +76,7 @@ class Cell:
         )
         self._photons: list[Arrays] = []
         self._ghosts: list[Arrays] = []
+        self._deposits: Any = None
         self._map: Any = None
         self._own_points: Arrays = {}
         self._ghost_points: list[Arrays] = []
@@ -132,7 +133,7 @@ class Cell:
         chunks = launcher.chunks(count)
         capacity = max(size for _, size in chunks) * DEPOSITS_A_PATH
         flight = columns.upload(pp.Flight, arrays, device)
-        deposits = _empty_deposits(capacity, len(chunks), device)
+        deposits = self._room(capacity, len(chunks))
         status = wp.empty(count, dtype=wp.int32, device=device)
         destination = wp.empty(count, dtype=wp.int32, device=device)
         energy = wp.empty((count, 3), dtype=wp.float64, device=device)
@@ -146,6 +147,14 @@ class Cell:
         self.counters.energy += energy.numpy().sum(axis=0)
         self._keep(deposits, capacity)
         return columns.download(flight, SCHEMAS[Kind.PHOTON]), status.numpy(), destination.numpy()
+
+    def _room(self, capacity: int, chunks: int) -> Any:
+        """Room for photons, used again from launch to launch: fresh memory costs as much as the photons in it."""
+        if self._deposits is None or len(self._deposits.id) < capacity * chunks:
+            self._deposits = _empty_deposits(capacity * chunks, self.replica.launcher.device)
+        self._deposits.capacity = capacity
+        self._deposits.count = wp.zeros(chunks, dtype=wp.int32, device=self.replica.launcher.device)
+        return self._deposits
 
     def _keep(self, deposits: Any, capacity: int) -> None:
         """Take stored photons out of the regions of a launch."""
@@ -198,7 +207,7 @@ class Cell:
     def build_map(self) -> None:
         """Build the trees of photons and of surface points, own and ghosts, and let go of what they are built from."""
         photons = concatenate([*self._photons, *self._ghosts], Kind.GHOSTS)
-        self._photons, self._ghosts = [], []
+        self._photons, self._ghosts, self._deposits = [], [], None
         device, launch = self.replica.launcher.device, self.replica.launcher.build_launcher()
         self._map = photon_map.build(
             photons["position"], photons["flux"], photons["normal"], photons["direction"], photons["id"], device, launch
@@ -400,11 +409,8 @@ def no_hits(count: int, view: View) -> dict[str, NDArray[Any]]:
     }
 
 
-def _empty_deposits(capacity: int, chunks: int, device: str) -> Any:
+def _empty_deposits(total: int, device: str) -> Any:
     deposits = pp.Deposits()
-    deposits.capacity = capacity
-    deposits.count = wp.zeros(chunks, dtype=wp.int32, device=device)
-    total = capacity * chunks
     deposits.id = wp.empty(total, dtype=wp.int64, device=device)
     deposits.light = wp.empty(total, dtype=wp.int32, device=device)
     for name in ("position", "flux", "normal", "direction"):

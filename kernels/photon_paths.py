@@ -232,9 +232,7 @@ def trace_photons(
                     cut += mean3(flux)
                     status = ENDED
                 else:
-                    away = cosine_hemisphere(
-                        s.shading_normal, sample_2d(index, dimension_of(streams, 2 * bounce))
-                    )
+                    away = cosine_hemisphere(s.shading_normal, sample_2d(index, dimension_of(streams, 2 * bounce)))
                     scattered = wp.cw_mul(flux, scatter_weight(s, to_source, away))
                     survival = wp.min(1.0, wp.max(scattered) / wp.max(flux))
                     roulette = float(sample_1d(index, dimension_of(streams, 2 * bounce + 1)))

@@ -19,6 +19,7 @@ from wdpm.image import Image
 from wdpm.kernels.settings import RenderSettings, Routing
 from wdpm.progress import SilentProgress
 from wdpm.scenes.errors import ImageError, WdpmError
+from wdpm.scenes.load import load
 from wdpm.scenes.model import Scene
 
 LIGHT_LOAD = bench_kernels.Load(
@@ -210,7 +211,7 @@ def test_the_papers_table_over_sockets() -> None:
 
 def test_the_edges_of_emitters_are_left_out(scene_file: Path) -> None:
     setup = bench_mitsuba.Setup(scene_file, 24, 24)
-    scene = api.load(scene_file, size=(24, 24))
+    scene = load(scene_file, size=(24, 24))
     edges = bench_mitsuba.emitter_edges(scene, setup)
     assert edges.shape == (24, 24)
     assert not edges[0].any()  # wall
@@ -301,7 +302,7 @@ def test_results_are_printed_and_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     figure = bench_kernels.Figure("work", True, 1e-6, "peer", 2e-6)
-    monkeypatch.setattr(bench_kernels, "measure", lambda _: bench_kernels.KernelFigures(0.5, (figure,)))
+    monkeypatch.setattr(bench_kernels, "measure", lambda *_: bench_kernels.KernelFigures(0.5, (figure,)))
     data, text = tmp_path / "f.json", tmp_path / "f.md"
     assert cli.main(["bench", "kernels", "--json", str(data), "--markdown", str(text)]) == 0
     out = capsys.readouterr().out

@@ -16,6 +16,8 @@ from wdpm.bench_gather import Row
 from wdpm.cluster.cluster_settings import ClusterSettings
 from wdpm.kernels.compile import compile_kernels
 from wdpm.progress import Progress
+from wdpm.scenes.geometry import flatten
+from wdpm.scenes.load import load as load_scene
 
 FLOORS = {
     "closest hit, coherent": 1.0,
@@ -70,6 +72,7 @@ class Load:
     """How much is measured.
 
     Attributes:
+        models: scenes to trace rays in, besides the ball that is made here.
         rays: pixels of the camera that the rays start from.
         seconds: of each comparison of rays.
         photons: in the map.
@@ -79,6 +82,7 @@ class Load:
         photon_task_paths: paths of each.
     """
 
+    models: tuple[str, ...] = ()
     rays: int = 1_000_000
     seconds: float = 3.0
     photons: int = 250_000
@@ -143,6 +147,9 @@ def _rays(load: Load) -> list[Figure]:
     if find_spec("embreex") is None:
         return [_missing("closest hit and any hit", "Embree", "pip install 'wdpm[peers]'")]
     rows = bench_traversal.measure(rays=load.rays, seconds=load.seconds)
+    for model in load.models:
+        triangles = flatten(load_scene(model)).triangles.positions
+        rows += bench_traversal.measure(triangles, rays=load.rays, seconds=load.seconds)
     return [_figure(row, rate=True) for row in rows]
 
 

@@ -82,6 +82,9 @@ def slave_counts(text: str) -> tuple[int, ...]:
 
 def _add_kernels(benches: Any) -> None:
     parser = _add_bench(benches, "kernels", "ray traversal, photon gathers and photon tracing on one core", _KERNELS)
+    parser.add_argument(
+        "scenes", nargs="*", metavar="SCENE", help="scenes to trace rays in, besides a bumpy ball in a room"
+    )
     parser.set_defaults(measure=_kernels)
 
 
@@ -158,10 +161,10 @@ def _add_threads(parser: argparse.ArgumentParser, text: str) -> None:
     )
 
 
-def _kernels(_: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:
+def _kernels(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:
     from wdpm import bench_kernels
 
-    figures = bench_kernels.measure(progress)
+    figures = bench_kernels.measure(progress, bench_kernels.Load(models=tuple(args.scenes)))
     return [figures.grid()], {"kernels": figures.to_dict()}
 
 
