@@ -61,7 +61,7 @@ class Scratch:
         bin_boxes: shape [3 * BINS]; bin_counts: the same shape.
         right_areas: areas of what lies right of a bin boundary, shape [BINS].
         slot_boxes, slot_begin, slot_end: the children of the node being built, shape [WIDTH].
-        todo: (begin, end, node, depth) of the ranges to be built.
+        ranges: (begin, end, node, depth) of the ranges to be built.
     """
 
     boxes: wp.array[vec8]
@@ -72,7 +72,7 @@ class Scratch:
     slot_boxes: wp.array[vec8]
     slot_begin: wp.array[wp.int32]
     slot_end: wp.array[wp.int32]
-    todo: wp.array[wp.vec4i]
+    ranges: wp.array[wp.vec4i]
 
 
 @wp.func
@@ -254,10 +254,10 @@ def build_nodes(
     nodes = wp.int32(1)
     deepest = wp.int32(0)
     pending = wp.int32(1)
-    s.todo[0] = wp.vec4i(0, count, 0, 0)
+    s.ranges[0] = wp.vec4i(0, count, 0, 0)
     while pending > 0:
         pending = pending - 1
-        task = s.todo[pending]
+        task = s.ranges[pending]
         node = task[2]
         depth = task[3]
         deepest = wp.max(deepest, depth)
@@ -308,7 +308,7 @@ def build_nodes(
                 codes[k] = -(8 * begin + size)
             else:
                 codes[k] = nodes
-                s.todo[pending] = wp.vec4i(begin, begin + size, nodes, depth + 1)
+                s.ranges[pending] = wp.vec4i(begin, begin + size, nodes, depth + 1)
                 pending = pending + 1
                 nodes = nodes + 1
         bounds_out[6 * node] = low_x
@@ -388,7 +388,7 @@ def _build_nodes(corners: wp.array, count: int, pad: float) -> tuple[wp.array, w
     scratch.slot_boxes = wp.empty(WIDTH, dtype=vec8, device="cpu")
     scratch.slot_begin = wp.empty(WIDTH, dtype=wp.int32, device="cpu")
     scratch.slot_end = wp.empty(WIDTH, dtype=wp.int32, device="cpu")
-    scratch.todo = wp.empty(WIDTH * (MAX_DEPTH + 1), dtype=wp.vec4i, device="cpu")
+    scratch.ranges = wp.empty(WIDTH * (MAX_DEPTH + 1), dtype=wp.vec4i, device="cpu")
     # A node whose children are all leaves has more than LEAF_MAX triangles; any other has all eight children. So B of
     # the first kind and L further leaves make at most B + (B + L) / 7 nodes, with 9 B + L <= count.
     capacity = count // (WIDTH - 1) + 1
