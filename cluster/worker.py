@@ -94,17 +94,12 @@ class Worker:
 
     def handle(self, batch: Batch) -> Outbox:
         """Take in a batch that another worker sent."""
-        return self.handle_all([batch])
-
-    def handle_all(self, batches: Sequence[Batch]) -> Outbox:
-        """Take in batches that other workers sent; many at once are worked off with fewer, larger launches."""
         began = time.perf_counter()
-        for batch in batches:
-            self._traffic["bytes_in"] += batch.nbytes
-            if batch.kind in RAYS:
-                self._traffic["rays_in"] += len(batch)
+        self._traffic["bytes_in"] += batch.nbytes
+        if batch.kind in RAYS:
+            self._traffic["rays_in"] += len(batch)
         outbox = Outbox()
-        self._run(batches, outbox)
+        self._run([batch], outbox)
         self._busy += time.perf_counter() - began
         return outbox
 

@@ -337,8 +337,10 @@ def test_the_digest_sees_every_bit_name_and_shape(image: Image) -> None:
     changed = {name: layer.copy() for name, layer in image.layers.items()}
     changed["depth"][0, 1] = 0.0  # was -0
     assert Image(changed).digest() != digest
-    fewer = {name: layer for name, layer in image.layers.items() if name != "cell"}
+    fewer = {name: layer for name, layer in image.layers.items() if name != "depth"}
     assert Image(fewer).digest() != digest
+    elsewhere = {name: layer + 1 if name == "cell" else layer for name, layer in image.layers.items()}
+    assert Image(elsewhere).digest() == digest  # `cell` shows the cluster, not the scene
     wide, tall = np.zeros((1, 2, 3), np.float32), np.zeros((2, 1, 3), np.float32)
     assert Image({"beauty": wide}).digest() != Image({"beauty": tall}).digest()
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.image import Image
+from wdpm.image import PARTITION_LAYER, Image
 from wdpm.scenes.errors import ImageError
 
 if TYPE_CHECKING:
@@ -94,10 +94,6 @@ class Comparison:
         share = self.differing_pixels / (self.width * self.height)
         layers = ", ".join(f"{name} {count:,}" for name, count in self.differing.items() if count)
         return f"differ in {self.differing_pixels:,} pixels, {share:.2%} ({layers})"
-
-
-PARTITION_LAYER = "cell"
-"""The layer that shows the partition itself."""
 
 
 def _pixels_that_differ(differs: dict[str, NDArray[np.bool_]]) -> int:

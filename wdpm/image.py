@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from wdpm.scenes.errors import ImageError
 
+PARTITION_LAYER = "cell"
+"""The layer that shows the partition itself, and so is meant to differ from cluster to cluster."""
+
 # Every layer that an image may have, with the names of its channels in an EXR file. "RGB" is light or reflectance,
 # "XYZ" a direction in world space, "Z" a distance and "Y" a single value: the names that compositing programs expect.
 LAYER_CHANNELS: Mapping[str, str] = {
@@ -80,9 +83,12 @@ class Image:
         return encode_srgb8(self.pixels)
 
     def digest(self) -> str:
-        """SHA-256 over names, shapes and bytes of all layers, in hexadecimal: equal if and only if every bit is."""
+        """SHA-256 of names, shapes and bytes of all layers but `cell`, in hexadecimal: equal iff every bit of them is.
+
+        `cell` shows which part of a cluster shaded a pixel: it is the one layer that depends on who computed the image.
+        """
         sha = hashlib.sha256()
-        for name in sorted(self.layers):
+        for name in sorted(self.layers.keys() - {PARTITION_LAYER}):
             layer = np.ascontiguousarray(self.layers[name], dtype="<f4")
             sha.update(f"{name} {layer.shape}\n".encode())
             sha.update(layer.data)
