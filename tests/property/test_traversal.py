@@ -372,10 +372,10 @@ def check_tree(tree: Any, triangles: Array, ids: Array) -> None:
     inverse = np.empty(ids.max(initial=-1) + 1, dtype=int)
     inverse[ids] = np.arange(len(ids))
     covered = np.zeros(len(ids), dtype=int)
-    todo = [(0, 1, np.full(3, -np.inf), np.full(3, np.inf))]
+    waiting = [(0, 1, np.full(3, -np.inf), np.full(3, np.inf))]
     visited = 0
-    while todo:
-        node, level, low, high = todo.pop()
+    while waiting:
+        node, level, low, high = waiting.pop()
         visited += 1
         assert level <= bvh_build.MAX_DEPTH
         for k, code in enumerate(children[node]):
@@ -385,7 +385,7 @@ def check_tree(tree: Any, triangles: Array, ids: Array) -> None:
             assert (child_low >= low).all()
             assert (child_high <= high).all()
             if code > 0:
-                todo.append((int(code), level + 1, child_low, child_high))
+                waiting.append((int(code), level + 1, child_low, child_high))
                 continue
             first, size = (-code - 1) // 8, -code - 8 * ((-code - 1) // 8)
             covered[first : first + size] += 1
