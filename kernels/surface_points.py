@@ -3,8 +3,8 @@
 The textbook divides gathered flux by the area of a disc, pi r². At an edge, in a corner, on a column or a moulding,
 part of the disc is off the surface, and the estimate is too dark, the more so the smaller the features are against r
 (by 11 to 18 % on average in a cathedral with a million photons). So points are spread evenly over all surfaces, and
-those that pass the very filters and the metric of the gather are counted: each stands for the same area. A gather that lies
-within its own triangle needs no count.
+those that pass the very filters and the metric of the gather are counted: each stands for the same area. A gather that
+lies within its own triangle needs no count.
 
 Points are places like photons, in the same kind of tree; cells hold those of their band. A count is an integer: it
 does not depend on tree, order or partition.
