@@ -28,8 +28,18 @@ class Kind(Enum):
     """Camera rays, by pixel and sample number, to be intersected here and reported to the home (routing `merge`)."""
     SHADE = "shade"
     """Final camera hits, in the cell that contains the hit point."""
+    PATH = "path"
+    """Camera paths that have left their first surface, with the best hit so far."""
+    VERTEX = "vertex"
+    """Camera paths whose hit is final, in the cell that contains the hit point."""
     SHADOW = "shadow"
     """Shadow segments: what arrives in their slot if nothing blocks them."""
+    WALK = "walk"
+    """Shadow segments where light may pass straight through surfaces or media, with the best hit so far."""
+    PANE = "pane"
+    """Shadow segments whose hit is final, in the cell that contains the hit point: it may let light pass."""
+    BEAM = "beam"
+    """Stretches of camera rays in a medium, with the sums of what photons near them scatter towards the camera."""
     PHOTON = "photon"
     """Photons in flight, with the best hit so far."""
     LANDED = "landed"
@@ -45,7 +55,7 @@ class Kind(Enum):
     SAMPLES = "samples"
     """What camera samples see, but for direct light: the fixed slots of a home."""
     LIT = "lit"
-    """Direct light of shadow rays that nothing blocked, by slot."""
+    """Parts of camera samples, by slot and place: direct light, and all that later vertices of a path add."""
     ENDED = "ended"
     """Nothing but credit: rays that ended."""
 
@@ -69,42 +79,85 @@ _HIT: Schema = {
     "owner": ("<i4", ()),  # the cell that contains the hit point
 }
 
+_PATH: Schema = {
+    **_RAY,
+    "bounce": ("<i4", ()),  # vertices before, those that light goes straight through included
+    "edges": ("<i4", ()),  # of the path so far, straight passages not counted
+    "medium": ("<i4", ()),  # that the ray is in, -1 for none
+    "origin": ("<f4", (3,)),
+    "direction": ("<f4", (3,)),
+    "anchor": ("<f4", (3,)),  # the last vertex that scattered
+    "throughput": ("<f4", (3,)),
+    "pdf": ("<f4", ()),  # pdf_solid_angle of the direction at the anchor; 0 for a delta
+    **_HIT,
+}
+
+_SEGMENT: Schema = {
+    "slot": ("<i4", ()),
+    "place": ("<i4", ()),  # which part of the sample it is: cluster.parts
+    "origin": ("<f4", (3,)),
+    "direction": ("<f4", (3,)),  # as long as the segment
+    "radiance": ("<f4", (3,)),
+}
+
+_PHOTON: Schema = {
+    "path": ("<i8", ()),
+    "bounce": ("<i4", ()),
+    "edges": ("<i4", ()),
+    "state": ("<i4", ()),  # which parts of surfaces scattered it: kernels.photon_paths
+    "medium": ("<i4", ()),
+    "light": ("<i4", ()),
+    "origin": ("<f4", (3,)),
+    "direction": ("<f4", (3,)),
+    "flux": ("<f4", (3,)),
+    **_HIT,
+}
+
+_STORED: Schema = {
+    "id": ("<i8", ()),
+    "edges": ("<i4", ()),  # of its path from the light
+    "map": ("<i4", ()),  # kernels.photon_paths
+    "position": ("<f4", (3,)),
+    "flux": ("<f4", (3,)),
+    "normal": ("<f4", (3,)),
+    "direction": ("<f4", (3,)),
+}
+
 SCHEMAS: dict[Kind, Schema] = {
     Kind.CAMERA: {**_RAY, **_HIT},
     Kind.PROBE: _RAY,
     Kind.SHADE: {**_RAY, **_HIT},
-    Kind.SHADOW: {"slot": ("<i4", ()), "origin": ("<f4", (3,)), "direction": ("<f4", (3,)), "radiance": ("<f4", (3,))},
-    Kind.PHOTON: {
-        "path": ("<i8", ()),
-        "bounce": ("<i4", ()),
-        "light": ("<i4", ()),
-        "origin": ("<f4", (3,)),
-        "direction": ("<f4", (3,)),
-        "flux": ("<f4", (3,)),
-        **_HIT,
+    Kind.PATH: _PATH,
+    Kind.SHADOW: _SEGMENT,
+    Kind.WALK: {**_SEGMENT, "medium": ("<i4", ()), **_HIT},
+    Kind.BEAM: {
+        **_SEGMENT,  # the direction has length 1, radiance is the throughput before the stretch
+        "length": ("<f4", ()),
+        "medium": ("<i4", ()),
+        "red": ("<i8", ()),
+        "green": ("<i8", ()),
+        "blue": ("<i8", ()),
     },
-    Kind.GHOSTS: {
-        "id": ("<i8", ()),
-        "position": ("<f4", (3,)),
-        "flux": ("<f4", (3,)),
-        "normal": ("<f4", (3,)),
-        "direction": ("<f4", (3,)),
-    },
+    Kind.PHOTON: _PHOTON,
+    Kind.GHOSTS: _STORED,
     Kind.POINTS: {"position": ("<f4", (3,)), "normal": ("<f4", (3,))},
     Kind.PROBED: {"slot": ("<i4", ()), **_HIT},
     Kind.SAMPLES: {
         "slot": ("<i4", ()),
         "emission": ("<f4", (3,)),
         "indirect": ("<f4", (3,)),
+        "caustic": ("<f4", (3,)),
         "depth": ("<f4", ()),
         "normal": ("<f4", (3,)),
         "albedo": ("<f4", (3,)),
         "cell": ("<i4", ()),
     },
-    Kind.LIT: {"slot": ("<i4", ()), "radiance": ("<f4", (3,))},
+    Kind.LIT: {"slot": ("<i4", ()), "place": ("<i4", ()), "radiance": ("<f4", (3,))},
     Kind.ENDED: {},
 }
 SCHEMAS[Kind.LANDED] = SCHEMAS[Kind.PHOTON]
+SCHEMAS[Kind.VERTEX] = SCHEMAS[Kind.PATH]
+SCHEMAS[Kind.PANE] = SCHEMAS[Kind.WALK]
 
 
 @dataclass(frozen=True, eq=False)

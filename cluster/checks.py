@@ -16,27 +16,60 @@ from numpy.typing import NDArray
 from wdpm.cluster import protocol
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask
-from wdpm.cluster.world import Lights, Materials, TopTree, View, World
+from wdpm.cluster.world import Emission, MapPlan, TopTree, View, World
 from wdpm.kernels.settings import MAX_K
 from wdpm.scenes.errors import ProtocolError
-from wdpm.scenes.geometry import Triangles
-from wdpm.scenes.model import Bitmap, Camera
+from wdpm.scenes.geometry import Media, Triangles
+from wdpm.scenes.light_table import LightTable
+from wdpm.scenes.material_table import NORMAL_MAP, SAME_MEDIUM, SLOTS, MaterialTable
+from wdpm.scenes.model import Camera
+from wdpm.scenes.textures import Bitmap, Checkerboard
 
 Shape = tuple[int | str, ...]
 
 SHAPES: dict[type, dict[str, Shape]] = {
     TopTree: {"axis": ("inner nodes",), "split": ("inner nodes",)},
-    Materials: {"reflectance": ("materials", 3), "texture": ("materials",), "twosided": ("materials",)},
-    Lights: {
+    MaterialTable: {
+        "kind": ("nodes",),
+        "child": ("nodes", 2),
+        "distribution": ("nodes",),
+        "value": ("nodes", SLOTS, 3),
+        "texture": ("nodes", SLOTS),
+        "medium": ("nodes", 2),
+    },
+    LightTable: {
+        "emitter_radiance": ("emitters", 3),
+        "emitter_texture": ("emitters",),
+        "prim": ("triangles",),
         "corners": ("triangles", 3, 3),
-        "triangle_radiance": ("triangles", 3),
-        "triangle_light": ("triangles",),
+        "uvs": ("triangles", 3, 2),
+        "colors": ("colored", 3, 3),
+        "emitter": ("triangles",),
         "point_position": ("points", 3),
         "point_intensity": ("points", 3),
-        "point_light": ("points",),
+        "spot_position": ("spots", 3),
+        "spot_axes": ("spots", 3, 3),
+        "spot_intensity": ("spots", 3),
+        "spot_cosines": ("spots", 2),
+        "spot_falloff": ("spots", 2),
+        "spot_texture": ("spots",),
+        "spot_spread": ("spots",),
+        "directional_direction": ("directionals", 3),
+        "directional_irradiance": ("directionals", 3),
+        "environment_pixels": ("height", "width", 3),
+        "environment_axes": (3, 3),
+        "medium": ("lights",),
         "power": ("elements",),
+        "light": ("elements",),
     },
-    World: {"emitter_radiance": ("emitters", 3)},
+    Media: {"sigma_t": ("media", 3), "albedo": ("media", 3), "g": ("media",)},
+    Emission: {
+        "share": ("elements",),
+        "caustic_share": ("elements",),
+        "target_center": ("targets", 3),
+        "target_radius": ("targets",),
+    },
+    Checkerboard: {"to_uv": (3, 3)},
     Bitmap: {"pixels": ("height", "width", 3), "to_uv": (3, 3)},
     Camera: {"to_world": (4, 4)},
     Triangles: {
@@ -46,9 +79,13 @@ SHAPES: dict[type, dict[str, Shape]] = {
         "uvs": ("triangles", 3, 2),
         "material": ("triangles",),
         "emitter": ("triangles",),
+        "colors": ("colored", 3, 3),
     },
 }
 """Shapes of arrays by class and field. A name stands for any length, the same wherever it occurs in one object."""
+
+LAST_KIND = NORMAL_MAP
+"""Of the nodes of a MaterialTable."""
 
 LARGEST_SIDE = 1 << 20
 """Pixels of an image's or a bucket's side."""
@@ -68,8 +105,10 @@ def check_triangles(triangles: Triangles, world: World, where: str) -> None:
     """Raise ProtocolError unless triangles are in order and name only materials and emitters that the world has."""
     if np.any(triangles.ids[1:] <= triangles.ids[:-1]):
         raise ProtocolError(f"{where}: triangles are not in the order of their numbers")
-    _indices(triangles.material, 0, len(world.materials.reflectance), f"{where}: material")
-    _indices(triangles.emitter, -1, len(world.emitter_radiance), f"{where}: emitter")
+    _indices(triangles.material, 0, len(world.materials), f"{where}: material")
+    _indices(triangles.emitter, -1, len(world.lights.emitter_radiance), f"{where}: emitter")
+    colored = len(triangles.colors)
+    _require(colored in (0, len(triangles)), where, f"colours of {colored} triangles; there are {len(triangles)}")
 
 
 def check_batch(batch: Batch, world: World) -> None:
@@ -130,25 +169,51 @@ def _top_tree(tree: TopTree, where: str) -> None:
     _indices(tree.axis, 0, 3, f"{where}.axis")
 
 
-def _lights(lights: Lights, where: str) -> None:
-    elements = len(lights.corners) + len(lights.point_position)
+def _lights(lights: LightTable, where: str) -> None:
+    environments = int(lights.environment_pixels.size > 0)
+    singles = len(lights.point_position) + len(lights.spot_position) + len(lights.directional_direction)
+    elements = len(lights.corners) + singles + environments
     _require(len(lights.power) == elements, where, f"power of {len(lights.power)} elements; there are {elements}")
-    _indices(lights.triangle_light, 0, len(lights.names), f"{where}.triangle_light")
-    _indices(lights.point_light, 0, len(lights.names), f"{where}.point_light")
+    _require(len(lights.medium) == len(lights.names), where, "a medium for each light was expected")
+    _indices(lights.light, 0, len(lights.names), f"{where}.light")
+    _indices(lights.emitter, 0, len(lights.emitter_radiance), f"{where}.emitter")
+    colored = len(lights.colors)
+    _require(colored in (0, len(lights.prim)), where, f"colours of {colored} triangles")
+    _require(not np.any(lights.prim[1:] <= lights.prim[:-1]), where, "triangles are not in the order of their numbers")
+
+
+def _materials(table: MaterialTable, where: str) -> None:
+    """Children come after their parents, so no walk through a tree is endless."""
+    nodes = np.arange(len(table))[:, None]
+    inner = table.child >= 0
+    _indices(table.child.ravel(), -1, len(table), f"{where}.child")
+    _require(bool((table.child > nodes)[inner].all()), where, "a node inside another comes before it")
+    _indices(table.distribution, 0, 2, f"{where}.distribution")
+    _indices(table.kind, 0, LAST_KIND + 1, f"{where}.kind")
 
 
 def _world(world: World, where: str) -> None:
-    _indices(world.materials.texture, -1, len(world.textures), f"{where}.materials.texture")
-    _require(world.paths >= 0 and 0 <= world.seed < 2**32, where, f"{world.paths} paths, seed {world.seed}")
+    _indices(world.materials.texture.ravel(), -1, len(world.textures), f"{where}.materials.texture")
+    _indices(world.materials.medium.ravel(), SAME_MEDIUM, len(world.media.g), f"{where}.materials.medium")
+    _indices(world.lights.emitter_texture, -1, len(world.textures), f"{where}.lights.emitter_texture")
+    _indices(world.lights.spot_texture, -1, len(world.textures), f"{where}.lights.spot_texture")
+    _indices(world.lights.medium, -1, len(world.media.g), f"{where}.lights.medium")
+    elements = len(world.lights.power)
+    _require(len(world.emission.share) == elements, where, f"shares of {elements} light elements were expected")
+    _require(0 <= world.seed < 2**32, where, f"seed {world.seed}")
     _require(world.max_depth is None or world.max_depth >= 1, where, f"max_depth {world.max_depth}")
-    lengths = _positive(world.radius) and math.isfinite(world.band) and world.band >= 0
-    _require(lengths and math.isfinite(world.extent), where, f"radius {world.radius}, band {world.band}")
+    _require(math.isfinite(world.extent) and _positive(world.volume_unit), where, f"extent {world.extent}")
+
+
+def _map_plan(plan: MapPlan, where: str) -> None:
+    lengths = _positive(plan.radius) and math.isfinite(plan.band) and plan.band >= 0
+    _require(plan.paths >= 0 and lengths, where, f"{plan} is no plan of a map")
 
 
 def _view(view: View, where: str) -> None:
     counts = (view.spp, view.light_samples, view.k, view.bucket)
     _require(min(counts) >= 1 and max(counts) < 2**31, where, f"spp, light_samples, k, bucket are {counts}")
-    _require(view.k <= MAX_K, where, f"k is {view.k}")
+    _require(1 <= min(view.k, view.caustic_k) and max(view.k, view.caustic_k) <= MAX_K, where, f"k is {view.k}")
     _require(0 <= view.seed < 2**32, where, f"seed {view.seed}")
     _require(view.max_depth is None or view.max_depth >= 1, where, f"max_depth {view.max_depth}")
 
@@ -201,7 +266,9 @@ def _welcome(welcome: protocol.Welcome, where: str) -> None:
 
 _RANGES: dict[type, Callable[[Any, str], None]] = {
     TopTree: _top_tree,
-    Lights: _lights,
+    LightTable: _lights,
+    MaterialTable: _materials,
+    MapPlan: _map_plan,
     World: _world,
     View: _view,
     Camera: _camera,

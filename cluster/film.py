@@ -8,18 +8,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.task import BucketRendered, BucketTask
+from wdpm.cluster.world import World
 from wdpm.scenes.errors import ProtocolError
 
 LAYERS: Mapping[str, int] = {
     "beauty": 3,
     "direct": 3,
     "indirect": 3,
+    "caustic": 3,
+    "volume": 3,
     "depth": 1,
     "normal": 3,
     "albedo": 3,
     "cell": 1,
 }
 """Layers of a rendered image -> channels; a layer of one channel has no third axis."""
+
+
+def layers_of(world: World) -> dict[str, int]:
+    """The layers that images of a world have: those of maps that it does not call for are left out."""
+    absent = {"caustic": world.caustic_map.paths == 0, "volume": world.volume_map.paths == 0}
+    return {name: channels for name, channels in LAYERS.items() if not absent.get(name, False)}
 
 
 def spiral(width: int, height: int, bucket: int, first_number: int = 0) -> list[BucketTask]:

@@ -13,12 +13,14 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, take
-from wdpm.cluster.cell import no_hits
+from wdpm.cluster import parts
+from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
+from wdpm.cluster.film import layers_of
+from wdpm.cluster.misses import missed_light, no_hits
 from wdpm.cluster.replica import Replica
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask
 from wdpm.cluster.world import View
-from wdpm.kernels import camera_samples as cs
+from wdpm.kernels import camera_rays as cr
 from wdpm.kernels import columns, resolve
 from wdpm.kernels import photon_paths as pp
 from wdpm.kernels.settings import Routing
@@ -44,14 +46,20 @@ class PhotonHome:
         count = self.task.stop - self.task.start
         flight = columns.empty(pp.Flight, count, device)
         first = wp.empty(count, dtype=wp.int32, device=device)
-        seed = wp.uint32(replica.world.seed)
-        replica.launcher(pp.emit_photons, count, [replica.lights, self.task.start, seed], [flight])
+        world = replica.world
+        scene = [replica.lights, replica.textures, replica.media, replica.cells, replica.targets]
+        shares = [replica.cumulative, replica.caustic_cumulative]
+        scalars = [self.task.start, world.global_map.paths, wp.uint32(world.seed)]
+        replica.launcher(replica.kernels.emit_photons, count, [*scene, *shares, *scalars], [flight])
         replica.launcher(pp.first_cells, count, [replica.cells, flight], [first])
         arrays = columns.download(flight, SCHEMAS[Kind.PHOTON])
-        self._emitted = float(arrays["flux"].sum(dtype=np.float64)) / 3.0
-        lights = replica.paths_by_light
-        lights += np.bincount(arrays["light"], minlength=len(lights))
+        aimed = arrays["path"] >= world.global_map.paths
+        self._emitted = float(arrays["flux"][~aimed].sum(dtype=np.float64)) / 3.0
+        for row, chosen in enumerate((~aimed, aimed)):
+            lights = replica.paths_by_light[row]
+            lights += np.bincount(arrays["light"][chosen], minlength=len(lights))
         destination = first.numpy()
+        self._credit = int(np.count_nonzero(destination >= 0))
         for cell, rows in by_destination(destination, destination >= 0):
             yield Batch(Kind.PHOTON, self.task.number, self._number, cell, len(rows), take(arrays, rows))
 
@@ -90,6 +98,7 @@ class BucketHome:
         self._slots: dict[str, NDArray[Any]] = {}
         self._rays: Arrays = {}
         self._probing = False
+        self._later: list[Arrays] = []
 
     def begin(self) -> Iterator[Batch]:
         """Start the next wave of samples."""
@@ -116,10 +125,10 @@ class BucketHome:
         destination = np.zeros(total, np.int32)
         if replica.world.top_tree.cells > 1:
             first = wp.empty(total, dtype=wp.int32, device=device)
-            rays = columns.upload(cs.Rays, arrays, device)
-            replica.launcher(cs.first_camera_cells, total, [replica.camera, replica.cells, rays], [first])
+            rays = columns.upload(cr.Rays, arrays, device)
+            replica.launcher(replica.kernels.first_camera_cells, total, [replica.camera, replica.cells, rays], [first])
             destination = first.numpy()
-        unit = 1 + self._view.light_samples
+        unit = parts.credit_of_camera_ray(self._view.light_samples)
         self._credit = int(np.count_nonzero(destination >= 0)) * unit
         for cell, rows in by_destination(destination, destination >= 0):
             yield self._batch(Kind.CAMERA, cell, len(rows) * unit, take(arrays, rows))
@@ -129,8 +138,8 @@ class BucketHome:
         replica, device = self._replica, self._replica.launcher.device
         total = len(rays["slot"])
         touched_array = wp.zeros((total, replica.world.top_tree.cells), dtype=wp.uint8, device=device)
-        full = columns.upload(cs.Rays, {**rays, **no_hits(total, self._view)}, device)
-        replica.launcher(cs.mark_touched_cells, total, [replica.camera, replica.cells, full], [touched_array])
+        full = columns.upload(cr.Rays, {**rays, **no_hits(total, self._view)}, device)
+        replica.launcher(replica.kernels.mark_touched_cells, total, [replica.camera, replica.cells, full], [touched_array])
         touched = touched_array.numpy().astype(bool)
         cells = np.flatnonzero(touched.any(axis=0))
         self._probing = True
@@ -147,9 +156,9 @@ class BucketHome:
         if batch.kind is Kind.PROBED:
             self._merge(arrays)
         elif batch.kind is Kind.SAMPLES:
-            self._fill(arrays, ("emission", "indirect", "depth", "normal", "albedo", "cell"))
+            self._fill(arrays, ("emission", "indirect", "caustic", "depth", "normal", "albedo", "cell"))
         elif batch.kind is Kind.LIT:
-            self._slots["direct"][arrays["slot"]] = arrays["radiance"]
+            self._add_parts(arrays)
         elif batch.kind is not Kind.ENDED:
             raise ProtocolError(f"a {batch.kind.value} batch came home to bucket {self.task.number}")
         self._credit -= batch.credit
@@ -172,6 +181,17 @@ class BucketHome:
             else:
                 self._slots[name][slot] = arrays[name]
 
+    def _add_parts(self, arrays: Arrays) -> None:
+        """Direct light at the first surface has slots of its own; all other parts wait to be put in order."""
+        shots = self._view.light_samples
+        place = arrays["place"]
+        first = place < shots
+        if first.all():
+            self._slots["direct"][arrays["slot"] * np.int32(shots) + place] = arrays["radiance"]
+            return
+        self._slots["direct"][(arrays["slot"] * np.int32(shots) + place)[first]] = arrays["radiance"][first]
+        self._later.append(take(arrays, np.flatnonzero(~first)))
+
     def _merge(self, found: Arrays) -> None:
         """Nearest first; of equally near hits the smaller triangle number (exactness contract, item 2)."""
         slot = found["slot"]
@@ -181,36 +201,59 @@ class BucketHome:
             self._rays[name][slot[nearer]] = found[name][nearer]
 
     def _shade_merged(self) -> Iterator[Batch]:
-        """Send the merged hits to the cells that contain them."""
-        unit = 1 + self._view.light_samples
+        """Send the merged hits to the cells that contain them, and rays that have met nothing to what lies beyond."""
+        unit = parts.credit_of_camera_ray(self._view.light_samples)
         hit = self._rays["prim"] >= 0
-        self._credit = int(np.count_nonzero(hit)) * unit
+        self._credit = len(hit) * unit
         for cell, rows in by_destination(self._rays["owner"].astype(np.int32), hit):
             yield self._batch(Kind.SHADE, cell, len(rows) * unit, take(self._rays, rows))
+        missed = np.flatnonzero(~hit)
+        if len(missed):
+            cause = self._batch(Kind.CAMERA, -1, 0, {})
+            yield from missed_light(self._replica, cause, -1, take(self._rays, missed), len(missed) * unit)
 
     def _finish_wave(self) -> None:
         """Add the wave's samples to the pixels' sums, in the order of their numbers."""
-        launcher = self._replica.launcher
+        launcher, shots = self._replica.launcher, self._view.light_samples
         count = len(self._slots["depth"]) // len(self._pixels)
         slots = columns.upload(resolve.Slots, self._slots, launcher.device)
-        launcher(resolve.add_samples, len(self._pixels), [slots, count, self._view.light_samples], [self._sums])
+        launcher(resolve.add_samples, len(self._pixels), [slots, count, shots], [self._sums])
+        if self._later:
+            later = columns.upload(resolve.Parts, self._parts_in_order(), launcher.device)
+            launcher(resolve.add_parts, len(self._pixels), [later, count], [self._sums])
+            self._later = []
         if self._first == 0:
             self._cell = self._slots["cell"].reshape(-1, count)[:, 0].copy()
         self._first += count
         self._slots = {}
         self._rays = {}
 
+    def _parts_in_order(self) -> Arrays:
+        """All parts beyond the first surface, by slot and place, and where those of each slot begin."""
+        together = concatenate(self._later, Kind.LIT)
+        order = np.lexsort((together["place"], together["slot"]))
+        slot = together["slot"][order]
+        samples = len(self._slots["depth"])
+        return {
+            "begin": np.searchsorted(slot, np.arange(samples + 1)).astype(np.int32),
+            "layer": parts.layer_of(together["place"][order], self._view.light_samples),
+            "radiance": together["radiance"][order],
+        }
+
     def result(self) -> BucketRendered | None:
         """The bucket's pixels once all samples are in."""
         if self._credit > 0 or self._first < self._view.spp:
             return None
-        sums = columns.download(self._sums, ("direct", "indirect", "normal", "albedo", "depth", "hits"))
+        names = ("direct", "indirect", "caustic", "volume", "normal", "albedo", "depth", "hits")
+        sums = columns.download(self._sums, names)
         share = 1.0 / self._view.spp
         hits = np.maximum(sums["hits"], 1)
         flat = {
-            "beauty": (sums["direct"] + sums["indirect"]) * share,
+            "beauty": (((sums["direct"] + sums["indirect"]) + sums["caustic"]) + sums["volume"]) * share,
             "direct": sums["direct"] * share,
             "indirect": sums["indirect"] * share,
+            "caustic": sums["caustic"] * share,
+            "volume": sums["volume"] * share,
             "depth": sums["depth"] / hits,
             "normal": sums["normal"] * share,
             "albedo": sums["albedo"] * share,
@@ -219,6 +262,7 @@ class BucketHome:
         layers = {
             name: np.ascontiguousarray(layer.reshape(*self._shape, *layer.shape[1:]), np.float32)
             for name, layer in flat.items()
+            if name in layers_of(self._replica.world)
         }
         return BucketRendered(self.task.number, self.task.x0, self.task.y0, layers)
 
@@ -227,16 +271,18 @@ class BucketHome:
 
     def _check_slots(self, batch: Batch) -> None:
         """Slots come over the wire: none may point outside."""
-        size = len(self._slots["direct"] if batch.kind is Kind.LIT else self._slots["depth"])
-        slot = batch.arrays["slot"]
+        size, slot = len(self._slots["depth"]), batch.arrays["slot"]
         if len(slot) and (slot.min() < 0 or slot.max() >= size):
             raise ProtocolError(f"a {batch.kind.value} batch has a slot outside 0 .. {size - 1}")
+        if batch.kind is Kind.LIT and len(slot) and batch.arrays["place"].min() < 0:
+            raise ProtocolError("a lit batch has a place below 0")
 
 
 def _empty_slots(samples: int, light_samples: int) -> dict[str, NDArray[Any]]:
     return {
         "emission": np.zeros((samples, 3), np.float32),
         "indirect": np.zeros((samples, 3), np.float32),
+        "caustic": np.zeros((samples, 3), np.float32),
         "depth": np.full(samples, -1.0, np.float32),
         "normal": np.zeros((samples, 3), np.float32),
         "albedo": np.zeros((samples, 3), np.float32),

@@ -514,6 +514,7 @@ def rows(triangles: Triangles, start: int, count: int) -> Triangles:
         triangles.uvs[part],
         triangles.material[part],
         triangles.emitter[part],
+        triangles.colors[part] if len(triangles.colors) else triangles.colors,
     )
 
 

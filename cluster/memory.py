@@ -201,5 +201,6 @@ NO_TRIANGLES = Triangles(
     np.empty((0, 3, 2), np.float32),
     np.empty(0, np.int32),
     np.empty(0, np.int32),
+    np.empty((0, 3, 3), np.float32),
 )
 """What a worker that is built already is sent."""

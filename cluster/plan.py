@@ -15,19 +15,24 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.cluster.batch import Arrays
+from wdpm.cluster.batch import Arrays, take
 from wdpm.cluster.cell import Cell
+from wdpm.cluster.effects import calls_for_caustics, calls_for_media, features_of
+from wdpm.cluster.light_shares import pilot_emission, shared_out
 from wdpm.cluster.partition import deal, rows_of_cells
 from wdpm.cluster.task import PhotonTask
 from wdpm.cluster.top_tree import build_top_tree
 from wdpm.cluster.worker import Worker
-from wdpm.cluster.world import Lights, Materials, TopTree, View, World
+from wdpm.cluster.world import MapPlan, TopTree, View, World
 from wdpm.kernels import photon_map
+from wdpm.kernels.beam import sum_unit
+from wdpm.kernels.features import Features
 from wdpm.kernels.gather import check_settings, gather_kernel
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.lights import triangle_areas
+from wdpm.kernels.photon_paths import CAUSTIC_MAP, GLOBAL_MAP, MAPS, VOLUME_MAP
 from wdpm.kernels.settings import RenderSettings
-from wdpm.scenes.geometry import FlatScene, Triangles
+from wdpm.scenes.geometry import FlatScene
 
 PILOT_PATHS = 1 << 15
 """Paths of the pilot: its stored photons tell paths per photon to about half a percent, in some 50 ms."""
@@ -43,6 +48,18 @@ RADIUS_MARGIN = 2.5
 """The gather radius is 2.5 times the one in which the median photon finds k others: gathers in light that is a sixth as
 dense still find their k; dimmer places are averaged over the fixed radius, and counted in the report. Wider, the
 overlap bands would take more photons than they are worth; narrower, dim places would be noisier."""
+
+CAUSTIC_PATHS_A_PHOTON = 20
+"""Most caustic paths for each caustic photon that is asked for."""
+
+BEAM_K = 12
+"""Volume photons in a ball of the beams' radius about the median one: a beam through it then finds some hundred."""
+
+BEAM_PILOT = 4096
+"""Volume photons of the pilot that the density is told by."""
+
+BEAM_HEADROOM = 64.0
+"""A volume photon may be so many times stronger than the pilot's strongest; what is beyond is cut, and counted."""
 
 POINTS_A_PHOTON = 2
 """Surface points a photon: their count then adds little to the noise of the photons' own."""
@@ -74,36 +91,6 @@ class Plan:
     pilot_photons: NDArray[np.float32]
 
 
-def light_elements(flat: FlatScene) -> Lights:
-    """All that emits in a scene, one element a row."""
-    emitting = np.flatnonzero(flat.triangles.emitter >= 0)
-    corners = _facing_front(flat.triangles, emitting)
-    emitter = flat.triangles.emitter[emitting]
-    radiance = flat.emitter_radiance[emitter].reshape(-1, 3)
-    triangle_power = math.pi * triangle_areas(corners) * radiance.mean(axis=1, dtype=np.float64)
-    point_power = 4.0 * math.pi * flat.point_intensity.mean(axis=1, dtype=np.float64)
-    return Lights(
-        corners=corners,
-        triangle_radiance=radiance,
-        triangle_light=emitter.astype(np.int32),
-        point_position=flat.point_position,
-        point_intensity=flat.point_intensity,
-        point_light=(len(flat.emitter_radiance) + np.arange(len(flat.point_position))).astype(np.int32),
-        power=np.concatenate([triangle_power, point_power]),
-        names=flat.light_names,
-    )
-
-
-def _facing_front(triangles: Triangles, rows: NDArray[np.intp]) -> NDArray[np.float32]:
-    """Corners of triangles, wound so that their geometric normals agree with their vertex normals, as surfaces do."""
-    corners = triangles.positions[rows].copy()
-    p = corners.astype(np.float64)
-    normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-    against = np.einsum("ij,ij->i", normal, triangles.normals[rows].sum(axis=1, dtype=np.float64)) < 0
-    corners[against] = corners[against][:, [0, 2, 1]]
-    return corners
-
-
 def make_plan(
     flat: FlatScene, settings: RenderSettings, workers: int, launcher: Launcher, cells: int | None = None
 ) -> Plan:
@@ -113,40 +100,62 @@ def make_plan(
         workers: how many will share the work; 0 and 1 are alike.
         cells: a power of two; None for the least that gives every worker the like.
     """
-    alone = World(
-        materials=Materials(flat.reflectance, flat.texture, flat.twosided.astype(np.int32)),
+    features = features_of(flat, settings)
+    pilot = Worker(0, _pilot_world(flat, features, settings), {0: flat.triangles}, [0], launcher)
+    cell = pilot.cells[0]
+    _fly_pilot(pilot)
+    photons = _by_map(cell.store.so_far())
+    counters = cell.store.counters
+    plans = map_plans(pilot, photons, settings, flat.extent)
+    for plan in plans:
+        check_settings(settings.k, plan.radius)
+    wanted = max(workers, 1) if cells is None else cells
+    levels = (wanted - 1).bit_length()
+    places = np.concatenate([part["position"] for part in photons])
+    band = max((plan.band for plan in plans if plan.paths), default=plans[0].band)
+    tree = build_top_tree(flat.triangles.positions, places, band, levels, wanted)
+    world = replace(
+        pilot.replica.world,
+        top_tree=tree,
+        global_map=plans[0],
+        caustic_map=plans[1],
+        volume_map=plans[2],
+        emission=shared_out(pilot.replica.world, counters),
+        point_area=_point_area(flat.triangles.positions, plans[0].radius, settings),
+        volume_unit=_volume_unit(photons[VOLUME_MAP], plans[VOLUME_MAP], flat),
+    )
+    rows = rows_of_cells(flat.triangles.positions, tree, flat.extent, launcher)
+    burdens = np.array([len(r) for r in rows], np.float64) / len(flat.triangles)
+    if len(places):
+        burdens += photons_in_cells(places, tree) / len(places)
+    holders = deal(burdens, max(workers, 1))
+    pilot.forget_photons()
+    return Plan(world, rows, holders, pilot if tree.cells == 1 else None, places)
+
+
+def _pilot_world(flat: FlatScene, features: Features, settings: RenderSettings) -> World:
+    """One cell, and as many paths of each pass as the pilot has."""
+    shines = bool(len(flat.lights.power)) and flat.lights.power.sum() > 0
+    photons = 0 if "indirect" in settings.without else settings.photons
+    paths = PILOT_PATHS if shines and (photons or calls_for_media(flat)) else 0
+    caustic = PILOT_PATHS if shines and calls_for_caustics(flat, features, settings) else 0
+    return World(
+        features=features,
+        materials=flat.materials,
         textures=flat.textures,
-        lights=light_elements(flat),
-        emitter_radiance=flat.emitter_radiance,
+        lights=flat.lights,
+        media=flat.media,
         top_tree=TopTree(np.zeros(0, np.int32), np.zeros(0, np.float32)),
         extent=flat.extent,
         seed=settings.seed,
         max_depth=settings.max_depth,
-        paths=0,
-        radius=1.0,
+        emission=pilot_emission(flat, aimed=caustic > 0),
+        global_map=MapPlan(paths),
+        caustic_map=MapPlan(caustic),
+        volume_map=MapPlan(paths if calls_for_media(flat) and settings.volume_photons else 0),
         point_area=1.0,
-        band=1.0,
+        volume_unit=1.0,
     )
-    pilot = Worker(0, alone, {0: flat.triangles}, [0], launcher)
-    cell = pilot.cells[0]
-    stored = _fly_pilot(pilot, settings)
-    paths = math.ceil(settings.photons * PILOT_PATHS / stored) if stored else 0
-    photons = _in_order(cell.photons_so_far())
-    radius = settings.radius or _gather_radius(cell, photons, settings, flat.extent)
-    check_settings(settings.k, radius)
-    band = settings.band * radius
-    wanted = max(workers, 1) if cells is None else cells
-    levels = (wanted - 1).bit_length()
-    tree = build_top_tree(flat.triangles.positions, photons["position"], band, levels, wanted)
-    area = _point_area(flat.triangles.positions, radius, settings)
-    world = replace(alone, top_tree=tree, paths=paths, radius=radius, point_area=area, band=band)
-    rows = rows_of_cells(flat.triangles.positions, tree, flat.extent, launcher)
-    burdens = np.array([len(r) for r in rows], np.float64) / len(flat.triangles)
-    if stored:
-        burdens += photons_in_cells(photons["position"], tree) / stored
-    holders = deal(burdens, max(workers, 1))
-    pilot.forget_photons()
-    return Plan(world, rows, holders, pilot if tree.cells == 1 else None, photons["position"])
 
 
 def view_of(flat: FlatScene, settings: RenderSettings) -> View:
@@ -158,18 +167,68 @@ def view_of(flat: FlatScene, settings: RenderSettings) -> View:
         light_samples=settings.light_samples,
         max_depth=settings.max_depth,
         k=settings.k,
+        caustic_k=settings.caustic_k,
         bucket=settings.bucket,
         routing=settings.routing,
     )
 
 
-def _fly_pilot(pilot: Worker, settings: RenderSettings) -> int:
-    """Trace the pilot's paths; the photons that they store."""
-    lights = pilot.replica.world.lights
-    if settings.photons == 0 or not len(lights.power) or lights.power.sum() <= 0:
-        return 0
-    pilot.start(PhotonTask(number=0, start=0, stop=PILOT_PATHS))
-    return pilot.cells[0].photon_count
+def _fly_pilot(pilot: Worker) -> None:
+    """Trace the pilot's paths."""
+    paths = pilot.replica.world.paths
+    if paths:
+        pilot.start(PhotonTask(number=0, start=0, stop=paths))
+
+
+def _by_map(photons: Arrays) -> list[Arrays]:
+    """The pilot's photons of each map, in order."""
+    return [_in_order(take(photons, np.flatnonzero(photons["map"] == number))) for number in range(MAPS)]
+
+
+def map_plans(
+    pilot: Worker, photons: Sequence[Arrays], settings: RenderSettings, extent: float
+) -> tuple[MapPlan, MapPlan, MapPlan]:
+    """Paths and radius of the global, the caustic and the volume map."""
+    world, cell = pilot.replica.world, pilot.cells[0]
+    stored = [len(part["id"]) for part in photons]
+    asked = [settings.photons, settings.caustic_photons, settings.volume_photons if world.volume_map.paths else 0]
+    wanted = [math.ceil(a * PILOT_PATHS / s) if s and a else 0 for a, s in zip(asked, stored, strict=True)]
+    paths = max(wanted[GLOBAL_MAP], wanted[VOLUME_MAP]) if world.global_map.paths else 0
+    # Light that hardly ever makes a caustic is not worth a hundred paths a photon.
+    caustic_paths = min(wanted[CAUSTIC_MAP] or asked[CAUSTIC_MAP], CAUSTIC_PATHS_A_PHOTON * asked[CAUSTIC_MAP])
+    every = [paths, caustic_paths if world.caustic_map.paths else 0, paths if world.volume_map.paths else 0]
+    expected = [s * p / PILOT_PATHS for s, p in zip(stored, every, strict=True)]
+    radii = [
+        settings.radius or _gather_radius(cell, photons[GLOBAL_MAP], settings.k, expected[GLOBAL_MAP], extent),
+        settings.caustic_radius
+        or _gather_radius(cell, photons[CAUSTIC_MAP], settings.caustic_k, expected[CAUSTIC_MAP], extent),
+        settings.volume_radius or _beam_radius(photons[VOLUME_MAP], expected[VOLUME_MAP], extent),
+    ]
+    plans = [MapPlan(p, r, settings.band * r) for p, r in zip(every, radii, strict=True)]
+    return plans[0], plans[1], plans[2]
+
+
+def _beam_radius(photons: Arrays, expected: float, extent: float) -> float:
+    """The radius of beams: that of a ball about the median volume photon that holds BEAM_K photons."""
+    position = photons["position"]
+    if len(position) <= PILOT_K:
+        return extent / 16.0
+    chosen = np.linspace(0, len(position) - 1, min(BEAM_PILOT, len(position))).astype(np.intp)
+    sample = position[chosen].astype(np.float64)
+    distance2 = ((sample[::8, None, :] - sample[None, :, :]) ** 2).sum(axis=2)
+    nearest = math.sqrt(float(np.median(np.partition(distance2, PILOT_K, axis=1)[:, PILOT_K])))
+    if nearest == 0:
+        return extent / 16.0
+    # Photons in space: as many times denser, as many times less volume for the same number.
+    return nearest * (BEAM_K / PILOT_K * len(sample) / expected) ** (1.0 / 3.0)
+
+
+def _volume_unit(photons: Arrays, plan: MapPlan, flat: FlatScene) -> float:
+    """The unit of exact sums along beams, from the strongest photon of the pilot with room above."""
+    largest = float(photons["flux"].max(initial=0.0)) * BEAM_HEADROOM
+    if largest == 0:
+        return 1.0
+    return sum_unit(largest, plan.radius, float(np.abs(flat.media.g).max(initial=0.0)))
 
 
 def _in_order(photons: Arrays) -> Arrays:
@@ -178,8 +237,8 @@ def _in_order(photons: Arrays) -> Arrays:
     return {name: column[order] for name, column in photons.items()}
 
 
-def _gather_radius(cell: Cell, photons: Arrays, settings: RenderSettings, extent: float) -> float:
-    """A gather radius from the density of the pilot's photons, scaled to the number asked for."""
+def _gather_radius(cell: Cell, photons: Arrays, k: int, expected: float, extent: float) -> float:
+    """A gather radius from the density of the pilot's photons, scaled to the number expected."""
     position, normal = photons["position"], photons["normal"]
     if len(position) <= PILOT_K:
         return extent / 16.0  # next to nothing lands: any radius of the scene's order serves
@@ -196,8 +255,8 @@ def _gather_radius(cell: Cell, photons: Arrays, settings: RenderSettings, extent
     launcher(gather_kernel, count, [pilot_map, at, facing, facing, PILOT_K, extent], [1, *outputs])
     radius = float(np.quantile(outputs[2].numpy(), RADIUS_QUANTILE))
     # Photons on a surface: as many times denser, as many times less area for the same number.
-    denser = settings.photons / len(position)
-    return RADIUS_MARGIN * radius * math.sqrt(settings.k / PILOT_K / denser)
+    denser = expected / len(position)
+    return RADIUS_MARGIN * radius * math.sqrt(k / PILOT_K / denser)
 
 
 def _point_area(corners: NDArray[np.float32], radius: float, settings: RenderSettings) -> float:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.world import View, World
-from wdpm.kernels import camera, cells, lights, texture
+from wdpm.kernels import camera, cells, lights, materials, medium, texture
+from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.constants import PAD_SHARE
+from wdpm.kernels.features import ALL, Features
 from wdpm.kernels.launch import Launcher
+from wdpm.kernels.variants import Variants, make_variants
+from wdpm.scenes.model import Camera
 
 
 @dataclass(eq=False)
@@ -20,7 +24,7 @@ class Replica:
 
     Attributes:
         worker: its number.
-        paths_by_light: photon paths that its homes have started, by light.
+        paths_by_light: photon paths that its homes have started, by pass (global, caustic) and light.
     """
 
     world: World
@@ -28,27 +32,36 @@ class Replica:
     worker: int
     view: View | None = None
     camera: Any = None
+    kernels: Variants = field(init=False)
     paths_by_light: NDArray[np.int64] = field(init=False)
     cells: Any = field(init=False)
     lights: Any = field(init=False)
+    cumulative: Any = field(init=False)
+    caustic_cumulative: Any = field(init=False)
+    targets: Any = field(init=False)
+    materials: Any = field(init=False)
     textures: Any = field(init=False)
+    media: Any = field(init=False)
 
     def __post_init__(self) -> None:
         world, device = self.world, self.launcher.device
-        tree, lamps = world.top_tree, world.lights
-        self.paths_by_light = np.zeros(len(lamps.names), np.int64)
+        tree, media = world.top_tree, world.media
+        compile_kernels(device, world.features)
+        self.kernels = make_variants(world.features)
+        self.paths_by_light = np.zeros((2, len(world.lights.names)), np.int64)
         self.cells = cells.upload(tree.axis, tree.split, self.pad, device)
-        self.lights = lights.upload(
-            lamps.corners,
-            lamps.triangle_radiance,
-            lamps.point_position,
-            lamps.point_intensity,
-            np.concatenate([lamps.triangle_light, lamps.point_light]),
-            lamps.power,
-            world.extent,
-            device,
-        )
         self.textures = texture.upload(world.textures, device)
+        self.materials = materials.upload(world.materials, device)
+        self.media = medium.upload(media.sigma_t, media.albedo, media.g, device)
+        self.lights = lights.upload(world.lights, world.extent, device)
+        self.share_out()
+
+    def share_out(self) -> None:
+        """How photons are shared out among the lights, and where the caustic pass aims, as the World says."""
+        emission, device = self.world.emission, self.launcher.device
+        self.cumulative = lights.upload_shares(emission.share, device)
+        self.caustic_cumulative = lights.upload_shares(emission.caustic_share, device)
+        self.targets = lights.upload_targets(emission.target_center, emission.target_radius, device)
 
     @property
     def pad(self) -> float:
@@ -58,4 +71,14 @@ class Replica:
     def set_view(self, view: View) -> None:
         """Look through another camera."""
         self.view = view
+        features = with_camera(self.world.features, view.camera)
+        compile_kernels(self.launcher.device, features)
+        self.kernels = make_variants(features)
         self.camera = camera.upload(view.camera, view.seed, self.launcher.device)
+
+
+def with_camera(features: Features, view: Camera) -> Features:
+    """The features of a scene seen through a camera."""
+    if features == ALL:
+        return features
+    return replace(features, lens=view.aperture_radius > 0, orthographic=view.orthographic)

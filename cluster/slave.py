@@ -436,6 +436,6 @@ def join(parts: Sequence[Triangles]) -> Triangles:
     """Triangles of several parts of a cell as one."""
     whole = parts[0]
     if len(parts) > 1:
-        names = ("ids", "positions", "normals", "uvs", "material", "emitter")
+        names = ("ids", "positions", "normals", "uvs", "material", "emitter", "colors")
         whole = Triangles(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
     return whole

@@ -12,8 +12,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-
 from wdpm.cluster.batch import TO_HOME, Batch, Kind
 from wdpm.cluster.cell import Cell
 from wdpm.cluster.home import BucketHome, PhotonHome
@@ -25,7 +23,7 @@ from wdpm.kernels.launch import Launcher
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.geometry import Triangles
 
-RAYS = frozenset({Kind.CAMERA, Kind.PROBE, Kind.SHADE, Kind.SHADOW, Kind.PHOTON, Kind.LANDED})
+RAYS = frozenset(set(Kind) - TO_HOME - {Kind.GHOSTS, Kind.POINTS})
 
 
 @dataclass
@@ -74,6 +72,7 @@ class Worker:
         """Go on with the same scene under another photon plan, without any photons."""
         self.forget_photons()
         self.replica.world = world
+        self.replica.share_out()
 
     def start(self, task: Task) -> Outbox:
         """Become a task's home."""
@@ -108,7 +107,7 @@ class Worker:
         began = time.perf_counter()
         outbox = Outbox()
         for cell in self.cells.values():
-            self._start(cell.ghosts(), outbox)
+            self._start(cell.store.ghosts(), outbox)
         self._busy += time.perf_counter() - began
         return outbox.batches
 
@@ -120,7 +119,7 @@ class Worker:
         """Build the photon maps of all cells."""
         began = time.perf_counter()
         for cell in self.cells.values():
-            cell.build_map()
+            cell.store.build()
         self._busy += time.perf_counter() - began
         self._photon_traffic, self._photon_busy = dict(self._traffic), self._busy
 
@@ -135,23 +134,27 @@ class Worker:
     def statistics(self) -> dict[str, Any]:
         """What this worker holds and has done."""
         cells = self.cells.values()
-        stored = np.sum([cell.counters.stored_by_light for cell in cells], axis=0)
-        energy = np.sum([cell.counters.energy for cell in cells], axis=0)
         nonfinite: dict[str, int] = {}
         for cell in cells:
-            for cause, count in cell.counters.nonfinite.items():
-                nonfinite[cause] = nonfinite.get(cause, 0) + count
+            causes = {**cell.counters.nonfinite, "photon": cell.store.counters.nonfinite}
+            for cause, count in causes.items():
+                if count:
+                    nonfinite[cause] = nonfinite.get(cause, 0) + count
         return {
             "cells": list(self.cells),
             "triangles": sum(cell.triangle_count for cell in cells),
-            "photons": sum(cell.photon_count for cell in cells),
-            "ghosts": sum(cell.ghost_count for cell in cells),
-            "paths_by_light": [int(count) for count in self.replica.paths_by_light],
-            "stored_by_light": [int(count) for count in stored],
-            "energy": [float(share) for share in energy],
-            "gathers": sum(cell.counters.gathers for cell in cells),
-            "gathers_truncated": sum(cell.counters.gathers_truncated for cell in cells),
-            "gathers_left_band": sum(cell.counters.gathers_left_band for cell in cells),
+            "photons": _whole(sum(cell.store.count for cell in cells)),
+            "ghosts": _whole(sum(cell.store.ghost_count for cell in cells)),
+            "paths_by_light": [_whole(row) for row in self.replica.paths_by_light],
+            "stored_by_light": [_whole(row) for row in sum(cell.store.counters.by_light for cell in cells)],
+            "energy": [float(share) for share in sum(cell.energy for cell in cells)],
+            "gathers": sum(cell.gathers.gathers for cell in cells),
+            "gathers_truncated": sum(cell.gathers.truncated for cell in cells),
+            "gathers_left_band": sum(cell.gathers.left_band for cell in cells),
+            "vertices": sum(cell.counters.vertices for cell in cells),
+            "chains_cut": sum(cell.counters.chains_cut for cell in cells),
+            "beams": sum(cell.counters.beams for cell in cells),
+            "beams_clamped": sum(cell.counters.beams_clamped for cell in cells),
             "nonfinite": nonfinite,
             "busy_s": self._busy,
             "peak_memory_bytes": peak_memory(),
@@ -216,6 +219,10 @@ class Worker:
         if batch.kind in RAYS:
             self._traffic["rays_out"] += len(batch)
         outbox.batches.append(batch)
+
+
+def _whole(counts: Iterable[int]) -> list[int]:
+    return [int(count) for count in counts]
 
 
 def peak_memory() -> int:

@@ -11,8 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.kernels.features import Features
 from wdpm.kernels.settings import Routing
-from wdpm.scenes.model import Bitmap, Camera
+from wdpm.scenes.geometry import Media
+from wdpm.scenes.light_table import LightTable
+from wdpm.scenes.material_table import MaterialTable
+from wdpm.scenes.model import Camera
+from wdpm.scenes.textures import Texture
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,71 +41,77 @@ class TopTree:
         return len(self.axis) + 1
 
 
-@dataclass(frozen=True, eq=False)
-class Materials:
-    """Diffuse materials, one a row.
+@dataclass(frozen=True)
+class MapPlan:
+    """One photon map.
 
     Attributes:
-        reflectance: float32, shape [M, 3].
-        texture: index into World.textures or -1, int32, shape [M].
-        twosided: 0 or 1, int32, shape [M].
+        paths: photon paths that are shot for it; 0 for a map that is not made.
+        radius: largest gather radius.
+        band: width of the overlap band; ghosts lie in it. At least `radius` unless the image may be approximate.
     """
 
-    reflectance: NDArray[np.float32]
-    texture: NDArray[np.int32]
-    twosided: NDArray[np.int32]
+    paths: int = 0
+    radius: float = 1.0
+    band: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Lights:
-    """All that emits, one element a row: emitting triangles first, then points.
+class Emission:
+    """How photons are shared out and aimed.
 
     Attributes:
-        corners: corners of the triangles, float32, shape [E, 3, 3].
-        triangle_radiance: radiance from the front, float32, shape [E, 3].
-        triangle_light: which light of the scene (for reports), int32, shape [E].
-        point_position: float32, shape [P, 3].
-        point_intensity: float32, shape [P, 3].
-        point_light: which light of the scene, int32, shape [P].
-        power: flux of each element, mean of RGB [W], float64, shape [E + P].
-        names: of the scene's lights.
+        share: probability of each light element in the global pass, float64, shape [elements].
+        caustic_share: the same in the caustic pass.
+        target_center: spheres that hold all surfaces with a glossy part, float32, shape [S, 3].
+        target_radius: float32, shape [S].
     """
 
-    corners: NDArray[np.float32]
-    triangle_radiance: NDArray[np.float32]
-    triangle_light: NDArray[np.int32]
-    point_position: NDArray[np.float32]
-    point_intensity: NDArray[np.float32]
-    point_light: NDArray[np.int32]
-    power: NDArray[np.float64]
-    names: tuple[str, ...]
+    share: NDArray[np.float64]
+    caustic_share: NDArray[np.float64]
+    target_center: NDArray[np.float32]
+    target_radius: NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
 class World:
     """What photons depend on, besides the triangles.
 
+    Photon paths are numbered from 0: those of the global map first (they make the volume map as well), then those of
+    the caustic map.
+
     Attributes:
-        emitter_radiance: radiance from the front by emitter number, linear RGB, float32, shape [E, 3].
+        features: what kernels are compiled for.
         extent: largest absolute coordinate of the scene, its lights and its camera, in the renderer's space.
-        paths: photon paths to shoot.
-        radius: largest gather radius.
         point_area: the area that each surface point stands for (kernels.surface_points).
-        band: width of the overlap band; ghosts lie in it. At least `radius` unless the image may be approximate.
+        volume_unit: what one counts for in the exact sums of beams (kernels.beam) [W / (sr m²)].
     """
 
-    materials: Materials
-    textures: tuple[Bitmap, ...]
-    lights: Lights
-    emitter_radiance: NDArray[np.float32]
+    features: Features
+    materials: MaterialTable
+    textures: tuple[Texture, ...]
+    lights: LightTable
+    media: Media
     top_tree: TopTree
     extent: float
     seed: int
     max_depth: int | None
-    paths: int
-    radius: float
+    emission: Emission
+    global_map: MapPlan
+    caustic_map: MapPlan
+    volume_map: MapPlan
     point_area: float
-    band: float
+    volume_unit: float
+
+    @property
+    def maps(self) -> tuple[MapPlan, MapPlan, MapPlan]:
+        """By the numbers of kernels.photon_paths."""
+        return self.global_map, self.caustic_map, self.volume_map
+
+    @property
+    def paths(self) -> int:
+        """All photon paths."""
+        return self.global_map.paths + self.caustic_map.paths
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,5 +124,6 @@ class View:
     light_samples: int
     max_depth: int | None
     k: int
+    caustic_k: int
     bucket: int
     routing: Routing

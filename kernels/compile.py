@@ -7,24 +7,40 @@ import os
 import warp as wp
 
 from wdpm.kernels import (
+    beam,
     bvh,
     bvh_build,
-    camera_samples,
+    camera_rays,
     gather,
     overlap,
     photon_map,
     photon_paths,
     resolve,
+    shadow_rays,
     surface_points,
 )
+from wdpm.kernels.features import Features
+from wdpm.kernels.variants import make_variants
 
-MODULES = (bvh, bvh_build, camera_samples, gather, overlap, photon_map, photon_paths, resolve, surface_points)
-"""Every file with kernels of its own; the others hold functions, which are compiled into these."""
+COMMON = (bvh, bvh_build, camera_rays, gather, overlap, photon_map, photon_paths, resolve, shadow_rays, surface_points)
+"""Every file with kernels that do not depend on a scene's effects."""
+
+WITH_MEDIA = (beam,)
+"""The same, for scenes with participating media only."""
+
+MODULES = (*COMMON, *WITH_MEDIA)
 
 
-def compile_kernels(device: str) -> None:
-    """Compile all kernels for a device, or load them from Warp's cache. Seconds the first time ever."""
-    names = {module.__name__ for module in MODULES}
+def compile_kernels(device: str, features: Features | None = None) -> None:
+    """Compile kernels for a device, or load them from Warp's cache. Seconds the first time ever.
+
+    Args:
+        features: the effects of the scene that is to be rendered; None where none is.
+    """
+    media = features is not None and features.media
+    names = {module.__name__ for module in (MODULES if media else COMMON)}
     modules = [wp.get_module(name) for name in sorted(names)]
+    if features is not None:
+        modules += make_variants(features).modules()
     for place in {device, "cpu"}:  # trees are built on the CPU wherever they are used
         wp.force_load(place, modules, max_workers=os.cpu_count())

@@ -78,6 +78,16 @@ class Gathered:
     truncated: wp.bool  # fewer than k + 1 photons within r_max
 
 
+@wp.struct
+class Nearest:
+    """The photons that a gather uses: the first `count` candidates."""
+
+    count: wp.int32
+    radius: wp.float32  # r [scene units]
+    area_radius2: wp.float32  # square of the radius of the disc that they stand for
+    truncated: wp.bool  # fewer than k + 1 photons within r_max
+
+
 @wp.func
 def dot8(ax: vec8, ay: vec8, az: vec8, b: wp.vec3) -> vec8:
     return ax * b[0] + ay * b[1] + az * b[2]
@@ -119,7 +129,7 @@ def _key_distance2(key: wp.uint64) -> wp.float32:
 
 
 @wp.func
-def _key_place(key: wp.uint64) -> wp.int32:
+def key_place(key: wp.uint64) -> wp.int32:
     return wp.int32(key & wp.uint64(0x7FFFFFFF))
 
 
@@ -128,7 +138,7 @@ def _key_before(a: wp.uint64, b: wp.uint64, rank: wp.array[wp.int32]) -> wp.bool
     """Order by (distance², id)."""
     before = a < b
     if (a >> wp.uint64(32)) == (b >> wp.uint64(32)):
-        before = rank[_key_place(a)] < rank[_key_place(b)]
+        before = rank[key_place(a)] < rank[key_place(b)]
     return before
 
 
@@ -313,7 +323,7 @@ def _weight(n: wp.vec3, s: wp.vec3, d: wp.vec3) -> wp.float32:
 
 
 @wp.func
-def _contribution(photons: PhotonMap, place: wp.int32, n: wp.vec3, s: wp.vec3, smooth: wp.bool) -> wp.vec3:
+def contribution(photons: PhotonMap, place: wp.int32, n: wp.vec3, s: wp.vec3, smooth: wp.bool) -> wp.vec3:
     flux = photons.flux[place]
     if smooth:
         row = LEAF_ROWS * (place >> 3)
@@ -336,7 +346,7 @@ def _estimate(
     smooth = s[0] != n[0] or s[1] != n[1] or s[2] != n[2]
     largest = wp.int32(0)
     for i in range(count):
-        term = _contribution(photons, _key_place(candidates[i]), n, s, smooth)
+        term = contribution(photons, key_place(candidates[i]), n, s, smooth)
         largest = wp.max(largest, wp.max(magnitude_bits(term[0]), magnitude_bits(term[1])))
         largest = wp.max(largest, magnitude_bits(term[2]))
     e = exponent(largest)
@@ -344,7 +354,7 @@ def _estimate(
     green = wp.int64(0)
     blue = wp.int64(0)
     for i in range(count):
-        term = _contribution(photons, _key_place(candidates[i]), n, s, smooth)
+        term = contribution(photons, key_place(candidates[i]), n, s, smooth)
         red += quantise(term[0], e)
         green += quantise(term[1], e)
         blue += quantise(term[2], e)
@@ -354,6 +364,48 @@ def _estimate(
         wp.float32(dequantise(green, e) / area),
         wp.float32(dequantise(blue, e) / area),
     )
+
+
+@wp.func
+def nearest(
+    photons: PhotonMap,
+    x: wp.vec3,
+    n: wp.vec3,
+    k: wp.int32,
+    r_max: wp.float32,
+    guess: wp.float32,
+    candidates: wp.array[wp.uint64],
+    ints: wp.array[wp.int32],
+) -> Nearest:
+    """Moves the k nearest photons within r_max to the front of the candidates. Arguments as for `gather`."""
+    radius = float(guess)
+    if not radius > 0.0:
+        radius = _guess_from_density(photons, x, k)
+    if not radius > 0.0:
+        radius = r_max
+    radius = wp.clamp(radius, _MIN_RADIUS, r_max)
+    count = wp.int32(0)
+    radius2 = wp.float32(0.0)
+    searching = wp.bool(True)
+    while searching:
+        count, radius2 = _search(photons, x, n, k, radius, candidates, ints)
+        searching = count <= k and radius < r_max
+        if searching:
+            short = wp.sqrt((wp.float32(k) + 1.0) / wp.max(wp.float32(count), 1.0))
+            radius = wp.min(radius * wp.clamp(1.1 * short, 1.2, 2.0), r_max)
+
+    result = Nearest()
+    result.truncated = count <= k
+    result.count = wp.min(count, k)
+    result.radius = r_max
+    result.area_radius2 = r_max * r_max
+    if count > k:
+        _select(candidates, count, k, radius2, photons.rank, ints)
+        nearest2 = _key_distance2(candidates[k])
+        if nearest2 >= _MIN_RADIUS2:
+            result.area_radius2 = nearest2
+            result.radius = wp.sqrt(nearest2)
+    return result
 
 
 @wp.func
@@ -381,34 +433,12 @@ def gather(
         candidates: scratch, wp.zeros(shape=(KEY_SCRATCH,), dtype=wp.uint64) of the kernel.
         ints: scratch, wp.zeros(shape=(INT_SCRATCH,), dtype=wp.int32) of the kernel.
     """
-    radius = float(guess)
-    if not radius > 0.0:
-        radius = _guess_from_density(photons, x, k)
-    if not radius > 0.0:
-        radius = r_max
-    radius = wp.clamp(radius, _MIN_RADIUS, r_max)
-    count = wp.int32(0)
-    radius2 = wp.float32(0.0)
-    searching = wp.bool(True)
-    while searching:
-        count, radius2 = _search(photons, x, n, k, radius, candidates, ints)
-        searching = count <= k and radius < r_max
-        if searching:
-            short = wp.sqrt((wp.float32(k) + 1.0) / wp.max(wp.float32(count), 1.0))
-            radius = wp.min(radius * wp.clamp(1.1 * short, 1.2, 2.0), r_max)
-
+    found = nearest(photons, x, n, k, r_max, guess, candidates, ints)
     result = Gathered()
-    result.truncated = count <= k
-    result.count = wp.min(count, k)
-    result.radius = r_max
-    area_radius2 = r_max * r_max
-    if count > k:
-        _select(candidates, count, k, radius2, photons.rank, ints)
-        nearest2 = _key_distance2(candidates[k])
-        if nearest2 >= _MIN_RADIUS2:
-            area_radius2 = nearest2
-            result.radius = wp.sqrt(nearest2)
-    result.irradiance = _estimate(photons, candidates, result.count, n, s, area_radius2)
+    result.truncated = found.truncated
+    result.count = found.count
+    result.radius = found.radius
+    result.irradiance = _estimate(photons, candidates, found.count, n, s, found.area_radius2)
     return result
 
 

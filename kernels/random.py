@@ -21,6 +21,8 @@ PURPOSE_PIXEL = wp.constant(wp.uint32(0x50495845))
 PURPOSE_LIGHT = wp.constant(wp.uint32(0x4C494748))
 PURPOSE_EMISSION = wp.constant(wp.uint32(0x454D4954))
 PURPOSE_SCATTER = wp.constant(wp.uint32(0x53434154))
+PURPOSE_CAUSTIC = wp.constant(wp.uint32(0x43415553))
+PURPOSE_BOUNCE = wp.constant(wp.uint32(0x424F554E))
 
 # Words of the hashes; constants, since a literal above 2^31 does not fit the int that Warp makes of it.
 _LOWBIAS_1 = wp.constant(wp.uint32(0x7FEB352D))

@@ -13,10 +13,25 @@ class Slots:
 
     emission: wp.array[wp.vec3]
     indirect: wp.array[wp.vec3]
+    caustic: wp.array[wp.vec3]
     depth: wp.array[wp.float32]  # negative where nothing was hit
     normal: wp.array[wp.vec3]
     albedo: wp.array[wp.vec3]
     direct: wp.array[wp.vec3]  # [samples * light_samples]
+
+
+@wp.struct
+class Parts:
+    """What later vertices of paths, and rays that met no surface, brought home, in the order of their places.
+
+    Attributes:
+        begin: number of the first part of each slot, and of all parts at the end, shape [slots + 1].
+        layer: which sum each part belongs to: 0 direct, 1 indirect, 2 caustic, 3 volume.
+    """
+
+    begin: wp.array[wp.int32]
+    layer: wp.array[wp.int32]
+    radiance: wp.array[wp.vec3]
 
 
 @wp.struct
@@ -25,6 +40,8 @@ class Sums:
 
     direct: wp.array[wp.vec3d]
     indirect: wp.array[wp.vec3d]
+    caustic: wp.array[wp.vec3d]
+    volume: wp.array[wp.vec3d]
     normal: wp.array[wp.vec3d]
     albedo: wp.array[wp.vec3d]
     depth: wp.array[wp.float64]
@@ -37,6 +54,7 @@ def add_samples(slots: Slots, samples: wp.int32, light_samples: wp.int32, offset
     pixel = offset + wp.tid()
     direct = sums_out.direct[pixel]
     indirect = sums_out.indirect[pixel]
+    caustic = sums_out.caustic[pixel]
     normal = sums_out.normal[pixel]
     albedo = sums_out.albedo[pixel]
     depth = sums_out.depth[pixel]
@@ -50,6 +68,7 @@ def add_samples(slots: Slots, samples: wp.int32, light_samples: wp.int32, offset
             normal += wp.vec3d(slots.normal[i])
             albedo += wp.vec3d(slots.albedo[i])
             indirect += wp.vec3d(slots.indirect[i])
+            caustic += wp.vec3d(slots.caustic[i])
             direct += wp.vec3d(slots.emission[i])
             lit = wp.vec3d()
             for j in range(light_samples):
@@ -57,7 +76,33 @@ def add_samples(slots: Slots, samples: wp.int32, light_samples: wp.int32, offset
             direct += lit * share
     sums_out.direct[pixel] = direct
     sums_out.indirect[pixel] = indirect
+    sums_out.caustic[pixel] = caustic
     sums_out.normal[pixel] = normal
     sums_out.albedo[pixel] = albedo
     sums_out.depth[pixel] = depth
     sums_out.hits[pixel] = hits
+
+
+@wp.kernel
+def add_parts(parts: Parts, samples: wp.int32, offset: wp.int32, sums_out: Sums) -> None:
+    """Add the parts of a wave's samples to the pixels' sums, in the order of samples and places."""
+    pixel = offset + wp.tid()
+    direct = sums_out.direct[pixel]
+    indirect = sums_out.indirect[pixel]
+    caustic = sums_out.caustic[pixel]
+    volume = sums_out.volume[pixel]
+    for i in range(parts.begin[pixel * samples], parts.begin[(pixel + 1) * samples]):
+        radiance = wp.vec3d(parts.radiance[i])
+        layer = parts.layer[i]
+        if layer == 0:
+            direct += radiance
+        elif layer == 1:
+            indirect += radiance
+        elif layer == 2:
+            caustic += radiance
+        else:
+            volume += radiance
+    sums_out.direct[pixel] = direct
+    sums_out.indirect[pixel] = indirect
+    sums_out.caustic[pixel] = caustic
+    sums_out.volume[pixel] = volume

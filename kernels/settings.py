@@ -13,6 +13,10 @@ MAX_K = 500
 """Largest k: a gather's candidates have a fixed place on the stack. A larger k only blurs; more photons do not."""
 
 
+EFFECTS_TO_LEAVE_OUT = ("indirect", "caustics", "media", "lens", "bump")
+"""What --without takes: light of the global map, of the caustic map, participating media, depth of field, bent normals."""
+
+
 class Routing(Enum):
     """How camera rays find their nearest hit among several cells. Both give the same bits."""
 
@@ -35,6 +39,13 @@ class RenderSettings:
         max_depth: longest light path in edges (1: emitted light only, 2: direct light, ...); None for no limit.
         seed: of all random numbers.
         bucket: side of a bucket in pixels. Changes no bit of the image.
+        caustic_photons: photons to be stored in the caustic map of a scene that calls for one.
+        caustic_k: photons that a gather of the caustic map looks for.
+        caustic_radius: its largest gather radius, in scene units; None derives it from the pilot.
+        volume_photons: photons to be stored in the volume map of a scene with participating media.
+        volume_radius: of beams through media, in scene units; None derives it from the pilot.
+        all_effects: compile all effects in, whatever the scene calls for. Changes no bit of the image.
+        without: effects that are left out knowingly, of EFFECTS_TO_LEAVE_OUT.
         routing: how camera rays find their nearest hit among cells. Changes no bit of the image.
         band: width of the overlap band as a share of the gather radius. Below 1 the image is approximate,
             and `inexact` must say so.
@@ -50,15 +61,26 @@ class RenderSettings:
     seed: int = 0
     bucket: int = 32
     routing: Routing = Routing.FORWARD
+    caustic_photons: int = 250_000
+    caustic_k: int = 50
+    caustic_radius: float | None = None
+    volume_photons: int = 250_000
+    volume_radius: float | None = None
+    all_effects: bool = False
+    without: tuple[str, ...] = ()
     band: float = 1.0
     inexact: bool = False
 
     def __post_init__(self) -> None:
         self._make_plain()
         _at_least("photons", self.photons, 0)
-        _at_least("k", self.k, 1)
-        if self.k > MAX_K:
-            raise SettingsError(f"k is {self.k}; expected at most {MAX_K}: use more photons, not a larger k")
+        _at_least("caustic_photons", self.caustic_photons, 0)
+        _at_least("volume_photons", self.volume_photons, 0)
+        for name in ("k", "caustic_k"):
+            value = getattr(self, name)
+            _at_least(name, value, 1)
+            if value > MAX_K:
+                raise SettingsError(f"{name} is {value}; expected at most {MAX_K}: use more photons, not a larger k")
         _at_least("spp", self.spp, 1)
         _at_least("light_samples", self.light_samples, 1)
         _at_least("bucket", self.bucket, 1)
@@ -68,10 +90,15 @@ class RenderSettings:
             raise SettingsError(f"seed is {self.seed}; expected an integer from 0 to 4294967295")
         if self.spp * self.light_samples >= 2**31:
             raise SettingsError(f"spp x light_samples is {self.spp * self.light_samples}; expected less than 2^31")
-        if self.photons >= 2**31:
+        if max(self.photons, self.caustic_photons, self.volume_photons) >= 2**31:
             raise SettingsError(f"photons is {self.photons}; a map holds fewer than 2^31: use several passes")
-        if self.radius is not None and not (math.isfinite(self.radius) and self.radius > 0):
-            raise SettingsError(f"radius is {self.radius}; expected a positive length in scene units")
+        for name in ("radius", "caustic_radius", "volume_radius"):
+            length = getattr(self, name)
+            if length is not None and not (math.isfinite(length) and length > 0):
+                raise SettingsError(f"{name} is {length}; expected a positive length in scene units")
+        for effect in self.without:
+            if effect not in EFFECTS_TO_LEAVE_OUT:
+                raise SettingsError(f"without names {effect!r}; expected some of {', '.join(EFFECTS_TO_LEAVE_OUT)}")
         if not (math.isfinite(self.band) and self.band >= 0):
             raise SettingsError(f"band is {self.band}; expected a share of the gather radius, 0 or more")
         if self.band < 1 and not self.inexact:
@@ -82,13 +109,16 @@ class RenderSettings:
 
     def _make_plain(self) -> None:
         """Numbers of numpy become Python's: settings go into reports and over the wire."""
-        for name in ("photons", "k", "spp", "light_samples", "seed", "bucket", "max_depth"):
+        whole = ("photons", "k", "caustic_photons", "caustic_k", "volume_photons", "spp", "light_samples", "seed")
+        for name in (*whole, "bucket", "max_depth"):
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, operator.index(value))
         object.__setattr__(self, "band", float(self.band))
-        if self.radius is not None:
-            object.__setattr__(self, "radius", float(self.radius))
+        for name in ("radius", "caustic_radius", "volume_radius"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, float(getattr(self, name)))
+        object.__setattr__(self, "without", tuple(self.without))
 
 
 def _at_least(name: str, value: int, least: int) -> None:

@@ -1,13 +1,18 @@
-"""What a ray finds where it hits: place, normals, albedo, emission."""
+"""What a ray finds where it hits: place, normals, material, light."""
 
 from __future__ import annotations
+
+import functools
+from types import SimpleNamespace
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels import texture
+from wdpm.kernels.bsdf_types import Bsdf
 from wdpm.kernels.constants import OFFSET_MIN_SHARE, OFFSET_SHARE
+from wdpm.kernels.features import Features
+from wdpm.kernels.materials import Materials, make_materials
 from wdpm.kernels.texture import Textures
 from wdpm.scenes.geometry import Triangles
 
@@ -16,7 +21,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.struct
 class Surfaces:
-    """The triangles of a cell, sorted by global number, and all materials."""
+    """The triangles of a cell, sorted by global number."""
 
     count: wp.int32
     ids: wp.array[wp.int32]
@@ -25,13 +30,10 @@ class Surfaces:
     smooth: wp.array[wp.int32]  # 1 where there are normals to interpolate
     normals: wp.array2d[wp.vec3]  # [triangles, 3]; zero where flat
     uvs: wp.array2d[wp.vec2]  # [triangles, 3]
+    colored: wp.int32  # 1 where there are vertex colours
+    colors: wp.array2d[wp.vec3]  # [triangles, 3], or none
     material: wp.array[wp.int32]
     emitter: wp.array[wp.int32]
-    reflectance: wp.array[wp.vec3]  # by material
-    texture: wp.array[wp.int32]  # by material; -1 without
-    twosided: wp.array[wp.int32]  # by material
-    emitter_radiance: wp.array[wp.vec3]  # by emitter
-    textures: Textures
     offset_min: wp.float32  # least distance at which rays leave a surface
 
 
@@ -40,32 +42,31 @@ class Surface:
     """A point of a surface, seen from one side.
 
     Attributes:
+        front: 1 where the seen side is the front.
         normal: unit geometric normal on the seen side.
-        shading_normal: unit interpolated normal, in the same hemisphere.
-        front: whether the seen side is the front.
-        reflects: whether the seen side reflects at all.
+        shading_normal: unit shading normal, in the same hemisphere where nothing bends it.
+        s, t, n: axes of the local frame of `bsdf`: n is the shading normal of the material's front.
+        bsdf: the material there, all textures read, all choices made.
+        material: the root of its material tree.
+        emitter: -1 where nothing is emitted.
     """
 
     position: wp.vec3
     normal: wp.vec3
     shading_normal: wp.vec3
-    albedo: wp.vec3
+    s: wp.vec3
+    t: wp.vec3
+    n: wp.vec3
+    bsdf: Bsdf
+    material: wp.int32
     emitter: wp.int32
-    front: wp.bool
-    reflects: wp.bool
+    front: wp.int32
+    uv: wp.vec2
+    color: wp.vec3
 
 
-def upload(
-    triangles: Triangles,
-    reflectance: NDArray[np.float32],
-    texture_of_material: NDArray[np.int32],
-    twosided: NDArray[np.int32],
-    emitter_radiance: NDArray[np.float32],
-    textures: Textures,
-    extent: float,
-    device: str,
-) -> Surfaces:
-    """A cell's triangles and all materials on a device."""
+def upload(triangles: Triangles, extent: float, device: str) -> Surfaces:
+    """A cell's triangles on a device."""
     surfaces = Surfaces()
     surfaces.count = len(triangles)
     surfaces.ids = wp.array(triangles.ids, dtype=wp.int32, device=device)
@@ -75,14 +76,10 @@ def upload(
     surfaces.smooth = wp.array(smooth, dtype=wp.int32, device=device)
     surfaces.normals = wp.array(triangles.normals, dtype=wp.vec3, device=device)
     surfaces.uvs = wp.array(triangles.uvs, dtype=wp.vec2, device=device)
+    surfaces.colored = int(len(triangles.colors) > 0)
+    surfaces.colors = wp.array(triangles.colors.reshape(-1, 3, 3), dtype=wp.vec3, device=device)
     surfaces.material = wp.array(triangles.material, dtype=wp.int32, device=device)
     surfaces.emitter = wp.array(triangles.emitter, dtype=wp.int32, device=device)
-    surfaces.reflectance = wp.array(reflectance, dtype=wp.vec3, device=device)
-    surfaces.texture = wp.array(texture_of_material, dtype=wp.int32, device=device)
-    surfaces.twosided = wp.array(twosided, dtype=wp.int32, device=device)
-    surfaces.emitter_radiance = wp.array(emitter_radiance, dtype=wp.vec3, device=device)
-    surfaces.textures = textures
-
     surfaces.offset_min = float(extent) * OFFSET_MIN_SHARE
     return surfaces
 
@@ -149,37 +146,94 @@ def clearance(surfaces: Surfaces, prim: wp.int32, position: wp.vec3) -> wp.float
 
 
 @wp.func
-def surface_at(surfaces: Surfaces, prim: wp.int32, u: wp.float32, v: wp.float32, towards: wp.vec3) -> Surface:
-    """The surface at a hit, seen from the direction `towards` (pointing away from the surface)."""
-    row = row_of(surfaces, prim)
-    normal = surfaces.front[row]
-    shading = normal
-    if surfaces.smooth[row] == 1:
-        blend = surfaces.normals[row, 0] * (1.0 - u - v) + surfaces.normals[row, 1] * u + surfaces.normals[row, 2] * v
-        if wp.dot(blend, normal) > 0.0:
-            shading = wp.normalize(blend)
-    front = wp.dot(normal, towards) > 0.0
-    material = surfaces.material[row]
-    s = Surface()
-    s.position = position_at(surfaces, row, u, v)
-    s.front = front
-    s.reflects = front or surfaces.twosided[material] == 1
-    s.normal = normal
-    s.shading_normal = shading
-    if not front:
-        s.normal = -normal
-        s.shading_normal = -shading
-    s.albedo = surfaces.reflectance[material]
-    image = surfaces.texture[material]
-    if image >= 0:
-        uv = surfaces.uvs[row, 0] * (1.0 - u - v) + surfaces.uvs[row, 1] * u + surfaces.uvs[row, 2] * v
-        s.albedo = wp.cw_mul(s.albedo, texture.lookup(surfaces.textures, image, uv))
-    s.emitter = surfaces.emitter[row]
-    return s
-
-
-@wp.func
 def leave(position: wp.vec3, normal: wp.vec3, offset_min: wp.float32) -> wp.vec3:
     """Where a ray that leaves a surface on the side of `normal` starts: certainly on that side."""
     size = wp.abs(normal[0] * position[0]) + wp.abs(normal[1] * position[1]) + wp.abs(normal[2] * position[2])
     return position + normal * (OFFSET_SHARE * size + offset_min)
+
+
+@wp.func
+def to_local(s: Surface, direction: wp.vec3) -> wp.vec3:
+    """A direction of the world in the frame of the surface's material."""
+    return wp.vec3(wp.dot(direction, s.s), wp.dot(direction, s.t), wp.dot(direction, s.n))
+
+
+@wp.func
+def to_world(s: Surface, local: wp.vec3) -> wp.vec3:
+    """A direction of the frame of the surface's material in the world."""
+    return s.s * local[0] + s.t * local[1] + s.n * local[2]
+
+
+@functools.cache
+def make_surface(features: Features) -> SimpleNamespace:
+    """Functions for the surface at a hit: `surface_at`."""
+    resolve = make_materials(features).resolve
+
+    @wp.func
+    def tangents(surfaces: Surfaces, row: wp.int32) -> wp.mat22:
+        """Inverse of the matrix of the uv differences along edges 1 and 2; zero where it has none."""
+        a = surfaces.uvs[row, 1] - surfaces.uvs[row, 0]
+        b = surfaces.uvs[row, 2] - surfaces.uvs[row, 0]
+        determinant = a[0] * b[1] - a[1] * b[0]
+        m = wp.mat22(0.0)
+        if determinant != 0.0:
+            m = wp.mat22(b[1] / determinant, -a[1] / determinant, -b[0] / determinant, a[0] / determinant)
+        return m
+
+    @wp.func
+    def surface_at(
+        surfaces: Surfaces,
+        materials: Materials,
+        textures: Textures,
+        prim: wp.int32,
+        u: wp.float32,
+        v: wp.float32,
+        towards: wp.vec3,
+        u_choice: wp.float32,
+    ) -> Surface:
+        """The surface at a hit, seen from the direction `towards` (pointing away from the surface).
+
+        Args:
+            u_choice: number in [0, 1) that makes the material's choices: masks, blends.
+        """
+        row = row_of(surfaces, prim)
+        front_normal = surfaces.front[row]
+        shading = front_normal
+        a = 1.0 - u - v
+        if surfaces.smooth[row] == 1:
+            blend = surfaces.normals[row, 0] * a + surfaces.normals[row, 1] * u + surfaces.normals[row, 2] * v
+            if wp.dot(blend, front_normal) > 0.0:
+                shading = wp.normalize(blend)
+        front = wp.dot(front_normal, towards) > 0.0
+        s = Surface()
+        s.position = position_at(surfaces, row, u, v)
+        s.front = wp.int32(front)
+        s.normal = front_normal
+        if not front:
+            s.normal = -front_normal
+        s.material = surfaces.material[row]
+        s.emitter = surfaces.emitter[row]
+        if wp.static(features.textures or features.textured_lights):
+            s.uv = surfaces.uvs[row, 0] * a + surfaces.uvs[row, 1] * u + surfaces.uvs[row, 2] * v
+        if wp.static(features.vertex_colors):
+            if surfaces.colored == 1:
+                s.color = surfaces.colors[row, 0] * a + surfaces.colors[row, 1] * u + surfaces.colors[row, 2] * v
+        dp_du = wp.vec3(0.0)
+        dp_dv = wp.vec3(0.0)
+        if wp.static(features.rough or features.bent or features.principled):
+            m = tangents(surfaces, row)
+            edge1 = surfaces.corners[row, 1] - surfaces.corners[row, 0]
+            edge2 = surfaces.corners[row, 2] - surfaces.corners[row, 0]
+            dp_du = edge1 * m[0, 0] + edge2 * m[0, 1]
+            dp_dv = edge1 * m[1, 0] + edge2 * m[1, 1]
+        r = resolve(materials, textures, s.material, s.uv, s.color, dp_du, dp_dv, shading, front, u_choice)
+        s.bsdf = r.bsdf
+        s.s = r.s
+        s.t = r.t
+        s.n = r.n
+        s.shading_normal = r.n
+        if not front and r.flipped == 0:
+            s.shading_normal = -r.n
+        return s
+
+    return SimpleNamespace(surface_at=surface_at)

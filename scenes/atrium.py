@@ -12,7 +12,8 @@ import numpy as np
 from wdpm.scenes import atrium_parts as parts
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.mesh_data import MeshData
-from wdpm.scenes.model import RGB, Bitmap, Camera, Interpolation, Material, Mesh, Scene
+from wdpm.scenes.model import Camera, Mesh, Scene, diffuse
+from wdpm.scenes.textures import RGB, Bitmap, Interpolation
 from wdpm.scenes.transforms import look_at
 
 MIN_TRIANGLES, MAX_TRIANGLES, DEFAULT_TRIANGLES = 10_000, 10_000_000, 100_000
@@ -126,8 +127,8 @@ def atrium(triangles: int = DEFAULT_TRIANGLES, size: tuple[int, int] | None = No
     pieces.append(_floor(left))
     numbers = {name: number for number, name in enumerate([*_MATERIALS, "tiles"])}
     meshes = [_placed(piece, numbers[piece.material]) for piece in pieces]
-    materials = [Material(name, colour, twosided=True) for name, colour in _MATERIALS.items()]
-    materials.append(Material("tiles", _tiles(), twosided=True))
+    materials = [diffuse(name, colour, twosided=True) for name, colour in _MATERIALS.items()]
+    materials.append(diffuse("tiles", _tiles(), twosided=True))
     width, height = size or (512, 512)
     to_world = look_at((-13.0, 2.1, -2.6), (2.0, 4.3, 1.2), (0.0, 1.0, 0.0))
     camera = Camera(to_world, 80.0, width, height, near_clip=0.05, far_clip=1e3)

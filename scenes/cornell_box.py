@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from wdpm.scenes.model import Camera, Material, Mesh, Scene
+from wdpm.scenes.model import Camera, Mesh, Scene, diffuse
 from wdpm.scenes.transforms import look_at
 
 _Point = tuple[float, float, float]
@@ -22,10 +22,10 @@ FOV = 39.3077  # degrees: a 25 mm film behind a 35 mm lens
 
 _WHITE, _RED, _GREEN, _LAMP = range(4)
 _MATERIALS = (
-    Material("white", (0.725, 0.71, 0.68), twosided=True),
-    Material("red", (0.63, 0.065, 0.05), twosided=True),
-    Material("green", (0.14, 0.45, 0.091), twosided=True),
-    Material("lamp", (0.0, 0.0, 0.0), twosided=True),
+    diffuse("white", (0.725, 0.71, 0.68), twosided=True),
+    diffuse("red", (0.63, 0.065, 0.05), twosided=True),
+    diffuse("green", (0.14, 0.45, 0.091), twosided=True),
+    diffuse("lamp", (0.0, 0.0, 0.0), twosided=True),
 )
 
 # millimetres, counter-clockwise seen from inside the room or outside the blocks

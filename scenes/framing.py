@@ -8,9 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.scenes.bsdfs import BLACK, GREY
 from wdpm.scenes.errors import SceneError
-from wdpm.scenes.model import RGB, Camera, Material, Mesh, Scene
+from wdpm.scenes.model import Camera, Material, Mesh, Scene, diffuse
 from wdpm.scenes.primitives import rectangle
+from wdpm.scenes.textures import RGB
 from wdpm.scenes.transforms import look_at, rotation, scaling, translation
 
 FRAMING_FOV = 35.0  # degrees; a portrait lens, little perspective distortion
@@ -28,6 +30,11 @@ _LAMPS: dict[str, tuple[tuple[float, float, float], RGB]] = {
     "key lamp": ((-0.7, 1.0, 0.8), (14.5, 14.0, 13.2)),
     "fill lamp": ((1.0, 0.7, 0.5), (4.4, 4.7, 5.3)),
 }
+
+
+def glows(mesh: Mesh) -> bool:
+    """Whether a mesh emits light; a textured one is taken to."""
+    return mesh.emission is not None and (not isinstance(mesh.emission, tuple) or max(mesh.emission) > 0)
 
 
 def bounding_box(meshes: Sequence[Mesh]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -90,7 +97,7 @@ def framed_scene(
     What is added is said in Scene.warnings.
     """
     low, high = bounding_box(meshes)
-    if any(mesh.emission is not None and max(mesh.emission) > 0 for mesh in meshes):
+    if any(glows(mesh) for mesh in meshes):
         # lamps of its own: most likely a room that is open to the front
         camera = framing_camera(meshes, size, direction=(0.0, 0.0, 1.0))
         note = "no camera in the file: it looks along -z at the whole bounding box"
@@ -118,7 +125,7 @@ def stage_for(
         position = centre + LAMP_DISTANCE * radius * np.array(direction) / np.linalg.norm(direction)
         place = look_at(position, centre, (0.0, 1.0, 0.0)) @ scaling([LAMP_SIZE * radius] * 3)
         meshes.append(_rectangle(name, place, first_material + 1, radiance))
-    materials = (Material("floor", (0.5, 0.5, 0.5), twosided=True), Material("lamp", (0.0, 0.0, 0.0)))
+    materials = (diffuse("floor", GREY, twosided=True), diffuse("lamp", BLACK))
     return tuple(meshes), materials
 
 

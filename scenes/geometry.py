@@ -14,7 +14,11 @@ from numpy.typing import NDArray
 
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.framing import bounding_box
-from wdpm.scenes.model import RGB, Bitmap, Camera, Material, Mesh, Scene
+from wdpm.scenes.light_sources import Light, SpotLight
+from wdpm.scenes.light_table import LightTable, tabulate_lights
+from wdpm.scenes.material_table import NO_MEDIUM, SAME_MEDIUM, Boundary, MaterialTable, tabulate
+from wdpm.scenes.model import Camera, Material, Medium, Mesh, Scene
+from wdpm.scenes.textures import Bitmap, Checkerboard, Texture, VertexColors
 from wdpm.scenes.transforms import normalized, translation
 
 
@@ -29,6 +33,7 @@ class Triangles:
         uvs: texture coordinates at the corners, float32, shape [T, 3, 2].
         material: index of the material, int32, shape [T].
         emitter: index of the emitter's radiance, int32, shape [T]; -1 where nothing is emitted.
+        colors: linear RGB at the corners, float32, shape [T, 3, 3]; [0, 3, 3] in a scene without vertex colours.
     """
 
     ids: NDArray[np.int32]
@@ -37,6 +42,7 @@ class Triangles:
     uvs: NDArray[np.float32]
     material: NDArray[np.int32]
     emitter: NDArray[np.int32]
+    colors: NDArray[np.float32]
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -50,7 +56,23 @@ class Triangles:
             self.uvs[rows],
             self.material[rows],
             self.emitter[rows],
+            self.colors[rows] if len(self.colors) else self.colors,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Media:
+    """Participating media, one a row.
+
+    Attributes:
+        sigma_t: extinction, float32, shape [K, 3].
+        albedo: float32, shape [K, 3].
+        g: mean cosine of scattering, float32, shape [K].
+    """
+
+    sigma_t: NDArray[np.float32]
+    albedo: NDArray[np.float32]
+    g: NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,29 +81,22 @@ class FlatScene:
 
     Attributes:
         triangles: numbered in the order of the meshes, without the dropped ones.
-        reflectance: albedo of each material, linear RGB, float32, shape [M, 3]; 1 where it has a texture.
-        texture: index of each material's texture, int32, shape [M]; -1 for none.
-        twosided: whether the back reflects too, shape [M].
-        textures: each bitmap once.
-        emitter_radiance: of each glowing mesh, linear RGB [W/(m² sr)], float32, shape [E, 3].
-        point_position: point lights, float32, shape [P, 3].
-        point_intensity: linear RGB [W/sr], float32, shape [P, 3].
-        light_names: of the E emitters, then of the P point lights.
+        materials: its first rows are what Triangles.material names.
+        material_names: of those first rows.
+        textures: each once.
+        lights: all that emits.
         camera: moved like the scene.
         center: what was subtracted from the scene's coordinates, float64, shape [3].
-        extent: largest absolute coordinate of any vertex, point light or the camera.
+        extent: largest absolute coordinate of any vertex, light with a place or the camera.
         dropped: number of triangles left out, by cause.
     """
 
     triangles: Triangles
-    reflectance: NDArray[np.float32]
-    texture: NDArray[np.int32]
-    twosided: NDArray[np.bool_]
-    textures: tuple[Bitmap, ...]
-    emitter_radiance: NDArray[np.float32]
-    point_position: NDArray[np.float32]
-    point_intensity: NDArray[np.float32]
-    light_names: tuple[str, ...]
+    materials: MaterialTable
+    material_names: tuple[str, ...]
+    textures: tuple[Texture, ...]
+    lights: LightTable
+    media: Media
     camera: Camera
     center: NDArray[np.float64]
     extent: float
@@ -103,59 +118,111 @@ def flatten(scene: Scene) -> FlatScene:
     center = (low + high) / 2.0
     emitters = [mesh for mesh in scene.meshes if _glows(mesh)]
     emitter_index = {id(mesh): index for index, mesh in enumerate(emitters)}
-    parts = [_soup(mesh, center, len(scene.materials), emitter_index.get(id(mesh), -1)) for mesh in scene.meshes]
-    triangles, dropped = _without_degenerate(_joined(parts))
+    rows = _Rows(scene)
+    parts = [_soup(mesh, center, rows.of(mesh), emitter_index.get(id(mesh), -1)) for mesh in scene.meshes]
+    triangles, dropped = _without_degenerate(_joined(_with_colors(scene.meshes, parts)))
     if len(triangles) == 0:
         raise SceneError(f"no triangle of the scene can be rendered: {_listed(dropped)}")
     camera = replace(scene.camera, to_world=translation(-center) @ scene.camera.to_world)
-    points = np.array([light.position for light in scene.point_lights]).reshape(-1, 3) - center
-    textures, texture = _textures(scene.materials)
-    others = np.concatenate([points.ravel(), camera.to_world[:3, 3]])
+    materials, textures = tabulate(rows.boundaries)
+    textures, emitter_texture = _with_emission(textures, emitters, scene.lights)
+    sides = materials.medium[triangles.material] if scene.media else None
+    lights = tabulate_lights(emitters, triangles, emitter_texture, textures, scene.lights, center, sides)
+    places = [triangles.positions.ravel(), lights.point_position.ravel(), lights.spot_position.ravel()]
+    reach = max(float(np.abs(place).max(initial=0.0)) for place in (*places, camera.to_world[:3, 3]))
     return FlatScene(
-        triangles,
-        np.array([_flat_reflectance(m) for m in scene.materials], dtype=np.float32).reshape(-1, 3),
-        texture,
-        np.array([material.twosided for material in scene.materials], dtype=np.bool_),
-        textures,
-        np.array([mesh.emission for mesh in emitters], dtype=np.float32).reshape(-1, 3),
-        points.astype(np.float32),
-        np.array([light.intensity for light in scene.point_lights], dtype=np.float32).reshape(-1, 3),
-        (*(mesh.name for mesh in emitters), *(light.name for light in scene.point_lights)),
-        camera,
-        center,
-        max(float(np.abs(triangles.positions).max()), float(np.abs(others).max())),
-        dropped,
+        triangles, materials, rows.names, textures, lights, _media(scene.media), camera, center, reach, dropped
+    )
+
+
+class _Rows:
+    """Rows of the material table: a material that bounds several pairs of media has as many rows."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._row: dict[tuple[int, int, int], int] = {}
+        self.boundaries: list[Boundary] = []
+        self._names: list[str] = []
+        for number in range(len(scene.materials)):
+            self._add(number, SAME_MEDIUM, SAME_MEDIUM)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self._names)
+
+    def of(self, mesh: Mesh) -> int:
+        """The row of a mesh's material between its media."""
+        count = len(self._scene.materials)
+        if not 0 <= mesh.material < count:
+            raise SceneError(f'mesh "{mesh.name}": there is no material {mesh.material} (there are {count})')
+        if not mesh.bounds:
+            return mesh.material
+        media = [NO_MEDIUM if medium is None else medium for medium in (mesh.interior, mesh.exterior)]
+        if not all(NO_MEDIUM <= medium < len(self._scene.media) for medium in media):
+            raise SceneError(f'mesh "{mesh.name}": it names a medium out of range (there are {len(self._scene.media)})')
+        return self._row.get((mesh.material, *media)) or self._add(mesh.material, *media)
+
+    def _add(self, number: int, inside: int, outside: int) -> int:
+        material: Material = self._scene.materials[number]
+        self._row[number, inside, outside] = len(self.boundaries)
+        self.boundaries.append((material.bsdf, inside, outside))
+        self._names.append(material.name)
+        return len(self.boundaries) - 1
+
+
+def _media(media: Sequence[Medium]) -> Media:
+    return Media(
+        np.array([medium.sigma_t for medium in media], np.float32).reshape(-1, 3),
+        np.array([medium.albedo for medium in media], np.float32).reshape(-1, 3),
+        np.array([medium.g for medium in media], np.float32),
     )
 
 
 def _glows(mesh: Mesh) -> bool:
-    return mesh.emission is not None and max(mesh.emission) > 0 and len(mesh.faces) > 0
+    emission = mesh.emission
+    if emission is None or not len(mesh.faces):
+        return False
+    return isinstance(emission, Bitmap | Checkerboard | VertexColors) or max(emission) > 0
 
 
-def _flat_reflectance(material: Material) -> RGB:
-    return (1.0, 1.0, 1.0) if isinstance(material.reflectance, Bitmap) else material.reflectance
+def _with_emission(
+    textures: tuple[Texture, ...], emitters: Sequence[Mesh], lights: Sequence[Light]
+) -> tuple[tuple[Texture, ...], NDArray[np.int32]]:
+    """The textures of materials and of lights, and which one each emitter has."""
+    joined = list(textures)
+    number = {id(texture): index for index, texture in enumerate(joined)}
+    chosen = np.full(len(emitters), -1, np.int32)
+    for row, mesh in enumerate(emitters):
+        if isinstance(mesh.emission, Bitmap | Checkerboard | VertexColors):
+            if id(mesh.emission) not in number:
+                number[id(mesh.emission)] = len(joined)
+                joined.append(mesh.emission)
+            chosen[row] = number[id(mesh.emission)]
+    for light in lights:
+        if isinstance(light, SpotLight) and light.texture is not None and id(light.texture) not in number:
+            number[id(light.texture)] = len(joined)
+            joined.append(light.texture)
+    return tuple(joined), chosen
 
 
-def _textures(materials: Sequence[Material]) -> tuple[tuple[Bitmap, ...], NDArray[np.int32]]:
-    found: dict[int, int] = {}
-    bitmaps: list[Bitmap] = []
-    texture = np.full(len(materials), -1, dtype=np.int32)
-    for row, material in enumerate(materials):
-        if isinstance(material.reflectance, Bitmap):
-            if id(material.reflectance) not in found:
-                found[id(material.reflectance)] = len(bitmaps)
-                bitmaps.append(material.reflectance)
-            texture[row] = found[id(material.reflectance)]
-    return tuple(bitmaps), texture
+def _with_colors(meshes: Sequence[Mesh], parts: Sequence[Triangles]) -> list[Triangles]:
+    """Vertex colours at the corners of all triangles, white where a mesh has none; of no triangle if no mesh has any."""
+    if all(mesh.colors is None for mesh in meshes):
+        return list(parts)
+    colored = []
+    for mesh, part in zip(meshes, parts, strict=True):
+        corners = np.ones((len(part), 3, 3), np.float32)
+        if mesh.colors is not None:
+            corners[:] = mesh.colors.astype(np.float32)[mesh.faces]
+        colored.append(replace(part, colors=corners))
+    return colored
 
 
-def _soup(mesh: Mesh, center: NDArray[np.float64], material_count: int, emitter: int) -> Triangles:
+def _soup(mesh: Mesh, center: NDArray[np.float64], material: int, emitter: int) -> Triangles:
     """A mesh's triangles with their own corners; ids are given later."""
     count = len(mesh.faces)
     if count and not (mesh.faces.min() >= 0 and mesh.faces.max() < len(mesh.vertices)):
         raise SceneError(f'mesh "{mesh.name}": a face names a vertex out of range (there are {len(mesh.vertices)})')
-    if not 0 <= mesh.material < material_count:
-        raise SceneError(f'mesh "{mesh.name}": there is no material {mesh.material} (there are {material_count})')
     with np.errstate(over="ignore"):  # beyond single precision: becomes infinite and is dropped as such
         positions = (mesh.vertices - center).astype(np.float32)[mesh.faces]
     return Triangles(
@@ -163,8 +230,9 @@ def _soup(mesh: Mesh, center: NDArray[np.float64], material_count: int, emitter:
         positions,
         _corner_normals(mesh),
         np.zeros((count, 3, 2), dtype=np.float32) if mesh.uvs is None else mesh.uvs.astype(np.float32)[mesh.faces],
-        np.full(count, mesh.material, dtype=np.int32),
+        np.full(count, material, dtype=np.int32),
         np.full(count, emitter, dtype=np.int32),
+        np.zeros((0, 3, 3), dtype=np.float32),
     )
 
 

@@ -1,9 +1,9 @@
-"""Reads glTF 2.0 scenes (.gltf and .glb): triangles, nodes, diffuse materials, emission, cameras and point lights.
+"""Reads glTF 2.0 scenes (.gltf and .glb): triangles, nodes, materials, emission, cameras and lights.
 
 Format: Khronos Group, "glTF 2.0 Specification", and the extensions KHR_lights_punctual,
 KHR_materials_emissive_strength and KHR_texture_transform. Lengths are metres. Photometric values are taken over as they
 are: one candela becomes one W/sr and one nit one W/(m² sr), so emissive surfaces and lights keep their ratio, and the
-picture is in candelas per square metre.
+picture is in candelas per square metre; likewise one lux of a directional light becomes one W/m².
 """
 
 from __future__ import annotations
@@ -16,25 +16,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.scenes.framing import DEFAULT_SIZE, framed_scene, framing_camera
+from wdpm.scenes.framing import framed_scene, framing_camera
 from wdpm.scenes.gltf_container import GltfFile
-from wdpm.scenes.gltf_materials import GltfMaterials
+from wdpm.scenes.gltf_lights import read_gltf_camera, read_gltf_light
+from wdpm.scenes.gltf_materials import COLOR_ATTRIBUTE, MATERIAL_EXTENSIONS, GltfMaterials
+from wdpm.scenes.light_sources import Light, PointLight
 from wdpm.scenes.mesh_data import MeshData
-from wdpm.scenes.mitsuba_sensor import horizontal_fov
-from wdpm.scenes.model import Camera, Mesh, PointLight, Scene
+from wdpm.scenes.model import Camera, Mesh, Scene
+from wdpm.scenes.textures import RGB
 from wdpm.scenes.transforms import Matrix
 
-_EXTENSIONS = frozenset(
-    (
-        "KHR_lights_punctual",
-        "KHR_materials_emissive_strength",
-        "KHR_texture_transform",
-        "KHR_materials_unlit",
-        "KHR_mesh_quantization",
-    )
-)
+_EXTENSIONS = MATERIAL_EXTENSIONS | {"KHR_lights_punctual", "KHR_texture_transform", "KHR_mesh_quantization"}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
-_FAR = 1e10  # metres; glTF allows cameras without a far plane
 
 
 def read_gltf(file: Path, size: tuple[int, int] | None = None) -> Scene:
@@ -55,7 +48,7 @@ class _Reader:
         self.warnings: list[str] = []
         self.materials = GltfMaterials(gltf, self.warnings)
         self.meshes: list[Mesh] = []
-        self.lights: list[PointLight] = []
+        self.lights: list[Light] = []
         self.cameras: list[tuple[str, dict[str, Any], Matrix]] = []
 
     def read(self, size: tuple[int, int] | None) -> Scene:
@@ -67,7 +60,10 @@ class _Reader:
         if not self.meshes:
             raise self.gltf.error("the scene is empty: it has no triangles")
         if self.lights:
-            self.warnings.append("lights: 1 candela is taken as 1 W/sr, like 1 nit of emissive surfaces as 1 W/(m² sr)")
+            self.warnings.append(
+                "lights: 1 candela is taken as 1 W/sr and 1 lux as 1 W/m², "
+                "like 1 nit of emissive surfaces as 1 W/(m² sr)"
+            )
         if not self.cameras and not self.lights:
             return framed_scene(name, self.meshes, materials, size=size, warnings=self.warnings)
         if not self.cameras:
@@ -149,7 +145,8 @@ class _Reader:
             self.cameras.append((name, self.gltf.item("cameras", node["camera"]), to_world))
         extensions = self.gltf.get(node, "extensions", dict, {})
         if "KHR_lights_punctual" in extensions:
-            self._read_light(name, self.gltf.get(extensions, "KHR_lights_punctual", dict, {}).get("light"), to_world)
+            index = self.gltf.get(extensions, "KHR_lights_punctual", dict, {}).get("light")
+            self.lights.append(read_gltf_light(self.gltf, name, index, to_world, self.warnings))
 
     def _warn_once(self, message: str) -> None:
         if message not in self.warnings:
@@ -164,10 +161,9 @@ class _Reader:
         if "POSITION" not in attributes:
             self._warn_once(f'mesh "{name}": a primitive without positions is ignored')
             return
-        for key, what in (("targets", "morph targets"), ("COLOR_0", "vertex colours")):
-            if key in primitive or key in attributes:
-                self._warn_once(f'mesh "{name}": {what} are ignored')
-        number = self.materials.read(primitive.get("material"))
+        if "targets" in primitive:
+            self._warn_once(f'mesh "{name}": morph targets are ignored')
+        number = self.materials.read(primitive.get("material"), colored=COLOR_ATTRIBUTE in attributes)
         entry = self.materials.materials[number]
         vertices = self.gltf.accessor(attributes["POSITION"]).astype(np.float64)
         if vertices.shape[1] != 3:
@@ -179,7 +175,10 @@ class _Reader:
             self._attribute(attributes, f"TEXCOORD_{entry.uv_set}", 2, len(vertices)),
         )
         data = self._placed(data, to_world, name)
-        self.meshes.append(Mesh(name, data.vertices, data.faces, data.normals, data.uvs, number, entry.emission))
+        colors = None if entry.vertex_tint is None else self._colors(attributes, entry.vertex_tint, len(vertices))
+        self.meshes.append(
+            Mesh(name, data.vertices, data.faces, data.normals, data.uvs, number, entry.emission, colors)
+        )
 
     def _placed(self, data: MeshData, to_world: Matrix, name: str) -> MeshData:
         try:
@@ -189,6 +188,17 @@ class _Reader:
         # glTF wants the front kept when a node mirrors; MeshData keeps it only where normals say which side it is
         mirrored = np.linalg.det(to_world[:3, :3]) < 0
         return moved.flipped() if mirrored and data.normals is None else moved
+
+    def _colors(self, attributes: dict[str, Any], tint: RGB, count: int) -> NDArray[np.float64]:
+        """Vertex colours times their material's base colour; a fourth component, of opacity, is ignored."""
+        values = self.gltf.accessor(attributes[COLOR_ATTRIBUTE]).astype(np.float64)
+        if values.shape[1] not in (3, 4) or len(values) != count:
+            raise self.gltf.error(
+                f"broken glTF: {COLOR_ATTRIBUTE} has shape {values.shape}, expected ({count}, 3 or 4)"
+            )
+        if not (values.min(initial=0.0) >= 0.0 and values.max(initial=0.0) <= 1.0):
+            self._warn_once(f"{COLOR_ATTRIBUTE}: values outside 0 to 1 are clamped")
+        return np.clip(values[:, :3], 0.0, 1.0) * np.array(tint)
 
     def _attribute(self, attributes: dict[str, Any], key: str, width: int, count: int) -> NDArray[np.float64] | None:
         if key not in attributes:
@@ -219,43 +229,11 @@ class _Reader:
             return np.stack([np.full(len(indices) - 2, indices[0]), indices[1:-1], indices[2:]], axis=1)
         raise self.gltf.error(f'mesh "{name}": primitives of mode {mode} do not exist')
 
-    def _read_light(self, name: str, index: Any, to_world: Matrix) -> None:
-        extension = self.gltf.get(self.gltf.json, "extensions", dict, {})
-        lights = self.gltf.get(self.gltf.get(extension, "KHR_lights_punctual", dict, {}), "lights", list, [])
-        if not isinstance(index, int) or not 0 <= index < len(lights) or not isinstance(lights[index], dict):
-            raise self.gltf.error(f"broken glTF: there is no light {index}")
-        light = lights[index]
-        kind = light.get("type")
-        if kind != "point":
-            raise self.gltf.error(f'light "{name}": type "{kind}" is not supported yet; supported: point')
-        intensity = self.gltf.number(light, "intensity", 1.0)
-        red, green, blue = (intensity * channel for channel in self.gltf.numbers(light, "color", [1.0, 1.0, 1.0]))
-        x, y, z = (float(value) for value in to_world[:3, 3])
-        self.lights.append(PointLight(self.gltf.get(light, "name", str, name), (x, y, z), (red, green, blue)))
-
     def _read_camera(self, size: tuple[int, int] | None) -> Camera:
         name, camera, to_world = self.cameras[0]
         for other, _, _ in self.cameras[1:]:
             self.warnings.append(f'the file has {len(self.cameras)} cameras: "{other}" is ignored, the first is used')
-        if camera.get("type") != "perspective":
-            kind = camera.get("type")
-            raise self.gltf.error(f'camera "{name}": type "{kind}" is not supported yet; supported: perspective')
-        perspective = self.gltf.get(camera, "perspective", dict, {})
-        aspect = self.gltf.number(perspective, "aspectRatio", 1.0)
-        fov_y = self.gltf.number(perspective, "yfov", 0.0)
-        near, far = self.gltf.number(perspective, "znear", 0.0), self.gltf.number(perspective, "zfar", _FAR)
-        if not (0 < fov_y < math.pi and aspect > 0 and 0 < near < far):
-            raise self.gltf.error(f'camera "{name}": yfov, aspectRatio, znear or zfar is missing or out of range')
-        width, height = size or (max(1, round(DEFAULT_SIZE[1] * aspect)), DEFAULT_SIZE[1])
-        fov_x = horizontal_fov(math.degrees(fov_y), "y", width / height)
-        return Camera(_camera_to_world(to_world), fov_x, width, height, near, far)
-
-
-def _camera_to_world(node: Matrix) -> Matrix:
-    """glTF's cameras look along -z with +x to the right; ours along +z with +x to the left. Scale does not count."""
-    matrix = node @ np.diag([-1.0, 1.0, -1.0, 1.0])
-    matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)
-    return np.asarray(matrix)
+        return read_gltf_camera(self.gltf, name, camera, to_world, size)
 
 
 def _rotation(x: float, y: float, z: float, w: float) -> NDArray[np.float64]:

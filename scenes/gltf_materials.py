@@ -1,20 +1,40 @@
-"""Materials and textures of glTF 2.0, reduced to their diffuse part."""
+"""Materials of glTF 2.0 as scattering functions.
+
+Source: Khronos Group, "glTF 2.0 Specification", section 3.9 and appendix B, and the extensions in
+`MATERIAL_EXTENSIONS`. Metallic-roughness is a `principled` material. What is see-through by KHR_materials_transmission
+is a thin pane, as the extension wants it, and refracts only with KHR_materials_volume.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from wdpm.scenes.bsdfs import WHITE, Blend, Bsdf, Diffuse, Mask, NormalMap, Principled, ThinDielectric, TwoSided
 from wdpm.scenes.gltf_container import GltfFile
-from wdpm.scenes.images import decode_texture
-from wdpm.scenes.model import RGB, Bitmap, Interpolation, Material, Wrap
+from wdpm.scenes.gltf_textures import BLUE as BLUE_CHANNEL
+from wdpm.scenes.gltf_textures import GREEN, RED, GltfTextures
+from wdpm.scenes.model import Material
+from wdpm.scenes.textures import RGB, Bitmap, Color, Number, VertexColors
 
-_WRAPS = {33071: Wrap.CLAMP, 33648: Wrap.MIRROR, 10497: Wrap.REPEAT}
-_NEAREST = 9728
-_UPWARDS = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])  # glTF's v = 0 is the top of the image
+COLOR_ATTRIBUTE: Final = "COLOR_0"
+
+MATERIAL_EXTENSIONS: Final = frozenset(
+    (
+        "KHR_materials_clearcoat",
+        "KHR_materials_emissive_strength",
+        "KHR_materials_ior",
+        "KHR_materials_specular",
+        "KHR_materials_transmission",
+        "KHR_materials_unlit",
+        "KHR_materials_volume",
+    )
+)
+"""Extensions of materials that are read here; a file that requires others cannot be read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,12 +43,15 @@ class GltfMaterial:
 
     Attributes:
         emission: radiance, or None.
-        uv_set: which TEXCOORD_n its texture uses.
+        uv_set: which TEXCOORD_n its textures use.
+        vertex_tint: the factor that the mesh's vertex colours (COLOR_0) must be multiplied by, where the material reads
+            them; else None.
     """
 
     material: Material
-    emission: RGB | None
+    emission: Color | None
     uv_set: int
+    vertex_tint: RGB | None = None
 
 
 class GltfMaterials:
@@ -37,107 +60,208 @@ class GltfMaterials:
     def __init__(self, gltf: GltfFile, warnings: list[str]) -> None:
         self._gltf = gltf
         self._warnings = warnings
-        self._images: dict[int, NDArray[np.float32]] = {}
-        self._found: dict[int | None, int] = {}
+        self._textures = GltfTextures(gltf, warnings)
+        self._found: dict[tuple[int | None, bool], int] = {}
         self.materials: list[GltfMaterial] = []
 
-    def read(self, index: int | None) -> int:
-        """The position in `materials` of a material of the file."""
-        if index not in self._found:
-            self._found[index] = len(self.materials)
+    def read(self, index: int | None, *, colored: bool = False) -> int:
+        """The position in `materials` of a material of the file.
+
+        Args:
+            colored: whether the mesh has vertex colours (COLOR_0), which then tint the material.
+        """
+        key = index, colored
+        if key not in self._found:
             owner = {"name": "default"} if index is None else self._gltf.item("materials", index)
-            self.materials.append(self._convert(owner, f"material {index}"))
-        return self._found[index]
+            converter = _Converter(self._gltf, self._textures, self._warnings, owner, f"material {index}")
+            self._found[key] = len(self.materials)
+            self.materials.append(converter.convert(colored=colored))
+        return self._found[key]
 
-    def _convert(self, owner: dict[str, Any], fallback: str) -> GltfMaterial:
-        get = self._gltf.get
-        name = get(owner, "name", str, fallback)
-        pbr = get(owner, "pbrMetallicRoughness", dict, {})
-        factor = self._gltf.numbers(pbr, "baseColorFactor", [1.0, 1.0, 1.0, 1.0])
-        colour = factor[0], factor[1], factor[2]
+
+class _Converter:
+    """One material."""
+
+    def __init__(
+        self, gltf: GltfFile, textures: GltfTextures, warnings: list[str], owner: dict[str, Any], fallback: str
+    ) -> None:
+        self._gltf = gltf
+        self._textures = textures
+        self._warnings = warnings
+        self._owner = owner
+        self._name: str = gltf.get(owner, "name", str, fallback)
+        self._pbr: dict[str, Any] = gltf.get(owner, "pbrMetallicRoughness", dict, {})
+        self._extensions: dict[str, Any] = gltf.get(owner, "extensions", dict, {})
+        self._uv_set: int | None = None
+
+    def convert(self, *, colored: bool) -> GltfMaterial:
+        factor = self._base_factor()
+        tint = (factor[0], factor[1], factor[2]) if colored and "baseColorTexture" not in self._pbr else None
+        if colored and tint is None:
+            self._warn("its base colour is a texture, so vertex colours are ignored")
+        base: Color = self._base_color(factor) if tint is None else VertexColors(COLOR_ATTRIBUTE)
+        bsdf = self._with_opacity(self._scattering(base), factor[3])
+        emission = self._emission()
+        self._warn_about_rest()
+        return GltfMaterial(Material(self._name, bsdf), emission, self._uv_set or 0, tint)
+
+    def _warn(self, message: str) -> None:
+        self._warnings.append(f'material "{self._name}": {message}')
+
+    def _extension(self, name: str) -> dict[str, Any]:
+        values: dict[str, Any] = self._gltf.get(self._extensions, name, dict, {})
+        return values
+
+    def _share(self, owner: dict[str, Any], key: str, default: float) -> float:
+        value = self._gltf.number(owner, key, default)
+        if not 0.0 <= value <= 1.0:
+            raise self._gltf.error(f'material "{self._name}": {key} must lie between 0 and 1, got {value:g}')
+        return value
+
+    def _base_factor(self) -> list[float]:
+        factor = self._gltf.numbers(self._pbr, "baseColorFactor", [1.0, 1.0, 1.0, 1.0])
         if not all(0.0 <= channel <= 1.0 for channel in factor):
-            raise self._gltf.error(f'material "{name}": baseColorFactor must lie between 0 and 1, got {factor}')
-        reflectance: RGB | Bitmap = colour
-        uv_set = 0
-        if "baseColorTexture" in pbr:
-            reflectance, uv_set = self._bitmap(get(pbr, "baseColorTexture", dict, {}), colour, name)
-        self._warn_about_rest(owner, pbr, factor[3], name)
-        material = Material(name, reflectance, twosided=get(owner, "doubleSided", bool, False))
-        return GltfMaterial(material, self._emission(owner, name), uv_set)
+            raise self._gltf.error(f'material "{self._name}": baseColorFactor must lie between 0 and 1, got {factor}')
+        return factor
 
-    def _warn_about_rest(self, owner: dict[str, Any], pbr: dict[str, Any], alpha: float, name: str) -> None:
-        found = []
-        # metallic and roughness default to 1, so a file that says nothing asks for metal
-        if self._gltf.number(pbr, "metallicFactor", 1.0) > 0:
-            found.append("metallic")
-        if owner.get("alphaMode", "OPAQUE") != "OPAQUE" or alpha < 1:
-            found.append("alpha")
-        found += [key for key in ("normalTexture", "occlusionTexture") if key in owner]
-        extensions = self._gltf.get(owner, "extensions", dict, {})
-        found += [key for key in extensions if key not in ("KHR_materials_emissive_strength", "KHR_materials_unlit")]
-        if found:
-            self._warnings.append(f'material "{name}": treated as diffuse, without {", ".join(found)}')
+    def _base_color(self, factor: list[float]) -> Color:
+        colour = factor[0], factor[1], factor[2]
+        info = self._info(self._pbr, "baseColorTexture")
+        return colour if info is None else self._textures.color(info, colour, self._name)
 
-    def _emission(self, owner: dict[str, Any], name: str) -> RGB | None:
-        factor = np.array(self._gltf.numbers(owner, "emissiveFactor", [0.0, 0.0, 0.0]))
-        extensions = self._gltf.get(owner, "extensions", dict, {})
-        strength = self._gltf.get(extensions, "KHR_materials_emissive_strength", dict, {})
+    def _info(self, owner: dict[str, Any], key: str) -> dict[str, Any] | None:
+        """The object that names a texture; all textures of a material share one set of texture coordinates."""
+        if key not in owner:
+            return None
+        info: dict[str, Any] = self._gltf.get(owner, key, dict, {})
+        uv_set = self._textures.uv_set(info)
+        if self._uv_set is None:
+            self._uv_set = uv_set
+        elif uv_set != self._uv_set:
+            self._warn(f"{key} uses TEXCOORD_{uv_set}: TEXCOORD_{self._uv_set} is used instead, as for the others")
+        return info
+
+    def _number(self, owner: dict[str, Any], factor: str, default: float, texture: str, channel: int) -> Number:
+        """A factor times a channel of a texture."""
+        value = self._share(owner, factor, default)
+        info = self._info(owner, texture)
+        return value if info is None or value == 0.0 else self._textures.channel(info, channel, value, self._name)
+
+    def _scattering(self, base: Color) -> Bsdf:
+        double_sided: bool = self._gltf.get(self._owner, "doubleSided", bool, False)
+        bent = self._bending()
+        if "KHR_materials_unlit" in self._extensions:
+            self._warn("unlit: it is lit like any diffuse surface")
+            surface: Bsdf = Diffuse(base)
+            return TwoSided(surface) if double_sided else surface
+        eta = self._eta()
+        transmission = self._extension("KHR_materials_transmission")
+        weight = self._number(transmission, "transmissionFactor", 0.0, "transmissionTexture", RED)
+        if weight != 0.0 and self._is_solid():
+            return bent(self._principled(base, eta, weight))
+        surface = bent(self._principled(base, eta, 0.0))
+        surface = TwoSided(surface) if double_sided else surface
+        if weight == 0.0:
+            return surface
+        if self._share(self._pbr, "roughnessFactor", 1.0) > 0.0:
+            self._warn("what a thin pane lets through is not blurred by its roughness")
+        return Blend(surface, ThinDielectric(eta, WHITE, base), weight)
+
+    def _principled(self, base: Color, eta: float, spec_trans: Number) -> Principled:
+        roughness = self._number(self._pbr, "roughnessFactor", 1.0, "metallicRoughnessTexture", GREEN)
+        metallic = self._number(self._pbr, "metallicFactor", 1.0, "metallicRoughnessTexture", BLUE_CHANNEL)
+        principled = Principled(base, roughness, metallic=metallic, spec_trans=spec_trans, eta=eta)
+        if "KHR_materials_clearcoat" not in self._extensions:
+            return principled
+        coat = self._extension("KHR_materials_clearcoat")
+        clearcoat = self._number(coat, "clearcoatFactor", 0.0, "clearcoatTexture", RED)
+        if clearcoat != 0.0:
+            self._warn("its clear coat is Disney's, of a quarter of the strength")
+        gloss = _clearcoat_gloss(self._share(coat, "clearcoatRoughnessFactor", 0.0))
+        return replace(principled, clearcoat=clearcoat, clearcoat_gloss=gloss)
+
+    def _eta(self) -> float:
+        """The index of refraction, with what KHR_materials_specular does to the reflection at normal incidence."""
+        ior = self._gltf.number(self._extension("KHR_materials_ior"), "ior", 1.5)
+        if ior < 1.0:
+            if ior == 0.0:  # the extension's way to say: everything is reflected
+                self._warn("an index of refraction of 0 is not supported: 1.5 is used")
+                ior = 1.5
+            else:
+                raise self._gltf.error(f'material "{self._name}": ior must be 0 or at least 1, got {ior:g}')
+        specular = self._extension("KHR_materials_specular")
+        if self._gltf.numbers(specular, "specularColorFactor", [1.0, 1.0, 1.0]) != [1.0, 1.0, 1.0]:
+            self._warn("specularColorFactor is ignored")
+        share = self._share(specular, "specularFactor", 1.0)
+        if share == 1.0:
+            return ior
+        root = math.sqrt(share) * (ior - 1.0) / (ior + 1.0)
+        return (1.0 + root) / (1.0 - root)
+
+    def _is_solid(self) -> bool:
+        volume = self._extension("KHR_materials_volume")
+        if not self._gltf.number(volume, "thicknessFactor", 0.0) > 0.0:
+            return False
+        if "attenuationDistance" in volume:
+            self._warn("the volume's attenuation is ignored")
+        return True
+
+    def _bending(self) -> Callable[[Bsdf], Bsdf]:
+        info = self._info(self._owner, "normalTexture")
+        if info is None:
+            return lambda bsdf: bsdf
+        normals = self._textures.normals(info, self._name)
+        return lambda bsdf: NormalMap(bsdf, normals)
+
+    def _with_opacity(self, bsdf: Bsdf, factor: float) -> Bsdf:
+        mode = self._gltf.get(self._owner, "alphaMode", str, "OPAQUE")
+        if mode == "OPAQUE":
+            return bsdf
+        if mode not in ("MASK", "BLEND"):
+            raise self._gltf.error(f'broken glTF: alphaMode "{mode}"')
+        cutoff = self._gltf.number(self._owner, "alphaCutoff", 0.5) if mode == "MASK" else None
+        info = self._info(self._pbr, "baseColorTexture")
+        bitmap = None if info is None else self._textures.alpha(info, self._name)
+        if bitmap is None:
+            opacity = factor if cutoff is None else float(factor >= cutoff)
+            return bsdf if opacity == 1.0 else Mask(bsdf, opacity)
+        pixels = bitmap.pixels * np.float32(factor)
+        if cutoff is not None:
+            pixels = (pixels >= np.float32(cutoff)).astype(np.float32)
+        return bsdf if pixels.min() == 1.0 else Mask(bsdf, replace(bitmap, pixels=pixels))
+
+    def _emission(self) -> RGB | Bitmap | None:
+        factor = np.array(self._gltf.numbers(self._owner, "emissiveFactor", [0.0, 0.0, 0.0]))
+        strength = self._extension("KHR_materials_emissive_strength")
         factor = factor * self._gltf.number(strength, "emissiveStrength", 1.0)
         if factor.min() < 0:
-            raise self._gltf.error(f'material "{name}": emission must not be negative')
-        if "emissiveTexture" in owner and factor.max() > 0:
-            pixels, _ = self._pixels(self._gltf.get(owner, "emissiveTexture", dict, {}))
-            factor = factor * pixels.mean(axis=(0, 1), dtype=np.float64)
-            self._warnings.append(f'material "{name}": its emissive texture is replaced by its mean')
-        return (float(factor[0]), float(factor[1]), float(factor[2])) if factor.max() > 0 else None
+            raise self._gltf.error(f'material "{self._name}": emission must not be negative')
+        if factor.max() == 0:
+            return None
+        colour = float(factor[0]), float(factor[1]), float(factor[2])
+        info = self._info(self._owner, "emissiveTexture")
+        if info is None:
+            return colour
+        bitmap = self._textures.color(info, colour, self._name)
+        return bitmap if bitmap.pixels.max() > 0 else None
 
-    def _pixels(self, info: dict[str, Any]) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        texture = self._gltf.item("textures", info.get("index"))
-        source = self._gltf.get(texture, "source", int, -1)
-        if source < 0:
-            raise self._gltf.error("a texture has no PNG or JPEG source; other image formats are not supported")
-        if source not in self._images:
-            image = self._gltf.item("images", source)
-            data = (
-                self._gltf.uri_bytes(self._gltf.get(image, "uri", str, ""))
-                if "uri" in image
-                else self._gltf.view_bytes(image.get("bufferView"))
-            )
-            self._images[source] = decode_texture(data, f"{self._gltf.file} (image {source})", raw=False)
-        return self._images[source], texture
+    def _warn_about_rest(self) -> None:
+        if "occlusionTexture" in self._owner:
+            self._warn("its occlusion texture is ignored: occlusion is computed")
+        unknown = sorted(key for key in self._extensions if key not in MATERIAL_EXTENSIONS)
+        if unknown:
+            self._warn(f"{', '.join(unknown)} ignored")
+        textures = {
+            "KHR_materials_clearcoat": ("clearcoatRoughnessTexture", "clearcoatNormalTexture"),
+            "KHR_materials_specular": ("specularTexture", "specularColorTexture"),
+            "KHR_materials_volume": ("thicknessTexture",),
+        }
+        for extension, keys in textures.items():
+            for key in keys:
+                if key in self._extension(extension):
+                    self._warn(f"{key} is ignored")
 
-    def _bitmap(self, info: dict[str, Any], colour: RGB, name: str) -> tuple[Bitmap, int]:
-        pixels, texture = self._pixels(info)
-        sampler = self._gltf.item("samplers", texture["sampler"]) if "sampler" in texture else {}
-        wrap, wrap_t = (self._wrap(sampler, key) for key in ("wrapS", "wrapT"))
-        if wrap != wrap_t:
-            self._warnings.append(f'material "{name}": wrapT is ignored, wrapS is used for both directions')
-        nearest = sampler.get("magFilter") == _NEAREST
-        extensions = self._gltf.get(info, "extensions", dict, {})
-        transform = self._gltf.get(extensions, "KHR_texture_transform", dict, {})
-        uv_set = self._gltf.get(info, "texCoord", int, 0)
-        tinted = pixels if colour == (1.0, 1.0, 1.0) else pixels * np.array(colour, dtype=np.float32)
-        bitmap = Bitmap(
-            self._gltf.get(texture, "name", str, name),
-            tinted,
-            wrap,
-            Interpolation.NEAREST if nearest else Interpolation.BILINEAR,
-            _UPWARDS @ self._texture_transform(transform),
-        )
-        return bitmap, self._gltf.get(transform, "texCoord", int, uv_set)
 
-    def _wrap(self, sampler: dict[str, Any], key: str) -> Wrap:
-        code = self._gltf.get(sampler, key, int, 10497)
-        if code not in _WRAPS:
-            raise self._gltf.error(f"broken glTF: {key} {code}")
-        return _WRAPS[code]
-
-    def _texture_transform(self, owner: dict[str, Any]) -> NDArray[np.float64]:
-        """KHR_texture_transform: offset * rotation * scale, as in the extension's text."""
-        dx, dy = self._gltf.numbers(owner, "offset", [0.0, 0.0])
-        sx, sy = self._gltf.numbers(owner, "scale", [1.0, 1.0])
-        angle = self._gltf.number(owner, "rotation", 0.0)
-        c, s = np.cos(angle), np.sin(angle)
-        move = np.array([[1.0, 0.0, dx], [0.0, 1.0, dy], [0.0, 0.0, 1.0]])
-        turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-        return move @ turn @ np.diag([sx, sy, 1.0])
+def _clearcoat_gloss(roughness: float) -> float:
+    """The gloss whose microfacets are as rough as glTF's: alpha = roughness², between 0.1 (gloss 0) and 0.001 (1)."""
+    return min(max((0.1 - roughness * roughness) / (0.1 - 0.001), 0.0), 1.0)

@@ -11,14 +11,19 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from wdpm.scenes.errors import SceneError
+from wdpm.scenes.errors import ImageError, SceneError
+from wdpm.scenes.hdr import decode_hdr
+from wdpm.scenes.pfm import decode_pfm
+
+_FLOAT_FORMATS = {".hdr": decode_hdr, ".rgbe": decode_hdr, ".pfm": decode_pfm}
 
 
 def read_texture(file: Path, *, raw: bool) -> NDArray[np.float32]:
     """The pixels of an image file.
 
     Args:
-        raw: leave the numbers as they are; otherwise 8 and 16-bit files are decoded from sRGB. EXR and HDR are linear.
+        raw: leave the numbers as they are; otherwise 8 and 16-bit files are decoded from sRGB. EXR, HDR and PFM are
+            linear.
 
     Returns:
         linear RGB, shape [height, width, 3]; alpha is dropped and grey is spread over three channels.
@@ -27,12 +32,34 @@ def read_texture(file: Path, *, raw: bool) -> NDArray[np.float32]:
         raise SceneError("image file not found", file)
     if file.suffix.lower() == ".exr":
         return _checked(_read_exr(file), file)
+    if file.suffix.lower() in _FLOAT_FORMATS:
+        return _checked(_read_float(file), file)
     return _decode(_read_any(file.read_bytes(), str(file), file.suffix), str(file), raw=raw)
 
 
 def decode_texture(data: bytes, name: str, *, raw: bool) -> NDArray[np.float32]:
     """Like `read_texture`, for a PNG or JPEG file that lies in memory."""
     return _decode(_read_any(data, name, None), name, raw=raw)
+
+
+def read_alpha(file: Path) -> NDArray[np.float32] | None:
+    """The alpha channel of an image file as grey, shape [height, width, 3]; None without one, or for floats."""
+    if not file.is_file():
+        raise SceneError("image file not found", file)
+    if file.suffix.lower() in (".exr", *_FLOAT_FORMATS):
+        return None
+    return _alpha(_read_any(file.read_bytes(), str(file), file.suffix), str(file))
+
+
+def decode_alpha(data: bytes, name: str) -> NDArray[np.float32] | None:
+    """Like `read_alpha`, for a PNG or JPEG file that lies in memory."""
+    return _alpha(_read_any(data, name, None), name)
+
+
+def _alpha(pixels: NDArray[Any], name: str) -> NDArray[np.float32] | None:
+    if pixels.ndim != 3 or pixels.shape[2] not in (2, 4):
+        return None
+    return _decode(pixels[:, :, -1], name, raw=True)
 
 
 def _read_any(data: bytes, name: str, suffix: str | None) -> NDArray[Any]:
@@ -51,7 +78,7 @@ def _decode(pixels: NDArray[Any], name: str, *, raw: bool) -> NDArray[np.float32
     if np.issubdtype(pixels.dtype, np.integer):
         values = pixels.astype(np.float32) / np.float32(np.iinfo(pixels.dtype).max)
         rgb = _rgb(values, name)
-        return _checked(rgb if raw else _srgb_to_linear(rgb), name)
+        return _checked(rgb if raw else srgb_to_linear(rgb), name)
     return _checked(_rgb(pixels.astype(np.float32), name), name)
 
 
@@ -64,10 +91,12 @@ def _rgb(values: NDArray[np.float32], name: str) -> NDArray[np.float32]:
     return np.ascontiguousarray(colour)
 
 
-def _srgb_to_linear(values: NDArray[np.float32]) -> NDArray[np.float32]:
-    low = values / np.float32(12.92)
-    high = ((values + np.float32(0.055)) / np.float32(1.055)) ** np.float32(2.4)
-    return np.where(values <= np.float32(0.04045), low, high).astype(np.float32)
+def srgb_to_linear(values: NDArray[Any]) -> NDArray[Any]:
+    """Decodes sRGB (IEC 61966-2-1), in the precision that it is given."""
+    real = values.dtype.type
+    low = values / real(12.92)
+    high = ((values + real(0.055)) / real(1.055)) ** real(2.4)
+    return np.where(values <= real(0.04045), low, high).astype(values.dtype)
 
 
 def _checked(pixels: NDArray[np.float32], name: str | Path) -> NDArray[np.float32]:
@@ -91,3 +120,10 @@ def _read_exr(file: Path) -> NDArray[np.float32]:
         if all(name in channels for name in names):
             return np.stack([channels[name] for name in names], axis=2)
     raise SceneError(f"EXR without channels R, G, B or Y (it has {', '.join(channels)})", file)
+
+
+def _read_float(file: Path) -> NDArray[np.float32]:
+    try:
+        return _FLOAT_FORMATS[file.suffix.lower()](file.read_bytes(), file.name)
+    except ImageError as error:
+        raise SceneError(str(error), file) from error

@@ -2,12 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.transforms import Matrix, apply_to_normals, apply_to_points, normalized
+
+
+@dataclass(frozen=True, eq=False)
+class VertexAttribute:
+    """What a mesh file says about its vertices besides their geometry.
+
+    Attributes:
+        values: float64, shape [V, C]; whole numbers of a file as shares of their type's largest.
+        coded: whether they are most likely meant for the screen (sRGB), if they are colours.
+    """
+
+    values: NDArray[np.float64]
+    coded: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,12 +33,14 @@ class MeshData:
         faces: int64, shape [F, 3], counter-clockwise seen from the front.
         normals: unit vertex normals, float64, shape [V, 3], or None.
         uvs: texture coordinates, float64, shape [V, 2], or None.
+        attributes: others by name, as Mitsuba calls them: "vertex_color", ...
     """
 
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
     normals: NDArray[np.float64] | None = None
     uvs: NDArray[np.float64] | None = None
+    attributes: Mapping[str, VertexAttribute] = field(default_factory=dict)
 
     def transformed(self, matrix: Matrix) -> MeshData:
         """The mesh mapped by an affine matrix.

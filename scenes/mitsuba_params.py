@@ -12,13 +12,14 @@ import numpy as np
 from wdpm.scenes import transforms
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.mitsuba_plugins import SUPPORTED, is_known
-from wdpm.scenes.model import RGB
+from wdpm.scenes.textures import RGB
 from wdpm.scenes.transforms import Matrix
 from wdpm.scenes.xml_document import Document, Element, did_you_mean
 
 VALUE_TAGS = {"integer", "float", "string", "boolean", "vector", "point", "rgb", "srgb", "spectrum", "transform"}
-OBJECT_TAGS = {"shape", "bsdf", "texture", "emitter", "sensor", "sampler", "film", "rfilter", "integrator"}
-FOREIGN_TAGS = {"medium", "phase", "volume", "subsurface", "animation", "blackbody", "random", "luminaire", "camera"}
+OBJECT_TAGS = {"shape", "bsdf", "texture", "emitter", "medium", "phase", "volume"}
+OBJECT_TAGS |= {"sensor", "sampler", "film", "rfilter", "integrator"}
+FOREIGN_TAGS = {"subsurface", "animation", "blackbody", "random", "luminaire", "camera"}
 STRUCTURE_TAGS = {"ref"}
 
 # Mitsuba 3 makes the emission of a constant spectrum the colour of equal-energy white in linear sRGB
@@ -103,6 +104,14 @@ class Plugin:
     def has(self, name: str) -> bool:
         """Whether the parameter is given; does not take it."""
         return name in self._values
+
+    def has_nested(self, category: str, name: str) -> bool:
+        """Whether a plugin of this category is nested under this name; does not take it."""
+        return any(given == name and element.tag == category for given, element in self._nested)
+
+    def at(self, name: str) -> Element:
+        """Where a parameter is given, for messages; the plugin itself where it is not. Ask before taking it."""
+        return self._values.get(name, self.element)
 
     def value_error(self, name: str, message: str) -> SceneError:
         """An error that points at a parameter, or at the plugin where the parameter is not given."""

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,28 +34,95 @@ _FILE_FORMAT_PARAMETERS = (
 )
 
 
-def read_sensor(plugin: Plugin, size: Size | None, warnings: list[str]) -> tuple[Camera, int | None]:
-    """A perspective sensor as camera, with the number of samples it asks for.
+def _gaussian(stddev: float) -> PixelFilter:
+    return PixelFilter(FilterKind.GAUSSIAN, 4.0 * stddev, stddev)  # cut off at four deviations, as in Mitsuba
+
+
+DEFAULT_FILTER = _gaussian(0.5)
+
+
+@dataclass(frozen=True)
+class _Film:
+    """Attributes: size: of the whole image; crop: x, y, width and height of the part that is rendered, or None."""
+
+    size: Size = DEFAULT_SIZE
+    crop: tuple[int, int, int, int] | None = None
+    filter: PixelFilter = DEFAULT_FILTER
+
+
+def read_sensor(
+    plugin: Plugin, size: Size | None, read_medium: Callable[[Plugin], int | None], warnings: list[str]
+) -> tuple[Camera, int | None]:
+    """A perspective, thin lens or orthographic sensor as camera, with the number of samples it asks for.
 
     Args:
-        size: width and height that replace the film's.
+        size: width and height that replace the film's; a crop window keeps its share of the image, in whole pixels.
+        read_medium: reads the medium around a sensor.
     """
-    film = plugin.take_one("film")
-    (width, height), pixel_filter = (
-        (size or DEFAULT_SIZE, _gaussian(0.5)) if film is None else _read_film(film, size, warnings)
-    )
+    nested = plugin.take_one("film")
+    film = _Film(size or DEFAULT_SIZE) if nested is None else _read_film(nested, size, warnings)
     sampler = plugin.take_one("sampler")
-    fov = _read_fov(plugin, width / height)
     near, far = plugin.take_positive("near_clip", 1e-2), plugin.take_positive("far_clip", 1e4)
     if not near < far:
         raise plugin.error(f"{plugin}: near_clip ({near:g}) must be less than far_clip ({far:g})")
-    # Mitsuba adds its offset to the position on the film, which moves the optical centre the other way
-    offset = -plugin.take_float("principal_point_offset_x", 0.0), -plugin.take_float("principal_point_offset_y", 0.0)
-    ignored = plugin.ignore("shutter_open", "shutter_close", "focus_distance", "srf")
-    warnings.extend(f"{plugin}: {name} is ignored: nothing moves, and everything is in focus" for name in ignored)
-    camera = Camera(_read_to_world(plugin), fov, width, height, near, far, offset, pixel_filter)
+    orthographic = plugin.type == "orthographic"
+    aperture, focus = _read_lens(plugin, far, warnings)
+    width, height = film.size if film.crop is None else film.crop[2:]
+    camera = Camera(
+        _read_stretched(plugin) if orthographic else _read_to_world(plugin),
+        90.0 if orthographic else _read_fov(plugin, film.size[0] / film.size[1]),
+        width,
+        height,
+        near,
+        far,
+        (0.0, 0.0) if plugin.type != "perspective" else _read_principal_point(plugin),
+        film.filter,
+        orthographic,
+        aperture,
+        focus,
+        film.crop,
+        None if film.crop is None else film.size,
+        read_medium(plugin),
+    )
+    ignored = plugin.ignore("shutter_open", "shutter_close", "srf")
+    warnings.extend(f"{plugin}: {name} is ignored: nothing moves, and all wavelengths count alike" for name in ignored)
     plugin.finish()
     return camera, None if sampler is None else _read_sampler(sampler)
+
+
+def _read_principal_point(plugin: Plugin) -> tuple[float, float]:
+    # Mitsuba adds its offset to the position on the film, which moves the optical centre the other way
+    return -plugin.take_float("principal_point_offset_x", 0.0), -plugin.take_float("principal_point_offset_y", 0.0)
+
+
+def _read_lens(plugin: Plugin, far: float, warnings: list[str]) -> tuple[float, float]:
+    """Radius of the aperture and distance of the plane in focus."""
+    if plugin.type != "thinlens":
+        ignored = plugin.ignore("focus_distance")
+        warnings.extend(f"{plugin}: {name} is ignored: everything is in focus" for name in ignored)
+        return 0.0, 1.0
+    if not plugin.has("aperture_radius"):
+        raise plugin.error(f'{plugin}: the parameter "aperture_radius" is missing')
+    error = plugin.value_error("aperture_radius", "must not be negative")
+    aperture = plugin.take_float("aperture_radius", 0.0)
+    if aperture < 0.0:
+        raise error
+    return aperture, plugin.take_positive("focus_distance", far)
+
+
+def _read_stretched(plugin: Plugin) -> np.ndarray:
+    """The transform of an orthographic sensor, whose scale is the size of what it sees."""
+    error = plugin.value_error("to_world", "must not shear or flatten a sensor")
+    matrix = plugin.take_transform("to_world")
+    if matrix is None:
+        return np.eye(4)
+    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+    if not lengths.min() > 0.0:
+        raise error
+    axes = matrix[:3, :3] / lengths
+    if not np.allclose(axes.T @ axes, np.eye(3), atol=1e-3):
+        raise error
+    return matrix
 
 
 def _read_to_world(plugin: Plugin) -> np.ndarray:
@@ -109,19 +178,39 @@ def horizontal_fov(fov: float, axis: str, aspect: float) -> float:
     return math.degrees(2.0 * math.atan(half))
 
 
-def _read_film(plugin: Plugin, size: Size | None, warnings: list[str]) -> tuple[Size, PixelFilter]:
-    width, height = _read_extent(plugin, "width", DEFAULT_SIZE[0]), _read_extent(plugin, "height", DEFAULT_SIZE[1])
-    for name in ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height", "crop_window"):
-        if plugin.has(name):
-            raise plugin.value_error(
-                name, "is not supported yet: crop windows come later; remove it to render the whole image"
-            )
+def _read_film(plugin: Plugin, size: Size | None, warnings: list[str]) -> _Film:
+    own = _read_extent(plugin, "width", DEFAULT_SIZE[0]), _read_extent(plugin, "height", DEFAULT_SIZE[1])
+    crop = _read_crop(plugin, own)
+    if size is not None and crop is not None:
+        crop = _scaled_crop(crop, own, size)
     plugin.ignore(*_FILE_FORMAT_PARAMETERS)
     ignored = plugin.ignore("sample_border", "high_quality_edges", "compensate")
     warnings.extend(f"{plugin}: {name} is ignored" for name in ignored)
-    pixel_filter = plugin.take_one("rfilter")
+    nested = plugin.take_one("rfilter")
     plugin.finish()
-    return size or (width, height), _gaussian(0.5) if pixel_filter is None else _read_filter(pixel_filter)
+    return _Film(size or own, crop, DEFAULT_FILTER if nested is None else _read_filter(nested))
+
+
+def _read_crop(plugin: Plugin, size: Size) -> tuple[int, int, int, int] | None:
+    """The crop window in pixels: x, y, width, height; None where it is the whole image."""
+    if plugin.has("crop_window"):
+        raise plugin.value_error("crop_window", "is not supported; give crop_offset_x, crop_width, ...")
+    names = ("crop_offset_x", "crop_offset_y", "crop_width", "crop_height")
+    first = next((name for name in names if plugin.has(name)), names[0])
+    error = plugin.value_error(first, f"and the rest of the crop window must lie inside of {size[0]}x{size[1]} pixels")
+    x, y = plugin.take_int("crop_offset_x", 0), plugin.take_int("crop_offset_y", 0)
+    width, height = plugin.take_int("crop_width", size[0]), plugin.take_int("crop_height", size[1])
+    if min(x, y) < 0 or min(width, height) < 1 or x + width > size[0] or y + height > size[1]:
+        raise error
+    return None if (x, y, width, height) == (0, 0, *size) else (x, y, width, height)
+
+
+def _scaled_crop(crop: tuple[int, int, int, int], old: Size, new: Size) -> tuple[int, int, int, int]:
+    """The same share of an image of another size, at least one pixel."""
+    left, top = round(crop[0] * new[0] / old[0]), round(crop[1] * new[1] / old[1])
+    right, bottom = round((crop[0] + crop[2]) * new[0] / old[0]), round((crop[1] + crop[3]) * new[1] / old[1])
+    left, top = min(left, new[0] - 1), min(top, new[1] - 1)
+    return left, top, max(right - left, 1), max(bottom - top, 1)
 
 
 def _read_extent(plugin: Plugin, name: str, default: int) -> int:
@@ -142,10 +231,6 @@ def _read_filter(plugin: Plugin) -> PixelFilter:
         pixel_filter = _gaussian(plugin.take_positive("stddev", 0.5))
     plugin.finish()
     return pixel_filter
-
-
-def _gaussian(stddev: float) -> PixelFilter:
-    return PixelFilter(FilterKind.GAUSSIAN, 4.0 * stddev, stddev)  # cut off at four deviations, as in Mitsuba
 
 
 def _read_sampler(plugin: Plugin) -> int:

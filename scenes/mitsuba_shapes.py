@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,19 +16,38 @@ from wdpm.scenes.serialized import read_serialized
 from wdpm.scenes.transforms import Matrix
 
 
-class ShapeReader:
-    """Turns shape plugins into meshes; a file that several shapes use is read once."""
+@dataclass(frozen=True)
+class Use:
+    """What a shape is for, which decides how finely a curved one is cut.
 
-    def __init__(self) -> None:
+    Attributes:
+        fine: it reflects or refracts other than diffusely.
+        emits: it glows; its area is then that of the round shape.
+    """
+
+    fine: bool = False
+    emits: bool = False
+
+
+class ShapeReader:
+    """Turns shape plugins into meshes; a file that several shapes use is read once.
+
+    Args:
+        spheres: how many the scene has.
+    """
+
+    def __init__(self, spheres: int = 0) -> None:
+        self._spheres = spheres
         self._files: dict[tuple[Path, int], MeshData] = {}
 
-    def read(self, plugin: Plugin) -> MeshData:
+    def read(self, plugin: Plugin, use: Use) -> MeshData:
         """The shape in world space, facing the way Mitsuba's does.
 
-        Takes all parameters that belong to the geometry; bsdf and emitter are left.
+        Takes all parameters that belong to the geometry; bsdf, emitter and media are left.
         """
         from_file = plugin.type in ("obj", "ply", "serialized")
-        mesh = self._read_file(plugin) if from_file else _read_primitive(plugin)
+        around = primitives.segments_around(self._spheres, fine=use.fine)
+        mesh = self._read_file(plugin) if from_file else _read_primitive(plugin, around, use.emits)
         flat = from_file and plugin.take_bool("face_normals", False)
         if flat:
             mesh = mesh.flat()
@@ -72,19 +91,20 @@ def _transformed(mesh: MeshData, matrix: Matrix, plugin: Plugin) -> MeshData:
     return moved.flipped() if plugin.type == "sphere" and np.linalg.det(matrix[:3, :3]) < 0 else moved
 
 
-def _read_primitive(plugin: Plugin) -> MeshData:
+def _read_primitive(plugin: Plugin, around: int, true_area: bool) -> MeshData:
     match plugin.type:
         case "rectangle":
             return primitives.rectangle()
         case "cube":
             return primitives.cube()
         case "disk":
-            return primitives.disk()
+            return primitives.disk(around, true_area=true_area)
         case "sphere":
             centre = plugin.take_point("center", (0.0, 0.0, 0.0))
-            return _placed(primitives.sphere(), centre, plugin.take_positive("radius", 1.0))
+            mesh = primitives.sphere(around, true_area=true_area)
+            return _placed(mesh, centre, plugin.take_positive("radius", 1.0))
         case "cylinder":
-            return _read_cylinder(plugin)
+            return _read_cylinder(plugin, primitives.cylinder(around, true_area=true_area))
     raise AssertionError(plugin.type)  # the tables of supported plugins and this match disagree
 
 
@@ -92,7 +112,7 @@ def _placed(mesh: MeshData, centre: tuple[float, float, float], radius: float) -
     return mesh.transformed(transforms.translation(centre) @ transforms.scaling([radius] * 3))
 
 
-def _read_cylinder(plugin: Plugin) -> MeshData:
+def _read_cylinder(plugin: Plugin, unit: MeshData) -> MeshData:
     start = np.array(plugin.take_point("p0", (0.0, 0.0, 0.0)))
     axis = np.array(plugin.take_point("p1", (0.0, 0.0, 1.0))) - start
     radius = plugin.take_positive("radius", 1.0)
@@ -103,7 +123,7 @@ def _read_cylinder(plugin: Plugin) -> MeshData:
     frame[:3, 0], frame[:3, 1] = _coordinate_system(axis / length)
     frame[:3, 2] = axis / length
     matrix = transforms.translation(start) @ frame @ transforms.scaling([radius, radius, length])
-    return primitives.cylinder().transformed(matrix)
+    return unit.transformed(matrix)
 
 
 def _coordinate_system(n: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

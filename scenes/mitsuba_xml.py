@@ -9,13 +9,33 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.scenes.bsdfs import (
+    Blend,
+    BumpMap,
+    Diffuse,
+    Mask,
+    NormalMap,
+    Null,
+    TwoSided,
+    uses_uvs,
+    vertex_attributes,
+    walk,
+)
 from wdpm.scenes.framing import framing_camera
+from wdpm.scenes.light_sources import Light
 from wdpm.scenes.mesh_data import MeshData
+from wdpm.scenes.mitsuba_emitters import EmitterReader
 from wdpm.scenes.mitsuba_materials import MaterialReader
+from wdpm.scenes.mitsuba_media import MediaReader
 from wdpm.scenes.mitsuba_params import OBJECT_TAGS, VALUE_TAGS, Plugin, unknown_tag
 from wdpm.scenes.mitsuba_sensor import Size, read_integrator, read_sensor
-from wdpm.scenes.mitsuba_shapes import ShapeReader
-from wdpm.scenes.model import RGB, Bitmap, Camera, Mesh, PointLight, Scene
+from wdpm.scenes.mitsuba_shapes import ShapeReader, Use
+from wdpm.scenes.model import Camera, Mesh, Scene
+from wdpm.scenes.textures import Bitmap, Checkerboard, Color
+from wdpm.scenes.vertex_attributes import colors_of
 from wdpm.scenes.xml_document import Document, Element, read_document
 
 
@@ -38,9 +58,13 @@ class _SceneReader:
         self.file = file
         self.warnings: list[str] = []
         self.materials = MaterialReader(self.warnings)
-        self.shapes = ShapeReader()
+        self.media = MediaReader(self.warnings)
+        self.emitters = EmitterReader(
+            self.materials.textures, self.media, old_axes=_is_old(document), warnings=self.warnings
+        )
+        self.shapes = ShapeReader(_count_spheres(document))
         self.meshes: list[Mesh] = []
-        self.lights: list[PointLight] = []
+        self.lights: list[Light] = []
         self.sensors: list[Plugin] = []
         self.integrators: list[Plugin] = []
 
@@ -62,6 +86,7 @@ class _SceneReader:
             samples,
             max_depth,
             tuple(self.warnings),
+            tuple(self.media.media),
         )
 
     def _read_top_level(self, element: Element) -> None:
@@ -71,16 +96,16 @@ class _SceneReader:
             case "shape":
                 self._read_shape(Plugin(element, self.document))
             case "emitter":
-                self._read_emitter(Plugin(element, self.document))
+                self.lights.append(self.emitters.read(Plugin(element, self.document)))
             case "sensor":
                 self.sensors.append(Plugin(element, self.document))
             case "integrator":
                 self.integrators.append(Plugin(element, self.document))
-            case "bsdf" | "texture" if "id" in element.attributes:
+            case "bsdf" | "texture" | "medium" | "phase" | "volume" if "id" in element.attributes:
                 pass  # read when a shape refers to it, so what no shape uses may be unsupported
-            case "bsdf" | "texture":
+            case "bsdf" | "texture" | "medium" | "phase" | "volume":
                 self.warnings.append(f"line {element.line}: <{element.tag}> without id: nothing can use it")
-            case "medium" | "phase" | "volume" | "subsurface":
+            case "subsurface":
                 raise element.error(f"<{element.tag}> is not supported yet")
             case tag if tag in VALUE_TAGS | OBJECT_TAGS:
                 raise element.error(f"<{tag}> does not belong directly into <scene>")
@@ -88,31 +113,49 @@ class _SceneReader:
                 raise unknown_tag(element)
 
     def _read_shape(self, plugin: Plugin) -> None:
-        mesh = self.shapes.read(plugin)
         emitter = plugin.take_one("emitter")
-        emission = None if emitter is None else _read_area_light(emitter)
+        emission = None if emitter is None else self.emitters.read_area(emitter)
         material = self.materials.read(plugin.take_one("bsdf"), emits=emitter is not None)
+        inside, outside, bounds = self.media.read_sides(plugin)
+        mesh = self.shapes.read(plugin, Use(self._is_fine(material), emitter is not None))
         plugin.finish()
-        self._warn_without_uvs(plugin, mesh, material)
-        self.meshes.append(Mesh(plugin.name, mesh.vertices, mesh.faces, mesh.normals, mesh.uvs, material, emission))
+        self._warn_without_uvs(plugin, mesh, material, emission)
+        colors = self._vertex_colors(plugin, mesh, material, emission)
+        if bounds:
+            self.media.warn_if_open(plugin, mesh)
+        self.meshes.append(
+            Mesh(
+                plugin.name,
+                mesh.vertices,
+                mesh.faces,
+                mesh.normals,
+                mesh.uvs,
+                material,
+                emission,
+                colors,
+                inside,
+                outside,
+                bounds,
+            )
+        )
 
-    def _warn_without_uvs(self, plugin: Plugin, mesh: MeshData, material: int) -> None:
-        if mesh.uvs is None and isinstance(self.materials.materials[material].reflectance, Bitmap):
+    def _is_fine(self, material: int) -> bool:
+        """Whether a material shows its surroundings, so that a curved surface must not show its facets."""
+        dull = Diffuse | Null | TwoSided | Mask | Blend | BumpMap | NormalMap
+        return not all(isinstance(node, dull) for node in walk(self.materials.materials[material].bsdf))
+
+    def _vertex_colors(
+        self, plugin: Plugin, mesh: MeshData, material: int, emission: Color | None
+    ) -> NDArray[np.float64] | None:
+        try:
+            return colors_of(mesh, vertex_attributes(self.materials.materials[material].bsdf, emission))
+        except ValueError as error:
+            raise plugin.error(f"shape {plugin.name}: {error}") from error
+
+    def _warn_without_uvs(self, plugin: Plugin, mesh: MeshData, material: int, emission: Color | None) -> None:
+        used = uses_uvs(self.materials.materials[material].bsdf) or isinstance(emission, Bitmap | Checkerboard)
+        if mesh.uvs is None and used:
             self.warnings.append(f"shape {plugin.name} has a texture but no texture coordinates: (0, 0) is used")
-
-    def _read_emitter(self, plugin: Plugin) -> None:
-        if plugin.type == "area":
-            raise plugin.error('emitter "area" must be nested in a shape')
-        to_world = plugin.take_transform("to_world")
-        if to_world is not None and plugin.has("position"):
-            raise plugin.value_error("position", "and to_world cannot both be given")
-        position = plugin.take_point("position", (0.0, 0.0, 0.0))
-        if to_world is not None:
-            position = float(to_world[0, 3]), float(to_world[1, 3]), float(to_world[2, 3])
-        intensity = _read_emission(plugin, "intensity")
-        plugin.ignore("sampling_weight")  # lights are chosen by power
-        plugin.finish()
-        self.lights.append(PointLight(plugin.name, position, intensity))
 
     def _camera(self, size: Size | None) -> tuple[Camera, int | None]:
         if not self.sensors:
@@ -122,24 +165,15 @@ class _SceneReader:
             self.warnings.append(
                 f"the scene has {len(self.sensors)} sensors: {other.name} is ignored, the first is used"
             )
-        return read_sensor(self.sensors[0], size, self.warnings)
+        return read_sensor(self.sensors[0], size, self.media.read_around, self.warnings)
 
 
-def _read_area_light(plugin: Plugin) -> RGB:
-    if plugin.type != "area":
-        raise plugin.error(f'a shape takes an emitter "area", not "{plugin.type}"')
-    # before 0.6 it was called intensity
-    radiance = _read_emission(plugin, "intensity" if plugin.has("intensity") else "radiance")
-    plugin.ignore("sampling_weight")
-    plugin.finish()
-    return radiance
+def _is_old(document: Document) -> bool:
+    """Whether a file says that it is for a version before Mitsuba 1."""
+    return document.root.attributes.get("version", "").startswith("0.")
 
 
-def _read_emission(plugin: Plugin, name: str) -> RGB:
-    for texture in plugin.take_nested("texture", name):
-        raise texture.error(f'{plugin}: a texture as "{name}" is not supported yet; give an <rgb>')
-    error = plugin.value_error(name, "must not be negative")
-    value = plugin.take_colour(name, (1.0, 1.0, 1.0), emission=True)
-    if min(value) < 0:
-        raise error
-    return value
+def _count_spheres(document: Document) -> int:
+    return sum(
+        element.tag == "shape" and element.attributes.get("type") == "sphere" for element in document.root.children
+    )

@@ -5,60 +5,49 @@ Nothing here knows how it will be rendered. `geometry.flatten` turns it into the
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
-RGB = tuple[float, float, float]
-
-
-class Wrap(Enum):
-    """What a texture shows outside the unit square."""
-
-    REPEAT = "repeat"
-    MIRROR = "mirror"
-    CLAMP = "clamp"
-
-
-class Interpolation(Enum):
-    """How a texture is read between texels."""
-
-    BILINEAR = "bilinear"
-    NEAREST = "nearest"
-
-
-@dataclass(frozen=True, eq=False)
-class Bitmap:
-    """An image texture.
-
-    Attributes:
-        name: for messages: the file it came from.
-        pixels: linear RGB, float32, shape [height, width, 3]; row 0 is the top of the image, which lies at v = 1.
-        to_uv: affine map of texture coordinates applied before the lookup, shape [3, 3] (row vectors of a 2-D
-            homogeneous matrix that multiplies the column (u, v, 1)).
-    """
-
-    name: str
-    pixels: NDArray[np.float32]
-    wrap: Wrap = Wrap.REPEAT
-    interpolation: Interpolation = Interpolation.BILINEAR
-    to_uv: NDArray[np.float64] = field(default_factory=lambda: np.eye(3))
+from wdpm.scenes.bsdfs import GREY, Bsdf, Diffuse, TwoSided
+from wdpm.scenes.light_sources import Light
+from wdpm.scenes.textures import RGB, Color
 
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """A diffuse (Lambertian) surface.
+    """What a surface is made of.
 
     Attributes:
-        reflectance: albedo, linear RGB in [0, 1], or a texture of it.
-        twosided: whether the back reflects like the front; otherwise it is black.
+        name: for messages.
+        bsdf: how it scatters light.
     """
 
     name: str
-    reflectance: RGB | Bitmap = (0.5, 0.5, 0.5)
-    twosided: bool = False
+    bsdf: Bsdf = Diffuse()
+
+
+def diffuse(name: str, reflectance: Color = GREY, twosided: bool = False) -> Material:
+    """A Lambertian material, black from behind unless it is two-sided."""
+    return Material(name, TwoSided(Diffuse(reflectance)) if twosided else Diffuse(reflectance))
+
+
+@dataclass(frozen=True)
+class Medium:
+    """A homogeneous participating medium.
+
+    Attributes:
+        sigma_t: extinction by channel [1 / scene unit].
+        albedo: share of the extinction that is scattering, by channel.
+        g: mean cosine of the Henyey-Greenstein phase function, -1 < g < 1; 0 is isotropic.
+    """
+
+    name: str
+    sigma_t: RGB
+    albedo: RGB = (0.75, 0.75, 0.75)
+    g: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +60,11 @@ class Mesh:
         normals: unit vertex normals for shading, float64, shape [V, 3], or None for flat shading.
         uvs: texture coordinates, float64, shape [V, 2], or None.
         material: index into Scene.materials.
-        emission: radiance emitted from the front, linear RGB [W/(m² sr)], or None.
+        emission: radiance emitted from the front, linear RGB [W/(m² sr)] or a texture of it, or None.
+        colors: linear RGB at the vertices, float64, shape [V, 3], or None.
+        interior, exterior: indices into Scene.media of the media behind and before the surface; None for none.
+        bounds: whether the surface separates media at all; where it does not, both are None, and a ray that crosses
+            it stays in the medium that it is in.
     """
 
     name: str
@@ -80,21 +73,11 @@ class Mesh:
     normals: NDArray[np.float64] | None
     uvs: NDArray[np.float64] | None
     material: int
-    emission: RGB | None = None
-
-
-@dataclass(frozen=True)
-class PointLight:
-    """A point that shines alike in all directions.
-
-    Attributes:
-        position: world space.
-        intensity: radiant intensity, linear RGB [W/sr].
-    """
-
-    name: str
-    position: tuple[float, float, float]
-    intensity: RGB
+    emission: Color | None = None
+    colors: NDArray[np.float64] | None = None
+    interior: int | None = None
+    exterior: int | None = None
+    bounds: bool = False
 
 
 class FilterKind(Enum):
@@ -115,7 +98,7 @@ class PixelFilter:
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A perspective camera. It looks along its own +z, +x is to the left of the image and +y is up, as in Mitsuba.
+    """A camera. It looks along its own +z, +x is to the left of the image and +y is up, as in Mitsuba.
 
     Attributes:
         to_world: float64, shape [4, 4].
@@ -124,6 +107,14 @@ class Camera:
         near_clip, far_clip: distances along the camera's z outside which nothing is seen.
         principal_point: offset of the optical centre from the image's middle to the right and down, as shares of the
             image's width and height.
+        orthographic: parallel rays; the image plane is then 2 units wide times the scale of to_world's x axis, and
+            fov_x means nothing.
+        aperture_radius: of a thin lens, in scene units; 0 for a pinhole, which has everything in focus.
+        focus_distance: along the camera's z, of the plane that a lens has in focus.
+        crop: x, y, width and height in pixels of the part that is rendered, of an image of full_size; None for all.
+            width and height above are then the crop's.
+        full_size: width and height of the whole image that a crop belongs to; None without a crop.
+        medium: index into Scene.media of the medium around the camera, or None.
     """
 
     to_world: NDArray[np.float64]
@@ -134,6 +125,12 @@ class Camera:
     far_clip: float = 1e4
     principal_point: tuple[float, float] = (0.0, 0.0)
     filter: PixelFilter = PixelFilter()
+    orthographic: bool = False
+    aperture_radius: float = 0.0
+    focus_distance: float = 1.0
+    crop: tuple[int, int, int, int] | None = None
+    full_size: tuple[int, int] | None = None
+    medium: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,8 +147,9 @@ class Scene:
     name: str
     meshes: tuple[Mesh, ...]
     materials: tuple[Material, ...]
-    point_lights: tuple[PointLight, ...]
+    lights: tuple[Light, ...]
     camera: Camera
     samples: int | None = None
     max_depth: int | None = None
     warnings: tuple[str, ...] = ()
+    media: tuple[Medium, ...] = ()

@@ -1,31 +1,45 @@
-"""Reads the material libraries of OBJ files (MTL), as far as diffuse surfaces and lamps go.
+"""Reads the material libraries of OBJ files (MTL).
 
-Format: "MTL material format", Wavefront 1995. Kd, map_Kd and Ke are used; what asks for more than that is approximated
-by the diffuse part, and said in a warning.
+Format: "MTL material format", Wavefront 1995, with the statements that later became usual: Ke, map_Ke, norm, and those
+of physically based materials. What the statements stand for is said in mtl_looks.py.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
+from wdpm.scenes.bsdfs import BLACK, WHITE
 from wdpm.scenes.errors import SceneError
-from wdpm.scenes.images import read_texture
-from wdpm.scenes.model import RGB, Bitmap, Material
+from wdpm.scenes.images import read_alpha, read_texture
+from wdpm.scenes.model import Material
+from wdpm.scenes.mtl_looks import ILLUM_MODELS, Looks, Pbr, scattering
+from wdpm.scenes.mtl_textures import TextureStatement, read_statement
+from wdpm.scenes.textures import RGB, Bitmap, Color, Number
 
-DIFFUSE_ILLUM = 2  # illumination models 0 to 2 are local; those above reflect, refract or cast no shadows
+# neither do these change how light is scattered
+_IGNORED: Final = frozenset(("Ka", "map_Ka", "sharpness", "map_aat"))
+_BUMP: Final = ("bump", "map_bump", "map_Bump")
+_NORMAL: Final = ("norm", "map_Kn", "map_norm")
+# fmt: off
+_KNOWN: Final = frozenset((
+    "Kd", "Ks", "Ke", "Ns", "Ni", "Tf", "d", "Tr", "illum", "map_Kd", "map_Ke", "map_d", "map_opacity",
+    "Pr", "Pm", "Ps", "Pc", "Pcr", "map_Pr", "map_Pm", *_BUMP, *_NORMAL,
+))
+# fmt: on
 
 
 @dataclass(eq=False)
 class MtlMaterial:
-    """One `newmtl`: its diffuse part and what it emits."""
+    """One `newmtl`: how it scatters light and what it emits."""
 
     material: Material
-    emission: RGB | None
+    emission: Color | None
 
 
 @dataclass(eq=False)
@@ -39,13 +53,13 @@ def read_mtl(file: Path, warnings: list[str]) -> Mapping[str, MtlMaterial]:
     """The materials of a library by name.
 
     Args:
-        warnings: what is approximated or missing is appended here.
+        warnings: what is approximated, unknown or missing is appended here, with file and line.
 
     Raises:
         SceneError: a colour that is not made of numbers, a texture that cannot be read.
     """
     entries = _read_entries(file)
-    textures: dict[Path, Bitmap] = {}
+    textures: dict[tuple[Path, bool], Bitmap] = {}
     return {entry.name: _Converter(entry, file, warnings, textures).convert() for entry in entries}
 
 
@@ -65,98 +79,191 @@ def _read_entries(file: Path) -> list[_Entry]:
 
 
 class _Converter:
-    def __init__(self, entry: _Entry, file: Path, warnings: list[str], textures: dict[Path, Bitmap]) -> None:
+    def __init__(
+        self, entry: _Entry, file: Path, warnings: list[str], textures: dict[tuple[Path, bool], Bitmap]
+    ) -> None:
         self.entry = entry
         self.file = file
         self.warnings = warnings
         self.textures = textures
 
     def convert(self) -> MtlMaterial:
-        colour = self._reflectance()
-        emission = self._colour("Ke", (0.0, 0.0, 0.0))
-        beyond = self._beyond_diffuse()
-        if beyond:
-            self._warn(f"{', '.join(beyond)}: approximated by its diffuse part")
-        bitmap = self._texture(colour)
-        material = Material(self.entry.name, colour if bitmap is None else bitmap, twosided=True)
-        return MtlMaterial(material, emission if max(emission) > 0 else None)
+        self._warn_about_unknown()
+        looks = self._looks()
+        bsdf = scattering(looks, lambda keyword, what: self._warn(self._statement(keyword), what, keyword))
+        emission = self._emission()
+        return MtlMaterial(Material(self.entry.name, bsdf), emission)
 
-    def _warn(self, message: str) -> None:
-        self.warnings.append(f'{self.file.name}:{self.entry.line}: material "{self.entry.name}": {message}')
+    def _looks(self) -> Looks:
+        bump = self._texture_statement(_BUMP)
+        height = None if bump is None else self._bitmap(bump, raw=True)
+        if bump is not None and height is not None:
+            self._warn(bump.keyword, "heights are taken in the scene's unit of length", bump.keyword)
+        normal = self._texture_statement(_NORMAL)
+        return Looks(
+            diffuse=self._diffuse(),
+            specular=self._colour("Ks", BLACK),
+            exponent=self._optional("Ns"),
+            index=self._optional("Ni"),
+            opacity=self._opacity(),
+            transmission_filter=self._colour("Tf", WHITE),
+            illum=self._illum(),
+            height=height,
+            height_scale=1.0 if bump is None else bump.bump_scale,
+            normals=None if normal is None else self._bitmap(normal, raw=True),
+            pbr=self._pbr(),
+        )
+
+    def _warn(self, subject: str, what: str, keyword: str | None = None) -> None:
+        line = self.entry.values[keyword][0] if keyword in self.entry.values else self.entry.line
+        self.warnings.append(f'{self.file.name}:{line}: material "{self.entry.name}": {subject} {what}')
+
+    def _statement(self, keyword: str) -> str:
+        if keyword not in self.entry.values:
+            return keyword
+        return f"{keyword} {' '.join(self.entry.values[keyword][1])}".strip()
+
+    def _warn_about_unknown(self) -> None:
+        for keyword in self.entry.values:
+            if keyword not in _KNOWN | _IGNORED:
+                self._warn(f'"{keyword}"', "is ignored", keyword)
+
+    def _numbers(self, keyword: str) -> list[float]:
+        words = self.entry.values[keyword][1]
+        try:
+            values = [float(word) for word in words]
+        except ValueError:
+            return []
+        return values if all(math.isfinite(value) and value >= 0 for value in values) else []
 
     def _colour(self, keyword: str, default: RGB) -> RGB:
         if keyword not in self.entry.values:
             return default
-        line, words = self.entry.values[keyword]
-        try:
-            values = [float(word) for word in words]
-        except ValueError:
-            values = []
+        values = self._numbers(keyword)
         if len(values) == 1:  # the other two are then the same
             values *= 3
-        if len(values) != 3 or not all(math.isfinite(value) and value >= 0 for value in values):
-            shown = " ".join(words)
-            raise SceneError(
-                f'"{keyword}" must be 1 or 3 numbers that are not negative, got "{shown}"', self.file, line
-            )
+        if len(values) != 3:
+            self._refuse(keyword, "1 or 3 numbers that are not negative")
         return values[0], values[1], values[2]
 
-    def _reflectance(self) -> RGB:
-        colour = self._colour("Kd", (0.5, 0.5, 0.5))
-        if max(colour) > 1:
-            self._warn("Kd is above 1: lowered to 1")
-        return min(colour[0], 1.0), min(colour[1], 1.0), min(colour[2], 1.0)
+    def _optional(self, keyword: str) -> float | None:
+        if keyword not in self.entry.values:
+            return None
+        values = self._numbers(keyword)
+        if len(values) != 1:
+            self._refuse(keyword, "one number that is not negative")
+        return values[0]
 
-    def _texture(self, colour: RGB) -> Bitmap | None:
-        if "map_Kd" not in self.entry.values:
+    def _share(self, keyword: str, default: float) -> float:
+        value = self._optional(keyword)
+        if value is None:
+            return default
+        if value > 1.0:
+            self._warn(self._statement(keyword), "is above 1: lowered to 1", keyword)
+        return min(value, 1.0)
+
+    def _refuse(self, keyword: str, expected: str) -> None:
+        line, words = self.entry.values[keyword]
+        raise SceneError(f'"{keyword}" must be {expected}, got "{" ".join(words)}"', self.file, line)
+
+    def _illum(self) -> int | None:
+        value = self._optional("illum")
+        if value is not None and value not in ILLUM_MODELS:
+            self._warn(self._statement("illum"), "is no illumination model (0 to 10), and is ignored", "illum")
             return None
-        line, words = self.entry.values["map_Kd"]
-        file = self._texture_file(words)
-        if file is None:
-            self._warn(f'texture "{" ".join(words)}" (line {line}) not found: Kd is used instead')
-            return None
-        if file not in self.textures:
-            self.textures[file] = Bitmap(file.name, read_texture(file, raw=False))
-        bitmap = self.textures[file]
+        return None if value is None else int(value)
+
+    def _diffuse(self) -> Color:
+        statement = self._texture_statement(("map_Kd",))
+        bitmap = None if statement is None else self._bitmap(statement, raw=False)
+        colour = self._colour("Kd", (0.5, 0.5, 0.5) if bitmap is None else WHITE)
         # Kd tints the map; many exporters write black there when they mean the map alone
-        if colour in ((1.0, 1.0, 1.0), (0.0, 0.0, 0.0)):
-            return bitmap
-        return Bitmap(bitmap.name, bitmap.pixels * np.array(colour, dtype=np.float32))
+        return colour if bitmap is None else _tinted(bitmap, WHITE if colour == BLACK else colour)
 
-    def _texture_file(self, words: list[str]) -> Path | None:
-        """The file behind options such as "-s 2 2"; names may hold blanks and a foreign system's separators."""
-        for begin in range(len(words)):
-            file = self.file.parent / " ".join(words[begin:]).replace("\\", "/")
-            if file.is_file():
-                if begin:
-                    self._warn(f'options "{" ".join(words[:begin])}" of map_Kd are ignored')
-                return file
+    def _emission(self) -> Color | None:
+        statement = self._texture_statement(("map_Ke",))
+        bitmap = None if statement is None else self._bitmap(statement, raw=False)
+        emission = self._colour("Ke", BLACK if bitmap is None else WHITE)
+        if max(emission) == 0.0:
+            return None
+        return emission if bitmap is None else _tinted(bitmap, emission)
+
+    def _opacity(self) -> Number:
+        opacity = self._share("d", 1.0) if self.entry.values.get("d", (0, [""]))[1][:1] != ["-halo"] else self._halo()
+        if "Tr" in self.entry.values:
+            see_through = self._share("Tr", 0.0)
+            if "d" not in self.entry.values:
+                opacity = 1.0 - see_through
+            elif abs(1.0 - see_through - opacity) > 1e-3:
+                self._warn(self._statement("Tr"), "contradicts d, which is used", "Tr")
+        statement = self._texture_statement(("map_d", "map_opacity"))
+        if statement is None:
+            return opacity
+        bitmap = self._alpha(statement)
+        return opacity if bitmap is None else _tinted(bitmap, (opacity, opacity, opacity))
+
+    def _halo(self) -> float:
+        self._warn(self._statement("d"), "depends on the angle of view, which is ignored", "d")
+        words = self.entry.values["d"][1][1:]
+        self.entry.values["d"] = self.entry.values["d"][0], words
+        return self._share("d", 1.0)
+
+    def _pbr(self) -> Pbr | None:
+        if not any(keyword in self.entry.values for keyword in ("Pr", "Pm", "map_Pr", "map_Pm")):
+            return None
+        return Pbr(
+            self._textured_share("Pr", 0.5),
+            self._textured_share("Pm", 0.0),
+            self._share("Ps", 0.0),
+            self._share("Pc", 0.0),
+            self._share("Pcr", 0.0),
+        )
+
+    def _textured_share(self, keyword: str, default: float) -> Number:
+        statement = self._texture_statement((f"map_{keyword}",))
+        bitmap = None if statement is None else self._bitmap(statement, raw=True)
+        if bitmap is None:
+            return self._share(keyword, default)
+        factor = self._share(keyword, 1.0)
+        return _tinted(bitmap, (factor, factor, factor))
+
+    def _texture_statement(self, keywords: tuple[str, ...]) -> TextureStatement | None:
+        """The first of some statements that is there and names a file that is there."""
+        for keyword in keywords:
+            if keyword not in self.entry.values:
+                continue
+            line, words = self.entry.values[keyword]
+            statement = read_statement(keyword, words, self.file.parent)
+            for note in statement.notes:
+                self._warn(keyword, note, keyword)
+            if statement.file is not None:
+                return statement
+            self._warn(f'texture "{" ".join(words)}" (line {line})', f"not found: {keyword} is ignored", keyword)
         return None
 
-    def _beyond_diffuse(self) -> list[str]:
-        values = self.entry.values
-        looks = [key for key in ("Ks", "Tf", "Ns", "Ni", "d", "Tr", "illum") if key in values and self._matters(key)]
-        found = [f"{key} {' '.join(values[key][1])}" for key in looks]
-        maps = sorted(
-            key for key in self.entry.values if key.lower().startswith(("map_", "bump", "norm", "disp", "refl"))
-        )
-        return found + [key for key in maps if key != "map_Kd"]
+    def _bitmap(self, statement: TextureStatement, *, raw: bool) -> Bitmap:
+        assert statement.file is not None
+        key = statement.file, raw
+        if key not in self.textures:
+            self.textures[key] = Bitmap(statement.file.name, read_texture(statement.file, raw=raw))
+        return _placed(self.textures[key], statement)
 
-    def _matters(self, keyword: str) -> bool:
-        try:
-            values = [float(word) for word in self.entry.values[keyword][1]]
-        except ValueError:
-            return True
-        match keyword:
-            case "Ks":
-                return max(values, default=0.0) > 0
-            case "Ns" | "Ni" | "Tf":
-                return self._is_specular()  # they describe the highlight and the refraction, which must be there first
-            case "d":
-                return values != [1.0]
-            case "Tr":
-                return values != [0.0]
-        return values[:1] > [DIFFUSE_ILLUM]
+    def _alpha(self, statement: TextureStatement) -> Bitmap:
+        """The image's alpha where it has one, else its brightness."""
+        assert statement.file is not None
+        pixels = read_alpha(statement.file)
+        if pixels is None:
+            return self._bitmap(statement, raw=True)
+        return _placed(Bitmap(f"{statement.file.name} (alpha)", pixels), statement)
 
-    def _is_specular(self) -> bool:
-        return any(key in self.entry.values and self._matters(key) for key in ("Ks", "illum", "d"))
+
+def _placed(bitmap: Bitmap, statement: TextureStatement) -> Bitmap:
+    if statement.is_plain:
+        return bitmap
+    return replace(bitmap, to_uv=statement.to_uv, wrap=statement.wrap)
+
+
+def _tinted(bitmap: Bitmap, colour: RGB) -> Bitmap:
+    if colour == WHITE:
+        return bitmap
+    return replace(bitmap, pixels=bitmap.pixels * np.array(colour, dtype=np.float32))

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.errors import SceneError
-from wdpm.scenes.mesh_data import MeshData, merge_corners, triangulate_fans
+from wdpm.scenes.mesh_data import MeshData, VertexAttribute, merge_corners, triangulate_fans
 from wdpm.scenes.transforms import normalized
+from wdpm.scenes.vertex_attributes import VERTEX_COLOR
 
 NO_MATERIAL = ""
 
@@ -124,6 +125,7 @@ class _Parser:
     def __init__(self, file: Path) -> None:
         self.file = file
         self.positions = _Numbers("v", 3, 3)
+        self.colors: list[list[str]] = []  # behind the positions of some vertices: not in the format, but widespread
         self.uvs = _Numbers("vt", 1, 2)
         self.normals = _Numbers("vn", 3, 3)
         self.faces = _Faces()
@@ -138,6 +140,8 @@ class _Parser:
             keyword = words[0]
             if keyword in numbers:
                 numbers[keyword].add(words, line, self.file)
+                if keyword == "v" and len(words) == 7:
+                    self.colors.append(words[4:])
             elif keyword in ("f", "fo"):  # fo is an old spelling
                 seen = len(self.positions.rows), len(self.uvs.rows), len(self.normals.rows)
                 number = self.materials.setdefault(material, len(self.materials))
@@ -163,12 +167,23 @@ class _Parser:
             corner_vertex[corners],
             _gather(normalized(self.normals.array(self.file)), indices[first, 2]),
             _gather(self.uvs.array(self.file), indices[first, 1]),
+            self._attributes(indices[first, 0]),
         )
         warnings = tuple(
             f'{self.file.name}:{line}: unknown keyword "{word[:40]}" ignored' for word, line in self.unknown.items()
         )
         face_material = np.array(self.faces.materials, dtype=np.int64)[polygon]
         return ObjFile(mesh, tuple(self.materials), face_material, tuple(self.libraries), warnings)
+
+    def _attributes(self, vertices: NDArray[np.int64]) -> dict[str, VertexAttribute]:
+        """The vertices' colours, if all have some."""
+        if not self.colors or len(self.colors) != len(self.positions.rows):
+            return {}
+        try:
+            values = np.array(self.colors, dtype=np.str_).astype(np.float64)
+        except ValueError:  # whatever stands there, it is no colour
+            return {}
+        return {VERTEX_COLOR: VertexAttribute(values[vertices], coded=True)}
 
     def _indices(self, face: NDArray[np.int64]) -> NDArray[np.int64]:
         """Indices of each corner's position, texture coordinate and normal from 0, shape [C, 3]; -1 if not given."""

@@ -1,7 +1,7 @@
 """Reads PLY files: ASCII and binary, either byte order.
 
-Format: Greg Turk, "The PLY Polygon File Format", 1994. Polygons are cut into fans. Elements and properties that are not
-geometry are skipped.
+Format: Greg Turk, "The PLY Polygon File Format", 1994. Polygons are cut into fans. Elements that are not
+geometry are skipped; properties of vertices that are not become attributes.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.mesh_data import MeshData, triangulate_fans
+from wdpm.scenes.vertex_attributes import named_attributes
 
 _TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -61,6 +62,7 @@ def read_ply(file: Path) -> MeshData:
     order, kinds, body = _read_header(data, file)
     reader = _AsciiBody(data[body:], file) if order == "" else _BinaryBody(data[body:], order, file)
     columns: dict[str, dict[str, NDArray[np.float64]]] = {}
+    whole: dict[str, int] = {}
     polygons: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
     for kind in kinds:
         if kind.has_lists:
@@ -68,7 +70,9 @@ def read_ply(file: Path) -> MeshData:
             polygons = found if kind.name == "face" else polygons
         else:
             columns[kind.name] = reader.read_table(kind)
-    return _assemble(columns.get("vertex"), polygons, file)
+        if kind.name == "vertex":
+            whole = {p.name: int(np.iinfo(p.dtype).max) for p in kind.properties if p.dtype[0] in "iu"}
+    return _assemble(columns.get("vertex"), whole, polygons, file)
 
 
 def _read_header(data: bytes, file: Path) -> tuple[str, list[_ElementKind], int]:
@@ -237,6 +241,7 @@ class _AsciiBody:
 
 def _assemble(
     columns: dict[str, NDArray[np.float64]] | None,
+    whole: dict[str, int],
     polygons: tuple[NDArray[np.int64], NDArray[np.int64]] | None,
     file: Path,
 ) -> MeshData:
@@ -255,7 +260,8 @@ def _assemble(
         raise SceneError(f"a face names vertex {index}, but there are {len(vertices)}", file)
     triangles, _ = triangulate_fans(counts)
     uvs = next((found for names in _UV_NAMES if (found := _columns(columns, names)) is not None), None)
-    return MeshData(vertices, corners[triangles], _columns(columns, ("nx", "ny", "nz")), uvs)
+    normals = _columns(columns, ("nx", "ny", "nz"))
+    return MeshData(vertices, corners[triangles], normals, uvs, named_attributes(columns, whole))
 
 
 def _columns(table: dict[str, NDArray[np.float64]] | None, names: tuple[str, ...]) -> NDArray[np.float64] | None:

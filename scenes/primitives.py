@@ -1,19 +1,38 @@
 """Mitsuba's simple shapes as triangles, with its orientation and texture coordinates.
 
-Curved shapes have AROUND segments around their axis, and a sphere has AROUND / 2 rings. Their vertices lie on the
-surface and their normals are exact; silhouettes are off by at most radius * (pi / AROUND)² / 2, which is 0.03 % of the
-radius, and areas by twice that. They are watertight: seams and poles repeat positions bit for bit.
+Curved shapes have `around` segments around their axis, and a sphere has half as many rings. Their vertices lie on the
+surface, and normals interpolated over a triangle are exact: those of a sphere point away from its centre everywhere.
+Silhouettes are off by at most radius * (pi / around)² / 2: 0.03 % of the radius with 128 segments and 0.008 % with 256,
+and areas by about as much. With `true_area` a shape, a lamp, is larger by as much as it takes to have the area of the
+round one. Shapes are watertight: seams and poles repeat positions bit for bit.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.mesh_data import MeshData
 
-AROUND = 128  # segments; twice as many would quarter the error, but a sphere then has 64,512 triangles
+AROUND = 128  # segments; a sphere then has 16,128 triangles
+FINE_AROUND = 256  # where the shape is seen in what it reflects and refracts; 65,024 triangles
+FEWEST_AROUND = 32  # of many spheres, which are then small in the image
+SPHERE_BUDGET = 1 << 19  # triangles of all spheres of a scene together, before they become coarser
 DISK_RINGS = 8  # the texture's radius and angle are interpolated in each ring
+
+
+def segments_around(spheres: int, *, fine: bool) -> int:
+    """Segments for the curved shapes of a scene.
+
+    Args:
+        spheres: how many of them the scene has.
+        fine: whether the shape reflects or refracts other than diffusely.
+    """
+    most = FINE_AROUND if fine else AROUND
+    share = math.isqrt(SPHERE_BUDGET // max(spheres, 1))  # a sphere has about as many triangles as segments squared
+    return max(FEWEST_AROUND, min(most, share // 16 * 16))
 
 
 def rectangle() -> MeshData:
@@ -49,54 +68,68 @@ _CUBE_SIDES = (
 )
 
 
-def sphere() -> MeshData:
-    """The unit sphere at the origin; it faces outwards. u goes around z from +x, v from the pole at +z to the other."""
-    rings = AROUND // 2
-    circle = _circle()
+def sphere(around: int = AROUND, *, true_area: bool = False) -> MeshData:
+    """The unit sphere at the origin; it faces outwards. u goes around z from +x, v from the pole at +z to the other.
+
+    Args:
+        around: segments around the axis, even.
+        true_area: whether it has the area of the round sphere, and then vertices a little outside of it.
+    """
+    rings = around // 2
+    circle = _circle(around)
     theta = np.pi * np.arange(rings + 1) / rings
     sin, cos = np.sin(theta), np.cos(theta)
     sin[[0, -1]] = 0.0  # sin(pi) is not quite 0 in floating point, and poles must be points
     normals = np.concatenate(
-        [circle[None, :, :] * sin[:, None, None], np.broadcast_to(cos[:, None, None], (rings + 1, AROUND + 1, 1))],
+        [circle[None, :, :] * sin[:, None, None], np.broadcast_to(cos[:, None, None], (rings + 1, around + 1, 1))],
         axis=2,
     )
-    u = np.broadcast_to(np.arange(AROUND + 1) / AROUND, (rings + 1, AROUND + 1)).copy()
-    u[0] += 0.5 / AROUND  # at a pole each triangle has a vertex of its own, in the middle of its segment
-    u[-1] -= 0.5 / AROUND
+    u = np.broadcast_to(np.arange(around + 1) / around, (rings + 1, around + 1)).copy()
+    u[0] += 0.5 / around  # at a pole each triangle has a vertex of its own, in the middle of its segment
+    u[-1] -= 0.5 / around
     v = np.broadcast_to((np.arange(rings + 1) / rings)[:, None], u.shape)
-    faces = _grid_faces(rings, AROUND)
-    faces = faces[~_is_pole_sliver(faces, rings)]
+    faces = _grid_faces(rings, around)
+    faces = faces[~_is_pole_sliver(faces, rings, around)]
     flat = normals.reshape(-1, 3)
-    return MeshData(flat.copy(), faces, flat, np.stack([u, v], axis=2).reshape(-1, 2))
+    scale = math.sqrt(4.0 * math.pi / _area(flat, faces)) if true_area else 1.0
+    return MeshData(flat * scale, faces, flat, np.stack([u, v], axis=2).reshape(-1, 2))
 
 
-def disk() -> MeshData:
+def disk(around: int = AROUND, *, true_area: bool = False) -> MeshData:
     """The unit disk in the plane z = 0; it faces +z. u is the distance from the centre, v goes around from +x."""
     radius = np.arange(DISK_RINGS + 1) / DISK_RINGS
-    plane = radius[:, None, None] * _circle()[None, :, :]
+    plane = radius[:, None, None] * _circle(around)[None, :, :]
     vertices = np.concatenate([plane, np.zeros((*plane.shape[:2], 1))], axis=2).reshape(-1, 3)
     u = np.broadcast_to(radius[:, None], plane.shape[:2])
-    v = np.broadcast_to(np.arange(AROUND + 1) / AROUND, plane.shape[:2]).copy()
-    v[0] += 0.5 / AROUND
-    faces = _grid_faces(DISK_RINGS, AROUND)
-    faces = faces[~_starts_at_first_ring(faces)]
+    v = np.broadcast_to(np.arange(around + 1) / around, plane.shape[:2]).copy()
+    v[0] += 0.5 / around
+    faces = _grid_faces(DISK_RINGS, around)
+    faces = faces[~_starts_at_first_ring(faces, around)]
     normals = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
-    return MeshData(vertices, faces, normals, np.stack([u, v], axis=2).reshape(-1, 2))
+    scale = math.sqrt(math.pi / _area(vertices, faces)) if true_area else 1.0
+    return MeshData(vertices * scale, faces, normals, np.stack([u, v], axis=2).reshape(-1, 2))
 
 
-def cylinder() -> MeshData:
+def cylinder(around: int = AROUND, *, true_area: bool = False) -> MeshData:
     """The side of a cylinder of radius 1, z from 0 to 1, without caps; it faces outwards. u goes around, v along z."""
-    circle = _circle()
-    ends = [np.concatenate([circle, np.full((AROUND + 1, 1), height)], axis=1) for height in (1.0, 0.0)]
-    normals = np.tile(np.concatenate([circle, np.zeros((AROUND + 1, 1))], axis=1), (2, 1))
-    u = np.tile(np.arange(AROUND + 1) / AROUND, 2)
-    uvs = np.stack([u, np.repeat([1.0, 0.0], AROUND + 1)], axis=1)
-    return MeshData(np.concatenate(ends), _grid_faces(1, AROUND), normals, uvs)
+    circle = _circle(around)
+    ends = [np.concatenate([circle, np.full((around + 1, 1), height)], axis=1) for height in (1.0, 0.0)]
+    normals = np.tile(np.concatenate([circle, np.zeros((around + 1, 1))], axis=1), (2, 1))
+    u = np.tile(np.arange(around + 1) / around, 2)
+    uvs = np.stack([u, np.repeat([1.0, 0.0], around + 1)], axis=1)
+    vertices, faces = np.concatenate(ends), _grid_faces(1, around)
+    scale = 2.0 * math.pi / _area(vertices, faces) if true_area else 1.0
+    return MeshData(vertices * (scale, scale, 1.0), faces, normals, uvs)
 
 
-def _circle() -> NDArray[np.float64]:
-    """Points of the unit circle, shape [AROUND + 1, 2]; the last repeats the first bit for bit."""
-    angle = 2.0 * np.pi * (np.arange(AROUND + 1) % AROUND) / AROUND
+def _area(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> float:
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2.0
+
+
+def _circle(around: int) -> NDArray[np.float64]:
+    """Points of the unit circle, shape [around + 1, 2]; the last repeats the first bit for bit."""
+    angle = 2.0 * np.pi * (np.arange(around + 1) % around) / around
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
@@ -110,9 +143,9 @@ def _grid_faces(rows: int, columns: int) -> NDArray[np.int64]:
     return np.stack([first, second], axis=2).reshape(-1, 3).astype(np.int64)
 
 
-def _is_pole_sliver(faces: NDArray[np.int64], rings: int) -> NDArray[np.bool_]:
-    return _starts_at_first_ring(faces) | (np.sum(faces >= rings * (AROUND + 1), axis=1) == 2)
+def _is_pole_sliver(faces: NDArray[np.int64], rings: int, around: int) -> NDArray[np.bool_]:
+    return _starts_at_first_ring(faces, around) | (np.sum(faces >= rings * (around + 1), axis=1) == 2)
 
 
-def _starts_at_first_ring(faces: NDArray[np.int64]) -> NDArray[np.bool_]:
-    return np.asarray(np.sum(faces <= AROUND, axis=1) == 2)
+def _starts_at_first_ring(faces: NDArray[np.int64], around: int) -> NDArray[np.bool_]:
+    return np.asarray(np.sum(faces <= around, axis=1) == 2)

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 from wdpm.image import LAYER_CHANNELS, Image, encode_srgb8, load
 from wdpm.image_files import check_output_path, png_bytes
-from wdpm.image_hdr import decode_hdr, encode_hdr, float_to_rgbe, rgbe_to_float
+from wdpm.image_hdr import encode_hdr, float_to_rgbe
 from wdpm.scenes.errors import ImageError
+from wdpm.scenes.hdr import decode_hdr, rgbe_to_float
 
 HEIGHT, WIDTH = 23, 37
 LOSSLESS = [".exr", ".pfm", ".npy"]

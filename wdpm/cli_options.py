@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from wdpm import cli_values as values
-from wdpm.kernels.settings import RenderSettings, Routing
+from wdpm.kernels.settings import EFFECTS_TO_LEAVE_OUT, RenderSettings, Routing
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,7 @@ class SettingOption:
 
 
 _QUALITY = "image quality"
+_MAPS = "maps that only some scenes call for"
 _WORK = "how the work is done (changes no bit of the image)"
 _APPROXIMATION = "approximation"
 
@@ -51,6 +52,25 @@ SETTING_OPTIONS = (
         "LENGTH",
         default="from the scene",
     ),
+    SettingOption("caustic_photons", _MAPS, "photons to be stored in the caustic map", values.count),
+    SettingOption("caustic_k", _MAPS, "photons that an estimate from the caustic map looks for"),
+    SettingOption(
+        "caustic_radius",
+        _MAPS,
+        "largest gather radius of the caustic map, in scene units",
+        values.length,
+        "LENGTH",
+        default="from the scene",
+    ),
+    SettingOption("volume_photons", _MAPS, "photons to be stored in participating media", values.count),
+    SettingOption(
+        "volume_radius",
+        _MAPS,
+        "reach of camera rays for photons in media, in scene units",
+        values.length,
+        "LENGTH",
+        default="from the scene",
+    ),
     SettingOption("light_samples", _QUALITY, "shadow rays a sample"),
     SettingOption(
         "max_depth",
@@ -60,7 +80,16 @@ SETTING_OPTIONS = (
     ),
     SettingOption("seed", _QUALITY, "seed of all random numbers", values.count),
     SettingOption("bucket", _WORK, "side of a bucket, the unit of work, in pixels"),
+    SettingOption("all_effects", _WORK, "compile all effects in, whether the scene calls for them or not", None),
     SettingOption("routing", _WORK, "how camera rays find their way among cells: forward or merge", Routing, "HOW"),
+    SettingOption(
+        "without",
+        _APPROXIMATION,
+        f"leave effects out, separated by commas: {', '.join(EFFECTS_TO_LEAVE_OUT)}",
+        values.names,
+        "EFFECTS",
+        default="none",
+    ),
     SettingOption(
         "band",
         _APPROXIMATION,

@@ -88,3 +88,11 @@ def definition(text: str) -> tuple[str, str]:
     if not (name and equals):
         raise ArgumentTypeError(f"'{text}' is not a definition: expected NAME=VALUE, like spp=64")
     return name, value
+
+
+def names(text: str) -> tuple[str, ...]:
+    """Names separated by commas."""
+    found = tuple(name.strip() for name in text.split(","))
+    if not all(found):
+        raise ArgumentTypeError(f"'{text}' must be names separated by commas")
+    return found

@@ -22,6 +22,8 @@ LAYER_CHANNELS: Mapping[str, str] = {
     "beauty": "RGB",
     "direct": "RGB",
     "indirect": "RGB",
+    "caustic": "RGB",
+    "volume": "RGB",
     "depth": "Z",
     "normal": "XYZ",
     "albedo": "RGB",

@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 
 from wdpm.image import Image, decode_srgb
 from wdpm.image_exr import read_exr, write_exr
-from wdpm.image_hdr import decode_hdr, encode_hdr
-from wdpm.image_pfm import decode_pfm, encode_pfm
+from wdpm.image_hdr import encode_hdr
+from wdpm.image_pfm import encode_pfm
 from wdpm.scenes.errors import ImageError
+from wdpm.scenes.hdr import decode_hdr
+from wdpm.scenes.pfm import decode_pfm
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 

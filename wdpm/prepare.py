@@ -14,16 +14,21 @@ from typing import Any
 
 import numpy as np
 
+from wdpm.cluster.effects import features_of
+from wdpm.cluster.film import layers_of
 from wdpm.cluster.plan import PILOT_PATHS, Plan, make_plan, view_of
+from wdpm.cluster.replica import with_camera
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.worker import Worker
 from wdpm.image import Image
 from wdpm.kernels.compile import compile_kernels
+from wdpm.kernels.photon_paths import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.settings import RenderSettings
 from wdpm.progress import Progress
 from wdpm.report import EnergyLedger, LightPhotons, PhotonCounts, Report, SlaveReport
 from wdpm.scenes.geometry import Triangles, flatten
+from wdpm.scenes.left_out import leave_out
 from wdpm.scenes.load import load
 from wdpm.scenes.model import Scene
 
@@ -77,14 +82,16 @@ def prepare(
         cells: a power of two, or None for the least that serves the workers.
     """
     seconds = {}
+    flattening = time.perf_counter()
+    flat = flatten(leave_out(scene, settings.without))
     progress.start("compile")
     began = time.perf_counter()
-    compile_kernels(launcher.device)
+    compile_kernels(launcher.device, with_camera(features_of(flat, settings), flat.camera))
     seconds["compile"] = time.perf_counter() - began
 
     progress.start("plan")
-    began = time.perf_counter()
-    flat = flatten(scene)
+    flattened = began - flattening
+    began = time.perf_counter() - flattened
     plan = make_plan(flat, settings, workers, launcher, cells)
     session = Session(
         world=plan.world,
@@ -92,10 +99,11 @@ def prepare(
         partition=_partition(flat.triangles, plan),
         holders=tuple(plan.holders),
         digest=_digest(plan.world, flat.triangles, plan.holders),
+        layers=layers_of(plan.world),
     )
     seconds["partition"] = time.perf_counter() - began
     dropped = tuple(f"{count} triangles were left out: {cause}" for cause, count in flat.dropped.items())
-    if settings.photons and not plan.world.paths:
+    if settings.photons and not plan.world.global_map.paths:
         dropped += (f"none of {PILOT_PATHS:,} photon paths stored a photon: there is no indirect light",)
     return Prepared(plan.pilot, session, settings, len(flat.triangles), scene.warnings + dropped, seconds)
 
@@ -148,16 +156,19 @@ def report_of(prepared: Prepared, result: SessionResult) -> Report:
     """What a render tells about itself."""
     slaves = result.statistics
     world = prepared.session.world
-    paths = max(result.paths, 1)
+    paths = max(world.global_map.paths, 1)
     absorbed, escaped, cut = np.sum([slave["energy"] for slave in slaves], axis=0) / paths
     nonfinite: dict[str, int] = {}
     for slave in slaves:
         for cause, count in slave["nonfinite"].items():
             nonfinite[cause] = nonfinite.get(cause, 0) + count
+    counts = _photon_counts(prepared, result)
     return Report(
         phases={**prepared.seconds, **result.seconds, "partition": _sum_of("partition", prepared, result)},
         triangles=prepared.triangles,
-        photons=_photon_counts(prepared, result),
+        photons=counts[GLOBAL_MAP],
+        caustics=counts[CAUSTIC_MAP],
+        volume=counts[VOLUME_MAP],
         slaves=tuple(_slave_report(number, slave) for number, slave in enumerate(slaves)),
         gathers=sum(slave["gathers"] for slave in slaves),
         gathers_truncated=sum(slave["gathers_truncated"] for slave in slaves),
@@ -165,7 +176,7 @@ def report_of(prepared: Prepared, result: SessionResult) -> Report:
         nonfinite=nonfinite,
         energy=EnergyLedger(result.emitted / paths, float(absorbed), float(escaped), float(cut)),
         warnings=prepared.warnings,
-        settings=_settings(prepared) | {"gather_radius": world.radius, "cells": world.top_tree.cells},
+        settings=_settings(prepared) | {"gather_radius": world.global_map.radius, "cells": world.top_tree.cells},
         versions={name: metadata.version(name) for name in PACKAGES} | {"python": platform.python_version()},
     )
 
@@ -180,24 +191,33 @@ def _settings(prepared: Prepared) -> dict[str, Any]:
     return values | {"width": camera.width, "height": camera.height}
 
 
-def _photon_counts(prepared: Prepared, result: SessionResult) -> PhotonCounts:
+def _photon_counts(prepared: Prepared, result: SessionResult) -> list[PhotonCounts]:
+    """Of the global, the caustic and the volume map."""
     world = prepared.session.world
     lights = world.lights
     stored = np.array([slave["stored_by_light"] for slave in result.statistics], np.int64).sum(axis=0)
-    light_of_element = np.concatenate([lights.triangle_light, lights.point_light])
-    power = np.bincount(light_of_element, lights.power, minlength=len(lights.names))
+    power = np.bincount(lights.light, lights.power, minlength=len(lights.names))
     shot = np.array([slave["paths_by_light"] for slave in result.statistics], np.int64).sum(axis=0)
-    return PhotonCounts(
-        asked=prepared.settings.photons,
-        paths=result.paths,
-        stored=int(np.sum(stored)),
-        lights=tuple(
-            LightPhotons(name, int(shot[i]), int(stored[i]), float(power[i])) for i, name in enumerate(lights.names)
-        ),
-    )
+    asked = (prepared.settings.photons, prepared.settings.caustic_photons, prepared.settings.volume_photons)
+    counts = []
+    for number, plan in enumerate(world.maps):
+        passed = shot[1 if number == CAUSTIC_MAP else 0]
+        counts.append(
+            PhotonCounts(
+                asked=asked[number] if plan.paths else 0,
+                paths=plan.paths,
+                stored=int(stored[number].sum()),
+                lights=tuple(
+                    LightPhotons(name, int(passed[i]), int(stored[number][i]), float(power[i]))
+                    for i, name in enumerate(lights.names)
+                ),
+            )
+        )
+    return counts
 
 
 def _slave_report(number: int, slave: dict[str, Any]) -> SlaveReport:
-    counted = {name: slave[name] for name in ("triangles", "photons", "ghosts", "rays_in", "rays_out")}
+    counted = {name: slave[name] for name in ("triangles", "rays_in", "rays_out")}
+    counted |= {name: sum(slave[name]) for name in ("photons", "ghosts")}
     used = {name: slave[name] for name in ("bytes_in", "bytes_out", "busy_s", "peak_memory_bytes")}
     return SlaveReport(slave=f"slave {number}", cells=len(slave["cells"]), **counted, **used)

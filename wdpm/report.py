@@ -104,6 +104,7 @@ class Report:
     Attributes:
         phases: wall-clock seconds by phase, in the order of PHASES.
         triangles: triangles of the scene, each counted once.
+        photons, caustics, volume: of the global, the caustic and the volume map.
         gathers: photon gathers of the render.
         gathers_truncated: those with fewer than k photons within the gather radius.
         gathers_left_band: those that may have missed a photon beyond the overlap band; 0 in an exact render.
@@ -115,6 +116,8 @@ class Report:
     phases: dict[str, float] = field(default_factory=dict)
     triangles: int = 0
     photons: PhotonCounts = PhotonCounts()
+    caustics: PhotonCounts = PhotonCounts()
+    volume: PhotonCounts = PhotonCounts()
     slaves: tuple[SlaveReport, ...] = ()
     gathers: int = 0
     gathers_truncated: int = 0

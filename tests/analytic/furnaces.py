@@ -8,7 +8,9 @@ from numpy.typing import ArrayLike, NDArray
 from wdpm.api import render_in_process
 from wdpm.image import Image
 from wdpm.kernels.settings import RenderSettings
-from wdpm.scenes.model import RGB, Camera, Material, Mesh, PointLight, Scene
+from wdpm.scenes.light_sources import PointLight
+from wdpm.scenes.model import Camera, Mesh, Scene, diffuse
+from wdpm.scenes.textures import RGB
 from wdpm.scenes.primitives import cube, sphere
 from wdpm.scenes.transforms import look_at
 
@@ -43,7 +45,7 @@ def view(eye: ArrayLike, target: ArrayLike, fov: float, size: int = 8, up: Array
 
 def scene(meshes: list[Mesh], camera: Camera, albedo: RGB, points: tuple[PointLight, ...] = ()) -> Scene:
     """All of one material, that reflects on its front only."""
-    return Scene("analytic", tuple(meshes), (Material("grey", albedo),), points, camera)
+    return Scene("analytic", tuple(meshes), (diffuse("grey", albedo),), points, camera)
 
 
 def rendered(what: Scene, **chosen: object) -> Image:

@@ -13,7 +13,9 @@ from wdpm.kernels.settings import RenderSettings
 from wdpm.report import EnergyLedger
 from wdpm.scenes.cornell_box import cornell_box
 from wdpm.scenes.geometry import flatten
-from wdpm.scenes.model import RGB, Material, PointLight, Scene
+from wdpm.scenes.light_sources import PointLight
+from wdpm.scenes.model import Scene, diffuse
+from wdpm.scenes.textures import RGB
 
 
 class PathTracer:
@@ -105,7 +107,7 @@ def closed_room() -> Scene:
     lamp = quad((-0.4, 0.99, -0.4), (0.8, 0, 0), (0, 0, 0.8), 1, (10.0, 8.0, 5.0))  # faces down
     red = replace(quad((-0.99, -1, -1), (0, 2, 0), (0, 0, 2)), material=2)
     meshes = [box((1, 1, 1), inside=True), red, box((0.3, 0.4, 0.3), (0.3, -0.6, 0.2)), lamp]
-    materials = (Material("grey", (0.6, 0.6, 0.6)), Material("lamp", (0.0, 0.0, 0.0)), Material("red", (0.7, 0.1, 0.1)))
+    materials = (diffuse("grey", (0.6, 0.6, 0.6)), diffuse("lamp", (0.0, 0.0, 0.0)), diffuse("red", (0.7, 0.1, 0.1)))
     return replace(scene(meshes, view((-0.7, 0.4, -0.9), (0.2, -0.3, 0.3), 75, 24), (0, 0, 0)), materials=materials)
 
 

@@ -16,10 +16,14 @@ from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind
 from wdpm.cluster.film import LAYERS
 from wdpm.cluster.session import Session
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, Task, TaskResult
-from wdpm.cluster.world import Lights, Materials, TopTree, View, World
+from wdpm.cluster.world import Emission, MapPlan, TopTree, View, World
+from wdpm.kernels.features import Features
 from wdpm.kernels.settings import Routing
-from wdpm.scenes.geometry import Triangles
-from wdpm.scenes.model import Bitmap, Camera
+from wdpm.scenes.geometry import Media, Triangles
+from wdpm.scenes.light_table import LightTable
+from wdpm.scenes.material_table import tabulate
+from wdpm.scenes.model import Camera, diffuse
+from wdpm.scenes.textures import Bitmap, Checkerboard
 
 
 @dataclass
@@ -163,40 +167,68 @@ def triangles(count: int, first: int = 0) -> Triangles:
         np.zeros((count, 3, 2), np.float32),
         np.zeros(count, np.int32),
         np.full(count, -1, np.int32),
+        np.zeros((0, 3, 3), np.float32),
     )
 
 
 def make_world(cells: int, paths: int = 1000) -> World:
     """A world of a power of two of cells."""
+    grey = Bitmap("grey", np.full((2, 2, 3), 0.5, np.float32))
+    table, textures = tabulate([(diffuse("grey", grey).bsdf, -2, -2)])
     return World(
-        materials=Materials(np.full((1, 3), 0.5, np.float32), np.full(1, -1, np.int32), np.zeros(1, np.int32)),
-        textures=(Bitmap("grey", np.full((2, 2, 3), 0.5, np.float32)),),
-        lights=Lights(
-            corners=np.zeros((1, 3, 3), np.float32),
-            triangle_radiance=np.ones((1, 3), np.float32),
-            triangle_light=np.zeros(1, np.int32),
-            point_position=np.zeros((0, 3), np.float32),
-            point_intensity=np.zeros((0, 3), np.float32),
-            point_light=np.zeros(0, np.int32),
-            power=np.ones(1),
-            names=("lamp",),
-        ),
-        emitter_radiance=np.ones((1, 3), np.float32),
-        point_area=1.0,
+        features=Features(bitmaps=True),
+        materials=table,
+        textures=(*textures, Checkerboard("squares")),
+        lights=make_lights(),
+        media=Media(np.ones((1, 3), np.float32), np.ones((1, 3), np.float32), np.zeros(1, np.float32)),
         top_tree=TopTree(np.zeros(cells - 1, np.int32), np.zeros(cells - 1, np.float32)),
         extent=1.0,
         seed=0,
         max_depth=None,
-        paths=paths,
-        radius=0.1,
-        band=0.1,
+        emission=Emission(np.ones(1), np.ones(1), np.zeros((0, 3), np.float32), np.zeros(0, np.float32)),
+        global_map=MapPlan(paths, 0.1, 0.1),
+        caustic_map=MapPlan(),
+        volume_map=MapPlan(),
+        point_area=1.0,
+        volume_unit=1.0,
+    )
+
+
+def make_lights() -> LightTable:
+    """One glowing triangle."""
+    return LightTable(
+        emitter_radiance=np.ones((1, 3), np.float32),
+        emitter_texture=np.full(1, -1, np.int32),
+        prim=np.zeros(1, np.int32),
+        corners=np.zeros((1, 3, 3), np.float32),
+        uvs=np.zeros((1, 3, 2), np.float32),
+        colors=np.zeros((0, 3, 3), np.float32),
+        emitter=np.zeros(1, np.int32),
+        point_position=np.zeros((0, 3), np.float32),
+        point_intensity=np.zeros((0, 3), np.float32),
+        spot_position=np.zeros((0, 3), np.float32),
+        spot_axes=np.zeros((0, 3, 3), np.float32),
+        spot_intensity=np.zeros((0, 3), np.float32),
+        spot_cosines=np.zeros((0, 2), np.float32),
+        spot_falloff=np.zeros((0, 2), np.float32),
+        spot_texture=np.zeros(0, np.int32),
+        spot_spread=np.zeros(0, np.float32),
+        directional_direction=np.zeros((0, 3), np.float32),
+        directional_irradiance=np.zeros((0, 3), np.float32),
+        environment_pixels=np.zeros((0, 0, 3), np.float32),
+        environment_axes=np.eye(3, dtype=np.float32),
+        scene_radius=1.0,
+        medium=np.full(1, -1, np.int32),
+        power=np.ones(1),
+        light=np.zeros(1, np.int32),
+        names=("lamp",),
     )
 
 
 def make_view(width: int = 50, height: int = 34, bucket: int = 16, seed: int = 0) -> View:
     """A view whose buckets do not come out even."""
     camera = Camera(np.eye(4), 40.0, width, height)
-    return View(camera, seed, 1, 1, None, 8, bucket, Routing.FORWARD)
+    return View(camera, seed, 1, 1, None, 8, 8, bucket, Routing.FORWARD)
 
 
 def make_session(slaves: int, cells: int, digest: str = "a", paths: int = 1000, **others: Any) -> Session:

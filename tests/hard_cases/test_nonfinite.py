@@ -8,7 +8,7 @@ import numpy as np
 
 import wdpm
 from wdpm.scenes import cornell_box
-from wdpm.scenes.model import Camera, Material, Mesh
+from wdpm.scenes.model import Camera, Mesh, diffuse
 
 FEW = wdpm.RenderSettings(photons=1000, spp=2)
 
@@ -28,7 +28,7 @@ def test_an_overflow_is_counted_and_black() -> None:
     scene = wdpm.Scene(
         "too bright",
         (square(0.0, 1), square(0.1, -1, (3e38, 3e38, 3e38))),
-        (Material("white", (0.9, 0.9, 0.9), twosided=True),),
+        (diffuse("white", (0.9, 0.9, 0.9), twosided=True),),
         (),
         camera,
     )

@@ -11,19 +11,10 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from wdpm.scenes.model import (
-    Bitmap,
-    Camera,
-    FilterKind,
-    Interpolation,
-    Material,
-    Mesh,
-    PixelFilter,
-    PointLight,
-    Scene,
-    Wrap,
-)
+from wdpm.scenes.light_sources import PointLight
+from wdpm.scenes.model import Camera, FilterKind, Material, Mesh, PixelFilter, Scene, diffuse
 from wdpm.scenes.primitives import cube
+from wdpm.scenes.textures import Bitmap, Interpolation, Wrap
 from wdpm.scenes.transforms import look_at
 
 Array = NDArray[np.float64]
@@ -101,12 +92,12 @@ def materials(rng: np.random.Generator) -> tuple[Material, ...]:
         )
     )
     plain = (
-        Material("black", (0.0, 0.0, 0.0), twosided=True),
-        Material("one side", (0.5, 0.5, 0.5)),
-        Material("coloured", (0.8, 0.3, 0.05), twosided=True),
-        Material("bright", (0.95, 0.95, 0.95), twosided=True),
+        diffuse("black", (0.0, 0.0, 0.0), twosided=True),
+        diffuse("one side", (0.5, 0.5, 0.5)),
+        diffuse("coloured", (0.8, 0.3, 0.05), twosided=True),
+        diffuse("bright", (0.95, 0.95, 0.95), twosided=True),
     )
-    return (*plain, *(Material("texture", bitmap, twosided=True) for bitmap in texture))
+    return (*plain, *(diffuse("texture", bitmap, twosided=True) for bitmap in texture))
 
 
 def scene_of(meshes: Sequence[Mesh], points: Sequence[PointLight], rng: np.random.Generator, size: int) -> Scene:

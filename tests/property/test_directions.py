@@ -1,4 +1,4 @@
-"""Directions, points of triangles and the choice of lights, against the densities that they claim."""
+"""Directions and points of triangles, against the densities that they claim."""
 
 from __future__ import annotations
 
@@ -7,17 +7,7 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels import lights
-from wdpm.kernels.lights import (
-    LightTable,
-    around,
-    choose_element,
-    cosine_hemisphere,
-    emit,
-    sample_light,
-    triangle_weights,
-    uniform_sphere,
-)
+from wdpm.kernels.directions import around, cosine_hemisphere, triangle_weights, uniform_cone, uniform_sphere
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -35,44 +25,20 @@ def directions_kernel(
     normal: wp.array(dtype=wp.vec3),
     hemisphere_out: wp.array(dtype=wp.vec3),
     sphere_out: wp.array(dtype=wp.vec3),
+    cone_height: wp.float32,
+    cone_out: wp.array(dtype=wp.vec3),
     weights_out: wp.array(dtype=wp.vec2),
     frame_out: wp.array2d(dtype=wp.vec3),
 ):
     i = wp.tid()
     hemisphere_out[i] = cosine_hemisphere(normal[i], u[i])
     sphere_out[i] = uniform_sphere(u[i])
+    cone_out[i] = uniform_cone(u[i], cone_height)
     weights_out[i] = triangle_weights(u[i])
     for axis in range(3):
         unit = wp.vec3()
         unit[axis] = 1.0
         frame_out[i, axis] = around(normal[i], unit)
-
-
-@wp.kernel
-def choice_kernel(table: LightTable, u: wp.array(dtype=wp.float64), element_out: wp.array(dtype=wp.int32)):
-    i = wp.tid()
-    element_out[i] = choose_element(table, u[i])
-
-
-@wp.kernel
-def emission_kernel(
-    table: LightTable,
-    u: wp.array(dtype=wp.float64),
-    v: wp.array(dtype=wp.vec2),
-    w: wp.array(dtype=wp.vec2),
-    light_out: wp.array(dtype=wp.int32),
-    origin_out: wp.array(dtype=wp.vec3),
-    direction_out: wp.array(dtype=wp.vec3),
-    flux_out: wp.array(dtype=wp.vec3),
-    pdf_out: wp.array(dtype=wp.float32),
-):
-    i = wp.tid()
-    e = emit(table, u[i], v[i], w[i])
-    light_out[i] = e.light
-    origin_out[i] = e.origin
-    direction_out[i] = e.direction
-    flux_out[i] = e.flux
-    pdf_out[i] = sample_light(table, u[i], v[i]).pdf
 
 
 def array(values: Array, dtype: type) -> wp.array:
@@ -85,13 +51,20 @@ def empty(shape: int | tuple[int, int], dtype: type) -> wp.array:
 
 def directions(u: Array, normal: Array) -> tuple[Array, Array, Array, Array]:
     """cosine_hemisphere, uniform_sphere, triangle_weights and the axes of `around`."""
+    hemisphere, sphere, _, weights, frame = all_directions(u, normal, 1.0)
+    return hemisphere, sphere, weights, frame
+
+
+def all_directions(u: Array, normal: Array, cone_height: float) -> tuple[Array, ...]:
+    """As directions, and uniform_cone."""
     count = len(u)
-    outputs = [empty(count, wp.vec3), empty(count, wp.vec3), empty(count, wp.vec2), empty((count, 3), wp.vec3)]
+    vectors = [empty(count, wp.vec3) for _ in range(3)]
+    rest = [empty(count, wp.vec2), empty((count, 3), wp.vec3)]
     normals = np.broadcast_to(np.asarray(normal, np.float32), (count, 3))
     inputs = [array(u.astype(np.float32), wp.vec2), array(np.ascontiguousarray(normals), wp.vec3)]
-    wp.launch(directions_kernel, count, inputs=[*inputs, *outputs], device="cpu")
-    hemisphere, sphere, weights, frame = (out.numpy().astype(np.float64) for out in outputs)
-    return hemisphere, sphere, weights, frame
+    arguments = [*inputs, *vectors[:2], cone_height, vectors[2], *rest]
+    wp.launch(directions_kernel, count, inputs=arguments, device="cpu")
+    return tuple(out.numpy().astype(np.float64) for out in (*vectors, *rest))
 
 
 def uniform(count: int = COUNT, seed: int = 0) -> Array:
@@ -170,96 +143,13 @@ def test_frames_are_orthonormal_and_right_handed() -> None:
     np.testing.assert_allclose(np.linalg.det(frame), 1.0, atol=1e-6)
 
 
-def table_of(power: list[float], triangles: int = 0) -> LightTable:
-    """Lights of given powers: triangles of area 1/2 first, then points; radiance and intensity 1."""
-    points = len(power) - triangles
-    corners = np.tile(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32), (triangles, 1, 1))
-    corners += np.arange(triangles, dtype=np.float32)[:, None, None] * np.float32([0, 0, 10])
-    return lights.upload(
-        corners,
-        np.ones((triangles, 3), np.float32),
-        np.zeros((points, 3), np.float32),
-        np.ones((points, 3), np.float32),
-        np.arange(len(power), dtype=np.int32),
-        np.array(power, np.float64),
-        1.0,
-        "cpu",
-    )
-
-
-def choose(table: LightTable, u: Array) -> NDArray[np.int32]:
-    chosen = empty(len(u), wp.int32)
-    wp.launch(choice_kernel, len(u), inputs=[table, array(u, wp.float64), chosen], device="cpu")
-    return np.asarray(chosen.numpy())
-
-
-# What sample_1d returns: multiples of 2^-32 from 0 to 1 - 2^-32.
-ENDS = np.array([0.0, 2.0**-32, 0.5, 1.0 - 2.0**-31, 1.0 - 2.0**-32])
-
-
-@pytest.mark.parametrize(
-    "power", [[1.0], [1.0, 2.0, 3.0], [0.0, 1.0, 0.0, 0.0, 3.0, 0.0], [1e-6, 1e6], [5.0, 0.0], [0.1] * 1000]
-)
-def test_lights_are_chosen_in_proportion_to_power(power: list[float]) -> None:
-    share = np.array(power) / np.sum(power)
-    u = np.concatenate([(np.arange(1 << 14) + 0.5) / (1 << 14), ENDS])
-    counts = np.bincount(choose(table_of(power), u), minlength=len(power))
-    assert not counts[share == 0].any()  # what has no power is never chosen, not even by u = 0 or just below 1
-    # Equidistant u: a share's interval holds its length over the step, rounded up or down, and the ends add at most 5.
-    assert np.all(np.abs(counts - share * (1 << 14)) <= 1 + len(ENDS))
-
-
-def test_power_ratios_of_1e12_are_kept() -> None:
-    power = [1.0, 1e12, 0.0, 1.0, 1e12, 1.0]
-    table = table_of(power)
-    total = 2e12 + 3
-    # The middle of the interval of each element that has one, in double.
-    cumulative = np.cumsum(power) / total
-    middle = cumulative - np.array(power) / total / 2
-    alive = np.flatnonzero(power)
-    np.testing.assert_array_equal(choose(table, middle[alive]), alive)
-    pdf = sampled(table, middle[alive], 1)[4]
-    # A share of 5e-13 is the difference of two doubles below 1: each is off by 2^-53, so by 2 * 1.1e-16 / 5e-13 =
-    # 4.4e-4.
-    np.testing.assert_allclose(pdf, np.array(power)[alive] / total, rtol=5e-4)
-
-
-def test_no_power_at_all_is_no_division_by_zero() -> None:
-    assert np.isfinite(table_of([0.0, 0.0]).cumulative.numpy()).all()
-
-
-def sampled(table: LightTable, u: Array, seed: int) -> tuple[Array, Array, Array, Array, Array]:
-    """light, origin, direction and flux of emission, and the pdf of the sample."""
-    count = len(u)
-    outputs = [
-        empty(count, wp.int32),
-        empty(count, wp.vec3),
-        empty(count, wp.vec3),
-        empty(count, wp.vec3),
-        empty(count, wp.float32),
-    ]
-    points = [array(uniform(count, seed + i).astype(np.float32), wp.vec2) for i in range(2)]
-    wp.launch(emission_kernel, count, inputs=[table, array(u, wp.float64), *points, *outputs], device="cpu")
-    light, origin, direction, flux, pdf = (out.numpy().astype(np.float64) for out in outputs)
-    return light, origin, direction, flux, pdf
-
-
-def test_emission_carries_the_lights_power() -> None:
-    """Mean flux by light is its power; a triangle shines from its front, a point all around."""
-    triangle, point = np.pi * 0.5, 4.0 * np.pi  # pi * area * radiance, 4 pi * intensity
-    table = table_of([triangle, triangle, point], triangles=2)
-    u = (np.arange(COUNT) + 0.5) / COUNT
-    light, origin, direction, flux, _ = sampled(table, u, 11)
-    for number, power in enumerate((triangle, triangle, point)):
-        # Each photon carries the whole power of all lights: flux = power / share. Equidistant u: counts off by 1.
-        np.testing.assert_allclose(flux[light == number].sum(axis=0) / COUNT, power, rtol=1e-4)
-    np.testing.assert_allclose(flux, 2 * triangle + point, rtol=1e-5)
-    on_triangle = light < 2
-    assert direction[on_triangle, 2].min() >= 0.0
-    height = origin[on_triangle, 2] - 10 * light[on_triangle]
-    assert height.min() > 0.0  # photons start certainly on the front's side
-    assert height.max() < 1e-4
-    # A point's directions have no preferred side: the mean of n of variance 1/3 is within 5 / sqrt(3 n).
-    free = direction[~on_triangle]
-    assert np.all(np.abs(free.mean(axis=0)) < DEVIATIONS / np.sqrt(3 * len(free)))
-    np.testing.assert_array_equal(origin[~on_triangle], 0.0)
+@pytest.mark.parametrize("height", [2.0, 1.0, 0.3, 1e-9])
+def test_uniform_cone_is_uniform(height: float) -> None:
+    # 1 - z is uniform up to the cone's height, and so is the azimuth; in narrow cones, 1 - z is (x² + y²) / 2.
+    _, _, cone, _, _ = all_directions(uniform(seed=3), np.array([0.0, 0.0, 1.0]), height)
+    np.testing.assert_allclose(np.linalg.norm(cone, axis=1), 1.0, atol=3e-7)
+    radius2 = (cone[:, :2] ** 2).sum(axis=1)
+    depth = radius2 / 2 if height < 1e-3 else 1.0 - cone[:, 2]
+    depth_bin = bins(depth, 0.0, height, 16)
+    phi = bins(np.arctan2(cone[:, 1], cone[:, 0]), -np.pi, np.pi, 16)
+    assert abs(excess(depth_bin * 16 + phi, 256)) < DEVIATIONS

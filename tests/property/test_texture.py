@@ -1,6 +1,8 @@
-"""Texture lookup against plain numpy, for every wrap mode and interpolation, far inside and far outside."""
+"""Texture lookup against plain numpy and Mitsuba, for every kind of texture, wrap mode and interpolation."""
 
 from __future__ import annotations
+
+import functools
 
 import numpy as np
 import pytest
@@ -8,31 +10,56 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.kernels import texture
-from wdpm.kernels.texture import Textures, lookup
-from wdpm.scenes.model import Bitmap, Interpolation, Wrap
+from wdpm.kernels.features import ALL, Features
+from wdpm.kernels.texture import Textures, make_textures
+from wdpm.scenes.textures import Bitmap, Checkerboard, Interpolation, Texture, VertexColors, Wrap
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 Array = NDArray[np.float64]
 
 
-@wp.kernel
-def lookup_kernel(
-    textures: Textures,
-    image: wp.array(dtype=wp.int32),
-    uv: wp.array(dtype=wp.vec2),
-    colour_out: wp.array(dtype=wp.vec3),
-):
-    i = wp.tid()
-    colour_out[i] = lookup(textures, image[i], uv[i])
+@functools.cache
+def make_kernel(features: Features) -> wp.Kernel:
+    functions = make_textures(features)
+    lookup, slope = functions.lookup, functions.slope
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    def lookup_kernel(
+        textures: Textures,
+        image: wp.array[wp.int32],
+        uv: wp.array[wp.vec2],
+        vertex_colour: wp.array[wp.vec3],
+        colour_out: wp.array[wp.vec3],
+        slope_out: wp.array[wp.vec2],
+    ):
+        i = wp.tid()
+        colour_out[i] = lookup(textures, image[i], uv[i], vertex_colour[i])
+        slope_out[i] = slope(textures, image[i], uv[i])
+
+    return lookup_kernel
+
+
+def values(
+    textures: list[Texture],
+    image: NDArray[np.int32],
+    uv: NDArray[np.float32],
+    vertex_colour: NDArray[np.float32] | None = None,
+    features: Features = ALL,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Colours, shape [N, 3], and slopes, shape [N, 2]."""
+    if vertex_colour is None:
+        vertex_colour = np.zeros((len(uv), 3), np.float32)
+    colour = wp.empty(len(uv), dtype=wp.vec3, device="cpu")
+    slope = wp.empty(len(uv), dtype=wp.vec2, device="cpu")
+    inputs = [texture.upload(textures, "cpu"), wp.array(image, dtype=wp.int32, device="cpu")]
+    inputs += [wp.array(uv, dtype=wp.vec2, device="cpu"), wp.array(vertex_colour, dtype=wp.vec3, device="cpu")]
+    wp.launch(make_kernel(features), len(uv), inputs=[*inputs, colour, slope], device="cpu")
+    return colour.numpy(), slope.numpy()
 
 
 def looked_up(bitmaps: list[Bitmap], image: NDArray[np.int32], uv: NDArray[np.float32]) -> Array:
-    colour = wp.empty(len(uv), dtype=wp.vec3, device="cpu")
-    inputs = [texture.upload(bitmaps, "cpu"), wp.array(image, dtype=wp.int32, device="cpu")]
-    inputs += [wp.array(uv, dtype=wp.vec2, device="cpu"), colour]
-    wp.launch(lookup_kernel, len(uv), inputs=inputs, device="cpu")
-    return np.asarray(colour.numpy(), np.float64)
+    return values(list(bitmaps), image, uv)[0].astype(np.float64)
 
 
 def wrapped(index: NDArray[np.int64], size: int, wrap: Wrap) -> NDArray[np.int64]:
@@ -162,3 +189,108 @@ def test_a_constant_texture_is_constant_everywhere() -> None:
     for wrap in Wrap:
         bitmap = Bitmap("flat", np.full((5, 3, 3), 0.25, np.float32), wrap)
         np.testing.assert_allclose(looked_up([bitmap], np.zeros(2000, np.int32), uv), 0.25, rtol=3e-7)
+
+
+TO_UV = np.array([[2.0, 0.5, 0.1], [-0.25, 3.0, 0.7], [0.0, 0.0, 1.0]])
+LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
+
+
+def test_a_checkerboard_is_mitsubas() -> None:
+    mi = pytest.importorskip("mitsuba")
+    mi.set_variant("scalar_rgb")
+    board = Checkerboard("board", (0.1, 0.2, 0.3), (0.9, 0.8, 0.7), TO_UV)
+    to_uv = np.eye(4)
+    to_uv[:2, :2], to_uv[:2, 3] = TO_UV[:2, :2], TO_UV[:2, 2]
+    plugin = {"type": "checkerboard", "to_uv": mi.ScalarTransform4f(to_uv)}
+    for name, colour in (("color0", board.color0), ("color1", board.color1)):
+        plugin[name] = {"type": "rgb", "value": list(colour)}
+    theirs = mi.load_dict(plugin)
+    uv = np.random.default_rng(20).uniform(-3, 3, (400, 2)).astype(np.float32)
+    colour, slope = values([board], np.zeros(400, np.int32), uv)
+    wanted = []
+    for point in uv:
+        si = mi.SurfaceInteraction3f()
+        si.uv = mi.Point2f(point)
+        wanted.append(np.array(theirs.eval(si)))
+    np.testing.assert_allclose(colour, wanted, rtol=1e-6)
+    assert 0.4 < np.mean(colour[:, 0] < 0.5) < 0.6
+    assert not slope.any()
+
+
+def test_borders_of_a_checkerboard() -> None:
+    """The middle belongs to the first half of a repeat, its end to the next one."""
+    board = Checkerboard("board", (1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
+    first_half = np.float32([0.0, 0.25, 0.5, 1.0, 1.5, -1.0, -0.5])
+    second_half = np.float32([0.75, np.nextafter(np.float32(0.5), np.float32(1.0)), -0.25, 1.75])
+    for u, same in ((first_half, 1.0), (second_half, 0.0)):
+        uv = np.column_stack([u, np.full_like(u, 0.25)])
+        for order in (uv, uv[:, ::-1].copy()):
+            colour, _ = values([board], np.zeros(len(u), np.int32), order)
+            np.testing.assert_array_equal(colour, same)
+
+
+def test_vertex_colours_are_scaled() -> None:
+    colour = np.random.default_rng(21).uniform(0, 1, (50, 3)).astype(np.float32)
+    textures: list[Texture] = [VertexColors("paint"), VertexColors("light", 2.5)]
+    for image, scale in ((0, 1.0), (1, 2.5)):
+        found, slope = values(textures, np.full(50, image, np.int32), np.zeros((50, 2), np.float32), colour)
+        np.testing.assert_array_equal(found, colour * np.float32(scale))
+        assert not slope.any()
+
+
+@pytest.mark.parametrize("wrap", list(Wrap))
+def test_slope_is_that_of_the_looked_up_luminance(wrap: Wrap) -> None:
+    bitmap = Bitmap("noise", noise(22, 5, 7), wrap, Interpolation.BILINEAR, TO_UV)
+    uv = np.random.default_rng(23).uniform(-1, 2, (1000, 2)).astype(np.float32)
+    _, slope = values([bitmap], np.zeros(len(uv), np.int32), uv)
+    step = 1e-5
+    wanted = np.empty((len(uv), 2))
+    for axis in (0, 1):
+        ends = [luminance_in_double(bitmap, uv + sign * step * np.eye(2)[axis]) for sign in (1.0, -1.0)]
+        wanted[:, axis] = (ends[0] - ends[1]) / (2 * step)
+    # Away from the lines through texel centres, where the slope jumps.
+    mapped = np.column_stack([uv, np.ones(len(uv))]) @ TO_UV.T
+    place = mapped[:, :2] * [7, 5] - 0.5
+    clear = (np.abs(place - np.round(place)) > 1e-3).all(axis=1)
+    assert clear.mean() > 0.9
+    np.testing.assert_allclose(slope[clear], wanted[clear], atol=2e-4 * np.abs(wanted).max())
+    if wrap is not Wrap.CLAMP:
+        assert np.median(np.abs(slope)) > 1.0
+
+
+def luminance_in_double(bitmap: Bitmap, uv: Array) -> Array:
+    """As `expected`, for uv in double."""
+    height, width, _ = bitmap.pixels.shape
+    u, v, _ = (np.column_stack([uv, np.ones(len(uv))]) @ np.asarray(bitmap.to_uv).T).T
+    x, y = u * width - 0.5, (1 - v) * height - 0.5
+    c, r = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    total = np.zeros(len(uv))
+    for column, across in ((c, 1 - (x - c)), (c + 1, x - c)):
+        for row, down in ((r, 1 - (y - r)), (r + 1, y - r)):
+            rows, columns = wrapped(row, height, bitmap.wrap), wrapped(column, width, bitmap.wrap)
+            total += across * down * (bitmap.pixels[rows, columns].astype(np.float64) @ LUMINANCE)
+    return total
+
+
+def test_an_image_without_interpolation_has_no_slope() -> None:
+    bitmap = Bitmap("noise", noise(24, 4, 4), interpolation=Interpolation.NEAREST)
+    uv = np.random.default_rng(25).uniform(0, 1, (100, 2)).astype(np.float32)
+    assert not values([bitmap], np.zeros(100, np.int32), uv)[1].any()
+
+
+def test_specialised_lookup_gives_the_same_bits() -> None:
+    """Textures of all kinds in one table; each kind looked up by a kernel for it alone, and by one for all."""
+    rng = np.random.default_rng(26)
+    textures: list[Texture] = [
+        Bitmap("noise", noise(27, 6, 3), Wrap.MIRROR, Interpolation.BILINEAR, TO_UV),
+        Checkerboard("board", to_uv=TO_UV),
+        VertexColors("paint", 0.5),
+    ]
+    uv, colour = rng.uniform(-2, 2, (500, 2)).astype(np.float32), rng.uniform(0, 1, (500, 3)).astype(np.float32)
+    for image, kind in enumerate(("bitmaps", "checkerboards", "vertex_colors")):
+        images = np.full(500, image, np.int32)
+        every = values(textures, images, uv, colour)
+        alone = values(textures, images, uv, colour, Features(**{kind: True}))
+        for one, other in zip(every, alone, strict=True):
+            np.testing.assert_array_equal(one.view(np.uint32), other.view(np.uint32))
+        assert len(np.unique(every[0], axis=0)) > 1

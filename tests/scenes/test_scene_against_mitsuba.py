@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wdpm.scenes import Bitmap, load
+from wdpm.scenes import Bitmap, Diffuse, load
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("mitsuba") is None, reason="mitsuba is not installed")
 
@@ -211,7 +211,9 @@ def test_cameras(files: Path, answers: dict[str, dict[str, list[list[float]]]], 
 
 @pytest.mark.parametrize("name", TEXTURES)
 def test_textures(files: Path, answers: dict[str, dict[str, list[list[float]]]], name: str) -> None:
-    bitmap = load(files / f"texture {name}.xml").materials[0].reflectance
+    bsdf = load(files / f"texture {name}.xml").materials[0].bsdf
+    assert isinstance(bsdf, Diffuse)
+    bitmap = bsdf.reflectance
     assert isinstance(bitmap, Bitmap)
     height, width, _ = bitmap.pixels.shape
     for uv, theirs in zip(UVS, answers["texels"][name], strict=True):

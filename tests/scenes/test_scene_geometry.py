@@ -129,7 +129,7 @@ def test_cornell_box_is_as_published() -> None:
     flat = flatten(cornell_box())
     assert len(flat.triangles) == 32
     np.testing.assert_allclose(flat.center, [278.0, 274.4, 279.6])
-    assert flat.light_names == ("lamp",)
+    assert flat.lights.names == ("lamp",)
     assert flat.extent == pytest.approx(800 + 279.6)
 
 
@@ -251,7 +251,7 @@ def test_lights_are_numbered_in_order() -> None:
     glowing = np.flatnonzero(flat.triangles.emitter >= 0)
     assert len(glowing) == 2
     np.testing.assert_allclose(
-        flat.emitter_radiance, [scene.meshes[[m.name for m in scene.meshes].index("skylight")].emission]
+        flat.lights.emitter_radiance, [scene.meshes[[m.name for m in scene.meshes].index("skylight")].emission]
     )
     assert (np.diff(flat.triangles.ids) == 1).all()
     assert flat.triangles.ids.dtype == np.int32

@@ -1,0 +1,65 @@
+"""Rays of camera paths that meet no surface: what comes from beyond the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.cluster import parts
+from wdpm.cluster.batch import Arrays, Batch, Kind
+from wdpm.cluster.beams import start_beams
+from wdpm.cluster.replica import Replica
+from wdpm.cluster.world import View
+from wdpm.kernels import camera_rays as cr
+from wdpm.kernels import columns
+from wdpm.kernels import shading as sh
+
+
+def no_hits(count: int, view: View) -> dict[str, NDArray[Any]]:
+    """Best hits of camera rays that have met nothing yet."""
+    return {
+        # As camera_ray computes it: the difference of two float32, rounded once.
+        "t": np.full(count, np.float32(view.camera.far_clip) - np.float32(view.camera.near_clip)),
+        "prim": np.full(count, -1, np.int32),
+        "u": np.zeros(count, np.float32),
+        "v": np.zeros(count, np.float32),
+        "owner": np.full(count, -1, np.int32),
+    }
+
+
+def missed_light(replica: Replica, cause: Batch, cell: int, rays: Arrays, credit: int) -> Iterator[Batch]:
+    """What rays that meet nothing bring home: light of the environment, and of the medium that they are in.
+
+    Args:
+        cause: the batch that they came with.
+        cell: the cell where that became clear.
+        rays: CAMERA rays, or rays of a PATH.
+        credit: theirs.
+    """
+    view, features = replica.view, replica.world.features
+    if view is None or not features.misses:
+        yield Batch(Kind.ENDED, cause.task, cause.home, cell, credit, {})
+        return
+    device, count = replica.launcher.device, len(rays["slot"])
+    radiance = wp.empty(count, dtype=wp.vec3, device=device)
+    stretches = columns.empty(sh.Stretches, count if features.media else 0, device)
+    later = "bounce" in rays
+    kernel = replica.kernels.path_misses if later else replica.kernels.camera_misses
+    scene = [replica.media, replica.lights, replica.camera]
+    items = columns.upload(cr.Paths if later else cr.Rays, rays, device)
+    replica.launcher(kernel, count, [*scene, items, view.light_samples], [radiance, stretches])
+    follows = list(start_beams(replica, cause, stretches)) if features.media else []
+    light = radiance.numpy()
+    rows = np.flatnonzero(light.any(axis=1))
+    bounce = rays["bounce"][rows] if later else np.zeros(len(rows), np.int32)
+    lit = {
+        "slot": rays["slot"][rows],
+        "place": parts.place_of(bounce, parts.EMISSION, view.light_samples),
+        "radiance": light[rows],
+    }
+    yield Batch(Kind.LIT, cause.task, cause.home, cell, credit - sum(batch.credit for batch in follows), lit)
+    yield from follows

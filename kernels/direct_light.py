@@ -1,0 +1,186 @@
+"""Light that arrives straight from a light at a place: sampled, with its density, and the density for any direction.
+
+A light element is chosen in proportion to power; a glowing triangle's point is uniform over its area. The densities are
+those of solid angle about the place, and contain the chance of the element, so that directions found by other means can
+be weighted against them (multiple importance sampling).
+"""
+
+from __future__ import annotations
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from wdpm.kernels.directions import triangle_weights
+from wdpm.kernels.environment import environment_pdf, environment_value, sample_environment
+from wdpm.kernels.features import Features
+from wdpm.kernels.light_elements import Lights, choose_element, element_of_prim, point_of_triangle, probability_of
+from wdpm.kernels.light_radiance import make_radiance
+from wdpm.kernels.spots import make_spots
+from wdpm.kernels.surface import leave
+from wdpm.kernels.texture import Textures
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+# Static conditions prune only where they stand alone.
+# ruff: noqa: SIM102
+
+
+@wp.struct
+class DirectSample:
+    """A way to a light. What arrives by it is scattering * cos * radiance / pdf.
+
+    Attributes:
+        direction: towards the light, unit.
+        end: of the shadow segment.
+        radiance: radiance; of a delta light, the irradiance across the direction.
+        pdf: pdf_solid_angle times probability of the element, of a delta light just the latter. 0: nothing arrives.
+        delta: 1 where only this way leads to the light: a point, spot or directional.
+        light: which light of the scene.
+    """
+
+    direction: wp.vec3
+    end: wp.vec3
+    radiance: wp.vec3
+    pdf: wp.float32
+    delta: wp.int32
+    light: wp.int32
+
+
+@functools.cache
+def make_direct(features: Features) -> SimpleNamespace:
+    """Functions `sample_direct`, `pdf_triangle`, `pdf_environment`, `environment_radiance`, `emitted_radiance`."""
+    radiance = make_radiance(features)
+    radiance_of = radiance.radiance_of
+    spot_intensity = make_spots(features).spot_intensity
+
+    @wp.func
+    def towards(position: wp.vec3, end: wp.vec3, probability: wp.float32) -> DirectSample:
+        """The way to a point from which intensity is still to be set."""
+        s = DirectSample()
+        s.end = end
+        way = end - position
+        if wp.dot(way, way) > 0.0:
+            s.direction = wp.normalize(way)
+            s.pdf = probability
+        return s
+
+    @wp.func
+    def from_triangle(
+        lights: Lights,
+        textures: Textures,
+        position: wp.vec3,
+        element: wp.int32,
+        probability: wp.float32,
+        u: wp.vec2,
+    ) -> DirectSample:
+        w = triangle_weights(u)
+        normal = lights.normal[element]
+        s = towards(position, leave(point_of_triangle(lights, element, w), normal, lights.offset_min), probability)
+        cosine = -wp.dot(normal, s.direction)
+        if cosine > 0.0 and s.pdf > 0.0:
+            way = s.end - position
+            s.pdf = wp.dot(way, way) * (probability / lights.area[element]) / cosine
+            s.radiance = radiance_of(lights, textures, element, w)
+        else:
+            s.pdf = 0.0
+        return s
+
+    @wp.func
+    def sample_direct(
+        lights: Lights, textures: Textures, position: wp.vec3, u_element: wp.float64, u: wp.vec2
+    ) -> DirectSample:
+        """A way from a place to a light.
+
+        Args:
+            u_element, u: numbers in [0, 1).
+        """
+        element = choose_element(lights.cumulative, lights.count, u_element)
+        probability = probability_of(lights.cumulative, element)
+        s = DirectSample()
+        if element < lights.triangles:
+            s = from_triangle(lights, textures, position, element, probability, u)
+        if wp.static(features.points):
+            if element >= lights.triangles and element < lights.first_spot:
+                number = element - lights.triangles
+                s = towards(position, lights.point_position[number], probability)
+                way = s.end - position
+                s.delta = 1
+                if s.pdf > 0.0:
+                    s.radiance = lights.point_intensity[number] / wp.dot(way, way)
+        if wp.static(features.spots):
+            if element >= lights.first_spot and element < lights.first_directional:
+                number = element - lights.first_spot
+                s = towards(position, lights.spots.position[number], probability)
+                way = s.end - position
+                s.delta = 1
+                if s.pdf > 0.0:
+                    s.radiance = spot_intensity(lights.spots, textures, number, -s.direction) / wp.dot(way, way)
+        if wp.static(features.directionals):
+            if element >= lights.first_directional and element < lights.first_environment:
+                number = element - lights.first_directional
+                s.direction = -lights.directional_direction[number]
+                s.end = position + s.direction * lights.far_away
+                s.radiance = lights.directional_irradiance[number]
+                s.pdf = probability
+                s.delta = 1
+        if wp.static(features.environment):
+            if element >= lights.first_environment:
+                found = sample_environment(lights.environment, u)
+                s.direction = found.direction
+                s.end = position + s.direction * lights.far_away
+                s.radiance = found.radiance
+                s.pdf = probability * found.pdf
+                s.delta = 0
+        s.light = lights.light[element]
+        if wp.max(s.radiance) <= 0.0:
+            s.pdf = 0.0
+        return s
+
+    @wp.func
+    def pdf_triangle(lights: Lights, prim: wp.int32, origin: wp.vec3, position: wp.vec3, normal: wp.vec3) -> wp.float32:
+        """pdf_solid_angle with which sample_direct from `origin` goes to a point of a triangle; 0 for one not lit.
+
+        Args:
+            prim: global number of the triangle.
+            normal: unit geometric normal of its lit side.
+        """
+        element = element_of_prim(lights, prim)
+        if element < 0:
+            return 0.0
+        way = position - origin
+        distance2 = wp.dot(way, way)
+        if distance2 <= 0.0:
+            return 0.0
+        cosine = -wp.dot(normal, wp.normalize(way))
+        if cosine <= 0.0:
+            return 0.0
+        return distance2 * (probability_of(lights.cumulative, element) / lights.area[element]) / cosine
+
+    @wp.func
+    def pdf_environment(lights: Lights, direction: wp.vec3) -> wp.float32:
+        """pdf_solid_angle with which sample_direct goes in a direction (unit) to the environment."""
+        pdf = wp.float32(0.0)
+        if wp.static(features.environment):
+            if lights.first_environment < lights.count:
+                chance = probability_of(lights.cumulative, lights.first_environment)
+                pdf = chance * environment_pdf(lights.environment, direction)
+        return pdf
+
+    @wp.func
+    def environment_radiance(lights: Lights, direction: wp.vec3) -> wp.vec3:
+        """Radiance that arrives from infinitely far away in a direction (unit, pointing to where it comes from)."""
+        value = wp.vec3(0.0)
+        if wp.static(features.environment):
+            if lights.first_environment < lights.count:
+                value = environment_value(lights.environment, direction)
+        return value
+
+    return SimpleNamespace(
+        sample_direct=sample_direct,
+        pdf_triangle=pdf_triangle,
+        pdf_environment=pdf_environment,
+        environment_radiance=environment_radiance,
+        emitted_radiance=radiance.emitted_radiance,
+    )

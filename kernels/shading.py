@@ -1,0 +1,607 @@
+"""What a camera path's vertex adds to its sample, and where the path goes on.
+
+At every vertex: what the surface emits; direct light by shadow rays, over the surface's diffuse and glossy parts; a
+query for photons where there is a diffuse part; and one ray that goes on by the glossy part. The diffuse part is never
+traced on, so each light path is counted once (photon_paths: which photons are stored). Light that a glossy part
+reflects straight from a lamp is found both by shadow rays and by the ray that goes on: both count, weighted by multiple
+importance sampling with the balance heuristic (Veach & Guibas 1995).
+"""
+
+from __future__ import annotations
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from wdpm.kernels.bsdf import make_bsdf
+from wdpm.kernels.bsdf_types import BLACK, DIFFUSE, NULL, RADIANCE, Bsdf
+from wdpm.kernels.camera import CameraView, make_camera, whole_pixel
+from wdpm.kernels.camera_rays import Paths, Rays
+from wdpm.kernels.constants import CHAIN_LIMIT, ROULETTE_FROM, SURVIVAL_MOST
+from wdpm.kernels.features import Features
+from wdpm.kernels.lights import Lights, make_lights
+from wdpm.kernels.materials import Materials, medium_beyond
+from wdpm.kernels.medium import Media, transmittance
+from wdpm.kernels.random import PURPOSE_BOUNCE, PURPOSE_LIGHT, sample_1d, sample_2d, stream_of
+from wdpm.kernels.surface import Surface, Surfaces, clearance, leave, make_surface, to_local, to_world
+from wdpm.kernels.texture import Textures
+from wdpm.kernels.triangle import NO_HIT
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+# Dimensions of a vertex's random numbers.
+_DIRECTION = wp.constant(0)
+_LOBE = wp.constant(1)
+_CHOICE = wp.constant(2)
+_ROULETTE = wp.constant(3)
+_DIMENSIONS = wp.constant(4)
+
+# Parts of a vertex, after its shadow rays: cluster.parts.
+EMISSION_PART = wp.constant(0)
+BEAM_PART = wp.constant(3)
+PARTS = wp.constant(4)
+
+
+@wp.struct
+class Seen:
+    """What the vertices of camera paths see themselves."""
+
+    emission: wp.array[wp.vec3]
+    depth: wp.array[wp.float32]
+    normal: wp.array[wp.vec3]
+    albedo: wp.array[wp.vec3]
+
+
+@wp.struct
+class Queries:
+    """Places where photons are to be gathered; `weight` is zero where none are wanted.
+
+    Attributes:
+        weight: what the gathered irradiance / pi counts for: throughput of the path, times the albedo if the diffuse
+            part is Lambertian.
+        clearance: distance to the nearest edge of the triangle.
+        edges: of the path from the camera.
+    """
+
+    position: wp.array[wp.vec3]
+    normal: wp.array[wp.vec3]
+    shading_normal: wp.array[wp.vec3]
+    front_normal: wp.array[wp.vec3]
+    clearance: wp.array[wp.float32]
+    weight: wp.array[wp.vec3]
+    edges: wp.array[wp.int32]
+
+
+@wp.struct
+class Coats:
+    """What a query needs besides where its diffuse part is not Lambertian: material, frame, direction to the viewer."""
+
+    bsdf: wp.array[Bsdf]
+    s: wp.array[wp.vec3]
+    t: wp.array[wp.vec3]
+    n: wp.array[wp.vec3]
+    w_from: wp.array[wp.vec3]
+
+
+@wp.struct
+class Shots:
+    """Shadow segments as shadow_rays.Segments, and the medium that each starts in."""
+
+    slot: wp.array[wp.int32]
+    place: wp.array[wp.int32]
+    origin: wp.array[wp.vec3]
+    direction: wp.array[wp.vec3]
+    radiance: wp.array[wp.vec3]
+    medium: wp.array[wp.int32]
+
+
+@wp.struct
+class Stretches:
+    """Stretches of camera rays before a vertex, in a medium or (medium < 0) not. See cluster.batch.SCHEMAS."""
+
+    slot: wp.array[wp.int32]
+    place: wp.array[wp.int32]
+    origin: wp.array[wp.vec3]
+    direction: wp.array[wp.vec3]  # unit
+    length: wp.array[wp.float32]
+    radiance: wp.array[wp.vec3]  # throughput before the stretch
+    medium: wp.array[wp.int32]
+
+
+@wp.struct
+class Vertex:
+    """A camera path as it arrives at a surface; for the other fields see cluster.batch.SCHEMAS."""
+
+    slot: wp.int32
+    pixel: wp.int32
+    item: wp.uint32  # of the pixel's random numbers
+    sample: wp.int32
+    bounce: wp.int32
+    edges: wp.int32
+    medium: wp.int32
+    origin: wp.vec3
+    direction: wp.vec3
+    anchor: wp.vec3
+    throughput: wp.vec3
+    pdf: wp.float32
+    t: wp.float32
+    prim: wp.int32
+    u: wp.float32
+    v: wp.float32
+
+
+@functools.cache
+def make_shading(features: Features) -> SimpleNamespace:
+    """Kernels for vertices of camera paths: `shade_camera_hits`, `shade_vertices`, `shade_misses`."""
+    surface_at = make_surface(features).surface_at
+    bsdf = make_bsdf(features)
+    eval_diffuse = bsdf.eval_diffuse
+    has_diffuse = bsdf.has_diffuse
+    eval_glossy = bsdf.eval_glossy
+    pdf_glossy = bsdf.pdf_glossy
+    sample_glossy = bsdf.sample_glossy
+    light = make_lights(features)
+    sample_direct = light.sample_direct
+    pdf_triangle = light.pdf_triangle
+    emitted_radiance = light.emitted_radiance
+    pdf_environment = light.pdf_environment
+    environment_radiance = light.environment_radiance
+    camera_ray = make_camera(features).camera_ray
+
+    @wp.func
+    def camera_vertex(camera: CameraView, rays: Rays, i: wp.int32) -> Vertex:
+        """A camera ray as the beginning of a path."""
+        ray = camera_ray(camera, rays.pixel[i], rays.sample[i])
+        p = Vertex()
+        p.slot = rays.slot[i]
+        p.pixel = rays.pixel[i]
+        p.item = wp.uint32(whole_pixel(camera, p.pixel))
+        p.sample = rays.sample[i]
+        p.edges = 1
+        p.medium = camera.medium
+        p.origin = ray.origin
+        p.direction = ray.direction
+        p.anchor = ray.origin
+        p.throughput = wp.vec3(1.0)
+        p.t = rays.t[i]
+        p.prim = rays.prim[i]
+        p.u = rays.u[i]
+        p.v = rays.v[i]
+        return p
+
+    @wp.func
+    def path_vertex(camera: CameraView, paths: Paths, i: wp.int32) -> Vertex:
+        p = Vertex()
+        p.slot = paths.slot[i]
+        p.pixel = paths.pixel[i]
+        p.item = wp.uint32(whole_pixel(camera, p.pixel))
+        p.sample = paths.sample[i]
+        p.bounce = paths.bounce[i]
+        p.edges = paths.edges[i]
+        p.medium = paths.medium[i]
+        p.origin = paths.origin[i]
+        p.direction = paths.direction[i]
+        p.anchor = paths.anchor[i]
+        p.throughput = paths.throughput[i]
+        p.pdf = paths.pdf[i]
+        p.t = paths.t[i]
+        p.prim = paths.prim[i]
+        p.u = paths.u[i]
+        p.v = paths.v[i]
+        return p
+
+    @wp.func
+    def number_1d(seed: wp.uint32, p: Vertex, dimension: wp.int32) -> wp.float32:
+        stream = stream_of(seed, PURPOSE_BOUNCE, p.item, _DIMENSIONS * p.bounce + dimension)
+        return wp.float32(sample_1d(wp.uint32(p.sample), stream))
+
+    @wp.func
+    def emitted(
+        textures: Textures, lights: Lights, p: Vertex, s: Surface, throughput: wp.vec3, light_samples: wp.int32
+    ) -> wp.vec3:
+        """Radiance of the surface itself, weighted against the shadow rays that might have found it."""
+        radiance = wp.vec3(0.0)
+        if s.emitter >= 0 and s.front == 1:
+            radiance = emitted_radiance(lights, textures, s.emitter, s.uv, s.color)
+            if wp.static(features.glossy):
+                if p.pdf > 0.0:
+                    by_light = wp.float32(light_samples) * pdf_triangle(lights, p.prim, p.anchor, s.position, s.normal)
+                    radiance = radiance * (p.pdf / (p.pdf + by_light))
+        return wp.cw_mul(throughput, radiance)
+
+    @wp.func
+    def direct(
+        lights: Lights,
+        materials: Materials,
+        textures: Textures,
+        s: Surface,
+        p: Vertex,
+        throughput: wp.vec3,
+        w_from: wp.vec3,
+        offset_min: wp.float32,
+        light_samples: wp.int32,
+        seed: wp.uint32,
+        j: wp.int32,
+        row: wp.int32,
+        shots_out: Shots,
+    ) -> None:
+        """One sample of the direct light that a surface reflects: a shadow segment, and what it carries."""
+        index = wp.uint32(p.sample) * wp.uint32(light_samples) + wp.uint32(j)
+        u_element = sample_1d(index, stream_of(seed, PURPOSE_LIGHT, p.item, 2 * p.bounce))
+        u = sample_2d(index, stream_of(seed, PURPOSE_LIGHT, p.item, 2 * p.bounce + 1))
+        found = sample_direct(lights, textures, s.position, u_element, u)
+        radiance = wp.vec3(0.0)
+        side = wp.dot(s.normal, found.direction)
+        leaves = s.normal
+        if side < 0.0:
+            leaves = -s.normal
+        if found.pdf > 0.0:
+            w_to = to_local(s, found.direction)
+            # Both normals must agree on the side that light comes from, or it would leak through walls.
+            seen_from = w_from[2]
+            reflects = side > 0.0 and w_to[2] * seen_from > 0.0
+            crosses = side < 0.0 and w_to[2] * seen_from < 0.0
+            scattering = wp.vec3(0.0)
+            if reflects:
+                scattering = eval_diffuse(s.bsdf, w_from, w_to) * wp.abs(w_to[2])
+            if wp.static(features.glossy):
+                if reflects or crosses:
+                    glossy = eval_glossy(s.bsdf, w_from, w_to, RADIANCE)
+                    if wp.max(glossy) > 0.0:
+                        if found.delta == 0:
+                            by_light = wp.float32(light_samples) * found.pdf
+                            glossy = glossy * (by_light / (by_light + pdf_glossy(s.bsdf, w_from, w_to)))
+                        scattering = scattering + glossy
+            radiance = wp.cw_mul(throughput, wp.cw_mul(scattering, found.radiance)) / found.pdf
+        if p.bounce > 0:
+            radiance = radiance / wp.float32(light_samples)
+        origin = leave(s.position, leaves, offset_min)
+        shots_out.slot[row] = p.slot
+        shots_out.place[row] = p.bounce * (light_samples + PARTS) + j
+        shots_out.origin[row] = origin
+        shots_out.direction[row] = found.end - origin
+        shots_out.radiance[row] = radiance
+        if wp.static(features.media):
+            shots_out.medium[row] = p.medium
+            if side < 0.0:
+                shots_out.medium[row] = medium_beyond(materials, s.material, s.front, p.medium)
+
+    @wp.func
+    def go_on(
+        materials: Materials,
+        s: Surface,
+        p: Vertex,
+        throughput: wp.vec3,
+        w_from: wp.vec3,
+        offset_min: wp.float32,
+        max_depth: wp.int32,
+        seed: wp.uint32,
+        i: wp.int32,
+        paths_out: Paths,
+    ) -> None:
+        """The ray that goes on by the glossy part, or straight through; a throughput of zero where none does."""
+        carries = wp.vec3(0.0)
+        direction = p.direction
+        leaves = s.normal
+        pdf = p.pdf
+        anchor = p.anchor
+        edges = p.edges
+        medium = p.medium
+        straight = wp.int32(0)
+        if wp.static(features.passing):
+            if s.bsdf.kind == NULL:
+                straight = 1
+                carries = throughput
+                leaves = -s.normal
+                medium = medium_beyond(materials, s.material, s.front, medium)
+        if wp.static(features.glossy):
+            if straight == 0 and s.bsdf.kind != DIFFUSE and s.bsdf.kind != BLACK:
+                u = sample_2d(
+                    wp.uint32(p.sample),
+                    stream_of(seed, PURPOSE_BOUNCE, p.item, _DIMENSIONS * p.bounce + _DIRECTION),
+                )
+                sampled = sample_glossy(s.bsdf, w_from, number_1d(seed, p, _LOBE), u, RADIANCE)
+                if sampled.crosses == 1:
+                    leaves = -s.normal
+                    medium = medium_beyond(materials, s.material, s.front, medium)
+                if sampled.straight == 1:
+                    carries = wp.cw_mul(throughput, sampled.weight)
+                else:
+                    direction = to_world(s, sampled.to)
+                    pdf = sampled.pdf
+                    anchor = s.position
+                    edges += 1
+                    if wp.dot(leaves, direction) > 0.0 and (max_depth == 0 or edges <= max_depth):
+                        carries = wp.cw_mul(throughput, sampled.weight)
+        if wp.max(carries) > 0.0 and p.bounce >= ROULETTE_FROM:
+            survival = wp.min(SURVIVAL_MOST, wp.max(carries))
+            if number_1d(seed, p, _ROULETTE) < survival:
+                carries = carries / survival
+            else:
+                carries = wp.vec3(0.0)
+        if p.bounce + 1 >= CHAIN_LIMIT:
+            carries = wp.vec3(0.0)
+        paths_out.slot[i] = p.slot
+        paths_out.pixel[i] = p.pixel
+        paths_out.sample[i] = p.sample
+        paths_out.bounce[i] = p.bounce + 1
+        paths_out.edges[i] = edges
+        paths_out.medium[i] = medium
+        paths_out.origin[i] = leave(s.position, leaves, offset_min)
+        paths_out.direction[i] = direction
+        paths_out.anchor[i] = anchor
+        paths_out.throughput[i] = carries
+        paths_out.pdf[i] = pdf
+        paths_out.t[i] = NO_HIT
+        paths_out.prim[i] = -1
+        paths_out.u[i] = 0.0
+        paths_out.v[i] = 0.0
+        paths_out.owner[i] = -1
+
+    @wp.func
+    def query(
+        surfaces: Surfaces,
+        s: Surface,
+        p: Vertex,
+        throughput: wp.vec3,
+        w_from: wp.vec3,
+        i: wp.int32,
+        queries_out: Queries,
+        coats_out: Coats,
+    ) -> wp.vec3:
+        """Where photons are wanted, and for what. Returns the albedo of the surface, for its layer."""
+        albedo = wp.vec3(0.0)
+        weight = wp.vec3(0.0)
+        if w_from[2] > 0.0 and has_diffuse(s.bsdf):
+            albedo = s.bsdf.color
+            weight = throughput
+            if s.bsdf.kind == DIFFUSE:
+                weight = wp.cw_mul(throughput, albedo)
+        elif s.bsdf.kind != NULL and s.bsdf.kind != DIFFUSE:
+            albedo = s.bsdf.specular
+        queries_out.position[i] = s.position
+        queries_out.normal[i] = s.normal
+        queries_out.shading_normal[i] = s.shading_normal
+        queries_out.front_normal[i] = s.normal
+        if s.front == 0:
+            queries_out.front_normal[i] = -s.normal
+        queries_out.clearance[i] = clearance(surfaces, p.prim, s.position)
+        queries_out.weight[i] = weight
+        queries_out.edges[i] = p.edges
+        if wp.static(features.plastic or features.principled):
+            coats_out.bsdf[i] = s.bsdf
+            coats_out.s[i] = s.s
+            coats_out.t[i] = s.t
+            coats_out.n[i] = s.n
+            coats_out.w_from[i] = w_from
+        return albedo
+
+    @wp.func
+    def stretch(p: Vertex, length: wp.float32, light_samples: wp.int32, i: wp.int32, stretches_out: Stretches) -> None:
+        """The stretch of the ray before this vertex, if it is in a medium."""
+        stretches_out.slot[i] = p.slot
+        stretches_out.place[i] = p.bounce * (light_samples + PARTS) + light_samples + BEAM_PART
+        stretches_out.origin[i] = p.origin
+        stretches_out.direction[i] = wp.normalize(p.direction)
+        stretches_out.length[i] = length
+        stretches_out.radiance[i] = p.throughput
+        stretches_out.medium[i] = p.medium
+
+    @wp.func
+    def shade(
+        surfaces: Surfaces,
+        materials: Materials,
+        textures: Textures,
+        media: Media,
+        lights: Lights,
+        p: Vertex,
+        light_samples: wp.int32,
+        max_depth: wp.int32,
+        seed: wp.uint32,
+        eye: wp.vec3,
+        i: wp.int32,
+        seen_out: Seen,
+        queries_out: Queries,
+        coats_out: Coats,
+        shots_out: Shots,
+        paths_out: Paths,
+        stretches_out: Stretches,
+    ) -> None:
+        to_viewer = -wp.normalize(p.direction)
+        u_choice = wp.float32(0.0)
+        if wp.static(features.blend or features.passing):
+            u_choice = number_1d(seed, p, _CHOICE)
+        s = surface_at(surfaces, materials, textures, p.prim, p.u, p.v, to_viewer, u_choice)
+        w_from = to_local(s, to_viewer)
+        throughput = p.throughput
+        if wp.static(features.media):
+            length = p.t * wp.length(p.direction)
+            stretch(p, length, light_samples, i, stretches_out)
+            if p.medium >= 0:
+                throughput = wp.cw_mul(throughput, transmittance(media, p.medium, length))
+
+        emission = wp.vec3(0.0)
+        if max_depth == 0 or p.edges <= max_depth:
+            emission = emitted(textures, lights, p, s, throughput, light_samples)
+        seen_out.emission[i] = emission
+        seen_out.depth[i] = wp.length(s.position - eye)
+        seen_out.normal[i] = s.shading_normal
+        seen_out.albedo[i] = query(surfaces, s, p, throughput, w_from, i, queries_out, coats_out)
+
+        lit = lights.count > 0 and (max_depth == 0 or p.edges + 1 <= max_depth)
+        for j in range(light_samples):
+            row = i * light_samples + j
+            if lit and s.bsdf.kind != BLACK and s.bsdf.kind != NULL:
+                direct(
+                    lights,
+                    materials,
+                    textures,
+                    s,
+                    p,
+                    throughput,
+                    w_from,
+                    surfaces.offset_min,
+                    light_samples,
+                    seed,
+                    j,
+                    row,
+                    shots_out,
+                )
+            else:
+                shots_out.slot[row] = p.slot
+                shots_out.place[row] = p.bounce * (light_samples + PARTS) + j
+                shots_out.radiance[row] = wp.vec3(0.0)
+        if wp.static(features.glossy or features.passing):
+            go_on(materials, s, p, throughput, w_from, surfaces.offset_min, max_depth, seed, i, paths_out)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    def shade_camera_hits(
+        surfaces: Surfaces,
+        materials: Materials,
+        textures: Textures,
+        media: Media,
+        lights: Lights,
+        camera: CameraView,
+        rays: Rays,
+        light_samples: wp.int32,
+        max_depth: wp.int32,
+        offset: wp.int32,
+        seen_out: Seen,
+        queries_out: Queries,
+        coats_out: Coats,
+        shots_out: Shots,
+        paths_out: Paths,
+        stretches_out: Stretches,
+    ) -> None:
+        """Final hits of camera rays that lie in this cell.
+
+        Args:
+            light_samples: shadow segments a hit; segment j of hit i is number i * light_samples + j.
+            max_depth: longest path in edges; 0 for no limit.
+        """
+        i = offset + wp.tid()
+        shade(
+            surfaces,
+            materials,
+            textures,
+            media,
+            lights,
+            camera_vertex(camera, rays, i),
+            light_samples,
+            max_depth,
+            camera.seed,
+            camera.eye,
+            i,
+            seen_out,
+            queries_out,
+            coats_out,
+            shots_out,
+            paths_out,
+            stretches_out,
+        )
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    def shade_vertices(
+        surfaces: Surfaces,
+        materials: Materials,
+        textures: Textures,
+        media: Media,
+        lights: Lights,
+        camera: CameraView,
+        paths: Paths,
+        light_samples: wp.int32,
+        max_depth: wp.int32,
+        offset: wp.int32,
+        seen_out: Seen,
+        queries_out: Queries,
+        coats_out: Coats,
+        shots_out: Shots,
+        paths_out: Paths,
+        stretches_out: Stretches,
+    ) -> None:
+        """As shade_camera_hits, for later vertices of camera paths."""
+        i = offset + wp.tid()
+        shade(
+            surfaces,
+            materials,
+            textures,
+            media,
+            lights,
+            path_vertex(camera, paths, i),
+            light_samples,
+            max_depth,
+            camera.seed,
+            camera.eye,
+            i,
+            seen_out,
+            queries_out,
+            coats_out,
+            shots_out,
+            paths_out,
+            stretches_out,
+        )
+
+    @wp.func
+    def escaped(
+        media: Media,
+        lights: Lights,
+        p: Vertex,
+        light_samples: wp.int32,
+        i: wp.int32,
+        radiance_out: wp.array[wp.vec3],
+        stretches_out: Stretches,
+    ) -> None:
+        """A ray that leaves the scene: what its environment and, without end, its medium send back."""
+        radiance = wp.vec3(0.0)
+        if wp.static(features.environment):
+            unit = wp.normalize(p.direction)
+            radiance = environment_radiance(lights, unit)
+            if wp.static(features.glossy):
+                if p.pdf > 0.0:
+                    by_light = wp.float32(light_samples) * pdf_environment(lights, unit)
+                    radiance = radiance * (p.pdf / (p.pdf + by_light))
+            radiance = wp.cw_mul(p.throughput, radiance)
+        if wp.static(features.media):
+            length = lights.far_away
+            stretch(p, length, light_samples, i, stretches_out)
+            if p.medium >= 0:
+                radiance = wp.cw_mul(radiance, transmittance(media, p.medium, length))
+        radiance_out[i] = radiance
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    def camera_misses(
+        media: Media,
+        lights: Lights,
+        camera: CameraView,
+        rays: Rays,
+        light_samples: wp.int32,
+        offset: wp.int32,
+        radiance_out: wp.array[wp.vec3],
+        stretches_out: Stretches,
+    ) -> None:
+        """Camera rays that meet no surface."""
+        i = offset + wp.tid()
+        escaped(media, lights, camera_vertex(camera, rays, i), light_samples, i, radiance_out, stretches_out)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    def path_misses(
+        media: Media,
+        lights: Lights,
+        camera: CameraView,
+        paths: Paths,
+        light_samples: wp.int32,
+        offset: wp.int32,
+        radiance_out: wp.array[wp.vec3],
+        stretches_out: Stretches,
+    ) -> None:
+        """Later rays of camera paths that meet no surface."""
+        i = offset + wp.tid()
+        escaped(media, lights, path_vertex(camera, paths, i), light_samples, i, radiance_out, stretches_out)
+
+    return SimpleNamespace(
+        shade_camera_hits=shade_camera_hits,
+        shade_vertices=shade_vertices,
+        camera_misses=camera_misses,
+        path_misses=path_misses,
+    )

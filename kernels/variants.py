@@ -1,0 +1,67 @@
+"""The kernels that a set of features picks. Each depends on the features that it can tell apart, and on no others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cache
+
+import warp as wp
+
+from wdpm.kernels.camera_rays import make_camera_rays
+from wdpm.kernels.features import Features
+from wdpm.kernels.gather_glossy import make_gather
+from wdpm.kernels.photon_paths import make_emit_photons, make_trace_photons
+from wdpm.kernels.shading import make_shading
+from wdpm.kernels.shadow_rays import make_shadow_walk
+
+MATERIALS = ("conductor", "dielectric", "thin_dielectric", "plastic", "principled", "rough", "blend", "passing", "bent")
+TEXTURES = ("bitmaps", "checkerboards", "vertex_colors")
+LIGHTS = ("points", "spots", "directionals", "environment", "textured_lights")
+CAMERAS = ("lens", "orthographic")
+
+
+@dataclass(frozen=True, eq=False)
+class Variants:
+    """Kernels for one set of features. Those that only some effects need are None without them."""
+
+    first_camera_cells: wp.Kernel
+    mark_touched_cells: wp.Kernel
+    visit_camera_rays: wp.Kernel
+    shade_camera_hits: wp.Kernel
+    emit_photons: wp.Kernel
+    trace_photons: wp.Kernel
+    shade_vertices: wp.Kernel | None
+    camera_misses: wp.Kernel | None
+    path_misses: wp.Kernel | None
+    pass_panes: wp.Kernel | None
+    gather_glossy: wp.Kernel | None
+
+    def modules(self) -> list[wp.Module]:
+        """The modules that hold them, each once."""
+        kernels = [getattr(self, field.name) for field in fields(self)]
+        return list({id(kernel.module): kernel.module for kernel in kernels if kernel is not None}.values())
+
+
+def only(features: Features, *groups: tuple[str, ...]) -> Features:
+    """The features of some groups; the others are off."""
+    return Features(**{name: getattr(features, name) for group in groups for name in group})
+
+
+@cache
+def make_variants(features: Features) -> Variants:
+    """The kernels for a set of features; nothing is compiled yet."""
+    rays = make_camera_rays(only(features, CAMERAS))
+    shading = make_shading(features)
+    return Variants(
+        first_camera_cells=rays.first_camera_cells,
+        mark_touched_cells=rays.mark_touched_cells,
+        visit_camera_rays=rays.visit_camera_rays,
+        shade_camera_hits=shading.shade_camera_hits,
+        emit_photons=make_emit_photons(only(features, LIGHTS, TEXTURES, ("media",))),
+        trace_photons=make_trace_photons(only(features, MATERIALS, TEXTURES, ("media",))),
+        shade_vertices=shading.shade_vertices if features.goes_on else None,
+        camera_misses=shading.camera_misses if features.misses else None,
+        path_misses=shading.path_misses if features.misses and features.goes_on else None,
+        pass_panes=make_shadow_walk(only(features, MATERIALS, TEXTURES, ("media",))).pass_panes if features.walks else None,
+        gather_glossy=make_gather(only(features, MATERIALS)) if features.goes_on else None,
+    )

@@ -1,0 +1,24 @@
+"""Areas and normals of triangles, computed in double: a cross product of needles cancels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def triangle_areas(corners: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Areas of triangles given by their corners, shape [T, 3, 3]; float64, shape [T]."""
+    areas: NDArray[np.float64] = 0.5 * np.linalg.norm(_cross(corners), axis=1)
+    return areas
+
+
+def triangle_normals(corners: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Unit normals of triangles by their winding, float32, shape [T, 3]; none may be degenerate."""
+    normal = _cross(corners)
+    unit: NDArray[np.float32] = (normal / np.linalg.norm(normal, axis=1, keepdims=True)).astype(np.float32)
+    return unit
+
+
+def _cross(corners: NDArray[np.float32]) -> NDArray[np.float64]:
+    p = corners.astype(np.float64)
+    return np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
