@@ -146,7 +146,6 @@ SCHEMAS: dict[Kind, Schema] = {
         "slot": ("<i4", ()),
         "emission": ("<f4", (3,)),
         "indirect": ("<f4", (3,)),
-        "caustic": ("<f4", (3,)),
         "depth": ("<f4", ()),
         "normal": ("<f4", (3,)),
         "albedo": ("<f4", (3,)),

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, take
 from wdpm.cluster.replica import Replica
+from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels import shadow_rays as sr
 
@@ -23,13 +24,27 @@ def start_beams(replica: Replica, cause: Batch, stretches: Any) -> Iterator[Batc
         return
     columns_of = [name for name in SCHEMAS[Kind.BEAM] if name not in _SUMS]
     arrays = columns.download(stretches, columns_of)
-    rows = np.flatnonzero((arrays["medium"] >= 0) & (arrays["length"] > 0) & arrays["radiance"].any(axis=1))
+    chosen, weight = chosen_samples(replica.view, stretches.sample.numpy())
+    lit = (arrays["medium"] >= 0) & (arrays["length"] > 0) & arrays["radiance"].any(axis=1)
+    rows = np.flatnonzero(lit & chosen)
     if not len(rows):
         return
+    arrays["radiance"] = arrays["radiance"] * weight
     beams = {**take(arrays, rows), **{name: np.zeros(len(rows), np.int64) for name in _SUMS}}
     first = next_beam_cells(replica, beams, -1)
-    for cell, chosen in by_destination(first, first >= 0):
-        yield Batch(Kind.BEAM, cause.task, cause.home, cell, len(chosen), take(beams, chosen))
+    for cell, sent in by_destination(first, first >= 0):
+        yield Batch(Kind.BEAM, cause.task, cause.home, cell, len(sent), take(beams, sent))
+
+
+def chosen_samples(view: View | None, sample: NDArray[np.int32]) -> tuple[NDArray[np.bool_], np.float32]:
+    """Which samples look for light in media, for the others of their pixel too, and what theirs counts for.
+
+    What a beam brings changes little within a pixel, next to the noise of the photons themselves.
+    """
+    if view is None:
+        raise ValueError("a stretch of a camera ray came before a view was set")
+    stride = max(1, view.spp // view.volume_samples)
+    return sample % stride == 0, np.float32(view.spp / -(-view.spp // stride))
 
 
 def next_beam_cells(replica: Replica, arrays: Arrays, current: int) -> NDArray[np.int32]:

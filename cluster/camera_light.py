@@ -14,7 +14,7 @@ from wdpm.cluster import parts
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
 from wdpm.cluster.beams import beam_light, next_beam_cells, start_beams
 from wdpm.cluster.gathering import Gathering
-from wdpm.cluster.misses import missed_light, no_hits
+from wdpm.cluster.misses import missed_light, no_hits, start_paths
 from wdpm.cluster.photon_store import PhotonStore
 from wdpm.cluster.replica import Replica
 from wdpm.cluster.world import View
@@ -117,20 +117,32 @@ class CameraLight:
 
     def shade_camera(self, batch: Batch) -> Iterator[Batch]:
         """Light final hits of camera rays in this cell."""
+        kernels = self._replica.kernels
         rays = columns.upload(cr.Rays, batch.arrays, self._replica.launcher.device)
-        shaded = self._shade(self._replica.kernels.shade_camera_hits, rays, len(batch))
+        if kernels.shade_camera_hits is not None:
+            shaded = self._shade(kernels.shade_camera_hits, rays, len(batch))
+        else:
+            shaded = self._shade(kernels.shade_vertices, start_paths(self._replica, rays, len(batch)), len(batch))
         follows = list(self._send_on(batch, shaded))
         samples = {
             "slot": batch.arrays["slot"],
             "indirect": self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats),
-            "caustic": self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats),
             "cell": np.full(len(batch), self._cell, np.int32),
             **columns.download(shaded.seen, ("emission", "depth", "normal", "albedo")),
         }
-        for cause in ("emission", "indirect", "caustic"):
+        for cause in ("emission", "indirect"):
             samples[cause] = self._blacken_nonfinite(samples[cause], cause)
+        follows += self._first_caustics(batch, shaded)
         yield self._batch(batch, Kind.SAMPLES, self._cell, rest_of(batch.credit, follows), samples)
         yield from follows
+
+    def _first_caustics(self, batch: Batch, shaded: Shaded) -> list[Batch]:
+        """Light of the caustic map at the first surface, in scenes that have one: a part like those further on."""
+        if self._replica.world.caustic_map.paths == 0:
+            return []
+        radiance = self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats)
+        arrays = {"slot": batch.arrays["slot"], "bounce": np.zeros(len(batch), np.int32)}
+        return [self._batch(batch, Kind.LIT, self._cell, 0, self._part(arrays, parts.CAUSTIC, radiance))]
 
     # Paths beyond their first surface
 
@@ -139,9 +151,7 @@ class CameraLight:
         replica, count = self._replica, len(batch)
         rays = columns.upload(cr.Paths, batch.arrays, replica.launcher.device)
         array = self._integers(count)
-        replica.launcher(
-            cr.visit_paths, count, [self._bvh, self._surfaces, replica.cells, rays, self._cell], [array]
-        )
+        replica.launcher(cr.visit_paths, count, [self._bvh, self._surfaces, replica.cells, rays, self._cell], [array])
         onward, paths = array.numpy(), columns.download(rays, SCHEMAS[Kind.PATH])
         hit = paths["prim"] >= 0
         yield from self._send_paths(batch, Kind.PATH, paths, onward, onward >= 0)
@@ -154,13 +164,10 @@ class CameraLight:
 
     def shade_vertices(self, batch: Batch) -> Iterator[Batch]:
         """Light final hits of paths in this cell."""
-        kernel = self._replica.kernels.shade_vertices
-        if kernel is None:
-            raise ProtocolError("a camera path goes on in a scene where none does")
         arrays = batch.arrays
         self.counters.vertices += len(batch)
         rays = columns.upload(cr.Paths, arrays, self._replica.launcher.device)
-        shaded = self._shade(kernel, rays, len(batch))
+        shaded = self._shade(self._replica.kernels.shade_vertices, rays, len(batch))
         follows = list(self._send_on(batch, shaded))
         seen = {
             parts.EMISSION: shaded.seen.emission.numpy(),
@@ -178,15 +185,16 @@ class CameraLight:
         place = parts.place_of(arrays["bounce"][rows], part, self._view.light_samples)
         return {"slot": arrays["slot"][rows], "place": place, "radiance": radiance[rows]}
 
-    def _shade(self, kernel: wp.Kernel, rays: Any, count: int) -> Shaded:
+    def _shade(self, kernel: wp.Kernel | None, rays: Any, count: int) -> Shaded:
         """Run a kernel that shades vertices."""
+        if kernel is None:
+            raise ProtocolError("a camera path goes on in a scene where none does")
         replica, view = self._replica, self._view
         features, device = replica.world.features, replica.launcher.device
-        coated = features.plastic or features.principled
         shaded = Shaded(
             columns.empty(sh.Seen, count, device),
             columns.empty(sh.Queries, count, device),
-            columns.empty(sh.Coats, count if coated else 0, device),
+            columns.empty(sh.Coats, count if features.coated else 0, device),
             columns.empty(sh.Shots, count * view.light_samples, device),
             columns.empty(cr.Paths, count if features.goes_on else 0, device),
             columns.empty(sh.Stretches, count if features.media else 0, device),
@@ -233,6 +241,9 @@ class CameraLight:
         arrays = columns.download(shots, SCHEMAS[Kind.SHADOW])
         arrays["radiance"] = self._blacken_nonfinite(arrays["radiance"], "direct")
         count = len(arrays["slot"])
+        if replica.world.top_tree.cells == 1 and not replica.world.features.walks:
+            yield self._batch(cause, Kind.SHADOW, self._cell, count, arrays)
+            return
         segments = columns.upload(sr.Segments, arrays, replica.launcher.device)
         first = self._integers(count)
         replica.launcher(sr.first_shadow_cells, count, [replica.cells, segments], [first])

@@ -17,6 +17,7 @@ from wdpm.cluster import protocol
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask
 from wdpm.cluster.world import Emission, MapPlan, TopTree, View, World
+from wdpm.kernels.limits import CHAIN_LIMIT, MAPS
 from wdpm.kernels.settings import MAX_K
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.geometry import Media, Triangles
@@ -116,7 +117,9 @@ def check_batch(batch: Batch, world: World) -> None:
 
     Slots are for the home to check, which knows how many it has.
     """
-    final = batch.kind in (Kind.SHADE, Kind.LANDED)  # their hits are looked up among the cell's triangles
+    media = len(world.media.g)
+    # Final hits are looked up among the cell's triangles; only in a medium do photons land on none.
+    final = batch.kind in (Kind.SHADE, Kind.VERTEX, Kind.PANE) or (batch.kind is Kind.LANDED and not media)
     cells, lights, any_number = world.top_tree.cells, len(world.lights.names), 2**63 - 1
     ranges = {
         "prim": (0 if final else -1, any_number),
@@ -126,7 +129,11 @@ def check_batch(batch: Batch, world: World) -> None:
         "pixel": (0, any_number),
         "sample": (0, any_number),
         "path": (0, any_number),
-        "bounce": (0, any_number),
+        "bounce": (0, CHAIN_LIMIT + 1 if batch.kind in (Kind.PATH, Kind.VERTEX) else any_number),
+        "edges": (0, any_number),
+        "place": (0, any_number),
+        "map": (0, MAPS),
+        "medium": (-1, media),
         "id": (0, any_number),
     }
     for name in batch.arrays.keys() & ranges.keys():
@@ -211,9 +218,9 @@ def _map_plan(plan: MapPlan, where: str) -> None:
 
 
 def _view(view: View, where: str) -> None:
-    counts = (view.spp, view.light_samples, view.k, view.bucket)
+    counts = (view.spp, view.light_samples, view.k, view.bucket, view.volume_samples)
     _require(min(counts) >= 1 and max(counts) < 2**31, where, f"spp, light_samples, k, bucket are {counts}")
-    _require(1 <= min(view.k, view.caustic_k) and max(view.k, view.caustic_k) <= MAX_K, where, f"k is {view.k}")
+    _require(min(view.k, view.caustic_k) >= 1 and max(view.k, view.caustic_k) <= MAX_K, where, f"k is {view.k}")
     _require(0 <= view.seed < 2**32, where, f"seed {view.seed}")
     _require(view.max_depth is None or view.max_depth >= 1, where, f"max_depth {view.max_depth}")
 

@@ -60,9 +60,9 @@ class Gathering:
         replica, device = self._replica, self._replica.launcher.device
         count = len(queries.weight)
         plan, built = replica.world.maps[number], self._store.maps[number]
-        radiance = wp.zeros(count, dtype=wp.vec3, device=device)
         if built is None or replica.view is None:
-            return np.asarray(radiance.numpy())
+            return np.zeros((count, 3), np.float32)
+        radiance = wp.empty(count, dtype=wp.vec3, device=device)
         irradiance = wp.empty(count, dtype=wp.vec3, device=device)
         used = wp.empty(count, dtype=wp.int32, device=device)
         radius = wp.empty(count, dtype=wp.float32, device=device)
@@ -77,14 +77,12 @@ class Gathering:
         self._count(plan, queries, radius.numpy(), truncated.numpy())
         return np.asarray(radiance.numpy())
 
-    def _gather(
-        self, built: BuiltMap, plan: MapPlan, queries: Any, coats: Any, k: int, outputs: list[Any]
-    ) -> None:
+    def _gather(self, built: BuiltMap, plan: MapPlan, queries: Any, coats: Any, k: int, outputs: list[Any]) -> None:
         replica, view = self._replica, self._replica.view
         features, kernel = replica.world.features, replica.kernels.gather_glossy
         runs = -(-len(queries.weight) // GATHER_RUN)
         depth = 0 if view is None else view.max_depth or 0
-        if kernel is not None and (features.plastic or features.principled or depth):
+        if kernel is not None and (features.coated or depth):
             inputs = [built.tree, built.edges, queries, coats, k, plan.radius, depth]
             replica.launcher(kernel, runs, inputs, outputs, grain=GATHER_GRAIN)
         else:
@@ -92,10 +90,8 @@ class Gathering:
             inputs = [built.tree, *places, k, plan.radius]
             replica.launcher(gather_kernel, runs, inputs, outputs, grain=GATHER_GRAIN)
 
-    def _count(
-        self, plan: MapPlan, queries: Any, radius: NDArray[np.float32], truncated: NDArray[np.bool_]
-    ) -> None:
-        wanted = queries.weight.numpy().any(axis=1)
+    def _count(self, plan: MapPlan, queries: Any, radius: NDArray[np.float32], truncated: NDArray[np.bool_]) -> None:
+        wanted = queries.weight.numpy().max(axis=1) > 0
         self.counters.gathers += int(np.count_nonzero(wanted))
         self.counters.truncated += int(np.count_nonzero(truncated & wanted))
         if plan.band < plan.radius:

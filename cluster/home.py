@@ -139,7 +139,9 @@ class BucketHome:
         total = len(rays["slot"])
         touched_array = wp.zeros((total, replica.world.top_tree.cells), dtype=wp.uint8, device=device)
         full = columns.upload(cr.Rays, {**rays, **no_hits(total, self._view)}, device)
-        replica.launcher(replica.kernels.mark_touched_cells, total, [replica.camera, replica.cells, full], [touched_array])
+        replica.launcher(
+            replica.kernels.mark_touched_cells, total, [replica.camera, replica.cells, full], [touched_array]
+        )
         touched = touched_array.numpy().astype(bool)
         cells = np.flatnonzero(touched.any(axis=0))
         self._probing = True
@@ -156,7 +158,7 @@ class BucketHome:
         if batch.kind is Kind.PROBED:
             self._merge(arrays)
         elif batch.kind is Kind.SAMPLES:
-            self._fill(arrays, ("emission", "indirect", "caustic", "depth", "normal", "albedo", "cell"))
+            self._fill(arrays, ("emission", "indirect", "depth", "normal", "albedo", "cell"))
         elif batch.kind is Kind.LIT:
             self._add_parts(arrays)
         elif batch.kind is not Kind.ENDED:
@@ -282,7 +284,6 @@ def _empty_slots(samples: int, light_samples: int) -> dict[str, NDArray[Any]]:
     return {
         "emission": np.zeros((samples, 3), np.float32),
         "indirect": np.zeros((samples, 3), np.float32),
-        "caustic": np.zeros((samples, 3), np.float32),
         "depth": np.full(samples, -1.0, np.float32),
         "normal": np.zeros((samples, 3), np.float32),
         "albedo": np.zeros((samples, 3), np.float32),

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.photon_store import PhotonCounters
 from wdpm.cluster.world import Emission, World
-from wdpm.kernels.lights import cluster_targets
 from wdpm.kernels.photon_paths import CAUSTIC_MAP, GLOBAL_MAP
+from wdpm.kernels.target_clusters import cluster_targets
 from wdpm.scenes.geometry import FlatScene
 from wdpm.scenes.light_table import LightTable
 from wdpm.scenes.material_facts import facts
@@ -50,7 +50,7 @@ def shared_out(world: World, counters: PhotonCounters) -> Emission:
 
 
 def _measured(lights: LightTable, pilot: NDArray[np.float64], flux: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Mostly by the flux that each light stored; as in the pilot where there is but one light, or nothing was stored."""
+    """Mostly by the flux that each light stored; as in the pilot for a single light, or where nothing was stored."""
     if len(flux) < 2 or flux.sum() <= 0:
         return pilot
     return _normalised(MEASURED * _by_light(lights, flux) + (1.0 - MEASURED) * pilot)

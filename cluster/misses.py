@@ -31,6 +31,13 @@ def no_hits(count: int, view: View) -> dict[str, NDArray[Any]]:
     }
 
 
+def start_paths(replica: Replica, rays: Any, count: int) -> Any:
+    """Camera rays (kernels.camera_rays.Rays) as the beginnings of paths (Paths)."""
+    paths = columns.empty(cr.Paths, count, replica.launcher.device)
+    replica.launcher(replica.kernels.start_paths, count, [replica.camera, rays], [paths])
+    return paths
+
+
 def missed_light(replica: Replica, cause: Batch, cell: int, rays: Arrays, credit: int) -> Iterator[Batch]:
     """What rays that meet nothing bring home: light of the environment, and of the medium that they are in.
 
@@ -48,10 +55,10 @@ def missed_light(replica: Replica, cause: Batch, cell: int, rays: Arrays, credit
     radiance = wp.empty(count, dtype=wp.vec3, device=device)
     stretches = columns.empty(sh.Stretches, count if features.media else 0, device)
     later = "bounce" in rays
-    kernel = replica.kernels.path_misses if later else replica.kernels.camera_misses
-    scene = [replica.media, replica.lights, replica.camera]
     items = columns.upload(cr.Paths if later else cr.Rays, rays, device)
-    replica.launcher(kernel, count, [*scene, items, view.light_samples], [radiance, stretches])
+    paths = items if later else start_paths(replica, items, count)
+    inputs = [replica.media, replica.lights, replica.camera, paths, view.light_samples]
+    replica.launcher(replica.kernels.path_misses, count, inputs, [radiance, stretches])
     follows = list(start_beams(replica, cause, stretches)) if features.media else []
     light = radiance.numpy()
     rows = np.flatnonzero(light.any(axis=1))

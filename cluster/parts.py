@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.kernels.constants import CHAIN_LIMIT
+from wdpm.kernels.limits import CHAIN_LIMIT
 from wdpm.kernels.shading import BEAM_PART, EMISSION_PART, PARTS
 
 EMISSION: Final = int(EMISSION_PART)
@@ -20,7 +20,7 @@ INDIRECT: Final = 1
 CAUSTIC: Final = 2
 BEAM: Final = int(BEAM_PART)
 
-LAST_BOUNCE: Final = int(CHAIN_LIMIT)
+LAST_BOUNCE: Final = CHAIN_LIMIT
 """Of a path that has used up its vertices."""
 
 DIRECT_LAYER, INDIRECT_LAYER, CAUSTIC_LAYER, VOLUME_LAYER = range(4)

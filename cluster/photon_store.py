@@ -14,15 +14,15 @@ from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, concatenate, take
 from wdpm.cluster.partition import rows_near
 from wdpm.cluster.replica import Replica
 from wdpm.cluster.world import MapPlan
-from wdpm.kernels import cells, columns, lights, photon_map
+from wdpm.kernels import cells, columns, photon_map
 from wdpm.kernels import photon_paths as pp
+from wdpm.kernels.limits import MAPS
 from wdpm.kernels.surface import Surfaces
 from wdpm.kernels.surface_points import spread
+from wdpm.scenes.areas import triangle_areas
 
 DEPOSITS_A_PATH = 6
 """Room for photons, a path, in one launch. What finds none waits for the next launch."""
-
-MAPS = int(pp.MAPS)
 
 
 @dataclass
@@ -151,7 +151,7 @@ class PhotonStore:
             replica.cells,
             self._cell,
             self._surfaces.ids.numpy(),
-            lights.triangle_areas(self._surfaces.corners.numpy()),
+            triangle_areas(self._surfaces.corners.numpy()),
             replica.world.point_area,
             replica.launcher,
         )

@@ -29,9 +29,10 @@ from wdpm.kernels.beam import sum_unit
 from wdpm.kernels.features import Features
 from wdpm.kernels.gather import check_settings, gather_kernel
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.lights import triangle_areas
-from wdpm.kernels.photon_paths import CAUSTIC_MAP, GLOBAL_MAP, MAPS, VOLUME_MAP
+from wdpm.kernels.limits import MAPS
+from wdpm.kernels.photon_paths import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
 from wdpm.kernels.settings import RenderSettings
+from wdpm.scenes.areas import triangle_areas
 from wdpm.scenes.geometry import FlatScene
 
 PILOT_PATHS = 1 << 15
@@ -49,10 +50,11 @@ RADIUS_MARGIN = 2.5
 dense still find their k; dimmer places are averaged over the fixed radius, and counted in the report. Wider, the
 overlap bands would take more photons than they are worth; narrower, dim places would be noisier."""
 
-CAUSTIC_PATHS_A_PHOTON = 20
-"""Most caustic paths for each caustic photon that is asked for."""
+PATHS_A_PHOTON = 10
+"""Most paths for each photon that is asked for: where hardly any path stores one, as under the open sky or far from
+the only mirror, indirect light is faint, and fewer photons tell it. The report says how many were stored."""
 
-BEAM_K = 12
+BEAM_K = 40
 """Volume photons in a ball of the beams' radius about the median one: a beam through it then finds some hundred."""
 
 BEAM_PILOT = 4096
@@ -168,6 +170,7 @@ def view_of(flat: FlatScene, settings: RenderSettings) -> View:
         max_depth=settings.max_depth,
         k=settings.k,
         caustic_k=settings.caustic_k,
+        volume_samples=settings.volume_samples,
         bucket=settings.bucket,
         routing=settings.routing,
     )
@@ -192,10 +195,12 @@ def map_plans(
     world, cell = pilot.replica.world, pilot.cells[0]
     stored = [len(part["id"]) for part in photons]
     asked = [settings.photons, settings.caustic_photons, settings.volume_photons if world.volume_map.paths else 0]
-    wanted = [math.ceil(a * PILOT_PATHS / s) if s and a else 0 for a, s in zip(asked, stored, strict=True)]
-    paths = max(wanted[GLOBAL_MAP], wanted[VOLUME_MAP]) if world.global_map.paths else 0
-    # Light that hardly ever makes a caustic is not worth a hundred paths a photon.
-    caustic_paths = min(wanted[CAUSTIC_MAP] or asked[CAUSTIC_MAP], CAUSTIC_PATHS_A_PHOTON * asked[CAUSTIC_MAP])
+    wanted = [
+        min(math.ceil(a * PILOT_PATHS / s), PATHS_A_PHOTON * a) if s else PATHS_A_PHOTON * a
+        for a, s in zip(asked, stored, strict=True)
+    ]
+    paths = max(wanted[GLOBAL_MAP] if stored[GLOBAL_MAP] else 0, wanted[VOLUME_MAP] if stored[VOLUME_MAP] else 0)
+    caustic_paths = wanted[CAUSTIC_MAP]
     every = [paths, caustic_paths if world.caustic_map.paths else 0, paths if world.volume_map.paths else 0]
     expected = [s * p / PILOT_PATHS for s, p in zip(stored, every, strict=True)]
     radii = [

@@ -12,6 +12,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from wdpm.cluster.batch import TO_HOME, Batch, Kind
 from wdpm.cluster.cell import Cell
 from wdpm.cluster.home import BucketHome, PhotonHome
@@ -143,11 +145,13 @@ class Worker:
         return {
             "cells": list(self.cells),
             "triangles": sum(cell.triangle_count for cell in cells),
-            "photons": _whole(sum(cell.store.count for cell in cells)),
-            "ghosts": _whole(sum(cell.store.ghost_count for cell in cells)),
+            "photons": _whole(np.sum([cell.store.count for cell in cells], axis=0)),
+            "ghosts": _whole(np.sum([cell.store.ghost_count for cell in cells], axis=0)),
             "paths_by_light": [_whole(row) for row in self.replica.paths_by_light],
-            "stored_by_light": [_whole(row) for row in sum(cell.store.counters.by_light for cell in cells)],
-            "energy": [float(share) for share in sum(cell.energy for cell in cells)],
+            "stored_by_light": [
+                _whole(row) for row in np.sum([cell.store.counters.by_light for cell in cells], axis=0)
+            ],
+            "energy": [float(share) for share in np.sum([cell.energy for cell in cells], axis=0)],
             "gathers": sum(cell.gathers.gathers for cell in cells),
             "gathers_truncated": sum(cell.gathers.truncated for cell in cells),
             "gathers_left_band": sum(cell.gathers.left_band for cell in cells),

@@ -125,5 +125,6 @@ class View:
     max_depth: int | None
     k: int
     caustic_k: int
+    volume_samples: int
     bucket: int
     routing: Routing

@@ -43,8 +43,6 @@ from wdpm.kernels.features import Features
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Static conditions prune only where they stand alone.
-# ruff: noqa: SIM102
 
 _BELOW_ONE = wp.constant(wp.float32(1 - 2.0**-24))
 

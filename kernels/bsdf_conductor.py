@@ -27,9 +27,6 @@ from wdpm.kernels.microfacet import (
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Static conditions prune only where they stand alone.
-# ruff: noqa: SIM102
-
 
 @cache
 def make_conductor(features: Features) -> SimpleNamespace:

@@ -28,8 +28,6 @@ from wdpm.kernels.microfacet import (
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Static conditions prune only where they stand alone.
-# ruff: noqa: SIM102
 
 SPREAD_LEAST = wp.constant(wp.float32(1e-6))
 """Least |eta - 1| alpha of a rough dielectric; one below it counts as smooth.

@@ -34,7 +34,7 @@ from wdpm.kernels.microfacet import (
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 # Static conditions prune only where they stand alone; all materials' functions take the same arguments.
-# ruff: noqa: SIM102, ARG001
+# ruff: noqa: ARG001
 
 
 @wp.func

@@ -1,12 +1,12 @@
 """What scattering functions take and give: a leaf material with its textures read, and a sampled direction.
 
-Directions are unit vectors in the local frame of a surface point: z is the shading normal of the material's front, x and
-y are the shading tangents. `w_from` points to where the path came from, `w_to` to where it goes; both point away from
-the surface. A negative z is the back (inside, for a dielectric).
+Directions are unit vectors in the local frame of a surface point: z is the shading normal of the material's front, x
+and y are the shading tangents. `w_from` points to where the path came from, `w_to` to where it goes; both point away
+from the surface. A negative z is the back (inside, for a dielectric).
 
 A scattering function is the sum of two parts, and each path knows which one it takes:
 
-* the *diffuse* part: smooth over the hemisphere of `w_from`. Photons are stored where there is one, and gathers read it.
+* the *diffuse* part: smooth over the hemisphere of `w_from`. Photons are stored where there is one; gathers read it.
 * the *glossy* part: everything that comes from a microfacet or a perfectly smooth interface, whatever its roughness.
   It is always traced, never gathered: there is no roughness at which a surface changes from one to the other.
 """
@@ -47,6 +47,7 @@ class Bsdf:
         color: albedo of the diffuse part; base colour of PRINCIPLED.
         specular, transmittance: factors of what is reflected and transmitted by the interface, 1 for a physical one.
         eta, k: CONDUCTOR: complex index of refraction by channel. Others: eta[0] is the index inside over that outside.
+            PLASTIC: eta[1], transmittance and k are the coat's (scenes.plastic_coat, bsdf_plastic).
         alpha: roughness of the microfacet distribution along the tangents; (0, 0) is perfectly smooth.
         distribution: BECKMANN or GGX.
         nonlinear: PLASTIC: 1 where colour shifts by internal scattering are computed.

@@ -21,8 +21,6 @@ from wdpm.scenes.model import Camera, FilterKind, PixelFilter
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Static conditions prune only where they stand alone.
-# ruff: noqa: SIM102
 
 FILTER_STEPS = 1024
 """Steps of a filter's inverse distribution: linear between them, it misses a gaussian's by less than 1e-5 pixels."""

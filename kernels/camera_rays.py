@@ -58,7 +58,7 @@ class Paths:
 
 @functools.cache
 def make_camera_rays(features: Features) -> SimpleNamespace:
-    """Kernels for camera rays: `first_camera_cells`, `mark_touched_cells`, `visit_camera_rays`."""
+    """Kernels for camera rays: `first_camera_cells`, `mark_touched_cells`, `visit_camera_rays`, `start_paths`."""
     camera_ray = make_camera(features).camera_ray
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
@@ -93,7 +93,7 @@ def make_camera_rays(features: Features) -> SimpleNamespace:
         offset: wp.int32,
         next_cell_out: wp.array[wp.int32],
     ) -> None:
-        """Intersect rays with this cell. Best hits are refined in place; -1 in next_cell_out says that a hit is final."""
+        """Intersect rays with this cell. Best hits are refined in place; -1 in next_cell_out: the hit is final."""
         i = offset + wp.tid()
         ray = camera_ray(camera, rays.pixel[i], rays.sample[i])
         hit = Hit()
@@ -111,7 +111,30 @@ def make_camera_rays(features: Features) -> SimpleNamespace:
             rays.owner[i] = cell_of(cells, position_at(surfaces, row, found.u, found.v))
         next_cell_out[i] = next_cell(cells, ray.origin, ray.direction, found.t, own_cell)
 
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    def start_paths(camera: CameraView, rays: Rays, offset: wp.int32, paths_out: Paths) -> None:
+        """Camera rays as the beginnings of paths."""
+        i = offset + wp.tid()
+        ray = camera_ray(camera, rays.pixel[i], rays.sample[i])
+        paths_out.slot[i] = rays.slot[i]
+        paths_out.pixel[i] = rays.pixel[i]
+        paths_out.sample[i] = rays.sample[i]
+        paths_out.bounce[i] = 0
+        paths_out.edges[i] = 1
+        paths_out.medium[i] = camera.medium
+        paths_out.origin[i] = ray.origin
+        paths_out.direction[i] = ray.direction
+        paths_out.anchor[i] = ray.origin
+        paths_out.throughput[i] = wp.vec3(1.0)
+        paths_out.pdf[i] = 0.0
+        paths_out.t[i] = rays.t[i]
+        paths_out.prim[i] = rays.prim[i]
+        paths_out.u[i] = rays.u[i]
+        paths_out.v[i] = rays.v[i]
+        paths_out.owner[i] = rays.owner[i]
+
     return SimpleNamespace(
+        start_paths=start_paths,
         first_camera_cells=first_camera_cells,
         mark_touched_cells=mark_touched_cells,
         visit_camera_rays=visit_camera_rays,

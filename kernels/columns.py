@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -26,6 +27,16 @@ def upload(struct: wp.Struct, arrays: Mapping[str, NDArray[Any]], device: str) -
 
 def empty(struct: wp.Struct, count: int, device: str) -> Any:
     """An instance of a Warp struct whose array fields have `count` items of no particular value."""
+    return _none(struct, device) if count == 0 else _empty(struct, count, device)
+
+
+@functools.cache
+def _none(struct: wp.Struct, device: str) -> Any:
+    """Columns without items are all alike: kernels that a scene has no use for some of their outputs get these."""
+    return _empty(struct, 0, device)
+
+
+def _empty(struct: wp.Struct, count: int, device: str) -> Any:
     columns = struct()
     for name, var in struct.vars.items():
         setattr(columns, name, wp.empty(count, dtype=var.type.dtype, device=device))

@@ -98,9 +98,6 @@ less than the 14 % of 50 photons."""
 
 # Camera paths.
 
-CHAIN_LIMIT = wp.constant(1024)
-"""Vertices of a camera path: Russian roulette ends nearly all long before; what this bound cuts off is reported."""
-
 ROULETTE_FROM = wp.constant(8)
 """Vertices before Russian roulette begins: eight let light through two glass objects, one inside the other."""
 

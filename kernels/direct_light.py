@@ -23,9 +23,6 @@ from wdpm.kernels.texture import Textures
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Static conditions prune only where they stand alone.
-# ruff: noqa: SIM102
-
 
 @wp.struct
 class DirectSample:

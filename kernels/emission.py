@@ -31,8 +31,6 @@ from wdpm.kernels.texture import Textures
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Static conditions prune only where they stand alone.
-# ruff: noqa: SIM102
 
 _HEMISPHERE = wp.constant(wp.float32(1.0))  # 1 - cos of the half angle
 _SPHERE = wp.constant(wp.float32(2.0))

@@ -59,6 +59,11 @@ class Features:
         return self.bitmaps or self.checkerboards or self.vertex_colors
 
     @property
+    def coated(self) -> bool:
+        """Some diffuse part is not Lambertian, or lies under bumps: each photon counts by its direction."""
+        return self.plastic or self.principled or self.bent
+
+    @property
     def goes_on(self) -> bool:
         """Camera paths may have more than one vertex."""
         return self.glossy or self.passing

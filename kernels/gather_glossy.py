@@ -18,6 +18,7 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.gather import INT_SCRATCH, KEY_SCRATCH, contribution, follow, key_place, nearest
 from wdpm.kernels.photon_map import LEAF_ROWS, PhotonMap
 from wdpm.kernels.shading import Coats, Queries
+from wdpm.kernels.shading_frames import bump_shadowing
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -29,6 +30,13 @@ _PI_SINGLE = wp.constant(wp.float32(math.pi))
 def make_gather(features: Features) -> wp.Kernel:
     """The kernel, for surfaces with the given features."""
     eval_diffuse = make_bsdf(features).eval_diffuse
+
+    @wp.func
+    def arrival(photons: PhotonMap, place: wp.int32) -> wp.vec3:
+        """Where a photon came from."""
+        row = LEAF_ROWS * (place >> 3)
+        c = place & 7
+        return wp.vec3(photons.leaves[row + 6][c], photons.leaves[row + 7][c], photons.leaves[row + 8][c])
 
     @wp.func
     def term(
@@ -44,11 +52,12 @@ def make_gather(features: Features) -> wp.Kernel:
         n = queries.normal[q]
         s = queries.shading_normal[q]
         flux = contribution(photons, place, n, s, s[0] != n[0] or s[1] != n[1] or s[2] != n[2])
-        if wp.static(features.plastic or features.principled):
+        if wp.static(features.bent):
+            if coats.bumps2[q] > 0.0:
+                flux = flux * bump_shadowing(coats.bumps2[q], wp.dot(coats.unbent[q], arrival(photons, place)))
+        if wp.static(features.coated):
             if coats.bsdf[q].kind != DIFFUSE:
-                row = LEAF_ROWS * (place >> 3)
-                c = place & 7
-                d = wp.vec3(photons.leaves[row + 6][c], photons.leaves[row + 7][c], photons.leaves[row + 8][c])
+                d = arrival(photons, place)
                 local = wp.vec3(wp.dot(d, coats.s[q]), wp.dot(d, coats.t[q]), wp.dot(d, coats.n[q]))
                 flux = wp.cw_mul(flux, eval_diffuse(coats.bsdf[q], coats.w_from[q], local) * _PI_SINGLE)
         if max_depth > 0:

@@ -13,9 +13,6 @@ from wdpm.kernels.texture import Textures, make_textures
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Static conditions prune only where they stand alone.
-# ruff: noqa: SIM102
-
 
 @functools.cache
 def make_radiance(features: Features) -> SimpleNamespace:

@@ -12,7 +12,8 @@ from wdpm.kernels.directions import around, concentric_disk
 from wdpm.kernels.emission import Emission, make_emission
 from wdpm.kernels.features import Features
 from wdpm.kernels.light_elements import Lights, upload, upload_shares
-from wdpm.kernels.photon_targets import Targets, cluster_targets, upload_targets
+from wdpm.kernels.photon_targets import Targets, upload_targets
+from wdpm.kernels.target_clusters import cluster_targets
 from wdpm.scenes.areas import triangle_areas
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

@@ -25,7 +25,7 @@ from wdpm.scenes import material_coats
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 # Static conditions prune only where they stand alone.
-# ruff: noqa: SIM102, SIM109
+# ruff: noqa: SIM109
 
 _SPECULAR_LEAST = wp.constant(wp.float32(1e-3))  # alpha of PRINCIPLED
 _OUTER = wp.constant(material_coats.OUTER)

@@ -43,7 +43,7 @@ __all__ = ["Materials", "Resolved", "make_materials", "medium_beyond", "upload"]
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 # Static conditions prune only where they stand alone.
-# ruff: noqa: SIM102, SIM109
+# ruff: noqa: SIM109
 
 _DEPTH_MOST = wp.constant(DEPTH_MOST)
 _BELOW_ONE = wp.constant(wp.float32(1 - 2.0**-24))

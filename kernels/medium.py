@@ -17,8 +17,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from wdpm.kernels.directions import around
 from wdpm.kernels.elementary import exp_of, log1p_of, sincos_of
-from wdpm.kernels.lights import around
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -1,4 +1,4 @@
-"""Photons: from the lights, from surface to surface and through media, until they are absorbed, escape or leave the cell.
+"""Photons: from the lights, from surface to surface and through media, until they are absorbed, escape or leave a cell.
 
 A path has one ray in flight at a time, so its credit is simply one; where a cell's part of it ends, its state says
 why, and the host sends it on.
@@ -30,7 +30,17 @@ from wdpm.kernels.lights import Lights, Targets, make_lights
 from wdpm.kernels.materials import Materials, medium_beyond
 from wdpm.kernels.medium import Media, free_path, pass_weight, phase_sample, scatter_weight
 from wdpm.kernels.random import PURPOSE_CAUSTIC, PURPOSE_EMISSION, PURPOSE_SCATTER, hash_combine, sample_1d, sample_2d
-from wdpm.kernels.surface import Surface, Surfaces, leave, make_surface, position_at, row_of, to_local, to_world
+from wdpm.kernels.surface import (
+    Surface,
+    Surfaces,
+    bump_shading,
+    leave,
+    make_surface,
+    position_at,
+    row_of,
+    to_local,
+    to_world,
+)
 from wdpm.kernels.texture import Textures
 from wdpm.kernels.triangle import NO_HIT, Hit
 
@@ -49,7 +59,6 @@ WAITS = wp.constant(3)
 GLOBAL_MAP = wp.constant(0)
 CAUSTIC_MAP = wp.constant(1)
 VOLUME_MAP = wp.constant(2)
-MAPS = 3
 
 # State of a path: what scattered it so far.
 BY_DIFFUSE = wp.constant(1)
@@ -336,7 +345,9 @@ def make_trace_photons(features: Features) -> wp.Kernel:
                         if not caustic:
                             stores_in = VOLUME_MAP
                             scattered = arriving
-                        goes_to = phase_sample(media.g[medium], direction, sample_2d(index, dimension_of(streams, first + _DIRECTION)))
+                        goes_to = phase_sample(
+                            media.g[medium], direction, sample_2d(index, dimension_of(streams, first + _DIRECTION))
+                        )
                         scatters = True
                         new_state = state | BY_DIFFUSE
                     elif medium >= 0:
@@ -375,6 +386,8 @@ def make_trace_photons(features: Features) -> wp.Kernel:
                         factor = adjoint_factor(s, to_source, goes_to)
                         if wp.dot(leaves, goes_to) <= 0.0:
                             factor = 0.0
+                        if wp.static(features.bent):
+                            factor = factor * bump_shading(s, to_source)
                         scattered = scattered * factor
 
                 if stores_in >= 0:

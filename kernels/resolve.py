@@ -13,7 +13,6 @@ class Slots:
 
     emission: wp.array[wp.vec3]
     indirect: wp.array[wp.vec3]
-    caustic: wp.array[wp.vec3]
     depth: wp.array[wp.float32]  # negative where nothing was hit
     normal: wp.array[wp.vec3]
     albedo: wp.array[wp.vec3]
@@ -54,7 +53,6 @@ def add_samples(slots: Slots, samples: wp.int32, light_samples: wp.int32, offset
     pixel = offset + wp.tid()
     direct = sums_out.direct[pixel]
     indirect = sums_out.indirect[pixel]
-    caustic = sums_out.caustic[pixel]
     normal = sums_out.normal[pixel]
     albedo = sums_out.albedo[pixel]
     depth = sums_out.depth[pixel]
@@ -68,7 +66,6 @@ def add_samples(slots: Slots, samples: wp.int32, light_samples: wp.int32, offset
             normal += wp.vec3d(slots.normal[i])
             albedo += wp.vec3d(slots.albedo[i])
             indirect += wp.vec3d(slots.indirect[i])
-            caustic += wp.vec3d(slots.caustic[i])
             direct += wp.vec3d(slots.emission[i])
             lit = wp.vec3d()
             for j in range(light_samples):
@@ -76,7 +73,6 @@ def add_samples(slots: Slots, samples: wp.int32, light_samples: wp.int32, offset
             direct += lit * share
     sums_out.direct[pixel] = direct
     sums_out.indirect[pixel] = indirect
-    sums_out.caustic[pixel] = caustic
     sums_out.normal[pixel] = normal
     sums_out.albedo[pixel] = albedo
     sums_out.depth[pixel] = depth

@@ -14,7 +14,7 @@ MAX_K = 500
 
 
 EFFECTS_TO_LEAVE_OUT = ("indirect", "caustics", "media", "lens", "bump")
-"""What --without takes: light of the global map, of the caustic map, participating media, depth of field, bent normals."""
+"""What --without takes: light of the global map, of the caustic map, media, depth of field, bent normals."""
 
 
 class Routing(Enum):
@@ -43,6 +43,7 @@ class RenderSettings:
         caustic_k: photons that a gather of the caustic map looks for.
         caustic_radius: its largest gather radius, in scene units; None derives it from the pilot.
         volume_photons: photons to be stored in the volume map of a scene with participating media.
+        volume_samples: samples a pixel, at most, that look for light in media on behalf of all.
         volume_radius: of beams through media, in scene units; None derives it from the pilot.
         all_effects: compile all effects in, whatever the scene calls for. Changes no bit of the image.
         without: effects that are left out knowingly, of EFFECTS_TO_LEAVE_OUT.
@@ -65,6 +66,7 @@ class RenderSettings:
     caustic_k: int = 50
     caustic_radius: float | None = None
     volume_photons: int = 250_000
+    volume_samples: int = 4
     volume_radius: float | None = None
     all_effects: bool = False
     without: tuple[str, ...] = ()
@@ -76,6 +78,7 @@ class RenderSettings:
         _at_least("photons", self.photons, 0)
         _at_least("caustic_photons", self.caustic_photons, 0)
         _at_least("volume_photons", self.volume_photons, 0)
+        _at_least("volume_samples", self.volume_samples, 1)
         for name in ("k", "caustic_k"):
             value = getattr(self, name)
             _at_least(name, value, 1)
@@ -109,7 +112,17 @@ class RenderSettings:
 
     def _make_plain(self) -> None:
         """Numbers of numpy become Python's: settings go into reports and over the wire."""
-        whole = ("photons", "k", "caustic_photons", "caustic_k", "volume_photons", "spp", "light_samples", "seed")
+        whole = (
+            "photons",
+            "k",
+            "caustic_photons",
+            "caustic_k",
+            "volume_photons",
+            "volume_samples",
+            "spp",
+            "light_samples",
+            "seed",
+        )
         for name in (*whole, "bucket", "max_depth"):
             value = getattr(self, name)
             if value is not None:

@@ -18,13 +18,14 @@ from wdpm.kernels.bsdf import make_bsdf
 from wdpm.kernels.bsdf_types import BLACK, DIFFUSE, NULL, RADIANCE, Bsdf
 from wdpm.kernels.camera import CameraView, make_camera, whole_pixel
 from wdpm.kernels.camera_rays import Paths, Rays
-from wdpm.kernels.constants import CHAIN_LIMIT, ROULETTE_FROM, SURVIVAL_MOST
+from wdpm.kernels.constants import ROULETTE_FROM, SURVIVAL_MOST
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights import Lights, make_lights
+from wdpm.kernels.limits import CHAIN_LIMIT
 from wdpm.kernels.materials import Materials, medium_beyond
 from wdpm.kernels.medium import Media, transmittance
 from wdpm.kernels.random import PURPOSE_BOUNCE, PURPOSE_LIGHT, sample_1d, sample_2d, stream_of
-from wdpm.kernels.surface import Surface, Surfaces, clearance, leave, make_surface, to_local, to_world
+from wdpm.kernels.surface import Surface, Surfaces, bump_shading, clearance, leave, make_surface, to_local, to_world
 from wdpm.kernels.texture import Textures
 from wdpm.kernels.triangle import NO_HIT
 
@@ -36,6 +37,8 @@ _LOBE = wp.constant(1)
 _CHOICE = wp.constant(2)
 _ROULETTE = wp.constant(3)
 _DIMENSIONS = wp.constant(4)
+
+_CHAIN_LIMIT = wp.constant(CHAIN_LIMIT)
 
 # Parts of a vertex, after its shadow rays: cluster.parts.
 EMISSION_PART = wp.constant(0)
@@ -75,13 +78,20 @@ class Queries:
 
 @wp.struct
 class Coats:
-    """What a query needs besides where its diffuse part is not Lambertian: material, frame, direction to the viewer."""
+    """What a query needs besides where its diffuse part is not Lambertian, or its normal is bent.
+
+    Attributes:
+        bsdf, s, t, n, w_from: material, local frame, direction to the viewer in it.
+        unbent, bumps2: as in surface.Surface.
+    """
 
     bsdf: wp.array[Bsdf]
     s: wp.array[wp.vec3]
     t: wp.array[wp.vec3]
     n: wp.array[wp.vec3]
     w_from: wp.array[wp.vec3]
+    unbent: wp.array[wp.vec3]
+    bumps2: wp.array[wp.float32]
 
 
 @wp.struct
@@ -101,6 +111,7 @@ class Stretches:
     """Stretches of camera rays before a vertex, in a medium or (medium < 0) not. See cluster.batch.SCHEMAS."""
 
     slot: wp.array[wp.int32]
+    sample: wp.array[wp.int32]
     place: wp.array[wp.int32]
     origin: wp.array[wp.vec3]
     direction: wp.array[wp.vec3]  # unit
@@ -133,7 +144,7 @@ class Vertex:
 
 @functools.cache
 def make_shading(features: Features) -> SimpleNamespace:
-    """Kernels for vertices of camera paths: `shade_camera_hits`, `shade_vertices`, `shade_misses`."""
+    """Kernels for vertices of camera paths: `shade_camera_hits`, `shade_vertices`, `path_misses`."""
     surface_at = make_surface(features).surface_at
     bsdf = make_bsdf(features)
     eval_diffuse = bsdf.eval_diffuse
@@ -253,6 +264,8 @@ def make_shading(features: Features) -> SimpleNamespace:
                             by_light = wp.float32(light_samples) * found.pdf
                             glossy = glossy * (by_light / (by_light + pdf_glossy(s.bsdf, w_from, w_to)))
                         scattering = scattering + glossy
+            if wp.static(features.bent):
+                scattering = scattering * bump_shading(s, found.direction)
             radiance = wp.cw_mul(throughput, wp.cw_mul(scattering, found.radiance)) / found.pdf
         if p.bounce > 0:
             radiance = radiance / wp.float32(light_samples)
@@ -314,13 +327,15 @@ def make_shading(features: Features) -> SimpleNamespace:
                     edges += 1
                     if wp.dot(leaves, direction) > 0.0 and (max_depth == 0 or edges <= max_depth):
                         carries = wp.cw_mul(throughput, sampled.weight)
+                        if wp.static(features.bent):
+                            carries = carries * bump_shading(s, direction)
         if wp.max(carries) > 0.0 and p.bounce >= ROULETTE_FROM:
             survival = wp.min(SURVIVAL_MOST, wp.max(carries))
             if number_1d(seed, p, _ROULETTE) < survival:
                 carries = carries / survival
             else:
                 carries = wp.vec3(0.0)
-        if p.bounce + 1 >= CHAIN_LIMIT:
+        if p.bounce + 1 >= _CHAIN_LIMIT:
             carries = wp.vec3(0.0)
         paths_out.slot[i] = p.slot
         paths_out.pixel[i] = p.pixel
@@ -369,7 +384,10 @@ def make_shading(features: Features) -> SimpleNamespace:
         queries_out.clearance[i] = clearance(surfaces, p.prim, s.position)
         queries_out.weight[i] = weight
         queries_out.edges[i] = p.edges
-        if wp.static(features.plastic or features.principled):
+        if wp.static(features.bent):
+            coats_out.unbent[i] = s.unbent
+            coats_out.bumps2[i] = s.bumps2
+        if wp.static(features.coated):
             coats_out.bsdf[i] = s.bsdf
             coats_out.s[i] = s.s
             coats_out.t[i] = s.t
@@ -381,6 +399,7 @@ def make_shading(features: Features) -> SimpleNamespace:
     def stretch(p: Vertex, length: wp.float32, light_samples: wp.int32, i: wp.int32, stretches_out: Stretches) -> None:
         """The stretch of the ray before this vertex, if it is in a medium."""
         stretches_out.slot[i] = p.slot
+        stretches_out.sample[i] = p.sample
         stretches_out.place[i] = p.bounce * (light_samples + PARTS) + light_samples + BEAM_PART
         stretches_out.origin[i] = p.origin
         stretches_out.direction[i] = wp.normalize(p.direction)
@@ -520,7 +539,7 @@ def make_shading(features: Features) -> SimpleNamespace:
         paths_out: Paths,
         stretches_out: Stretches,
     ) -> None:
-        """As shade_camera_hits, for later vertices of camera paths."""
+        """As shade_camera_hits, for all vertices of camera paths, in scenes where paths go on."""
         i = offset + wp.tid()
         shade(
             surfaces,
@@ -570,21 +589,6 @@ def make_shading(features: Features) -> SimpleNamespace:
         radiance_out[i] = radiance
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
-    def camera_misses(
-        media: Media,
-        lights: Lights,
-        camera: CameraView,
-        rays: Rays,
-        light_samples: wp.int32,
-        offset: wp.int32,
-        radiance_out: wp.array[wp.vec3],
-        stretches_out: Stretches,
-    ) -> None:
-        """Camera rays that meet no surface."""
-        i = offset + wp.tid()
-        escaped(media, lights, camera_vertex(camera, rays, i), light_samples, i, radiance_out, stretches_out)
-
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def path_misses(
         media: Media,
         lights: Lights,
@@ -595,13 +599,12 @@ def make_shading(features: Features) -> SimpleNamespace:
         radiance_out: wp.array[wp.vec3],
         stretches_out: Stretches,
     ) -> None:
-        """Later rays of camera paths that meet no surface."""
+        """Rays of camera paths that meet no surface."""
         i = offset + wp.tid()
         escaped(media, lights, path_vertex(camera, paths, i), light_samples, i, radiance_out, stretches_out)
 
     return SimpleNamespace(
         shade_camera_hits=shade_camera_hits,
         shade_vertices=shade_vertices,
-        camera_misses=camera_misses,
         path_misses=path_misses,
     )

@@ -62,7 +62,8 @@ def uv_frame(n: wp.vec3, dp_du: wp.vec3, dp_dv: wp.vec3) -> Frame:
     length = wp.length(along)
     # Shorter ones are what rounding leaves of a derivative along the normal, or of none.
     if length > 1.0e-6 * wp.length(dp_du):
-        f.s = along / length
+        s = along / length
+        f.s = wp.normalize(s - n * wp.dot(n, s))  # what was left of a steep derivative is mostly rounding
         f.t = wp.cross(n, f.s)
         f.du = _in_frame(f, dp_du)
         f.dv = _in_frame(f, dp_dv)

@@ -138,15 +138,11 @@ def make_shadow_walk(features: Features) -> SimpleNamespace:
         direction = walks.direction[i]
         unit = wp.normalize(direction)
         s = surface_at(surfaces, materials, textures, walks.prim[i], walks.u[i], walks.v[i], -unit, 0.0)
-        factor = straight_transmittance(
-            materials, textures, s.material, s.uv, s.color, wp.abs(wp.dot(s.normal, unit))
-        )
+        factor = straight_transmittance(materials, textures, s.material, s.uv, s.color, wp.abs(wp.dot(s.normal, unit)))
         radiance = wp.cw_mul(walks.radiance[i], factor)
         if wp.static(features.media):
             if walks.medium[i] >= 0:
-                radiance = wp.cw_mul(
-                    radiance, transmittance(media, walks.medium[i], walks.t[i] * wp.length(direction))
-                )
+                radiance = wp.cw_mul(radiance, transmittance(media, walks.medium[i], walks.t[i] * wp.length(direction)))
             walks.medium[i] = medium_beyond(materials, s.material, s.front, walks.medium[i])
         end = walks.origin[i] + direction
         origin = leave(s.position, -s.normal, surfaces.offset_min)

@@ -15,9 +15,6 @@ from wdpm.scenes.light_table import LightTable
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Static conditions prune only where they stand alone.
-# ruff: noqa: SIM102
-
 
 @wp.struct
 class Spots:

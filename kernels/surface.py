@@ -13,6 +13,7 @@ from wdpm.kernels.bsdf_types import Bsdf
 from wdpm.kernels.constants import OFFSET_MIN_SHARE, OFFSET_SHARE
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials import Materials, make_materials
+from wdpm.kernels.shading_frames import bump_shadowing
 from wdpm.kernels.texture import Textures
 from wdpm.scenes.geometry import Triangles
 
@@ -49,6 +50,8 @@ class Surface:
         bsdf: the material there, all textures read, all choices made.
         material: the root of its material tree.
         emitter: -1 where nothing is emitted.
+        unbent: the shading normal before maps bent it, on the side of n; bumps2: how strongly, 0 for not at all
+            (shading_frames.bend_roughness2).
     """
 
     position: wp.vec3
@@ -63,6 +66,8 @@ class Surface:
     front: wp.int32
     uv: wp.vec2
     color: wp.vec3
+    unbent: wp.vec3
+    bumps2: wp.float32
 
 
 def upload(triangles: Triangles, extent: float, device: str) -> Surfaces:
@@ -164,6 +169,15 @@ def to_world(s: Surface, local: wp.vec3) -> wp.vec3:
     return s.s * local[0] + s.t * local[1] + s.n * local[2]
 
 
+@wp.func
+def bump_shading(s: Surface, to_light: wp.vec3) -> wp.float32:
+    """Share of light that a bent normal's own bumps let reach the surface (shading_frames.bump_shadowing)."""
+    share = wp.float32(1.0)
+    if s.bumps2 > 0.0:
+        share = bump_shadowing(s.bumps2, wp.dot(s.unbent, to_light))
+    return share
+
+
 @functools.cache
 def make_surface(features: Features) -> SimpleNamespace:
     """Functions for the surface at a hit: `surface_at`."""
@@ -226,12 +240,15 @@ def make_surface(features: Features) -> SimpleNamespace:
             edge2 = surfaces.corners[row, 2] - surfaces.corners[row, 0]
             dp_du = edge1 * m[0, 0] + edge2 * m[0, 1]
             dp_dv = edge1 * m[1, 0] + edge2 * m[1, 1]
-        r = resolve(materials, textures, s.material, s.uv, s.color, dp_du, dp_dv, shading, front, u_choice)
+        r = resolve(materials, textures, s.material, s.uv, s.color, dp_du, dp_dv, shading, front, u_choice, towards)
         s.bsdf = r.bsdf
         s.s = r.s
         s.t = r.t
         s.n = r.n
         s.shading_normal = r.n
+        if wp.static(features.bent):
+            s.unbent = r.unbent
+            s.bumps2 = r.bumps2
         if not front and r.flipped == 0:
             s.shading_normal = -r.n
         return s

@@ -19,8 +19,6 @@ from wdpm.scenes.textures import Bitmap, Checkerboard, Interpolation, Texture, W
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Static conditions prune only where they stand alone.
-# ruff: noqa: SIM102
 
 BITMAP = wp.constant(0)
 CHECKERBOARD = wp.constant(1)

@@ -27,11 +27,11 @@ class Variants:
     first_camera_cells: wp.Kernel
     mark_touched_cells: wp.Kernel
     visit_camera_rays: wp.Kernel
-    shade_camera_hits: wp.Kernel
+    start_paths: wp.Kernel
     emit_photons: wp.Kernel
     trace_photons: wp.Kernel
+    shade_camera_hits: wp.Kernel | None
     shade_vertices: wp.Kernel | None
-    camera_misses: wp.Kernel | None
     path_misses: wp.Kernel | None
     pass_panes: wp.Kernel | None
     gather_glossy: wp.Kernel | None
@@ -52,16 +52,19 @@ def make_variants(features: Features) -> Variants:
     """The kernels for a set of features; nothing is compiled yet."""
     rays = make_camera_rays(only(features, CAMERAS))
     shading = make_shading(features)
+    at_surfaces = only(features, MATERIALS, TEXTURES, ("media",))
     return Variants(
         first_camera_cells=rays.first_camera_cells,
         mark_touched_cells=rays.mark_touched_cells,
         visit_camera_rays=rays.visit_camera_rays,
-        shade_camera_hits=shading.shade_camera_hits,
+        start_paths=rays.start_paths,
+        shade_camera_hits=None if features.goes_on else shading.shade_camera_hits,
         emit_photons=make_emit_photons(only(features, LIGHTS, TEXTURES, ("media",))),
-        trace_photons=make_trace_photons(only(features, MATERIALS, TEXTURES, ("media",))),
+        trace_photons=make_trace_photons(at_surfaces),
         shade_vertices=shading.shade_vertices if features.goes_on else None,
-        camera_misses=shading.camera_misses if features.misses else None,
-        path_misses=shading.path_misses if features.misses and features.goes_on else None,
-        pass_panes=make_shadow_walk(only(features, MATERIALS, TEXTURES, ("media",))).pass_panes if features.walks else None,
-        gather_glossy=make_gather(only(features, MATERIALS)) if features.goes_on else None,
+        path_misses=shading.path_misses if features.misses else None,
+        pass_panes=make_shadow_walk(only(features, MATERIALS, TEXTURES, ("media",))).pass_panes
+        if features.walks
+        else None,
+        gather_glossy=make_gather(only(features, MATERIALS)) if features.goes_on or features.coated else None,
     )

@@ -16,6 +16,7 @@ from wdpm.scenes.errors import SceneError
 from wdpm.scenes.framing import bounding_box
 from wdpm.scenes.light_sources import Light, SpotLight
 from wdpm.scenes.light_table import LightTable, tabulate_lights
+from wdpm.scenes.material_coats import with_coats
 from wdpm.scenes.material_table import NO_MEDIUM, SAME_MEDIUM, Boundary, MaterialTable, tabulate
 from wdpm.scenes.model import Camera, Material, Medium, Mesh, Scene
 from wdpm.scenes.textures import Bitmap, Checkerboard, Texture, VertexColors
@@ -125,11 +126,13 @@ def flatten(scene: Scene) -> FlatScene:
         raise SceneError(f"no triangle of the scene can be rendered: {_listed(dropped)}")
     camera = replace(scene.camera, to_world=translation(-center) @ scene.camera.to_world)
     materials, textures = tabulate(rows.boundaries)
+    materials = with_coats(materials)
     textures, emitter_texture = _with_emission(textures, emitters, scene.lights)
     sides = materials.medium[triangles.material] if scene.media else None
     lights = tabulate_lights(emitters, triangles, emitter_texture, textures, scene.lights, center, sides)
-    places = [triangles.positions.ravel(), lights.point_position.ravel(), lights.spot_position.ravel()]
-    reach = max(float(np.abs(place).max(initial=0.0)) for place in (*places, camera.to_world[:3, 3]))
+    places: list[NDArray[np.floating]] = [triangles.positions, lights.point_position, lights.spot_position]
+    places.append(camera.to_world[:3, 3])
+    reach = max(float(np.abs(place).max(initial=0.0)) for place in places)
     return FlatScene(
         triangles, materials, rows.names, textures, lights, _media(scene.media), camera, center, reach, dropped
     )
@@ -160,7 +163,9 @@ class _Rows:
         media = [NO_MEDIUM if medium is None else medium for medium in (mesh.interior, mesh.exterior)]
         if not all(NO_MEDIUM <= medium < len(self._scene.media) for medium in media):
             raise SceneError(f'mesh "{mesh.name}": it names a medium out of range (there are {len(self._scene.media)})')
-        return self._row.get((mesh.material, *media)) or self._add(mesh.material, *media)
+        inside, outside = media
+        row = self._row.get((mesh.material, inside, outside))
+        return self._add(mesh.material, inside, outside) if row is None else row
 
     def _add(self, number: int, inside: int, outside: int) -> int:
         material: Material = self._scene.materials[number]
@@ -206,7 +211,7 @@ def _with_emission(
 
 
 def _with_colors(meshes: Sequence[Mesh], parts: Sequence[Triangles]) -> list[Triangles]:
-    """Vertex colours at the corners of all triangles, white where a mesh has none; of no triangle if no mesh has any."""
+    """Vertex colours at the corners of all triangles, white where a mesh has none; none if no mesh has any."""
     if all(mesh.colors is None for mesh in meshes):
         return list(parts)
     colored = []

@@ -6,6 +6,7 @@ from collections.abc import Collection
 from dataclasses import replace
 
 from wdpm.scenes.bsdfs import Blend, Bsdf, BumpMap, Mask, NormalMap, TwoSided
+from wdpm.scenes.light_sources import PointLight, SpotLight
 from wdpm.scenes.model import Scene
 
 
@@ -30,7 +31,10 @@ def _without_media(scene: Scene) -> Scene:
         media=(),
         meshes=tuple(replace(mesh, interior=None, exterior=None, bounds=False) for mesh in scene.meshes),
         camera=replace(scene.camera, medium=None),
-        lights=tuple(replace(light, medium=None) if hasattr(light, "medium") else light for light in scene.lights),
+        lights=tuple(
+            replace(light, medium=None) if isinstance(light, PointLight | SpotLight) else light
+            for light in scene.lights
+        ),
     )
 
 

@@ -124,7 +124,7 @@ def tabulate_lights(
     spot_texture = np.array([_texture_number(spot, textures) for spot in spots], np.int32)
     radius = float(np.sqrt((triangles.positions.astype(np.float64) ** 2).sum(axis=2).max())) * RADIUS_MARGIN
     pixels = _pixels(environment)
-    others = [*points, *spots, *directionals, *environment]
+    others: list[Light] = [*points, *spots, *directionals, *environment]
     powers = [
         _triangle_power(corners, uvs, colors, emitter, radiance, emitter_texture, textures),
         [4.0 * math.pi * _mean(point.intensity) for point in points],

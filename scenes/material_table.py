@@ -25,7 +25,6 @@ from wdpm.scenes.bsdfs import (
     ThinDielectric,
     TwoSided,
 )
-from wdpm.scenes.plastic_coat import coat
 from wdpm.scenes.textures import Bitmap, Checkerboard, Color, Number, Texture, VertexColors
 
 # Kinds of leaves; kernels/bsdf_types.py has the same numbers.
@@ -51,11 +50,11 @@ SLOTS: Final = 12
 slot   DIFFUSE      CONDUCTOR     DIELECTRIC, THIN   PLASTIC         PRINCIPLED        MASK/BLEND  BUMP   NORMAL
 0      reflectance  specular      specular           specular        base_color        opacity/    height normals
 1                   eta           transmittance      diffuse         roughness         weight      (times
-2                   k             eta (r)            eta (r), inner  eta (r)                       scale)
+2                   k             eta (r)            eta (r)         eta (r)                       scale)
 3                   alpha_u (r)   alpha_u (r)        alpha (r)       anisotropic
-4                   alpha_v (r)   alpha_v (r)        coat c0..2      metallic
+4                   alpha_v (r)   alpha_v (r)                        metallic
 5                                                    nonlinear (r)   spec_trans
-6 ...                                                coat c3..5      spec_tint, sheen, sheen_tint, flatness, clearcoat,
+6 ...                                                coat (3 slots)  spec_tint, sheen, sheen_tint, flatness, clearcoat,
 11                                                                   clearcoat_gloss
 """
 
@@ -100,7 +99,9 @@ def tabulate(materials: Sequence[Boundary]) -> tuple[MaterialTable, tuple[Textur
     for row, (bsdf, _, _) in enumerate(materials):
         writer.write(row, bsdf)
     medium = np.full((len(writer.kind), 2), SAME_MEDIUM, np.int32)
-    medium[: len(materials)] = np.array([(inside, outside) for _, inside, outside in materials], np.int32).reshape(-1, 2)
+    medium[: len(materials)] = np.array([(inside, outside) for _, inside, outside in materials], np.int32).reshape(
+        -1, 2
+    )
     table = MaterialTable(
         np.array(writer.kind, np.int32),
         np.array(writer.child, np.int32).reshape(-1, 2),
@@ -186,15 +187,9 @@ def _thin_dielectric(table: _Writer, row: int, b: ThinDielectric) -> None:
 def _plastic(table: _Writer, row: int, b: Plastic) -> None:
     table.kind[row] = PLASTIC
     _microfacets(table, row, b.distribution)
-    interface = coat(b.eta, b.alpha, b.distribution)
-    c = interface.coefficients
-    table.put(row, 0, b.specular_reflectance)
-    table.put(row, 1, b.diffuse_reflectance)
-    table.put(row, 2, (b.eta, interface.internal_reflectance, 0.0))
-    table.put(row, 3, b.alpha)
-    table.put(row, 4, c[:3])
+    for slot, value in enumerate((b.specular_reflectance, b.diffuse_reflectance, b.eta, b.alpha)):
+        table.put(row, slot, value)
     table.put(row, 5, float(b.nonlinear))
-    table.put(row, 6, c[3:])
 
 
 def _principled(table: _Writer, row: int, b: Principled) -> None:

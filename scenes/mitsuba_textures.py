@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -28,6 +29,7 @@ class TextureReader:
         self._warnings = warnings
         self._by_element: dict[Element, Texture] = {}
         self._bitmaps: dict[tuple[object, ...], Bitmap] = {}
+        self._exchanged: dict[Checkerboard, Checkerboard] = {}
         self._pixels: dict[tuple[Path, bool], NDArray[np.float32]] = {}
 
     def read(self, plugin: Plugin) -> Texture:
@@ -71,6 +73,9 @@ class TextureReader:
     def take_number(self, plugin: Plugin, name: str, default: float, *, most: float = np.inf) -> Number:
         """A parameter that is a number or a texture; of a colour its luminance, as in Mitsuba."""
         value = self.take_color(plugin, name, (default, default, default), most=most)
+        if isinstance(value, Checkerboard):
+            # Mitsuba 3.9 reads a checkerboard's numbers from the other squares than its colours (eval_1 and eval)
+            return self._exchanged.setdefault(value, replace(value, color0=value.color1, color1=value.color0))
         if isinstance(value, Texture):
             return value
         # equal channels must give just their value, whatever rounding does to the weights' sum

@@ -26,7 +26,7 @@ class Material:
     """
 
     name: str
-    bsdf: Bsdf = Diffuse()
+    bsdf: Bsdf
 
 
 def diffuse(name: str, reflectance: Color = GREY, twosided: bool = False) -> Material:

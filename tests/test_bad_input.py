@@ -58,7 +58,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ("body", "expected"),
     [
         ('<shape type="torus"/>', ["scene.xml:5", "torus"]),
-        ('<shape type="sphere"><bsdf type="dielectric"/></shape>' + LAMP, ["scene.xml:5", "dielectric"]),
+        ('<shape type="sphere"><bsdf type="hair"/></shape>' + LAMP, ["scene.xml:5", "hair"]),
         (LAMP.replace("radiance", "radience"), ["scene.xml:5", "radience", "radiance"]),
         ('<shape type="ply"><string name="filename" value="gone.ply"/></shape>' + LAMP, ["gone.ply"]),
         ('<shape type="ply"><string name="filename" value="cut.ply"/></shape>' + LAMP, ["cut.ply"]),

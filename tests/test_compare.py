@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from wdpm.compare import compare
+from wdpm.comparison import compare
 from wdpm.difference_picture import difference_picture, heat, round_scale, signed_difference
 from wdpm.image import Image
 from wdpm.scenes.errors import ImageError
@@ -176,3 +176,9 @@ def test_the_picture_has_the_image_above_the_scale(width: int) -> None:
     assert picture[0, left].tolist() == heat(np.array([1.0]), 1.0)[0].tolist()
     assert not picture[1:20, left : left + width].any()
     assert (picture[20:] > 200).any()  # the words of the scale
+
+
+def test_the_function_is_not_hidden_by_a_module_of_its_name() -> None:
+    import wdpm
+
+    assert all(callable(wdpm.compare) for _ in range(3))

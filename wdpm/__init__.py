@@ -12,15 +12,28 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from wdpm import scenes
     from wdpm.api import render
+    from wdpm.checkup import check
     from wdpm.cluster_api import Cluster
-    from wdpm.compare import compare
+    from wdpm.comparison import compare
     from wdpm.image import Image
     from wdpm.kernels.settings import RenderSettings, Routing
     from wdpm.scenes.errors import WdpmError
     from wdpm.scenes.load import load
     from wdpm.scenes.model import Scene
 
-__all__ = ["Cluster", "Image", "RenderSettings", "Routing", "Scene", "WdpmError", "compare", "load", "render", "scenes"]
+__all__ = [
+    "Cluster",
+    "Image",
+    "RenderSettings",
+    "Routing",
+    "Scene",
+    "WdpmError",
+    "check",
+    "compare",
+    "load",
+    "render",
+    "scenes",
+]
 
 _HOME = {
     "Cluster": "wdpm.cluster_api",
@@ -29,7 +42,8 @@ _HOME = {
     "Routing": "wdpm.kernels.settings",
     "Scene": "wdpm.scenes.model",
     "WdpmError": "wdpm.scenes.errors",
-    "compare": "wdpm.compare",
+    "check": "wdpm.checkup",
+    "compare": "wdpm.comparison",
     "load": "wdpm.scenes.load",
     "render": "wdpm.api",
 }

@@ -98,6 +98,11 @@ def check_outputs(json_file: Path | None, markdown_file: Path | None) -> None:
         raise ImageError(f"{json_file}: cannot hold both JSON and Markdown")
 
 
+def check_plot(file: Path) -> None:
+    """Find out before measuring whether a plot can be written. Raises ImageError."""
+    check_output_path(file, (".svg",))
+
+
 def write_outputs(
     grids: Sequence[Grid], figures: dict[str, Any], json_file: Path | None, markdown_file: Path | None
 ) -> None:

@@ -26,7 +26,6 @@ from wdpm.bench import Grid
 from wdpm.cli_options import available_cores
 from wdpm.image import Image
 from wdpm.image import load as load_image
-from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.settings import RenderSettings
 from wdpm.progress import Progress
 from wdpm.report_tables import format_seconds
@@ -170,16 +169,14 @@ def measure(setup: Setup, reference_file: Path | None, progress: Progress) -> Mi
     # Both trace paths of the same length: what the file asks for, or no limit.
     setup = replace(setup, settings=replace(setup.settings, max_depth=scene.max_depth))
     reference = None if reference_file is None else _read_reference(reference_file, setup)
-    progress.start("compile")
-    compile_kernels("cpu")
     progress.start("warm up")
     with MitsubaProcess(setup) as mitsuba:
         mitsuba.render(setup.mitsuba_spp, WARM_SEED)
-        _render(scene, setup, WARM_SEED)
+        timed_render(scene, setup, WARM_SEED)
         progress.start("rounds", setup.rounds)
         rounds, ours, theirs = [], [], []
         for seed in range(setup.rounds):
-            image, seconds = _render(scene, setup, seed)
+            image, seconds = timed_render(scene, setup, seed)
             pixels, mitsuba_seconds = mitsuba.render(setup.mitsuba_spp, seed)
             rounds.append(Round(seconds, mitsuba_seconds))
             ours.append(image.pixels)
@@ -308,7 +305,8 @@ class MitsubaProcess:
         self._folder.cleanup()
 
 
-def _render(scene: Scene, setup: Setup, seed: int) -> tuple[Image, float]:
+def timed_render(scene: Scene, setup: Setup, seed: int) -> tuple[Image, float]:
+    """wdpm's image, and the seconds of the whole call."""
     began = time.perf_counter()
     image = api.render(scene, replace(setup.settings, seed=seed), threads=setup.threads)
     return image, time.perf_counter() - began

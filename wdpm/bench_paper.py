@@ -14,9 +14,8 @@ from typing import Any
 from wdpm import api, report
 from wdpm.bench import Grid
 from wdpm.cli_options import available_cores
-from wdpm.compare import compare
+from wdpm.comparison import compare
 from wdpm.image import Image
-from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.settings import RenderSettings, Routing
 from wdpm.progress import Progress
 from wdpm.report_tables import format_bytes, format_seconds
@@ -126,8 +125,6 @@ def measure(
     progress.start("load")
     scene = load(name, size=size)
     settings = settings_for(scene, **chosen)
-    progress.start("compile")
-    compile_kernels("cpu")
     render = render or (lambda scene, settings, count: api.render(scene, settings, slaves=count, threads=threads))
     clusters = [(count, routing) for count in sorted(set(slaves) - {0}) for routing in routings]
 

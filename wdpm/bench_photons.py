@@ -33,6 +33,6 @@ def seconds_per_photon(task_paths: int = ClusterSettings.photon_task_paths, roun
         began = time.thread_time()  # one thread traces: this one
         worker.start(task)
         seconds = time.thread_time() - began
-        best = min(best, seconds / sum(cell.photon_count for cell in worker.cells.values()))
+        best = min(best, seconds / sum(int(cell.store.count.sum()) for cell in worker.cells.values()))
         worker.forget_photons()
     return best

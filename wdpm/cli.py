@@ -13,10 +13,10 @@ from collections.abc import Sequence
 from importlib import metadata
 from typing import Any, NoReturn
 
-from wdpm import cli_bench, cli_compare, cli_inspect, cli_keys, cli_master, cli_render, cli_slave
+from wdpm import cli_bench, cli_check, cli_compare, cli_inspect, cli_keys, cli_master, cli_render, cli_slave
 from wdpm.scenes.errors import WdpmError
 
-COMMANDS = (cli_render, cli_master, cli_slave, cli_inspect, cli_compare, cli_bench, cli_keys)
+COMMANDS = (cli_render, cli_master, cli_slave, cli_inspect, cli_check, cli_compare, cli_bench, cli_keys)
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
@@ -31,7 +31,7 @@ wdpm COMMAND --help says more."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code: 0, 1 (compare --equal), 2 for bad input, 130 when interrupted."""
+    """Run one command; returns the exit code: 0, 1 (compare --equal, check), 2 for bad input, 130 when interrupted."""
     arguments = sys.argv[1:] if argv is None else argv
     parser = make_parser()
     if not arguments:

@@ -1,4 +1,4 @@
-"""`wdpm bench`: how fast this machine is, always as ratios in one run: kernels, the paper's table, Mitsuba 3."""
+"""`wdpm bench`: how fast this machine is, as ratios in one run: kernels, the paper's table, effects, Mitsuba 3."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ _EXAMPLES = """\
 examples:
   wdpm bench kernels
   wdpm bench paper scene.xml --slaves 0,2,4 --routing both --markdown table.md
+  wdpm bench effects --plot effects.svg
   wdpm bench mitsuba scene.xml --reference reference.exr
+  wdpm bench caustic glass.xml --reference reference.exr --region 136,222,226,250
 
 wdpm bench WHAT --help says more. The libraries compared with come with: pip install 'wdpm[peers,test]'"""
 
@@ -27,6 +29,17 @@ _PAPER = """\
 Render scenes without slaves and with clusters of slaves on this machine: time
 and speed-up, photons and triangles that each slave holds as shares of all, what
 is sent, and the error against the image without slaves (it should be none)."""
+
+_EFFECTS = """\
+Render the Cornell box with one effect after the other, and with all, each by
+kernels for just what the scene calls for and by kernels that have all effects
+compiled in: time, compile time, kernel modules, and whether the bits are equal."""
+
+_CAUSTIC = """\
+Time that wdpm and Mitsuba 3's path tracer take until the error in a region of
+the image, such as a caustic, is below a bound, both warm and by turns. Mitsuba's
+error at the time that is asked for follows from a measured one: it falls with the
+number of samples. LLVM's library: see wdpm bench mitsuba --help."""
 
 _MITSUBA = """\
 Render a Mitsuba scene by turns with wdpm and with Mitsuba 3's path tracer, both
@@ -50,7 +63,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     benches = parser.add_subparsers(title="benchmarks", metavar="WHAT", required=True)
     _add_kernels(benches)
     _add_paper(benches)
+    _add_effects(benches)
     _add_mitsuba(benches)
+    _add_caustic(benches)
     return parser
 
 
@@ -62,6 +77,8 @@ def run(args: argparse.Namespace) -> int:
     from wdpm.progress import make_progress
 
     bench.check_outputs(args.json, args.markdown)
+    if getattr(args, "plot", None) is not None:
+        bench.check_plot(args.plot)
     progress = make_progress()
     try:
         grids, figures = args.measure(args, progress)
@@ -118,26 +135,77 @@ def _add_paper(benches: Any) -> None:
     parser.set_defaults(measure=_paper)
 
 
+def _add_effects(benches: Any) -> None:
+    parser = _add_bench(benches, "effects", "what each effect costs, where it is called for and where not", _EFFECTS)
+    parser.add_argument(
+        "scenes", nargs="*", metavar="SCENE", help="of these, such as mirror or everything (default: all)"
+    )
+    parser.add_argument("--plot", type=Path, metavar="FILE.svg", help="also draw a bar for each effect")
+    parser.add_argument(
+        "--no-compile", action="store_true", help="do not measure compile times, which takes some minutes"
+    )
+    parser.add_argument(
+        "--size", type=values.size, default=(256, 256), metavar="WxH", help="size of the images (default: 256x256)"
+    )
+    _add_counts(
+        parser,
+        ("--spp", 4, "samples a pixel"),
+        ("--photons", 100_000, "photons to be stored in each map"),
+        ("--rounds", 3, "images of each scene with either kernels"),
+    )
+    _add_threads(parser, "threads to render with")
+    parser.set_defaults(measure=_effects)
+
+
+def _add_caustic(benches: Any) -> None:
+    parser = _add_bench(benches, "caustic", "time to an error in a region, next to Mitsuba 3's path tracer", _CAUSTIC)
+    parser.add_argument("scene", type=Path, metavar="SCENE.xml", help="Mitsuba scene")
+    parser.add_argument(
+        "--reference", type=Path, metavar="FILE", required=True, help="image to measure errors against; sets the size"
+    )
+    parser.add_argument(
+        "--region", type=values.region, metavar="L,T,R,B", help="pixels that count (default: the whole image)"
+    )
+    parser.add_argument(
+        "--error", type=values.length, default=0.02, metavar="RELMSE", help="bound of the relMSE (default: 0.02)"
+    )
+    _add_counts(
+        parser,
+        ("--spp", 6, "samples a pixel of wdpm"),
+        ("--photons", 50_000, "photons to be stored in the global map"),
+        ("--caustic-photons", 100_000, "photons to be stored in the caustic map"),
+        ("--caustic-k", 20, "photons that an estimate from the caustic map looks for"),
+        ("--mitsuba-spp", 256, "samples a pixel of Mitsuba that its error is measured at"),
+        ("--rounds", 3, "images of each"),
+    )
+    _add_threads(parser, "threads of each")
+    parser.set_defaults(measure=_caustic)
+
+
+def _add_counts(parser: argparse.ArgumentParser, *rows: tuple[str, int, str]) -> None:
+    for flag, default, text in rows:
+        parser.add_argument(
+            flag, type=values.positive_count, default=default, metavar="N", help=f"{text} (default: {default:,})"
+        )
+
+
 def _add_mitsuba(benches: Any) -> None:
     parser = _add_bench(benches, "mitsuba", "time and error next to Mitsuba 3's path tracer", _MITSUBA)
     parser.add_argument("scene", type=Path, metavar="SCENE.xml", help="Mitsuba scene")
     parser.add_argument(
         "--reference", type=Path, metavar="FILE", help="image of the same size to measure errors against"
     )
-    options = (
+    parser.add_argument(
+        "--size", type=values.size, default=(512, 512), metavar="WxH", help="size of the images (default: 512x512)"
+    )
+    _add_counts(
+        parser,
         ("--spp", 16, "samples a pixel of wdpm"),
         ("--mitsuba-spp", 64, "samples a pixel of Mitsuba"),
         ("--photons", 250_000, "photons to be stored"),
         ("--k", 50, "photons that an estimate looks for"),
         ("--rounds", 5, "images of each"),
     )
-    parser.add_argument(
-        "--size", type=values.size, default=(512, 512), metavar="WxH", help="size of the images (default: 512x512)"
-    )
-    for flag, default, text in options:
-        parser.add_argument(
-            flag, type=values.positive_count, default=default, metavar="N", help=f"{text} (default: {default:,})"
-        )
     _add_threads(parser, "threads of each")
     parser.set_defaults(measure=_mitsuba)
 
@@ -192,3 +260,42 @@ def _mitsuba(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[s
     setup = bench_mitsuba.Setup(args.scene, width, height, settings, args.mitsuba_spp, args.rounds, args.threads)
     figures = bench_mitsuba.measure(setup, args.reference, progress)
     return [figures.grid()], {"mitsuba": figures.to_dict()}
+
+
+def _effects(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:
+    from wdpm import bench_effects, bench_effects_scenes
+    from wdpm.bench_effects_plot import plot
+    from wdpm.image_files import write_bytes
+    from wdpm.kernels.settings import RenderSettings
+    from wdpm.quiet import quiet_warp
+
+    quiet_warp()
+    photons = dict.fromkeys(("photons", "caustic_photons", "volume_photons"), args.photons)
+    effects = bench_effects_scenes.EFFECTS
+    figures = bench_effects.measure(
+        progress,
+        RenderSettings(spp=args.spp, **photons),
+        names=[f"+ {name}" if name in effects else name for name in args.scenes],
+        size=args.size,
+        rounds=args.rounds,
+        threads=args.threads,
+        compiler=None if args.no_compile else bench_effects.compile_from_scratch,
+    )
+    if args.plot is not None:
+        write_bytes(plot(figures).encode(), args.plot)
+    return [figures.grid()], {"effects": figures.to_dict()}
+
+
+def _caustic(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:
+    from wdpm import bench_caustic
+    from wdpm.kernels.settings import RenderSettings
+    from wdpm.quiet import quiet_warp
+
+    quiet_warp()
+    names = ("spp", "photons", "caustic_photons", "caustic_k")
+    settings = RenderSettings(**{name: getattr(args, name) for name in names})
+    bound = bench_caustic.Bound(args.reference, args.region, args.error)
+    figures = bench_caustic.measure(
+        args.scene, bound, settings, args.mitsuba_spp, progress, rounds=args.rounds, threads=args.threads
+    )
+    return [figures.grid()], {"caustic": figures.to_dict()}

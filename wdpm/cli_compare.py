@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     """Print the figures, write the picture; returns the exit code."""
     from rich.console import Console
 
-    from wdpm.compare import compare
+    from wdpm.comparison import compare
     from wdpm.difference_picture import difference_picture
     from wdpm.image import load
     from wdpm.image_files import check_output_path, png_bytes, write_bytes

@@ -71,6 +71,7 @@ SETTING_OPTIONS = (
         "LENGTH",
         default="from the scene",
     ),
+    SettingOption("volume_samples", _MAPS, "samples a pixel, at most, that look for light in media"),
     SettingOption("light_samples", _QUALITY, "shadow rays a sample"),
     SettingOption(
         "max_depth",

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image as PillowImage
 from PIL import ImageDraw, ImageFont
 
-from wdpm.compare import RELATIVE_FLOOR, check_same_size
+from wdpm.comparison import RELATIVE_FLOOR, check_same_size
 from wdpm.image import Image
 
 # A diverging map on black: where nothing differs nothing shows. Blue and orange stay apart for colour-blind eyes.

@@ -1,4 +1,6 @@
-"""Writes Radiance pictures (.hdr): RGB with a shared exponent, run-length encoded (Ward, "Real Pixels", Graphics Gems II).
+"""Writes Radiance pictures (.hdr): RGB with a shared exponent, run-length encoded.
+
+Ward, "Real Pixels", Graphics Gems II.
 
 A value keeps 8 bits of the pixel's largest channel. Ward's own reader adds half a step to each mantissa because his
 writer cuts off; nearly every reader of today (stb_image, for one) does not. So this writer rounds to nearest, and

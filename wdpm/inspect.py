@@ -1,21 +1,27 @@
-"""What is in a scene, and what each slave would hold of it."""
+"""What is in a scene, which effects it calls for, and what each slave would hold of it."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from wdpm.approximations import approximations
+from wdpm.cluster.effects import features_of
 from wdpm.cluster.partition import rows_near
 from wdpm.cluster.plan import Plan, make_plan
+from wdpm.cluster.plan_of_effects import Effect, LightUse, missing_effects, plan_of_effects, uses_of_lights
+from wdpm.cluster.replica import with_camera
 from wdpm.kernels.cells import cell_boxes
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.launch import Launcher
+from wdpm.kernels.variants import make_variants
 from wdpm.scene_settings import settings_for
 from wdpm.scenes.geometry import FlatScene, flatten
-from wdpm.scenes.model import Bitmap, Scene
+from wdpm.scenes.left_out import leave_out
+from wdpm.scenes.model import Scene
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -43,9 +49,15 @@ class Inspection:
 
     Attributes:
         extent: largest absolute coordinate after the scene is moved to its centre [scene units].
-        lights: name and power [W], mean of the channels.
-        paths: photon paths that a render with default settings would shoot.
-        gather_radius: largest gather radius of such a render [scene units].
+        photons: photons to be stored by a render with these settings: in the global, the caustic and the volume map.
+        paths: photon paths that it would shoot: of the global (and volume) pass, and of the caustic pass.
+        radius: largest gather radius of each map [scene units]; 0 for a map that is not made.
+        targets: spheres that photons of the caustic pass are aimed at.
+        modules: kernel modules that its features call for.
+        effects: the plan.
+        lights: how photons are shared out among them.
+        left_out: what the image would lack, knowingly.
+        approximated: what it would only approximate.
         dropped: triangles that are left out, by cause.
     """
 
@@ -54,13 +66,20 @@ class Inspection:
     triangles: int
     materials: int
     textures: int
-    lights: tuple[tuple[str, float], ...]
+    media: int
     size: tuple[int, int]
     extent: float
-    photons: int
-    paths: int
-    gather_radius: float
+    photons: tuple[int, int, int]
+    paths: tuple[int, int]
+    radius: tuple[float, float, float]
+    targets: int
+    features: tuple[str, ...]
+    modules: int
+    effects: tuple[Effect, ...]
+    lights: tuple[LightUse, ...]
     slaves: tuple[Share, ...]
+    left_out: tuple[str, ...]
+    approximated: tuple[str, ...]
     dropped: dict[str, int]
     warnings: tuple[str, ...]
 
@@ -70,79 +89,70 @@ class Inspection:
 
     def print(self, console: Console) -> None:
         """All of it as tables."""
-        from rich.table import Table
+        from wdpm.inspect_tables import print_inspection
 
-        facts = Table(title=self.name, title_justify="left", show_header=False, box=None)
-        rows = {
-            "triangles": f"{self.triangles:,} in {self.meshes:,} meshes",
-            "materials": f"{self.materials:,}, {self.textures:,} textures",
-            "image": f"{self.size[0]} x {self.size[1]}",
-            "extent": f"{self.extent:g} from its centre",
-            "photons": f"{self.paths:,} paths for {self.photons:,} photons (default)",
-            "gather radius": f"{self.gather_radius:.4g} at most",
-        }
-        rows |= {f"light {name}": f"{power:.4g} W" for name, power in self.lights[:12]}
-        if len(self.lights) > 12:
-            rows["lights"] = f"{len(self.lights) - 12:,} more"
-        if self.dropped:
-            rows["left out"] = ", ".join(f"{count:,} triangles: {cause}" for cause, count in self.dropped.items())
-        for name, value in rows.items():
-            facts.add_row(name, value)
-        console.print(facts)
-        table = Table(title="What each slave would hold", title_justify="left", box=None)
-        for column in ("slave", "cells", "triangles", "photons", "ghosts"):
-            table.add_column(column, justify="right")
-        for share in self.slaves:
-            amounts = (share.triangles, share.photons, share.ghosts)
-            table.add_row(str(share.slave), str(share.cells), *(f"{amount:.1%}" for amount in amounts))
-        console.print(table)
-        for warning in self.warnings:
-            console.print(f"warning: {warning}", markup=False, highlight=False)
+        print_inspection(self, console)
 
 
-def inspect(scene: Scene, *, slaves: int = 4) -> Inspection:
-    """Look at a scene as a render with default settings would.
+def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:
+    """Look at a scene as a render would.
 
     Args:
         slaves: how many to divide it among.
+        chosen: settings of that render by name, see RenderSettings.
     """
-    settings = settings_for(scene)
-    compile_kernels("cpu")
-    flat = flatten(scene)
-    launcher = Launcher("cpu")
-    plan = make_plan(flat, settings, slaves, launcher)
-    power = np.bincount(
-        np.concatenate([plan.world.lights.triangle_light, plan.world.lights.point_light]),
-        plan.world.lights.power,
-        minlength=len(flat.light_names),
-    )
+    settings = settings_for(scene, **chosen)
+    as_it_is = flatten(scene)
+    flat = flatten(leave_out(scene, settings.without)) if settings.without else as_it_is
+    features = with_camera(features_of(flat, settings), flat.camera)
+    compile_kernels("cpu", features)
+    plan = make_plan(flat, settings, slaves, Launcher("cpu"))
+    world = plan.world
+    effects = plan_of_effects(as_it_is, flat, [medium.name for medium in scene.media], world, features, settings)
+    shining = set(world.lights.names)
     return Inspection(
         name=scene.name,
         meshes=len(scene.meshes),
         triangles=len(flat.triangles),
         materials=len(scene.materials),
-        textures=sum(isinstance(material.reflectance, Bitmap) for material in scene.materials),
-        lights=tuple((name, float(power[i])) for i, name in enumerate(flat.light_names)),
+        textures=len(flat.textures),
+        media=len(scene.media),
         size=(flat.camera.width, flat.camera.height),
         extent=flat.extent,
-        photons=settings.photons,
-        paths=plan.world.paths,
-        gather_radius=plan.world.radius,
+        photons=_by_map(plan, (settings.photons, settings.caustic_photons, settings.volume_photons)),
+        paths=(world.global_map.paths, world.caustic_map.paths),
+        radius=_by_map(plan, tuple(each.radius for each in world.maps)),
+        targets=len(world.emission.target_radius),
+        features=features.names(),
+        modules=len(make_variants(features).modules()),
+        effects=effects,
+        lights=uses_of_lights(
+            world, [mesh.name for mesh in scene.meshes if mesh.emission is not None and mesh.name not in shining]
+        ),
         slaves=_shares(plan, flat, slaves),
+        left_out=missing_effects(effects, settings),
+        approximated=approximations(scene, world, settings),
         dropped=flat.dropped,
         warnings=scene.warnings,
     )
 
 
+def _by_map(plan: Plan, amounts: tuple[Any, ...]) -> tuple[Any, Any, Any]:
+    """Amounts of the three maps, 0 for one that is not made."""
+    made = [amount if each.paths else 0 for amount, each in zip(amounts, plan.world.maps, strict=True)]
+    return made[0], made[1], made[2]
+
+
 def _shares(plan: Plan, flat: FlatScene, slaves: int) -> tuple[Share, ...]:
     """What each slave would hold, the photons foretold from the pilot's."""
-    position = plan.pilot_photons
+    position = plan.pilot_photons  # of all maps
+    band = max((each.band for each in plan.world.maps if each.paths), default=0.0)
     tree = plan.world.top_tree
     low, high = cell_boxes(tree.axis, tree.split)
     triangles, photons, ghosts = np.zeros(slaves), np.zeros(slaves), np.zeros(slaves)
     for cell, worker in enumerate(plan.holders):
         inside = np.count_nonzero(np.all((position >= low[cell]) & (position < high[cell]), axis=1))
-        near = len(rows_near(position, low[cell], high[cell], plan.world.band))
+        near = len(rows_near(position, low[cell], high[cell], band))
         triangles[worker] += len(plan.rows[cell]) / len(flat.triangles)
         photons[worker] += inside / max(len(position), 1)
         ghosts[worker] += (near - inside) / max(len(position), 1)

@@ -13,21 +13,28 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import warp as wp
+from numpy.typing import NDArray
 
+from wdpm.approximations import approximations
 from wdpm.cluster.effects import features_of
 from wdpm.cluster.film import layers_of
 from wdpm.cluster.plan import PILOT_PATHS, Plan, make_plan, view_of
+from wdpm.cluster.plan_of_effects import missing_effects, plan_of_effects
 from wdpm.cluster.replica import with_camera
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.worker import Worker
+from wdpm.cluster.world import World
 from wdpm.image import Image
 from wdpm.kernels.compile import compile_kernels
-from wdpm.kernels.photon_paths import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
+from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
+from wdpm.kernels.photon_paths import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
 from wdpm.kernels.settings import RenderSettings
+from wdpm.kernels.variants import make_variants
 from wdpm.progress import Progress
-from wdpm.report import EnergyLedger, LightPhotons, PhotonCounts, Report, SlaveReport
-from wdpm.scenes.geometry import Triangles, flatten
+from wdpm.report import EnergyLedger, KernelReport, LightPhotons, PhotonCounts, Report, SlaveReport
+from wdpm.scenes.geometry import FlatScene, Triangles, flatten
 from wdpm.scenes.left_out import leave_out
 from wdpm.scenes.load import load
 from wdpm.scenes.model import Scene
@@ -49,6 +56,9 @@ class Prepared:
     Attributes:
         pilot: the worker that flew the pilot, to go on with where there is but one cell.
         triangles: of the whole scene.
+        kernels: what they were compiled for.
+        left_out: effects that the scene calls for, and that are left out knowingly.
+        approximated: what is only approximated.
         seconds: by phase.
     """
 
@@ -56,6 +66,9 @@ class Prepared:
     session: Session
     settings: RenderSettings
     triangles: int
+    kernels: KernelReport
+    left_out: tuple[str, ...]
+    approximated: tuple[str, ...]
     warnings: tuple[str, ...]
     seconds: dict[str, float]
 
@@ -84,9 +97,10 @@ def prepare(
     seconds = {}
     flattening = time.perf_counter()
     flat = flatten(leave_out(scene, settings.without))
+    features = with_camera(features_of(flat, settings), flat.camera)
     progress.start("compile")
     began = time.perf_counter()
-    compile_kernels(launcher.device, with_camera(features_of(flat, settings), flat.camera))
+    kernels = _compile(features, settings, launcher.device)
     seconds["compile"] = time.perf_counter() - began
 
     progress.start("plan")
@@ -105,7 +119,51 @@ def prepare(
     dropped = tuple(f"{count} triangles were left out: {cause}" for cause, count in flat.dropped.items())
     if settings.photons and not plan.world.global_map.paths:
         dropped += (f"none of {PILOT_PATHS:,} photon paths stored a photon: there is no indirect light",)
-    return Prepared(plan.pilot, session, settings, len(flat.triangles), scene.warnings + dropped, seconds)
+    left_out = _left_out(scene, flat, plan.world, features, settings)
+    return Prepared(
+        plan.pilot,
+        session,
+        settings,
+        len(flat.triangles),
+        kernels,
+        left_out,
+        approximations(scene, plan.world, settings),
+        scene.warnings + dropped,
+        seconds,
+    )
+
+
+def _compile(features: Features, settings: RenderSettings, device: str) -> KernelReport:
+    """Compile what is needed, and tell what that was."""
+    wp.init()
+    before = _cached_modules()
+    compile_kernels(device, features)
+    variants = make_variants(features)
+    kernels = [getattr(variants, each.name) for each in fields(variants)]
+    return KernelReport(
+        features=features.names(),
+        all_effects=settings.all_effects,
+        kernels=sum(kernel is not None for kernel in kernels),
+        modules=len(variants.modules()),
+        compiled=len(_cached_modules() - before),
+    )
+
+
+def _cached_modules() -> set[str]:
+    """Names of the modules in Warp's cache. Other processes may add theirs at the same time."""
+    folder = Path(wp.config.kernel_cache_dir or "")
+    return {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+
+
+def _left_out(
+    scene: Scene, flat: FlatScene, world: World, features: Features, settings: RenderSettings
+) -> tuple[str, ...]:
+    """What the scene calls for and a person did not want; the scene as it is is looked at only if something may be."""
+    if not settings.without and settings.photons and settings.caustic_photons and settings.volume_photons:
+        return ()
+    as_it_is = flatten(scene) if settings.without else flat
+    media = [medium.name for medium in scene.media]
+    return missing_effects(plan_of_effects(as_it_is, flat, media, world, features, settings), settings)
 
 
 def _partition(triangles: Triangles, plan: Plan) -> Callable[[int], Triangles]:
@@ -149,7 +207,10 @@ def _feed(digest: Any, value: Any) -> None:
 def image_of(prepared: Prepared, result: SessionResult) -> Image:
     """The image of a finished session, with settings and report."""
     report = report_of(prepared, result)
-    return Image(result.layers, {"settings": report.settings, "report": report.to_dict()})
+    header: dict[str, Any] = {"settings": report.settings, "report": report.to_dict()}
+    if report.left_out:
+        header["left_out"] = list(report.left_out)
+    return Image(result.layers, header)
 
 
 def report_of(prepared: Prepared, result: SessionResult) -> Report:
@@ -170,11 +231,18 @@ def report_of(prepared: Prepared, result: SessionResult) -> Report:
         caustics=counts[CAUSTIC_MAP],
         volume=counts[VOLUME_MAP],
         slaves=tuple(_slave_report(number, slave) for number, slave in enumerate(slaves)),
+        kernels=prepared.kernels,
+        vertices=sum(slave["vertices"] for slave in slaves),
+        chains_cut=sum(slave["chains_cut"] for slave in slaves),
+        beams=sum(slave["beams"] for slave in slaves),
+        beams_clamped=sum(slave["beams_clamped"] for slave in slaves),
         gathers=sum(slave["gathers"] for slave in slaves),
         gathers_truncated=sum(slave["gathers_truncated"] for slave in slaves),
         gathers_left_band=sum(slave["gathers_left_band"] for slave in slaves),
         nonfinite=nonfinite,
         energy=EnergyLedger(result.emitted / paths, float(absorbed), float(escaped), float(cut)),
+        left_out=prepared.left_out,
+        approximated=prepared.approximated,
         warnings=prepared.warnings,
         settings=_settings(prepared) | {"gather_radius": world.global_map.radius, "cells": world.top_tree.cells},
         versions={name: metadata.version(name) for name in PACKAGES} | {"python": platform.python_version()},
@@ -199,6 +267,7 @@ def _photon_counts(prepared: Prepared, result: SessionResult) -> list[PhotonCoun
     power = np.bincount(lights.light, lights.power, minlength=len(lights.names))
     shot = np.array([slave["paths_by_light"] for slave in result.statistics], np.int64).sum(axis=0)
     asked = (prepared.settings.photons, prepared.settings.caustic_photons, prepared.settings.volume_photons)
+    use = _use_of_lights(result)
     counts = []
     for number, plan in enumerate(world.maps):
         passed = shot[1 if number == CAUSTIC_MAP else 0]
@@ -208,12 +277,27 @@ def _photon_counts(prepared: Prepared, result: SessionResult) -> list[PhotonCoun
                 paths=plan.paths,
                 stored=int(stored[number].sum()),
                 lights=tuple(
-                    LightPhotons(name, int(passed[i]), int(stored[number][i]), float(power[i]))
+                    LightPhotons(
+                        name,
+                        int(passed[i]),
+                        int(stored[number][i]),
+                        float(power[i]),
+                        None if use is None else float(use[number][i]),
+                    )
                     for i, name in enumerate(lights.names)
                 ),
             )
         )
     return counts
+
+
+def _use_of_lights(result: SessionResult) -> NDArray[np.float64] | None:
+    """The flux of each light's photons as a share of all in a map, shape [maps, lights]; None if slaves do not tell."""
+    if not all("flux_by_light" in slave for slave in result.statistics):
+        return None
+    flux = np.array([slave["flux_by_light"] for slave in result.statistics], np.float64).sum(axis=0)
+    whole = flux.sum(axis=1, keepdims=True)
+    return np.divide(flux, whole, out=np.zeros_like(flux), where=whole > 0)
 
 
 def _slave_report(number: int, slave: dict[str, Any]) -> SlaveReport:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field
+from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
 
 from wdpm.scenes.errors import ImageError
@@ -16,19 +17,21 @@ PHASES = ("load", "compile", "partition", "photons", "map", "render")
 
 @dataclass(frozen=True)
 class LightPhotons:
-    """Photons of one light.
+    """Photons of one light in one map.
 
     Attributes:
         name: of the light.
         paths: photon paths that started there.
         stored: photons that these left in the map.
         flux: power of the light, mean of the channels [W].
+        use: flux of these photons, as a share of that of all photons in the map; None where it was not measured.
     """
 
     name: str
     paths: int
     stored: int
     flux: float
+    use: float | None = None
 
 
 @dataclass(frozen=True)
@@ -98,6 +101,25 @@ class EnergyLedger:
 
 
 @dataclass(frozen=True)
+class KernelReport:
+    """The kernels of a render.
+
+    Attributes:
+        features: effects that they were compiled for.
+        all_effects: whether these are all that there are, by --all-effects.
+        kernels: how many kernels depend on the features.
+        modules: modules that they are compiled in.
+        compiled: modules that this process had to compile, of these or others; the rest came from Warp's cache.
+    """
+
+    features: tuple[str, ...] = ()
+    all_effects: bool = False
+    kernels: int = 0
+    modules: int = 0
+    compiled: int = 0
+
+
+@dataclass(frozen=True)
 class Report:
     """All that a render tells about itself.
 
@@ -105,11 +127,17 @@ class Report:
         phases: wall-clock seconds by phase, in the order of PHASES.
         triangles: triangles of the scene, each counted once.
         photons, caustics, volume: of the global, the caustic and the volume map.
+        vertices: of camera paths beyond their first surface.
+        chains_cut: camera paths that were still going at the limit of vertices.
+        beams: stretches of camera rays in media, once for each cell that they pass.
+        beams_clamped: contributions of photons to these that were too large for their exact sum, and cut.
         gathers: photon gathers of the render.
         gathers_truncated: those with fewer than k photons within the gather radius.
         gathers_left_band: those that may have missed a photon beyond the overlap band; 0 in an exact render.
         nonfinite: samples that were NaN or infinite, by cause.
-        warnings: what the loader or the render ignored, dropped or mended.
+        left_out: effects that the scene calls for, and that were left out knowingly.
+        approximated: what is only approximated, with its figures.
+        warnings: what the loader or the render ignored, dropped, mended or left out.
         settings: the settings of the render; versions: of wdpm and the packages that its bits depend on.
     """
 
@@ -119,14 +147,26 @@ class Report:
     caustics: PhotonCounts = PhotonCounts()
     volume: PhotonCounts = PhotonCounts()
     slaves: tuple[SlaveReport, ...] = ()
+    kernels: KernelReport = KernelReport()
+    vertices: int = 0
+    chains_cut: int = 0
+    beams: int = 0
+    beams_clamped: int = 0
     gathers: int = 0
     gathers_truncated: int = 0
     gathers_left_band: int = 0
     nonfinite: dict[str, int] = field(default_factory=dict)
     energy: EnergyLedger = EnergyLedger()
+    left_out: tuple[str, ...] = ()
+    approximated: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     settings: dict[str, Any] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def stored(self) -> int:
+        """Photons in all maps."""
+        return self.photons.stored + self.caustics.stored + self.volume.stored
 
     def to_dict(self) -> dict[str, Any]:
         """Plain dicts, lists, strings and numbers, as JSON has them; for Image.metadata."""
@@ -172,6 +212,8 @@ def _restore(kind: Any, data: Any) -> Any:
         if unknown:
             raise TypeError(f"{kind.__name__} has no field '{unknown[0]}'")
         return kind(**{name: _restore(hints[name], value) for name, value in data.items()})
+    if isinstance(kind, UnionType):  # a value or None
+        return None if data is None else _restore(next(each for each in get_args(kind) if each is not NoneType), data)
     if get_origin(kind) is tuple:
         if not isinstance(data, list):
             raise TypeError(f"must be a list (got {data!r})")

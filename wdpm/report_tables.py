@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rich.markup import escape
 from rich.table import Table
 
-from wdpm.report import PHASES, Report
+from wdpm.report import PHASES, KernelReport, LightPhotons, PhotonCounts, Report
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+LIGHTS_SHOWN = 12
+"""The strongest; JSON has them all."""
 
 _BYTE_UNITS = ("B", "KB", "MB", "GB", "TB")
 
@@ -18,14 +22,19 @@ _BYTE_UNITS = ("B", "KB", "MB", "GB", "TB")
 def print_report(report: Report, console: Console) -> None:
     """Print all that the report holds; what is empty is left out."""
     console.print(_times(report))
-    if report.photons.lights:
-        console.print(_lights(report))
+    for words, counts in _maps(report):
+        if counts.lights and counts.paths:
+            console.print(_lights(words, counts))
     if report.slaves:
         console.print(_held(report))
         console.print(_did(report))
     console.print()
     for line in _counts(report):
         console.print(line, highlight=False)
+    for line in report.approximated:
+        console.print(f"approximated: {escape(line)}", highlight=False)
+    for line in report.left_out:
+        console.print(f"[bold red]LEFT OUT:[/] {escape(line)}", highlight=False)
     for warning in report.warnings:
         console.print(f"[yellow]warning:[/] {escape(warning)}", highlight=False)
 
@@ -62,11 +71,33 @@ def _times(report: Report) -> Table:
     return table
 
 
-def _lights(report: Report) -> Table:
-    table = _table("Photons by light", "light", "power [W]", "paths shot", "stored")
-    for light in report.photons.lights:
-        table.add_row(escape(light.name), f"{light.flux:.4g}", f"{light.paths:,}", f"{light.stored:,}")
+def _maps(report: Report) -> tuple[tuple[str, PhotonCounts], ...]:
+    return ("global map", report.photons), ("caustic map", report.caustics), ("volume map", report.volume)
+
+
+def _lights(words: str, counts: PhotonCounts) -> Table:
+    """One line a light, strongest first."""
+    table = _table(f"Photons by light: {words}", "light", "power [W]", "paths shot", "stored", "share", "of the flux")
+    strongest = sorted(counts.lights, key=lambda light: -light.flux)
+    shown = strongest if len(strongest) <= LIGHTS_SHOWN + 1 else strongest[:LIGHTS_SHOWN]
+    for light in shown:
+        table.add_row(escape(light.name), *_light_cells((light,), counts))
+    if len(shown) < len(strongest):
+        rest = strongest[LIGHTS_SHOWN:]
+        table.add_row(f"{len(rest):,} more", *_light_cells(rest, counts))
     return table
+
+
+def _light_cells(lights: Sequence[LightPhotons], counts: PhotonCounts) -> tuple[str, ...]:
+    stored = sum(light.stored for light in lights)
+    uses = [light.use for light in lights if light.use is not None]
+    return (
+        f"{sum(light.flux for light in lights):.4g}",
+        f"{sum(light.paths for light in lights):,}",
+        f"{stored:,}",
+        _percent(stored, counts.stored),
+        f"{sum(uses):.1%}" if uses else "-",
+    )
 
 
 def _held(report: Report) -> Table:
@@ -80,7 +111,7 @@ def _held(report: Report) -> Table:
             _percent(slave.triangles, report.triangles),
             f"{slave.photons:,}",
             f"{slave.ghosts:,}",
-            _percent(slave.photons + slave.ghosts, report.photons.stored),
+            _percent(slave.photons + slave.ghosts, report.stored),
         )
     return table
 
@@ -101,13 +132,28 @@ def _did(report: Report) -> Table:
 
 
 def _counts(report: Report) -> list[str]:
-    """One line for each thing that is counted."""
-    photons, energy = report.photons, report.energy
+    """One line for each thing that is counted; what is wrong is red."""
+    energy = report.energy
     lines = [
-        f"photons: {photons.asked:,} asked for, {photons.paths:,} paths shot, {photons.stored:,} stored",
-        f"gathers: {report.gathers:,}, {report.gathers_truncated:,} with fewer photons than k, "
-        f"{report.gathers_left_band:,} gathers left the band",
+        f"{name}: {counts.asked:,} asked for, {counts.paths:,} paths shot, {counts.stored:,} stored"
+        for name, counts in zip(("photons", "caustic photons", "volume photons"), _counted(report), strict=True)
+        if counts.paths or name == "photons"
     ]
+    lines.append(
+        f"gathers: {report.gathers:,}, {report.gathers_truncated:,} with fewer photons than k, "
+        f"{report.gathers_left_band:,} gathers left the band"
+    )
+    if report.vertices:
+        cut = f"{report.chains_cut:,} paths cut at the limit"
+        cut = f"[bold red]{cut}[/]" if report.chains_cut else cut
+        lines.append(f"camera paths: {report.vertices:,} vertices beyond the first surface, {cut}")
+    if report.beams:
+        clamped = f"{report.beams_clamped:,} contributions clamped"
+        if report.beams_clamped:
+            clamped = f"[bold red]{clamped}: too bright to be added exactly, so light is lost[/]"
+        lines.append(f"beams through media: {report.beams:,}, {clamped}")
+    if report.kernels.kernels:
+        lines.append(_kernels(report.kernels))
     if energy.emitted > 0:
         shares = ", ".join(
             f"{_percent(getattr(energy, name), energy.emitted)} {words}"
@@ -121,6 +167,17 @@ def _counts(report: Report) -> list[str]:
     causes = ", ".join(f"{count:,} {escape(cause)}" for cause, count in report.nonfinite.items() if count)
     lines.append(f"[red]samples that were not finite: {causes}[/]" if causes else "samples that were not finite: 0")
     return lines
+
+
+def _counted(report: Report) -> tuple[PhotonCounts, ...]:
+    return report.photons, report.caustics, report.volume
+
+
+def _kernels(kernels: KernelReport) -> str:
+    names = ", ".join(kernels.features) or "none but diffuse surfaces"
+    effects = "all" if kernels.all_effects else names
+    made = f"{kernels.compiled} compiled now" if kernels.compiled else "none compiled now"
+    return f"kernels: {kernels.kernels} in {kernels.modules} modules, {made}; effects: {effects}"
 
 
 def _percent(part: float, whole: float) -> str:

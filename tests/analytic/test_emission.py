@@ -9,8 +9,7 @@ import pytest
 from light_rig import Array, Photons, Rows, emitted, square, table_of
 from test_lights import KINDS, POINT, SPOT, SUN, sky
 
-from wdpm.kernels.lights import cluster_targets
-from wdpm.kernels.photon_targets import MOST_TARGETS
+from wdpm.kernels.target_clusters import MOST_TARGETS, cluster_targets
 from wdpm.scenes.light_sources import Environment, Light, SpotLight
 from wdpm.scenes.textures import Bitmap, Interpolation
 
@@ -163,12 +162,15 @@ def test_kernels_of_fewer_features_give_the_same_bits(kind: str) -> None:
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 
-def ball(center: tuple[float, float, float], radius: float, count: int = 500, seed: int = 0) -> Rows:
-    """Small triangles on a sphere, shape [count, 3, 3]."""
-    rng = np.random.default_rng(seed)
-    points = rng.normal(size=(count, 1, 3)) + 0.05 * rng.normal(size=(count, 3, 3))
-    points *= radius / np.linalg.norm(points, axis=2, keepdims=True)
-    return (points + np.array(center)).astype(np.float32)
+def ball(center: tuple[float, float, float], radius: float, slices: int = 16) -> Rows:
+    """A sphere of 2 slices² triangles, shape [triangles, 3, 3]."""
+    theta, phi = np.meshgrid(np.linspace(0, np.pi, slices + 1), np.arange(slices) * 2 * np.pi / slices, indexing="ij")
+    grid = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=2) * radius
+    grid = (grid + np.array(center)).astype(np.float32)
+    right = np.roll(grid, -1, axis=1)
+    upper = np.stack([grid[:-1], grid[1:], right[1:]], axis=2)
+    lower = np.stack([grid[:-1], right[1:], right[:-1]], axis=2)
+    return np.concatenate([upper.reshape(-1, 3, 3), lower.reshape(-1, 3, 3)])
 
 
 def assert_held(positions: Rows, center: Rows, radius: Rows) -> None:
@@ -178,29 +180,29 @@ def assert_held(positions: Rows, center: Rows, radius: Rows) -> None:
 
 
 def test_two_balls_are_two_targets() -> None:
-    positions = np.concatenate([ball((0, 0, 0), 1.0), ball((5, 1, 0), 0.5, seed=1)])
+    positions = np.concatenate([ball((0, 0, 0), 1.0), ball((5, 1, 0), 0.5)])
     center, radius = cluster_targets(positions)
     assert center.dtype == radius.dtype == np.float32
     order = np.argsort(center[:, 0])
-    np.testing.assert_allclose(center[order], [[0, 0, 0], [5, 1, 0]], atol=0.05)
-    np.testing.assert_allclose(radius[order], [1, 0.5], rtol=0.05)
+    np.testing.assert_allclose(center[order], [[0, 0, 0], [5, 1, 0]], atol=1e-6)
+    np.testing.assert_allclose(radius[order], [1, 0.5], rtol=1e-4)
     assert_held(positions, center, radius)
 
 
 def test_a_ball_is_one_target() -> None:
-    center, _ = cluster_targets(ball((1, 2, 3), 2.0, 4000))
+    center, _ = cluster_targets(ball((1, 2, 3), 2.0, 40))
     assert len(center) == 1
 
 
 def test_targets_are_few_and_hold_everything() -> None:
-    """150 small balls on a table of 20 x 20: fewer spheres than balls, and far less than the one around them all."""
+    """150 balls in 30 heaps: fewer spheres than balls, and far smaller than the one around them all."""
     rng = np.random.default_rng(4)
-    places = np.column_stack([rng.uniform(-10, 10, (150, 2)), np.zeros(150)])
-    positions = np.concatenate([ball(tuple(p), 0.2, 40, seed=i) for i, p in enumerate(places)])
+    places = np.repeat(rng.uniform(-10, 10, (30, 3)), 5, axis=0) + rng.uniform(-0.5, 0.5, (150, 3))
+    positions = np.concatenate([ball(tuple(p), 0.2, 6) for p in places])
     center, radius = cluster_targets(positions)
-    assert 40 < len(center) <= MOST_TARGETS
+    assert 30 <= len(center) <= MOST_TARGETS
     assert_held(positions, center, radius)
-    assert (radius.astype(np.float64) ** 2).sum() < 0.6 * 2 * 10**2
+    assert (radius.astype(np.float64) ** 2).sum() < 30
     shuffled = cluster_targets(positions[rng.permutation(len(positions))])
     np.testing.assert_allclose(np.sort(shuffled[1]), np.sort(radius))
 
@@ -208,11 +210,20 @@ def test_targets_are_few_and_hold_everything() -> None:
 def test_scattered_objects_are_targets_of_their_own() -> None:
     """Halving such a scene once gains nothing, and yet each ball by itself is best."""
     places = np.random.default_rng(5).uniform(-10, 10, (40, 3))
-    positions = np.concatenate([ball(tuple(p), 0.3, 400, seed=i) for i, p in enumerate(places)])
+    positions = np.concatenate([ball(tuple(p), 0.3) for p in places])
     center, radius = cluster_targets(positions)
     assert len(center) == 40
-    np.testing.assert_allclose(radius, 0.3, rtol=0.2)
+    np.testing.assert_allclose(radius, 0.3, rtol=1e-4)
     assert_held(positions, center, radius)
+
+
+def test_a_large_mesh_is_dealt_with_in_runs() -> None:
+    """Half a million triangles: two balls, one with nearly all of them."""
+    positions = np.concatenate([ball((0, 0, 0), 1.0, 500), ball((5, 1, 0), 0.5, 5)])
+    center, radius = cluster_targets(positions)
+    assert len(center) == 2
+    assert_held(positions[::97], center, radius)
+    assert_held(positions[-50:], center, radius)
 
 
 def test_nothing_specular_is_no_target() -> None:

@@ -14,6 +14,7 @@ from wdpm.report import EnergyLedger
 from wdpm.scenes.cornell_box import cornell_box
 from wdpm.scenes.geometry import flatten
 from wdpm.scenes.light_sources import PointLight
+from wdpm.scenes.material_table import DIFFUSE
 from wdpm.scenes.model import Scene, diffuse
 from wdpm.scenes.textures import RGB
 
@@ -33,9 +34,10 @@ class PathTracer:
         cross = np.cross(self.e1, self.e2)
         self.area = np.linalg.norm(cross, axis=1) / 2
         self.normal = cross / (2 * self.area[:, None])
-        self.albedo = flat.reflectance[t.material].astype(float)
+        assert (flat.materials.kind[t.material] == DIFFUSE).all()
+        self.albedo = flat.materials.value[t.material, 0].astype(float)
         self.radiance = np.where(
-            t.emitter[:, None] >= 0, np.append(flat.emitter_radiance, [[0, 0, 0]], axis=0)[t.emitter], 0
+            t.emitter[:, None] >= 0, np.append(flat.lights.emitter_radiance, [[0, 0, 0]], axis=0)[t.emitter], 0
         )
         self.camera = flat.camera
 

@@ -132,13 +132,13 @@ class FakeWorker:
 
 
 def arrays(kind: Kind, count: int) -> dict[str, Any]:
-    """Arrays of a kind, counting up; those that point at cells and lights point at the first."""
+    """Arrays of a kind, counting up; those that point at cells, lights, media and maps point at the first."""
     counting = {
         name: np.arange(count * int(np.prod(shape, dtype=int))).reshape(count, *shape).astype(dtype)
         for name, (dtype, shape) in SCHEMAS[kind].items()
     }
     return {
-        name: np.zeros_like(array) if name in ("owner", "cell", "light") else array for name, array in counting.items()
+        name: np.zeros_like(array) if name in ("owner", "cell", "light", "medium", "map") else array for name, array in counting.items()
     }
 
 
@@ -228,7 +228,7 @@ def make_lights() -> LightTable:
 def make_view(width: int = 50, height: int = 34, bucket: int = 16, seed: int = 0) -> View:
     """A view whose buckets do not come out even."""
     camera = Camera(np.eye(4), 40.0, width, height)
-    return View(camera, seed, 1, 1, None, 8, 8, bucket, Routing.FORWARD)
+    return View(camera, seed, 1, 1, None, 8, 8, 4, bucket, Routing.FORWARD)
 
 
 def make_session(slaves: int, cells: int, digest: str = "a", paths: int = 1000, **others: Any) -> Session:

@@ -18,8 +18,10 @@ from wdpm.cluster import protocol as p
 from wdpm.cluster import wire
 from wdpm.cluster.batch import SCHEMAS, Batch, Kind
 from wdpm.cluster.task import BucketTask, PhotonsTraced, PhotonTask
-from wdpm.cluster.world import TopTree
+from wdpm.cluster.world import MapPlan, TopTree
 from wdpm.scenes.errors import ProtocolError
+from wdpm.scenes.light_table import LightTable
+from wdpm.scenes.material_table import MaterialTable
 
 ALL = wire.by_name(p.Message)
 
@@ -206,12 +208,20 @@ def setup(**fields: Any) -> p.Setup:
     return p.Setup(1, dataclasses.replace(make_world(1), **fields), (), ())
 
 
+def materials(**fields: Any) -> MaterialTable:
+    return dataclasses.replace(make_world(1).materials, **fields)
+
+
+def lights(**fields: Any) -> LightTable:
+    return dataclasses.replace(make_world(1).lights, **fields)
+
+
 @pytest.mark.parametrize(
     ("message", "reason"),
     [
         (replaced(arrays={}), "expected"),
         (replaced(arrays={**BATCH.batch.arrays, "more": np.zeros(2, np.int32)}), "more"),
-        (replaced(arrays={**BATCH.batch.arrays, "slot": np.zeros(3, np.int32)}), "lit.radiance"),
+        (replaced(arrays={**BATCH.batch.arrays, "slot": np.zeros(3, np.int32)}), "lit.place"),
         (replaced(arrays={**BATCH.batch.arrays, "slot": np.zeros(2, np.int64)}), "lit.slot is int64"),
         (replaced(credit=-1), "credit"),
         (p.Partition(1, 0, 1, 1, triangles(1)), "part 1 of 1"),
@@ -219,8 +229,21 @@ def setup(**fields: Any) -> p.Setup:
         (p.Partition(1, 0, 0, 1, dataclasses.replace(triangles(2), uvs=np.zeros((2, 6), np.float32))), "uvs"),
         (setup(top_tree=TopTree(np.zeros(2, np.int32), np.zeros(2, np.float32))), "power of two"),
         (setup(top_tree=TopTree(np.full(1, 3, np.int32), np.zeros(1, np.float32))), "axis"),
-        (setup(textures=()), None),
-        (setup(radius=float("nan")), "radius"),
+        (setup(textures=make_world(1).textures[:1]), None),
+        (setup(textures=()), "materials.texture is -1 to 0"),
+        (setup(global_map=MapPlan(10, float("nan"), 1.0)), "no plan of a map"),
+        (setup(volume_map=MapPlan(10, 1.0, -1.0)), "no plan of a map"),
+        (setup(emission=dataclasses.replace(make_world(1).emission, share=np.ones(2), caustic_share=np.ones(2))), "shares"),
+        (setup(emission=dataclasses.replace(make_world(1).emission, share=np.ones(2))), "caustic_share"),
+        (setup(media=dataclasses.replace(make_world(1).media, g=np.zeros(2, np.float32))), "media.g"),
+        (setup(materials=materials(medium=np.full((1, 2), 1, np.int32))), "materials.medium is 1 to 1"),
+        (setup(materials=materials(child=np.zeros((1, 2), np.int32))), "a node inside another"),
+        (setup(materials=materials(kind=np.full(1, 99, np.int32))), "materials.kind is 99"),
+        (setup(lights=lights(medium=np.full(1, 1, np.int32))), "lights.medium is 1 to 1"),
+        (setup(lights=lights(emitter_texture=np.full(1, 2, np.int32))), "emitter_texture"),
+        (setup(lights=lights(light=np.ones(1, np.int32))), "lights.light is 1 to 1"),
+        (setup(lights=lights(power=np.ones(2), light=np.zeros(2, np.int32))), "power of 2 elements; there are 1"),
+        (setup(volume_unit=0.0), "extent"),
         (p.Look(1, make_view(width=0)), "pixels"),
     ],
 )

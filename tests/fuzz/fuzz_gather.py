@@ -73,7 +73,7 @@ def nearest_kernel(
     count_out: wp.array[wp.int32],
     rank_out: wp.array2d[wp.int32],
 ) -> None:
-    """The ranks of the photons that each gather uses; guesses follow from one query to the next, as in gather_kernel."""
+    """The ranks of the photons that each gather uses; guesses follow from query to query, as in gather_kernel."""
     candidates = wp.zeros(shape=(KEY_SCRATCH,), dtype=wp.uint64)
     ints = wp.zeros(shape=(INT_SCRATCH,), dtype=wp.int32)
     begin = wp.tid() * run

@@ -15,7 +15,7 @@ GRAZING = 1e-7
 """Radians."""
 
 SHORTEST = 1e-30
-"""Of a direction's largest component. Slab arithmetic takes components below 1e-37 for zero: shorter rays go nowhere."""
+"""Of a direction's largest component: slab arithmetic takes components below 1e-37 for zero."""
 
 
 def rays_at(rng: np.random.Generator, triangles: Array, count: int) -> tuple[Array, Array]:

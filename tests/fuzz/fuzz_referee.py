@@ -19,9 +19,9 @@ Array = npt.NDArray[Any]
 EDGE_MARGIN = Fraction(1, 2**47)
 """Of (projected size) * (distance): an edge function of the triangle test is known to that.
 
-With r = 2^-53, a sheared coordinate x - (d0 / d2) z is off by at most 6 r C, where C is the largest component of a corner
-less the origin; an edge function, a difference of two products of coordinates of size s, by 4 s * 6 r C + 3 r s², and s is
-at most 2 C: 30 r s C < 2^-48 s C.
+With r = 2^-53, a sheared coordinate x - (d0 / d2) z is off by at most 6 r C, where C is the largest component of a
+corner less the origin; an edge function, a difference of two products of coordinates of size s, by
+4 s * 6 r C + 3 r s², and s is at most 2 C: 30 r s C < 2^-48 s C.
 """
 
 

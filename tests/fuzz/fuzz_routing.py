@@ -1,8 +1,9 @@
 """The way of rays through the cells of a top tree: what they find on it is what one cell would find, and no cell that
 they must see is left out.
 
-The oracle is one cell: every triangle by intersect_triangle. A ray on its way tests every triangle of the cells it visits,
-with the best hit so far carried along, as between slaves; planes run through corners, along surfaces and a float beside.
+The oracle is one cell: every triangle by intersect_triangle. A ray on its way tests every triangle of the cells that it
+visits, with the best hit so far carried along, as between slaves. Planes run through corners, along surfaces and a
+float beside.
 """
 
 from __future__ import annotations
@@ -201,7 +202,9 @@ def judge(case: Case, walked: Walked) -> list[Failure]:
     hit = walked.whole["prim"] >= 0
     owner = np.where(hit, walked.owner, 0)
     seen = (walked.visited >> owner.astype(np.uint64)) & np.uint64(1) == 1
-    differs = np.any([walked.found[name].view(np.int32) != walked.whole[name].view(np.int32) for name in FIELDS], axis=0)
+    differs = np.any(
+        [walked.found[name].view(np.int32) != walked.whole[name].view(np.int32) for name in FIELDS], axis=0
+    )
     visits = np.array([int(bits).bit_count() for bits in walked.visited])
     wrong = {
         "the cells on the way and one cell disagree": differs,

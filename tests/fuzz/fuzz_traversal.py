@@ -1,4 +1,4 @@
-"""Nearest and any hits of kernels/bvh.py against testing every triangle, in the renderer's own arithmetic and in others.
+"""Nearest and any hits of kernels/bvh.py against testing every triangle, in the renderer's arithmetic and in others.
 
 Three judges look at each ray:
 

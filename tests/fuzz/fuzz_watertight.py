@@ -23,9 +23,7 @@ RAYS = 16384
 
 
 @wp.kernel
-def closest_kernel(
-    tree: Bvh, origin: wp.array[wp.vec3], direction: wp.array[wp.vec3], hit_out: wp.array[Hit]
-) -> None:
+def closest_kernel(tree: Bvh, origin: wp.array[wp.vec3], direction: wp.array[wp.vec3], hit_out: wp.array[Hit]) -> None:
     """The nearest hit of each ray."""
     i = wp.tid()
     hit_out[i] = closest_hit(tree, origin[i], direction[i], no_hit())
@@ -117,6 +115,4 @@ def leaks(triangles: Array, origin: Array, direction: Array, pad: float) -> list
     wp.launch(closest_kernel, len(origin), inputs=[tree, *rays], outputs=[hits], device="cpu")
     out = np.flatnonzero(hits.numpy()["prim"] < 0)
     data = {"triangles": triangles, "pad": np.array(pad)}
-    return [
-        Failure("a ray left a closed mesh", data | {"origin": origin[i], "direction": direction[i]}) for i in out
-    ]
+    return [Failure("a ray left a closed mesh", data | {"origin": origin[i], "direction": direction[i]}) for i in out]

@@ -66,8 +66,9 @@ def test_a_missed_hit_is_noticed(sound: tuple[fuzz_traversal.Case, fuzz_traversa
 def test_an_invented_hit_is_noticed(sound: tuple[fuzz_traversal.Case, fuzz_traversal.Traced]) -> None:
     case, traced = sound
     moved = traced.found.copy()
-    rows = np.flatnonzero(moved["prim"] >= 0)[:5]
-    moved["t"][rows] *= F32(0.99)
+    distance = np.where(moved["prim"] >= 0, moved["t"], 0) * np.linalg.norm(case.direction, axis=1)
+    rows = np.argsort(distance)[-5:]
+    moved["t"][rows] *= F32(0.9999)
     failures = fuzz_traversal.judge(case, replace(traced, found=moved, plain=moved))
     assert sum(failure.message.startswith("invented") for failure in failures) == 5
 
@@ -115,7 +116,10 @@ def test_a_cell_left_out_is_noticed() -> None:
     owner = np.bincount(walked.owner[walked.owner >= 0]).argmax()
     walked.visited &= ~(np.uint64(1) << np.uint64(owner))
     messages = {failure.message for failure in fuzz_routing.judge(case, walked)}
-    assert messages == {"a cell is visited twice, or the way has no end", "the cell that owns the hit is not on the way"}
+    assert messages == {
+        "a cell is visited twice, or the way has no end",
+        "the cell that owns the hit is not on the way",
+    }
 
 
 def test_the_referee_knows_a_simple_meeting() -> None:

@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+from wdpm.api import render_in_process
 from wdpm.image import Image
+from wdpm.kernels.settings import RenderSettings
+from wdpm.scenes.model import Scene
+
+
+def alone(scene: Scene, chosen: RenderSettings) -> Image:
+    """The image of one cell on one thread, in one bucket: what all others are compared with."""
+    return render_in_process(scene, replace(chosen, bucket=1024), workers=1, cells=1, threads=1)
 
 
 def same_bits(one: Image, other: Image) -> bool:

@@ -6,15 +6,32 @@ Needles, duplicates, coplanar overlaps, boxes, smooth and textured meshes, light
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from wdpm.scenes.light_sources import PointLight
-from wdpm.scenes.model import Camera, FilterKind, Material, Mesh, PixelFilter, Scene, diffuse
+from wdpm.scenes.bsdfs import (
+    Blend,
+    Bsdf,
+    BumpMap,
+    Conductor,
+    Dielectric,
+    Diffuse,
+    Distribution,
+    Mask,
+    NormalMap,
+    Null,
+    Plastic,
+    Principled,
+    ThinDielectric,
+    TwoSided,
+)
+from wdpm.scenes.light_sources import DirectionalLight, Environment, Light, PointLight, SpotLight
+from wdpm.scenes.model import Camera, FilterKind, Material, Medium, Mesh, PixelFilter, Scene, diffuse
 from wdpm.scenes.primitives import cube
-from wdpm.scenes.textures import Bitmap, Interpolation, Wrap
+from wdpm.scenes.textures import Bitmap, Checkerboard, Interpolation, Wrap
 from wdpm.scenes.transforms import look_at
 
 Array = NDArray[np.float64]
@@ -131,3 +148,80 @@ def scenes(draw: st.DrawFn, size: int = 14) -> Scene:
     if draw(st.booleans(), label="area light") or not points:
         meshes.append(lamp(rng))
     return scene_of(meshes, points, rng, size)
+
+
+def effects(rng: np.random.Generator) -> tuple[Material, ...]:
+    """Materials of every kind, smooth and rough, plain and textured, some inside others."""
+    pixels = rng.uniform(0, 1, (int(rng.integers(1, 5)), int(rng.integers(2, 5)), 3)).astype(np.float32)
+    texture, squares = Bitmap("noise", pixels), Checkerboard("squares", (0.9, 0.8, 0.1), (0.1, 0.2, 0.3))
+    alpha = float(rng.choice([0.0, 0.05, 0.3]))
+    eta = float(rng.choice([1.5, 1.0, 0.7, 2.4]))
+    grey = Diffuse((0.5, 0.5, 0.5))
+    glossy: tuple[Bsdf, ...] = (
+        Conductor(),
+        Conductor((0.2, 0.9, 1.1), (3.9, 2.4, 2.2), texture, alpha, 0.2, Distribution.GGX),
+        Dielectric(eta, alpha_u=alpha, alpha_v=alpha),
+        ThinDielectric(),
+        TwoSided(Plastic(squares, alpha=alpha)),
+        Principled((0.7, 0.3, 0.2), 0.3, 0.5, metallic=0.2, spec_trans=float(rng.choice([0.0, 0.5])), clearcoat=0.5),
+        Null(),
+        Mask(TwoSided(Diffuse(texture)), float(rng.uniform(0, 1))),
+        TwoSided(Blend(Plastic(), Conductor(alpha_u=0.1, alpha_v=0.1), texture)),
+        TwoSided(BumpMap(grey, texture, 0.3)),
+        TwoSided(NormalMap(Diffuse(squares), texture)),
+    )
+    return tuple(Material(type(bsdf).__name__, bsdf) for bsdf in glossy)
+
+
+def distant_lights(rng: np.random.Generator) -> tuple[Light, ...]:
+    """A spot, a sun and a sky."""
+    turn = look_at(rng.uniform(-1, 1, 3), (0.01, 0.02, 0.03), (0.1, 1.0, 0.2))
+    down = rng.normal(size=3)
+    x, y, z = (float(c) for c in down / np.linalg.norm(down))
+    sky = (1, 1, 3) if rng.random() < 0.3 else (int(rng.integers(2, 5)), int(rng.integers(2, 6)), 3)
+    return (
+        SpotLight("spot", turn, (3.0, 4.0, 5.0), float(rng.uniform(5, 80)), 5.0),
+        DirectionalLight("sun", (x, y, z), (1.0, 0.9, 0.8)),
+        Environment("sky", rng.uniform(0, 1, sky).astype(np.float32)),
+    )
+
+
+@st.composite
+def scenes_with_effects(draw: st.DrawFn, size: int = 12) -> Scene:
+    """A random scene whose materials, lights, camera and space may be of any kind."""
+    plain = draw(scenes(size))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1), label="seed of the effects"))
+    first, more = len(plain.materials), effects(rng)
+    media = (Medium("haze", (0.2, 0.3, 0.4), (0.9, 0.8, 0.7), 0.5), Medium("ink", (3.0, 1.0, 9.0), (0.5, 0.9, 0.1), -0.2))
+    around = draw(st.sampled_from([None, None, 0]), label="medium around all")
+
+    def changed(mesh: Mesh, number: int) -> Mesh:
+        bounds = draw(st.booleans(), label=f"mesh {number} bounds a medium")
+        return replace(
+            mesh,
+            material=first + draw(st.integers(0, len(more) - 1), label=f"material of mesh {number}"),
+            interior=draw(st.sampled_from([None, 1])) if bounds else None,
+            exterior=around if bounds else None,
+            bounds=bounds,
+        )
+
+    in_room = len(plain.meshes[0].faces) == 12 and np.abs(plain.meshes[0].vertices).max() == 1.5
+    meshes = tuple(
+        mesh if mesh.emission or (in_room and number == 0) else changed(mesh, number)
+        for number, mesh in enumerate(plain.meshes)
+    )
+    box_of_effects = mesh_of(box(rng), 0, rng, draw(st.booleans(), label="smooth box"))
+    lights = plain.lights + tuple(light for light in distant_lights(rng) if draw(st.booleans(), label=light.name))
+    camera = plain.camera
+    if draw(st.booleans(), label="lens"):
+        camera = replace(camera, aperture_radius=0.05)
+    elif draw(st.booleans(), label="orthographic"):
+        camera = replace(camera, orthographic=True)
+    return replace(
+        plain,
+        meshes=(*meshes, changed(box_of_effects, len(meshes))),
+        materials=(*plain.materials, *more),
+        lights=lights,
+        camera=replace(camera, medium=around),
+        media=media,
+    )

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from digests import same_bits
+from digests import alone, same_bits
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from random_scenes import scenes
 from wdpm.api import render_in_process
 from wdpm.cluster import plan
 from wdpm.cluster.batch import Arrays, Kind, concatenate
-from wdpm.cluster.cell import Cell
+from wdpm.cluster.photon_store import PhotonStore
 from wdpm.cluster.world import TopTree
 from wdpm.image import Image
 from wdpm.kernels.cells import cell_boxes
@@ -27,29 +27,17 @@ from wdpm.kernels.settings import RenderSettings, Routing
 from wdpm.report import EnergyLedger
 from wdpm.scenes.builtin import cornell_box
 from wdpm.scenes.geometry import flatten
-from wdpm.scenes.model import Material, Scene
+from wdpm.scenes.model import Scene, diffuse
 from wdpm.scenes.transforms import look_at
+
+pytestmark = pytest.mark.usefixtures("small_pilot")
 
 FEW = RenderSettings(photons=3000, spp=2, k=20)
 CORNELL = cornell_box((33, 26))
 
 
-def alone(scene: Scene, chosen: RenderSettings) -> Image:
-    """The image of one cell on one thread, in one bucket: what all others are compared with."""
-    return render_in_process(scene, replace(chosen, bucket=1024), workers=1, cells=1, threads=1)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def small_pilot() -> Iterator[None]:
-    """A shorter pilot and fewer surface points: the same for all renders here, and quicker."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(plan, "PILOT_PATHS", 1 << 12)
-        patch.setattr(plan, "POINTS_LEAST", 1 << 12)
-        yield
-
-
 @pytest.fixture(scope="module")
-def cornell_alone() -> Image:
+def cornell_alone(small_pilot: None) -> Image:
     return alone(CORNELL, FEW)
 
 
@@ -120,8 +108,8 @@ def test_every_setting_gives_the_same_bits(cornell_alone: Image, change: dict[st
 def test_waves_and_full_photon_regions_change_no_bit(monkeypatch: pytest.MonkeyPatch, cornell_alone: Image) -> None:
     monkeypatch.setattr("wdpm.cluster.home.WAVE_SAMPLES", 100)  # a bucket's samples in many waves of one
     monkeypatch.setattr("wdpm.cluster.cell.DEPOSITS_A_PATH", 1)  # photons must wait for room
-    monkeypatch.setattr("wdpm.cluster.cell.GATHER_GRAIN", 1)  # many chunks for many threads
-    monkeypatch.setattr("wdpm.cluster.cell.GATHER_RUN", 3)
+    monkeypatch.setattr("wdpm.cluster.gathering.GATHER_GRAIN", 1)  # many chunks for many threads
+    monkeypatch.setattr("wdpm.cluster.gathering.GATHER_RUN", 3)
     assert same_bits(render_in_process(CORNELL, FEW, workers=2, cells=4, threads=3), cornell_alone)
 
 
@@ -131,7 +119,7 @@ def test_photons_that_wait_for_room_change_no_bit(monkeypatch: pytest.MonkeyPatc
     The pilot then finds its photons in another order, and more of them than it asks for their density.
     """
     monkeypatch.setattr("wdpm.cluster.cell.DEPOSITS_A_PATH", 1)
-    bright = replace(CORNELL, materials=tuple(Material(m.name, (0.95, 0.9, 0.9), True) for m in CORNELL.materials))
+    bright = replace(CORNELL, materials=tuple(diffuse(m.name, (0.95, 0.9, 0.9), True) for m in CORNELL.materials))
     reference = alone(bright, FEW)
     for threads in (2, 3, 4):
         image = render_in_process(bright, FEW, workers=1, cells=1, threads=threads)
@@ -261,7 +249,7 @@ def test_planes_through_vertices_of_random_scenes_change_no_bit(scene: Scene, da
     """Every plane goes through a vertex, a light or the camera: of lattice scenes that is through faces and edges."""
     flat = flatten(scene)
     places = np.concatenate(
-        [flat.triangles.positions.reshape(-1, 3), flat.point_position, flat.camera.to_world[None, :3, 3]]
+        [flat.triangles.positions.reshape(-1, 3), flat.lights.point_position, flat.camera.to_world[None, :3, 3]]
     )
     axis = [data.draw(st.integers(0, 2)) for _ in range(7)]
     split = [float(places[data.draw(st.integers(0, len(places) - 1)), a]) for a in axis]
@@ -325,17 +313,18 @@ class Exchange:
 def exchange(monkeypatch: pytest.MonkeyPatch) -> Exchange:
     """Records the exchange of ghosts of the renders that follow."""
     seen = Exchange()
-    original = Cell.ghosts
+    original = PhotonStore.ghosts
 
-    def recorded(cell: Cell) -> Iterator[Any]:
-        seen.owned[cell.number] = cell.photons_so_far()
-        seen.band = cell.replica.world.band + cell.replica.pad
-        for batch in original(cell):
-            seen.sent.append((cell.number, batch.cell, batch.kind, batch.arrays))
+    def recorded(store: PhotonStore) -> Iterator[Any]:
+        number = store._cell
+        seen.owned[number] = store.so_far()
+        seen.band = store._replica.world.global_map.band + store._replica.pad
+        for batch in original(store):
+            seen.sent.append((number, batch.cell, batch.kind, batch.arrays))
             yield batch
-        seen.points[cell.number] = cell._own_points
+        seen.points[number] = store._own_points
 
-    monkeypatch.setattr(Cell, "ghosts", recorded)
+    monkeypatch.setattr(PhotonStore, "ghosts", recorded)
     return seen
 
 

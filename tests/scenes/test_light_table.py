@@ -118,7 +118,7 @@ BOX_SIDES = {True: (3, 1), False: (1, 3)}
 
 @pytest.mark.parametrize("outwards", [True, False])
 def test_the_medium_around_a_light_is_that_of_the_box_that_it_is_in(outwards: bool) -> None:
-    """Lights that name no medium, in a box whose walls face outwards or inwards. Walls that bound nothing do not count."""
+    """Lights that name no medium, in a box whose walls face either way. Walls that bound nothing do not count."""
     walls = []
     for axis in range(3):
         for side in (-1.0, 1.0):

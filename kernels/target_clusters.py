@@ -1,0 +1,193 @@
+"""Spheres that hold all that is specular: where photons of the caustic pass are aimed (photon_targets).
+
+Few and small: a binary tree of all triangles is built from the top, between connected pieces first; among all its cuts
+into at most 64 parts, the one whose spheres have the least sum of squared radii, and so of solid angles from afar, is
+found from the bottom up. Computed by the master alone.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+MOST_TARGETS = 64
+"""Most spheres: each costs a photon some 20 ns."""
+
+GAIN = 0.8
+"""A sphere gives way to smaller ones where their silhouettes are together less than this share of its own."""
+
+_LEAVES = 256  # of the tree that the spheres are a cut of
+_MOST_UNITS = 1 << 15  # of larger scenes, neighbours in the list of triangles stay together
+_HASH = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
+_GROWTH = 1.0 + 1e-5  # of radii: float32's roundings leave no vertex outside
+
+
+@dataclass
+class _Node:
+    """Some of the units (triangles, or runs of them), and how well spheres do for them.
+
+    Attributes:
+        least: sum of squared radii of the best spheres, at most 1, 2, ... of them, shape [MOST_TARGETS].
+        left: how many of them the first child has; 0 where one sphere for all is best.
+    """
+
+    rows: NDArray[np.intp]
+    radius2: float
+    children: tuple[_Node, _Node] | None = None
+    least: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    left: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
+
+
+def cluster_targets(positions: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """At most MOST_TARGETS spheres that hold triangles: the cut of a tree with the least sum of squared radii.
+
+    Args:
+        positions: corners, shape [T, 3, 3].
+
+    Returns:
+        Centres, float32, shape [S, 3], and radii, float32, shape [S].
+    """
+    if not len(positions):
+        return np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+    boxes, piece, unit = _units(positions)
+    spheres = []
+    for rows in _best_cut(_tree(boxes, piece), MOST_TARGETS):
+        held = np.zeros(len(piece), np.bool_)
+        held[rows] = True
+        points = positions[held[unit]].astype(np.float64).reshape(-1, 3)
+        center = ((points.min(axis=0) + points.max(axis=0)) / 2.0).astype(np.float32)
+        far = math.sqrt(float(_square(points - center.astype(np.float64)).max()))  # from the rounded centre
+        spheres.append((center, far * _GROWTH))
+    return np.array([center for center, _ in spheres]), np.array([far for _, far in spheres]).astype(np.float32)
+
+
+def _units(positions: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.intp]]:
+    """What is never divided: triangles, or in large scenes runs of triangles of one connected piece.
+
+    Returns:
+        Boxes of the units, shape [units, 2, 3]; the piece of each; the unit of each triangle.
+    """
+    piece = _components(positions)
+    order = np.argsort(piece, kind="stable")
+    run = -(-len(positions) // _MOST_UNITS)
+    begins = np.flatnonzero(np.diff(piece[order], prepend=-1))
+    within = np.arange(len(order)) - np.repeat(begins, np.diff(begins, append=len(order)))
+    starts = within % run == 0
+    first = np.flatnonzero(starts)
+    low = np.minimum.reduceat(positions.min(axis=1)[order], first)
+    high = np.maximum.reduceat(positions.max(axis=1)[order], first)
+    unit = np.empty(len(order), np.intp)
+    unit[order] = np.cumsum(starts) - 1
+    return np.stack([low, high], axis=1).astype(np.float64), piece[order][first], unit
+
+
+def _components(corners: NDArray[np.float32]) -> NDArray[np.intp]:
+    """Which connected piece each triangle belongs to, by corners at the same place; shape [T]."""
+    bits = (corners.reshape(-1, 3) + np.float32(0.0)).view(np.uint32).astype(np.uint64)  # -0 becomes 0
+    # Places that a hash takes for one would only join their pieces.
+    _, vertex = np.unique((bits * _HASH).sum(axis=1, dtype=np.uint64), return_inverse=True)
+    vertex = vertex.reshape(-1, 3)
+    label = np.arange(vertex.max() + 1)
+    while True:
+        least = label[vertex].min(axis=1)
+        joined = label.copy()
+        np.minimum.at(joined, vertex.ravel(), np.repeat(least, 3))
+        np.minimum.at(joined, label[vertex].ravel(), np.repeat(least, 3))  # and what was joined before
+        joined = joined[joined]
+        if np.array_equal(joined, label):
+            return least
+        label = joined
+
+
+def _tree(boxes: NDArray[np.float64], piece: NDArray[np.intp]) -> _Node:
+    """A binary tree of units: the largest leaf is split again and again, between pieces if it has several."""
+    root = _Node(np.arange(len(boxes)), _radius2(boxes))
+    made = [root]
+    waiting = [(-root.radius2, 0)]
+    leaves = 1
+    while waiting and leaves < _LEAVES:
+        node = made[heapq.heappop(waiting)[1]]
+        first = _first_half(boxes[node.rows], piece[node.rows])
+        if first is None:
+            continue
+        one, other = node.rows[first], node.rows[~first]
+        node.children = _Node(one, _radius2(boxes[one])), _Node(other, _radius2(boxes[other]))
+        for child in node.children:
+            heapq.heappush(waiting, (-child.radius2, len(made)))
+            made.append(child)
+        leaves += 1
+    for node in reversed(made):  # children before their parents
+        _weigh(node)
+    return root
+
+
+def _weigh(node: _Node) -> None:
+    """Set `least` and `left` from those of the children."""
+    node.least = np.full(MOST_TARGETS, node.radius2)
+    node.left = np.zeros(MOST_TARGETS, np.intp)
+    if node.children is None:
+        return
+    one, other = (child.least for child in node.children)
+    for most in range(2, MOST_TARGETS + 1):
+        sums = one[: most - 1] + other[most - 2 :: -1][: most - 1]  # 1 .. most - 1 spheres for the first child
+        best = int(np.argmin(sums))
+        if sums[best] < GAIN * node.radius2:
+            node.least[most - 1] = sums[best]
+            node.left[most - 1] = best + 1
+
+
+def _best_cut(node: _Node, most: int) -> list[NDArray[np.intp]]:
+    """Triangles of each of the best spheres, at most so many."""
+    left = int(node.left[most - 1])
+    if node.children is None or left == 0:
+        return [node.rows]
+    return _best_cut(node.children[0], left) + _best_cut(node.children[1], most - left)
+
+
+def _radius2(boxes: NDArray[np.float64]) -> float:
+    """Squared radius of the sphere about the middle of the box around some boxes."""
+    center = (boxes[:, 0].min(axis=0) + boxes[:, 1].max(axis=0)) / 2.0
+    return float(_square(np.maximum(center - boxes[:, 0], boxes[:, 1] - center)).max())
+
+
+def _square(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Squared lengths, by columns: NumPy is slow at sums of three."""
+    x, y, z = vectors.T
+    squares: NDArray[np.float64] = x * x + y * y + z * z
+    return squares
+
+
+def _first_half(boxes: NDArray[np.float64], piece: NDArray[np.intp]) -> NDArray[np.bool_] | None:
+    """Which units go to the first of two halves, by the best of all planes across the axes; None for a single unit.
+
+    Halves are compared by the diagonals of their boxes, which bound the spheres.
+    """
+    low, high = boxes[:, 0], boxes[:, 1]
+    _, member = np.unique(piece, return_inverse=True)
+    pieces = int(member.max()) + 1
+    if pieces == 1:
+        member = np.arange(len(boxes))
+    else:
+        order = np.argsort(member, kind="stable")
+        first = np.searchsorted(member[order], np.arange(pieces))
+        low, high = np.minimum.reduceat(low[order], first), np.maximum.reduceat(high[order], first)
+    # Of a few pieces one may be split off; of many, and of a surface in one piece, the best planes are often at the
+    # very edge, and the tree would not get on.
+    edge = len(low) // 4 if pieces == 1 or pieces > 64 else 0
+    best, chosen = np.inf, None
+    for axis in range(3):
+        order = np.argsort(low[:, axis] + high[:, axis], kind="stable")
+        lows, highs = low[order], high[order]
+        before = _square(np.maximum.accumulate(highs) - np.minimum.accumulate(lows))[:-1]
+        after = _square(np.maximum.accumulate(highs[::-1]) - np.minimum.accumulate(lows[::-1]))[::-1][1:]
+        cost = (before + after)[edge : len(before) - edge]
+        if len(cost) and cost.min() < best:
+            best, plane = float(cost.min()), edge + int(np.argmin(cost))
+            rank = np.empty(len(order), np.intp)
+            rank[order] = np.arange(len(order))
+            chosen = rank[member] <= plane
+    return chosen

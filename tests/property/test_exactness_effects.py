@@ -1,0 +1,198 @@
+"""The exactness contract with materials, lights, cameras and media: in any partition, and whatever kernels are for."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass, replace
+from typing import Any
+
+import effect_scenes
+import numpy as np
+import pytest
+from digests import alone, same_bits
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_scenes import scenes_with_effects
+from test_exactness import give_tree
+
+import wdpm
+from wdpm.api import render_in_process
+from wdpm.cluster.effects import features_of
+from wdpm.cluster.replica import with_camera
+from wdpm.image import Image
+from wdpm.kernels.features import ALL
+from wdpm.kernels.settings import RenderSettings, Routing
+from wdpm.report import EnergyLedger
+from wdpm.scenes.geometry import flatten
+from wdpm.scenes.model import Scene
+
+pytestmark = pytest.mark.usefixtures("small_pilot")
+
+FEW = RenderSettings(photons=2000, caustic_photons=1000, volume_photons=2000, spp=2, k=20, caustic_k=10)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene, what kernels it must call for, and in which layers its effects must show."""
+
+    scene: Scene
+    features: frozenset[str]
+    layers: frozenset[str] = frozenset({"direct", "indirect", "caustic"})
+
+
+def case(scene: Scene, features: str, layers: str = "direct indirect caustic") -> Case:
+    return Case(scene, frozenset(features.split()), frozenset(layers.split()))
+
+
+CASES = {
+    "metals": case(effect_scenes.metals(), "conductor rough bitmaps textured_lights lens"),
+    "glasses": case(effect_scenes.glasses(), "dielectric rough bitmaps points spots textured_lights"),
+    "coats": case(
+        effect_scenes.coats(),
+        "conductor plastic principled rough blend bent bitmaps checkerboards vertex_colors environment",
+    ),
+    "panes": case(
+        effect_scenes.panes(),
+        "conductor thin_dielectric passing bitmaps directionals environment orthographic",
+    ),
+    "fogs": case(effect_scenes.fogs(), "dielectric passing points media", "direct indirect caustic volume"),
+    "everything": case(
+        effect_scenes.everything(),
+        " ".join(name for name in ALL.names() if name != "orthographic"),
+        "direct indirect caustic volume",
+    ),
+}
+
+_alone: dict[str, Image] = {}
+
+
+@pytest.fixture(params=list(CASES))
+def name(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture
+def reference(name: str) -> Image:
+    """The image of one cell, one thread and one bucket; the same for all tests of a scene."""
+    if name not in _alone:
+        _alone[name] = alone(CASES[name].scene, FEW)
+    return _alone[name]
+
+
+def test_scenes_call_for_what_they_are_here_for(name: str, reference: Image) -> None:
+    flat = flatten(CASES[name].scene)
+    assert set(with_camera(features_of(flat, FEW), flat.camera).names()) == CASES[name].features
+    report = reference.metadata["report"]
+    assert report["nonfinite"] == {}
+    assert EnergyLedger(**report["energy"]).imbalance < 1e-5
+    for layer in CASES[name].layers:
+        assert np.count_nonzero(reference.layers[layer].any(axis=2)) > 10, layer
+    assert ("volume" in reference.layers) == ("volume" in CASES[name].layers)
+    assert report["caustics"]["stored"] > 100
+
+
+@pytest.mark.parametrize("routing", list(Routing))
+@pytest.mark.parametrize(
+    ("cells", "workers", "threads", "bucket"), [(2, 1, 1, 32), (4, 3, 3, 5), (8, 2, 1, 7)], ids=["2", "4", "8"]
+)
+def test_partition_threads_buckets_and_order_change_no_bit(
+    name: str, reference: Image, routing: Routing, cells: int, workers: int, threads: int, bucket: int
+) -> None:
+    chosen = replace(FEW, routing=routing, bucket=bucket)
+    order = random.Random(cells) if cells > 2 else None
+    image = render_in_process(
+        CASES[name].scene, chosen, workers=workers, cells=cells, threads=threads, shuffle=order
+    )
+    assert same_bits(image, reference)
+    assert len(np.unique(image.layers["cell"])) > 1
+    for of_map in ("photons", "caustics", "volume"):
+        assert image.metadata["report"][of_map] == reference.metadata["report"][of_map]
+
+
+def test_threads_change_no_bit_in_one_cell(name: str, reference: Image) -> None:
+    image = render_in_process(CASES[name].scene, replace(FEW, bucket=9), workers=1, cells=1, threads=3)
+    assert same_bits(image, reference)
+
+
+def test_kernels_with_all_effects_give_the_same_bits(name: str, reference: Image) -> None:
+    every = replace(FEW, all_effects=True)
+    assert same_bits(alone(CASES[name].scene, every), reference)
+    image = render_in_process(CASES[name].scene, every, workers=2, cells=4, threads=2, shuffle=random.Random(1))
+    assert same_bits(image, reference)
+
+
+@pytest.mark.parametrize("change", [{"light_samples": 2}, {"max_depth": 3}, {"seed": 99}, {"caustic_photons": 0}])
+def test_every_setting_gives_the_same_bits(change: dict[str, Any]) -> None:
+    chosen, scene = replace(FEW, **change), CASES["everything"].scene
+    expected = alone(scene, chosen)
+    assert ("caustic" in expected.layers) == (chosen.caustic_photons > 0)
+    image = render_in_process(scene, chosen, workers=3, cells=8, threads=2, shuffle=random.Random(3))
+    assert same_bits(image, expected)
+
+
+def test_small_waves_and_full_photon_regions_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = CASES["everything"].scene
+    expected = alone(scene, FEW)
+    monkeypatch.setattr("wdpm.cluster.home.WAVE_SAMPLES", 50)
+    monkeypatch.setattr("wdpm.cluster.cell.DEPOSITS_A_PATH", 1)
+    monkeypatch.setattr("wdpm.cluster.gathering.GATHER_GRAIN", 1)
+    monkeypatch.setattr("wdpm.cluster.gathering.GATHER_RUN", 3)
+    assert same_bits(render_in_process(scene, FEW, workers=2, cells=4, threads=3), expected)
+
+
+@pytest.mark.sockets
+def test_two_slaves_over_sockets_give_the_same_bits() -> None:
+    scene = CASES["everything"].scene
+    expected = alone(scene, FEW)
+    with wdpm.Cluster.local(slaves=2) as cluster:
+        for routing in Routing:
+            image = cluster.render(scene, replace(FEW, routing=routing))
+            assert same_bits(image, expected)
+        assert sum(slave["rays_in"] for slave in image.metadata["report"]["slaves"]) > 0
+
+
+# Random scenes, all under the kernels with all effects: nothing new is compiled
+
+
+@given(
+    scene=scenes_with_effects(),
+    seed=st.integers(0, 2**32 - 1),
+    cells=st.sampled_from([2, 4, 8]),
+    workers=st.sampled_from([1, 2, 3]),
+    max_depth=st.sampled_from([None, None, None, 2, 4]),
+    bucket=st.sampled_from([5, 32]),
+    routing=st.sampled_from(Routing),
+    data=st.data(),
+)
+@settings(max_examples=40, deadline=None)
+def test_random_scenes_have_the_same_bits_in_any_partition(
+    scene: Scene,
+    seed: int,
+    cells: int,
+    workers: int,
+    max_depth: int | None,
+    bucket: int,
+    routing: Routing,
+    data: st.DataObject,
+) -> None:
+    chosen = RenderSettings(
+        photons=300, caustic_photons=200, volume_photons=200, k=8, caustic_k=5, spp=2, all_effects=True,
+        seed=seed, max_depth=max_depth, bucket=bucket, routing=routing,
+    )  # fmt: skip
+    expected = alone(scene, chosen)
+    with pytest.MonkeyPatch.context() as patch:
+        if data.draw(st.booleans(), label="planes through vertices"):
+            flat = flatten(scene)
+            corners = flat.triangles.positions.reshape(-1, 3)
+            axis = [data.draw(st.integers(0, 2)) for _ in range(cells - 1)]
+            give_tree(patch, axis, [float(corners[data.draw(st.integers(0, len(corners) - 1)), a]) for a in axis])
+        image = render_in_process(
+            scene, chosen, workers=min(workers, cells), cells=cells, threads=2, shuffle=random.Random(seed)
+        )
+    assert same_bits(image, expected)
+    reports = [i.metadata["report"] for i in (image, expected)]
+    for of_map in ("photons", "caustics", "volume"):
+        assert reports[0][of_map] == reports[1][of_map]
+    for report in reports:
+        assert report["nonfinite"] == {}
+        assert EnergyLedger(**report["energy"]).imbalance < 1e-5
