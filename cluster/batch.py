@@ -140,7 +140,7 @@ SCHEMAS: dict[Kind, Schema] = {
     },
     Kind.PHOTON: _PHOTON,
     Kind.GHOSTS: _STORED,
-    Kind.POINTS: {"position": ("<f4", (3,)), "normal": ("<f4", (3,))},
+    Kind.POINTS: {"map": ("<i4", ()), "position": ("<f4", (3,)), "normal": ("<f4", (3,))},
     Kind.PROBED: {"slot": ("<i4", ()), **_HIT},
     Kind.SAMPLES: {
         "slot": ("<i4", ()),

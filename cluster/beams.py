@@ -43,7 +43,7 @@ def chosen_samples(view: View | None, sample: NDArray[np.int32]) -> tuple[NDArra
     """
     if view is None:
         raise ValueError("a stretch of a camera ray came before a view was set")
-    stride = max(1, view.spp // view.volume_samples)
+    stride = -(-view.spp // view.volume_samples)
     return sample % stride == 0, np.float32(view.spp / -(-view.spp // stride))
 
 

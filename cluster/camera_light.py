@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.cluster import parts
+from wdpm.cluster import guards, parts
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
 from wdpm.cluster.beams import beam_light, next_beam_cells, start_beams
 from wdpm.cluster.gathering import Gathering
@@ -33,18 +33,12 @@ class CameraCounters:
     """What camera samples did in a cell, for the report.
 
     Attributes:
-        nonfinite: rows that were blackened, by cause.
         vertices: of camera paths beyond their first surface.
-        chains_cut: paths that were still going at the limit of vertices.
         beams: stretches of medium.
-        beams_clamped: contributions to beams that were too large for their exact sum.
     """
 
-    nonfinite: dict[str, int] = field(default_factory=dict)
     vertices: int = 0
-    chains_cut: int = 0
     beams: int = 0
-    beams_clamped: int = 0
 
 
 @dataclass(eq=False)
@@ -74,12 +68,14 @@ class CameraLight:
         self._surfaces = surfaces
         self._store = store
         self._replica = replica
-        self.gathering = Gathering(cell, store, replica)
+        self.guards = guards.Guards(replica)
+        self.gathering = Gathering(cell, store, replica, self.guards)
         self.counters = CameraCounters()
 
     def begin_view(self) -> None:
         """Count anew."""
         self.counters = CameraCounters()
+        self.guards.counts.clear()
         self.gathering.begin_view()
 
     # Rays from the camera
@@ -96,7 +92,8 @@ class CameraLight:
             yield self._batch(batch, Kind.SHADE, cell, len(rows) * unit, take(rays, rows))
         missed = np.flatnonzero(final & ~hit)
         if len(missed):
-            yield from missed_light(self._replica, batch, self._cell, take(rays, missed), len(missed) * unit)
+            rest = take(rays, missed)
+            yield from missed_light(self._replica, self.guards, batch, self._cell, rest, len(missed) * unit)
 
     def probe(self, batch: Batch) -> Iterator[Batch]:
         """Intersect camera rays with this cell alone, and tell the home what was hit."""
@@ -126,12 +123,12 @@ class CameraLight:
         follows = list(self._send_on(batch, shaded))
         samples = {
             "slot": batch.arrays["slot"],
-            "indirect": self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats),
+            "indirect": self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, batch.arrays),
             "cell": np.full(len(batch), self._cell, np.int32),
             **columns.download(shaded.seen, ("emission", "depth", "normal", "albedo")),
         }
-        for cause in ("emission", "indirect"):
-            samples[cause] = self._blacken_nonfinite(samples[cause], cause)
+        for name, cause in (("emission", guards.EMISSION), ("indirect", guards.INDIRECT)):
+            samples[name] = self.guards.blacken(samples[name], cause, batch.arrays)
         follows += self._first_caustics(batch, shaded)
         yield self._batch(batch, Kind.SAMPLES, self._cell, rest_of(batch.credit, follows), samples)
         yield from follows
@@ -140,9 +137,9 @@ class CameraLight:
         """Light of the caustic map at the first surface, in scenes that have one: a part like those further on."""
         if self._replica.world.caustic_map.paths == 0:
             return []
-        radiance = self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats)
-        arrays = {"slot": batch.arrays["slot"], "bounce": np.zeros(len(batch), np.int32)}
-        return [self._batch(batch, Kind.LIT, self._cell, 0, self._part(arrays, parts.CAUSTIC, radiance))]
+        radiance = self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats, batch.arrays)
+        arrays = {**batch.arrays, "bounce": np.zeros(len(batch), np.int32)}
+        return [self._batch(batch, Kind.LIT, self._cell, len(batch), self._part(arrays, parts.CAUSTIC, radiance))]
 
     # Paths beyond their first surface
 
@@ -160,7 +157,7 @@ class CameraLight:
         if len(missed):
             rest = take(paths, missed)
             credit = parts.credit_of(rest["bounce"], self._view.light_samples)
-            yield from missed_light(replica, batch, self._cell, rest, credit)
+            yield from missed_light(replica, self.guards, batch, self._cell, rest, credit)
 
     def shade_vertices(self, batch: Batch) -> Iterator[Batch]:
         """Light final hits of paths in this cell."""
@@ -171,8 +168,8 @@ class CameraLight:
         follows = list(self._send_on(batch, shaded))
         seen = {
             parts.EMISSION: shaded.seen.emission.numpy(),
-            parts.INDIRECT: self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats),
-            parts.CAUSTIC: self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats),
+            parts.INDIRECT: self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays),
+            parts.CAUSTIC: self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats, arrays),
         }
         lit = concatenate([self._part(arrays, part, radiance) for part, radiance in seen.items()], Kind.LIT)
         yield self._batch(batch, Kind.LIT, self._cell, rest_of(batch.credit, follows), lit)
@@ -180,7 +177,7 @@ class CameraLight:
 
     def _part(self, arrays: Arrays, part: int, radiance: NDArray[np.float32]) -> Arrays:
         """One part of each vertex, where it is not black."""
-        radiance = self._blacken_nonfinite(radiance, _CAUSE[part])
+        radiance = self.guards.blacken(radiance, _CAUSE[part], arrays)
         rows = np.flatnonzero(radiance.any(axis=1))
         place = parts.place_of(arrays["bounce"][rows], part, self._view.light_samples)
         return {"slot": arrays["slot"][rows], "place": place, "radiance": radiance[rows]}
@@ -203,6 +200,8 @@ class CameraLight:
         scalars = [view.light_samples, view.max_depth or 0]
         outputs = [shaded.seen, shaded.queries, shaded.coats, shaded.shots, shaded.paths, shaded.stretches]
         replica.launcher(kernel, count, [*scene, rays, *scalars], outputs)
+        if replica.observer is not None:
+            replica.observer.shaded(self._surfaces, rays, shaded.shots, shaded.paths)
         return shaded
 
     def _send_on(self, cause: Batch, shaded: Shaded) -> Iterator[Batch]:
@@ -217,13 +216,14 @@ class CameraLight:
     def _start_paths(self, cause: Batch, going_on: Any) -> Iterator[Batch]:
         replica = self._replica
         paths = columns.download(going_on, SCHEMAS[Kind.PATH])
-        paths["throughput"] = self._blacken_nonfinite(paths["throughput"], "throughput")
+        paths["throughput"] = self.guards.blacken(paths["throughput"], guards.THROUGHPUT, cause.arrays)
+        # The kernel ends them all there; hardly any has not been ended by Russian roulette long before.
+        self.guards.act(guards.PATHS_CUT, np.flatnonzero(paths["bounce"] >= parts.LAST_BOUNCE), cause.arrays)
         if not paths["throughput"].any():
             return
         first = self._integers(len(paths["slot"]))
         rays = columns.upload(cr.Paths, paths, replica.launcher.device)
         replica.launcher(cr.first_path_cells, len(paths["slot"]), [replica.cells, rays], [first])
-        self.counters.chains_cut += int(np.count_nonzero(paths["bounce"] == parts.LAST_BOUNCE))
         yield from self._send_paths(cause, Kind.PATH, paths, first.numpy(), first.numpy() >= 0)
 
     def _send_paths(
@@ -239,7 +239,8 @@ class CameraLight:
         """Send shadow segments to the first cell on their way; those that carry nothing end here."""
         replica = self._replica
         arrays = columns.download(shots, SCHEMAS[Kind.SHADOW])
-        arrays["radiance"] = self._blacken_nonfinite(arrays["radiance"], "direct")
+        each = self._view.light_samples
+        arrays["radiance"] = self.guards.blacken(arrays["radiance"], guards.DIRECT, cause.arrays, each)
         count = len(arrays["slot"])
         if replica.world.top_tree.cells == 1 and not replica.world.features.walks:
             yield self._batch(cause, Kind.SHADOW, self._cell, count, arrays)
@@ -322,14 +323,33 @@ class CameraLight:
             plan = world.volume_map
             inputs = [built.tree, replica.media, replica.cells, beams, self._cell, plan.radius, world.volume_unit]
             replica.launcher(beam.add_beams, count, inputs, [])
-            self.counters.beams_clamped += int(beams.clamped.numpy().sum())
+            clamped = beams.clamped.numpy()
         arrays = {**batch.arrays, **columns.download(beams, ("red", "green", "blue"))}
+        arrays["radiance"] = self._told_of(arrays["radiance"], clamped)
         onward = next_beam_cells(replica, arrays, self._cell)
         for cell, rows in by_destination(onward, onward >= 0):
             yield self._batch(batch, Kind.BEAM, cell, len(rows), take(arrays, rows))
         ended = np.flatnonzero(onward < 0)
         if len(ended):
-            yield self._batch(batch, Kind.LIT, self._cell, len(ended), beam_light(replica, take(arrays, ended)))
+            lit = self._end_beams(take(arrays, ended))
+            yield self._batch(batch, Kind.LIT, self._cell, len(ended), lit)
+
+    def _told_of(self, throughput: NDArray[np.float32], clamped: NDArray[np.int32]) -> NDArray[np.float32]:
+        """Count what was clamped. Whose beam it is only the home knows: in a strict render a NaN tells it."""
+        if not clamped.any():
+            return throughput
+        if not self.guards.strict:
+            self.guards.act(guards.BEAMS_CLAMPED, np.flatnonzero(clamped), {}, int(clamped.sum()))
+            return throughput
+        return np.where((clamped > 0)[:, None], np.float32(np.nan), throughput)
+
+    def _end_beams(self, arrays: Arrays) -> Arrays:
+        """What beams bring home; in a strict render that which is not finite, too, for the home to tell whose it is."""
+        with np.errstate(over="ignore"):
+            lit = dict(beam_light(self._replica, arrays))
+        if not self.guards.strict:
+            lit["radiance"] = self.guards.blacken(lit["radiance"], guards.VOLUME, lit)
+        return lit
 
     # Odds and ends
 
@@ -346,19 +366,12 @@ class CameraLight:
         """What follows from a batch: the same task, the same home."""
         return Batch(kind, cause.task, cause.home, cell, credit, arrays)
 
-    def _blacken_nonfinite(self, values: NDArray[np.float32], cause: str) -> NDArray[np.float32]:
-        """Rows with a NaN or an infinity become black, since one would spoil its pixel, and are counted by cause."""
-        if np.isfinite(values.sum(dtype=np.float64)):
-            return values  # a sum is finite only if its terms are
-        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
-        blackened = values.copy()
-        blackened[bad] = 0.0
-        if len(bad):
-            self.counters.nonfinite[cause] = self.counters.nonfinite.get(cause, 0) + len(bad)
-        return blackened
 
-
-_CAUSE = {parts.EMISSION: "emission", parts.INDIRECT: "indirect", parts.CAUSTIC: "caustic"}
+_CAUSE = {
+    parts.EMISSION: guards.EMISSION,
+    parts.INDIRECT: guards.INDIRECT,
+    parts.CAUSTIC: guards.CAUSTIC,
+}
 
 
 def rest_of(credit: int, follows: Sequence[Batch]) -> int:

@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, take
 from wdpm.cluster.camera_light import CameraCounters, CameraLight
 from wdpm.cluster.gathering import GatherCounters
+from wdpm.cluster.guards import PHOTONS_CUT, added
 from wdpm.cluster.photon_store import DEPOSITS_A_PATH, PhotonStore
 from wdpm.cluster.replica import Replica
 from wdpm.kernels import bvh, columns, surface
 from wdpm.kernels import photon_paths as pp
+from wdpm.kernels.triangle import NO_HIT
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.geometry import Triangles
 
@@ -90,6 +92,11 @@ class Cell:
         """What gathers did here."""
         return self._light.gathering.counters
 
+    @property
+    def guards(self) -> dict[str, int]:
+        """What guards did here, by cause: to camera samples of the view, and to photons."""
+        return added([self._light.guards.counts, self.store.guards.counts])
+
     def begin_view(self) -> None:
         """Count anew what is counted for each view."""
         self._light.begin_view()
@@ -106,6 +113,7 @@ class Cell:
         while True:
             flown, status, destination = self._launch_trace(arrays, landed)
             ended += int(np.count_nonzero(status == pp.ENDED))
+            self._count_cut(flown, status)
             for kind, code in ((Kind.PHOTON, pp.TRAVELS), (Kind.LANDED, pp.LANDS)):
                 for cell, rows in by_destination(destination, status == code):
                     yield Batch(kind, batch.task, batch.home, cell, len(rows), take(flown, rows))
@@ -115,6 +123,14 @@ class Cell:
             arrays, landed = take(flown, waiting), True
         if ended:
             yield Batch(Kind.ENDED, batch.task, batch.home, self.number, ended, {})
+
+    def _count_cut(self, flown: Arrays, status: NDArray[np.int32]) -> None:
+        """Count the photons that ended at the limit of bounces, and not because they left the scene there."""
+        at_limit = (status == pp.ENDED) & (flown["bounce"] >= pp.BOUNCE_LIMIT)
+        if at_limit.any():
+            left = (flown["prim"] < 0) & (flown["t"] >= np.float32(NO_HIT))
+            cut = take(flown, np.flatnonzero(at_limit & ~left))
+            self.store.guards.act_on_photons(PHOTONS_CUT, cut["path"], cut["bounce"], cut["light"])
 
     def _launch_trace(self, arrays: Arrays, landed: bool) -> tuple[Arrays, NDArray[np.int32], NDArray[np.int32]]:
         """One launch over photons in flight; keeps what was stored."""

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from wdpm.cluster import parts
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
 from wdpm.cluster.film import layers_of
+from wdpm.cluster.guards import BEAMS_CLAMPED, VOLUME, Guards
 from wdpm.cluster.misses import missed_light, no_hits
 from wdpm.cluster.replica import Replica
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask
@@ -30,6 +31,17 @@ WAVE_SAMPLES = 1 << 16
 """Samples of a bucket that are under way at once: bounds memory, changes no bit."""
 
 
+def set_out(replica: Replica, start: int, stop: int) -> Any:
+    """The photon paths start to stop - 1 as they leave the lights: kernels.photon_paths.Flight."""
+    world, count = replica.world, stop - start
+    flight = columns.empty(pp.Flight, count, replica.launcher.device)
+    scene = [replica.lights, replica.textures, replica.media, replica.cells, replica.targets]
+    shares = [replica.cumulative, replica.caustic_cumulative]
+    scalars = [start, world.global_map.paths, wp.uint32(world.seed)]
+    replica.launcher(replica.kernels.emit_photons, count, [*scene, *shares, *scalars], [flight])
+    return flight
+
+
 class PhotonHome:
     """A range of photon paths."""
 
@@ -42,15 +54,10 @@ class PhotonHome:
 
     def begin(self) -> Iterator[Batch]:
         """The photons as they leave the lights, by the first cell on their way."""
-        replica, device = self._replica, self._replica.launcher.device
+        replica, world = self._replica, self._replica.world
+        flight = set_out(replica, self.task.start, self.task.stop)
         count = self.task.stop - self.task.start
-        flight = columns.empty(pp.Flight, count, device)
-        first = wp.empty(count, dtype=wp.int32, device=device)
-        world = replica.world
-        scene = [replica.lights, replica.textures, replica.media, replica.cells, replica.targets]
-        shares = [replica.cumulative, replica.caustic_cumulative]
-        scalars = [self.task.start, world.global_map.paths, wp.uint32(world.seed)]
-        replica.launcher(replica.kernels.emit_photons, count, [*scene, *shares, *scalars], [flight])
+        first = wp.empty(count, dtype=wp.int32, device=replica.launcher.device)
         replica.launcher(pp.first_cells, count, [replica.cells, flight], [first])
         arrays = columns.download(flight, SCHEMAS[Kind.PHOTON])
         aimed = arrays["path"] >= world.global_map.paths
@@ -78,20 +85,35 @@ class PhotonHome:
 
 
 class BucketHome:
-    """A bucket: all samples of its pixels, in waves."""
+    """A bucket: all samples of its pixels, in waves.
 
-    def __init__(self, task: BucketTask, number: int, replica: Replica, view: View) -> None:
+    Args:
+        guards: of camera samples whose fate is settled at home.
+        samples: which of each pixel's samples; None for all.
+    """
+
+    def __init__(
+        self,
+        task: BucketTask,
+        number: int,
+        replica: Replica,
+        view: View,
+        guards: Guards,
+        samples: range | None = None,
+    ) -> None:
         self.task = task
         self._number = number
         self._replica = replica
         self._view = view
+        self._guards = guards
+        self._samples = range(view.spp) if samples is None else samples
         width, height = task.x1 - task.x0, task.y1 - task.y0
         self._shape = (height, width)
         x = np.arange(task.x0, task.x1, dtype=np.int32)
         y = np.arange(task.y0, task.y1, dtype=np.int32)
         self._pixels = (y[:, None] * np.int32(view.camera.width) + x[None, :]).reshape(-1)
-        self._samples_a_wave = max(1, min(view.spp, WAVE_SAMPLES // len(self._pixels)))
-        self._first = 0
+        self._samples_a_wave = max(1, min(len(self._samples), WAVE_SAMPLES // len(self._pixels)))
+        self._first = self._samples.start
         self._sums = columns.zeros(resolve.Sums, len(self._pixels), replica.launcher.device)
         self._cell = np.full(len(self._pixels), -1, np.int32)
         self._credit = 0
@@ -102,7 +124,7 @@ class BucketHome:
 
     def begin(self) -> Iterator[Batch]:
         """Start the next wave of samples."""
-        count = min(self._samples_a_wave, self._view.spp - self._first)
+        count = min(self._samples_a_wave, self._samples.stop - self._first)
         sample = np.arange(self._first, self._first + count, dtype=np.int32)
         total = len(self._pixels) * count
         rays: dict[str, NDArray[Any]] = {
@@ -170,7 +192,7 @@ class BucketHome:
                 yield from self._shade_merged()
             if self._credit == 0:
                 self._finish_wave()
-                if self._first < self._view.spp:
+                if self._first < self._samples.stop:
                     yield from self.begin()
 
     def _fill(self, arrays: Arrays, names: Iterable[str]) -> None:
@@ -192,7 +214,23 @@ class BucketHome:
             self._slots["direct"][arrays["slot"] * np.int32(shots) + place] = arrays["radiance"]
             return
         self._slots["direct"][(arrays["slot"] * np.int32(shots) + place)[first]] = arrays["radiance"][first]
-        self._later.append(take(arrays, np.flatnonzero(~first)))
+        later = take(arrays, np.flatnonzero(~first))
+        if self._guards.strict:
+            self._demand_finite(later)
+        self._later.append(later)
+
+    def _demand_finite(self, lit: Arrays) -> None:
+        """Raise GuardError about light that is not finite: of beams, whose samples only the home knows."""
+        bad = np.flatnonzero(~np.isfinite(lit["radiance"]).all(axis=1))
+        if len(bad):
+            slot = lit["slot"][bad]
+            whose = {
+                "pixel": self._rays["pixel"][slot],
+                "sample": self._rays["sample"][slot],
+                "bounce": parts.bounce_of(lit["place"][bad], self._view.light_samples),
+            }
+            clamped = np.isnan(lit["radiance"][bad]).any()
+            self._guards.act(BEAMS_CLAMPED if clamped else VOLUME, np.arange(len(bad)), whose)
 
     def _merge(self, found: Arrays) -> None:
         """Nearest first; of equally near hits the smaller triangle number (exactness contract, item 2)."""
@@ -212,19 +250,18 @@ class BucketHome:
         missed = np.flatnonzero(~hit)
         if len(missed):
             cause = self._batch(Kind.CAMERA, -1, 0, {})
-            yield from missed_light(self._replica, cause, -1, take(self._rays, missed), len(missed) * unit)
+            rest = take(self._rays, missed)
+            yield from missed_light(self._replica, self._guards, cause, -1, rest, len(missed) * unit)
 
     def _finish_wave(self) -> None:
         """Add the wave's samples to the pixels' sums, in the order of their numbers."""
         launcher, shots = self._replica.launcher, self._view.light_samples
         count = len(self._slots["depth"]) // len(self._pixels)
         slots = columns.upload(resolve.Slots, self._slots, launcher.device)
-        launcher(resolve.add_samples, len(self._pixels), [slots, count, shots], [self._sums])
-        if self._later:
-            later = columns.upload(resolve.Parts, self._parts_in_order(), launcher.device)
-            launcher(resolve.add_parts, len(self._pixels), [later, count], [self._sums])
-            self._later = []
-        if self._first == 0:
+        later = columns.upload(resolve.Parts, self._parts_in_order(), launcher.device)
+        launcher(resolve.add_samples, len(self._pixels), [slots, later, count, shots], [self._sums])
+        self._later = []
+        if self._first == self._samples.start:
             self._cell = self._slots["cell"].reshape(-1, count)[:, 0].copy()
         self._first += count
         self._slots = {}
@@ -242,13 +279,17 @@ class BucketHome:
             "radiance": together["radiance"][order],
         }
 
+    def sums(self) -> dict[str, NDArray[Any]]:
+        """What the samples that are in add up to, float64, shape [pixels, 3] or [pixels], and how many of them hit."""
+        names = ("direct", "indirect", "caustic", "volume", "normal", "albedo", "depth", "hits")
+        return columns.download(self._sums, names)
+
     def result(self) -> BucketRendered | None:
         """The bucket's pixels once all samples are in."""
-        if self._credit > 0 or self._first < self._view.spp:
+        if self._credit > 0 or self._first < self._samples.stop:
             return None
-        names = ("direct", "indirect", "caustic", "volume", "normal", "albedo", "depth", "hits")
-        sums = columns.download(self._sums, names)
-        share = 1.0 / self._view.spp
+        sums = self.sums()
+        share = 1.0 / len(self._samples)
         hits = np.maximum(sums["hits"], 1)
         flat = {
             "beauty": (((sums["direct"] + sums["indirect"]) + sums["caustic"]) + sums["volume"]) * share,

@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.cluster.photon_store import PhotonCounters
 from wdpm.cluster.world import Emission, World
 from wdpm.kernels.photon_paths import CAUSTIC_MAP, GLOBAL_MAP
 from wdpm.kernels.target_clusters import cluster_targets
@@ -38,12 +37,16 @@ def pilot_emission(flat: FlatScene, *, aimed: bool) -> Emission:
     return Emission(power, _normalised(EVEN * even + (1.0 - EVEN) * power), center, radius)
 
 
-def shared_out(world: World, counters: PhotonCounters) -> Emission:
-    """The final shares, from what the pilot stored."""
+def shared_out(world: World, flux: NDArray[np.float64]) -> Emission:
+    """The final shares.
+
+    Args:
+        flux: what the pilot's photons of each light brought into each map, shape [maps, lights].
+    """
     pilot = world.emission
     return Emission(
-        _measured(world.lights, pilot.share, counters.flux_by_light[GLOBAL_MAP]),
-        _measured(world.lights, pilot.caustic_share, counters.flux_by_light[CAUSTIC_MAP]),
+        _measured(world.lights, pilot.share, flux[GLOBAL_MAP]),
+        _measured(world.lights, pilot.caustic_share, flux[CAUSTIC_MAP]),
         pilot.target_center,
         pilot.target_radius,
     )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from wdpm.cluster import parts
 from wdpm.cluster.batch import Arrays, Batch, Kind
 from wdpm.cluster.beams import start_beams
+from wdpm.cluster.guards import EMISSION, Guards
 from wdpm.cluster.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import camera_rays as cr
@@ -38,10 +39,13 @@ def start_paths(replica: Replica, rays: Any, count: int) -> Any:
     return paths
 
 
-def missed_light(replica: Replica, cause: Batch, cell: int, rays: Arrays, credit: int) -> Iterator[Batch]:
+def missed_light(
+    replica: Replica, guards: Guards, cause: Batch, cell: int, rays: Arrays, credit: int
+) -> Iterator[Batch]:
     """What rays that meet nothing bring home: light of the environment, and of the medium that they are in.
 
     Args:
+        guards: of camera samples.
         cause: the batch that they came with.
         cell: the cell where that became clear.
         rays: CAMERA rays, or rays of a PATH.
@@ -60,7 +64,7 @@ def missed_light(replica: Replica, cause: Batch, cell: int, rays: Arrays, credit
     inputs = [replica.media, replica.lights, replica.camera, paths, view.light_samples]
     replica.launcher(replica.kernels.path_misses, count, inputs, [radiance, stretches])
     follows = list(start_beams(replica, cause, stretches)) if features.media else []
-    light = radiance.numpy()
+    light = guards.blacken(radiance.numpy(), EMISSION, rays)
     rows = np.flatnonzero(light.any(axis=1))
     bounce = rays["bounce"][rows] if later else np.zeros(len(rows), np.int32)
     lit = {

@@ -33,6 +33,11 @@ def place_of(bounce: NDArray[np.int32], part: int, light_samples: int) -> NDArra
     return (bounce * np.int32(light_samples + PARTS) + np.int32(light_samples + part)).astype(np.int32)
 
 
+def bounce_of(place: NDArray[np.int32], light_samples: int) -> NDArray[np.int32]:
+    """The vertices that places belong to."""
+    return (place // (light_samples + int(PARTS))).astype(np.int32)
+
+
 def layer_of(place: NDArray[np.int32], light_samples: int) -> NDArray[np.int32]:
     """Which layer of the image each place belongs to."""
     part = place % (light_samples + int(PARTS)) - light_samples
@@ -40,8 +45,8 @@ def layer_of(place: NDArray[np.int32], light_samples: int) -> NDArray[np.int32]:
 
 
 def credit_of_vertex(light_samples: int) -> int:
-    """Credit of what a vertex starts besides the ray that goes on: its result, shadow rays, stretch of medium."""
-    return 2 + light_samples
+    """Credit of what a vertex starts besides the ray that goes on: result, caustics, shadow rays, stretch of medium."""
+    return 3 + light_samples
 
 
 def credit_of(bounce: NDArray[np.int32], light_samples: int) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, concatenate, take
+from wdpm.cluster.guards import PHOTON, Guards
 from wdpm.cluster.partition import rows_near
 from wdpm.cluster.replica import Replica
 from wdpm.cluster.world import MapPlan
@@ -25,6 +26,10 @@ DEPOSITS_A_PATH = 6
 """Room for photons, a path, in one launch. What finds none waits for the next launch."""
 
 
+SURFACE_MAPS = (int(pp.GLOBAL_MAP), int(pp.CAUSTIC_MAP))
+"""Those whose gathers divide by a measured area."""
+
+
 @dataclass
 class PhotonCounters:
     """What was stored, for the report.
@@ -36,7 +41,6 @@ class PhotonCounters:
 
     by_light: NDArray[np.int64]
     flux_by_light: NDArray[np.float64]
-    nonfinite: int = 0
 
 
 @dataclass(eq=False)
@@ -69,10 +73,11 @@ class PhotonStore:
         self._own_points: Arrays = {}
         self._ghost_points: list[Arrays] = []
         self.maps: list[BuiltMap | None] = [None] * MAPS
-        self.points: Any = None
+        self.points: list[Any] = [None] * MAPS
         self.count = np.zeros(MAPS, np.int64)
         self.ghost_count = np.zeros(MAPS, np.int64)
         number = len(replica.world.lights.names)
+        self.guards = Guards(replica)
         self.counters = PhotonCounters(np.zeros((MAPS, number), np.int64), np.zeros((MAPS, number)))
 
     def room(self, capacity: int, chunks: int) -> Any:
@@ -96,7 +101,9 @@ class PhotonStore:
                 light = regions["light"][region].copy()
                 finite = np.isfinite(photons["flux"]).all(axis=1)
                 if not finite.all():
-                    self.counters.nonfinite += int(np.count_nonzero(~finite))
+                    bad, number = np.flatnonzero(~finite), photons["id"]
+                    bounce = number[bad] & ((1 << pp.BOUNCE_BITS) - 1)
+                    self.guards.act_on_photons(PHOTON, number[bad] >> pp.BOUNCE_BITS, bounce, light[bad])
                     photons, light = take(photons, np.flatnonzero(finite)), light[finite]
                 self._own.append(photons)
                 self._count(photons, light)
@@ -129,33 +136,28 @@ class PhotonStore:
         self._own_points = self._spread_points()
         photons = concatenate(self._own, Kind.GHOSTS)
         self._own = [photons]
-        of_map = [np.flatnonzero(photons["map"] == number) for number in range(MAPS)]
-        places = [photons["position"][rows] for rows in of_map]
+        copied = [(Kind.GHOSTS, _ByMap(photons)), (Kind.POINTS, _ByMap(self._own_points))]
         # Distances are rounded, and photons lie a rounding off their surfaces: pad covers both.
         bands = [plan.band + replica.pad if plan.paths else 0.0 for plan in world.maps]
         for cell in range(len(low)):
             if cell != self._cell:
-                near = [
-                    rows[rows_near(place, low[cell], high[cell], band)]
-                    for rows, place, band in zip(of_map, places, bands, strict=True)
-                ]
-                yield Batch(Kind.GHOSTS, -1, replica.worker, cell, 0, take(photons, np.sort(np.concatenate(near))))
-                rows = rows_near(self._own_points["position"], low[cell], high[cell], max(bands))
-                yield Batch(Kind.POINTS, -1, replica.worker, cell, 0, take(self._own_points, rows))
+                for kind, places in copied:
+                    rows = places.near(low[cell], high[cell], bands)
+                    yield Batch(kind, -1, replica.worker, cell, 0, take(places.arrays, rows))
 
     def _spread_points(self) -> Arrays:
-        """The surface points that lie in this cell."""
-        replica = self._replica
-        position, normal = spread(
-            self._surfaces,
-            replica.cells,
-            self._cell,
-            self._surfaces.ids.numpy(),
-            triangle_areas(self._surfaces.corners.numpy()),
-            replica.world.point_area,
-            replica.launcher,
-        )
-        return {"position": position, "normal": normal}
+        """The surface points that lie in this cell: for each map as many as suit it."""
+        replica, surfaces = self._replica, self._surfaces
+        ids, area = surfaces.ids.numpy(), triangle_areas(surfaces.corners.numpy())
+        parts: list[Arrays] = []
+        for number in SURFACE_MAPS:
+            plan = replica.world.maps[number]
+            if plan.paths and plan.read:
+                position, normal = spread(
+                    surfaces, replica.cells, self._cell, ids, area, plan.point_area, replica.launcher
+                )
+                parts.append({"map": np.full(len(position), number, np.int32), "position": position, "normal": normal})
+        return concatenate(parts, Kind.POINTS)
 
     def build(self) -> None:
         """Build the trees of photons and of surface points, own and ghosts, and let go of what they are built from."""
@@ -165,15 +167,18 @@ class PhotonStore:
             self.maps[number] = self._built(photons, number, plan)
         points = concatenate([self._own_points, *self._ghost_points], Kind.POINTS)
         self._own_points, self._ghost_points = {}, []
-        none = np.zeros_like(points["position"])
-        order = np.arange(len(none), dtype=np.int64)
+        for number in SURFACE_MAPS:
+            self.points[number] = self._tree_of_points(take(points, np.flatnonzero(points["map"] == number)))
+
+    def _tree_of_points(self, points: Arrays) -> Any:
+        none, order = np.zeros_like(points["position"]), np.arange(len(points["map"]), dtype=np.int64)
         launcher = self._replica.launcher
-        self.points = photon_map.build(
+        return photon_map.build(
             points["position"], none, points["normal"], none, order, launcher.device, launcher.build_launcher()
         )
 
     def _built(self, photons: Arrays, number: int, plan: MapPlan) -> BuiltMap | None:
-        if plan.paths == 0:
+        if plan.paths == 0 or not plan.read:
             return None
         launcher = self._replica.launcher
         chosen = take(photons, np.flatnonzero(photons["map"] == number))
@@ -192,13 +197,13 @@ class PhotonStore:
     def forget(self) -> None:
         """Let go of all photons and what was counted about them."""
         self._own, self._ghosts = [], []
-        self._own_points, self._ghost_points, self.points = {}, [], None
+        self._own_points, self._ghost_points, self.points = {}, [], [None] * MAPS
         self.maps = [None] * MAPS
         self.count[:] = 0
         self.ghost_count[:] = 0
         self.counters.by_light[:] = 0
         self.counters.flux_by_light[:] = 0.0
-        self.counters.nonfinite = 0
+        self.guards.counts.clear()
 
 
 def _empty_deposits(total: int, device: str) -> Any:
@@ -209,3 +214,24 @@ def _empty_deposits(total: int, device: str) -> Any:
     for name in ("position", "flux", "normal", "direction"):
         setattr(deposits, name, wp.empty(total, dtype=wp.vec3, device=device))
     return deposits
+
+
+class _ByMap:
+    """Places by the map that they belong to.
+
+    Args:
+        arrays: with "map" and "position".
+    """
+
+    def __init__(self, arrays: Arrays) -> None:
+        self.arrays = arrays
+        self._rows = [np.flatnonzero(arrays["map"] == number) for number in range(MAPS)]
+        self._places = [arrays["position"][rows] for rows in self._rows]
+
+    def near(self, low: NDArray[np.float32], high: NDArray[np.float32], bands: Sequence[float]) -> NDArray[np.intp]:
+        """Rows of those in a box, or no further from it than the band of their map, ascending."""
+        chosen = [
+            rows[rows_near(place, low, high, band)]
+            for rows, place, band in zip(self._rows, self._places, bands, strict=True)
+        ]
+        return np.sort(np.concatenate(chosen))

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.batch import Arrays, take
 from wdpm.cluster.cell import Cell
 from wdpm.cluster.effects import calls_for_caustics, calls_for_media, features_of
+from wdpm.cluster.home import set_out
 from wdpm.cluster.light_shares import pilot_emission, shared_out
 from wdpm.cluster.partition import deal, rows_of_cells
 from wdpm.cluster.task import PhotonTask
@@ -30,7 +31,7 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.gather import check_settings, gather_kernel
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.limits import MAPS
-from wdpm.kernels.photon_paths import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
+from wdpm.kernels.photon_paths import BOUNCE_BITS, CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
 from wdpm.kernels.settings import RenderSettings
 from wdpm.scenes.areas import triangle_areas
 from wdpm.scenes.geometry import FlatScene
@@ -69,7 +70,7 @@ POINTS_A_PHOTON = 2
 POINTS_A_DISC = 64
 """Surface points in the largest gather, at least, however few the photons."""
 
-POINTS_LEAST = 1 << 16
+POINTS_LEAST = 1 << 14
 POINTS_MOST = 1 << 24
 """Bounds to the number of surface points: 52 bytes each."""
 
@@ -107,8 +108,7 @@ def make_plan(
     cell = pilot.cells[0]
     _fly_pilot(pilot)
     photons = _by_map(cell.store.so_far())
-    counters = cell.store.counters
-    plans = map_plans(pilot, photons, settings, flat.extent)
+    plans = map_plans(pilot, photons, settings, flat)
     for plan in plans:
         check_settings(settings.k, plan.radius)
     wanted = max(workers, 1) if cells is None else cells
@@ -122,8 +122,7 @@ def make_plan(
         global_map=plans[0],
         caustic_map=plans[1],
         volume_map=plans[2],
-        emission=shared_out(pilot.replica.world, counters),
-        point_area=_point_area(flat.triangles.positions, plans[0].radius, settings),
+        emission=shared_out(pilot.replica.world, _flux_by_light(pilot, photons)),
         volume_unit=_volume_unit(photons[VOLUME_MAP], plans[VOLUME_MAP], flat),
     )
     rows = rows_of_cells(flat.triangles.positions, tree, flat.extent, launcher)
@@ -135,11 +134,26 @@ def make_plan(
     return Plan(world, rows, holders, pilot if tree.cells == 1 else None, places)
 
 
+def _flux_by_light(pilot: Worker, photons: Sequence[Arrays]) -> NDArray[np.float64]:
+    """Flux that the pilot's photons of each light brought into each map, shape [MAPS, lights].
+
+    Added in the order of the photons' numbers: the sums that a cell counts depend on its threads in their last bits.
+    """
+    world = pilot.replica.world
+    flux = np.zeros((MAPS, len(world.lights.names)))
+    if world.paths:
+        light_of_path = set_out(pilot.replica, 0, world.paths).light.numpy()
+        for number, part in enumerate(photons):
+            light = light_of_path[part["id"] >> BOUNCE_BITS]
+            flux[number] = np.bincount(light, part["flux"].mean(axis=1, dtype=np.float64), flux.shape[1])
+    return flux
+
+
 def _pilot_world(flat: FlatScene, features: Features, settings: RenderSettings) -> World:
     """One cell, and as many paths of each pass as the pilot has."""
     shines = bool(len(flat.lights.power)) and flat.lights.power.sum() > 0
-    photons = 0 if "indirect" in settings.without else settings.photons
-    paths = PILOT_PATHS if shines and (photons or calls_for_media(flat)) else 0
+    indirect = settings.photons > 0 and "indirect" not in settings.without
+    paths = PILOT_PATHS if shines and (indirect or calls_for_media(flat)) else 0
     caustic = PILOT_PATHS if shines and calls_for_caustics(flat, features, settings) else 0
     return World(
         features=features,
@@ -152,10 +166,9 @@ def _pilot_world(flat: FlatScene, features: Features, settings: RenderSettings) 
         seed=settings.seed,
         max_depth=settings.max_depth,
         emission=pilot_emission(flat, aimed=caustic > 0),
-        global_map=MapPlan(paths),
+        global_map=MapPlan(paths, read=indirect),
         caustic_map=MapPlan(caustic),
         volume_map=MapPlan(paths if calls_for_media(flat) and settings.volume_photons else 0),
-        point_area=1.0,
         volume_unit=1.0,
     )
 
@@ -189,10 +202,11 @@ def _by_map(photons: Arrays) -> list[Arrays]:
 
 
 def map_plans(
-    pilot: Worker, photons: Sequence[Arrays], settings: RenderSettings, extent: float
+    pilot: Worker, photons: Sequence[Arrays], settings: RenderSettings, flat: FlatScene
 ) -> tuple[MapPlan, MapPlan, MapPlan]:
     """Paths and radius of the global, the caustic and the volume map."""
-    world, cell = pilot.replica.world, pilot.cells[0]
+    world, cell, extent = pilot.replica.world, pilot.cells[0], flat.extent
+    area = float(triangle_areas(flat.triangles.positions).sum())
     stored = [len(part["id"]) for part in photons]
     asked = [settings.photons, settings.caustic_photons, settings.volume_photons if world.volume_map.paths else 0]
     wanted = [
@@ -209,7 +223,10 @@ def map_plans(
         or _gather_radius(cell, photons[CAUSTIC_MAP], settings.caustic_k, expected[CAUSTIC_MAP], extent),
         settings.volume_radius or _beam_radius(photons[VOLUME_MAP], expected[VOLUME_MAP], extent),
     ]
-    plans = [MapPlan(p, r, settings.band * r) for p, r in zip(every, radii, strict=True)]
+    plans = [
+        MapPlan(p, r, settings.band * r, old.read, _point_area(area, r, e))
+        for p, r, e, old in zip(every, radii, expected, world.maps, strict=True)
+    ]
     return plans[0], plans[1], plans[2]
 
 
@@ -264,10 +281,9 @@ def _gather_radius(cell: Cell, photons: Arrays, k: int, expected: float, extent:
     return RADIUS_MARGIN * radius * math.sqrt(k / PILOT_K / denser)
 
 
-def _point_area(corners: NDArray[np.float32], radius: float, settings: RenderSettings) -> float:
-    """The area that a surface point stands for."""
-    area = float(triangle_areas(corners).sum())
-    wanted = max(POINTS_A_PHOTON * settings.photons, POINTS_A_DISC * area / (math.pi * radius**2), POINTS_LEAST)
+def _point_area(area: float, radius: float, photons: float) -> float:
+    """The area that a surface point stands for, of a map of so many photons on a scene of that area."""
+    wanted = max(POINTS_A_PHOTON * photons, POINTS_A_DISC * area / (math.pi * radius**2), POINTS_LEAST)
     return area / min(wanted, POINTS_MOST)
 
 

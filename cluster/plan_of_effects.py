@@ -221,10 +221,10 @@ def _rays(
     """Rays that only some scenes need."""
     elements = len(flat.lights.power)
     going_on = _joined(causes["glossy"], causes["passing"])
-    asking = _joined(causes["plastic"], causes["principled"], going_on if settings.max_depth else ())
+    asking = _joined(causes["plastic"], causes["principled"], causes["bent"], going_on if settings.max_depth else ())
     walking = _joined(causes["passing"], causes["media"])
     missing = _joined(causes["environment"], causes["media"])
-    asks = features.goes_on and (features.plastic or features.principled or bool(settings.max_depth))
+    asks = features.coated or (features.goes_on and bool(settings.max_depth))
     return [
         Effect(
             "light selection",

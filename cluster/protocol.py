@@ -16,7 +16,7 @@ from wdpm.cluster.task import Task, TaskResult
 from wdpm.cluster.world import View, World
 from wdpm.scenes.geometry import Triangles
 
-PROTOCOL = 1
+PROTOCOL = 2
 
 
 # From a slave to the master.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,26 @@ from wdpm.kernels.variants import Variants, make_variants
 from wdpm.scenes.model import Camera
 
 
+class Observer(Protocol):
+    """Who looks over a worker's shoulder. What it is shown changes with the next launch: it copies what it keeps."""
+
+    def shaded(self, surfaces: Any, rays: Any, shots: Any, paths: Any) -> None:
+        """Vertices on surfaces of a cell were shaded.
+
+        Args:
+            rays: kernels.camera_rays.Rays or Paths that came.
+            shots, paths: kernels.shading.Shots and Paths that go on; no paths in scenes where none does.
+        """
+
+    def gathered(self, number: int, queries: Any, count: Any, radius: Any, truncated: Any) -> None:
+        """The vertices that were shaded last asked a map.
+
+        Args:
+            number: of the map.
+            queries: kernels.shading.Queries; count, radius, truncated: as gather_kernel gives them, one a vertex.
+        """
+
+
 @dataclass(eq=False)
 class Replica:
     """A worker's copy of the World, on its device, and the View of the moment.
@@ -25,6 +45,7 @@ class Replica:
     Attributes:
         worker: its number.
         paths_by_light: photon paths that its homes have started, by pass (global, caustic) and light.
+        observer: is shown what happens at the vertices of camera paths, for replays; None in a render.
     """
 
     world: World
@@ -32,6 +53,7 @@ class Replica:
     worker: int
     view: View | None = None
     camera: Any = None
+    observer: Observer | None = None
     kernels: Variants = field(init=False)
     paths_by_light: NDArray[np.int64] = field(init=False)
     cells: Any = field(init=False)

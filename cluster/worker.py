@@ -16,6 +16,7 @@ import numpy as np
 
 from wdpm.cluster.batch import TO_HOME, Batch, Kind
 from wdpm.cluster.cell import Cell
+from wdpm.cluster.guards import Guards, added
 from wdpm.cluster.home import BucketHome, PhotonHome
 from wdpm.cluster.queues import Queues
 from wdpm.cluster.replica import Replica
@@ -57,6 +58,7 @@ class Worker:
         self.holders = tuple(holders)
         self.replica = Replica(world, launcher, number)
         self.cells = {cell: Cell(cell, triangles, self.replica) for cell, triangles in sorted(partition.items())}
+        self._guards = Guards(self.replica)  # of its homes
         self._homes: dict[int, PhotonHome | BucketHome] = {}
         self._traffic = dict.fromkeys(("rays_in", "rays_out", "bytes_in", "bytes_out"), 0)
         self._busy = 0.0
@@ -67,6 +69,7 @@ class Worker:
         """Look through a camera; before buckets are started. What is counted for each view begins anew."""
         self.replica.set_view(view)
         self._traffic, self._busy = dict(self._photon_traffic), self._photon_busy
+        self._guards.counts.clear()
         for cell in self.cells.values():
             cell.begin_view()
 
@@ -83,7 +86,7 @@ class Worker:
         if isinstance(task, PhotonTask):
             home = PhotonHome(task, self.number, self.replica)
         elif isinstance(task, BucketTask) and self.replica.view is not None:
-            home = BucketHome(task, self.number, self.replica, self.replica.view)
+            home = BucketHome(task, self.number, self.replica, self.replica.view, self._guards)
         else:
             raise ProtocolError(f"task {task.number} came before a view was set")
         self._homes[task.number] = home
@@ -136,18 +139,15 @@ class Worker:
     def statistics(self) -> dict[str, Any]:
         """What this worker holds and has done."""
         cells = self.cells.values()
-        nonfinite: dict[str, int] = {}
-        for cell in cells:
-            causes = {**cell.counters.nonfinite, "photon": cell.store.counters.nonfinite}
-            for cause, count in causes.items():
-                if count:
-                    nonfinite[cause] = nonfinite.get(cause, 0) + count
         return {
             "cells": list(self.cells),
             "triangles": sum(cell.triangle_count for cell in cells),
             "photons": _whole(np.sum([cell.store.count for cell in cells], axis=0)),
             "ghosts": _whole(np.sum([cell.store.ghost_count for cell in cells], axis=0)),
             "paths_by_light": [_whole(row) for row in self.replica.paths_by_light],
+            "flux_by_light": [
+                [float(x) for x in row] for row in np.sum([cell.store.counters.flux_by_light for cell in cells], axis=0)
+            ],
             "stored_by_light": [
                 _whole(row) for row in np.sum([cell.store.counters.by_light for cell in cells], axis=0)
             ],
@@ -156,10 +156,8 @@ class Worker:
             "gathers_truncated": sum(cell.gathers.truncated for cell in cells),
             "gathers_left_band": sum(cell.gathers.left_band for cell in cells),
             "vertices": sum(cell.counters.vertices for cell in cells),
-            "chains_cut": sum(cell.counters.chains_cut for cell in cells),
             "beams": sum(cell.counters.beams for cell in cells),
-            "beams_clamped": sum(cell.counters.beams_clamped for cell in cells),
-            "nonfinite": nonfinite,
+            "guards": added([*(cell.guards for cell in cells), self._guards.counts]),
             "busy_s": self._busy,
             "peak_memory_bytes": peak_memory(),
             **self._traffic,

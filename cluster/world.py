@@ -49,11 +49,15 @@ class MapPlan:
         paths: photon paths that are shot for it; 0 for a map that is not made.
         radius: largest gather radius.
         band: width of the overlap band; ghosts lie in it. At least `radius` unless the image may be approximate.
+        point_area: the area that each surface point stands for where this map is gathered (kernels.surface_points).
+        read: whether anything is gathered from it; where not, its paths are shot for the sake of another map.
     """
 
     paths: int = 0
     radius: float = 1.0
     band: float = 1.0
+    read: bool = True
+    point_area: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +87,8 @@ class World:
     Attributes:
         features: what kernels are compiled for.
         extent: largest absolute coordinate of the scene, its lights and its camera, in the renderer's space.
-        point_area: the area that each surface point stands for (kernels.surface_points).
         volume_unit: what one counts for in the exact sums of beams (kernels.beam) [W / (sr m²)].
+        strict: whether the first guard that acts ends the render (cluster.guards).
     """
 
     features: Features
@@ -100,8 +104,8 @@ class World:
     global_map: MapPlan
     caustic_map: MapPlan
     volume_map: MapPlan
-    point_area: float
     volume_unit: float
+    strict: bool = False
 
     @property
     def maps(self) -> tuple[MapPlan, MapPlan, MapPlan]:

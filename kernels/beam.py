@@ -28,7 +28,7 @@ import math
 import warp as wp
 
 from wdpm.kernels.cells import Cells, cell_of, inverse_direction
-from wdpm.kernels.constants import EXACT_SUM_BITS, MAX_GATHER_RADIUS
+from wdpm.kernels.constants import EXACT_SUM_BITS, MAX_GATHER_RADIUS, MIN_GATHER_RADIUS
 from wdpm.kernels.gather import dot8
 from wdpm.kernels.medium import Media, phase_value, transmittance
 from wdpm.kernels.photon_map import LEAF_ROWS, NODE_ROWS, PhotonMap, first_child, vec8
@@ -91,13 +91,13 @@ def sum_unit(largest_flux: float, radius: float, g: float) -> float:
 
     Args:
         largest_flux: of all volume photons of the image, in any channel, as a float32 holds it; above 0.
-        radius: of the beams [scene units], 1e-12 to MAX_GATHER_RADIUS.
+        radius: of the beams [scene units], MIN_GATHER_RADIUS to MAX_GATHER_RADIUS.
         g: mean cosine of the medium with the most peaked phase function.
 
     Raises:
         SettingsError: there is no such unit.
     """
-    if not (0 < largest_flux < math.inf and 1e-12 <= radius <= MAX_GATHER_RADIUS and abs(g) < 1):
+    if not (0 < largest_flux < math.inf and MIN_GATHER_RADIUS <= radius <= MAX_GATHER_RADIUS and abs(g) < 1):
         raise SettingsError(f"no unit for beams of radius {radius:g}, photons of flux {largest_flux:g} and g = {g:g}")
     peak = (1 + abs(g)) / (4 * math.pi * (1 - abs(g)) ** 2)
     largest = largest_flux * peak * 3 / (math.pi * radius**2)

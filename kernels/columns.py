@@ -51,6 +51,11 @@ def zeros(struct: wp.Struct, count: int, device: str) -> Any:
     return columns
 
 
+def chosen(struct: wp.Struct, columns: Any, rows: NDArray[np.intp], device: str) -> Any:
+    """Some items of an instance of a Warp struct, as another instance."""
+    return upload(struct, {name: getattr(columns, name).numpy()[rows] for name in struct.vars}, device)
+
+
 def download(columns: Any, names: Iterable[str]) -> dict[str, NDArray[Any]]:
     """The named arrays as numpy arrays; on the CPU they share memory with the device's."""
     return {name: getattr(columns, name).numpy() for name in names}

@@ -29,18 +29,25 @@ lost. A board closer than r / W to the surface still
 leaks, if its normal is alike.
 """
 
-MIN_GATHER_RADIUS2: Final = 1e-24
-"""Square of the least gather radius (1e-12): below it the photons count as lying in one place.
+COINCIDENT_SHARE2: Final = 2.0**-80
+"""Square of the least gather radius as a share of r_max (2^-40): below it the photons count as lying in one place.
 
-The disc's area is a divisor, and flux / area must stay finite: flux up to 1e14 does. One ulp of a float32 coordinate is
-above 1e-12 wherever the coordinate is above 1.7e-5, so distinct photons closer than this do not occur off the origin.
+The disc's area is a divisor, and flux / area must stay finite: it does where the flux of k photons over the disc of
+r_max is up to 2.8e14. A share of r_max, as r_max follows the scene: a fixed length would be another one in other units.
+One ulp of a float32 coordinate is 2^-24 of it at least, so distinct photons closer than this do not occur further than
+2^-16 r_max from the scene's middle.
 """
 
-MAX_GATHER_RADIUS: Final = 1e15
-"""Largest r_max: its square (1e30) and W² times that are finite in float32 (largest: 3.4e38)."""
+MIN_GATHER_RADIUS: Final = 2.0**-60
+MAX_GATHER_RADIUS: Final = 2.0**60
+"""Bounds of r_max. They say nothing about scenes, only what float32 holds: squares from 2^-120 to 2^120."""
+
+LEAST_SQUARE: Final = 2.0**-120
+"""Least square of a radius that is a divisor: 64 / 2^-120 is finite. Above COINCIDENT_SHARE2 only where r_max < 2^-20:
+coincident photons are then told by a fixed length, 2^-60."""
 
 MAX_PHOTON_COORDINATE: Final = 1e16
-"""Largest photon coordinate: squares of differences, flattened, stay finite: 3 * (2e16)² * 16 = 1.9e34."""
+"""Largest photon coordinate: squares of differences, flattened, stay finite: 3 * (2e16)² * 64 = 7.7e34."""
 
 MIN_ARRIVAL_COS: Final = 1e-6
 """Least divisor of the shading-normal weight (s · d) / (n · d).
@@ -95,6 +102,13 @@ they lean by 10 degrees, nothing where normals are flat.
 LEAST_POINTS = wp.constant(16.0)
 """Surface points that the area of a gather is counted from, at least: their stratified count is then off by some 8 %,
 less than the 14 % of 50 photons."""
+
+COLLISION_MARGIN = wp.constant(2.0**28)
+"""Least distance between a collision in a medium and a surface beyond it, in units of OFFSET_MIN_SHARE of the extent.
+
+That is 2^-20 of the extent. A point on a ray is off it by a rounding of its coordinates and of its distance, 2^-23
+extent together; the rest covers rays that graze a surface. What collides nearer than this to a
+surface hits the surface instead: a share of 2^-20 extent * sigma_t of all photons that get there."""
 
 # Camera paths.
 

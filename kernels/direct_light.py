@@ -1,8 +1,8 @@
 """Light that arrives straight from a light at a place: sampled, with its density, and the density for any direction.
 
-A light element is chosen in proportion to power; a glowing triangle's point is uniform over its area. The densities are
-those of solid angle about the place, and contain the chance of the element, so that directions found by other means can
-be weighted against them (multiple importance sampling).
+A light element is chosen by what it may send to the place (light_tree); a glowing triangle's point is uniform over its
+area. The densities are those of solid angle about the place, and contain the chance of the element, so that directions
+found by other means can be weighted against them (multiple importance sampling).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import warp as wp
 from wdpm.kernels.directions import triangle_weights
 from wdpm.kernels.environment import environment_pdf, environment_value, sample_environment
 from wdpm.kernels.features import Features
-from wdpm.kernels.light_elements import Lights, choose_element, element_of_prim, point_of_triangle, probability_of
+from wdpm.kernels.light_elements import Lights, chance_of_light, choose_light, element_of_prim, point_of_triangle
 from wdpm.kernels.light_radiance import make_radiance
 from wdpm.kernels.spots import make_spots
 from wdpm.kernels.surface import leave
@@ -93,9 +93,12 @@ def make_direct(features: Features) -> SimpleNamespace:
         Args:
             u_element, u: numbers in [0, 1).
         """
-        element = choose_element(lights.cumulative, lights.count, u_element)
-        probability = probability_of(lights.cumulative, element)
+        chosen = choose_light(lights, position, u_element)
+        element = chosen.element
+        probability = chosen.probability
         s = DirectSample()
+        if element < 0:
+            return s
         if element < lights.triangles:
             s = from_triangle(lights, textures, position, element, probability, u)
         if wp.static(features.points):
@@ -153,15 +156,15 @@ def make_direct(features: Features) -> SimpleNamespace:
         cosine = -wp.dot(normal, wp.normalize(way))
         if cosine <= 0.0:
             return 0.0
-        return distance2 * (probability_of(lights.cumulative, element) / lights.area[element]) / cosine
+        return distance2 * (chance_of_light(lights, element, origin) / lights.area[element]) / cosine
 
     @wp.func
-    def pdf_environment(lights: Lights, direction: wp.vec3) -> wp.float32:
-        """pdf_solid_angle with which sample_direct goes in a direction (unit) to the environment."""
+    def pdf_environment(lights: Lights, origin: wp.vec3, direction: wp.vec3) -> wp.float32:
+        """pdf_solid_angle with which sample_direct from `origin` goes in a direction (unit) to the environment."""
         pdf = wp.float32(0.0)
         if wp.static(features.environment):
             if lights.first_environment < lights.count:
-                chance = probability_of(lights.cumulative, lights.first_environment)
+                chance = chance_of_light(lights, lights.first_environment, origin)
                 pdf = chance * environment_pdf(lights.environment, direction)
         return pdf
 

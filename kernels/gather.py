@@ -15,8 +15,8 @@ shape k + 1, so E[k / area] = D: unbiased. The textbook's k / (pi r_k²), with t
 D k / (k - 1), since its area has shape k: at k = 50 it is 2 % too bright. With k photons or fewer the estimate is that
 of a fixed radius, r_max, and the gather is called truncated.
 
-Coincident photons. If the (k + 1)-th photon is nearer than 1e-12 (constants.py), no density can be told: the k nearest
-are summed over the disc of r_max.
+Coincident photons. If the (k + 1)-th photon is nearer than 2^-40 r_max (constants.py), no density can be told: the k
+nearest are summed over the disc of r_max.
 
 The search. Consecutive queries of a run lie close together, so the radius of one is a good guess for the next. With a
 good guess a range search beats a best-first one: visit, in any order, what the ball of the guess touches, append what
@@ -31,10 +31,12 @@ import warp as wp
 
 from wdpm.kernels.constants import (
     ADJOINT_BOUND,
+    COINCIDENT_SHARE2,
     FLATTENING,
+    LEAST_SQUARE,
     MAX_GATHER_RADIUS,
     MIN_ARRIVAL_COS,
-    MIN_GATHER_RADIUS2,
+    MIN_GATHER_RADIUS,
     NORMAL_COS,
 )
 from wdpm.kernels.exact_sum import dequantise, exponent, magnitude_bits, quantise
@@ -57,10 +59,10 @@ _INT_MASK = wp.constant(511)
 
 _NORMAL_COS = wp.constant(wp.float32(NORMAL_COS))
 _FLATTENING = wp.constant(wp.float32(FLATTENING * FLATTENING - 1.0))
-_MIN_RADIUS2 = wp.constant(wp.float32(MIN_GATHER_RADIUS2))
+_COINCIDENT_SHARE2 = wp.constant(wp.float32(COINCIDENT_SHARE2))
+_LEAST_SQUARE = wp.constant(wp.float32(LEAST_SQUARE))
 _MIN_ARRIVAL_COS = wp.constant(wp.float32(MIN_ARRIVAL_COS))
 _PI = wp.constant(wp.float64(math.pi))
-_MIN_RADIUS = wp.constant(wp.float32(math.sqrt(MIN_GATHER_RADIUS2)))
 
 # How tight the first radius of a search is; has a say in time only.
 _FOLLOW = wp.constant(0.2)  # of the distance to the query before
@@ -188,7 +190,7 @@ def _select(
         radius2: no candidate's distance² is above it.
     """
     bins = STACK_CAPACITY + LEAF_CAPACITY
-    scale = (wp.float32(BIN_COUNT) - 0.5) / wp.max(radius2, _MIN_RADIUS2)
+    scale = (wp.float32(BIN_COUNT) - 0.5) / wp.max(radius2, _LEAST_SQUARE)
     for b in range(64):
         ints[bins + b] = 0
     for i in range(count):
@@ -383,7 +385,8 @@ def nearest(
         radius = _guess_from_density(photons, x, k)
     if not radius > 0.0:
         radius = r_max
-    radius = wp.clamp(radius, _MIN_RADIUS, r_max)
+    least2 = wp.max(r_max * r_max * _COINCIDENT_SHARE2, _LEAST_SQUARE)
+    radius = wp.clamp(radius, wp.sqrt(least2), r_max)
     count = wp.int32(0)
     radius2 = wp.float32(0.0)
     searching = wp.bool(True)
@@ -402,7 +405,7 @@ def nearest(
     if count > k:
         _select(candidates, count, k, radius2, photons.rank, ints)
         nearest2 = _key_distance2(candidates[k])
-        if nearest2 >= _MIN_RADIUS2:
+        if nearest2 >= least2:
             result.area_radius2 = nearest2
             result.radius = wp.sqrt(nearest2)
     return result
@@ -490,7 +493,7 @@ def check_settings(k: int, r_max: float) -> None:
     """Raises SettingsError unless a gather can run with them."""
     if not 1 <= k <= MAX_K:
         raise SettingsError(f"k is {k}, expected 1 to {MAX_K} photons per gather: use more photons, not a larger k")
-    if not math.sqrt(MIN_GATHER_RADIUS2) <= r_max <= MAX_GATHER_RADIUS:
+    if not MIN_GATHER_RADIUS <= r_max <= MAX_GATHER_RADIUS:
         raise SettingsError(
-            f"r_max is {r_max}, expected {math.sqrt(MIN_GATHER_RADIUS2):g} to {MAX_GATHER_RADIUS:g} scene units"
+            f"r_max is {r_max}, expected {MIN_GATHER_RADIUS:g} to {MAX_GATHER_RADIUS:g} scene units, as float32 holds"
         )

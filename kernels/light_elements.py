@@ -1,4 +1,4 @@
-"""All lights on a device, and the choice among them.
+"""All lights on a device, and the choice among them: for a place by the light tree, for photons by given shares.
 
 Elements are numbered glowing triangles first, then points, spots, directionals, environment; see scenes.light_table.
 """
@@ -9,9 +9,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels import environment, spots
+from wdpm.kernels import environment, light_tree, spots
 from wdpm.kernels.constants import OFFSET_MIN_SHARE
 from wdpm.kernels.environment import Environment
+from wdpm.kernels.light_tree import DISTANT, NOTHING, LightTree, chance_of_leaf, chance_of_start, find_leaf
 from wdpm.kernels.spots import Spots
 from wdpm.scenes.areas import triangle_areas, triangle_normals
 from wdpm.scenes.light_table import LightTable
@@ -30,7 +31,8 @@ class Lights:
         count: how many elements there are, the first `triangles` of which are glowing triangles.
         first_spot, first_directional, first_environment: first elements of their kinds (points follow triangles).
         normal, area: of glowing triangles.
-        cumulative: by element, share of the power up to and with it; the last is 1.
+        tree: for the choice of elements that have a place.
+        distant: by element infinitely far away, share of their power up to and with it; the last is 1.
         colored: 1 where there are vertex colours.
         far_away: where lights infinitely far away are taken to be.
         offset_min: least distance at which photons leave a surface.
@@ -61,7 +63,8 @@ class Lights:
     far_away: wp.float32
     light: wp.array[wp.int32]
     medium: wp.array[wp.int32]
-    cumulative: wp.array[wp.float64]
+    tree: LightTree
+    distant: wp.array[wp.float64]
     offset_min: wp.float32
 
 
@@ -90,7 +93,8 @@ def upload(table: LightTable, extent: float, device: str) -> Lights:
     lights.environment = environment.upload(table.environment_pixels, table.environment_axes, device)
     lights.scene_radius = table.scene_radius
     lights.far_away = FAR_AWAY_RADII * table.scene_radius
-    lights.cumulative = upload_shares(table.power, device)
+    lights.tree = light_tree.upload(table, device)
+    lights.distant = upload_shares(table.power[lights.first_directional :], device)
     lights.offset_min = float(extent) * OFFSET_MIN_SHARE
     return lights
 
@@ -125,6 +129,52 @@ def probability_of(cumulative: wp.array[wp.float64], element: wp.int32) -> wp.fl
     if element > 0:
         before = cumulative[element - 1]
     return wp.float32(cumulative[element] - before)
+
+
+@wp.struct
+class ElementChoice:
+    """An element and its probability; -1 and 0 where none sends light to the place."""
+
+    element: wp.int32
+    probability: wp.float32
+
+
+@wp.func
+def choose_light(lights: Lights, position: wp.vec3, u: wp.float64) -> ElementChoice:
+    """An element that may light a place, chosen by what it may send there (light_tree).
+
+    Args:
+        u: number in [0, 1).
+    """
+    c = ElementChoice()
+    c.element = -1
+    leaf = find_leaf(lights.tree, position, u)
+    if leaf.node == DISTANT:
+        distant = choose_element(lights.distant, lights.count - lights.first_directional, leaf.u)
+        c.element = lights.first_directional + distant
+        c.probability = leaf.probability * probability_of(lights.distant, distant)
+    elif leaf.node != NOTHING:
+        c.element = lights.tree.nodes[leaf.node].first
+        last = lights.tree.nodes[leaf.node].last
+        c.probability = leaf.probability
+        if last > c.element:
+            if leaf.u >= lights.tree.within[c.element]:
+                c.element = last
+            c.probability = c.probability * wp.float32(lights.tree.within[c.element])
+    return c
+
+
+@wp.func
+def chance_of_light(lights: Lights, element: wp.int32, position: wp.vec3) -> wp.float32:
+    """Probability with which choose_light chooses an element for a place."""
+    if element >= lights.first_directional:
+        return chance_of_start(lights.tree, DISTANT, position) * probability_of(
+            lights.distant, element - lights.first_directional
+        )
+    leaf = lights.tree.leaf[element]
+    if leaf < 0:
+        return 0.0
+    return chance_of_leaf(lights.tree, leaf, position) * wp.float32(lights.tree.within[element])
 
 
 @wp.func

@@ -24,7 +24,7 @@ from wdpm.kernels.bsdf import make_bsdf
 from wdpm.kernels.bsdf_types import FLUX
 from wdpm.kernels.bvh import Bvh, closest_hit
 from wdpm.kernels.cells import Cells, cell_of, next_cell
-from wdpm.kernels.constants import ADJOINT_BOUND
+from wdpm.kernels.constants import ADJOINT_BOUND, COLLISION_MARGIN
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights import Lights, Targets, make_lights
 from wdpm.kernels.materials import Materials, medium_beyond
@@ -160,6 +160,21 @@ def adjoint_factor(s: Surface, to_source: wp.vec3, away: wp.vec3) -> wp.float32:
     return wp.min(in_shading / in_geometric, ADJOINT_BOUND) * wp.min(out_geometric / out_shading, ADJOINT_BOUND)
 
 
+@wp.func
+def reach_of(free: wp.float32, offset_min: wp.float32) -> wp.float32:
+    """How far a photon's ray looks for surfaces, given its free path: COLLISION_MARGIN further.
+
+    A collision within a rounding of a wall might be rounded onto it, and the next ray start behind it.
+    """
+    return wp.min(free + COLLISION_MARGIN * offset_min, NO_HIT)
+
+
+@wp.func
+def collision(origin: wp.vec3, direction: wp.vec3, reach: wp.float32, offset_min: wp.float32) -> wp.vec3:
+    """Where a photon collides whose ray met no surface."""
+    return origin + direction * wp.max(reach - COLLISION_MARGIN * offset_min, 0.0)
+
+
 @wp.kernel
 def first_cells(cells: Cells, flight: Flight, offset: wp.int32, next_cell_out: wp.array[wp.int32]) -> None:
     """The first cell on the way of each photon that just set out; -1 for one that carries nothing."""
@@ -237,9 +252,9 @@ def make_emit_photons(features: Features) -> wp.Kernel:
                     wp.float32(sample_1d(wp.uint32(path), dimension_of(scatter, _CHANNEL))),
                     wp.float32(sample_1d(wp.uint32(path), dimension_of(scatter, _FREE_PATH))),
                 )
-                free = wp.min(free, NO_HIT)
-                flight_out.t[i] = free
-                flight_out.owner[i] = cell_of(cells, e.origin + e.direction * free)
+                reach = reach_of(free, lights.offset_min)
+                flight_out.t[i] = reach
+                flight_out.owner[i] = cell_of(cells, collision(e.origin, e.direction, reach, lights.offset_min))
 
     return emit_photons
 
@@ -328,7 +343,7 @@ def make_trace_photons(features: Features) -> wp.Kernel:
                 to_source = -direction  # photons' directions have length 1
                 first = _DIMENSIONS * bounce
                 arriving = flux
-                position = origin + direction * hit.t
+                position = collision(origin, direction, hit.t, surfaces.offset_min)
                 normal = wp.vec3(0.0)
                 goes_to = direction
                 leaves = wp.vec3(0.0)  # normal of the side on which it leaves; zero in a medium
@@ -438,8 +453,8 @@ def make_trace_photons(features: Features) -> wp.Kernel:
                                         wp.float32(sample_1d(index, dimension_of(streams, next_first + _CHANNEL))),
                                         wp.float32(sample_1d(index, dimension_of(streams, next_first + _FREE_PATH))),
                                     )
-                                    hit.t = wp.min(free, NO_HIT)
-                                    owner = cell_of(cells, origin + direction * hit.t)
+                                    hit.t = reach_of(free, surfaces.offset_min)
+                                    owner = cell_of(cells, collision(origin, direction, hit.t, surfaces.offset_min))
                             destination = next_cell(cells, origin, direction, hit.t, -1)
                             if destination != own_cell:
                                 status = TRAVELS

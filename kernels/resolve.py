@@ -48,11 +48,19 @@ class Sums:
 
 
 @wp.kernel
-def add_samples(slots: Slots, samples: wp.int32, light_samples: wp.int32, offset: wp.int32, sums_out: Sums) -> None:
-    """Add a wave's samples to the pixels' sums, in the order of their numbers."""
+def add_samples(
+    slots: Slots, parts: Parts, samples: wp.int32, light_samples: wp.int32, offset: wp.int32, sums_out: Sums
+) -> None:
+    """Add a wave's samples to the pixels' sums, in the order of their numbers.
+
+    Each sample is added up before it is added to its pixel, so that it does not matter where one wave ends and the next
+    begins.
+    """
     pixel = offset + wp.tid()
-    direct = sums_out.direct[pixel]
-    indirect = sums_out.indirect[pixel]
+    sum_direct = sums_out.direct[pixel]
+    sum_indirect = sums_out.indirect[pixel]
+    sum_caustic = sums_out.caustic[pixel]
+    sum_volume = sums_out.volume[pixel]
     normal = sums_out.normal[pixel]
     albedo = sums_out.albedo[pixel]
     depth = sums_out.depth[pixel]
@@ -60,45 +68,40 @@ def add_samples(slots: Slots, samples: wp.int32, light_samples: wp.int32, offset
     share = wp.float64(1.0) / wp.float64(light_samples)
     for s in range(samples):
         i = pixel * samples + s
+        direct = wp.vec3d()
+        indirect = wp.vec3d()
+        caustic = wp.vec3d()
+        volume = wp.vec3d()
         if slots.depth[i] >= 0.0:
             hits += 1
             depth += wp.float64(slots.depth[i])
             normal += wp.vec3d(slots.normal[i])
             albedo += wp.vec3d(slots.albedo[i])
-            indirect += wp.vec3d(slots.indirect[i])
-            direct += wp.vec3d(slots.emission[i])
+            indirect = wp.vec3d(slots.indirect[i])
             lit = wp.vec3d()
             for j in range(light_samples):
                 lit += wp.vec3d(slots.direct[i * light_samples + j])
-            direct += lit * share
-    sums_out.direct[pixel] = direct
-    sums_out.indirect[pixel] = indirect
+            direct = wp.vec3d(slots.emission[i]) + lit * share
+        for p in range(parts.begin[i], parts.begin[i + 1]):
+            radiance = wp.vec3d(parts.radiance[p])
+            layer = parts.layer[p]
+            if layer == 0:
+                direct += radiance
+            elif layer == 1:
+                indirect += radiance
+            elif layer == 2:
+                caustic += radiance
+            else:
+                volume += radiance
+        sum_direct += direct
+        sum_indirect += indirect
+        sum_caustic += caustic
+        sum_volume += volume
+    sums_out.direct[pixel] = sum_direct
+    sums_out.indirect[pixel] = sum_indirect
+    sums_out.caustic[pixel] = sum_caustic
+    sums_out.volume[pixel] = sum_volume
     sums_out.normal[pixel] = normal
     sums_out.albedo[pixel] = albedo
     sums_out.depth[pixel] = depth
     sums_out.hits[pixel] = hits
-
-
-@wp.kernel
-def add_parts(parts: Parts, samples: wp.int32, offset: wp.int32, sums_out: Sums) -> None:
-    """Add the parts of a wave's samples to the pixels' sums, in the order of samples and places."""
-    pixel = offset + wp.tid()
-    direct = sums_out.direct[pixel]
-    indirect = sums_out.indirect[pixel]
-    caustic = sums_out.caustic[pixel]
-    volume = sums_out.volume[pixel]
-    for i in range(parts.begin[pixel * samples], parts.begin[(pixel + 1) * samples]):
-        radiance = wp.vec3d(parts.radiance[i])
-        layer = parts.layer[i]
-        if layer == 0:
-            direct += radiance
-        elif layer == 1:
-            indirect += radiance
-        elif layer == 2:
-            caustic += radiance
-        else:
-            volume += radiance
-    sums_out.direct[pixel] = direct
-    sums_out.indirect[pixel] = indirect
-    sums_out.caustic[pixel] = caustic
-    sums_out.volume[pixel] = volume

@@ -46,6 +46,7 @@ class RenderSettings:
         volume_samples: samples a pixel, at most, that look for light in media on behalf of all.
         volume_radius: of beams through media, in scene units; None derives it from the pilot.
         all_effects: compile all effects in, whatever the scene calls for. Changes no bit of the image.
+        strict: the first guard that acts ends the render with an error (cluster.guards). Changes no bit of the image.
         without: effects that are left out knowingly, of EFFECTS_TO_LEAVE_OUT.
         routing: how camera rays find their nearest hit among cells. Changes no bit of the image.
         band: width of the overlap band as a share of the gather radius. Below 1 the image is approximate,
@@ -69,6 +70,7 @@ class RenderSettings:
     volume_samples: int = 4
     volume_radius: float | None = None
     all_effects: bool = False
+    strict: bool = False
     without: tuple[str, ...] = ()
     band: float = 1.0
     inexact: bool = False

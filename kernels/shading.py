@@ -578,7 +578,7 @@ def make_shading(features: Features) -> SimpleNamespace:
             radiance = environment_radiance(lights, unit)
             if wp.static(features.glossy):
                 if p.pdf > 0.0:
-                    by_light = wp.float32(light_samples) * pdf_environment(lights, unit)
+                    by_light = wp.float32(light_samples) * pdf_environment(lights, p.anchor, unit)
                     radiance = radiance * (p.pdf / (p.pdf + by_light))
             radiance = wp.cw_mul(p.throughput, radiance)
         if wp.static(features.media):

@@ -90,7 +90,11 @@ def bumped_normal(f: Frame, slope: wp.vec2) -> wp.vec3:
         slope: derivatives of the displacement along the normal by u and v [scene unit]; the surface's own curvature is
             left out.
     """
-    n = wp.cross(wp.vec3(f.du[0], f.du[1], slope[0]), wp.vec3(f.dv[0], f.dv[1], slope[1]))
+    u = wp.vec3(f.du[0], f.du[1], slope[0])
+    v = wp.vec3(f.dv[0], f.dv[1], slope[1])
+    # In units of the larger one: what counts as no normal at all (bend) is then the same in any unit of length.
+    per = 1.0 / wp.max(wp.max(wp.abs(u)), wp.max(wp.abs(v)))
+    n = wp.cross(u * per, v * per)
     if n[2] < 0.0:  # where v runs the other way round
         n = -n
     return n

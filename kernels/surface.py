@@ -219,6 +219,8 @@ def make_surface(features: Features) -> SimpleNamespace:
             if wp.dot(blend, front_normal) > 0.0:
                 shading = wp.normalize(blend)
         front = wp.dot(front_normal, towards) > 0.0
+        if (wp.dot(shading, towards) > 0.0) != front:
+            shading = front_normal  # an interpolated normal that says that the other side is seen says too much
         s = Surface()
         s.position = position_at(surfaces, row, u, v)
         s.front = wp.int32(front)

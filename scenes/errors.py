@@ -4,6 +4,7 @@
     ├── SceneError      something in a scene or model file; names file and line where known
     ├── SettingsError   a setting or an argument of the command line
     ├── ImageError      an image that cannot be read, written or compared
+    ├── GuardError      a strict render in which a guard acted
     └── ClusterError    a slave, the master or the connection between them
         └── ProtocolError   a message that breaks docs/protocol.md
 
@@ -42,6 +43,10 @@ class SettingsError(WdpmError):
 
 class ImageError(WdpmError):
     """An image cannot be read, written or compared."""
+
+
+class GuardError(WdpmError):
+    """A strict render in which a guard acted: light would have been lost, or an estimate made coarser."""
 
 
 class ClusterError(WdpmError):

@@ -105,6 +105,7 @@ class FlatScene:
 
 
 NON_FINITE, ZERO_AREA, NO_NORMAL = "not finite", "zero area", "no normal in single precision"
+DUPLICATE = "the same as another, which hides it"
 
 
 def flatten(scene: Scene) -> FlatScene:
@@ -256,14 +257,39 @@ def _joined(parts: Sequence[Triangles]) -> Triangles:
 
 
 def _without_degenerate(soup: Triangles) -> tuple[Triangles, dict[str, int]]:
-    """Drops triangles that have no area and numbers the others."""
+    """Drops triangles that have no area, or that no ray could find, and numbers the others."""
     cause = _degenerate_cause(soup.positions)
+    cause[(cause == 0) & _repeated(soup.positions) & (soup.emitter < 0)] = 4
     dropped = {
-        name: int(np.sum(cause == code)) for code, name in enumerate((NON_FINITE, ZERO_AREA, NO_NORMAL), start=1)
+        name: int(np.sum(cause == code))
+        for code, name in enumerate((NON_FINITE, ZERO_AREA, NO_NORMAL, DUPLICATE), start=1)
     }
     kept = soup if not cause.any() else soup.take(np.flatnonzero(cause == 0))
     numbered = replace(kept, ids=np.arange(len(kept), dtype=np.int32))
     return numbered, {name: count for name, count in dropped.items() if count}
+
+
+def _repeated(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Triangles with the very corners of an earlier one, in whatever order, shape [T].
+
+    Of surfaces in one place the first is seen, so these are never; but their area would count as surface.
+    """
+    bits = (positions + np.float32(0.0)).view(np.uint32).astype(np.uint64)  # -0 and 0 are the same place
+    corner = (bits[..., 0] * _MIX[0]) ^ (bits[..., 1] * _MIX[1]) ^ (bits[..., 2] * _MIX[2])
+    corner = (corner ^ (corner >> np.uint64(29))) * _MIX[3]
+    key = corner.sum(axis=1, dtype=np.uint64)
+    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
+    earlier = first[inverse]
+    repeated = earlier != np.arange(len(key))
+    rows = np.flatnonzero(repeated)
+    for row in rows:  # few, if any: keys that are alike by chance must not drop anything
+        same = {tuple(c) for c in positions[row].tolist()} == {tuple(c) for c in positions[earlier[row]].tolist()}
+        repeated[row] = same
+    return repeated
+
+
+_MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0xD6E8FEB86659FD93], np.uint64)
+"""Odd numbers without pattern, for keys of places."""
 
 
 def _degenerate_cause(positions: NDArray[np.float32]) -> NDArray[np.int8]:

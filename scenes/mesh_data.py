@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from wdpm.scenes.transforms import Matrix, apply_to_normals, apply_to_points, normalized
 
+COSINE_OF_FLAT = 0.9945
+"""Of 6 degrees."""
+
 
 @dataclass(frozen=True, eq=False)
 class VertexAttribute:
@@ -63,6 +66,19 @@ class MeshData:
     def flat(self) -> MeshData:
         """The mesh without vertex normals."""
         return replace(self, normals=None)
+
+    def has_placeholder_normals(self) -> bool:
+        """Whether the vertex normals are all the same although the surface is not flat: some exporters write such.
+
+        It is flat where faces with less than a hundredth of its area lean from the normal by more than 6 degrees.
+        """
+        if self.normals is None or not len(self.faces) or np.abs(self.normals - self.normals[0]).max() > 1e-6:
+            return False
+        corners = self.vertices[self.faces]
+        facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area = np.linalg.norm(facing, axis=1)
+        leaning = np.abs(facing @ self.normals[0]) < COSINE_OF_FLAT * area
+        return bool(area[leaning].sum() > 0.01 * area.sum())
 
     def smooth(self) -> MeshData:
         """The mesh with its own normals, or with computed ones where it has none."""

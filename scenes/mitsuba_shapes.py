@@ -34,10 +34,12 @@ class ShapeReader:
 
     Args:
         spheres: how many the scene has.
+        warnings: grows by what is mended.
     """
 
-    def __init__(self, spheres: int = 0) -> None:
+    def __init__(self, spheres: int = 0, warnings: list[str] | None = None) -> None:
         self._spheres = spheres
+        self._warnings = [] if warnings is None else warnings
         self._files: dict[tuple[Path, int], MeshData] = {}
 
     def read(self, plugin: Plugin, use: Use) -> MeshData:
@@ -49,6 +51,9 @@ class ShapeReader:
         around = primitives.segments_around(self._spheres, fine=use.fine)
         mesh = self._read_file(plugin) if from_file else _read_primitive(plugin, around, use.emits)
         flat = from_file and plugin.take_bool("face_normals", False)
+        if from_file and not flat and mesh.has_placeholder_normals():
+            self._warnings.append(f"{plugin}: all its vertex normals are the same, and wrong: new ones are computed")
+            mesh = mesh.flat()
         if flat:
             mesh = mesh.flat()
         to_world = plugin.take_transform("to_world")

@@ -62,7 +62,7 @@ class _SceneReader:
         self.emitters = EmitterReader(
             self.materials.textures, self.media, old_axes=_is_old(document), warnings=self.warnings
         )
-        self.shapes = ShapeReader(_count_spheres(document))
+        self.shapes = ShapeReader(_count_spheres(document), self.warnings)
         self.meshes: list[Mesh] = []
         self.lights: list[Light] = []
         self.sensors: list[Plugin] = []

@@ -47,6 +47,10 @@ class Bitmap:
     interpolation: Interpolation = Interpolation.BILINEAR
     to_uv: NDArray[np.float64] = field(default_factory=_identity)
 
+    def __post_init__(self) -> None:
+        """Pixels of another type become float32: kernels and the wire take nothing else."""
+        object.__setattr__(self, "pixels", np.ascontiguousarray(self.pixels, np.float32))
+
 
 @dataclass(frozen=True, eq=False)
 class Checkerboard:

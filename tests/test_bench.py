@@ -8,15 +8,20 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from wdpm import api, bench_kernels, bench_mitsuba, bench_paper, cli, cli_bench
+from wdpm import api, bench_caustic, bench_effects, bench_kernels, bench_mitsuba, bench_paper, cli, cli_bench
+from wdpm import bench_effects_scenes as effect_scenes
 from wdpm.bench import Grid
+from wdpm.bench_effects_plot import plot
 from wdpm.image import Image
+from wdpm.kernels.features import ALL, Features
 from wdpm.kernels.settings import RenderSettings, Routing
+from wdpm.kernels.variants import make_variants
 from wdpm.progress import SilentProgress
 from wdpm.scenes.errors import ImageError, WdpmError
 from wdpm.scenes.load import load
@@ -206,6 +211,140 @@ def test_the_papers_table_over_sockets() -> None:
     assert len(run.photons) == 2
 
 
+# ---- effects ------------------------------------------------------------------------------------------------------
+
+
+def measure_effects(**options: Any) -> bench_effects.EffectFigures:
+    few = RenderSettings(spp=1, photons=400, caustic_photons=400, volume_photons=400, k=5)
+    return bench_effects.measure(SilentProgress(), few, size=(8, 6), rounds=2, **options)
+
+
+def test_an_effect_is_paid_for_where_it_is_called_for() -> None:
+    asked: list[Any] = []
+
+    def compiler(features: Any) -> tuple[float, int]:
+        asked.append(features)
+        return 2.0, 3
+
+    figures = measure_effects(names=("+ mirror",), compiler=compiler)
+    box, mirror = figures.scenes
+    assert (box.name, mirror.name) == (effect_scenes.DIFFUSE, "+ mirror")
+    assert box.features == ()
+    assert mirror.features == ("conductor",)
+    assert box.bits_equal
+    assert mirror.bits_equal
+    assert box.own.modules < mirror.own.modules < mirror.all_effects.modules
+    assert asked == [None, (), ALL.names(), mirror.features]  # each set once, after what all share
+    assert len(box.gain) == len(box.cpu_gain) == 2
+    rows = figures.grid().rows
+    assert [row[0] for row in rows] == ["diffuse box", "+ mirror"]
+    assert {row[-1] for row in rows} == {"equal"}
+    assert {row[-3] for row in rows} == {"2.00 s"}
+    assert json.loads(json.dumps(figures.to_dict()))["scenes"][1]["features"] == ["conductor"]
+
+
+def test_bits_that_differ_are_told() -> None:
+    def render(scene: Scene, settings: RenderSettings) -> Image:
+        image = api.render(scene, settings, threads=1)
+        return in_memory_spoilt(image) if settings.all_effects else image
+
+    figures = measure_effects(names=(effect_scenes.DIFFUSE,), render=render)
+    assert figures.grid().rows[0][-1] == "DIFFER"
+    assert figures.grid().rows[0][-3] == "-"
+    assert "Bits of both kinds of kernels: NOT EQUAL" in plot(figures)
+
+
+def in_memory_spoilt(image: Image) -> Image:
+    beauty = image.pixels.copy()
+    beauty[0, 0, 0] += 0.5
+    return replace(image, layers={**image.layers, "beauty": beauty})
+
+
+def effect_figures() -> bench_effects.EffectFigures:
+    times = [bench_effects.Times(seconds, seconds, None, 7) for seconds in (1.0, 2.0, 4.0)]
+    scenes = (
+        bench_effects.SceneFigures("box", (), times[0], times[1], True, (2.0,), (2.0,)),
+        bench_effects.SceneFigures("a <b>", (), times[1], times[2], True, (2.0,), (2.0,)),
+    )
+    return bench_effects.EffectFigures((8, 6), RenderSettings(), 1, 1, None, scenes)
+
+
+def test_the_plot_is_svg_with_a_bar_for_each() -> None:
+    root = ElementTree.fromstring(plot(effect_figures()))
+    bars = [float(each.attrib["width"]) for each in root if each.attrib.get("height") == "14"]
+    assert np.divide(bars, bars[0]) == pytest.approx([1.0, 2.0, 2.0, 4.0], rel=1e-3)
+    words = [each.text for each in root if each.tag.endswith("text")]
+    assert "a <b>" in words
+    assert any("it takes 2.00 times as long" in (text or "") for text in words)
+
+
+def test_kernels_are_compiled_from_scratch() -> None:
+    seconds, modules = bench_effects.compile_from_scratch(())
+    assert seconds > 0
+    assert modules == len(make_variants(Features()).modules())
+
+
+def test_an_effect_that_is_none_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["bench", "effects", "smoke"]) == 2
+    assert "there is no scene 'smoke'; expected some of diffuse box, + textures" in capsys.readouterr().err
+
+
+# ---- caustic ------------------------------------------------------------------------------------------------------
+
+
+def caustic_figures(scene_file: Path, error: float = 0.01) -> bench_caustic.CausticFigures:
+    rounds = tuple(bench_caustic.Round(seconds, error, 10.0, 0.1) for seconds in (1.0, 2.0, 30.0))
+    bound = bench_caustic.Bound(Path("reference.exr"), (0, 0, 4, 4), 0.02)
+    return bench_caustic.CausticFigures(bench_mitsuba.Setup(scene_file, mitsuba_spp=64), bound, "3", rounds)
+
+
+def test_mitsubas_time_follows_from_its_error(scene_file: Path) -> None:
+    figures = caustic_figures(scene_file)
+    assert figures.mitsuba_seconds == pytest.approx(50.0)  # five times the error wants five times the samples
+    assert figures.ratio == pytest.approx(2.0 / 50.0)
+    grid = figures.grid()
+    assert [row[0].partition(",")[0] for row in grid.rows] == ["wdpm", "Mitsuba 3 path", "the same", "wdpm / Mitsuba"]
+    assert grid.rows[2] == ("the same, 320 samples (1 / samples)", "50.0 s", "0.02")
+    assert len(grid.notes) == 1
+    assert json.loads(json.dumps(figures.to_dict()))["ratio"] == figures.ratio
+
+
+def test_a_bound_that_is_missed_is_told(scene_file: Path) -> None:
+    figures = caustic_figures(scene_file, error=0.03)
+    assert not figures.reached
+    assert "the ratio says nothing" in figures.grid().notes[1]
+
+
+def test_caustic_bench_by_turns(scene_file: Path, tmp_path: Path) -> None:
+    pytest.importorskip("mitsuba")
+    reference = tmp_path / "reference.npy"
+    np.save(reference, np.full((12, 16, 3), 0.1, np.float32))
+    bound = bench_caustic.Bound(reference, (2, 2, 14, 10), 1e9)
+    settings = RenderSettings(spp=4, photons=500, k=5)
+    try:
+        figures = bench_caustic.measure(scene_file, bound, settings, 4, SilentProgress(), rounds=1)
+    except WdpmError as error:
+        if "llvm" not in str(error).lower():
+            raise
+        pytest.skip(f"Mitsuba has no LLVM here: {error}")
+    assert figures.reached
+    assert figures.rounds[0].wdpm_error == pytest.approx(figures.rounds[0].mitsuba_error, rel=0.3)
+
+
+def test_caustic_bench_says_what_is_wrong(scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def error_of(*arguments: str) -> str:
+        assert cli.main(["bench", "caustic", *arguments]) == 2
+        return [line for line in capsys.readouterr().err.splitlines() if line.startswith("wdpm: error: ")][-1]
+
+    reference = tmp_path / "reference.npy"
+    np.save(reference, np.zeros((4, 6, 3), np.float32))
+    assert "expected a Mitsuba scene" in error_of("cornell-box", "--reference", str(reference))
+    here = [str(scene_file), "--reference", str(reference)]
+    assert "expected a positive relMSE" in error_of(*here, "--error", "0")
+    pytest.importorskip("mitsuba")
+    assert "region 0,0,9,9 is empty or not within the image of 6x4" in error_of(*here, "--region", "0,0,9,9")
+
+
 # ---- mitsuba ------------------------------------------------------------------------------------------------------
 
 
@@ -343,6 +482,8 @@ def test_options_of_the_papers_table_reach_the_renders(
         ["bench", "paper", "--routing", "scenic"],
         ["bench", "mitsuba"],
         ["bench", "mitsuba", "a.xml", "--rounds", "0"],
+        ["bench", "caustic", "a.xml"],
+        ["bench", "effects", "--plot", "figures.png"],
         ["bench", "kernels", "--json", "figures.txt"],
         ["bench", "kernels", "--markdown", "no/such/folder/table.md"],
     ],

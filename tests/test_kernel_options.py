@@ -17,10 +17,14 @@ import warp as wp
 
 import wdpm
 from wdpm.kernels.features import ALL, Features
+from wdpm.kernels.look import make_look
 from wdpm.kernels.variants import Variants, make_variants
 
 FOLDER = Path(wdpm.__path__[0]) / "kernels"
 FILES = sorted(path.stem for path in FOLDER.glob("*.py") if "@wp." in path.read_text())
+
+FOR_REPLAYS = {"look_at_vertices": make_look}
+"""Kernels that no render needs, and the factories that make them."""
 
 KERNEL = re.compile(r"^( *)@wp\.kernel(.*)$", re.MULTILINE)
 
@@ -49,19 +53,18 @@ def test_no_contraction_and_no_backward_pass(name: str) -> None:
     assert options["enable_backward"] is False
 
 
-@pytest.mark.parametrize("name", [field.name for field in fields(Variants)])
-def test_no_contraction_and_no_backward_pass_in_kernels_of_features(name: str) -> None:
-    kernel = kernels_of(ALL)[name]  # every kernel exists with all features
-    options = options_of(kernel)
-    assert options["fuse_fp"] is False
-    assert options["enable_backward"] is False
-    assert options["fast_math"] is False
+@pytest.mark.parametrize("features", [ALL, Features()], ids=["all", "none"])
+def test_no_contraction_and_no_backward_pass_in_kernels_of_features(features: Features) -> None:
+    for name, kernel in kernels_of(features).items():
+        options = options_of(kernel)
+        assert options["fuse_fp"] is False, name
+        assert options["enable_backward"] is False, name
+        assert options["fast_math"] is False, name
 
 
-def test_kernels_of_no_features_have_the_same_options() -> None:
-    for kernel in kernels_of(Features()).values():
-        assert options_of(kernel)["fuse_fp"] is False
-        assert options_of(kernel)["enable_backward"] is False
+def test_these_are_all_kernels_of_features() -> None:
+    """Some kernels are for scenes without effects only."""
+    assert kernels_of(ALL).keys() | kernels_of(Features()).keys() == {field.name for field in fields(Variants)}
 
 
 def test_kernels_of_factories_are_modules_of_their_own() -> None:
@@ -75,7 +78,15 @@ def test_kernels_of_factories_are_modules_of_their_own() -> None:
 def test_variants_have_every_kernel_that_a_factory_makes() -> None:
     made = "".join(path.read_text() for path in FOLDER.glob("*.py"))
     names = set(re.findall(r"^ +@wp\.kernel.*\n +def (\w+)\(", made, re.MULTILINE))
-    assert names == {field.name for field in fields(Variants)}
+    assert names - set(FOR_REPLAYS) == {field.name for field in fields(Variants)}
+
+
+@pytest.mark.parametrize("name", FOR_REPLAYS)
+def test_no_contraction_and_no_backward_pass_in_kernels_for_replays(name: str) -> None:
+    options = options_of(FOR_REPLAYS[name](ALL))
+    assert options["fuse_fp"] is False
+    assert options["enable_backward"] is False
+    assert options["fast_math"] is False
 
 
 def test_the_same_features_share_their_kernels() -> None:

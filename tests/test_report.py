@@ -8,7 +8,16 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from wdpm.report import EnergyLedger, LightPhotons, PhotonCounts, Report, SlaveReport, from_dict, from_json
+from wdpm.report import (
+    EnergyLedger,
+    KernelReport,
+    LightPhotons,
+    PhotonCounts,
+    Report,
+    SlaveReport,
+    from_dict,
+    from_json,
+)
 from wdpm.report_tables import format_bytes, format_seconds
 from wdpm.scenes.errors import ImageError
 
@@ -44,6 +53,8 @@ def test_json_and_back(report: Report) -> None:
     assert from_json(report.to_json()) == report
     assert from_dict(report.to_dict()) == report
     assert from_json(Report().to_json()) == Report()
+    full = replace(report, volume=PhotonCounts(1, 1, 1, (LightPhotons("l", 1, 1, 2.0, 0.5),)), left_out=("media",))
+    assert from_json(full.to_json()) == full
 
 
 def test_whole_seconds_come_back_as_floats(report: Report) -> None:
@@ -66,6 +77,10 @@ def test_figures_that_are_not_finite_never_reach_a_file(report: Report) -> None:
         ({"slaves": {}}, "must be a list"),
         ({"slaves": [{"slave": "a"}]}, "missing"),
         ({"energy": 3}, "EnergyLedger must be an object"),
+        (
+            {"photons": {"lights": [{"name": "a", "paths": 1, "stored": 1, "flux": 1.0, "use": "much"}]}},
+            "must be float",
+        ),
     ],
 )
 def test_another_report_is_refused(report: Report, change: dict[str, object], message: str) -> None:
@@ -118,6 +133,46 @@ def test_what_is_empty_is_left_out() -> None:
 
 def test_broken_samples_are_told_by_cause(report: Report) -> None:
     assert "not finite: 3 zero pdf" in printed(replace(report, nonfinite={"zero pdf": 3, "light": 0}))
+
+
+def test_maps_that_a_scene_has_are_told_by_light(report: Report) -> None:
+    lights = (LightPhotons("strong", 900, 10, 90.0, 0.01), LightPhotons("weak", 100, 990, 10.0, 0.99))
+    text = printed(replace(report, caustics=PhotonCounts(1000, 1000, 1000, lights)))
+    assert "Photons by light: caustic map" in text
+    assert "Photons by light: volume map" not in text
+    rows = [line.split() for line in text.splitlines()]
+    assert ["weak", "10", "100", "990", "99.0%", "99.0%"] in rows
+    assert "caustic photons: 1,000 asked for, 1,000 paths shot, 1,000 stored" in text
+    # 60,000 and 5,000 ghosts of 251,412 photons in both maps
+    assert ["slave-0", "2", "20,000", "25.0%", "60,000", "5,000", "25.9%"] in rows
+
+
+def test_many_lights_are_added_up(report: Report) -> None:
+    lights = tuple(LightPhotons(f"lamp {i}", 10, 5, float(i), 0.01) for i in range(100))
+    text = printed(replace(report, photons=PhotonCounts(500, 1000, 500, lights)))
+    assert ["88", "more", "3828", "880", "440", "88.0%", "88.0%"] in [line.split() for line in text.splitlines()]
+
+
+def test_what_is_wrong_is_loud(report: Report) -> None:
+    fine = printed(replace(report, vertices=10, beams=20))
+    assert "10 vertices beyond the first surface, 0 paths cut at the limit" in fine
+    assert "beams through media: 20, 0 contributions clamped\n" in fine
+    bad = replace(report, vertices=10, chains_cut=1, beams=20, beams_clamped=3, left_out=("caustics",))
+    text = printed(bad)
+    assert "3 contributions clamped: too bright to be added exactly" in " ".join(text.split())
+    assert "LEFT OUT: caustics" in text
+    console = Console(width=80, force_terminal=True)
+    with console.capture() as capture:
+        bad.print(console)
+    assert "\x1b[1;31m3 contributions clamped" in capture.get()
+
+
+def test_kernels_and_approximations_are_told(report: Report) -> None:
+    kernels = KernelReport(("conductor", "media"), False, 9, 8, 3)
+    text = printed(replace(report, kernels=kernels, approximated=("it is [blurred]",)))
+    assert "kernels: 9 in 8 modules, 3 compiled now; effects: conductor, media" in text
+    assert "approximated: it is [blurred]" in text
+    assert "effects: all" in printed(replace(report, kernels=replace(kernels, all_effects=True)))
 
 
 def test_the_ledger() -> None:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from wdpm.comparison import compare
     from wdpm.image import Image
     from wdpm.kernels.settings import RenderSettings, Routing
+    from wdpm.replaying import replay
     from wdpm.scenes.errors import WdpmError
     from wdpm.scenes.load import load
     from wdpm.scenes.model import Scene
@@ -32,6 +33,7 @@ __all__ = [
     "compare",
     "load",
     "render",
+    "replay",
     "scenes",
 ]
 
@@ -46,6 +48,7 @@ _HOME = {
     "compare": "wdpm.comparison",
     "load": "wdpm.scenes.load",
     "render": "wdpm.api",
+    "replay": "wdpm.replaying",
 }
 
 

@@ -20,7 +20,6 @@ from typing import Any
 from wdpm import api, bench_effects_compiler, report
 from wdpm import bench_effects_scenes as scenes
 from wdpm.bench import Grid
-from wdpm.bench_paper import work_seconds
 from wdpm.image import Image
 from wdpm.kernels.settings import RenderSettings
 from wdpm.progress import Progress
@@ -38,7 +37,7 @@ class Times:
     """Of one scene with one set of kernels, medians of all rounds.
 
     Attributes:
-        seconds: wall-clock of photons, map and render.
+        seconds: wall-clock of the phase `render`.
         cpu_seconds: of all threads of the whole call, the pilot included.
         compile_seconds: of the kernels that depend on features, by a process with an empty cache; None if not measured.
         modules: how many of them.
@@ -114,9 +113,9 @@ class EffectFigures:
         first = self.scenes[0].own.cpu_seconds
         rows = tuple(_row(figures, first) for figures in self.scenes)
         notes = [
-            "time: of photons, map and render. CPU: of all threads of the whole call. / box: CPU time over that of the "
-            "first scene, both with kernels of their own. gain: time with all effects compiled in over that with a "
-            "scene's own kernels, the median of the rounds.",
+            "time: of the phase render. CPU: of all threads of the whole call, pilot, photons and map included. / box: "
+            "CPU time over that of the first scene, both with own kernels. gain: time with all effects over that with "
+            "a scene's own kernels, the median of the rounds.",
         ]
         if self.common_compile_seconds is not None:
             everything = self.scenes[-1].all_effects.compile_seconds or 0.0
@@ -212,7 +211,7 @@ def _turn(scene: Scene, settings: RenderSettings, render: Renderer) -> _Turn:
         image = render(scene, replace(settings, all_effects=everything))
         cpu.append(time.process_time() - began)
         account = report.from_dict(image.metadata["report"])
-        seconds.append(work_seconds(account.phases))
+        seconds.append(account.phases["render"])
         accounts.append(account)
         digests.append(image.digest())
     return _Turn((seconds[0], seconds[1]), (cpu[0], cpu[1]), (accounts[0], accounts[1]), digests[0] == digests[1])

@@ -5,17 +5,22 @@ from __future__ import annotations
 from html import escape
 
 from wdpm.bench_effects import EffectFigures, SceneFigures
+from wdpm.bench_effects_scenes import EVERYTHING
 
 _WIDTH, _LABEL, _BAR, _GAP, _TOP, _BOTTOM, _FIGURE = 860, 130, 14, 14, 64, 56, 150
+_LONGEST = _WIDTH - _LABEL - _FIGURE
 _OWN, _ALL, _BOX = "#2f6f9f", "#c9ced3", "#b0413e"
 _FONT = "font-family='sans-serif' font-size='13'"
 
 
 def plot(figures: EffectFigures) -> str:
-    """CPU time of each scene, over that of the diffuse box with kernels of its own."""
+    """CPU time of each scene, over that of the diffuse box with kernels of its own.
+
+    The scale is that of single effects; a longer bar is cut off, with a gap that shows it, and its figure.
+    """
     unit = figures.scenes[0].own.cpu_seconds
-    most = max(max(each.own.cpu_seconds, each.all_effects.cpu_seconds) for each in figures.scenes) / unit
-    scale = (_WIDTH - _LABEL - _FIGURE) / most
+    single = [each for each in figures.scenes if each.name != EVERYTHING] or figures.scenes
+    scale = _LONGEST * unit / max(max(each.own.cpu_seconds, each.all_effects.cpu_seconds) for each in single)
     height = _TOP + len(figures.scenes) * (2 * _BAR + _GAP) + _BOTTOM
     parts = [
         f"<svg xmlns='http://www.w3.org/2000/svg' width='{_WIDTH}' height='{height}' {_FONT}>",
@@ -50,11 +55,22 @@ def _legend() -> list[str]:
 
 
 def _bars(figures: SceneFigures, top: int, unit: float, scale: float) -> list[str]:
+    label = escape(figures.name)
     own, everything = figures.own.cpu_seconds / unit, figures.all_effects.cpu_seconds / unit
     return [
-        f"<text x='{_LABEL - 8}' y='{top + _BAR + 5}' text-anchor='end'>{escape(figures.name)}</text>",
-        f"<rect x='{_LABEL}' y='{top}' width='{own * scale:.1f}' height='{_BAR}' fill='{_OWN}'/>",
-        f"<text x='{_LABEL + own * scale + 6:.1f}' y='{top + _BAR - 3}'>{own:.2f}</text>",
-        f"<rect x='{_LABEL}' y='{top + _BAR}' width='{everything * scale:.1f}' height='{_BAR}' fill='{_ALL}'/>",
-        f"<text x='{_LABEL + everything * scale + 6:.1f}' y='{top + 2 * _BAR - 3}'>{everything:.2f}</text>",
+        f"<text x='{_LABEL - 8}' y='{top + _BAR + 5}' text-anchor='end'>{label}</text>",
+        *_bar(top, own, scale, _OWN),
+        *_bar(top + _BAR, everything, scale, _ALL),
     ]
+
+
+def _bar(top: int, value: float, scale: float, color: str) -> list[str]:
+    length = min(value * scale, _LONGEST)
+    parts = [
+        f"<rect x='{_LABEL}' y='{top}' width='{length:.1f}' height='{_BAR}' fill='{color}'/>",
+        f"<text x='{_LABEL + length + 6:.1f}' y='{top + _BAR - 3}'>{value:.2f}</text>",
+    ]
+    if value * scale > _LONGEST * (1 + 1e-9):
+        gap = _LABEL + 0.9 * _LONGEST
+        parts.append(f"<path d='M{gap:.1f} {top + _BAR}l8 {-_BAR}h8l-8 {_BAR}z' fill='white'/>")
+    return parts

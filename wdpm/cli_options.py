@@ -82,6 +82,9 @@ SETTING_OPTIONS = (
     SettingOption("seed", _QUALITY, "seed of all random numbers", values.count),
     SettingOption("bucket", _WORK, "side of a bucket, the unit of work, in pixels"),
     SettingOption("all_effects", _WORK, "compile all effects in, whether the scene calls for them or not", None),
+    SettingOption(
+        "strict", _WORK, "end with an error where light would be lost or an estimate made coarser: see --replay", None
+    ),
     SettingOption("routing", _WORK, "how camera rays find their way among cells: forward or merge", Routing, "HOW"),
     SettingOption(
         "without",

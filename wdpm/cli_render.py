@@ -13,7 +13,9 @@ examples:
   wdpm render cornell-box
   wdpm render scene.xml -o scene.exr -o scene.png --size 512x512 --spp 64 --photons 1M
   wdpm render scene.xml --slaves 4 --report report.json
-  wdpm render scene.xml -D resx=256 -D resy=256"""
+  wdpm render scene.xml -D resx=256 -D resy=256
+  wdpm render scene.xml --strict
+  wdpm render scene.xml --replay 10,7,3"""
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -29,6 +31,14 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     options.add_output_options(parser)
     options.add_setting_options(parser)
     options.add_machine_options(parser)
+    debugging = parser.add_argument_group("debugging")
+    debugging.add_argument(
+        "--replay",
+        type=values.sample,
+        metavar="X,Y,SAMPLE",
+        help="in place of an image, trace one sample of one pixel, all counted from 0 and the upper left, with the "
+        "same settings, and print what happens at each vertex of its path",
+    )
     cluster = parser.add_argument_group("cluster")
     cluster.add_argument(
         "--slaves",
@@ -41,7 +51,11 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Render and write; returns the exit code."""
+    """Render and write, or replay a sample; returns the exit code."""
+    if args.replay is not None:
+        from wdpm.cli_replay import replay_and_print
+
+        return replay_and_print(args)
     from wdpm import api
     from wdpm.cli_result import render_and_write
 

@@ -28,6 +28,15 @@ def region(text: str) -> tuple[int, int, int, int]:
     return left, top, right, bottom
 
 
+def sample(text: str) -> tuple[int, int, int]:
+    """`10,7,3` to (x, y, sample)."""
+    match = re.fullmatch(r"(\d+),(\d+),(\d+)", text)
+    if match is None:
+        raise ArgumentTypeError(f"'{text}' is not a sample: expected X,Y,SAMPLE, all from 0, like 10,7,3")
+    x, y, number = map(int, match.groups())
+    return x, y, number
+
+
 def count(text: str) -> int:
     """`250k`, `1M`, `2.5M` or a plain number, 0 or more."""
     match = re.fullmatch(r"(\d+)(?:\.(\d+))?([kKmMgG]?)", text)

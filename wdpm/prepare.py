@@ -6,7 +6,7 @@ import hashlib
 import platform
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from enum import Enum
 from importlib import metadata
 from pathlib import Path
@@ -17,6 +17,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.approximations import approximations
+from wdpm.cluster import guards
 from wdpm.cluster.effects import features_of
 from wdpm.cluster.film import layers_of
 from wdpm.cluster.plan import PILOT_PATHS, Plan, make_plan, view_of
@@ -34,6 +35,7 @@ from wdpm.kernels.settings import RenderSettings
 from wdpm.kernels.variants import make_variants
 from wdpm.progress import Progress
 from wdpm.report import EnergyLedger, KernelReport, LightPhotons, PhotonCounts, Report, SlaveReport
+from wdpm.scenes.errors import GuardError
 from wdpm.scenes.geometry import FlatScene, Triangles, flatten
 from wdpm.scenes.left_out import leave_out
 from wdpm.scenes.load import load
@@ -57,6 +59,7 @@ class Prepared:
         pilot: the worker that flew the pilot, to go on with where there is but one cell.
         triangles: of the whole scene.
         kernels: what they were compiled for.
+        dropped: triangles of the scene that cannot be rendered.
         left_out: effects that the scene calls for, and that are left out knowingly.
         approximated: what is only approximated.
         seconds: by phase.
@@ -66,6 +69,7 @@ class Prepared:
     session: Session
     settings: RenderSettings
     triangles: int
+    dropped: int
     kernels: KernelReport
     left_out: tuple[str, ...]
     approximated: tuple[str, ...]
@@ -97,6 +101,8 @@ def prepare(
     seconds = {}
     flattening = time.perf_counter()
     flat = flatten(leave_out(scene, settings.without))
+    if settings.strict:
+        _demand_all(flat)
     features = with_camera(features_of(flat, settings), flat.camera)
     progress.start("compile")
     began = time.perf_counter()
@@ -107,12 +113,13 @@ def prepare(
     flattened = began - flattening
     began = time.perf_counter() - flattened
     plan = make_plan(flat, settings, workers, launcher, cells)
+    world = replace(plan.world, strict=settings.strict)
     session = Session(
-        world=plan.world,
+        world=world,
         view=view_of(flat, settings),
         partition=_partition(flat.triangles, plan),
         holders=tuple(plan.holders),
-        digest=_digest(plan.world, flat.triangles, plan.holders),
+        digest=_digest(world, flat.triangles, plan.holders),
         layers=layers_of(plan.world),
     )
     seconds["partition"] = time.perf_counter() - began
@@ -125,12 +132,20 @@ def prepare(
         session,
         settings,
         len(flat.triangles),
+        sum(flat.dropped.values()),
         kernels,
         left_out,
         approximations(scene, plan.world, settings),
         scene.warnings + dropped,
         seconds,
     )
+
+
+def _demand_all(flat: FlatScene) -> None:
+    """Raise GuardError if triangles were left out."""
+    for cause, count in flat.dropped.items():
+        what = guards.CAUSES[guards.DROPPED]
+        raise GuardError(f"strict: {what}: {count} left out ({cause}); to see which: wdpm check SCENE")
 
 
 def _compile(features: Features, settings: RenderSettings, device: str) -> KernelReport:
@@ -219,10 +234,7 @@ def report_of(prepared: Prepared, result: SessionResult) -> Report:
     world = prepared.session.world
     paths = max(world.global_map.paths, 1)
     absorbed, escaped, cut = np.sum([slave["energy"] for slave in slaves], axis=0) / paths
-    nonfinite: dict[str, int] = {}
-    for slave in slaves:
-        for cause, count in slave["nonfinite"].items():
-            nonfinite[cause] = nonfinite.get(cause, 0) + count
+    acted = guards.added([*(slave["guards"] for slave in slaves), {guards.DROPPED: prepared.dropped}])
     counts = _photon_counts(prepared, result)
     return Report(
         phases={**prepared.seconds, **result.seconds, "partition": _sum_of("partition", prepared, result)},
@@ -233,13 +245,18 @@ def report_of(prepared: Prepared, result: SessionResult) -> Report:
         slaves=tuple(_slave_report(number, slave) for number, slave in enumerate(slaves)),
         kernels=prepared.kernels,
         vertices=sum(slave["vertices"] for slave in slaves),
-        chains_cut=sum(slave["chains_cut"] for slave in slaves),
+        chains_cut=acted.get(guards.PATHS_CUT, 0),
         beams=sum(slave["beams"] for slave in slaves),
-        beams_clamped=sum(slave["beams_clamped"] for slave in slaves),
+        beams_clamped=acted.get(guards.BEAMS_CLAMPED, 0),
         gathers=sum(slave["gathers"] for slave in slaves),
         gathers_truncated=sum(slave["gathers_truncated"] for slave in slaves),
         gathers_left_band=sum(slave["gathers_left_band"] for slave in slaves),
-        nonfinite=nonfinite,
+        nonfinite={
+            cause.removeprefix(guards.NOT_FINITE): count
+            for cause, count in acted.items()
+            if cause.startswith(guards.NOT_FINITE)
+        },
+        guards=acted,
         energy=EnergyLedger(result.emitted / paths, float(absorbed), float(escaped), float(cut)),
         left_out=prepared.left_out,
         approximated=prepared.approximated,

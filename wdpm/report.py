@@ -135,6 +135,7 @@ class Report:
         gathers_truncated: those with fewer than k photons within the gather radius.
         gathers_left_band: those that may have missed a photon beyond the overlap band; 0 in an exact render.
         nonfinite: samples that were NaN or infinite, by cause.
+        guards: how often each guard acted, by cause (cluster.guards); those above and dropped triangles included.
         left_out: effects that the scene calls for, and that were left out knowingly.
         approximated: what is only approximated, with its figures.
         warnings: what the loader or the render ignored, dropped, mended or left out.
@@ -156,6 +157,7 @@ class Report:
     gathers_truncated: int = 0
     gathers_left_band: int = 0
     nonfinite: dict[str, int] = field(default_factory=dict)
+    guards: dict[str, int] = field(default_factory=dict)
     energy: EnergyLedger = EnergyLedger()
     left_out: tuple[str, ...] = ()
     approximated: tuple[str, ...] = ()

@@ -166,6 +166,8 @@ def _counts(report: Report) -> list[str]:
         lines.append(f"energy of the photons: {shares}; the ledger closes to {energy.imbalance:.1e}")
     causes = ", ".join(f"{count:,} {escape(cause)}" for cause, count in report.nonfinite.items() if count)
     lines.append(f"[red]samples that were not finite: {causes}[/]" if causes else "samples that were not finite: 0")
+    acted = ", ".join(f"{count:,} {escape(cause)}" for cause, count in report.guards.items() if count)
+    lines.append(f"[red]guards: {acted}[/]" if acted else "guards: none acted")
     return lines
 
 

@@ -10,8 +10,8 @@ from wdpm.image import Image
 from wdpm.kernels.settings import RenderSettings
 from wdpm.scenes.light_sources import PointLight
 from wdpm.scenes.model import Camera, Mesh, Scene, diffuse
-from wdpm.scenes.textures import RGB
 from wdpm.scenes.primitives import cube, sphere
+from wdpm.scenes.textures import RGB
 from wdpm.scenes.transforms import look_at
 
 Array = NDArray[np.float64]

@@ -105,7 +105,7 @@ def _direct_kernel(features: Features) -> wp.Kernel:
         delta_out[i] = s.delta
         light_out[i] = s.light
         environment_out[i] = environment_radiance(lights, s.direction)
-        environment_pdf_out[i] = pdf_environment(lights, s.direction)
+        environment_pdf_out[i] = pdf_environment(lights, place[i], s.direction)
         # The pdf of the first glowing triangle, as if the end lay on it.
         triangle_pdf_out[i] = 0.0
         if lights.triangles > 0:

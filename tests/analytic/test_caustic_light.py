@@ -73,7 +73,7 @@ def test_the_flux_of_caustics_is_what_falls_on_the_thing(
     thing: Mesh, bsdf: Bsdf, expected: float, light: Light
 ) -> None:
     flux = caustic_flux(scene_of([(thing, bsdf)], CAMERA, light), caustic_photons=100_000)
-    # Photons are aimed at the thing's bounding spheres, uniformly in solid angle; those that hit it, a third at least of
+    # Photons are aimed at the bounding spheres, uniformly in solid angle; those that hit the thing, a third at least of
     # 100,000, are counted: sqrt(2 / 100,000) = 0.45 % if they were independent, Sobol's points do better. Roughness of
     # 0.02 loses nearly nothing.
     np.testing.assert_allclose(flux, np.array(INTENSITY) * expected, rtol=0.01)
@@ -104,14 +104,11 @@ def test_a_mirrors_caustic_is_the_light_of_the_lamps_image() -> None:
     albedo = 0.5
     looking = view((0.3, 0.2, -0.2), (0.3, -1, 0), 12, 12)
     scene = scene_of([(mirror, Conductor())], looking, LAMP, walls=albedo)
-    image = rendered(
-        scene, photons=1000, caustic_photons=200_000, caustic_k=100, spp=4, max_depth=3, all_effects=True
-    )
+    image = rendered(scene, photons=1000, caustic_photons=200_000, caustic_k=100, spp=4, max_depth=3, all_effects=True)
     caustic = image.layers["caustic"].astype(np.float64)
     arm = np.array([1.8, 0.0, 0.0]) - np.array([0.3, -1.0, 0.0])
     distance2 = float(arm @ arm)
     exact = albedo / np.pi * np.array(INTENSITY) * arm[1] / np.sqrt(distance2) / distance2
-    # The view is 0.25 across, where the light is linear to 1 %. It shows some 300 photons: 6 % for the mean of one place;
-    # gathers reach about as far as the view is wide. Four deviations of 100 photons and more: 25 %; the mean of the
-    # whole view 12 %.
+    # The view is 0.25 across, where the light is linear to 1 %, and gathers reach about as far. They tell from some
+    # 1,000 photons in all: 3 %, and four deviations.
     np.testing.assert_allclose(caustic.mean(axis=(0, 1)), exact, rtol=0.12)

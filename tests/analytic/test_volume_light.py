@@ -11,83 +11,95 @@ from furnaces import Array, box, quad, rendered, scene, view
 from wdpm.api import render_in_process
 from wdpm.kernels.settings import RenderSettings
 from wdpm.report import EnergyLedger
+from wdpm.scenes.bsdfs import Null
 from wdpm.scenes.light_sources import PointLight
-from wdpm.scenes.model import Medium, Scene
+from wdpm.scenes.model import Camera, Material, Medium, Scene
+from wdpm.scenes.transforms import look_at, scaling
+
+HALF = 0.3
+"""Half the width of the view."""
 
 
 def foggy(medium: Medium, albedo: float, **others: object) -> Scene:
-    """A room of half length 1 full of a medium, with a point light in it; the camera looks along z."""
-    camera = replace(view((0, 0, -0.95), (0, 0, 1), 36, 16, up=(0, 1, 0)), medium=0)
+    """A room of half length 1 full of a medium, with a point light in it; parallel rays along z look at its middle.
+
+    Rays from one eye would all pass the same few photons next to it, and so be of much the same noise.
+    """
+    to_world = look_at((0, 0, -0.95), (0, 0, 1), (0, 1, 0)) @ scaling((HALF, HALF, 1))
+    camera = replace(Camera(to_world, 1.0, 16, 16, 1e-4, 1e4), orthographic=True, medium=0)
     light = PointLight("lamp", (0.75, 0.1, 0.0), (3.0, 2.0, 1.0), 0)
     what = scene([box((1, 1, 1), inside=True)], camera, (albedo,) * 3, (light,))
     return replace(what, media=(medium,), **others)
 
 
+def ledger(what: Scene, **chosen: object) -> EnergyLedger:
+    """Where the power of photons went."""
+    settings = RenderSettings(photons=60_000, volume_photons=60_000, spp=1, all_effects=True, **chosen)  # type: ignore[arg-type]
+    energy = EnergyLedger(**render_in_process(what, settings, workers=1).metadata["report"]["energy"])
+    assert energy.imbalance < 1e-5
+    return energy
+
+
 @pytest.mark.parametrize(
-    ("sigma_t", "tolerance"), [((3.0, 3.0, 3.0), 1e-6), ((0.5, 3.0, 9.0), 0.02)], ids=["grey", "coloured"]
+    ("sigma_t", "max_depth", "tolerance"),
+    [((3.0, 3.0, 3.0), 8, 1e-4), ((0.5, 3.0, 9.0), 4, 0.03)],
+    ids=["grey", "coloured"],
 )
-def test_a_medium_that_absorbs_nothing_keeps_all_energy(sigma_t: tuple[float, float, float], tolerance: float) -> None:
+def test_a_medium_that_absorbs_nothing_keeps_all_energy(
+    sigma_t: tuple[float, float, float], max_depth: int, tolerance: float
+) -> None:
     """All that was emitted is still under way at the depth limit.
 
     Grey: every weight is 1. Coloured: a weight is between 0 and 3 and 1 in the mean, so that what is "absorbed", which
-    may be negative at a collision, sums to nothing but noise.
+    may be negative at a collision, sums to nothing but noise: a deviation of some 1 % in 60,000 paths (measured).
     """
-    what = foggy(Medium("milk", sigma_t, (1.0, 1.0, 1.0), 0.5), 1.0)
-    chosen = RenderSettings(photons=60_000, spp=1, max_depth=8, all_effects=True)
-    report = render_in_process(what, chosen, workers=1).metadata["report"]
-    energy = EnergyLedger(**report["energy"])
-    assert energy.imbalance < 1e-5
+    energy = ledger(foggy(Medium("milk", sigma_t, (1.0, 1.0, 1.0), 0.5), 1.0), max_depth=max_depth)
     assert energy.escaped == 0.0
-    assert energy.travelling == pytest.approx(energy.emitted, rel=max(tolerance, 1e-6))
+    assert energy.travelling == pytest.approx(energy.emitted, rel=tolerance)
     assert abs(energy.absorbed) < tolerance * energy.emitted
+
+
+def test_no_photon_gets_through_a_wall_from_within_a_medium() -> None:
+    """Nothing is absorbed in a white room full of white fog, not one photon of 60,000: their weights are 1."""
+    energy = ledger(foggy(Medium("milk", (3.0, 3.0, 3.0), (1.0, 1.0, 1.0), 0.5), 1.0), max_depth=8)
+    assert energy.escaped == 0.0
+    assert abs(energy.absorbed) < 1e-6 * energy.emitted
 
 
 def test_a_medium_absorbs_what_its_albedo_leaves() -> None:
     """A black room and a dense medium: nearly all light collides at once; 1 - albedo of each channel is absorbed."""
     albedo = (0.9, 0.5, 0.1)
-    what = foggy(Medium("ink", (200.0,) * 3, albedo), 0.0)
-    report = render_in_process(
-        what, RenderSettings(photons=20_000, spp=1, max_depth=2, all_effects=True), workers=1
-    ).metadata["report"]
-    energy = EnergyLedger(**report["energy"])
+    energy = ledger(foggy(Medium("ink", (200.0,) * 3, albedo), 0.0), max_depth=3)
     kept = float(np.dot(albedo, (3.0, 2.0, 1.0)) / 6.0)
     assert energy.travelling == pytest.approx(kept * energy.emitted, rel=0.01)
 
 
 def single_scattering(what: Scene) -> Array:
-    """Mean over the image of light scattered once in the medium, linear RGB, by quadrature along 48 x 48 rays."""
-    medium, light, c = what.media[0], what.lights[0], what.camera
+    """Mean over the image of light scattered once in the medium, linear RGB, by quadrature along 32 x 32 rays."""
+    medium, light = what.media[0], what.lights[0]
     assert isinstance(light, PointLight)
     sigma_t, g = np.array(medium.sigma_t), medium.g
-    half = np.tan(np.radians(c.fov_x) / 2)
-    across = ((np.arange(48) + 0.5) / 48 * 2 - 1) * half
-    x, y = (axis.ravel() for axis in np.meshgrid(across, across))
-    direction = np.stack([x, y, np.ones_like(x)], axis=1) @ c.to_world[:3, :3].T
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    eye = c.to_world[:3, 3]
-    with np.errstate(divide="ignore"):
-        length = np.min(np.where(direction != 0, (np.sign(direction) - eye) / direction, np.inf), axis=1)
-    s = (np.arange(400) + 0.5) / 400
-    t = s[None, :] * length[:, None]
-    place = eye + t[:, :, None] * direction[:, None, :]
-    way = place - np.array(light.position)
-    distance = np.linalg.norm(way, axis=2)
-    cosine = -np.einsum("rta,ra->rt", way, direction) / distance  # between the light's way and the way to the eye
+    across = ((np.arange(32) + 0.5) / 32 * 2 - 1) * HALF
+    length = 1.95
+    x, y, t = np.meshgrid(across, across, (np.arange(400) + 0.5) / 400 * length, indexing="ij")
+    way = np.stack([x, y, t - 0.95], axis=-1) - np.array(light.position)
+    distance = np.linalg.norm(way, axis=-1)
+    cosine = -way[..., 2] / distance  # between the light's way and the way to the eye
     phase = (1 - g * g) / (4 * np.pi * (1 + g * g - 2 * g * cosine) ** 1.5)
-    falloff = np.exp(-(t + distance)[:, :, None] * sigma_t) * (phase / distance**2)[:, :, None]
-    radiance = falloff.sum(axis=1) / 400 * length[:, None] * sigma_t * np.array(medium.albedo) * np.array(light.intensity)
-    return np.asarray(radiance.mean(axis=0))
+    falloff = np.exp(-(t + distance)[..., None] * sigma_t) * (phase / distance**2)[..., None]
+    scattered = sigma_t * np.array(medium.albedo) * np.array(light.intensity)
+    return np.asarray(falloff.mean(axis=(0, 1, 2)) * length * scattered)
 
 
 @pytest.mark.parametrize("g", [0.0, 0.6, -0.4])
 def test_single_scattering_is_that_of_quadrature(g: float) -> None:
     what = foggy(Medium("haze", (0.2, 0.5, 1.0), (0.9, 0.8, 0.6), g), 0.0)
-    image = rendered(what, photons=0, volume_photons=150_000, spp=4, max_depth=2, all_effects=True)
+    image = rendered(what, photons=0, volume_photons=200_000, spp=4, max_depth=2, all_effects=True)
     volume = image.layers["volume"].astype(np.float64).mean(axis=(0, 1))
     exact = single_scattering(what)
-    # The view holds a tenth of the room, so some 10,000 photons and more, of which those that are many times as strong
-    # in a channel weigh most: 2 %. Blurring over a beam's radius keeps the sum but for its curvature and the rims: 1 %.
-    np.testing.assert_allclose(volume, exact, rtol=0.05)
+    # The view holds a tenth of the room and so some 20,000 photons; their weights by channel are up to 3, and phase
+    # functions up to 10 times each other: 1.2 % at most. Blur over a beam's radius keeps the sum but at rims: 0.5 %.
+    np.testing.assert_allclose(volume, exact, rtol=0.04)
 
 
 def test_surfaces_are_seen_and_lit_through_the_medium() -> None:
@@ -105,15 +117,13 @@ def test_surfaces_are_seen_and_lit_through_the_medium() -> None:
             (replace(looking, medium=None), (), (replace(what.lights[0], medium=None),)),
         )
     ]
-    way = 1.5 + float(np.linalg.norm(np.array([0, 0, 1.0]) - (0.75, 0.1, 0.0)))
+    near = looking.near_clip  # rays start there
+    way = 1.5 - near + float(np.linalg.norm(np.array([0, 0, 1.0]) - (0.75, 0.1, 0.0)))
     np.testing.assert_allclose(seen[0] / seen[1], np.exp(-way * np.array(medium.sigma_t)), rtol=1e-4)
 
 
 def test_a_box_of_smoke_attenuates_a_lamp_behind_it() -> None:
     """A boundary that is nothing: the lamp is seen, and lights a wall, through 0.4 of medium."""
-    from wdpm.scenes.bsdfs import Null
-    from wdpm.scenes.model import Material
-
     smoke = replace(box((0.3, 0.3, 0.2)), material=1, interior=0, bounds=True)
     lamp = quad((-0.3, -0.3, 0.6), (0, 0.6, 0), (0.6, 0, 0), 0, (5.0, 5.0, 5.0))  # faces -z
     medium = Medium("smoke", (1.0, 2.0, 3.0), (0.0, 0.0, 0.0))

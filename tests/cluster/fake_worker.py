@@ -138,7 +138,8 @@ def arrays(kind: Kind, count: int) -> dict[str, Any]:
         for name, (dtype, shape) in SCHEMAS[kind].items()
     }
     return {
-        name: np.zeros_like(array) if name in ("owner", "cell", "light", "medium", "map") else array for name, array in counting.items()
+        name: np.zeros_like(array) if name in ("owner", "cell", "light", "medium", "map") else array
+        for name, array in counting.items()
     }
 
 
@@ -189,7 +190,6 @@ def make_world(cells: int, paths: int = 1000) -> World:
         global_map=MapPlan(paths, 0.1, 0.1),
         caustic_map=MapPlan(),
         volume_map=MapPlan(),
-        point_area=1.0,
         volume_unit=1.0,
     )
 

@@ -9,9 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from wdpm.cluster import protocol, task, wire
-from wdpm.cluster.batch import Batch
+from wdpm.cluster import protocol, task, wire, world
+from wdpm.cluster.batch import TO_HOME, Batch, Kind
 from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.scenes.geometry import Media, Triangles
+from wdpm.scenes.material_table import MaterialTable
 
 PAGE = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text()
 
@@ -36,9 +38,32 @@ def test_messages_are_as_described(heading: str, union: object) -> None:
     assert table(heading) == actual
 
 
-@pytest.mark.parametrize("record", [task.PhotonTask, task.BucketTask, task.PhotonsTraced, task.BucketRendered, Batch])
+@pytest.mark.parametrize(
+    "record",
+    [
+        task.PhotonTask,
+        task.BucketTask,
+        task.PhotonsTraced,
+        task.BucketRendered,
+        Batch,
+        Triangles,
+        world.World,
+        world.View,
+        world.MapPlan,
+        world.Emission,
+        MaterialTable,
+        Media,
+    ],
+)
 def test_records_are_as_described(record: type) -> None:
     assert table("Records")[record.__name__] == [field.name for field in fields(record)]
+
+
+def test_every_kind_of_batch_is_described_with_where_it_goes() -> None:
+    section = PAGE.split("| kind of batch | goes to | what it is |\n")[1].split("\n\n")[0]
+    rows = re.findall(r"^\| ([a-z, ]+) \| (cell|home) \|", section, re.MULTILINE)
+    described = {kind: goes_to for kinds, goes_to in rows for kind in kinds.split(", ")}
+    assert described == {kind.value: "home" if kind in TO_HOME else "cell" for kind in Kind}
 
 
 def test_numbers_are_as_described() -> None:

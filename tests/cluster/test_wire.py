@@ -233,7 +233,10 @@ def lights(**fields: Any) -> LightTable:
         (setup(textures=()), "materials.texture is -1 to 0"),
         (setup(global_map=MapPlan(10, float("nan"), 1.0)), "no plan of a map"),
         (setup(volume_map=MapPlan(10, 1.0, -1.0)), "no plan of a map"),
-        (setup(emission=dataclasses.replace(make_world(1).emission, share=np.ones(2), caustic_share=np.ones(2))), "shares"),
+        (
+            setup(emission=dataclasses.replace(make_world(1).emission, share=np.ones(2), caustic_share=np.ones(2))),
+            "shares",
+        ),
         (setup(emission=dataclasses.replace(make_world(1).emission, share=np.ones(2))), "caustic_share"),
         (setup(media=dataclasses.replace(make_world(1).media, g=np.zeros(2, np.float32))), "media.g"),
         (setup(materials=materials(medium=np.full((1, 2), 1, np.int32))), "materials.medium is 1 to 1"),

@@ -19,10 +19,11 @@ from fuzz_failure import Failure
 from wdpm.kernels import photon_map
 from wdpm.kernels.constants import (
     ADJOINT_BOUND,
+    COINCIDENT_SHARE2,
     EXACT_SUM_BITS,
     FLATTENING,
+    LEAST_SQUARE,
     MIN_ARRIVAL_COS,
-    MIN_GATHER_RADIUS2,
     NORMAL_COS,
 )
 from wdpm.kernels.gather import INT_SCRATCH, KEY_SCRATCH, MAX_K, follow, gather_kernel, key_place, nearest
@@ -171,6 +172,7 @@ def expect(case: Case) -> Result:
     irradiance = np.zeros((len(case.position), 3), F32)
     counts, radii, truncated, ids = [], [], [], []
     r_max2 = F32(case.r_max) * F32(case.r_max)
+    least2 = max(r_max2 * F32(COINCIDENT_SHARE2), F32(LEAST_SQUARE))
     for q, (x, n, s) in enumerate(zip(case.position, case.normal, case.shading, strict=True)):
         d = position - x
         height = _dot(d, n)
@@ -180,7 +182,7 @@ def expect(case: Case) -> Result:
         found = found[np.lexsort((rank[found], d2[found]))[: case.k + 1]]
         full = len(found) > case.k
         area2, radius = r_max2, F32(case.r_max)
-        if full and d2[found[case.k]] >= F32(MIN_GATHER_RADIUS2):
+        if full and d2[found[case.k]] >= least2:
             area2 = d2[found[case.k]]
             radius = np.sqrt(area2)
         used = found[: case.k]

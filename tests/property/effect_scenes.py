@@ -43,7 +43,9 @@ def noise(name: str, low: float = 0.1, high: float = 0.9, side: int = 8) -> Bitm
 
 
 NOISE = noise("noise")
-NEAREST = replace(noise("nearest"), wrap=Wrap.MIRROR, interpolation=Interpolation.NEAREST, to_uv=scaling((3, 2, 1))[:3, :3])
+NEAREST = replace(
+    noise("nearest"), wrap=Wrap.MIRROR, interpolation=Interpolation.NEAREST, to_uv=scaling((3, 2, 1))[:3, :3]
+)
 HOLES = Bitmap("holes", np.tile(np.float32([[[0.0], [1.0]], [[0.6], [0.3]]]), (1, 1, 3)))
 SLOPES = noise("slopes", 0.0, 1.0)
 NORMALS = Bitmap("normals", (RNG.uniform(-0.2, 0.2, (8, 8, 3)) * (1, 1, 0) + (0.5, 0.5, 1.0)).astype(np.float32))
@@ -117,7 +119,9 @@ class Builder:
         turned = replace(data, vertices=data.vertices[:, [0, 2, 1]], normals=None)  # faces -y
         self.add("lamp", Diffuse((0.0, 0.0, 0.0)), turned, (0.1, 0.97, 0.2), 0.35, emission=emission)
 
-    def ball(self, name: str, bsdf: Bsdf, place: tuple[float, float, float], radius: float = 0.35, **others: object) -> None:
+    def ball(
+        self, name: str, bsdf: Bsdf, place: tuple[float, float, float], radius: float = 0.35, **others: object
+    ) -> None:
         """A smooth ball of few triangles."""
         self.add(name, bsdf, sphere(12), place, radius, **others)  # type: ignore[arg-type]
 
@@ -150,9 +154,14 @@ def glasses() -> Scene:
     b.ball("glass", Dielectric(), (-0.4, -0.5, 0.2))
     b.ball("bubble", Dielectric(1 / 1.5), (-0.4, -0.45, 0.2), 0.15)
     b.ball("frosted", Dielectric(1.7, alpha_u=0.2, alpha_v=0.2), (0.45, -0.5, 0.3))
-    b.add("diamond", Dielectric(2.4, (1.0, 0.9, 0.8), (0.6, 0.9, 0.7)), cube(), (0.1, -0.8, -0.2), 0.15, 40.0, flat=True)
+    b.add(
+        "diamond", Dielectric(2.4, (1.0, 0.9, 0.8), (0.6, 0.9, 0.7)), cube(), (0.1, -0.8, -0.2), 0.15, 40.0, flat=True
+    )
     down = look_at((-0.3, 0.9, 0.1), (-0.3, -0.5, 0.25), (0.0, 0.0, 1.0))
-    spots = [SpotLight("spot", down, (6.0, 5.0, 4.0), 35.0, 25.0), SpotLight("slide", down, (3.0, 3.0, 9.0), 40.0, 10.0, NOISE)]
+    spots = [
+        SpotLight("spot", down, (6.0, 5.0, 4.0), 35.0, 25.0),
+        SpotLight("slide", down, (3.0, 3.0, 9.0), 40.0, 10.0, NOISE),
+    ]
     crop = camera(crop=(5, 3, WIDTH, HEIGHT), full_size=(24, 18), filter=PixelFilter(FilterKind.GAUSSIAN, 2.0, 0.5))
     return b.scene("glasses", crop, PointLight("point", (0.5, 0.6, -0.2), (1.0, 1.2, 1.4)), *spots)
 
@@ -163,7 +172,9 @@ def coats() -> Scene:
     b.room(TwoSided(Diffuse(SQUARES)), open_to_the_sky=True)
     b.ball("plastic", Plastic((0.6, 0.1, 0.1), nonlinear=True), (-0.55, -0.65, 0.0))
     b.ball("satin", Plastic(NOISE, alpha=0.2), (0.5, -0.6, 0.5))
-    car = Principled((0.2, 0.3, 0.8), 0.3, 0.4, 0.3, spec_tint=0.3, sheen=0.5, sheen_tint=0.5, clearcoat=0.8, clearcoat_gloss=0.7)
+    car = Principled(
+        (0.2, 0.3, 0.8), 0.3, 0.4, 0.3, spec_tint=0.3, sheen=0.5, sheen_tint=0.5, clearcoat=0.8, clearcoat_gloss=0.7
+    )
     b.ball("car", car, (0.0, -0.6, 0.1), 0.25)
     b.ball("jade", Principled(NOISE, 0.2, spec_trans=0.7, flatness=0.5, eta=1.4), (0.45, -0.7, -0.2), 0.2)
     b.ball("blend", Blend(Conductor(), Diffuse((0.1, 0.8, 0.2)), NOISE), (-0.2, -0.1, 0.6), 0.3)
@@ -184,12 +195,15 @@ def panes() -> Scene:
     b.ball("nothing", Null(), (0.3, -0.5, 0.0))
     b.add("block", Diffuse((0.8, 0.3, 0.2)), cube(), (-0.1, -0.8, 0.5), 0.2, 15.0, flat=True)
     sun = DirectionalLight("sun", (0.4, -0.8, 0.4472136), (3.0, 2.8, 2.5))
-    wide = camera(orthographic=True, to_world=look_at((0.1, 0.2, -0.95), (0.0, -0.25, 0.3), (0.02, 1.0, 0.0)) @ scaling((0.8, 0.8, 1)))
+    wide = camera(
+        orthographic=True,
+        to_world=look_at((0.1, 0.2, -0.95), (0.0, -0.25, 0.3), (0.02, 1.0, 0.0)) @ scaling((0.8, 0.8, 1)),
+    )
     return b.scene("panes", wide, sun, Environment("grey", np.full((1, 1, 3), 0.4, np.float32)))
 
 
 def fogs() -> Scene:
-    """The camera in a medium, another in a box whose boundary is nothing, a third inside glass; a lamp inside and one out."""
+    """The camera in a medium, another in a box whose boundary is nothing, a third in glass; lamps in two of them."""
     b = Builder()
     b.room(Diffuse((0.7, 0.7, 0.7)))
     b.lamp()
@@ -201,7 +215,10 @@ def fogs() -> Scene:
         Medium("smoke", (2.0, 3.0, 4.0), (0.8, 0.8, 0.8), 0.6),
         Medium("tea", (0.5, 2.0, 6.0), (0.5, 0.3, 0.2), -0.3),
     )
-    points = PointLight("in the smoke", (-0.4, -0.3, 0.3), (0.5, 0.4, 0.3), 1), PointLight("in the haze", (0.5, 0.5, 0.0), (0.3, 0.3, 0.3), 0)
+    points = (
+        PointLight("in the smoke", (-0.4, -0.3, 0.3), (0.5, 0.4, 0.3), 1),
+        PointLight("in the haze", (0.5, 0.5, 0.0), (0.3, 0.3, 0.3), 0),
+    )
     # The lamp's mesh bounds nothing: what it emits starts in the medium that is said to be around it.
     b.meshes[1] = replace(b.meshes[1], interior=0, exterior=0, bounds=True)
     return b.scene("fogs", camera(medium=0), *points, media=media)

@@ -192,7 +192,10 @@ def scenes_with_effects(draw: st.DrawFn, size: int = 12) -> Scene:
     plain = draw(scenes(size))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1), label="seed of the effects"))
     first, more = len(plain.materials), effects(rng)
-    media = (Medium("haze", (0.2, 0.3, 0.4), (0.9, 0.8, 0.7), 0.5), Medium("ink", (3.0, 1.0, 9.0), (0.5, 0.9, 0.1), -0.2))
+    media = (
+        Medium("haze", (0.2, 0.3, 0.4), (0.9, 0.8, 0.7), 0.5),
+        Medium("ink", (3.0, 1.0, 9.0), (0.5, 0.9, 0.1), -0.2),
+    )
     around = draw(st.sampled_from([None, None, 0]), label="medium around all")
 
     def changed(mesh: Mesh, number: int) -> Mesh:

@@ -37,7 +37,7 @@ CORNELL = cornell_box((33, 26))
 
 
 @pytest.fixture(scope="module")
-def cornell_alone(small_pilot: None) -> Image:
+def cornell_alone(small_pilot: None) -> Image:  # noqa: ARG001
     return alone(CORNELL, FEW)
 
 

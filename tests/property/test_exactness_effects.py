@@ -17,6 +17,8 @@ from test_exactness import give_tree
 
 import wdpm
 from wdpm.api import render_in_process
+from wdpm.cluster.batch import Batch
+from wdpm.cluster.cell import Cell
 from wdpm.cluster.effects import features_of
 from wdpm.cluster.replica import with_camera
 from wdpm.image import Image
@@ -100,9 +102,7 @@ def test_partition_threads_buckets_and_order_change_no_bit(
 ) -> None:
     chosen = replace(FEW, routing=routing, bucket=bucket)
     order = random.Random(cells) if cells > 2 else None
-    image = render_in_process(
-        CASES[name].scene, chosen, workers=workers, cells=cells, threads=threads, shuffle=order
-    )
+    image = render_in_process(CASES[name].scene, chosen, workers=workers, cells=cells, threads=threads, shuffle=order)
     assert same_bits(image, reference)
     assert len(np.unique(image.layers["cell"])) > 1
     for of_map in ("photons", "caustics", "volume"):
@@ -138,6 +138,21 @@ def test_small_waves_and_full_photon_regions_change_no_bit(monkeypatch: pytest.M
     monkeypatch.setattr("wdpm.cluster.gathering.GATHER_GRAIN", 1)
     monkeypatch.setattr("wdpm.cluster.gathering.GATHER_RUN", 3)
     assert same_bits(render_in_process(scene, FEW, workers=2, cells=4, threads=3), expected)
+
+
+def test_every_batch_carries_credit_and_none_is_lost_or_made(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What has no credit may come home after its task has ended, when nobody waits for it any more."""
+    advance = Cell.advance
+
+    def checked(cell: Cell, batch: Batch) -> list[Batch]:
+        follows = list(advance(cell, batch))
+        assert all(following.credit > 0 for following in follows), batch.kind
+        assert sum(following.credit for following in follows) == batch.credit, batch.kind
+        return follows
+
+    monkeypatch.setattr(Cell, "advance", checked)
+    for routing in Routing:
+        render_in_process(CASES[name].scene, replace(FEW, spp=1, routing=routing), workers=2, cells=4)
 
 
 @pytest.mark.sockets

@@ -18,10 +18,11 @@ from wdpm import bench_gather
 from wdpm.kernels import exact_sum, gather, photon_map
 from wdpm.kernels.constants import (
     ADJOINT_BOUND,
+    COINCIDENT_SHARE2,
     EXACT_SUM_BITS,
     FLATTENING,
+    LEAST_SQUARE,
     MIN_ARRIVAL_COS,
-    MIN_GATHER_RADIUS2,
     NORMAL_COS,
 )
 from wdpm.scenes.errors import SettingsError, WdpmError
@@ -114,6 +115,7 @@ def exact(terms: Array) -> float:
 def brute_force(photons: Photons, queries: Queries, k: int, r_max: float) -> Results:
     results = Results(np.zeros((len(queries.position), 3), F32), *([] for _ in range(3)))  # type: ignore[arg-type]
     r_max2 = F32(r_max) * F32(r_max)
+    least2 = max(r_max2 * F32(COINCIDENT_SHARE2), F32(LEAST_SQUARE))
     for q, (x, n, s) in enumerate(zip(queries.position, queries.normal, queries.shading, strict=True)):
         d2 = distance2(photons.position, x, n)
         passes = (dot(photons.normal, n) > F32(NORMAL_COS)) & (dot(photons.direction, n) > 0) & (d2 <= r_max2)
@@ -121,7 +123,7 @@ def brute_force(photons: Photons, queries: Queries, k: int, r_max: float) -> Res
         found = found[np.lexsort((photons.id[found], d2[found]))]
         truncated = len(found) <= k
         area2, radius = r_max2, F32(r_max)
-        if not truncated and d2[found[k]] >= F32(MIN_GATHER_RADIUS2):
+        if not truncated and d2[found[k]] >= least2:
             area2 = d2[found[k]]
             radius = np.sqrt(area2)
         used = photons[found[:k]]

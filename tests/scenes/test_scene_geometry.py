@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import wdpm.scenes
-from wdpm.scenes import Material, Mesh, Scene, SceneError, atrium, cornell_box, flatten, load, primitives
+from wdpm.scenes import Mesh, Scene, SceneError, atrium, cornell_box, flatten, load, primitives
+from wdpm.scenes.model import diffuse
 from wdpm.scenes.builtin import parse_count
 from wdpm.scenes.checks import check_scene
 from wdpm.scenes.mesh_data import MeshData, vertex_normals
@@ -185,7 +186,7 @@ def test_sizes_below_one(size: tuple[int, int]) -> None:
 def scene_of(vertices: np.ndarray, faces: list[list[int]], **changes: object) -> Scene:
     mesh = Mesh("m", np.asarray(vertices, float), np.array(faces).reshape(-1, 3), None, None, 0, (1.0, 1.0, 1.0))
     mesh = replace(mesh, **changes)  # type: ignore[arg-type]
-    return Scene("s", (mesh,), (Material("grey"),), (), cornell_box().camera)
+    return Scene("s", (mesh,), (diffuse("grey"),), (), cornell_box().camera)
 
 
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])

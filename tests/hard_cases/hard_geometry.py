@@ -1,0 +1,491 @@
+"""Section 2: triangles that real meshes have, and should not."""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+from case import HardCase, Run
+from partitions import planes, with_tree
+from rooms import Array, ball, box, glowing_box, lit_room, quad, scene, triangles, view
+
+from wdpm.api import render_in_process
+from wdpm.kernels import bvh
+from wdpm.kernels.bvh import Bvh, any_hit
+from wdpm.kernels.constants import PAD_SHARE
+from wdpm.kernels.settings import RenderSettings
+from wdpm.scenes.bsdfs import WHITE, Dielectric
+from wdpm.scenes.errors import SceneError
+from wdpm.scenes.light_sources import Environment, PointLight
+from wdpm.scenes.model import Material, Mesh, Scene, diffuse
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+RED = diffuse("red", (0.8, 0.1, 0.1), twosided=True)
+SKY = Environment("sky", np.ones((1, 1, 3), np.float32))
+NOT_HIT = 1.5
+"""Where shadow rays of the watertight box end, in units of their way to its wall: outside."""
+
+
+def _same_as_without(run: Run, added: list[Mesh], what: str) -> None:
+    """What has no surface of its own changes no bit."""
+    photons = 5_000 if run.full else 1_000
+    plain = run.render(lit_room(16 if run.full else 8), photons=photons, spp=2, cells=1)
+    image = run.render(lit_room(16 if run.full else 8, added), photons=photons, spp=2)
+    run.demand(f"the bits of the room without {what}", image.digest() == plain.digest())
+
+
+def zero_area(run: Run) -> None:
+    point, line = np.full((3, 3), 0.25), np.array([[0, 0, 0], [0.25, 0.25, 0.25], [0.5, 0.5, 0.5]])
+    _same_as_without(run, [triangles([point, line, line[[0, 0, 2]]])], "triangles of zero area")
+
+
+def not_finite(run: Run) -> None:
+    bad = np.tile(np.array([[0.0, 0, 0], [0.5, 0, 0], [0, 0.5, 0]]), (3, 1, 1))
+    bad[0, 0, 0], bad[1, 1, 1], bad[2, 2, 2] = np.nan, np.inf, -np.inf
+    _same_as_without(run, [triangles(bad)], "vertices that are not finite")
+
+
+def denormal(run: Run) -> None:
+    """Three corners within 1e-40 of each other are one place in float32."""
+    _same_as_without(run, [triangles(np.eye(3)[None] * 1e-40)], "triangles of 1e-40")
+
+
+def duplicates(run: Run) -> None:
+    """Every wall nine times more, in another material, some with their corners turned around."""
+    walls = lit_room().meshes[0]
+    copies = [
+        Mesh(f"copy {i}", walls.vertices, np.roll(walls.faces, i, axis=1), None, walls.uvs, 0) for i in range(9)
+    ]
+    _same_as_without(run, copies, "nine copies of its walls")
+
+
+def index_out_of_range(run: Run) -> None:
+    mesh = Mesh("broken", np.eye(3), np.array([[0, 1, 3]]), None, None, 0)
+    try:
+        render_in_process(lit_room(8, [mesh]), RenderSettings(photons=0, spp=1), workers=1)
+    except SceneError as error:
+        run.demand("the error names the mesh", "broken" in str(error), str(error), 'a message with "broken" in it')
+    else:
+        run.demand("an error", False)
+
+
+def needles(run: Run) -> None:
+    """A glowing box in which every wall has a strip 1e-7 wide along its middle."""
+    strips = []
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            across, along = (axis + 1) % 3, (axis + 2) % 3
+            for begin, end in ((-1.0, -5e-8), (-5e-8, 5e-8), (5e-8, 1.0)):
+                corner, u, v = np.zeros(3), np.zeros(3), np.zeros(3)
+                corner[axis], corner[across], corner[along] = side, begin, -1.0
+                u[across], v[along] = end - begin, 2.0
+                strips.append(quad(corner, *((v, u) if side > 0 else (u, v)), emission=(1.0, 1.0, 1.0)))
+    what = scene(strips, glowing_box().camera, [diffuse("wall", (0.5, 0.5, 0.5))])
+    image = run.render(what, photons=40_000 if run.full else 5_000, spp=256 if run.full else 32, light_samples=8)
+    run.check_share("radiance", image.pixels.mean(axis=(0, 1)), 2.0, 0.015 if run.full else 0.03)
+
+
+def coplanar_walls(run: Run) -> None:
+    """Two walls in one plane, of other outline, other diagonals and other colour."""
+    front = quad((-0.8, -0.6, 0.5), (0.0, 1.3, 0.0), (1.5, 0.1, 0.0), 1, name="red")
+    back = quad((-0.7, -0.7, 0.5), (0.1, 1.2, 0.0), (1.6, 0.0, 0.0), 0, name="grey")
+    what = lit_room(24 if run.full else 10, [front, back], [RED])
+    chosen = RenderSettings(photons=1_000, spp=2, all_effects=True)
+    reference = run.render(what, settings=chosen, cells=8)
+    for axis in range(3):
+        with with_tree(*planes(what, [(axis, 0.05), (2, 0.5)])):
+            image = render_in_process(what, chosen, workers=2, cells=4)
+        run.demand(f"the same bits, split across axis {axis}", image.digest() == reference.digest())
+    albedo = reference.layers["albedo"]
+    of_one = (np.abs(albedo[..., 0] - albedo[..., 1]) < 1e-6) | (albedo[..., 0] > 0.5)
+    run.demand("each pixel's colour is of its surfaces", bool(of_one.mean() > 0.5))
+
+
+@wp.kernel
+def blocked_kernel(
+    tree: Bvh, origin: wp.array[wp.vec3], direction: wp.array[wp.vec3], end: wp.float32, out: wp.array[wp.bool]
+) -> None:
+    """Whether each segment meets anything."""
+    i = wp.tid()
+    out[i] = any_hit(tree, origin[i], direction[i], end)
+
+
+def tessellated_box(t_junctions: bool) -> Mesh:
+    """The box [-1, 1]³ of squares; with T-junctions, each wall has squares of another size than its neighbours."""
+    soup = []
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            count = 4 * (1 + axis + (side > 0)) if t_junctions else 4
+            cuts = np.linspace(-1.0, 1.0, count + 1)
+            for x0, x1 in zip(cuts, cuts[1:], strict=False):
+                for y0, y1 in zip(cuts, cuts[1:], strict=False):
+                    square = np.insert(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]), axis, side, axis=1)
+                    soup += [square[[0, 1, 2]], square[[0, 2, 3]]]
+    return triangles(np.array(soup), name="box")
+
+
+def _through_edges(run: Run, mesh: Mesh, rays: int) -> None:
+    """Segments from inside, aimed past edges and corners: all must be blocked."""
+    corners = mesh.vertices[mesh.faces].astype(np.float32)
+    tree = bvh.build(corners, np.arange(len(corners), dtype=np.int32), float(np.float32(PAD_SHARE)))
+    rng = np.random.default_rng(1)
+    leaks, done, batch = 0, 0, 1 << 18
+    while done < rays:
+        count = min(batch, rays - done)
+        chosen = corners[rng.integers(0, len(corners), count)].astype(np.float64)
+        share = rng.choice([0.0, 0.5, 1.0, 1 / 3, -1.0], count)
+        share = np.where(share < 0, rng.random(count), share)[:, None]
+        edge = rng.integers(0, 3, count)
+        a, b = chosen[np.arange(count), edge], chosen[np.arange(count), (edge + 1) % 3]
+        origin = rng.uniform(-0.9, 0.9, (count, 3)).astype(np.float32)
+        some = rng.random(count) < 0.3  # from places in line with edges and corners
+        origin[some] = (np.round(origin[some] * 8) / 8).astype(np.float32)
+        direction = ((a + share * (b - a)).astype(np.float32) - origin).astype(np.float32)
+        arrays = [wp.array(x, dtype=wp.vec3, device="cpu") for x in (origin, direction)]
+        out = wp.empty(count, dtype=wp.bool, device="cpu")
+        wp.launch(blocked_kernel, count, inputs=[tree, *arrays, NOT_HIT], outputs=[out], device="cpu")
+        leaks += int(count - out.numpy().sum())
+        done += count
+    run.check(f"leaks of {rays:,} segments at edges and corners", leaks, 0, 0)
+
+
+def _dark_box(run: Run, mesh: Mesh) -> None:
+    """Lights all around a closed box, and one near an edge: inside it is black, exactly."""
+    lights = [PointLight("point", place, (1e6, 1e6, 1e6)) for place in ((1.0 + 1e-5, 1.0 + 1e-5, 0.3), (2.0, 0.0, 0.0))]
+    lamp = quad((-3.0, 2.0, -3.0), (6.0, 0, 0), (0, 0, 6.0), emission=(1e6, 1e6, 1e6), name="lamp")
+    what = scene([mesh, lamp], view((0.1, 0.2, -0.9), (1.0, 1.0, 1.0), 100, 32 if run.full else 12), lights=lights)
+    image = run.render(what, photons=20_000 if run.full else 2_000, spp=16 if run.full else 2)
+    run.check("brightest pixel of direct light", image.layers["direct"].max(), 0, 0)
+    run.check("brightest pixel of indirect light", image.layers["indirect"].max(), 0, 0)
+
+
+def watertight_box(run: Run) -> None:
+    mesh = tessellated_box(False)
+    _dark_box(run, mesh)
+    _through_edges(run, mesh, 20_000_000 if run.full else 200_000)
+
+
+def t_junctions(run: Run) -> None:
+    _dark_box(run, tessellated_box(True))
+
+
+def aimed_at_t_junctions(run: Run) -> None:
+    _through_edges(run, tessellated_box(True), 20_000_000 if run.full else 200_000)
+
+
+def _beyond(run: Run, meshes: list[Mesh], radius: float | None, most: float = 0.0) -> None:
+    """A lamp in one room, the camera in the next one."""
+    lamp = quad((-0.9, 0.98, -0.3), (0.5, 0, 0), (0, 0, 0.6), emission=(9.0, 9.0, 9.0), name="lamp")
+    camera = view((0.9, 0.3, -0.8), (0.05, -0.6, 0.5), 70, 24 if run.full else 10)
+    photons = 20_000 if run.full else 3_000
+    chosen = RenderSettings(photons=photons, spp=2, radius=radius, all_effects=True)
+    image = run.render(scene([*meshes, lamp], camera), settings=chosen)
+    run.check("brightest pixel beyond the wall", image.pixels.max(), 0, most)
+    run.demand("photons are there", image.metadata["report"]["photons"]["stored"] > photons / 2)
+
+
+def _two_rooms(gap: float) -> list[Mesh]:
+    """Rooms back to back, whose other walls are in no plane: the second is larger and higher."""
+    first = box((0.5, 1.0, 1.0), (-0.5, 0, 0), inside=True, name="lit room")
+    return [first, box((0.5, 1.6, 1.6), (0.5 + gap, 0, 0), inside=True, name="dark room")]
+
+
+def thin_walls(run: Run) -> None:
+    for gap in (1e-4, 0.0):
+        _beyond(run, _two_rooms(gap), 0.3)
+
+
+def wall_thinner_than_an_offset(run: Run) -> None:
+    _beyond(run, _two_rooms(1e-9), None)
+
+
+def floor_below_a_wall(run: Run) -> None:
+    """One floor runs on below the wall, and its photons next to the wall count on both sides of it."""
+    _beyond(run, [box(inside=True, name="room"), box((1e-4, 1.0, 1.0), name="wall")], 0.3)
+
+
+def slit(run: Run) -> None:
+    """A plate with a slit 0.01 wide under a lamp: what comes through it to the floor below its middle."""
+    half, height, radiance = 0.005, 0.5, 10.0
+    plate = [
+        quad((-2.0, height, -2.0), (0, 0, 4.0), (2.0 - half, 0, 0), name="plate"),
+        quad((half, height, -2.0), (0, 0, 4.0), (2.0 - half, 0, 0), name="plate"),
+    ]
+    lamp = quad((-0.05, height + 0.01, -0.5), (0.1, 0, 0), (0, 0, 1.0), emission=(radiance,) * 3, name="lamp")
+    floor = quad((-2.0, 0.0, -2.0), (0, 0, 4.0), (4.0, 0, 0), name="floor")
+    camera = view((0.0, 0.3, -0.0005), (0.0, 0.0, 0.0), 0.05, 8, (0, 0, 1))
+    what = scene([*plate, lamp, floor], camera)
+    samples = 16
+    spp = 256 if run.full else 16
+    image = run.render(what, photons=0, spp=spp, light_samples=samples)
+    # Through the slit the floor sees lamp alone. Quadrature of cos² / d² over the slit as seen from the pixel's middle.
+    z = (np.arange(4000) + 0.5) / 4000 * 1.0 - 0.5
+    x = ((np.arange(200) + 0.5) / 200 * 2 - 1) * half
+    gap = np.stack(np.meshgrid(x, z, indexing="ij"), axis=-1)
+    above = (height + 0.01) / height
+    seen = (np.abs(gap[..., 1] * above) <= 0.5) & (np.abs(gap[..., 0] * above) <= 0.05)
+    d2 = gap[..., 0] ** 2 + gap[..., 1] ** 2 + height**2
+    factor = float((seen * height**2 / d2**2).mean() * 2 * half * 1.0) / np.pi
+    run.check_share("radiance below the slit", image.pixels.mean(), 0.5 * radiance * factor, 0.02 if run.full else 0.06)
+
+
+def lamp_close_to_a_floor(run: Run) -> None:
+    """All light of a lamp 1e-5 above a floor stays between the two, but what leaves through the gap around them."""
+    lamp = quad((-0.1, 1e-5, -0.1), (0.2, 0, 0), (0, 0, 0.2), emission=(5.0, 5.0, 5.0), name="lamp")
+    floor = quad((-1.0, 0.0, -1.0), (0, 0, 2.0), (2.0, 0, 0), name="floor")
+    what = scene([lamp, floor], view((0.4, 0.3, -0.9), (0.0, 0.0, 0.0), 50, 16))
+    image = run.render(what, photons=50_000 if run.full else 2_000, spp=16 if run.full else 4)
+    energy = image.metadata["report"]["energy"]
+    run.check_share("power emitted", energy["emitted"], np.pi * 5.0 * 0.04, 1e-4)
+    run.check("share that leaves through the gap", energy["escaped"] / energy["emitted"], 2e-4, 1.5e-3)
+
+
+def nested_glass(run: Run) -> None:
+    """Glass in water in air, a bubble in it, and two balls that touch, under a sky of 1: none can be seen."""
+    materials = [
+        Material("water", Dielectric(1.33)),
+        Material("glass in water", Dielectric(1.5 / 1.33)),
+        Material("bubble in glass", Dielectric(1.0 / 1.5)),
+        Material("glass", Dielectric(1.5)),
+    ]
+    nested = [ball(1.0, (0, 0, 0), 0, 64), ball(0.8, (0.05, 0, 0), 1, 64), ball(0.4, (0.1, 0.1, 0), 2, 64)]
+    touching = [ball(0.5, (-1.5, 0, 0), 3, 64), ball(0.5, (1.5, 0, 0), 3, 64)]
+    camera = view((0.3, 0.4, -6.0), (0, 0, 0), 34, 24 if run.full else 10)
+    what = scene([*nested, *touching], camera, materials, [SKY])
+    image = run.render(what, photons=0, caustic_photons=0, spp=128 if run.full else 16)
+    run.check("mean radiance", image.pixels.mean(), 1.0, 5e-3 if run.full else 1e-2)
+
+
+def glass_faces_in_one_plane(run: Run) -> None:
+    """Two glass boxes that share a face, under a sky of 1."""
+    materials = [Material("glass", Dielectric(1.5))]
+    boxes = [box((0.5, 0.5, 0.5), (-0.5, 0, 0)), box((0.5, 0.5, 0.5), (0.5, 0, 0))]
+    camera = view((2.0, 2.5, -3.5), (0, 0, 0), 36, 24 if run.full else 10)
+    image = run.render(
+        scene(boxes, camera, materials, [SKY]), photons=0, caustic_photons=0, spp=128 if run.full else 32
+    )
+    run.check("mean radiance", image.pixels.mean(), 1.0, 5e-3 if run.full else 1e-2)
+
+
+def inconsistent_winding(run: Run) -> None:
+    """A white two-sided ball whose triangles face in and out at random, under a sky of 1: it cannot be seen."""
+    mesh = ball(1.0, around=32)
+    faces = mesh.faces.copy()
+    flipped = np.random.default_rng(2).random(len(faces)) < 0.5
+    faces[flipped] = faces[flipped][:, ::-1]
+    what = scene(
+        [Mesh("ball", mesh.vertices, faces, None, None, 0)],
+        view((0.3, 0.4, -4.0), (0, 0, 0), 34, 16 if run.full else 10),
+        [diffuse("white", WHITE, twosided=True)],
+        [SKY],
+    )
+    image = run.render(what, photons=0, spp=512 if run.full else 128)
+    run.check("mean radiance", image.pixels.mean(), 1.0, 5e-3)
+
+
+def open_and_non_manifold(run: Run) -> None:
+    """Five black fins that share one edge, and a black box without a lid, before a sky of 1: 0 or 1, nothing else."""
+    fins = [
+        np.array([[0.0, -1, 0], [0.0, 1, 0], [np.cos(a), 0.3, np.sin(a)]]) for a in 2 * np.pi * np.arange(5) / 5
+    ]
+    lidless = box((0.4, 0.4, 0.4), (1.5, 0, 0))
+    meshes = [triangles(np.array(fins)), Mesh("open", lidless.vertices, lidless.faces[2:], None, None, 0)]
+    camera = view((0.5, 0.8, -4.0), (0.5, 0, 0), 50, 24 if run.full else 12)
+    what = scene(meshes, camera, [diffuse("black", (0.0, 0.0, 0.0), twosided=True)], [SKY])
+    image = run.render(what, photons=100, spp=1)
+    values = np.unique(image.pixels)
+    run.demand("radiances", bool(np.isin(values, [0.0, 1.0]).all()), str(values[:4]), "0 or 1")
+    run.demand("something and sky are seen", len(values) == 2)
+
+
+def _crowd(count: int, size: float, at: Array) -> Mesh:
+    rng = np.random.default_rng(5)
+    return triangles(at + size * rng.normal(size=(count, 3, 3)), name="crowd")
+
+
+def many_in_one_point(run: Run) -> None:
+    """A crowd of triangles of 1e-6 in one place, seen as a speck: the room is lit as ever."""
+    crowd = _crowd(1_000_000 if run.full else 20_000, 1e-6, np.array([0.25, -0.5, 0.25]))
+    photons = 20_000 if run.full else 2_000
+    plain = run.render(lit_room(), photons=photons, spp=4, cells=1)
+    image = run.render(lit_room(8, [crowd]), photons=photons, spp=4)
+    run.check_share("mean of direct light", image.layers["direct"].mean(), plain.layers["direct"].mean(), 1e-3)
+    run.check_share("mean of indirect light", image.layers["indirect"].mean(), plain.layers["indirect"].mean(), 0.02)
+
+
+def one_place_exactly(run: Run) -> None:
+    """A crowd of triangles whose corners are all the same point."""
+    count = 1_000_000 if run.full else 20_000
+    _same_as_without(run, [triangles(np.broadcast_to([0.25, -0.5, 0.25], (count, 3, 3)))], "them")
+
+
+def one_large_among_small(run: Run) -> None:
+    """A closed glowing box of many small triangles, and one triangle as large as the box in the middle of it."""
+    side = 288 if run.full else 40  # 12 side²: 995,000 and 19,200
+    cuts = np.linspace(-1.0, 1.0, side + 1)
+    x, y = np.meshgrid(cuts, cuts, indexing="ij")
+    soup = []
+    for axis in range(3):
+        for z in (-1.0, 1.0):
+            grid = np.insert(np.stack([x, y], axis=-1), axis, z, axis=-1)
+            a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
+            parts = [np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)]
+            soup += [part.reshape(-1, 3, 3) for part in parts]
+    corners = np.concatenate(soup)
+    facing = np.einsum("ta,ta->t", np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), corners[:, 0])
+    corners[facing > 0] = corners[facing > 0][:, ::-1]
+    walls = triangles(corners, emission=(1.0, 1.0, 1.0), name="walls")
+    large = triangles([[[-1.0, -0.99, 0.5], [0.99, 1.0, 0.6], [1.0, -1.0, 0.55]]], 1, (1.0, 1.0, 1.0), name="large")
+    back = triangles([[[1.0, -1.0, 0.55], [0.99, 1.0, 0.6], [-1.0, -0.99, 0.5]]], 1, (1.0, 1.0, 1.0), name="back")
+    wall = diffuse("wall", (0.5, 0.5, 0.5))
+    what = scene([walls, large, back], glowing_box().camera, [wall, wall])
+    image = run.render(what, photons=100_000 if run.full else 10_000, spp=16 if run.full else 4)
+    run.check_share("radiance", image.pixels.mean(axis=(0, 1)), 2.0, 0.01 if run.full else 0.03)
+
+
+def normals_of_any_scale(run: Run) -> None:
+    """Triangles of 1e-20 and of 1e20 have areas whose squares float32 does not hold."""
+    for size in (1e-20, 1e15):
+        what = glowing_box()
+        meshes = tuple(Mesh(m.name, m.vertices * size, m.faces, None, None, 0, m.emission) for m in what.meshes)
+        to_world = what.camera.to_world.copy()
+        to_world[:3, 3] *= size
+        camera = view((0, 0, 0), (0, 0, 1), 70, 8)
+        camera = type(camera)(to_world, 70, 8, 8, near_clip=1e-5 * size, far_clip=1e5 * size)
+        image = run.render(Scene("box", meshes, what.materials, (), camera), photons=5_000, spp=4, cells=1)
+        run.check_share(f"radiance in a box of {size:g}", image.pixels.mean(), 2.0, 0.02)
+
+
+def _case(name: str, shows: str, expected: str, tolerance: str, measure: object, **more: object) -> HardCase:
+    return HardCase(
+        name=name, section=2, shows=shows, expected=expected, tolerance=tolerance, measure=measure, **more  # type: ignore[arg-type]
+    )
+
+
+NO_BIT = "none: what is dropped is numbered by nobody, so no bit may change"
+BLACK = "none: not a single ray may get through"
+
+CASES = (
+    _case("triangles of zero area", "points and lines as triangles", "the room without them", NO_BIT, zero_area),
+    _case("vertices that are not finite", "NaN, inf and -inf", "the room without them", NO_BIT, not_finite),
+    _case("denormal vertices", "a triangle of 1e-40", "the room without it", NO_BIT, denormal),
+    _case("instanced duplicates", "each wall ten times, turned", "the room with each once", NO_BIT, duplicates),
+    _case("an index out of range", "a face names vertex 3 of 3", "an error that names the mesh", "none", index_out_of_range),
+    _case(
+        "needles",
+        "walls with strips of 1 : 2e7",
+        "a closed furnace: Le / (1 - albedo) = 2",
+        "1.5 % (small: 3 %): noise of photons, and of direct light near edges",
+        needles,
+    ),
+    _case(
+        "coplanar walls of two materials",
+        "which of two surfaces in one place is seen",
+        "the same everywhere: whatever the partition (symmetry)",
+        "none: every bit",
+        coplanar_walls,
+    ),
+    _case("a watertight box", "lights outside, shared edges and corners aimed at", "black", BLACK, watertight_box),
+    _case("T-junctions", "walls cut up otherwise than their neighbours", "black", BLACK, t_junctions),
+    _case(
+        "aimed at T-junctions exactly",
+        "segments whose ends lie on the very line of the edge, in floats",
+        "blocked",
+        BLACK,
+        aimed_at_t_junctions,
+        limit="neighbours agree about an edge only if they have the same corners: at a T-junction the edge functions of "
+        "the long and of the short side round apart by 2^-53, and one in 150 rays that pass exactly through the line "
+        "slips between them; it would take a tolerance of 2^-50 in intersect_turned",
+    ),
+    _case(
+        "walls thinner than the gather radius",
+        "two rooms back to back, 1e-4 apart and not at all, gathers of 0.3",
+        "the dark side is black",
+        BLACK,
+        thin_walls,
+    ),
+    _case(
+        "a wall thinner than an offset",
+        "two faces 1e-9 apart, the same floats",
+        "the dark side is black",
+        BLACK,
+        wall_thinner_than_an_offset,
+    ),
+    _case(
+        "one floor on both sides of a thin wall",
+        "a wall of 2e-4 on a floor, gathers of 0.3",
+        "the dark side is black",
+        BLACK,
+        floor_below_a_wall,
+        limit="a gather on the floor reaches below the wall, where the floor goes on with the same normal (bias of density "
+        "estimation); it would take a test of visibility for each photon near an edge",
+    ),
+    _case(
+        "a slit",
+        "a lamp seen through a slit 0.01 wide",
+        "radiance by quadrature of the form factor",
+        "2 % (small: 6 %): one in ten shadow rays gets through, 3 sigma of 260,000 (16,000) of them",
+        slit,
+    ),
+    _case(
+        "a lamp 1e-5 above a floor",
+        "distances whose squares are 1e-10",
+        "all light stays between the two, but for the gap's share of some 2e-4 (form factor, albedo 1/2)",
+        "1.5e-3: 3 sigma of one path in 2,000 that leaves",
+        lamp_close_to_a_floor,
+    ),
+    _case(
+        "nested and touching glass",
+        "glass in water, a bubble in it, balls that touch",
+        "radiance 1: a furnace",
+        "0.5 % (small: 1 %): paths between the two normals of smooth balls end, 1e-3 of them; noise",
+        nested_glass,
+    ),
+    _case(
+        "glass faces in one plane",
+        "two boxes that share a face",
+        "radiance 1: a furnace",
+        "0.5 % (small: 1 %): noise of Russian roulette",
+        glass_faces_in_one_plane,
+        limit="of two faces in one plane a ray meets the first and starts beyond both, so that it leaves glass that it has "
+        "not entered; it would take media with priorities (Schmidt & Budge 2002)",
+    ),
+    _case(
+        "inconsistent winding",
+        "half of a ball's triangles face inwards",
+        "radiance 1: a furnace",
+        "0.5 %: noise",
+        inconsistent_winding,
+    ),
+    _case(
+        "open and non-manifold meshes",
+        "five fins on one edge, a box without a lid",
+        "black before a sky of 1: radiance 0 or 1",
+        "none",
+        open_and_non_manifold,
+    ),
+    _case(
+        "a crowd in one point",
+        "a million (small: 20,000) triangles of 1e-6 in one place",
+        "the room without them: they are smaller than a hundredth of a pixel",
+        "direct light 1e-3, indirect 2 %: they take a millionth of the light, but photons are others",
+        many_in_one_point,
+    ),
+    _case("a million triangles in one place", "all corners are one point", "the room without", NO_BIT, one_place_exactly),
+    _case(
+        "one large among many small",
+        "a triangle as large as the scene among a million (small: 19,200)",
+        "a closed furnace: 2",
+        "1 % (small: 3 %): noise of the photons",
+        one_large_among_small,
+    ),
+    _case(
+        "boxes of 1e-20 and 1e15",
+        "areas whose squares leave float32's range",
+        "a closed furnace: 2",
+        "2 %: noise",
+        normals_of_any_scale,
+        limit="flatten() drops triangles whose squared normal over- or underflows float32, though front_normals computes "
+        "in double; it would take the division by the scene's size before rounding",
+    ),
+)

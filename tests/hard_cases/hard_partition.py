@@ -1,0 +1,160 @@
+"""Section 4: split planes in the worst places, and bands of the wrong width."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from case import HardCase, Run, imbalance
+from partitions import in_renderer, planes, with_tree
+from rooms import effects_room, glowing_box, lit_room
+
+from wdpm.api import render_in_process
+from wdpm.image import Image
+from wdpm.kernels.settings import RenderSettings, Routing
+from wdpm.scenes.model import Scene
+
+
+def _settings(full: bool) -> RenderSettings:
+    photons = 20_000 if full else 1_500
+    return RenderSettings(
+        photons=photons, caustic_photons=photons, volume_photons=photons, spp=4 if full else 2, all_effects=True
+    )
+
+
+def _same(run: Run, what: Scene, reference: Image, axis: list[int], split: list[float], name: str) -> None:
+    """A render with this top tree has the bits of the reference, and stores the same photons."""
+    with with_tree(axis, split):
+        image = render_in_process(what, _settings(run.full), workers=2, cells=len(axis) + 1)
+    run.demand(f"the same bits, {name}", image.digest() == reference.digest())
+    counts = [i.metadata["report"]["photons"]["stored"] for i in (image, reference)]
+    run.check(f"photons stored, {name}", counts[0], counts[1], 0)
+    run.check(f"gathers that left their band, {name}", image.metadata["report"]["gathers_left_band"], 0, 0)
+
+
+def along_surfaces(run: Run) -> None:
+    """Planes through the floor (and so through its photons), a float above it, and a float below."""
+    for what in (lit_room(), effects_room()) if run.full else (lit_room(),):
+        reference = run.render(what, settings=_settings(run.full), cells=1)
+        floor = in_renderer(what, (0.0, -1.0, 0.0))[1]
+        ceiling = in_renderer(what, (0.0, 1.0, 0.0))[1]
+        for name, towards in (("below", np.float32(-np.inf)), ("in", None), ("above", np.float32(np.inf))):
+            y, top = (float(v if towards is None else np.nextafter(v, towards)) for v in (floor, ceiling))
+            _same(run, what, reference, [1, 0, 1], [y, 0.0, top], f"{what.name}: {name} floor and ceiling")
+
+
+def through_everything(run: Run) -> None:
+    """Eight cells that meet in a corner of the room, in the middle of the lamp, and where nothing is."""
+    what = effects_room()
+    reference = run.render(what, settings=_settings(run.full), cells=1)
+    places = {"a corner": (-1.0, -1.0, -1.0), "the lamp": (0.0, 0.97, 0.0), "the air": (0.11, 0.07, -0.13)}
+    for name, place in places.items():
+        axis, split = planes(what, [(a, place[a]) for a in range(3)])
+        _same(run, what, reference, axis, split, f"planes through {name}")
+
+
+def through_photons(run: Run) -> None:
+    """Planes at coordinates of photons themselves: each has one owner."""
+    from wdpm.cluster import plan
+
+    what = lit_room()
+    chosen = _settings(run.full)
+    found: list[np.ndarray] = []
+    own = plan.build_top_tree
+
+    def listen(corners: np.ndarray, photons: np.ndarray, *rest: object) -> object:
+        found.append(photons)
+        return own(corners, photons, *rest)  # type: ignore[arg-type]
+
+    plan.build_top_tree = listen  # type: ignore[assignment]
+    try:
+        reference = run.render(what, settings=chosen, cells=1)
+    finally:
+        plan.build_top_tree = own
+    photons = found[0]
+    rng = np.random.default_rng(4)
+    for number in range(8 if run.full else 3):
+        x, y, z = (float(photons[rng.integers(len(photons)), a]) for a in range(3))
+        _same(run, what, reference, [0, 1, 1, 2, 2, 2, 2], [x, y, y, z, z, z, z], f"planes through photons {number}")
+
+
+def all_on_one_side(run: Run) -> None:
+    """Planes beyond the scene: cells without triangles, all photons in one cell."""
+    what = effects_room()
+    reference = run.render(what, settings=_settings(run.full), cells=1)
+    for far in (-1e30, 100.0, 1e30):
+        _same(run, what, reference, [0, 1, 2], [far, far, far], f"planes at {far:g}")
+
+
+def the_same_plane_again(run: Run) -> None:
+    """Every level of the tree has one and the same plane: half of the cells are empty sets of points."""
+    what = lit_room()
+    reference = run.render(what, settings=_settings(run.full), cells=1)
+    _same(run, what, reference, [0] * 7, [0.125] * 7, "x = 0.125 seven times")
+    slivers = [float(v) for v in np.float32(0.125) + np.arange(7, dtype=np.float32) * np.float32(2.0**-24)]
+    _same(run, what, reference, [0] * 7, slivers, "planes a float apart")
+
+
+def any_number_of_cells(run: Run) -> None:
+    what = effects_room() if run.full else lit_room()
+    reference = run.render(what, settings=_settings(run.full), cells=1)
+    for cells in (2, 4, 8, 16, 32, 64) if run.full else (2, 16, 64):
+        for routing in Routing if run.full else (Routing.FORWARD,):
+            chosen = replace(_settings(run.full), routing=routing)
+            image = render_in_process(what, chosen, workers=min(cells, 3), cells=cells)
+            run.demand(f"the same bits in {cells} cells, {routing.value}", image.digest() == reference.digest())
+
+
+def wide_band(run: Run) -> None:
+    """Gathers, and so bands, many times as wide as the scene: every cell has every photon."""
+    for radius in (100.0, 1e12):
+        chosen = replace(_settings(run.full), radius=radius, caustic_radius=radius)
+        image = run.render(lit_room(), settings=chosen, cells=8)
+        run.check(f"gathers that left their band of {radius:g}", image.metadata["report"]["gathers_left_band"], 0, 0)
+
+
+def narrow_radius(run: Run) -> None:
+    """Gathers narrower than float spacing find their own place at most: nothing is lost or counted twice."""
+    for radius in (1e-9, 1e-15):
+        chosen = replace(_settings(run.full), radius=radius, caustic_radius=radius)
+        image = run.render(lit_room(), settings=chosen, cells=1)
+        report = image.metadata["report"]
+        run.check(f"gathers of {radius:g} with fewer than k", report["gathers_truncated"], report["gathers"], 0)
+    run.note("slow: as many surface points are made as there may be, 16.8 million, for discs that hold none")
+
+
+def narrow_band(run: Run) -> None:
+    """Bands of zero and below float spacing: approximate, and said so; energy and numbers stay sound."""
+    what = glowing_box()
+    for band in (0.0, 1e-12, 0.5):
+        chosen = replace(_settings(run.full), band=band, inexact=True)
+        with with_tree([0, 1, 1], [0.0, 0.0, 0.0]):
+            image = render_in_process(what, chosen, workers=2, cells=4)
+        run.demand_sound(image)
+        run.check(f"imbalance with a band of {band:g}", imbalance(image), 0, 1e-5)
+        run.demand(f"gathers that left a band of {band:g} are counted", image.metadata["report"]["gathers_left_band"] > 0)
+    run.show(image.pixels)
+
+
+def _case(name: str, shows: str, measure: object, slow: bool = False, **more: str) -> HardCase:
+    told = {"expected": "the image of one cell (symmetry)", "tolerance": "none: every bit"} | more
+    return HardCase(name=name, section=4, shows=shows, measure=measure, slow=slow, **told)  # type: ignore[arg-type]
+
+
+CASES = (
+    _case("planes along surfaces", "split planes in a floor full of photons, and a float beside it", along_surfaces),
+    _case("planes through everything", "eight cells that meet in a corner, in the lamp, in the air", through_everything),
+    _case("planes through photons", "split planes at the very coordinates of photons", through_photons),
+    _case("all geometry on one side", "planes beyond the scene, cells without triangles", all_on_one_side),
+    _case("the same plane again", "one plane in all levels, planes one float apart", the_same_plane_again),
+    _case("1 to 64 cells", "every number of cells, both routings", any_number_of_cells),
+    _case("a band wider than the scene", "gather radii of 100 and 1e12", wide_band),
+    _case("a radius below float spacing", "gather radii of 1e-9 and 1e-15", narrow_radius, slow=True),
+    _case(
+        "a band of zero",
+        "bands of 0, 1e-12 and half of the radius, with --inexact",
+        narrow_band,
+        expected="finite values, a closed ledger, and gathers that left the band counted",
+        tolerance="1e-5 of the energy; the image itself is approximate",
+    ),
+)

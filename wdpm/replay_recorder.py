@@ -1,0 +1,236 @@
+"""Looks over a worker's shoulder while it traces one sample, and writes down what happens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.check_part import sound_triangles
+from wdpm.check_soup import make_soup
+from wdpm.cluster import parts
+from wdpm.cluster.batch import SCHEMAS, Batch, Kind
+from wdpm.cluster.misses import start_paths
+from wdpm.cluster.replica import Replica
+from wdpm.cluster.world import View
+from wdpm.kernels import bsdf_types, columns
+from wdpm.kernels.look import make_look
+from wdpm.kernels.photon_paths import CAUSTIC_MAP, GLOBAL_MAP
+from wdpm.kernels.shading import PARTS
+from wdpm.kernels.surface import Surface
+from wdpm.replay_vertices import Gather, Hit, Onward, ReplayVertex, ShadowRay
+from wdpm.scenes.model import Scene
+
+BLACK = (0.0, 0.0, 0.0)
+
+LEAVES = {
+    int(getattr(bsdf_types, name)): name.lower().replace("_", " ")
+    for name in ("BLACK", "DIFFUSE", "CONDUCTOR", "DIELECTRIC", "THIN_DIELECTRIC", "PLASTIC", "PRINCIPLED", "NULL")
+}
+
+
+class Names:
+    """What the things of a scene are called, and where its coordinates begin.
+
+    Args:
+        rendered: how many triangles the renderer kept of it.
+    """
+
+    def __init__(self, scene: Scene, rendered: int) -> None:
+        soup = make_soup(scene)
+        kept = sound_triangles(soup) == 0
+        if int(kept.sum()) != rendered:
+            raise AssertionError(f"{rendered} triangles are rendered, and {int(kept.sum())} were expected")
+        self._scene = scene
+        self._mesh, self._row = soup.mesh[kept], soup.row[kept]
+        self.center = soup.center
+
+    def triangle(self, prim: int) -> tuple[str, str, int]:
+        """Mesh, material and number in the mesh of a triangle."""
+        mesh = self._scene.meshes[int(self._mesh[prim])]
+        return mesh.name, self._scene.materials[mesh.material].name, int(self._row[prim])
+
+    def medium(self, number: int) -> str | None:
+        """Of a medium; None for none."""
+        return None if number < 0 else self._scene.media[number].name
+
+
+@dataclass(eq=False)
+class _Vertex:
+    """What was written down of a vertex: rows of SCHEMAS[PATH] that arrive and go on, shadow rays, gathers by map."""
+
+    arrives: dict[str, Any]
+    surface: Any
+    lights: list[int]
+    carries: NDArray[np.float32]
+    onward: dict[str, Any] | None
+    gathers: dict[int, tuple[int, float, bool]] = field(default_factory=dict)
+
+
+class Recorder:
+    """Writes down one sample; an Observer of its worker (cluster.replica)."""
+
+    def __init__(self, replica: Replica, view: View) -> None:
+        self._replica = replica
+        self._view = view
+        self._vertices: list[_Vertex] = []
+        self._lit: dict[tuple[int, int], tuple[float, float, float]] = {}
+        self._passes: dict[int, int] = {}
+        self._ray: dict[str, Any] = {}
+
+    # What happens
+
+    def shaded(self, surfaces: Any, rays: Any, shots: Any, paths: Any) -> None:
+        """The path has come to a vertex."""
+        replica, count = self._replica, self._view.light_samples
+        device = replica.launcher.device
+        later = hasattr(rays, "bounce")
+        arriving = rays if later else start_paths(replica, rays, 1)
+        surface = wp.empty(1, dtype=Surface, device=device)
+        light = wp.empty(count, dtype=wp.int32, device=device)
+        scene = [surfaces, replica.materials, replica.textures, replica.lights, replica.camera, arriving, count]
+        replica.launcher(make_look(replica.world.features), 1, scene, [surface, light])
+        goes_on = replica.world.features.goes_on
+        self._vertices.append(
+            _Vertex(
+                _row(arriving),
+                surface.numpy()[0].copy(),
+                [int(number) for number in light.numpy()],
+                shots.radiance.numpy().copy(),
+                _row(paths) if goes_on else None,
+            )
+        )
+
+    def gathered(self, number: int, queries: Any, count: Any, radius: Any, truncated: Any) -> None:
+        """Photons of a map were asked for at the last vertex; where they would count for nothing, they were not."""
+        if not queries.weight.numpy().any():
+            return
+        found = int(count.numpy()[0]), float(radius.numpy()[0]), bool(truncated.numpy()[0])
+        self._vertices[-1].gathers[number] = found
+
+    def saw(self, batch: Batch) -> None:
+        """A batch is about to be worked off."""
+        if batch.kind is Kind.PATH:
+            self._ray = {name: column[0].copy() for name, column in batch.arrays.items()}
+        elif batch.kind is Kind.PANE:
+            for place in batch.arrays["place"]:
+                self._passes[int(place)] = self._passes.get(int(place), 0) + 1
+        elif batch.kind is Kind.SAMPLES:
+            self._lit[0, parts.EMISSION] = _rgb(batch.arrays["emission"][0])
+            self._lit[0, parts.INDIRECT] = _rgb(batch.arrays["indirect"][0])
+        elif batch.kind is Kind.LIT:
+            samples = self._view.light_samples
+            bounce = parts.bounce_of(batch.arrays["place"], samples)
+            for row, place in enumerate(batch.arrays["place"]):
+                part = int(place) % (samples + int(PARTS)) - samples
+                self._lit[int(bounce[row]), part] = _rgb(batch.arrays["radiance"][row])
+
+    # What is told of it
+
+    def vertices(self, names: Names) -> tuple[ReplayVertex, ...]:
+        """All vertices, and where a path leaves the scene what is beyond."""
+        told = [self._told(bounce, vertex, names) for bounce, vertex in enumerate(self._vertices)]
+        onward = told[-1].onward if told else None
+        if not told or onward is not None:
+            told.append(self._beyond(len(told), names))
+        return tuple(told)
+
+    def _told(self, bounce: int, vertex: _Vertex, names: Names) -> ReplayVertex:
+        arrives = vertex.arrives
+        return ReplayVertex(
+            bounce,
+            int(arrives["edges"]),
+            names.medium(int(arrives["medium"])),
+            _rgb(arrives["throughput"]),
+            self._hit(vertex, names),
+            self._lit.get((bounce, parts.EMISSION), BLACK),
+            self._shadow_rays(bounce, vertex),
+            self._gather(bounce, vertex, GLOBAL_MAP, parts.INDIRECT),
+            self._gather(bounce, vertex, CAUSTIC_MAP, parts.CAUSTIC),
+            self._lit.get((bounce, parts.BEAM), BLACK),
+            _onward(vertex, names),
+        )
+
+    def _beyond(self, bounce: int, names: Names) -> ReplayVertex:
+        """Where the path ends without a hit."""
+        camera = self._view.camera
+        medium = int(self._ray["medium"]) if bounce else -1 if camera.medium is None else camera.medium
+        return ReplayVertex(
+            bounce,
+            int(self._ray["edges"]) if bounce else 1,
+            names.medium(medium),
+            _rgb(self._ray["throughput"]) if bounce else (1.0, 1.0, 1.0),
+            None,
+            self._lit.get((bounce, parts.EMISSION), BLACK),
+            (),
+            None,
+            None,
+            self._lit.get((bounce, parts.BEAM), BLACK),
+            None,
+        )
+
+    def _hit(self, vertex: _Vertex, names: Names) -> Hit:
+        arrives, surface = vertex.arrives, vertex.surface
+        prim, t = int(arrives["prim"]), float(arrives["t"])
+        mesh, material, triangle = names.triangle(prim)
+        leaf = surface["bsdf"]
+        return Hit(
+            mesh,
+            material,
+            triangle,
+            prim,
+            _rgb(np.asarray(surface["position"], np.float64) + names.center),
+            float(arrives["u"]),
+            float(arrives["v"]),
+            t,
+            t * float(np.linalg.norm(np.asarray(arrives["direction"], np.float64))),
+            _rgb(surface["normal"]),
+            _rgb(surface["shading_normal"]),
+            bool(surface["front"] == 1),
+            LEAVES[int(leaf["kind"])],
+            _rgb(leaf["color"]),
+            _rgb(leaf["specular"]),
+            (float(leaf["alpha"][0]), float(leaf["alpha"][1])),
+        )
+
+    def _shadow_rays(self, bounce: int, vertex: _Vertex) -> tuple[ShadowRay, ...]:
+        names, samples = self._replica.world.lights.names, self._view.light_samples
+        return tuple(
+            ShadowRay(
+                None if light < 0 else names[light],
+                _rgb(vertex.carries[j]),
+                self._lit.get((bounce, j - samples)),
+                self._passes.get(bounce * (samples + int(PARTS)) + j, 0),
+            )
+            for j, light in enumerate(vertex.lights)
+        )
+
+    def _gather(self, bounce: int, vertex: _Vertex, number: int, part: int) -> Gather | None:
+        if number not in vertex.gathers:
+            return None
+        return Gather(*vertex.gathers[number], self._lit.get((bounce, part), BLACK))
+
+
+def _onward(vertex: _Vertex, names: Names) -> Onward | None:
+    onward = vertex.onward
+    if onward is None or not (onward["throughput"] > 0).any():
+        return None
+    return Onward(
+        _rgb(onward["direction"]),
+        _rgb(onward["throughput"]),
+        float(onward["pdf"]),
+        names.medium(int(onward["medium"])),
+    )
+
+
+def _row(items: Any) -> dict[str, Any]:
+    """The only item of a structure of arrays of paths, as it is now."""
+    return {name: column[0].copy() for name, column in columns.download(items, SCHEMAS[Kind.PATH]).items()}
+
+
+def _rgb(values: Any) -> tuple[float, float, float]:
+    red, green, blue = (float(value) for value in values)
+    return red, green, blue
