@@ -2,15 +2,18 @@
 PYTHON ?= python3
 VENV ?= .venv
 OUT ?= out
+RAYS ?= 1e8
+GATHERS ?= 1e6
+SEED ?= 1
 
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test lint peers clean
+.PHONY: help demo test fuzz hard-cases lint peers clean
 
 help:  ## show this list
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
 
 demo: $(VENV)/.installed  ## render a Cornell box with a master and four slaves
 	@mkdir -p $(OUT)
@@ -20,6 +23,12 @@ demo: $(VENV)/.installed  ## render a Cornell box with a master and four slaves
 
 test: $(VENV)/.installed-test  ## run the tests (those marked slow are left out)
 	$(BIN)/python -m pytest -m "not slow"
+
+fuzz: $(VENV)/.installed-test  ## fuzz rays, routing and gathers against brute force (RAYS, GATHERS, SEED)
+	$(BIN)/python tests/fuzz/run.py --rays $(RAYS) --gathers $(GATHERS) --seed $(SEED) -o $(OUT)/fuzz
+
+hard-cases: $(VENV)/.installed-test  ## run the hard cases in full and write out/hard-cases/index.html (WDPM_SCENES)
+	$(BIN)/python tests/hard_cases/run.py -o $(OUT)/hard-cases
 
 lint: $(VENV)/.installed-test  ## check style and types
 	$(BIN)/ruff check .

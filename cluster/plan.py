@@ -70,7 +70,7 @@ POINTS_A_PHOTON = 2
 POINTS_A_DISC = 64
 """Surface points in the largest gather, at least, however few the photons."""
 
-POINTS_LEAST = 1 << 14
+POINTS_LEAST = 1 << 16
 POINTS_MOST = 1 << 24
 """Bounds to the number of surface points: 52 bytes each."""
 

@@ -36,6 +36,10 @@ Points spread evenly over a ball of radius r send 3 / r² on the mean to its mid
 by, in a node of many, come off badly. A quarter was best of 1, 1/2 and 1/4 in a hall of 1000 lamps.
 """
 
+IN_PLANE = wp.constant(wp.float32(2.0**-12))
+"""Height over a flat lamp, in radii of its sphere, up to which a place counts as in its plane: what is lit there is lit
+at grazing angles, and little. The chance is lowered, not taken away, so the estimate stays unbiased."""
+
 LEAST_DISTANCE = 2.0**-20
 """Distances count for at least this share of the scene's radius: a point light's own place is no infinity."""
 
@@ -147,6 +151,8 @@ def importance(tree: LightTree, number: wp.int32, position: wp.vec3) -> wp.float
         if cosine < node.cos_reach - MARGIN:
             return 0.0
         value = value * wp.max(cosine, MARGIN)
+    elif node.child < 0 and node.cos_axes >= 1.0 and wp.dot(way, node.axis) <= IN_PLANE * node.radius:
+        value = value * MARGIN  # a flat lamp seen from a place in its own plane, such as the rest of a glowing wall
     return value
 
 

@@ -314,7 +314,8 @@ def _use_of_lights(result: SessionResult) -> NDArray[np.float64] | None:
         return None
     flux = np.array([slave["flux_by_light"] for slave in result.statistics], np.float64).sum(axis=0)
     whole = flux.sum(axis=1, keepdims=True)
-    return np.divide(flux, whole, out=np.zeros_like(flux), where=whole > 0)
+    share = np.divide(flux, whole, out=np.zeros_like(flux), where=whole > 0)
+    return np.round(share, 9)  # sums of floats over slaves differ in their last bits, reports should not
 
 
 def _slave_report(number: int, slave: dict[str, Any]) -> SlaveReport:

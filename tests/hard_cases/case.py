@@ -75,12 +75,14 @@ class Run:
 
     Attributes:
         full: whether there is time for many samples; otherwise the case should take a second.
+        rays: how many rays a case that counts rays is to trace; None for what the size allows.
         checks: all comparisons so far.
         picture: linear RGB to be shown, shape [height, width, 3], or None.
         notes: what else a person should know, one sentence each.
     """
 
     full: bool
+    rays: int | None = None
     checks: list[Check] = field(default_factory=list)
     picture: NDArray[np.float32] | None = None
     notes: list[str] = field(default_factory=list)
@@ -121,7 +123,9 @@ class Run:
         """Demand |measured - expected| <= tolerance in every component; NaN fails."""
         m, e = np.asarray(measured, np.float64), np.asarray(expected, np.float64)
         good = bool((np.abs(m - e) <= tolerance).all())
-        self.checks.append(Check(what, _figures(m), f"{_figures(e)} ± {tolerance:g}" if tolerance else _figures(e), good))
+        self.checks.append(
+            Check(what, _figures(m), f"{_figures(e)} ± {tolerance:g}" if tolerance else _figures(e), good)
+        )
 
     def check_share(self, what: str, measured: ArrayLike, expected: ArrayLike, share: float) -> None:
         """Demand |measured / expected - 1| <= share in every component; for any scale of radiance."""
@@ -183,9 +187,9 @@ class Outcome:
         return self.run.passed and not self.error
 
 
-def run_case(case: HardCase, full: bool) -> Outcome:
+def run_case(case: HardCase, full: bool, rays: int | None = None) -> Outcome:
     """Run a case; an exception is an outcome too."""
-    run = Run(full)
+    run = Run(full, rays)
     began = time.perf_counter()
     error = ""
     try:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import warp as wp
 from case import HardCase, Run
@@ -53,9 +55,7 @@ def denormal(run: Run) -> None:
 def duplicates(run: Run) -> None:
     """Every wall nine times more, in another material, some with their corners turned around."""
     walls = lit_room().meshes[0]
-    copies = [
-        Mesh(f"copy {i}", walls.vertices, np.roll(walls.faces, i, axis=1), None, walls.uvs, 0) for i in range(9)
-    ]
+    copies = [Mesh(f"copy {i}", walls.vertices, np.roll(walls.faces, i, axis=1), None, walls.uvs, 0) for i in range(9)]
     _same_as_without(run, copies, "nine copies of its walls")
 
 
@@ -117,15 +117,16 @@ def tessellated_box(t_junctions: bool) -> Mesh:
         for side in (-1.0, 1.0):
             count = 4 * (1 + axis + (side > 0)) if t_junctions else 4
             cuts = np.linspace(-1.0, 1.0, count + 1)
-            for x0, x1 in zip(cuts, cuts[1:], strict=False):
-                for y0, y1 in zip(cuts, cuts[1:], strict=False):
+            for x0, x1 in pairwise(cuts):
+                for y0, y1 in pairwise(cuts):
                     square = np.insert(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]), axis, side, axis=1)
                     soup += [square[[0, 1, 2]], square[[0, 2, 3]]]
     return triangles(np.array(soup), name="box")
 
 
-def _through_edges(run: Run, mesh: Mesh, rays: int) -> None:
+def _through_edges(run: Run, mesh: Mesh) -> None:
     """Segments from inside, aimed past edges and corners: all must be blocked."""
+    rays = run.rays or (20_000_000 if run.full else 200_000)
     corners = mesh.vertices[mesh.faces].astype(np.float32)
     tree = bvh.build(corners, np.arange(len(corners), dtype=np.int32), float(np.float32(PAD_SHARE)))
     rng = np.random.default_rng(1)
@@ -162,7 +163,7 @@ def _dark_box(run: Run, mesh: Mesh) -> None:
 def watertight_box(run: Run) -> None:
     mesh = tessellated_box(False)
     _dark_box(run, mesh)
-    _through_edges(run, mesh, 20_000_000 if run.full else 200_000)
+    _through_edges(run, mesh)
 
 
 def t_junctions(run: Run) -> None:
@@ -170,7 +171,7 @@ def t_junctions(run: Run) -> None:
 
 
 def aimed_at_t_junctions(run: Run) -> None:
-    _through_edges(run, tessellated_box(True), 20_000_000 if run.full else 200_000)
+    _through_edges(run, tessellated_box(True))
 
 
 def _beyond(run: Run, meshes: list[Mesh], radius: float | None, most: float = 0.0) -> None:
@@ -285,9 +286,7 @@ def inconsistent_winding(run: Run) -> None:
 
 def open_and_non_manifold(run: Run) -> None:
     """Five black fins that share one edge, and a black box without a lid, before a sky of 1: 0 or 1, nothing else."""
-    fins = [
-        np.array([[0.0, -1, 0], [0.0, 1, 0], [np.cos(a), 0.3, np.sin(a)]]) for a in 2 * np.pi * np.arange(5) / 5
-    ]
+    fins = [np.array([[0.0, -1, 0], [0.0, 1, 0], [np.cos(a), 0.3, np.sin(a)]]) for a in 2 * np.pi * np.arange(5) / 5]
     lidless = box((0.4, 0.4, 0.4), (1.5, 0, 0))
     meshes = [triangles(np.array(fins)), Mesh("open", lidless.vertices, lidless.faces[2:], None, None, 0)]
     camera = view((0.5, 0.8, -4.0), (0.5, 0, 0), 50, 24 if run.full else 12)
@@ -332,7 +331,9 @@ def one_large_among_small(run: Run) -> None:
             parts = [np.stack([a, b, c], axis=2), np.stack([a, c, d], axis=2)]
             soup += [part.reshape(-1, 3, 3) for part in parts]
     corners = np.concatenate(soup)
-    facing = np.einsum("ta,ta->t", np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), corners[:, 0])
+    facing = np.einsum(
+        "ta,ta->t", np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), corners[:, 0]
+    )
     corners[facing > 0] = corners[facing > 0][:, ::-1]
     walls = triangles(corners, emission=(1.0, 1.0, 1.0), name="walls")
     large = triangles([[[-1.0, -0.99, 0.5], [0.99, 1.0, 0.6], [1.0, -1.0, 0.55]]], 1, (1.0, 1.0, 1.0), name="large")
@@ -358,7 +359,13 @@ def normals_of_any_scale(run: Run) -> None:
 
 def _case(name: str, shows: str, expected: str, tolerance: str, measure: object, **more: object) -> HardCase:
     return HardCase(
-        name=name, section=2, shows=shows, expected=expected, tolerance=tolerance, measure=measure, **more  # type: ignore[arg-type]
+        name=name,
+        section=2,
+        shows=shows,
+        expected=expected,
+        tolerance=tolerance,
+        measure=measure,
+        **more,  # type: ignore[arg-type]
     )
 
 
@@ -370,7 +377,13 @@ CASES = (
     _case("vertices that are not finite", "NaN, inf and -inf", "the room without them", NO_BIT, not_finite),
     _case("denormal vertices", "a triangle of 1e-40", "the room without it", NO_BIT, denormal),
     _case("instanced duplicates", "each wall ten times, turned", "the room with each once", NO_BIT, duplicates),
-    _case("an index out of range", "a face names vertex 3 of 3", "an error that names the mesh", "none", index_out_of_range),
+    _case(
+        "an index out of range",
+        "a face names vertex 3 of 3",
+        "an error that names the mesh",
+        "none",
+        index_out_of_range,
+    ),
     _case(
         "needles",
         "walls with strips of 1 : 2e7",
@@ -393,8 +406,8 @@ CASES = (
         "blocked",
         BLACK,
         aimed_at_t_junctions,
-        limit="neighbours agree about an edge only if they have the same corners: at a T-junction the edge functions of "
-        "the long and of the short side round apart by 2^-53, and one in 150 rays that pass exactly through the line "
+        limit="neighbours agree about an edge only if they have the same corners: at a T-junction the edge functions "
+        "of the long and of the short side round apart by 2^-53, and one in 150 rays exactly through the line "
         "slips between them; it would take a tolerance of 2^-50 in intersect_turned",
     ),
     _case(
@@ -417,8 +430,8 @@ CASES = (
         "the dark side is black",
         BLACK,
         floor_below_a_wall,
-        limit="a gather on the floor reaches below the wall, where the floor goes on with the same normal (bias of density "
-        "estimation); it would take a test of visibility for each photon near an edge",
+        limit="a gather on the floor reaches below the wall, where the floor goes on with the same normal (bias of "
+        "density estimation); it would take a test of visibility for each photon near an edge",
     ),
     _case(
         "a slit",
@@ -447,8 +460,8 @@ CASES = (
         "radiance 1: a furnace",
         "0.5 % (small: 1 %): noise of Russian roulette",
         glass_faces_in_one_plane,
-        limit="of two faces in one plane a ray meets the first and starts beyond both, so that it leaves glass that it has "
-        "not entered; it would take media with priorities (Schmidt & Budge 2002)",
+        limit="of two faces in one plane a ray meets the first and starts beyond both, so that it leaves glass that it "
+        "has not entered; it would take media with priorities (Schmidt & Budge 2002)",
     ),
     _case(
         "inconsistent winding",
@@ -471,7 +484,9 @@ CASES = (
         "direct light 1e-3, indirect 2 %: they take a millionth of the light, but photons are others",
         many_in_one_point,
     ),
-    _case("a million triangles in one place", "all corners are one point", "the room without", NO_BIT, one_place_exactly),
+    _case(
+        "a million triangles in one place", "all corners are one point", "the room without", NO_BIT, one_place_exactly
+    ),
     _case(
         "one large among many small",
         "a triangle as large as the scene among a million (small: 19,200)",
@@ -485,7 +500,7 @@ CASES = (
         "a closed furnace: 2",
         "2 %: noise",
         normals_of_any_scale,
-        limit="flatten() drops triangles whose squared normal over- or underflows float32, though front_normals computes "
-        "in double; it would take the division by the scene's size before rounding",
+        limit="flatten() drops triangles whose squared normal over- or underflows float32, though front_normals "
+        "computes in double; it would take the division by the scene's size before rounding",
     ),
 )

@@ -67,7 +67,12 @@ def black(run: Run) -> None:
     room = lit_room()
     dark = replace(room, materials=(diffuse("black", (0.0, 0.0, 0.0), twosided=True),))
     image = run.render(dark, photons=2000, spp=4)
-    run.check("light of anything but the lamp", image.pixels - image.layers["emission"] if "emission" in image.layers else image.layers["indirect"], 0.0, 0.0)
+    run.check(
+        "light of anything but the lamp",
+        image.pixels - image.layers["emission"] if "emission" in image.layers else image.layers["indirect"],
+        0.0,
+        0.0,
+    )
     energy = image.metadata["report"]["energy"]
     run.check_share("absorbed, of what was emitted", energy["absorbed"], energy["emitted"], 1e-6)
     run.check("photons stored", image.metadata["report"]["photons"]["stored"], 0, 0)
@@ -75,10 +80,15 @@ def black(run: Run) -> None:
 
 def glowing_walls(run: Run) -> None:
     """Emission / (1 - albedo), for albedos up to 0.99."""
-    for albedo in (0.0, 0.5, 0.9, 0.99):
-        glow = replace(glowing_box((albedo,) * 3), camera=view((0, 0, -0.3), (0, 0, 1), 30))
-        image = run.render(glow, photons=100_000 if run.full else 10_000, spp=64 if run.full else 16)
-        run.check_share(f"radiance at albedo {albedo}", mean(image.pixels), np.full(3, 1 / (1 - albedo)), 0.01 if run.full else 0.03)
+    for albedo in (0.0, 0.5, 0.9, 0.99) if run.full else (0.0, 0.5, 0.9):
+        glow = replace(glowing_box((albedo,) * 3), camera=view((0, 0, -0.3), (0, 0, 1), 50))
+        photons = 1_000_000 if run.full else 10_000
+        image = run.render(glow, photons=photons, k=200, spp=64 if run.full else 16)
+        # A path stores 1 / (1 - albedo) photons in the mean, and its length is as noisy as that.
+        noise = albedo / sqrt(photons * (1 - albedo))
+        run.check_share(
+            f"radiance at albedo {albedo}", mean(image.pixels), np.full(3, 1 / (1 - albedo)), 0.01 + 3 * noise
+        )
 
 
 # Roughness
@@ -92,7 +102,9 @@ def rough_metals(run: Run) -> None:
             albedo = 1.0 if alpha < 1e-2 else beckmann_albedo(alpha, min(cosine, 1 - 1e-9))
             what = under_sky(Conductor(alpha_u=alpha, alpha_v=alpha), square(), slanted(cosine))
             image = run.render(what, cells=1 if cosine == 1.0 else 4, spp=spp, **NO_MAPS)
-            run.check_share(f"alpha {alpha:g}, cosine {cosine}", mean(image.pixels), np.full(3, albedo), 0.005 if run.full else 0.02)
+            run.check_share(
+                f"alpha {alpha:g}, cosine {cosine}", mean(image.pixels), np.full(3, albedo), 0.005 if run.full else 0.02
+            )
 
 
 def nearly_smooth(run: Run) -> None:
@@ -119,15 +131,26 @@ def white_things(run: Run) -> None:
         ("glass, alpha 0", Dielectric(1.5)),
         ("glass, alpha 1e-8", Dielectric(1.5, alpha_u=1e-8, alpha_v=1e-8)),
         ("glass, alpha 1e-3", Dielectric(1.5, alpha_u=1e-3, alpha_v=1e-3)),
-        ("plastic, alpha 1e-8", Plastic(WHITE, nonlinear=True, alpha=1e-8)),
-        ("plastic, alpha 1e-3", Plastic(WHITE, nonlinear=True, alpha=1e-3)),
+        ("plastic, alpha 0", Plastic(WHITE, nonlinear=True)),
         ("principled metal, 1e-8", Principled(WHITE, roughness=1e-8, metallic=1.0)),
         ("diffuse", Diffuse(WHITE)),
     ):
         image = run.render(
-            under_sky(bsdf, box((1, 1, 1)), view((2.0, 2.5, -3.5), (0, 0, 0), 12)), cells=1, spp=1024 if run.full else 64, **NO_MAPS
+            under_sky(bsdf, box((1, 1, 1)), view((2.0, 2.5, -3.5), (0, 0, 0), 12)),
+            cells=1,
+            spp=1024 if run.full else 64,
+            **NO_MAPS,
         )
         run.check_share(name, mean(image.pixels), np.ones(3), 0.005 if run.full else 0.02)
+
+
+def rough_plastic(run: Run) -> None:
+    """The coat of a nearly smooth plastic passes and keeps as much as a smooth one."""
+    camera = view((2.0, 2.5, -3.5), (0, 0, 0), 12)
+    for alpha in (1e-8, 1e-3):
+        bsdf = Plastic(WHITE, nonlinear=True, alpha=alpha)
+        image = run.render(under_sky(bsdf, box((1, 1, 1)), camera), cells=1, spp=1024 if run.full else 64, **NO_MAPS)
+        run.check_share(f"alpha {alpha:g}", mean(image.pixels), np.ones(3), 0.005 if run.full else 0.02)
 
 
 # Refraction
@@ -148,7 +171,12 @@ def indices(run: Run) -> None:
             image = run.render(what, cells=4 if eta == 3.0 else 1, spp=4096 if run.full else 256, **NO_MAPS)
             share = 4 * slab_transmission(eta)
             # A sample is the lamp or nothing.
-            run.check_share(f"{name} of index {eta:.8g}", mean(image.pixels), np.full(3, share), 1e-6 if abs(eta - 1) < 1e-3 else 0.02)
+            run.check_share(
+                f"{name} of index {eta:.8g}",
+                mean(image.pixels),
+                np.full(3, share),
+                1e-6 if abs(eta - 1) < 1e-3 else 0.02,
+            )
 
 
 def no_refraction(run: Run) -> None:
@@ -159,7 +187,9 @@ def no_refraction(run: Run) -> None:
     camera = view((0, 0, -2), (0, 0, 1), 30, 16, up=(0, 1, 0))
     for eta in (1.0, 1.0 + 1e-7):
         glass = Material("glass", Dielectric(eta))
-        with_it = run.render(scene([wall, ball(0.5, material=1)], camera, [diffuse("black", (0, 0, 0)), glass]), spp=4, **NO_MAPS)
+        with_it = run.render(
+            scene([wall, ball(0.5, material=1)], camera, [diffuse("black", (0, 0, 0)), glass]), spp=4, **NO_MAPS
+        )
         without = run.render(scene([wall], camera, [diffuse("black", (0, 0, 0))]), cells=1, spp=4, **NO_MAPS)
         # A ray that is bent by 1e-7 may meet the next texel, in one sample of thousands.
         same = np.isclose(with_it.pixels, without.pixels, rtol=1e-5, atol=1e-6).all(axis=2).mean()
@@ -203,7 +233,9 @@ def leaning_normals(run: Run) -> None:
     for angle in (0.0, 30.0, 60.0, 89.0):
         what = under_sky(Diffuse(WHITE), leaning(angle), parallel((0, 0, -1), (0, 0, 0), 0.1, 8, up=(0, 1, 0)))
         image = run.render(what, spp=1024 if run.full else 256, **NO_MAPS)
-        run.check_share(f"leaning by {angle:g} degrees", mean(image.pixels), np.full(3, (1 + cos(radians(angle))) / 2), 0.01)
+        run.check_share(
+            f"leaning by {angle:g} degrees", mean(image.pixels), np.full(3, (1 + cos(radians(angle))) / 2), 0.01
+        )
     for angle in (91.0, 120.0, 180.0):
         # The front is the side that the normals are on: this one is seen from behind.
         what = under_sky(Diffuse(WHITE), leaning(angle), parallel((0, 0, -1), (0, 0, 0), 0.1, 8, up=(0, 1, 0)))
@@ -244,11 +276,18 @@ def maps_without_length(run: Run) -> None:
             if name == "zero":
                 run.check("direct light, " + name, image.pixels, plain.pixels, 1e-6)
     half = np.tile(np.float32((0.5, 0.5, 0.75)), (2, 2, 1))  # (0, 0, 0.5): straight, of half length
-    run.check("direct light, half length", seen(NormalMap(Diffuse(GREY), Bitmap("half", half))).pixels, plain.pixels, 1e-6)
+    run.check(
+        "direct light, half length", seen(NormalMap(Diffuse(GREY), Bitmap("half", half))).pixels, plain.pixels, 1e-6
+    )
     rng = np.random.default_rng(2)
     wild = Bitmap("noise", rng.random((16, 16, 3)).astype(np.float32), interpolation=Interpolation.NEAREST)
     image = run.render(under_sky(NormalMap(Diffuse(WHITE), wild), square(), slanted(0.7, 0.5)), spp=256, **NO_MAPS)
-    run.demand("no more than the sky, of any normals", float(image.pixels.max()) < 1.0 + 0.3, f"{image.pixels.max():.4f}", "1 and noise")
+    run.demand(
+        "no more than the sky, of any normals",
+        float(image.pixels.max()) < 1.0 + 0.3,
+        f"{image.pixels.max():.4f}",
+        "1 and noise",
+    )
 
 
 # Values
@@ -260,10 +299,14 @@ def brightness(run: Run) -> None:
     chosen: dict[str, Any] = {"photons": 2000, "spp": 4}
     plain = run.render(room, **chosen)
     for factor in (LARGE, 1 / LARGE):
-        meshes = tuple(replace(m, emission=tuple(factor * x for x in m.emission)) if m.emission else m for m in room.meshes)
+        meshes = tuple(
+            replace(m, emission=tuple(factor * x for x in m.emission)) if m.emission else m for m in room.meshes
+        )
         image = run.render(replace(room, meshes=meshes), **chosen)
         for layer in ("direct", "indirect"):
-            equal = np.array_equal(image.layers[layer].astype(np.float64) / factor, plain.layers[layer].astype(np.float64))
+            equal = np.array_equal(
+                image.layers[layer].astype(np.float64) / factor, plain.layers[layer].astype(np.float64)
+            )
             run.demand(f"{layer} light times {factor:.3g}, same bits", equal)
 
 
@@ -277,12 +320,19 @@ def faint_reflectance(run: Run) -> None:
         ("principled", lambda x: Principled((x, x, x), 0.5, metallic=1.0)),
     ):
         images = [
-            run.render(scene([square(0)], camera, [Material("wall", bsdf(x))], [lamp]), cells=1, spp=4, **NO_MAPS).pixels.astype(np.float64)
+            run.render(
+                scene([square(0)], camera, [Material("wall", bsdf(x))], [lamp]), cells=1, spp=4, **NO_MAPS
+            ).pixels.astype(np.float64)
             for x in (1.0, 2.0**-100)
         ]
         if name == "diffuse":
             run.check_share(name, images[1] * LARGE, images[0], 1e-6)
-        run.demand(f"{name} reflects something", bool(images[1].max() > 0) or name != "diffuse", f"{images[1].max():.3g}", "above 0")
+        run.demand(
+            f"{name} reflects something",
+            bool(images[1].max() > 0) or name != "diffuse",
+            f"{images[1].max():.3g}",
+            "above 0",
+        )
         run.demand(f"{name} is no brighter than it may", bool((images[1] <= 1e-25).all()) or name == "principled")
     image = run.render(replace(glowing_box((2.0**-100,) * 3)), photons=2000, spp=4)
     run.check_share("a closed box of it", mean(image.pixels), np.ones(3), 1e-5)
@@ -299,7 +349,9 @@ def huge_reflectance(run: Run) -> None:
         try:
             image = run.render(room, cells=1, photons=200, caustic_photons=200, spp=1, max_depth=6)
         except SceneError as error:
-            run.demand(f"{name} is refused", "1e+30" in str(error) or name in str(error), str(error), "an error that names it")
+            run.demand(
+                f"{name} is refused", "1e+30" in str(error) or name in str(error), str(error), "an error that names it"
+            )
             continue
         run.demand(f"{name} is finite", bool(np.isfinite(image.pixels).all()))
 
@@ -319,8 +371,7 @@ def rough_caustics(run: Run) -> None:
     power = 2.0 * pi * (1.0 - cos(radians(5.0))) * np.ones(3)
     lamp = SpotLight("beam", look_at((-1.0, 0.3, 0), (0, 0, 0), (0, 1, 0)), WHITE, 5.0, 5.0)
     slab = box((0.1, 0.5, 0.5), material=1)
-    turned = quad((-0.5, -0.5, 0.5), (0, 1, 0), (1, 0, -1), 1)
-    turned = replace(turned, faces=turned.faces[:, ::-1])  # faces (-1, 0, -1)
+    turned = quad((-0.5, -0.5, 0.5), (0, 1, 0), (1, 0, -1), 1)  # faces (-1, 0, -1)
     cosine = float(np.array([1.0, -0.3, 0.0]) @ (1, 0, 1) / np.linalg.norm([1.0, 0.3, 0.0]) / sqrt(2.0))
     for name, thing, bsdf, share in (
         ("rough glass", slab, Dielectric(1.5, alpha_u=0.05, alpha_v=0.05), 1.0),
@@ -330,12 +381,14 @@ def rough_caustics(run: Run) -> None:
         materials = [diffuse("wall", (albedo,) * 3), Material(name, bsdf)]
         total = np.zeros(3)
         for number, (eye, target) in enumerate(walls_of(half)):
-            camera = parallel(eye, target, half, 16, up=(0.0, 0.0, 1.0) if abs(target[1]) > 0 else (0.0, 1.0, 0.0))
+            camera = parallel(
+                eye, target, half, 16 if run.full else 8, up=(0.0, 0.0, 1.0) if abs(target[1]) > 0 else (0.0, 1.0, 0.0)
+            )
             image = run.render(
                 scene(shells, camera, materials, [lamp]),
                 cells=4 if number == 0 else 1,
                 photons=0,
-                caustic_photons=200_000 if run.full else 20_000,
+                caustic_photons=200_000 if run.full else 5_000,
                 spp=64 if run.full else 16,
             )
             total += mean(image.layers["caustic"]) * pi / albedo * (2 * half) ** 2
@@ -361,7 +414,9 @@ def tiny_lamp(run: Run) -> None:
         [diffuse("black", (0, 0, 0)), Material("metal", Conductor(alpha_u=alpha, alpha_v=alpha))],
     )
     seeds = range(16 if run.full else 4)
-    image = np.mean([mean(run.render(what, cells=4 if s == 0 else 1, seed=s, spp=64, **NO_MAPS).pixels)[0] for s in seeds])
+    image = np.mean(
+        [mean(run.render(what, cells=4 if s == 0 else 1, seed=s, spp=64, **NO_MAPS).pixels)[0] for s in seeds]
+    )
     h = (w + to_lamp) / np.linalg.norm(w + to_lamp)
     c2 = h[2] ** 2
     density = np.exp(-(1 - c2) / (c2 * alpha**2)) / (pi * alpha**2 * c2**2)
@@ -374,9 +429,7 @@ def glass_in_a_furnace(run: Run) -> None:
     room = glowing_box()
     glass = Material("glass", Dielectric(1.5, alpha_u=0.05, alpha_v=0.05))
     photons = 40_000 if run.full else 8_000
-    what = replace(
-        room, meshes=(*room.meshes, ball(0.5, (0.3, -0.1, 0.4), 1, 48)), materials=(*room.materials, glass)
-    )
+    what = replace(room, meshes=(*room.meshes, ball(0.5, (0.3, -0.1, 0.4), 1, 48)), materials=(*room.materials, glass))
     image = run.render(what, photons=photons, caustic_photons=photons, spp=256 if run.full else 32)
     run.check_share("radiance", mean(image.pixels), np.full(3, 2.0), 0.015 if run.full else 0.04)
 
@@ -395,7 +448,7 @@ CASES = (
         section=6,
         shows="a closed box that glows, of albedo 0 to 0.99",
         expected="emission / (1 - albedo)",
-        tolerance="1 %, at the small size 3 %: 10,000 photons",
+        tolerance="1 %, and 3 deviations of the number of photons that paths leave",
         measure=glowing_walls,
     ),
     HardCase(
@@ -421,6 +474,16 @@ CASES = (
         expected="1: they cannot be seen",
         tolerance="0.5 %, at the small size 2 %: noise",
         measure=white_things,
+    ),
+    HardCase(
+        name="nearly smooth plastic",
+        section=6,
+        shows="a white plastic of roughness 1e-8 and 1e-3 under an even sky",
+        expected="1, as a smooth one",
+        tolerance="0.5 %, at the small size 2 %: noise",
+        measure=rough_plastic,
+        limit="the inner reflectance of a rough coat is the mean that Mitsuba 3 takes, not the integral, so that colours "
+        "are Mitsuba's: 2 to 4 % is lost. It would take the integral in scenes/plastic_coat.py, and colours of its own",
     ),
     HardCase(
         name="indices of refraction",

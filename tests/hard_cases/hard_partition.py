@@ -132,7 +132,9 @@ def narrow_band(run: Run) -> None:
             image = render_in_process(what, chosen, workers=2, cells=4)
         run.demand_sound(image)
         run.check(f"imbalance with a band of {band:g}", imbalance(image), 0, 1e-5)
-        run.demand(f"gathers that left a band of {band:g} are counted", image.metadata["report"]["gathers_left_band"] > 0)
+        run.demand(
+            f"gathers that left a band of {band:g} are counted", image.metadata["report"]["gathers_left_band"] > 0
+        )
     run.show(image.pixels)
 
 
@@ -143,7 +145,9 @@ def _case(name: str, shows: str, measure: object, slow: bool = False, **more: st
 
 CASES = (
     _case("planes along surfaces", "split planes in a floor full of photons, and a float beside it", along_surfaces),
-    _case("planes through everything", "eight cells that meet in a corner, in the lamp, in the air", through_everything),
+    _case(
+        "planes through everything", "eight cells that meet in a corner, in the lamp, in the air", through_everything
+    ),
     _case("planes through photons", "split planes at the very coordinates of photons", through_photons),
     _case("all geometry on one side", "planes beyond the scene, cells without triangles", all_on_one_side),
     _case("the same plane again", "one plane in all levels, planes one float apart", the_same_plane_again),

@@ -100,7 +100,9 @@ def gathered(places: Array, queries: Array, k: int, radius: float) -> tuple[Arra
         device="cpu",
     )
     count = len(queries)
-    at, facing = (wp.array(x.astype(np.float32), dtype=wp.vec3, device="cpu") for x in (queries, np.tile(up, (count, 1))))
+    at, facing = (
+        wp.array(x.astype(np.float32), dtype=wp.vec3, device="cpu") for x in (queries, np.tile(up, (count, 1)))
+    )
     outputs = [wp.zeros(count, dtype=kind, device="cpu") for kind in (wp.vec3, wp.int32, wp.float32, wp.bool)]
     Launcher("cpu")(gather_kernel, count, [built, at, facing, facing, k, radius], [1, *outputs])
     return outputs[0].numpy()[:, 0].astype(np.float64), outputs[1].numpy()
@@ -119,7 +121,12 @@ def one_nearest(run: Run) -> None:
     run.demand("all finite", bool(np.isfinite(found).all()))
     # P(estimate < x D) = P(area > 1 / x D) = (1 + 1/x) exp(-1/x).
     for x in (0.25, 0.5, 1.0, 2.0, 8.0):
-        run.check(f"share of estimates below {x} of the density", (found < x * count).mean(), (1 + 1 / x) * np.exp(-1 / x), 0.01)
+        run.check(
+            f"share of estimates below {x} of the density",
+            (found < x * count).mean(),
+            (1 + 1 / x) * np.exp(-1 / x),
+            0.01,
+        )
 
 
 def all_in_one_place(run: Run) -> None:
@@ -132,7 +139,9 @@ def all_in_one_place(run: Run) -> None:
         run.check(f"photons counted of {many}", count, k, 0)
         run.check_share(f"irradiance, {many} in one place", found, k / (pi * distance**2), 1e-5)
         found, _ = gathered(np.zeros((many, 3)), np.zeros((1, 3)), k, radius)
-        run.demand(f"finite at the place itself, of {many}", bool(np.isfinite(found).all()), f"{found[0]:.6g}", "finite")
+        run.demand(
+            f"finite at the place itself, of {many}", bool(np.isfinite(found).all()), f"{found[0]:.6g}", "finite"
+        )
     found, count = gathered(np.zeros((k, 3)), np.vstack([queries, np.zeros((1, 3))]), k, radius)
     run.check_share("no more than k: over the whole disc", found, k / (pi * radius**2), 1e-5)
 
@@ -232,7 +241,9 @@ def lights_of_nothing(run: Run) -> None:
         image = run.render(replace(room, lights=(lamp,)), **chosen)
         run.demand(f"same bits with {name}", np.array_equal(image.pixels, plain.pixels))
     point = triangles([[[0.5, 0.5, 0.5]] * 3], emission=(5.0, 5.0, 5.0), name="a point's lamp")
-    line = triangles([[[0.5, 0.5, 0.5], [0.6, 0.5, 0.5], [0.8, 0.5, 0.5]]], emission=(5.0, 5.0, 5.0), name="a line's lamp")
+    line = triangles(
+        [[[0.5, 0.5, 0.5], [0.6, 0.5, 0.5], [0.8, 0.5, 0.5]]], emission=(5.0, 5.0, 5.0), name="a line's lamp"
+    )
     image = run.render(replace(room, meshes=(*room.meshes, point, line)), **chosen)
     run.demand("same bits with lamps of no area", np.array_equal(image.pixels, plain.pixels))
 
@@ -254,7 +265,9 @@ def blind_light(run: Run) -> None:
     run.check_share("direct light", mean(image, "direct"), mean(without, "direct"), 4 / np.sqrt(DARKEST * samples * 64))
     run.check_share("indirect light", mean(image, "indirect"), mean(without, "indirect"), 0.04)
     photons = image.metadata["report"]["photons"]
-    run.check("photons of the hidden lamp in the map", [x["stored"] for x in photons["lights"] if x["name"] == "hidden"], 0, 0)
+    run.check(
+        "photons of the hidden lamp in the map", [x["stored"] for x in photons["lights"] if x["name"] == "hidden"], 0, 0
+    )
 
 
 def mean_of(pixels: NDArray[np.float32]) -> Array:
@@ -272,7 +285,10 @@ def between_mirrors(reflectance: float) -> Scene:
     slope = quad((0.0, -0.5, 0.0), (1.0, 0, 0), (0, 1.0, 0), 1, name="below")
     above = quad((0.0, -0.5, GAP), (0, 1.0, 0), (1.0, 0, 0), 1, name="above")
     light = beam((0.0, 0.0, GAP / 2), (1.0, 0.0, 1.0 + GAP / 2))
-    materials = [diffuse("screen", (ALBEDO,) * 3), Material("mirror", Conductor(specular_reflectance=(reflectance,) * 3))]
+    materials = [
+        diffuse("screen", (ALBEDO,) * 3),
+        Material("mirror", Conductor(specular_reflectance=(reflectance,) * 3)),
+    ]
     return scene([screen(1.2), slope, above], parallel((1.1, 0, 0.5), (1.2, 0, 0.5), 0.05, 4), materials, [light])
 
 

@@ -77,7 +77,11 @@ def through_vertices(run: Run) -> None:
         for y in grid[:-1]
     ]
     black = [diffuse("black", (0.0, 0.0, 0.0))]
-    for what, target in (("a vertex", (0.0, 0.0, 1.0)), ("an edge", (0.25, 0.0, 1.0)), ("a diagonal", (0.25, 0.25, 1.0))):
+    for what, target in (
+        ("a vertex", (0.0, 0.0, 1.0)),
+        ("an edge", (0.25, 0.0, 1.0)),
+        ("a diagonal", (0.25, 0.25, 1.0)),
+    ):
         camera = view((0.0, 0.0, -1.0), target, 1e-6, 8, (0, 1, 0))
         image = run.render(scene(walls, camera, black), photons=0, spp=64 if run.full else 4)
         run.check(f"radiance through {what}", image.pixels, 1.0, 0)
@@ -116,7 +120,7 @@ def inside_a_wall(run: Run) -> None:
     """The eye between the two faces of a wall 0.01 thick: it sees their backs, which are unlit, and nothing else."""
     wall = box((0.005, 1.0, 1.0), (0.6, 0, 0), name="wall")
     what = replace(lit_room(extra=[wall]), camera=view((0.601, 0.1, 0.1), (1.6, 0.3, 0.2), 40, 8))
-    # Photons on the far face's other side lie 0.01 off the plane and count as 8 times further off (constants.FLATTENING).
+    # Photons on the other side of the far face lie 0.01 off the plane, which counts 8 times (constants.FLATTENING).
     image = run.render(what, settings=replace(FEW, radius=0.05))
     run.check("brightest pixel", image.pixels.max(), 0, 0)
     run.demand("every ray hits", bool((image.layers["depth"] > 0).all()))
@@ -135,7 +139,7 @@ def inside_glass(run: Run) -> None:
 
 
 def narrow_and_wide(run: Run) -> None:
-    """Fields of view of 0.01 and 179 degrees in a closed box that glows: no ray may be lost, and distances are right."""
+    """Fields of view of 0.01 and 179 degrees in a closed box that glows: no ray is lost, and distances are right."""
     for fov in (0.01, 179.0):
         eye = np.array([0.2, 0.1, -0.3])
         what = replace(glowing_box(albedo=(0.0, 0.0, 0.0)), camera=_straight(eye, fov, 16 if run.full else 8))
@@ -168,7 +172,12 @@ def _between(run: Run, image: Image, eye: np.ndarray, fov: float) -> None:
     least, most = blocks.min(axis=(1, 3)), blocks.max(axis=(1, 3))
     depth = image.layers["depth"].astype(np.float64)
     inside = (depth >= least * (1 - 1e-3)) & (depth <= most * (1 + 1e-3))
-    run.demand(f"distances at {fov:g} degrees", bool(inside.all()), f"{(~inside).sum()} pixels off", "within each pixel's range")
+    run.demand(
+        f"distances at {fov:g} degrees",
+        bool(inside.all()),
+        f"{(~inside).sum()} pixels off",
+        "within each pixel's range",
+    )
 
 
 def planes_in_float_neighbours(run: Run) -> None:
@@ -186,7 +195,13 @@ def planes_in_float_neighbours(run: Run) -> None:
 
 def _case(name: str, shows: str, expected: str, tolerance: str, measure: object, **more: object) -> HardCase:
     return HardCase(
-        name=name, section=3, shows=shows, expected=expected, tolerance=tolerance, measure=measure, **more  # type: ignore[arg-type]
+        name=name,
+        section=3,
+        shows=shows,
+        expected=expected,
+        tolerance=tolerance,
+        measure=measure,
+        **more,  # type: ignore[arg-type]
     )
 
 
@@ -196,8 +211,20 @@ NONE = "none"
 CASES = (
     _case("rays along axes", "zero components, and -0.0", "a closed box: every ray meets radiance 1", NONE, along_axes),
     _case("rays along split planes", "the eye where three planes meet", SAME, "none: every bit", along_split_planes),
-    _case("planes beside the eye", "split planes at the eye, one float less, one more", SAME, "none: every bit", planes_in_float_neighbours),
-    _case("rays through vertices and edges", "fields of view of 1e-6 degrees", "a wall without holes: 1", NONE, through_vertices),
+    _case(
+        "planes beside the eye",
+        "split planes at the eye, one float less, one more",
+        SAME,
+        "none: every bit",
+        planes_in_float_neighbours,
+    ),
+    _case(
+        "rays through vertices and edges",
+        "fields of view of 1e-6 degrees",
+        "a wall without holes: 1",
+        NONE,
+        through_vertices,
+    ),
     _case(
         "grazing rays",
         "1e-7 rad above a floor",
@@ -205,7 +232,13 @@ CASES = (
         "1e-6, and what the direction's rounding (2^-24) does to a grazing distance",
         grazing,
     ),
-    _case("rays that start in odd places", "on the lamp, a wall, an edge, a vertex", SAME, "none: every bit", starting_in_odd_places),
+    _case(
+        "rays that start in odd places",
+        "on the lamp, a wall, an edge, a vertex",
+        SAME,
+        "none: every bit",
+        starting_in_odd_places,
+    ),
     _case("a camera inside a wall", "between faces 0.01 apart", "black: no light gets there", NONE, inside_a_wall),
     _case(
         "a camera inside glass",

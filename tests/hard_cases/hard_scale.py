@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from case import HardCase, Run
 from numpy.typing import ArrayLike, NDArray
-from placing import on_lattice, scaled, size_of, small
 from placing import moved as moved_by
+from placing import on_lattice, scaled, size_of, small
 from rooms import effects_room
 
 import wdpm
@@ -113,7 +113,9 @@ def _alike(run: Run, reference: Image, image: Image, where: str) -> None:
     run.demand_sound(image)
     one, other = (i.layers["direct"] for i in (reference, image))
     lit = (one > 0) & (other > 0)
-    run.check(f"ulps of direct light in the median pixel, {where}", np.median(ulps(one, other)[lit]), 0, TYPICAL_ULPS)
+    if lit.any():
+        typical = np.median(ulps(one, other)[lit])
+        run.check(f"ulps of direct light in the median pixel, {where}", typical, 0, TYPICAL_ULPS)
     for layer in ("direct", "indirect"):
         mean, expected = (float(i.layers[layer].mean(dtype=np.float64)) for i in (image, reference))
         run.check_share(f"mean of {layer}, {where}", mean, expected, MEAN)
@@ -140,18 +142,25 @@ def given_radii_follow(run: Run) -> None:
     run.demand("the same bits", _depth_in_first_units(image, by).digest() == reference.digest())
 
 
-def radii_are_bounded_by_floats_alone(run: Run) -> None:
-    """The bounds of a gather's radius lie beyond any scene that float32 can hold the squares of."""
-    run.demand("a scene of the size of an atom", MIN_GATHER_RADIUS <= 1e-18)
-    run.demand("a scene of the size of a galaxy in kilometres", MAX_GATHER_RADIUS >= 1e18)
+def small_as_an_atom(run: Run) -> None:
+    """No limit of the gather is a length of its own: its bounds lie where float32 can no longer hold squares."""
+    run.demand("radii of 1e-18 are let through", MIN_GATHER_RADIUS <= 1e-18)
+    run.demand("radii of 1e18 are let through", MAX_GATHER_RADIUS >= 1e18)
+    _same_box(run, 2.0**-40)
+
+
+def large_as_an_orbit(run: Run) -> None:
+    _same_box(run, 2.0**30)
+
+
+def _same_box(run: Run, by: float) -> None:
     scene = small(cornell_box(), 8)
-    for by in (2.0**-40, 2.0**30):
-        image = _image(scaled(scene, by), False)
-        run.demand_sound(image)
-        run.demand(
-            f"the same bits, times 2^{np.log2(by):.0f}",
-            _depth_in_first_units(image, by).digest() == _image(scene, False).digest(),
-        )
+    reference = run.render(scene, settings=_settings(False), cells=1)
+    image = _image(scaled(scene, by), False)
+    run.demand_sound(image)
+    run.demand(
+        f"the same bits, times 2^{np.log2(by):.0f}", _depth_in_first_units(image, by).digest() == reference.digest()
+    )
 
 
 def _hall(triangles: int) -> Scene:
@@ -194,8 +203,8 @@ def _cases() -> Iterator[HardCase]:
             section=1,
             shows="all lengths times 1e-6, 1e-3, 1e3, 1e6",
             expected="the image of the scene as it is (symmetry)",
-            tolerance=f"direct light {TYPICAL_ULPS:.0f} ulps in the median pixel; means {MEAN:.1%}: corners are rounded "
-            "anew, and photons at edges land elsewhere",
+            tolerance=f"direct light {TYPICAL_ULPS:.0f} ulps in the median pixel; means {MEAN:.1%}: corners are "
+            "rounded anew, and photons at edges land elsewhere",
             measure=partial(alike_in_any_unit, source=source),
             slow=slow,
         )
@@ -230,12 +239,23 @@ def _cases() -> Iterator[HardCase]:
         measure=given_radii_follow,
     )
     yield HardCase(
-        name="as small as an atom, as large as a galaxy",
+        name="as small as an atom",
         section=1,
-        shows="a Cornell box 5e-10 and 6e11 long: no limit of the gather is a length of its own",
+        shows="a Cornell box 5e-10 long: no limit of the gather is a length of its own",
         expected="the same image (symmetry)",
         tolerance="none: powers of two",
-        measure=radii_are_bounded_by_floats_alone,
+        measure=small_as_an_atom,
+    )
+    yield HardCase(
+        name="as large as an orbit",
+        section=1,
+        shows="a Cornell box 6e11 long",
+        expected="the same image (symmetry)",
+        tolerance="none: powers of two",
+        measure=large_as_an_orbit,
+        limit="flatten() drops triangles whose squared normal overflows float32 (sides above 4e9), though "
+        "front_normals computes in double; it would take that test in double, or the division by the scene's size "
+        "before rounding",
     )
 
 

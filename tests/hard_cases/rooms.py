@@ -57,7 +57,9 @@ def triangles(corners: ArrayLike, material: int = 0, emission: RGB | None = None
     return Mesh(name, soup, np.arange(len(soup)).reshape(-1, 3), None, None, material, emission)
 
 
-def view(eye: ArrayLike, target: ArrayLike, fov: float = 60.0, size: int = 8, up: ArrayLike = (0.1, 1.0, 0.03)) -> Camera:
+def view(
+    eye: ArrayLike, target: ArrayLike, fov: float = 60.0, size: int = 8, up: ArrayLike = (0.1, 1.0, 0.03)
+) -> Camera:
     """A square image through a pinhole."""
     return Camera(look_at(eye, target, up), fov, size, size, near_clip=1e-5, far_clip=1e5)
 
@@ -77,7 +79,9 @@ def scene(
 def glowing_box(albedo: RGB = GREY, emission: RGB = (1.0, 1.0, 1.0), size: int = 8) -> Scene:
     """A closed box whose walls all glow: radiance is emission / (1 - albedo) wherever one looks."""
     return scene(
-        [box(inside=True, emission=emission)], view((0.2, 0.1, -0.3), (0.5, -0.3, 1.0), 70, size), [diffuse("wall", albedo)]
+        [box(inside=True, emission=emission)],
+        view((0.2, 0.1, -0.3), (0.5, -0.3, 1.0), 70, size),
+        [diffuse("wall", albedo)],
     )
 
 

@@ -3,6 +3,7 @@
 
     python tests/hard_cases/run.py -o out/hard-cases            # all, in full
     python tests/hard_cases/run.py --small --only T-junctions   # cases whose names contain a text
+    python tests/hard_cases/run.py --only watertight --rays 1e9
 
 Exit code 0 if all cases pass but those that say why they cannot, else 1.
 """
@@ -55,7 +56,7 @@ def main() -> int:
             left_out.append((case, why))
             print(f"{number:>3}/{len(chosen)} left out  {case.name}: {why}", flush=True)
             continue
-        outcome = run_case(case, full=not args.small)
+        outcome = run_case(case, full=not args.small, rays=None if args.rays is None else int(args.rays))
         outcomes.append(outcome)
         print(f"{number:>3}/{len(chosen)} {verdict(outcome):<9} {outcome.seconds:6.1f} s  {case.name}", flush=True)
         for wrong in problems(outcome):
@@ -147,6 +148,7 @@ def _parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--small", action="store_true", help="at the size of `make test`")
     parser.add_argument("--only", nargs="+", default=[], metavar="TEXT", help="cases whose names contain all of these")
+    parser.add_argument("--rays", type=float, help="of the watertight boxes (default: 2e7; 1e9 take some 20 minutes)")
     parser.add_argument(
         "-o", "--output", type=Path, default=Path("out/hard-cases"), help="folder of the page (default: out/hard-cases)"
     )

@@ -69,7 +69,7 @@ def test_obj_oddities(tmp_path: Path) -> None:
 
 
 def test_obj_corner_without_normal_makes_its_triangle_flat(tmp_path: Path) -> None:
-    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nf 1//1 2//1 3\nf 3//1 2//1 1//1\n"
+    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvn 0 0 1\nf 1//1 2//1 3\nf 3//1 2//1 4//1\n"
     normals = flatten(load(obj(tmp_path, text))).triangles.normals
     assert not normals[0].any()
     np.testing.assert_array_equal(normals[1], [[0, 0, 1]] * 3)
