@@ -99,7 +99,9 @@ def _components(corners: NDArray[np.float32]) -> NDArray[np.intp]:
         np.minimum.at(joined, label[vertex].ravel(), np.repeat(least, 3))  # and what was joined before
         joined = joined[joined]
         if np.array_equal(joined, label):
-            return least
+            # Numbered by their first triangles: hashes, and with them labels, are others in another unit of length.
+            _, first, piece = np.unique(least, return_index=True, return_inverse=True)
+            return first[piece]
         label = joined
 
 

@@ -95,7 +95,7 @@ def glowing_walls(run: Run) -> None:
 
 
 def rough_metals(run: Run) -> None:
-    """A white metal under a white sky shows its albedo: 1 when smooth, and by quadrature where microfacets hide light."""
+    """A white metal under a white sky shows its albedo: 1 when smooth, less where microfacets hide light."""
     spp = 1024 if run.full else 64
     for alpha in (0.0, 1e-8, 1e-3, 0.05, 1.0):
         for cosine in (1.0, 0.5):
@@ -197,7 +197,7 @@ def no_refraction(run: Run) -> None:
 
 
 def critical_angle(run: Run) -> None:
-    """From within glass of index 1.5 under an even sky: R + (1 - R) n² of the refracted light, and 1 beyond the angle."""
+    """From within glass of index 1.5 under an even sky: R + (1 - R) n² up to the critical angle, and 1 beyond."""
     eta = 1.5
     critical = asin(1 / eta)
     big = quad((-50, -50, 0), (0, 100, 0), (100, 0, 0), 0)  # its front, the outside, faces -z
@@ -229,7 +229,7 @@ def leaning(angle: float, material: int = 0) -> Mesh:
 
 
 def leaning_normals(run: Run) -> None:
-    """A white wall whose normals lean by a under an even sky: the lune below the wall is lost, (1 + cos a) / 2 is left."""
+    """A white wall whose normals lean by a under an even sky: without the lune below it, (1 + cos a) / 2 is left."""
     for angle in (0.0, 30.0, 60.0, 89.0):
         what = under_sky(Diffuse(WHITE), leaning(angle), parallel((0, 0, -1), (0, 0, 0), 0.1, 8, up=(0, 1, 0)))
         image = run.render(what, spp=1024 if run.full else 256, **NO_MAPS)
@@ -243,7 +243,7 @@ def leaning_normals(run: Run) -> None:
 
 
 def wild_normals(run: Run) -> None:
-    """A closed room of random normals, and of one normal against two others, with a bright lamp outside: black inside."""
+    """A closed room of random normals, one of them against two others, and a bright lamp outside: black inside."""
     rng = np.random.default_rng(6)
     room = box(inside=True)
     flat = np.cross(*(room.vertices[room.faces[:, i]] - room.vertices[room.faces[:, 0]] for i in (1, 2)))
@@ -270,12 +270,12 @@ def maps_without_length(run: Run) -> None:
 
     plain = seen(Diffuse(GREY))
     for name, value in (("zero", (0.5, 0.5, 0.5)), ("a rounding of zero", (0.5, 0.5 + 2.0**-24, 0.5))):
-        texels = np.tile(np.float32(value), (2, 2, 1))
+        texels = np.tile(np.array(value, np.float32), (2, 2, 1))
         for bsdf in (NormalMap(Diffuse(GREY), Bitmap(name, texels)),):
             image = seen(bsdf, 4)
             if name == "zero":
                 run.check("direct light, " + name, image.pixels, plain.pixels, 1e-6)
-    half = np.tile(np.float32((0.5, 0.5, 0.75)), (2, 2, 1))  # (0, 0, 0.5): straight, of half length
+    half = np.tile(np.array((0.5, 0.5, 0.75), np.float32), (2, 2, 1))  # (0, 0, 0.5): straight, of half length
     run.check(
         "direct light, half length", seen(NormalMap(Diffuse(GREY), Bitmap("half", half))).pixels, plain.pixels, 1e-6
     )
@@ -482,8 +482,9 @@ CASES = (
         expected="1, as a smooth one",
         tolerance="0.5 %, at the small size 2 %: noise",
         measure=rough_plastic,
-        limit="the inner reflectance of a rough coat is the mean that Mitsuba 3 takes, not the integral, so that colours "
-        "are Mitsuba's: 2 to 4 % is lost. It would take the integral in scenes/plastic_coat.py, and colours of its own",
+        limit="the inner reflectance of a rough coat is the mean that Mitsuba 3 takes, not the integral, so that "
+        "colours are Mitsuba's: 2 to 4 % is lost. It would take the integral in scenes/plastic_coat.py, "
+        "and colours of its own",
     ),
     HardCase(
         name="indices of refraction",
@@ -561,7 +562,7 @@ CASES = (
         name="rough caustics",
         section=6,
         shows="a beam on rough glass, and on a rough metal, in a closed room: caustics full of single bright photons",
-        expected="the whole flux on the walls, by conservation of energy (of metal: what microfacets reflect, by quadrature)",
+        expected="the whole flux on the walls, by conservation (of metal: what microfacets reflect, by quadrature)",
         tolerance="1 %, at the small size 3 %; glass of roughness 0.05 hides 0.2 % from itself",
         measure=rough_caustics,
     ),

@@ -128,7 +128,7 @@ def white_furnaces(run: Run) -> None:
             scene([box()], camera, [Material(name, bsdf)], [SKY]),
             photons=0,
             caustic_photons=0,
-            spp=4096 if run.full else 512,
+            spp=1024 if run.full else 512,
             cells=4 if run.full else 1,
         )
         seen = image.pixels[image.layers["depth"] > 0]

@@ -132,9 +132,8 @@ def narrow_band(run: Run) -> None:
             image = render_in_process(what, chosen, workers=2, cells=4)
         run.demand_sound(image)
         run.check(f"imbalance with a band of {band:g}", imbalance(image), 0, 1e-5)
-        run.demand(
-            f"gathers that left a band of {band:g} are counted", image.metadata["report"]["gathers_left_band"] > 0
-        )
+        if band < 0.5:  # gathers that find k photons within half of the radius need no more
+            run.demand(f"gathers that left a band of {band:g}", image.metadata["report"]["gathers_left_band"] > 0)
     run.show(image.pixels)
 
 

@@ -13,14 +13,16 @@ from case import HardCase, Run
 from numpy.typing import ArrayLike, NDArray
 from placing import moved as moved_by
 from placing import on_lattice, scaled, size_of, small
-from rooms import effects_room
+from rooms import ball, effects_room, scene, view
 
 import wdpm
 from wdpm.api import render_in_process
 from wdpm.image import Image
 from wdpm.kernels.constants import MAX_GATHER_RADIUS, MIN_GATHER_RADIUS
 from wdpm.kernels.settings import RenderSettings
+from wdpm.kernels.target_clusters import cluster_targets
 from wdpm.scenes import atrium, cornell_box
+from wdpm.scenes.geometry import flatten
 from wdpm.scenes.model import Scene
 
 Source = Callable[[], Scene]
@@ -142,6 +144,19 @@ def given_radii_follow(run: Run) -> None:
     run.demand("the same bits", _depth_in_first_units(image, by).digest() == reference.digest())
 
 
+def same_targets(run: Run) -> None:
+    """Spheres that caustics are aimed at, about seven balls alike: the same ones, in the same order."""
+    places = np.random.default_rng(8).uniform(-4.0, 4.0, (7, 3))
+    flat = flatten(scene([ball(0.5, place, around=8) for place in places], view((0, 0, -9), (0, 0, 0))))
+    corners = flat.triangles.positions
+    center, radius = cluster_targets(corners)
+    for exponent in range(-20, 21, 4):
+        by = np.float32(2.0**exponent)
+        other_center, other_radius = cluster_targets(corners * by)
+        same = np.array_equal(other_center, center * by) and np.array_equal(other_radius, radius * by)
+        run.demand(f"the same spheres, times 2^{exponent}", same)
+
+
 def small_as_an_atom(run: Run) -> None:
     """No limit of the gather is a length of its own: its bounds lie where float32 can no longer hold squares."""
     run.demand("radii of 1e-18 are let through", MIN_GATHER_RADIUS <= 1e-18)
@@ -237,6 +252,14 @@ def _cases() -> Iterator[HardCase]:
         expected="the same image (symmetry)",
         tolerance="none: powers of two",
         measure=given_radii_follow,
+    )
+    yield HardCase(
+        name="spheres that caustics are aimed at",
+        section=1,
+        shows="seven glossy balls alike, in units from 2^-20 to 2^20",
+        expected="the same spheres in the same order (symmetry)",
+        tolerance="none: powers of two",
+        measure=same_targets,
     )
     yield HardCase(
         name="as small as an atom",

@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def fresnel(cosine: Any, eta: float) -> Array:
-    """Reflectance for unpolarised light of an interface; eta is the index ahead over that behind. 1 beyond the critical angle."""
+    """Reflectance of an interface for unpolarised light; eta: index ahead over that behind. 1 in total reflection."""
     c = np.asarray(cosine, np.float64)
     inside2 = 1.0 - (1.0 - c * c) / eta**2
     inside = np.sqrt(np.maximum(inside2, 0.0))
