@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 import wdpm.scenes
 from wdpm.scenes import Mesh, Scene, SceneError, atrium, cornell_box, flatten, load, primitives
-from wdpm.scenes.model import diffuse
 from wdpm.scenes.builtin import parse_count
 from wdpm.scenes.checks import check_scene
 from wdpm.scenes.mesh_data import MeshData, vertex_normals
+from wdpm.scenes.model import diffuse
 from wdpm.scenes.transforms import apply_to_normals, look_at, rotation
 
 finite = st.floats(-100, 100)

@@ -1,4 +1,4 @@
-"""The shared scenes with effects against path-traced references, small, and those without a reference for their sanity."""
+"""The shared scenes with effects against path-traced references, small; those without one for their sanity."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_mean_and_error_against_the_reference(name: str, scenes_dir: Path) -> No
 def test_fog_around_the_lamp(scenes_dir: Path, tmp_path: Path) -> None:
     """Against Mitsuba itself, with the fog raised by 32 mm so that the lamp hangs in it.
 
-    In the scene as it is the lamp hangs 15 mm above the boundary of the fog, and volpath and volpathmis of Mitsuba 3.9.1
+    In the scene as it is the lamp hangs 15 mm above the boundary of the fog, and volpath and volpathmis of Mitsuba 3.9
     lose up to nine tenths of its light at points of the fog near it: a quadrature of the single scattering says so
     (docs/measured.md). Where lamp and point are in the same medium they do not, so the reference is off by a quarter.
     """
