@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.scenes.bsdfs import walk
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.framing import bounding_box
 from wdpm.scenes.light_sources import Light, SpotLight
@@ -126,6 +127,7 @@ def flatten(scene: Scene) -> FlatScene:
     if len(triangles) == 0:
         raise SceneError(f"no triangle of the scene can be rendered: {_listed(dropped)}")
     camera = replace(scene.camera, to_world=translation(-center) @ scene.camera.to_world)
+    _check_factors(scene.materials)
     materials, textures = tabulate(rows.boundaries)
     materials = with_coats(materials)
     textures, emitter_texture = _with_emission(textures, emitters, scene.lights)
@@ -137,6 +139,20 @@ def flatten(scene: Scene) -> FlatScene:
     return FlatScene(
         triangles, materials, rows.names, textures, lights, _media(scene.media), camera, center, reach, dropped
     )
+
+
+MOST_FACTOR = 1e6
+"""Largest factor of a material that is rendered: beyond 1 light grows at every bounce, and soon beyond all numbers."""
+
+
+def _check_factors(materials: Sequence[Material]) -> None:
+    """Raise SceneError where a material's factor cannot be meant: loaders allow none above 1."""
+    for material in materials:
+        for node in walk(material.bsdf):
+            for name in ("reflectance", "diffuse_reflectance", "specular_reflectance", "specular_transmittance"):
+                value = getattr(node, name, None)
+                if isinstance(value, tuple) and not max(value) <= MOST_FACTOR:
+                    raise SceneError(f'material "{material.name}": {name} is {max(value):g}; expected at most 1')
 
 
 class _Rows:

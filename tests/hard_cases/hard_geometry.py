@@ -336,12 +336,14 @@ def one_large_among_small(run: Run) -> None:
     )
     corners[facing > 0] = corners[facing > 0][:, ::-1]
     walls = triangles(corners, emission=(1.0, 1.0, 1.0), name="walls")
-    large = triangles([[[-1.0, -0.99, 0.5], [0.99, 1.0, 0.6], [1.0, -1.0, 0.55]]], 1, (1.0, 1.0, 1.0), name="large")
-    back = triangles([[[1.0, -1.0, 0.55], [0.99, 1.0, 0.6], [-1.0, -0.99, 0.5]]], 1, (1.0, 1.0, 1.0), name="back")
+    corners = np.array([[-1.0, -0.99, 0.5], [0.99, 1.0, 0.6], [1.0, -1.0, 0.55]])
+    large = triangles(corners[None], 1, (1.0, 1.0, 1.0), name="large")
+    # Two faces in one place would not do: the first is seen from both sides, and the wrong one is black.
+    back = triangles(corners[None, ::-1] + [0.0, 0.0, 1e-3], 1, (1.0, 1.0, 1.0), name="back of it")
     wall = diffuse("wall", (0.5, 0.5, 0.5))
     what = scene([walls, large, back], glowing_box().camera, [wall, wall])
-    image = run.render(what, photons=100_000 if run.full else 10_000, spp=16 if run.full else 4)
-    run.check_share("radiance", image.pixels.mean(axis=(0, 1)), 2.0, 0.01 if run.full else 0.03)
+    image = run.render(what, photons=100_000 if run.full else 10_000, spp=64 if run.full else 16, light_samples=4)
+    run.check_share("radiance", image.pixels.mean(axis=(0, 1)), 2.0, 0.015 if run.full else 0.03)
 
 
 def normals_of_any_scale(run: Run) -> None:
@@ -491,7 +493,7 @@ CASES = (
         "one large among many small",
         "a triangle as large as the scene among a million (small: 19,200)",
         "a closed furnace: 2",
-        "1 % (small: 3 %): noise of the photons",
+        "1.5 % (small: 3 %): noise of photons, and of direct light near edges",
         one_large_among_small,
     ),
     _case(

@@ -72,35 +72,36 @@ def furnace(medium: Medium, albedo: float = 0.5) -> Scene:
 
 def white_fog(run: Run) -> None:
     """Albedo 1: what scatters is in equilibrium with the walls, whatever its depth and phase function."""
-    for sigma, g in (
-        ((1e-8, 0.0), (0.5, 0.0), (3.0, 0.0), (3.0, 0.9), (20.0, 0.0)) if run.full else ((0.5, 0.0), (3.0, 0.9))
-    ):
+    every = ((1e-8, 0.0), (0.5, 0.0), (3.0, 0.0), (3.0, -0.6), (3.0, 0.9), (20.0, 0.0))
+    for sigma, g in every if run.full else every[1:3]:
         what = furnace(Medium("milk", (sigma,) * 3, (1.0, 1.0, 1.0), g))
-        photons = 200_000 if run.full else 10_000
-        image = run.render(what, photons=photons, volume_photons=photons, k=200, spp=16 if run.full else 8)
-        run.check_share(
-            f"radiance, extinction {sigma:g}, g {g:g}", mean(image.pixels), np.full(3, 2.0), 0.02 if run.full else 0.06
+        wide = parallel((0, 0, -0.9), (0, 0, 1), 0.8, 8, up=(0, 1, 0))
+        photons = 1_000_000 if run.full else 40_000
+        image = run.render(
+            replace(what, camera=replace(wide, medium=0)),
+            cells=4 if sigma == 3.0 else 1,
+            photons=photons,
+            volume_photons=photons,
+            k=200,
+            spp=8,
         )
+        # One deviation at 40,000 photons, from the spread of seeds: paths leave many photons each, and a phase function
+        # of g = 0.9 weighs them from 1/20 to 200.
+        deviation = (0.07 if abs(g) > 0.8 else 0.025) * sqrt(40_000 / photons)
+        run.check_share(f"radiance, extinction {sigma:g}, g {g:g}", mean(image.pixels), np.full(3, 2.0), 4 * deviation)
         energy = image.metadata["report"]["energy"]
         run.check("escaped, of what was emitted", energy["escaped"] / energy["emitted"], 0.0, 0.0)
 
 
 def dense_white_fog(run: Run) -> None:
     """An optical depth of 1e4 and albedo 1 around the camera: photons scatter 1e4 times, and none gets out."""
-    for sigma in (5e3, 250.0) if run.full else (5e3,):
-        what = furnace(Medium("milk", (sigma,) * 3, (1.0, 1.0, 1.0)), 0.0)
-        asked = 2_000_000 if run.full else 50_000
-        with pilot_of(256 if run.full else 8):
-            image = run.render(what, photons=0, volume_photons=asked, volume_radius=0.1, volume_samples=16, spp=16)
-        report = image.metadata["report"]
-        energy = report["energy"]
-        run.check("escaped, of what was emitted", energy["escaped"] / energy["emitted"], 0.0, 0.0)
-        run.check("cut at the limit of bounces", energy["travelling"] / energy["emitted"], 0.0, 0.03)
-        # Light that reaches the camera was scattered within a free path or so before it.
-        told_by = report["volume"]["stored"] / 8.0 * 0.6**2 / sigma
-        run.note(f"at extinction {sigma:g} the image is told by {told_by:.0f} photons")
-        if told_by > 100:
-            run.check_share(f"radiance at extinction {sigma:g}", mean(image.pixels), np.ones(3), 5.0 / sqrt(told_by))
+    what = furnace(Medium("milk", (5e3,) * 3, (1.0, 1.0, 1.0)), 0.0)
+    with pilot_of(64 if run.full else 8):
+        image = run.render(what, photons=0, volume_photons=500_000 if run.full else 50_000, volume_radius=0.1, spp=1)
+    energy = image.metadata["report"]["energy"]
+    run.check("escaped, of what was emitted", energy["escaped"] / energy["emitted"], 0.0, 0.0)
+    run.check("cut at the limit of bounces", energy["travelling"] / energy["emitted"], 0.0, 0.1)
+    run.note("a dozen photons lie within a free path of the camera: the radiance, 1 in the mean, is noise")
 
 
 def half_space(run: Run) -> None:
@@ -114,12 +115,12 @@ def half_space(run: Run) -> None:
             medium = Medium("paper", (depth,) * 3, (albedo,) * 3)
             what = scene([block], camera, [Material("boundary", Null())], [sun], [medium])
             image = run.render(
-                what, photons=0, volume_photons=400_000 if run.full else 40_000, volume_radius=0.05, spp=4
+                what, photons=0, volume_photons=1_600_000 if run.full else 40_000, volume_radius=0.05, spp=4
             )
             exact = reflected_by_half_space(albedo, cosine, 1.0)
-            run.check_share(
-                f"albedo {albedo}, depth {depth:g}", mean(image.pixels), np.full(3, exact), 0.02 if run.full else 0.06
-            )
+            # What a path leaves lies in one place: a quarter of the paths is seen, and as many photons each are alike.
+            deviation = 2.0 / sqrt(image.metadata["report"]["volume"]["paths"])
+            run.check_share(f"albedo {albedo}, depth {depth:g}", mean(image.pixels), np.full(3, exact), 4 * deviation)
 
 
 def nothing_leaks(run: Run) -> None:
@@ -158,16 +159,16 @@ CASES = (
         section=7,
         shows="a closed glowing box full of a medium of albedo 1, the camera in it",
         expected="emission / (1 - albedo) of the walls, at any depth and phase function: equilibrium",
-        tolerance="2 %, at the small size 6 %: noise of photons; none escapes",
+        tolerance="4 deviations of photons, 2 % at g = 0, at the small size 10 %; none escapes",
         measure=white_fog,
     ),
     HardCase(
         name="optical depth 1e4, albedo 1",
         section=7,
         shows="photons that scatter ten thousand times each in a closed black box that glows, the camera among them",
-        expected="radiance of 1, all energy at the walls, none outside",
-        tolerance="5 deviations of the photons within a free path of the camera; up to 3 % of light is scattered "
-        "more than 65,535 times, and is cut and counted",
+        expected="all energy at the walls, none outside",
+        tolerance="none outside; some 1 % of light is scattered more than 65,535 times, and is cut and counted: "
+        "10 % of few paths",
         measure=dense_white_fog,
     ),
     HardCase(
@@ -175,7 +176,7 @@ CASES = (
         section=7,
         shows="a block of optical depth 1e4 in the sun",
         expected="Chandrasekhar's H functions, solved by iteration",
-        tolerance="2 %, at the small size 6 %: noise of 40,000 photons",
+        tolerance="4 deviations of the number of paths: 2 to 4 %, at the small size 5 %",
         measure=half_space,
     ),
     HardCase(
