@@ -67,12 +67,8 @@ def black(run: Run) -> None:
     room = lit_room()
     dark = replace(room, materials=(diffuse("black", (0.0, 0.0, 0.0), twosided=True),))
     image = run.render(dark, photons=2000, spp=4)
-    run.check(
-        "light of anything but the lamp",
-        image.pixels - image.layers["emission"] if "emission" in image.layers else image.layers["indirect"],
-        0.0,
-        0.0,
-    )
+    lamp_alone = run.render(room, cells=1, photons=0, spp=4, max_depth=1)
+    run.demand("the lamp's own light and no bit more", np.array_equal(image.pixels, lamp_alone.pixels))
     energy = image.metadata["report"]["energy"]
     run.check_share("absorbed, of what was emitted", energy["absorbed"], energy["emitted"], 1e-6)
     run.check("photons stored", image.metadata["report"]["photons"]["stored"], 0, 0)
@@ -269,12 +265,11 @@ def maps_without_length(run: Run) -> None:
         return run.render(scene([square(0)], camera, [Material("wall", bsdf)], [lamp]), cells=cells, spp=4, **NO_MAPS)
 
     plain = seen(Diffuse(GREY))
-    for name, value in (("zero", (0.5, 0.5, 0.5)), ("a rounding of zero", (0.5, 0.5 + 2.0**-24, 0.5))):
-        texels = np.tile(np.array(value, np.float32), (2, 2, 1))
-        for bsdf in (NormalMap(Diffuse(GREY), Bitmap(name, texels)),):
-            image = seen(bsdf, 4)
-            if name == "zero":
-                run.check("direct light, " + name, image.pixels, plain.pixels, 1e-6)
+    none = Bitmap("none", np.full((2, 2, 3), 0.5, np.float32))
+    run.check("direct light, zero", seen(NormalMap(Diffuse(GREY), none), 4).pixels, plain.pixels, 1e-6)
+    rounding = Bitmap("rounding", np.tile(np.array((0.5, 0.5 + 2.0**-24, 0.5), np.float32), (2, 2, 1)))
+    bright = seen(NormalMap(Diffuse(GREY), rounding), 4).pixels
+    run.demand("no brighter than facing the lamp", bool((bright <= 1.5 * plain.pixels.max()).all()))
     half = np.tile(np.array((0.5, 0.5, 0.75), np.float32), (2, 2, 1))  # (0, 0, 0.5): straight, of half length
     run.check(
         "direct light, half length", seen(NormalMap(Diffuse(GREY), Bitmap("half", half))).pixels, plain.pixels, 1e-6
@@ -317,7 +312,6 @@ def faint_reflectance(run: Run) -> None:
     for name, bsdf in (
         ("diffuse", lambda x: Diffuse((x, x, x))),
         ("rough metal", lambda x: Conductor(specular_reflectance=(x, x, x), alpha_u=0.5, alpha_v=0.5)),
-        ("principled", lambda x: Principled((x, x, x), 0.5, metallic=1.0)),
     ):
         images = [
             run.render(
@@ -325,16 +319,9 @@ def faint_reflectance(run: Run) -> None:
             ).pixels.astype(np.float64)
             for x in (1.0, 2.0**-100)
         ]
-        if name == "diffuse":
-            run.check_share(name, images[1] * LARGE, images[0], 1e-6)
-        run.demand(
-            f"{name} reflects something",
-            bool(images[1].max() > 0) or name != "diffuse",
-            f"{images[1].max():.3g}",
-            "above 0",
-        )
-        run.demand(f"{name} is no brighter than it may", bool((images[1] <= 1e-25).all()) or name == "principled")
-    image = run.render(replace(glowing_box((2.0**-100,) * 3)), photons=2000, spp=4)
+        run.demand(f"{name} reflects something", float(images[1].max()) > 0, f"{images[1].max():.3g}", "above 0")
+        run.check_share(name, images[1] * LARGE, images[0], 1e-6)
+    image = run.render(glowing_box((2.0**-100,) * 3), photons=2000, spp=4)
     run.check_share("a closed box of it", mean(image.pixels), np.ones(3), 1e-5)
 
 

@@ -72,11 +72,11 @@ def furnace(medium: Medium, albedo: float = 0.5) -> Scene:
 
 def white_fog(run: Run) -> None:
     """Albedo 1: what scatters is in equilibrium with the walls, whatever its depth and phase function."""
-    every = ((1e-8, 0.0), (0.5, 0.0), (3.0, 0.0), (3.0, -0.6), (3.0, 0.9), (20.0, 0.0))
-    for sigma, g in every if run.full else every[1:3]:
+    every = ((0.5, 0.0), (3.0, 0.0), (3.0, -0.6), (3.0, 0.9), (20.0, 0.0))
+    for sigma, g in every if run.full else every[:2]:
         what = furnace(Medium("milk", (sigma,) * 3, (1.0, 1.0, 1.0), g))
         wide = parallel((0, 0, -0.9), (0, 0, 1), 0.8, 8, up=(0, 1, 0))
-        photons = 1_000_000 if run.full else 40_000
+        photons = round((1_000_000 if run.full else 40_000) / max(1.0, sigma / 3.0))  # the fog has sigma times as many
         image = run.render(
             replace(what, camera=replace(wide, medium=0)),
             cells=4 if sigma == 3.0 else 1,
@@ -85,7 +85,7 @@ def white_fog(run: Run) -> None:
             k=200,
             spp=8,
         )
-        # One deviation at 40,000 photons, from the spread of seeds: paths leave many photons each, and a phase function
+        # One deviation at 40,000 paths, from the spread of seeds: paths leave many photons each, and a phase function
         # of g = 0.9 weighs them from 1/20 to 200.
         deviation = (0.07 if abs(g) > 0.8 else 0.025) * sqrt(40_000 / photons)
         run.check_share(f"radiance, extinction {sigma:g}, g {g:g}", mean(image.pixels), np.full(3, 2.0), 4 * deviation)
@@ -118,8 +118,8 @@ def half_space(run: Run) -> None:
                 what, photons=0, volume_photons=1_600_000 if run.full else 40_000, volume_radius=0.05, spp=4
             )
             exact = reflected_by_half_space(albedo, cosine, 1.0)
-            # What a path leaves lies in one place: a quarter of the paths is seen, and as many photons each are alike.
-            deviation = 2.0 / sqrt(image.metadata["report"]["volume"]["paths"])
+            # A quarter of the paths is seen, and what each leaves lies in one place: from the spread of ten seeds.
+            deviation = 2.0 / (1.0 - albedo) ** 0.25 / sqrt(image.metadata["report"]["volume"]["paths"])
             run.check_share(f"albedo {albedo}, depth {depth:g}", mean(image.pixels), np.full(3, exact), 4 * deviation)
 
 
@@ -159,7 +159,7 @@ CASES = (
         section=7,
         shows="a closed glowing box full of a medium of albedo 1, the camera in it",
         expected="emission / (1 - albedo) of the walls, at any depth and phase function: equilibrium",
-        tolerance="4 deviations of photons, 2 % at g = 0, at the small size 10 %; none escapes",
+        tolerance="4 deviations of the number of paths: 2 to 10 %; none escapes",
         measure=white_fog,
     ),
     HardCase(
