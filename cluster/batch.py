@@ -83,6 +83,7 @@ _PATH: Schema = {
     **_RAY,
     "bounce": ("<i4", ()),  # vertices before, those that light goes straight through included
     "edges": ("<i4", ()),  # of the path so far, straight passages not counted
+    "diffuse": ("<i4", ()),  # edges that left a surface by its diffuse part
     "medium": ("<i4", ()),  # that the ray is in, -1 for none
     "origin": ("<f4", (3,)),
     "direction": ("<f4", (3,)),

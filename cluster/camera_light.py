@@ -138,7 +138,8 @@ class CameraLight:
         if self._replica.world.caustic_map.paths == 0:
             return []
         radiance = self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats, batch.arrays)
-        arrays = {**batch.arrays, "bounce": np.zeros(len(batch), np.int32)}
+        none = np.zeros(len(batch), np.int32)
+        arrays = {**batch.arrays, "bounce": none, "diffuse": none}
         return [self._batch(batch, Kind.LIT, self._cell, len(batch), self._part(arrays, parts.CAUSTIC, radiance))]
 
     # Paths beyond their first surface
@@ -179,11 +180,15 @@ class CameraLight:
         """One part of each vertex, where it is not black."""
         radiance = self.guards.blacken(radiance, _CAUSE[part], arrays)
         rows = np.flatnonzero(radiance.any(axis=1))
-        place = parts.place_of(arrays["bounce"][rows], part, self._view.light_samples)
+        place = parts.place_of(arrays["bounce"][rows], arrays["diffuse"][rows], part, self._view.light_samples)
         return {"slot": arrays["slot"][rows], "place": place, "radiance": radiance[rows]}
 
-    def _shade(self, kernel: wp.Kernel | None, rays: Any, count: int) -> Shaded:
-        """Run a kernel that shades vertices."""
+    def _shade(self, kernel: wp.Kernel | None, rays: Any, count: int, actions: Any = None) -> Shaded:
+        """Run a kernel that shades vertices.
+
+        Args:
+            actions: of each vertex (kernels.shading); None where the view's way needs none.
+        """
         if kernel is None:
             raise ProtocolError("a camera path goes on in a scene where none does")
         replica, view = self._replica, self._view
@@ -197,7 +202,9 @@ class CameraLight:
             columns.empty(sh.Stretches, count if features.media else 0, device),
         )
         scene = [self._surfaces, replica.materials, replica.textures, replica.media, replica.lights, replica.camera]
-        scalars = [view.light_samples, view.max_depth or 0]
+        scalars: list[Any] = [view.light_samples, view.max_depth or 0]
+        if kernel is not replica.kernels.shade_camera_hits:
+            scalars += [view.way, self._integers(0) if actions is None else actions]
         outputs = [shaded.seen, shaded.queries, shaded.coats, shaded.shots, shaded.paths, shaded.stretches]
         replica.launcher(kernel, count, [*scene, rays, *scalars], outputs)
         if replica.observer is not None:

@@ -131,6 +131,7 @@ def check_batch(batch: Batch, world: World) -> None:
         "path": (0, any_number),
         "bounce": (0, CHAIN_LIMIT + 1 if batch.kind in (Kind.PATH, Kind.VERTEX) else any_number),
         "edges": (0, any_number),
+        "diffuse": (0, any_number),
         "place": (0, any_number),
         "map": (0, MAPS),
         "medium": (-1, media),

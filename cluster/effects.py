@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from wdpm.kernels.features import ALL, Features
-from wdpm.kernels.settings import RenderSettings
+from wdpm.kernels.settings import Integrator, RenderSettings
 from wdpm.scenes.geometry import FlatScene
 from wdpm.scenes.material_facts import MaterialFacts, facts
 from wdpm.scenes.textures import Bitmap, Checkerboard, VertexColors
@@ -47,6 +47,7 @@ def features_of(flat: FlatScene, settings: RenderSettings) -> Features:
         environment=lights.environment_pixels.size > 0,
         textured_lights=len(glow) > 0,
         media=calls_for_media(flat),
+        traced=settings.integrator is Integrator.PATH,
     )
 
 
@@ -59,7 +60,7 @@ def calls_for_media(flat: FlatScene) -> bool:
 
 def calls_for_caustics(flat: FlatScene, features: Features, settings: RenderSettings) -> bool:
     """Whether light may reach a diffuse surface by way of glossy ones alone."""
-    if not settings.caustic_photons or "caustics" in settings.without or not features.glossy:
+    if settings.integrator is Integrator.PATH or not settings.caustic_photons or "caustics" in settings.without or not features.glossy:
         return False
     found = [fact for _, fact in used_materials(flat)]
     return any(fact.glossy for fact in found) and any(fact.diffuse for fact in found)

@@ -61,15 +61,16 @@ def missed_light(
     later = "bounce" in rays
     items = columns.upload(cr.Paths if later else cr.Rays, rays, device)
     paths = items if later else start_paths(replica, items, count)
-    inputs = [replica.media, replica.lights, replica.camera, paths, view.light_samples]
+    inputs = [replica.media, replica.lights, replica.camera, paths, view.light_samples, view.way]
     replica.launcher(replica.kernels.path_misses, count, inputs, [radiance, stretches])
     follows = list(start_beams(replica, cause, stretches)) if features.media else []
     light = guards.blacken(radiance.numpy(), EMISSION, rays)
     rows = np.flatnonzero(light.any(axis=1))
-    bounce = rays["bounce"][rows] if later else np.zeros(len(rows), np.int32)
+    none = np.zeros(len(rows), np.int32)
+    bounce, diffuse = (rays["bounce"][rows], rays["diffuse"][rows]) if later else (none, none)
     lit = {
         "slot": rays["slot"][rows],
-        "place": parts.place_of(bounce, parts.EMISSION, view.light_samples),
+        "place": parts.place_of(bounce, diffuse, parts.EMISSION, view.light_samples),
         "radiance": light[rows],
     }
     yield Batch(Kind.LIT, cause.task, cause.home, cell, credit - sum(batch.credit for batch in follows), lit)

@@ -2,7 +2,8 @@
 
 A vertex has one part for each of its shadow rays, then one each for what it emits, for photons of the global and of the
 caustic map, and for the stretch of medium before it. Parts are added in the order of their places, so the sum does not
-depend on when they come home.
+depend on when they come home. Beyond a diffuse scattering that was traced, all of them are indirect light: those parts
+have places of their own, after all others.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.kernels.limits import CHAIN_LIMIT
-from wdpm.kernels.shading import BEAM_PART, EMISSION_PART, PARTS
+from wdpm.kernels.shading import BEAM_PART, BOUNCES, EMISSION_PART, PARTS
 
 EMISSION: Final = int(EMISSION_PART)
 INDIRECT: Final = 1
@@ -28,20 +29,30 @@ DIRECT_LAYER, INDIRECT_LAYER, CAUSTIC_LAYER, VOLUME_LAYER = range(4)
 _LAYER_OF_PART = np.array([DIRECT_LAYER, INDIRECT_LAYER, CAUSTIC_LAYER, VOLUME_LAYER], np.int32)
 
 
-def place_of(bounce: NDArray[np.int32], part: int, light_samples: int) -> NDArray[np.int32]:
-    """The places of one part, EMISSION .. BEAM, of some vertices."""
-    return (bounce * np.int32(light_samples + PARTS) + np.int32(light_samples + part)).astype(np.int32)
+def place_of(
+    bounce: NDArray[np.int32], diffuse: NDArray[np.int32], part: int, light_samples: int
+) -> NDArray[np.int32]:
+    """The places of one part, EMISSION .. BEAM, of some vertices.
+
+    Args:
+        diffuse: diffuse scatterings that were traced before each vertex.
+    """
+    row = bounce + np.where(diffuse > 0, np.int32(BOUNCES), np.int32(0))
+    return (row * np.int32(light_samples + PARTS) + np.int32(light_samples + part)).astype(np.int32)
 
 
 def bounce_of(place: NDArray[np.int32], light_samples: int) -> NDArray[np.int32]:
     """The vertices that places belong to."""
-    return (place // (light_samples + int(PARTS))).astype(np.int32)
+    return (place // (light_samples + int(PARTS)) % int(BOUNCES)).astype(np.int32)
 
 
 def layer_of(place: NDArray[np.int32], light_samples: int) -> NDArray[np.int32]:
     """Which layer of the image each place belongs to."""
-    part = place % (light_samples + int(PARTS)) - light_samples
-    return np.where(part < 0, DIRECT_LAYER, _LAYER_OF_PART[np.maximum(part, 0)]).astype(np.int32)
+    row, column = np.divmod(place, light_samples + int(PARTS))
+    part = column - light_samples
+    layer = np.where(part < 0, DIRECT_LAYER, _LAYER_OF_PART[np.maximum(part, 0)])
+    indirect = (row >= int(BOUNCES)) & (layer != VOLUME_LAYER)
+    return np.where(indirect, INDIRECT_LAYER, layer).astype(np.int32)
 
 
 def credit_of_vertex(light_samples: int) -> int:

@@ -32,7 +32,8 @@ from wdpm.kernels.gather import check_settings, gather_kernel
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.limits import MAPS
 from wdpm.kernels.photon_paths import BOUNCE_BITS, CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
-from wdpm.kernels.settings import RenderSettings
+from wdpm.kernels.settings import Integrator, RenderSettings
+from wdpm.kernels.shading import MAP_WAY, PATH_WAY
 from wdpm.scenes.areas import triangle_areas
 from wdpm.scenes.geometry import FlatScene
 
@@ -152,8 +153,9 @@ def _flux_by_light(pilot: Worker, photons: Sequence[Arrays]) -> NDArray[np.float
 def _pilot_world(flat: FlatScene, features: Features, settings: RenderSettings) -> World:
     """One cell, and as many paths of each pass as the pilot has."""
     shines = bool(len(flat.lights.power)) and flat.lights.power.sum() > 0
-    indirect = settings.photons > 0 and "indirect" not in settings.without
-    paths = PILOT_PATHS if shines and (indirect or calls_for_media(flat)) else 0
+    by_photons = settings.integrator is Integrator.PHOTONS
+    indirect = by_photons and settings.photons > 0 and "indirect" not in settings.without
+    paths = PILOT_PATHS if shines and by_photons and (indirect or calls_for_media(flat)) else 0
     caustic = PILOT_PATHS if shines and calls_for_caustics(flat, features, settings) else 0
     return World(
         features=features,
@@ -168,7 +170,7 @@ def _pilot_world(flat: FlatScene, features: Features, settings: RenderSettings) 
         emission=pilot_emission(flat, aimed=caustic > 0),
         global_map=MapPlan(paths, read=indirect),
         caustic_map=MapPlan(caustic),
-        volume_map=MapPlan(paths if calls_for_media(flat) and settings.volume_photons else 0),
+        volume_map=MapPlan(paths if by_photons and calls_for_media(flat) and settings.volume_photons else 0),
         volume_unit=1.0,
     )
 
@@ -185,6 +187,7 @@ def view_of(flat: FlatScene, settings: RenderSettings) -> View:
         caustic_k=settings.caustic_k,
         volume_samples=settings.volume_samples,
         bucket=settings.bucket,
+        way=int(PATH_WAY if settings.integrator is Integrator.PATH else MAP_WAY),
         routing=settings.routing,
     )
 

@@ -132,3 +132,4 @@ class View:
     volume_samples: int
     bucket: int
     routing: Routing
+    way: int = 0

@@ -43,6 +43,7 @@ class Paths:
     sample: wp.array[wp.int32]
     bounce: wp.array[wp.int32]
     edges: wp.array[wp.int32]
+    diffuse: wp.array[wp.int32]
     medium: wp.array[wp.int32]
     origin: wp.array[wp.vec3]
     direction: wp.array[wp.vec3]
@@ -121,6 +122,7 @@ def make_camera_rays(features: Features) -> SimpleNamespace:
         paths_out.sample[i] = rays.sample[i]
         paths_out.bounce[i] = 0
         paths_out.edges[i] = 1
+        paths_out.diffuse[i] = 0
         paths_out.medium[i] = camera.medium
         paths_out.origin[i] = ray.origin
         paths_out.direction[i] = ray.direction

@@ -25,6 +25,7 @@ class Features:
         media: participating media.
         lens: the camera has a lens of finite size.
         orthographic: the camera's rays are parallel.
+        traced: camera paths go on from diffuse parts too: path tracing, final gathering.
     """
 
     conductor: bool = False
@@ -47,6 +48,7 @@ class Features:
     media: bool = False
     lens: bool = False
     orthographic: bool = False
+    traced: bool = False
 
     @property
     def glossy(self) -> bool:
@@ -66,7 +68,7 @@ class Features:
     @property
     def goes_on(self) -> bool:
         """Camera paths may have more than one vertex."""
-        return self.glossy or self.passing
+        return self.glossy or self.passing or self.traced
 
     @property
     def walks(self) -> bool:

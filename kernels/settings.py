@@ -26,6 +26,15 @@ class Routing(Enum):
     """The paper's way: every cell on a ray's way works at once, and the home merges the hits, nearest first."""
 
 
+class Integrator(Enum):
+    """How light is found."""
+
+    PHOTONS = "photons"
+    """Direct light by path tracing, indirect light from photon maps."""
+    PATH = "path"
+    """Everything by path tracing, without bias and without photons: the reference that others are held against."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class RenderSettings:
     """Settings of a render.
@@ -45,6 +54,7 @@ class RenderSettings:
         volume_photons: photons to be stored in the volume map of a scene with participating media.
         volume_samples: samples a pixel, at most, that look for light in media on behalf of all.
         volume_radius: of beams through media, in scene units; None derives it from the pilot.
+        integrator: how light is found.
         all_effects: compile all effects in, whatever the scene calls for. Changes no bit of the image.
         strict: the first guard that acts ends the render with an error (cluster.guards). Changes no bit of the image.
         without: effects that are left out knowingly, of EFFECTS_TO_LEAVE_OUT.
@@ -69,6 +79,7 @@ class RenderSettings:
     volume_photons: int = 250_000
     volume_samples: int = 4
     volume_radius: float | None = None
+    integrator: Integrator = Integrator.PHOTONS
     all_effects: bool = False
     strict: bool = False
     without: tuple[str, ...] = ()

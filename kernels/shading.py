@@ -1,10 +1,18 @@
 """What a camera path's vertex adds to its sample, and where the path goes on.
 
 At every vertex: what the surface emits; direct light by shadow rays, over the surface's diffuse and glossy parts; a
-query for photons where there is a diffuse part; and one ray that goes on by the glossy part. The diffuse part is never
-traced on, so each light path is counted once (photon_paths: which photons are stored). Light that a glossy part
-reflects straight from a lamp is found both by shadow rays and by the ray that goes on: both count, weighted by multiple
-importance sampling with the balance heuristic (Veach & Guibas 1995).
+query for photons where there is a diffuse part; and one ray that goes on. What the diffuse part does is the *way*:
+
+* MAP_WAY: it is never traced on. Photons are gathered where the camera path meets it, and the ray goes on by the glossy
+  part, so each light path is counted once (photon_paths: which photons are stored).
+* PATH_WAY: it is traced on like the glossy part, one of the two at each vertex, and no photon is asked: path tracing.
+* GATHER_WAY: it is traced on once. Where such a ray arrives, the photon map is read, which then holds photons of direct
+  light too (final gathering, Jensen 1996): `Action` says what each vertex does. Caustics are still gathered where the
+  camera path or a short gather ray meets the surface, so what a gather ray finds of lamps, be it by glossy surfaces,
+  does not count again.
+
+Light that is found both by shadow rays and by the ray that goes on counts by both, weighted by multiple importance
+sampling with the balance heuristic (Veach & Guibas 1995), for each part of a surface by itself.
 """
 
 from __future__ import annotations
@@ -14,11 +22,11 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from wdpm.kernels.bsdf import make_bsdf
+from wdpm.kernels.bsdf import cosine_direction, make_bsdf
 from wdpm.kernels.bsdf_types import BLACK, DIFFUSE, NULL, RADIANCE, Bsdf
 from wdpm.kernels.camera import CameraView, make_camera, whole_pixel
 from wdpm.kernels.camera_rays import Paths, Rays
-from wdpm.kernels.constants import ROULETTE_FROM, SURVIVAL_MOST
+from wdpm.kernels.constants import INV_PI, PI, ROULETTE_FROM, SURVIVAL_MOST
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights import Lights, make_lights
 from wdpm.kernels.limits import CHAIN_LIMIT
@@ -40,10 +48,27 @@ _DIMENSIONS = wp.constant(4)
 
 _CHAIN_LIMIT = wp.constant(CHAIN_LIMIT)
 
+_BELOW_ONE = wp.constant(wp.float32(1 - 2.0**-24))
+
+# What the diffuse parts of surfaces do.
+MAP_WAY = wp.constant(0)
+PATH_WAY = wp.constant(1)
+GATHER_WAY = wp.constant(2)
+
+# What the diffuse part of one vertex does in GATHER_WAY.
+TRACE_ON = wp.constant(0)
+"""A ray goes on by it."""
+READ_MAP = wp.constant(1)
+"""All of its light is read from the photon map: it ends a gather ray."""
+CACHED = wp.constant(2)
+"""Its indirect light comes from the irradiance cache, its direct light from shadow rays."""
+
 # Parts of a vertex, after its shadow rays: cluster.parts.
 EMISSION_PART = wp.constant(0)
 BEAM_PART = wp.constant(3)
 PARTS = wp.constant(4)
+BOUNCES = wp.constant(CHAIN_LIMIT + 1)
+"""Vertices that a path may have, the one at which it is cut off included."""
 
 
 @wp.struct
@@ -130,6 +155,7 @@ class Vertex:
     sample: wp.int32
     bounce: wp.int32
     edges: wp.int32
+    diffuse: wp.int32
     medium: wp.int32
     origin: wp.vec3
     direction: wp.vec3
@@ -148,6 +174,7 @@ def make_shading(features: Features) -> SimpleNamespace:
     surface_at = make_surface(features).surface_at
     bsdf = make_bsdf(features)
     eval_diffuse = bsdf.eval_diffuse
+    probability_diffuse = bsdf.probability_diffuse
     has_diffuse = bsdf.has_diffuse
     eval_glossy = bsdf.eval_glossy
     pdf_glossy = bsdf.pdf_glossy
@@ -190,6 +217,7 @@ def make_shading(features: Features) -> SimpleNamespace:
         p.sample = paths.sample[i]
         p.bounce = paths.bounce[i]
         p.edges = paths.edges[i]
+        p.diffuse = paths.diffuse[i]
         p.medium = paths.medium[i]
         p.origin = paths.origin[i]
         p.direction = paths.direction[i]
@@ -208,6 +236,15 @@ def make_shading(features: Features) -> SimpleNamespace:
         return wp.float32(sample_1d(wp.uint32(p.sample), stream))
 
     @wp.func
+    def place_of(p: Vertex, light_samples: wp.int32, part: wp.int32) -> wp.int32:
+        """Where a part of a vertex, its shadow rays first, stands in its sample: cluster.parts."""
+        place = p.bounce * (light_samples + PARTS) + part
+        if wp.static(features.traced):
+            if p.diffuse > 0:
+                place += BOUNCES * (light_samples + PARTS)
+        return place
+
+    @wp.func
     def emitted(
         textures: Textures, lights: Lights, p: Vertex, s: Surface, throughput: wp.vec3, light_samples: wp.int32
     ) -> wp.vec3:
@@ -215,7 +252,7 @@ def make_shading(features: Features) -> SimpleNamespace:
         radiance = wp.vec3(0.0)
         if s.emitter >= 0 and s.front == 1:
             radiance = emitted_radiance(lights, textures, s.emitter, s.uv, s.color)
-            if wp.static(features.glossy):
+            if wp.static(features.glossy or features.traced):
                 if p.pdf > 0.0:
                     by_light = wp.float32(light_samples) * pdf_triangle(lights, p.prim, p.anchor, s.position, s.normal)
                     radiance = radiance * (p.pdf / (p.pdf + by_light))
@@ -230,6 +267,8 @@ def make_shading(features: Features) -> SimpleNamespace:
         p: Vertex,
         throughput: wp.vec3,
         w_from: wp.vec3,
+        diffuse_share: wp.float32,
+        way: wp.int32,
         offset_min: wp.float32,
         light_samples: wp.int32,
         seed: wp.uint32,
@@ -237,7 +276,11 @@ def make_shading(features: Features) -> SimpleNamespace:
         row: wp.int32,
         shots_out: Shots,
     ) -> None:
-        """One sample of the direct light that a surface reflects: a shadow segment, and what it carries."""
+        """One sample of the direct light that a surface reflects: a shadow segment, and what it carries.
+
+        Args:
+            diffuse_share: probability that the ray that goes on does so by the diffuse part.
+        """
         index = wp.uint32(p.sample) * wp.uint32(light_samples) + wp.uint32(j)
         u_element = sample_1d(index, stream_of(seed, PURPOSE_LIGHT, p.item, 2 * p.bounce))
         u = sample_2d(index, stream_of(seed, PURPOSE_LIGHT, p.item, 2 * p.bounce + 1))
@@ -256,13 +299,21 @@ def make_shading(features: Features) -> SimpleNamespace:
             scattering = wp.vec3(0.0)
             if reflects:
                 scattering = eval_diffuse(s.bsdf, w_from, w_to) * wp.abs(w_to[2])
+                if wp.static(features.traced):
+                    if way == PATH_WAY and found.delta == 0:
+                        by_light = wp.float32(light_samples) * found.pdf
+                        by_diffuse = diffuse_share * (wp.max(w_to[2], 0.0) * INV_PI)
+                        scattering = scattering * (by_light / (by_light + by_diffuse))
             if wp.static(features.glossy):
-                if reflects or crosses:
+                if (reflects or crosses) and (way != GATHER_WAY or p.diffuse == 0):
                     glossy = eval_glossy(s.bsdf, w_from, w_to, RADIANCE)
                     if wp.max(glossy) > 0.0:
                         if found.delta == 0:
                             by_light = wp.float32(light_samples) * found.pdf
-                            glossy = glossy * (by_light / (by_light + pdf_glossy(s.bsdf, w_from, w_to)))
+                            by_glossy = pdf_glossy(s.bsdf, w_from, w_to)
+                            if wp.static(features.traced):
+                                by_glossy = (1.0 - diffuse_share) * by_glossy
+                            glossy = glossy * (by_light / (by_light + by_glossy))
                         scattering = scattering + glossy
             if wp.static(features.bent):
                 scattering = scattering * bump_shading(s, found.direction)
@@ -271,7 +322,7 @@ def make_shading(features: Features) -> SimpleNamespace:
             radiance = radiance / wp.float32(light_samples)
         origin = leave(s.position, leaves, offset_min)
         shots_out.slot[row] = p.slot
-        shots_out.place[row] = p.bounce * (light_samples + PARTS) + j
+        shots_out.place[row] = place_of(p, light_samples, j)
         shots_out.origin[row] = origin
         shots_out.direction[row] = found.end - origin
         shots_out.radiance[row] = radiance
@@ -287,46 +338,75 @@ def make_shading(features: Features) -> SimpleNamespace:
         p: Vertex,
         throughput: wp.vec3,
         w_from: wp.vec3,
+        diffuse_share: wp.float32,
         offset_min: wp.float32,
         max_depth: wp.int32,
         seed: wp.uint32,
         i: wp.int32,
         paths_out: Paths,
     ) -> None:
-        """The ray that goes on by the glossy part, or straight through; a throughput of zero where none does."""
+        """The ray that goes on by one part, or straight through; a throughput of zero where none does."""
         carries = wp.vec3(0.0)
         direction = p.direction
         leaves = s.normal
         pdf = p.pdf
         anchor = p.anchor
         edges = p.edges
+        diffuse = p.diffuse
         medium = p.medium
         straight = wp.int32(0)
+        u_lobe = wp.float32(0.0)
+        if wp.static(features.glossy):
+            u_lobe = number_1d(seed, p, _LOBE)
         if wp.static(features.passing):
             if s.bsdf.kind == NULL:
                 straight = 1
                 carries = throughput
                 leaves = -s.normal
                 medium = medium_beyond(materials, s.material, s.front, medium)
+        by_diffuse = wp.bool(False)
+        if wp.static(features.traced):
+            by_diffuse = straight == 0 and diffuse_share > 0.0 and (u_lobe < diffuse_share or diffuse_share == 1.0)
+            if by_diffuse:
+                w_to = cosine_direction(
+                    sample_2d(
+                        wp.uint32(p.sample),
+                        stream_of(seed, PURPOSE_BOUNCE, p.item, _DIMENSIONS * p.bounce + _DIRECTION),
+                    )
+                )
+                direction = to_world(s, w_to)
+                pdf = diffuse_share * (w_to[2] * INV_PI)
+                anchor = s.position
+                edges += 1
+                diffuse += 1
+                if wp.dot(leaves, direction) > 0.0 and (max_depth == 0 or edges <= max_depth):
+                    carries = wp.cw_mul(throughput, eval_diffuse(s.bsdf, w_from, w_to) * (PI / diffuse_share))
+                    if wp.static(features.bent):
+                        carries = carries * bump_shading(s, direction)
         if wp.static(features.glossy):
-            if straight == 0 and s.bsdf.kind != DIFFUSE and s.bsdf.kind != BLACK:
+            if straight == 0 and not by_diffuse and s.bsdf.kind != DIFFUSE and s.bsdf.kind != BLACK:
                 u = sample_2d(
                     wp.uint32(p.sample),
                     stream_of(seed, PURPOSE_BOUNCE, p.item, _DIMENSIONS * p.bounce + _DIRECTION),
                 )
-                sampled = sample_glossy(s.bsdf, w_from, number_1d(seed, p, _LOBE), u, RADIANCE)
+                rest = wp.float32(1.0)
+                if wp.static(features.traced):
+                    if diffuse_share > 0.0:
+                        rest = 1.0 - diffuse_share
+                        u_lobe = wp.min((u_lobe - diffuse_share) / rest, _BELOW_ONE)
+                sampled = sample_glossy(s.bsdf, w_from, u_lobe, u, RADIANCE)
                 if sampled.crosses == 1:
                     leaves = -s.normal
                     medium = medium_beyond(materials, s.material, s.front, medium)
                 if sampled.straight == 1:
-                    carries = wp.cw_mul(throughput, sampled.weight)
+                    carries = wp.cw_mul(throughput, sampled.weight) / rest
                 else:
                     direction = to_world(s, sampled.to)
-                    pdf = sampled.pdf
+                    pdf = rest * sampled.pdf
                     anchor = s.position
                     edges += 1
                     if wp.dot(leaves, direction) > 0.0 and (max_depth == 0 or edges <= max_depth):
-                        carries = wp.cw_mul(throughput, sampled.weight)
+                        carries = wp.cw_mul(throughput, sampled.weight) / rest
                         if wp.static(features.bent):
                             carries = carries * bump_shading(s, direction)
         if wp.max(carries) > 0.0 and p.bounce >= ROULETTE_FROM:
@@ -342,6 +422,7 @@ def make_shading(features: Features) -> SimpleNamespace:
         paths_out.sample[i] = p.sample
         paths_out.bounce[i] = p.bounce + 1
         paths_out.edges[i] = edges
+        paths_out.diffuse[i] = diffuse
         paths_out.medium[i] = medium
         paths_out.origin[i] = leave(s.position, leaves, offset_min)
         paths_out.direction[i] = direction
@@ -361,6 +442,7 @@ def make_shading(features: Features) -> SimpleNamespace:
         p: Vertex,
         throughput: wp.vec3,
         w_from: wp.vec3,
+        way: wp.int32,
         i: wp.int32,
         queries_out: Queries,
         coats_out: Coats,
@@ -375,6 +457,9 @@ def make_shading(features: Features) -> SimpleNamespace:
                 weight = wp.cw_mul(throughput, albedo)
         elif s.bsdf.kind != NULL and s.bsdf.kind != DIFFUSE:
             albedo = s.bsdf.specular
+        if wp.static(features.traced):
+            if way == PATH_WAY:
+                weight = wp.vec3(0.0)
         queries_out.position[i] = s.position
         queries_out.normal[i] = s.normal
         queries_out.shading_normal[i] = s.shading_normal
@@ -400,7 +485,7 @@ def make_shading(features: Features) -> SimpleNamespace:
         """The stretch of the ray before this vertex, if it is in a medium."""
         stretches_out.slot[i] = p.slot
         stretches_out.sample[i] = p.sample
-        stretches_out.place[i] = p.bounce * (light_samples + PARTS) + light_samples + BEAM_PART
+        stretches_out.place[i] = place_of(p, light_samples, light_samples + BEAM_PART)
         stretches_out.origin[i] = p.origin
         stretches_out.direction[i] = wp.normalize(p.direction)
         stretches_out.length[i] = length
@@ -417,6 +502,8 @@ def make_shading(features: Features) -> SimpleNamespace:
         p: Vertex,
         light_samples: wp.int32,
         max_depth: wp.int32,
+        way: wp.int32,
+        action: wp.int32,
         seed: wp.uint32,
         eye: wp.vec3,
         i: wp.int32,
@@ -440,15 +527,24 @@ def make_shading(features: Features) -> SimpleNamespace:
             if p.medium >= 0:
                 throughput = wp.cw_mul(throughput, transmittance(media, p.medium, length))
 
+        diffuse_share = wp.float32(0.0)
+        shines = max_depth == 0 or p.edges <= max_depth
+        lit = lights.count > 0 and (max_depth == 0 or p.edges + 1 <= max_depth)
+        if wp.static(features.traced):
+            if way == PATH_WAY or (way == GATHER_WAY and action == TRACE_ON):
+                diffuse_share = probability_diffuse(s.bsdf, w_from)
+            if way == GATHER_WAY and p.diffuse > 0:
+                shines = False
+                lit = lit and action != READ_MAP
+
         emission = wp.vec3(0.0)
-        if max_depth == 0 or p.edges <= max_depth:
+        if shines:
             emission = emitted(textures, lights, p, s, throughput, light_samples)
         seen_out.emission[i] = emission
         seen_out.depth[i] = wp.length(s.position - eye)
         seen_out.normal[i] = s.shading_normal
-        seen_out.albedo[i] = query(surfaces, s, p, throughput, w_from, i, queries_out, coats_out)
+        seen_out.albedo[i] = query(surfaces, s, p, throughput, w_from, way, i, queries_out, coats_out)
 
-        lit = lights.count > 0 and (max_depth == 0 or p.edges + 1 <= max_depth)
         for j in range(light_samples):
             row = i * light_samples + j
             if lit and s.bsdf.kind != BLACK and s.bsdf.kind != NULL:
@@ -460,6 +556,8 @@ def make_shading(features: Features) -> SimpleNamespace:
                     p,
                     throughput,
                     w_from,
+                    diffuse_share,
+                    way,
                     surfaces.offset_min,
                     light_samples,
                     seed,
@@ -469,10 +567,12 @@ def make_shading(features: Features) -> SimpleNamespace:
                 )
             else:
                 shots_out.slot[row] = p.slot
-                shots_out.place[row] = p.bounce * (light_samples + PARTS) + j
+                shots_out.place[row] = place_of(p, light_samples, j)
                 shots_out.radiance[row] = wp.vec3(0.0)
-        if wp.static(features.glossy or features.passing):
-            go_on(materials, s, p, throughput, w_from, surfaces.offset_min, max_depth, seed, i, paths_out)
+        if wp.static(features.goes_on):
+            go_on(
+                materials, s, p, throughput, w_from, diffuse_share, surfaces.offset_min, max_depth, seed, i, paths_out
+            )
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def shade_camera_hits(
@@ -509,6 +609,8 @@ def make_shading(features: Features) -> SimpleNamespace:
             camera_vertex(camera, rays, i),
             light_samples,
             max_depth,
+            MAP_WAY,
+            TRACE_ON,
             camera.seed,
             camera.eye,
             i,
@@ -531,6 +633,8 @@ def make_shading(features: Features) -> SimpleNamespace:
         paths: Paths,
         light_samples: wp.int32,
         max_depth: wp.int32,
+        way: wp.int32,
+        actions: wp.array[wp.int32],
         offset: wp.int32,
         seen_out: Seen,
         queries_out: Queries,
@@ -539,8 +643,17 @@ def make_shading(features: Features) -> SimpleNamespace:
         paths_out: Paths,
         stretches_out: Stretches,
     ) -> None:
-        """As shade_camera_hits, for all vertices of camera paths, in scenes where paths go on."""
+        """As shade_camera_hits, for all vertices of camera paths, where paths go on.
+
+        Args:
+            way: what the diffuse parts of surfaces do: MAP_WAY, PATH_WAY or GATHER_WAY.
+            actions: in GATHER_WAY, what the diffuse part of each vertex does.
+        """
         i = offset + wp.tid()
+        action = wp.int32(TRACE_ON)
+        if wp.static(features.traced):
+            if way == GATHER_WAY:
+                action = actions[i]
         shade(
             surfaces,
             materials,
@@ -550,6 +663,8 @@ def make_shading(features: Features) -> SimpleNamespace:
             path_vertex(camera, paths, i),
             light_samples,
             max_depth,
+            way,
+            action,
             camera.seed,
             camera.eye,
             i,
@@ -567,6 +682,7 @@ def make_shading(features: Features) -> SimpleNamespace:
         lights: Lights,
         p: Vertex,
         light_samples: wp.int32,
+        way: wp.int32,
         i: wp.int32,
         radiance_out: wp.array[wp.vec3],
         stretches_out: Stretches,
@@ -576,10 +692,13 @@ def make_shading(features: Features) -> SimpleNamespace:
         if wp.static(features.environment):
             unit = wp.normalize(p.direction)
             radiance = environment_radiance(lights, unit)
-            if wp.static(features.glossy):
+            if wp.static(features.glossy or features.traced):
                 if p.pdf > 0.0:
                     by_light = wp.float32(light_samples) * pdf_environment(lights, p.anchor, unit)
                     radiance = radiance * (p.pdf / (p.pdf + by_light))
+            if wp.static(features.traced):
+                if way == GATHER_WAY and p.diffuse > 0:
+                    radiance = wp.vec3(0.0)
             radiance = wp.cw_mul(p.throughput, radiance)
         if wp.static(features.media):
             length = lights.far_away
@@ -595,13 +714,14 @@ def make_shading(features: Features) -> SimpleNamespace:
         camera: CameraView,
         paths: Paths,
         light_samples: wp.int32,
+        way: wp.int32,
         offset: wp.int32,
         radiance_out: wp.array[wp.vec3],
         stretches_out: Stretches,
     ) -> None:
         """Rays of camera paths that meet no surface."""
         i = offset + wp.tid()
-        escaped(media, lights, path_vertex(camera, paths, i), light_samples, i, radiance_out, stretches_out)
+        escaped(media, lights, path_vertex(camera, paths, i), light_samples, way, i, radiance_out, stretches_out)
 
     return SimpleNamespace(
         shade_camera_hits=shade_camera_hits,

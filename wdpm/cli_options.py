@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from wdpm import cli_values as values
-from wdpm.kernels.settings import EFFECTS_TO_LEAVE_OUT, RenderSettings, Routing
+from wdpm.kernels.settings import EFFECTS_TO_LEAVE_OUT, Integrator, RenderSettings, Routing
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,9 @@ SETTING_OPTIONS = (
         default="from the scene",
     ),
     SettingOption("volume_samples", _MAPS, "samples a pixel, at most, that look for light in media"),
+    SettingOption(
+        "integrator", _QUALITY, "photons, or path: unbiased path tracing, to compare with", Integrator, "HOW"
+    ),
     SettingOption("light_samples", _QUALITY, "shadow rays a sample"),
     SettingOption(
         "max_depth",

@@ -31,7 +31,7 @@ from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photon_paths import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
-from wdpm.kernels.settings import RenderSettings
+from wdpm.kernels.settings import Integrator, RenderSettings
 from wdpm.kernels.variants import make_variants
 from wdpm.progress import Progress
 from wdpm.report import EnergyLedger, KernelReport, LightPhotons, PhotonCounts, Report, SlaveReport
@@ -124,7 +124,8 @@ def prepare(
     )
     seconds["partition"] = time.perf_counter() - began
     dropped = tuple(f"{count} triangles were left out: {cause}" for cause, count in flat.dropped.items())
-    if settings.photons and not plan.world.global_map.paths:
+    by_photons = settings.integrator is Integrator.PHOTONS and settings.photons > 0
+    if by_photons and not plan.world.global_map.paths:
         dropped += (f"none of {PILOT_PATHS:,} photon paths stored a photon: there is no indirect light",)
     left_out = _left_out(scene, flat, plan.world, features, settings)
     return Prepared(
