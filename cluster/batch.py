@@ -32,6 +32,10 @@ class Kind(Enum):
     """Camera paths that have left their first surface, with the best hit so far."""
     VERTEX = "vertex"
     """Camera paths whose hit is final, in the cell that contains the hit point."""
+    SCOUT = "scout"
+    """Camera rays that look for places of irradiance records, with the best hit so far."""
+    SITE = "site"
+    """Scouts whose hit is final, in the cell that contains the hit point."""
     SHADOW = "shadow"
     """Shadow segments: what arrives in their slot if nothing blocks them."""
     WALK = "walk"
@@ -56,11 +60,13 @@ class Kind(Enum):
     """What camera samples see, but for direct light: the fixed slots of a home."""
     LIT = "lit"
     """Parts of camera samples, by slot and place: direct light, and all that later vertices of a path add."""
+    SITES = "sites"
+    """Where scouts found that an irradiance record is wanted."""
     ENDED = "ended"
     """Nothing but credit: rays that ended."""
 
 
-TO_HOME = frozenset({Kind.PROBED, Kind.SAMPLES, Kind.LIT, Kind.ENDED})
+TO_HOME = frozenset({Kind.PROBED, Kind.SAMPLES, Kind.LIT, Kind.SITES, Kind.ENDED})
 
 Schema = dict[str, tuple[str, tuple[int, ...]]]
 """Name of an array -> its dtype, little-endian, and the shape of one item."""
@@ -83,7 +89,7 @@ _PATH: Schema = {
     **_RAY,
     "bounce": ("<i4", ()),  # vertices before, those that light goes straight through included
     "edges": ("<i4", ()),  # of the path so far, straight passages not counted
-    "diffuse": ("<i4", ()),  # edges that left a surface by its diffuse part
+    "diffuse": ("<i4", ()),  # scatterings from the first diffuse one on; negative if that was in a medium
     "medium": ("<i4", ()),  # that the ray is in, -1 for none
     "origin": ("<f4", (3,)),
     "direction": ("<f4", (3,)),
@@ -117,6 +123,7 @@ _PHOTON: Schema = {
 _STORED: Schema = {
     "id": ("<i8", ()),
     "edges": ("<i4", ()),  # of its path from the light
+    "front": ("<i4", ()),  # 1 where it landed on the front of the surface
     "map": ("<i4", ()),  # kernels.photon_paths
     "position": ("<f4", (3,)),
     "flux": ("<f4", (3,)),
@@ -153,9 +160,17 @@ SCHEMAS: dict[Kind, Schema] = {
         "cell": ("<i4", ()),
     },
     Kind.LIT: {"slot": ("<i4", ()), "place": ("<i4", ()), "radiance": ("<f4", (3,))},
+    Kind.SITES: {
+        "slot": ("<i4", ()),
+        "position": ("<f4", (3,)),
+        "normal": ("<f4", (3,)),  # unit, geometric, of the seen side
+        "shading_normal": ("<f4", (3,)),
+        "footprint": ("<f4", ()),  # width of a pixel there [scene units]
+    },
     Kind.ENDED: {},
 }
 SCHEMAS[Kind.LANDED] = SCHEMAS[Kind.PHOTON]
+SCHEMAS[Kind.SCOUT] = SCHEMAS[Kind.SITE] = SCHEMAS[Kind.CAMERA]
 SCHEMAS[Kind.VERTEX] = SCHEMAS[Kind.PATH]
 SCHEMAS[Kind.PANE] = SCHEMAS[Kind.WALK]
 

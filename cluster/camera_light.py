@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from wdpm.cluster import guards, parts
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
 from wdpm.cluster.beams import beam_light, next_beam_cells, start_beams
+from wdpm.cluster.final_gather import Actions, FinalGather
 from wdpm.cluster.gathering import Gathering
 from wdpm.cluster.misses import missed_light, no_hits, start_paths
 from wdpm.cluster.photon_store import PhotonStore
@@ -20,8 +21,9 @@ from wdpm.cluster.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import beam, columns
 from wdpm.kernels import camera_rays as cr
-from wdpm.kernels import shading as sh
+from wdpm.kernels import camera_vertices as sh
 from wdpm.kernels import shadow_rays as sr
+from wdpm.kernels.bsdf_types import DIFFUSE
 from wdpm.kernels.bvh import Bvh
 from wdpm.kernels.photon_paths import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
 from wdpm.kernels.surface import Surfaces
@@ -70,6 +72,7 @@ class CameraLight:
         self._replica = replica
         self.guards = guards.Guards(replica)
         self.gathering = Gathering(cell, store, replica, self.guards)
+        self.final_gather = FinalGather(surfaces, store, replica)
         self.counters = CameraCounters()
 
     def begin_view(self) -> None:
@@ -77,6 +80,7 @@ class CameraLight:
         self.counters = CameraCounters()
         self.guards.counts.clear()
         self.gathering.begin_view()
+        self.final_gather.begin_view()
 
     # Rays from the camera
 
@@ -103,6 +107,25 @@ class CameraLight:
             batch, Kind.PROBED, self._cell, batch.credit, {name: rays[name][found] for name in SCHEMAS[Kind.PROBED]}
         )
 
+    def visit_scouts(self, batch: Batch) -> Iterator[Batch]:
+        """As visit_camera, for rays that look for places of irradiance records. Each carries a credit of one."""
+        rays, onward = self._intersect(batch.arrays)
+        hit = rays["prim"] >= 0
+        for cell, rows in by_destination(onward, onward >= 0):
+            yield self._batch(batch, Kind.SCOUT, cell, len(rows), take(rays, rows))
+        for cell, rows in by_destination(rays["owner"], (onward < 0) & hit):
+            yield self._batch(batch, Kind.SITE, cell, len(rows), take(rays, rows))
+        missed = np.count_nonzero((onward < 0) & ~hit)
+        if missed:
+            yield self._batch(batch, Kind.ENDED, self._cell, int(missed), {})
+
+    def survey(self, batch: Batch) -> Iterator[Batch]:
+        """Tell the home where among the final hits of scouts a record is wanted."""
+        rays = columns.upload(cr.Rays, batch.arrays, self._replica.launcher.device)
+        paths = start_paths(self._replica, rays, len(batch))
+        sites = self.final_gather.sites(paths, batch.arrays["slot"])
+        yield self._batch(batch, Kind.SITES, self._cell, len(batch), sites)
+
     def _intersect(self, arrays: Arrays) -> tuple[Arrays, NDArray[np.int32]]:
         """Camera rays with their best hits refined by this cell, and the cell that each visits next or -1."""
         replica, count = self._replica, len(arrays["slot"])
@@ -114,16 +137,44 @@ class CameraLight:
 
     def shade_camera(self, batch: Batch) -> Iterator[Batch]:
         """Light final hits of camera rays in this cell."""
-        kernels = self._replica.kernels
-        rays = columns.upload(cr.Rays, batch.arrays, self._replica.launcher.device)
-        if kernels.shade_camera_hits is not None:
-            shaded = self._shade(kernels.shade_camera_hits, rays, len(batch))
-        else:
-            shaded = self._shade(kernels.shade_vertices, start_paths(self._replica, rays, len(batch)), len(batch))
+        kernels, device = self._replica.kernels, self._replica.launcher.device
+        rays = columns.upload(cr.Rays, batch.arrays, device)
+        if kernels.shade_vertices is None:
+            yield from self._shade_hits(batch, kernels.shade_camera_hits, rays, None)
+            return
+        paths = start_paths(self._replica, rays, len(batch))
+        actions = self._decide(paths, {**batch.arrays, "diffuse": np.zeros(len(batch), np.int32)})
+        ends = np.zeros(len(batch), np.bool_)
+        if actions is not None and kernels.shade_camera_hits is not None:
+            ends = actions.codes == int(sh.CACHED)
+        if not ends.any():
+            yield from self._shade_hits(batch, kernels.shade_vertices, paths, actions)
+            return
+        unit = parts.credit_of_camera_ray(self._view.light_samples)
+        for kernel, struct, items, chosen in (
+            (kernels.shade_camera_hits, cr.Rays, rays, ends),
+            (kernels.shade_vertices, cr.Paths, paths, ~ends),
+        ):
+            rows = np.flatnonzero(chosen)
+            if len(rows):
+                some = self._batch(batch, Kind.SHADE, self._cell, len(rows) * unit, take(batch.arrays, rows))
+                few = items if len(rows) == len(batch) else columns.chosen(struct, items, rows, device)
+                yield from self._shade_hits(some, kernel, few, None if actions is None else actions.take(rows))
+
+    def _shade_hits(
+        self, batch: Batch, kernel: wp.Kernel | None, items: Any, actions: Actions | None
+    ) -> Iterator[Batch]:
+        """Light some final hits of camera rays.
+
+        Args:
+            kernel: kernels.variants shade_camera_hits or shade_vertices.
+            items: the hits, as that kernel takes them.
+        """
+        shaded = self._shade(kernel, items, len(batch), actions)
         follows = list(self._send_on(batch, shaded))
         samples = {
             "slot": batch.arrays["slot"],
-            "indirect": self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, batch.arrays),
+            "indirect": self._indirect(shaded, batch.arrays, actions),
             "cell": np.full(len(batch), self._cell, np.int32),
             **columns.download(shaded.seen, ("emission", "depth", "normal", "albedo")),
         }
@@ -165,16 +216,37 @@ class CameraLight:
         arrays = batch.arrays
         self.counters.vertices += len(batch)
         rays = columns.upload(cr.Paths, arrays, self._replica.launcher.device)
-        shaded = self._shade(self._replica.kernels.shade_vertices, rays, len(batch))
+        actions = self._decide(rays, arrays)
+        shaded = self._shade(self._replica.kernels.shade_vertices, rays, len(batch), actions)
         follows = list(self._send_on(batch, shaded))
+        # Where the map is read, it holds caustics too.
+        among = None if actions is None else actions.codes != int(sh.READ_MAP)
+        reaches = () if actions is None else actions.reaches(arrays, self._view.light_samples)
         seen = {
             parts.EMISSION: shaded.seen.emission.numpy(),
-            parts.INDIRECT: self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays),
-            parts.CAUSTIC: self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats, arrays),
+            parts.INDIRECT: self._indirect(shaded, arrays, actions),
+            parts.CAUSTIC: self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats, arrays, among),
         }
-        lit = concatenate([self._part(arrays, part, radiance) for part, radiance in seen.items()], Kind.LIT)
+        lit = concatenate([*(self._part(arrays, part, light) for part, light in seen.items()), *reaches], Kind.LIT)
         yield self._batch(batch, Kind.LIT, self._cell, rest_of(batch.credit, follows), lit)
         yield from follows
+
+    def _decide(self, paths: Any, arrays: Arrays) -> Actions | None:
+        """What the diffuse part of each vertex does, in views that leave a choice."""
+        return self.final_gather.decide(paths, arrays) if self._view.way == int(sh.GATHER_WAY) else None
+
+    def _indirect(self, shaded: Shaded, arrays: Arrays, actions: Actions | None) -> NDArray[np.float32]:
+        """Indirect light that is told at the vertices themselves, by photons or by what was computed from them."""
+        if actions is None:
+            return self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays)
+        coated = self._replica.world.features.coated
+        kinds = shaded.coats.bsdf.numpy()["kind"] if coated else None
+        radiance = actions.lambertian(shaded.queries.weight.numpy(), kinds)
+        if kinds is not None:
+            # What such a surface reflects depends on where the light comes from: it asks the photons themselves.
+            others = (actions.codes == int(sh.READ_MAP)) & (kinds != int(DIFFUSE))
+            radiance += self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays, others)
+        return radiance
 
     def _part(self, arrays: Arrays, part: int, radiance: NDArray[np.float32]) -> Arrays:
         """One part of each vertex, where it is not black."""
@@ -183,7 +255,7 @@ class CameraLight:
         place = parts.place_of(arrays["bounce"][rows], arrays["diffuse"][rows], part, self._view.light_samples)
         return {"slot": arrays["slot"][rows], "place": place, "radiance": radiance[rows]}
 
-    def _shade(self, kernel: wp.Kernel | None, rays: Any, count: int, actions: Any = None) -> Shaded:
+    def _shade(self, kernel: wp.Kernel | None, rays: Any, count: int, actions: Actions | None = None) -> Shaded:
         """Run a kernel that shades vertices.
 
         Args:
@@ -198,13 +270,14 @@ class CameraLight:
             columns.empty(sh.Queries, count, device),
             columns.empty(sh.Coats, count if features.coated else 0, device),
             columns.empty(sh.Shots, count * view.light_samples, device),
-            columns.empty(cr.Paths, count if features.goes_on else 0, device),
+            columns.empty(cr.Paths, 0 if kernel is replica.kernels.shade_camera_hits else count, device),
             columns.empty(sh.Stretches, count if features.media else 0, device),
         )
         scene = [self._surfaces, replica.materials, replica.textures, replica.media, replica.lights, replica.camera]
         scalars: list[Any] = [view.light_samples, view.max_depth or 0]
         if kernel is not replica.kernels.shade_camera_hits:
-            scalars += [view.way, self._integers(0) if actions is None else actions]
+            codes = np.zeros(0, np.int32) if actions is None else actions.codes
+            scalars += [view.way, wp.array(codes, dtype=wp.int32, device=device)]
         outputs = [shaded.seen, shaded.queries, shaded.coats, shaded.shots, shaded.paths, shaded.stretches]
         replica.launcher(kernel, count, [*scene, rays, *scalars], outputs)
         if replica.observer is not None:
@@ -215,7 +288,7 @@ class CameraLight:
         """Everything that vertices start: shadow rays, paths that go on, stretches of medium."""
         features = self._replica.world.features
         yield from self._start_shadows(cause, shaded.shots)
-        if features.goes_on:
+        if len(shaded.paths.slot):
             yield from self._start_paths(cause, shaded.paths)
         if features.media:
             yield from start_beams(self._replica, cause, shaded.stretches)
@@ -226,8 +299,10 @@ class CameraLight:
         paths["throughput"] = self.guards.blacken(paths["throughput"], guards.THROUGHPUT, cause.arrays)
         # The kernel ends them all there; hardly any has not been ended by Russian roulette long before.
         self.guards.act(guards.PATHS_CUT, np.flatnonzero(paths["bounce"] >= parts.LAST_BOUNCE), cause.arrays)
-        if not paths["throughput"].any():
+        carrying = np.flatnonzero(paths["throughput"].any(axis=1))
+        if not len(carrying):
             return
+        paths = take(paths, carrying)
         first = self._integers(len(paths["slot"]))
         rays = columns.upload(cr.Paths, paths, replica.launcher.device)
         replica.launcher(cr.first_path_cells, len(paths["slot"]), [replica.cells, rays], [first])

@@ -14,17 +14,19 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, take
 from wdpm.cluster.camera_light import CameraCounters, CameraLight
+from wdpm.cluster.final_gather import FinalGatherCounters
 from wdpm.cluster.gathering import GatherCounters
 from wdpm.cluster.guards import PHOTONS_CUT, added
 from wdpm.cluster.photon_store import DEPOSITS_A_PATH, PhotonStore
 from wdpm.cluster.replica import Replica
 from wdpm.kernels import bvh, columns, surface
 from wdpm.kernels import photon_paths as pp
+from wdpm.kernels.camera_vertices import PATH_WAY
 from wdpm.kernels.triangle import NO_HIT
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.geometry import Triangles
 
-_NEEDS_SURFACE = (Kind.SHADE, Kind.VERTEX, Kind.PANE)
+_NEEDS_SURFACE = (Kind.SHADE, Kind.SITE, Kind.VERTEX, Kind.PANE)
 
 
 class Cell:
@@ -54,6 +56,8 @@ class Cell:
             Kind.CAMERA: self._light.visit_camera,
             Kind.PROBE: self._light.probe,
             Kind.SHADE: self._light.shade_camera,
+            Kind.SCOUT: self._light.visit_scouts,
+            Kind.SITE: self._light.survey,
             Kind.PATH: self._light.visit_paths,
             Kind.VERTEX: self._light.shade_vertices,
             Kind.SHADOW: self._light.visit_shadows,
@@ -77,8 +81,12 @@ class Cell:
     def _check(self, batch: Batch) -> None:
         """Raise ProtocolError if a batch asks for what this cell or this scene does not have."""
         needs = batch.kind in _NEEDS_SURFACE
-        if batch.kind is Kind.LANDED:  # in a medium, some land on no surface
-            needs = bool((batch.arrays["prim"] >= 0).any())
+        if batch.kind in (Kind.LANDED, Kind.VERTEX):  # in a medium, some land on no surface
+            landed = batch.arrays["prim"] >= 0
+            needs = bool(landed.any())
+            view = self.replica.view
+            if batch.kind is Kind.VERTEX and not landed.all() and (view is None or view.way != int(PATH_WAY)):
+                raise ProtocolError(f"a vertex batch came for cell {self.number} with paths that have hit nothing")
         if needs and not self.triangle_count:
             raise ProtocolError(f"a {batch.kind.value} batch came for cell {self.number}, which holds no triangle")
 
@@ -91,6 +99,11 @@ class Cell:
     def gathers(self) -> GatherCounters:
         """What gathers did here."""
         return self._light.gathering.counters
+
+    @property
+    def final_gather(self) -> FinalGatherCounters:
+        """What final gathering did here."""
+        return self._light.final_gather.counters
 
     @property
     def guards(self) -> dict[str, int]:
@@ -145,7 +158,14 @@ class Cell:
         destination = wp.empty(count, dtype=wp.int32, device=device)
         energy = wp.empty((count, 3), dtype=wp.float64, device=device)
         scene = [self._bvh, self._surfaces, replica.materials, replica.textures, replica.media, replica.cells, flight]
-        scalars = [int(landed), self.number, world.global_map.paths, wp.uint32(world.seed), world.max_depth or 0]
+        scalars = [
+            int(landed),
+            self.number,
+            world.global_map.paths,
+            int(world.irradiance.share > 0),
+            wp.uint32(world.seed),
+            world.max_depth or 0,
+        ]
         outputs = [deposits, status, destination, energy]
         launcher.run(
             replica.kernels.trace_photons,

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from wdpm.cluster import protocol
 from wdpm.cluster.batch import Batch, Kind
-from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask
-from wdpm.cluster.world import Emission, MapPlan, TopTree, View, World
+from wdpm.cluster.records import CachePlan, Records
+from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, RecordTask
+from wdpm.cluster.world import Emission, IrradiancePlan, MapPlan, PhotonPlan, TopTree, View, World
 from wdpm.kernels.limits import CHAIN_LIMIT, MAPS
 from wdpm.kernels.settings import MAX_K
 from wdpm.scenes.errors import ProtocolError
@@ -73,6 +74,15 @@ SHAPES: dict[type, dict[str, Shape]] = {
     Checkerboard: {"to_uv": (3, 3)},
     Bitmap: {"pixels": ("height", "width", 3), "to_uv": (3, 3)},
     Camera: {"to_world": (4, 4)},
+    Records: {
+        "number": ("records",),
+        "position": ("records", 3),
+        "normal": ("records", 3),
+        "irradiance": ("records", 3),
+        "rotation": ("records", 3, 3),
+        "translation": ("records", 3, 3),
+        "radius": ("records",),
+    },
     Triangles: {
         "ids": ("triangles",),
         "positions": ("triangles", 3, 3),
@@ -87,6 +97,9 @@ SHAPES: dict[type, dict[str, Shape]] = {
 
 LAST_KIND = NORMAL_MAP
 """Of the nodes of a MaterialTable."""
+
+LARGEST_HEMISPHERE = 1 << 16
+"""Gather rays of an irradiance record."""
 
 LARGEST_SIDE = 1 << 20
 """Pixels of an image's or a bucket's side."""
@@ -118,8 +131,8 @@ def check_batch(batch: Batch, world: World) -> None:
     Slots are for the home to check, which knows how many it has.
     """
     media = len(world.media.g)
-    # Final hits are looked up among the cell's triangles; only in a medium do photons land on none.
-    final = batch.kind in (Kind.SHADE, Kind.VERTEX, Kind.PANE) or (batch.kind is Kind.LANDED and not media)
+    # Final hits are looked up among the cell's triangles; only in a medium do photons and paths land on none.
+    final = batch.kind in (Kind.SHADE, Kind.SITE, Kind.PANE) or (batch.kind in (Kind.LANDED, Kind.VERTEX) and not media)
     cells, lights, any_number = world.top_tree.cells, len(world.lights.names), 2**63 - 1
     ranges = {
         "prim": (0 if final else -1, any_number),
@@ -131,9 +144,10 @@ def check_batch(batch: Batch, world: World) -> None:
         "path": (0, any_number),
         "bounce": (0, CHAIN_LIMIT + 1 if batch.kind in (Kind.PATH, Kind.VERTEX) else any_number),
         "edges": (0, any_number),
-        "diffuse": (0, any_number),
+        "diffuse": (-(2**31), any_number),
         "place": (0, any_number),
         "map": (0, MAPS),
+        "front": (0, 2),
         "medium": (-1, media),
         "id": (0, any_number),
     }
@@ -211,17 +225,30 @@ def _world(world: World, where: str) -> None:
     _require(0 <= world.seed < 2**32, where, f"seed {world.seed}")
     _require(world.max_depth is None or world.max_depth >= 1, where, f"max_depth {world.max_depth}")
     _require(math.isfinite(world.extent) and _positive(world.volume_unit), where, f"extent {world.extent}")
+    _require(_positive(world.unit), where, f"unit {world.unit}")
 
 
 def _map_plan(plan: MapPlan, where: str) -> None:
     lengths = _positive(plan.radius) and math.isfinite(plan.band) and plan.band >= 0
-    _require(plan.paths >= 0 and lengths, where, f"{plan} is no plan of a map")
+    _require(min(plan.paths, plan.point_set) >= 0 and lengths, where, f"{plan} is no plan of a map")
+
+
+def _irradiance_plan(plan: IrradiancePlan, where: str) -> None:
+    right = plan.share >= 0 and 1 <= plan.k <= MAX_K and math.isfinite(plan.reach) and plan.reach >= 0
+    _require(right, where, f"{plan} is no plan of irradiance")
+
+
+def _photon_plan(plan: PhotonPlan, where: str) -> None:
+    _require(0 <= plan.seed < 2**32, where, f"seed {plan.seed}")
+    _require(_positive(plan.volume_unit), where, f"volume_unit {plan.volume_unit}")
 
 
 def _view(view: View, where: str) -> None:
     counts = (view.spp, view.light_samples, view.k, view.bucket, view.volume_samples)
     _require(min(counts) >= 1 and max(counts) < 2**31, where, f"spp, light_samples, k, bucket are {counts}")
     _require(min(view.k, view.caustic_k) >= 1 and max(view.k, view.caustic_k) <= MAX_K, where, f"k is {view.k}")
+    last = view.first_sample + view.spp
+    _require(view.first_sample >= 0 and last < 2**31, where, f"samples {view.first_sample} to {last - 1}")
     _require(0 <= view.seed < 2**32, where, f"seed {view.seed}")
     _require(view.max_depth is None or view.max_depth >= 1, where, f"max_depth {view.max_depth}")
 
@@ -253,6 +280,21 @@ def _bucket_rendered(result: BucketRendered, where: str) -> None:
     _require(len(result.layers) > 0, where, "a bucket without layers")
 
 
+def _records(records: Records, where: str) -> None:
+    finite = all(bool(np.isfinite(column).all()) for column in vars(records).values())
+    _require(finite and bool((records.radius > 0).all()), where, "records that are not finite, or reach nowhere")
+
+
+def _record_task(task: RecordTask, where: str) -> None:
+    _require(task.round >= 0 and 0 <= task.start < task.stop, where, f"{task} is no range of candidates")
+
+
+def _cache_plan(plan: CachePlan, where: str) -> None:
+    whole = 0 <= plan.rounds <= 32 and 1 <= plan.spacing <= LARGEST_SIDE and plan.rows >= 1 and plan.columns >= 1
+    lengths = _positive(plan.error) and _positive(plan.least) and _positive(plan.most) and math.isfinite(plan.wanted)
+    _require(whole and lengths and plan.rays <= LARGEST_HEMISPHERE, where, f"{plan} is no plan of a cache")
+
+
 def _batch(batch: Batch, where: str) -> None:
     _require(batch.credit >= 0, where, f"credit {batch.credit}")
     batch.check()
@@ -278,9 +320,14 @@ _RANGES: dict[type, Callable[[Any, str], None]] = {
     MaterialTable: _materials,
     MapPlan: _map_plan,
     World: _world,
+    IrradiancePlan: _irradiance_plan,
+    PhotonPlan: _photon_plan,
     View: _view,
     Camera: _camera,
     Bitmap: _bitmap,
+    Records: _records,
+    RecordTask: _record_task,
+    CachePlan: _cache_plan,
     BucketTask: _bucket_task,
     PhotonTask: _photon_task,
     PhotonsTraced: _photons_traced,

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from wdpm.cluster.batch import Batch
+from wdpm.cluster.records import NO_RECORDS, Records
 from wdpm.cluster.task import Task, TaskResult
-from wdpm.cluster.world import View, World
+from wdpm.cluster.world import PhotonPlan, View, World
 from wdpm.scenes.geometry import Triangles
 
 
@@ -45,7 +46,9 @@ class Worker(Protocol):
 
     def statistics(self) -> dict[str, Any]: ...
 
-    def forget_photons(self) -> None: ...
+    def take_records(self, records: Records) -> None: ...
+
+    def plan_photons(self, plan: PhotonPlan) -> None: ...
 
 
 WorkerFactory = Callable[[int, World, Mapping[int, Triangles], Sequence[int]], Worker]
@@ -88,8 +91,17 @@ class BuildMaps:
 
 
 @dataclass(frozen=True)
+class TakeRecords:
+    """Have these irradiance records, in place of those before."""
+
+    records: Records
+
+
+@dataclass(frozen=True)
 class Forget:
-    pass
+    """Let go of all photons; those to come are traced by this plan."""
+
+    plan: PhotonPlan
 
 
 @dataclass(frozen=True)
@@ -97,7 +109,7 @@ class ReadStatistics:
     pass
 
 
-Job = Build | SetView | StartTask | HandleBatch | MakeGhosts | BuildMaps | Forget | ReadStatistics
+Job = Build | SetView | StartTask | HandleBatch | MakeGhosts | BuildMaps | TakeRecords | Forget | ReadStatistics
 
 
 @dataclass(frozen=True)
@@ -154,8 +166,12 @@ class Compute:
                 return Outcome(job, worker.exchange(), ghosts_expected=worker.ghosts_expected())
             case BuildMaps():
                 worker.build_maps()
-            case Forget():
-                worker.forget_photons()
+            case TakeRecords(records):
+                worker.take_records(records)
+                # The job is not kept: the worker keeps those that reach its cells.
+                return Outcome(TakeRecords(NO_RECORDS))
+            case Forget(plan):
+                worker.plan_photons(plan)
             case ReadStatistics():
                 return Outcome(job, statistics=worker.statistics())
         return Outcome(job)

@@ -47,7 +47,7 @@ def features_of(flat: FlatScene, settings: RenderSettings) -> Features:
         environment=lights.environment_pixels.size > 0,
         textured_lights=len(glow) > 0,
         media=calls_for_media(flat),
-        traced=settings.integrator is Integrator.PATH,
+        traced=settings.integrator is Integrator.PATH or settings.gathers,
     )
 
 
@@ -60,7 +60,8 @@ def calls_for_media(flat: FlatScene) -> bool:
 
 def calls_for_caustics(flat: FlatScene, features: Features, settings: RenderSettings) -> bool:
     """Whether light may reach a diffuse surface by way of glossy ones alone."""
-    if settings.integrator is Integrator.PATH or not settings.caustic_photons or "caustics" in settings.without or not features.glossy:
+    wanted = settings.integrator is Integrator.PHOTONS and settings.caustic_photons > 0
+    if not wanted or "caustics" in settings.without or not features.glossy:
         return False
     found = [fact for _, fact in used_materials(flat)]
     return any(fact.glossy for fact in found) and any(fact.diffuse for fact in found)

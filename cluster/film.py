@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.task import BucketRendered, BucketTask
-from wdpm.cluster.world import World
+from wdpm.cluster.world import View, World
+from wdpm.kernels.camera_vertices import PATH_WAY
 from wdpm.scenes.errors import ProtocolError
 
 LAYERS: Mapping[str, int] = {
@@ -25,9 +26,10 @@ LAYERS: Mapping[str, int] = {
 """Layers of a rendered image -> channels; a layer of one channel has no third axis."""
 
 
-def layers_of(world: World) -> dict[str, int]:
-    """The layers that images of a world have: those of maps that it does not call for are left out."""
-    absent = {"caustic": world.caustic_map.paths == 0, "volume": world.volume_map.paths == 0}
+def layers_of(world: World, view: View) -> dict[str, int]:
+    """The layers that images of a world have: those of light that nothing brings are left out."""
+    traced = view.way == int(PATH_WAY) and len(world.media.g) > 0
+    absent = {"caustic": world.caustic_map.paths == 0, "volume": world.volume_map.paths == 0 and not traced}
     return {name: channels for name, channels in LAYERS.items() if not absent.get(name, False)}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,21 +12,15 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays, take
 from wdpm.cluster.guards import COINCIDENT, Guards
-from wdpm.cluster.photon_store import BuiltMap, PhotonStore
+from wdpm.cluster.photon_store import GATHER_GRAIN, GATHER_RUN, BuiltMap, PhotonStore
 from wdpm.cluster.replica import Replica
 from wdpm.cluster.world import MapPlan
 from wdpm.kernels import cells, columns
+from wdpm.kernels.camera_vertices import Coats, Queries
 from wdpm.kernels.constants import MIN_GATHER_RADIUS
 from wdpm.kernels.gather import gather_kernel
 from wdpm.kernels.photon_paths import CAUSTIC_MAP
-from wdpm.kernels.shading import Coats, Queries
 from wdpm.kernels.surface_points import reflect_gathered
-
-GATHER_RUN = 32
-"""Gathers that one Warp thread makes one after another: enough to profit from its last radius, and to share out."""
-
-GATHER_GRAIN = 32
-"""Runs of gathers that are worth a launch of their own."""
 
 COINCIDENT_WITHIN = 2.0**-20
 """Share of the largest radius: where more than k photons lie as near as this to a gather that found no radius, they lie
@@ -34,11 +29,12 @@ in one place, and its radius is not that of a photon which happens to be just so
 
 @dataclass
 class GatherCounters:
-    """What gathers did, for the report."""
+    """What gathers did, for the report; `seconds` is wall-clock time."""
 
     gathers: int = 0
     truncated: int = 0
     left_band: int = 0
+    seconds: float = 0.0
 
 
 class Gathering:
@@ -60,20 +56,24 @@ class Gathering:
         """Count anew."""
         self.counters = GatherCounters()
 
-    def reflected(self, number: int, queries: Any, coats: Any, rays: Arrays) -> NDArray[np.float32]:
+    def reflected(
+        self, number: int, queries: Any, coats: Any, rays: Arrays, among: NDArray[np.bool_] | None = None
+    ) -> NDArray[np.float32]:
         """Radiance reflected of the photons of a map about each query, float32, shape [queries, 3].
 
         Args:
             number: of the map.
             queries, coats: kernels.shading.Queries and Coats.
             rays: what came to the places of the queries.
+            among: which of the queries ask; None for all that want photons.
         """
         replica, count = self._replica, len(queries.weight)
         radiance = np.zeros((count, 3), np.float32)
         if self._store.maps[number] is None or replica.view is None:
             return radiance
-        wanted = np.flatnonzero(queries.weight.numpy().max(axis=1) > 0)
-        if len(wanted) == count or replica.observer is not None:
+        wants = queries.weight.numpy().max(axis=1) > 0
+        wanted = np.flatnonzero(wants if among is None else wants & among)
+        if len(wanted) == count or (replica.observer is not None and among is None):
             return self._reflected(number, queries, coats, rays)
         if len(wanted):  # glass and mirrors gather nothing
             device = replica.launcher.device
@@ -95,7 +95,9 @@ class Gathering:
         radius = wp.empty(count, dtype=wp.float32, device=device)
         truncated = wp.empty(count, dtype=wp.bool, device=device)
         k = replica.view.caustic_k if number == CAUSTIC_MAP else replica.view.k
+        began = time.perf_counter()
         self._gather(built, plan, queries, coats, k, [GATHER_RUN, irradiance, used, radius, truncated])
+        self.counters.seconds += time.perf_counter() - began
         places = [self._store.points[number], queries.position, queries.front_normal, queries.clearance]
         found = [queries.weight, irradiance, radius, plan.point_area, plan.radius, 1.0 / plan.paths]
         replica.launcher(reflect_gathered, count, [*places, *found], [radiance])

@@ -106,7 +106,8 @@ class BucketHome:
         self._replica = replica
         self._view = view
         self._guards = guards
-        self._samples = range(view.spp) if samples is None else samples
+        every = range(view.first_sample, view.first_sample + view.spp)
+        self._samples = every if samples is None else samples
         width, height = task.x1 - task.x0, task.y1 - task.y0
         self._shape = (height, width)
         x = np.arange(task.x0, task.x1, dtype=np.int32)
@@ -297,7 +298,7 @@ class BucketHome:
             "indirect": sums["indirect"] * share,
             "caustic": sums["caustic"] * share,
             "volume": sums["volume"] * share,
-            "depth": sums["depth"] / hits,
+            "depth": sums["depth"] / hits * self._replica.world.unit,
             "normal": sums["normal"] * share,
             "albedo": sums["albedo"] * share,
             "cell": self._cell,
@@ -305,7 +306,7 @@ class BucketHome:
         layers = {
             name: np.ascontiguousarray(layer.reshape(*self._shape, *layer.shape[1:]), np.float32)
             for name, layer in flat.items()
-            if name in layers_of(self._replica.world)
+            if name in layers_of(self._replica.world, self._view)
         }
         return BucketRendered(self.task.number, self.task.x0, self.task.y0, layers)
 

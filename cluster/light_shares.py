@@ -1,9 +1,10 @@
 """How photons are shared out among lights.
 
 In proportion to power, all photons of a map carry much the same flux. But power is not use: a lamp in the next room
-stores nothing here, and a weak one behind a lens may make the only caustic. So the pilot shoots part of its paths in
-equal shares for each light, and measures what each brings into each map; the final shares are mostly in proportion to
-that, with a rest that keeps every light that shines in the game (and the estimate unbiased).
+stores nothing here, a weak one behind a lens may make the only caustic, and one in a closed room all the light there.
+So the pilot shoots part of its paths in equal shares for each light, and measures what each brings into each map; the
+final shares are mostly in proportion to that, with a rest that keeps every light that shines in the game (and the
+estimate unbiased).
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ MEASURED = 0.9
 """Part of the photons that is shared out by measured use."""
 
 EVEN = 0.5
-"""Part of the pilot's caustic paths that is shared out evenly among the lights."""
+"""Part of the pilot's paths that is shared out evenly among the lights."""
 
 
 def pilot_emission(flat: FlatScene, *, aimed: bool) -> Emission:
-    """The pilot's shares: by power in the global pass, half evenly in the caustic one."""
+    """The pilot's shares: half evenly, half by power."""
     lights = flat.lights
     power = _normalised(lights.power)
     even = _by_light(lights, (np.bincount(lights.light, lights.power, len(lights.names)) > 0).astype(np.float64))
@@ -34,7 +35,8 @@ def pilot_emission(flat: FlatScene, *, aimed: bool) -> Emission:
     if aimed:
         shiny = np.array([fact.glossy for fact in facts(flat.materials, flat.textures)], np.bool_)
         center, radius = cluster_targets(flat.triangles.positions[shiny[flat.triangles.material]])
-    return Emission(power, _normalised(EVEN * even + (1.0 - EVEN) * power), center, radius)
+    share = _normalised(EVEN * even + (1.0 - EVEN) * power)
+    return Emission(share, share, center, radius)
 
 
 def shared_out(world: World, flux: NDArray[np.float64]) -> Emission:

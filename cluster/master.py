@@ -6,6 +6,9 @@ to a peer that is not as far: a batch of a bucket cannot reach a slave that has 
     joining -> idle -> setup -> photons -> exchange -> view -> buckets -> statistics -> idle
                   \\-> (forget -> photons) or view, if the cluster has the world already
 
+Views with an irradiance cache pass through (records -> sharing) once a round, between view and buckets: the records of
+a round are made without knowledge of each other, and all slaves have them before the next begins.
+
 In this version a slave that is lost ends the cluster.
 """
 
@@ -41,8 +44,20 @@ from wdpm.cluster.master_events import (
     Tick,
     Unreadable,
 )
+from wdpm.cluster.record_clamp import clamped
+from wdpm.cluster.records import NO_RECORDS, candidates, check_records, equal, joined
 from wdpm.cluster.session import Session, SessionResult
-from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, Task, TaskResult
+from wdpm.cluster.task import (
+    BucketRendered,
+    BucketTask,
+    PhotonsTraced,
+    PhotonTask,
+    RecordsMade,
+    RecordTask,
+    Task,
+    TaskResult,
+)
+from wdpm.cluster.world import PhotonPlan
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.geometry import Triangles
 
@@ -57,6 +72,8 @@ class Phase(Enum):
     PHOTONS = "photons"
     EXCHANGE = "exchange"
     VIEW = "view"
+    RECORDS = "records"
+    SHARING = "sharing"
     BUCKETS = "buckets"
     STATISTICS = "statistics"
     ENDED = "ended"
@@ -102,6 +119,7 @@ class Master:
         self._session: Session | None = None
         self._epoch = 0
         self._digest: str | None = None
+        self._plan: PhotonPlan | None = None
         self._cells: deque[int] = deque()
         self._cells_in_flight: set[int] = set()
         self._tasks: deque[Task] = deque()
@@ -109,6 +127,9 @@ class Master:
         self._done: dict[int, Task] = {}
         self._photons: dict[int, PhotonsTraced] = {}
         self._film: Film | None = None
+        self._round = 0
+        self._made: list[RecordsMade] = []
+        self._records = NO_RECORDS
 
     @property
     def phase(self) -> Phase:
@@ -274,6 +295,7 @@ class Master:
         | protocol.TaskDone
         | protocol.MapsBuilt
         | protocol.ViewSet
+        | protocol.RecordsTaken
         | protocol.PhotonsForgotten
         | protocol.Statistics,
         now: float,
@@ -295,7 +317,9 @@ class Master:
                 out = [Advanced(1)]
                 return out + (self._start_view(session, now) if self._all(Phase.EXCHANGE, member, message) else [])
             case protocol.ViewSet():
-                return self._start_buckets(session) if self._all(Phase.VIEW, member, message) else []
+                return self._start_records(session, now) if self._all(Phase.VIEW, member, message) else []
+            case protocol.RecordsTaken():
+                return self._next_round(session, now) if self._all(Phase.SHARING, member, message) else []
             case protocol.Statistics(_, values):
                 member.statistics = values
                 return self._finish() if self._all(Phase.STATISTICS, member, message) else []
@@ -330,9 +354,10 @@ class Master:
         self._phase_at = now
         if session.digest != self._digest:
             return self._start_setup(session)
-        if session.retrace:
+        plan = session.world.photon_plan
+        if session.retrace or plan != self._plan:
             self._wait_for_all(Phase.FORGET)
-            return self._to_all(protocol.ForgetPhotons(self._epoch))
+            return self._to_all(protocol.ForgetPhotons(self._epoch, plan))
         return self._start_view(session, now)
 
     def _start_setup(self, session: Session) -> list[Instruction]:
@@ -402,9 +427,52 @@ class Master:
     def _start_view(self, session: Session, now: float) -> list[Instruction]:
         if self._phase is Phase.EXCHANGE:
             self._end_phase("map", now)
-            self._digest = session.digest
+            self._digest, self._plan = session.digest, session.world.photon_plan
         self._wait_for_all(Phase.VIEW)
         return self._to_all(protocol.Look(self._epoch, session.view))
+
+    def _start_records(self, session: Session, now: float) -> list[Instruction]:
+        """The first round of irradiance records, or those that are there already."""
+        self._phase_at = now
+        self._round, self._made, self._records = 0, [], session.records
+        if len(self._records):
+            self._round = session.view.cache.rounds
+            return self._share_records()
+        if not session.view.cache.rounds:
+            return self._start_buckets(session)
+        camera, cache = session.view.camera, session.view.cache
+        total = sum(len(candidates(camera.width, camera.height, cache, n)) for n in range(cache.rounds))
+        return [Started("records", total), *self._start_round(session)]
+
+    def _start_round(self, session: Session) -> list[Instruction]:
+        self._phase = Phase.RECORDS
+        camera, size = session.view.camera, self._settings.record_task_candidates
+        count = len(candidates(camera.width, camera.height, session.view.cache, self._round))
+        starts = range(0, count, size)
+        self._done = {}
+        self._tasks = deque(
+            RecordTask(self._next_number + index, self._round, start, min(start + size, count))
+            for index, start in enumerate(starts)
+        )
+        self._next_number += len(starts)
+        return self._hand_out() if self._tasks else self._end_round()
+
+    def _end_round(self) -> list[Instruction]:
+        self._round += 1
+        self._records = joined([made.records for made in self._made])
+        return self._share_records()
+
+    def _share_records(self) -> list[Instruction]:
+        """Send all records to all slaves: a few megabytes at most, and each keeps those that reach its cells."""
+        self._wait_for_all(Phase.SHARING)
+        shared = replace(self._records, radius=clamped(self._records.position, self._records.radius))
+        return self._to_all(protocol.ShareRecords(self._epoch, shared))
+
+    def _next_round(self, session: Session, now: float) -> list[Instruction]:
+        if self._round < session.view.cache.rounds:
+            return self._start_round(session)
+        self._end_phase("records", now)
+        return self._start_buckets(session)
 
     def _start_buckets(self, session: Session) -> list[Instruction]:
         view = session.view
@@ -431,17 +499,20 @@ class Master:
             tuple(self._photons[number] for number in sorted(self._photons)),
             self._seconds,
             self.dropped,
+            self._records,
+            sum(made.rays for made in self._made),
         )
         self._phase = Phase.IDLE
         self._session = self._film = None
+        self._made, self._records = [], NO_RECORDS
         return [Finished(result)]
 
     # Tasks.
 
     def _hand_out(self) -> list[Instruction]:
         """Hand out tasks, one each in turn, as far as the slaves' limits allow."""
-        photons = self._phase is Phase.PHOTONS
-        limit = self._settings.photon_tasks_in_flight if photons else self._settings.buckets_in_flight
+        buckets = self._phase is Phase.BUCKETS
+        limit = self._settings.buckets_in_flight if buckets else self._settings.photon_tasks_in_flight
         out: list[Instruction] = []
         for depth in range(limit):
             for member in self._ordered():
@@ -464,6 +535,10 @@ class Master:
         elif isinstance(task, BucketTask) and isinstance(result, BucketRendered) and self._film is not None:
             self._film.put(task, result)
             amount = 1
+        elif isinstance(task, RecordTask) and isinstance(result, RecordsMade):
+            check_records(result.records, task.round, task.start, task.stop)
+            self._made.append(result)
+            amount = task.stop - task.start
         else:
             raise ProtocolError(f"{type(result).__name__} came for {task}")
         del member.in_flight[task.number]
@@ -471,7 +546,12 @@ class Master:
         out: list[Instruction] = [Advanced(amount), *self._hand_out()]
         if self._tasks or any(other.in_flight for other in self._members.values()):
             return out
-        return out + (self._start_exchange(now) if self._phase is Phase.PHOTONS else self._start_statistics(now))
+        return out + self._all_tasks_done(now)
+
+    def _all_tasks_done(self, now: float) -> list[Instruction]:
+        if self._phase is Phase.PHOTONS:
+            return self._start_exchange(now)
+        return self._end_round() if self._phase is Phase.RECORDS else self._start_statistics(now)
 
     def _repeated(self, result: TaskResult) -> list[Instruction]:
         """A result of a task that is not in flight: harmless if it says the same again."""
@@ -480,6 +560,8 @@ class Master:
             same = self._film.holds(task, result)
         elif isinstance(task, PhotonTask) and isinstance(result, PhotonsTraced):
             same = self._photons[task.number] == result
+        elif isinstance(task, RecordTask) and isinstance(result, RecordsMade):
+            same = any(made.number == task.number and equal(made.records, result.records) for made in self._made)
         else:
             raise ProtocolError(f"a result came for task {result.number}, which it was not handed")
         if not same:

@@ -10,14 +10,14 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster import parts
-from wdpm.cluster.batch import Arrays, Batch, Kind
+from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, take
 from wdpm.cluster.beams import start_beams
 from wdpm.cluster.guards import EMISSION, Guards
 from wdpm.cluster.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import camera_rays as cr
+from wdpm.kernels import camera_vertices as sh
 from wdpm.kernels import columns
-from wdpm.kernels import shading as sh
 
 
 def no_hits(count: int, view: View) -> dict[str, NDArray[Any]]:
@@ -44,6 +44,8 @@ def missed_light(
 ) -> Iterator[Batch]:
     """What rays that meet nothing bring home: light of the environment, and of the medium that they are in.
 
+    In path tracing some of them collide in their medium: those are vertices of the cell that contains the collision.
+
     Args:
         guards: of camera samples.
         cause: the batch that they came with.
@@ -61,9 +63,17 @@ def missed_light(
     later = "bounce" in rays
     items = columns.upload(cr.Paths if later else cr.Rays, rays, device)
     paths = items if later else start_paths(replica, items, count)
-    inputs = [replica.media, replica.lights, replica.camera, paths, view.light_samples, view.way]
-    replica.launcher(replica.kernels.path_misses, count, inputs, [radiance, stretches])
+    collision = wp.empty(count, dtype=wp.int32, device=device)
+    inputs = [replica.media, replica.lights, replica.cells, replica.camera, paths, view.light_samples, view.way]
+    replica.launcher(replica.kernels.path_misses, count, inputs, [radiance, collision, stretches])
     follows = list(start_beams(replica, cause, stretches)) if features.media else []
+    into = collision.numpy()
+    if (into >= 0).any():
+        follows += _collisions(cause, columns.download(paths, SCHEMAS[Kind.VERTEX]), into, view.light_samples)
+    left = credit - sum(batch.credit for batch in follows)
+    if not left:  # all collide
+        yield from follows
+        return
     light = guards.blacken(radiance.numpy(), EMISSION, rays)
     rows = np.flatnonzero(light.any(axis=1))
     none = np.zeros(len(rows), np.int32)
@@ -73,5 +83,13 @@ def missed_light(
         "place": parts.place_of(bounce, diffuse, parts.EMISSION, view.light_samples),
         "radiance": light[rows],
     }
-    yield Batch(Kind.LIT, cause.task, cause.home, cell, credit - sum(batch.credit for batch in follows), lit)
+    yield Batch(Kind.LIT, cause.task, cause.home, cell, left, lit)
     yield from follows
+
+
+def _collisions(cause: Batch, paths: Arrays, into: NDArray[np.int32], light_samples: int) -> Iterator[Batch]:
+    """Paths that collide in their medium on their way out of the scene, by the cell that contains the collision."""
+    for cell, rows in by_destination(into, into >= 0):
+        sent = take(paths, rows)
+        credit = parts.credit_of(sent["bounce"], light_samples)
+        yield Batch(Kind.VERTEX, cause.task, cause.home, cell, credit, sent)

@@ -1,9 +1,11 @@
 """The parts of a camera sample: where each contribution of each vertex of a path stands in the sum.
 
 A vertex has one part for each of its shadow rays, then one each for what it emits, for photons of the global and of the
-caustic map, and for the stretch of medium before it. Parts are added in the order of their places, so the sum does not
-depend on when they come home. Beyond a diffuse scattering that was traced, all of them are indirect light: those parts
-have places of their own, after all others.
+caustic map, for the stretch of medium before it, and for how far the ray went, where that is asked. Parts are added in
+the order of their places, so the sum does not
+depend on when they come home. Beyond a diffuse scattering that was traced, all of them are indirect light, and beyond
+one in a medium they are light of the medium: those parts have places of their own, after all others. A lamp that the
+ray of the first diffuse scattering meets is direct light, as it is for the shadow rays that it shares the work with.
 """
 
 from __future__ import annotations
@@ -13,31 +15,42 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.kernels.camera_vertices import (
+    BEAM_PART,
+    BOUNCES,
+    EMISSION_PART,
+    MEDIUM_SECTION,
+    PARTS,
+    REACH_PART,
+    SEEN_SECTION,
+    SURFACE_SECTION,
+)
 from wdpm.kernels.limits import CHAIN_LIMIT
-from wdpm.kernels.shading import BEAM_PART, BOUNCES, EMISSION_PART, PARTS
 
 EMISSION: Final = int(EMISSION_PART)
 INDIRECT: Final = 1
 CAUSTIC: Final = 2
 BEAM: Final = int(BEAM_PART)
+REACH: Final = int(REACH_PART)
 
 LAST_BOUNCE: Final = CHAIN_LIMIT
 """Of a path that has used up its vertices."""
 
 DIRECT_LAYER, INDIRECT_LAYER, CAUSTIC_LAYER, VOLUME_LAYER = range(4)
 
-_LAYER_OF_PART = np.array([DIRECT_LAYER, INDIRECT_LAYER, CAUSTIC_LAYER, VOLUME_LAYER], np.int32)
+_NO_LAYER = -1
+_LAYER_OF_PART = np.array([DIRECT_LAYER, INDIRECT_LAYER, CAUSTIC_LAYER, VOLUME_LAYER, _NO_LAYER], np.int32)
 
 
-def place_of(
-    bounce: NDArray[np.int32], diffuse: NDArray[np.int32], part: int, light_samples: int
-) -> NDArray[np.int32]:
-    """The places of one part, EMISSION .. BEAM, of some vertices.
+def place_of(bounce: NDArray[np.int32], diffuse: NDArray[np.int32], part: int, light_samples: int) -> NDArray[np.int32]:
+    """The places of one part, EMISSION .. REACH, of some vertices.
 
     Args:
-        diffuse: diffuse scatterings that were traced before each vertex.
+        diffuse: as in cluster.batch.SCHEMAS.
     """
-    row = bounce + np.where(diffuse > 0, np.int32(BOUNCES), np.int32(0))
+    beyond = diffuse > (1 if part == EMISSION else 0)
+    section = np.where(beyond, int(SURFACE_SECTION), np.where(diffuse < 0, int(MEDIUM_SECTION), int(SEEN_SECTION)))
+    row = bounce + section * int(BOUNCES)
     return (row * np.int32(light_samples + PARTS) + np.int32(light_samples + part)).astype(np.int32)
 
 
@@ -51,8 +64,15 @@ def layer_of(place: NDArray[np.int32], light_samples: int) -> NDArray[np.int32]:
     row, column = np.divmod(place, light_samples + int(PARTS))
     part = column - light_samples
     layer = np.where(part < 0, DIRECT_LAYER, _LAYER_OF_PART[np.maximum(part, 0)])
-    indirect = (row >= int(BOUNCES)) & (layer != VOLUME_LAYER)
-    return np.where(indirect, INDIRECT_LAYER, layer).astype(np.int32)
+    section = row // int(BOUNCES)
+    indirect = (section == int(SURFACE_SECTION)) & (layer != VOLUME_LAYER)
+    layer = np.where(indirect, INDIRECT_LAYER, layer)
+    return np.where(section == int(MEDIUM_SECTION), VOLUME_LAYER, layer).astype(np.int32)
+
+
+def part_of(place: NDArray[np.int32], light_samples: int) -> NDArray[np.int32]:
+    """Which part each place is of: EMISSION .. REACH, negative for a shadow ray."""
+    return (place % np.int32(light_samples + PARTS) - np.int32(light_samples)).astype(np.int32)
 
 
 def credit_of_vertex(light_samples: int) -> int:

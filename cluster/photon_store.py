@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,16 +16,23 @@ from wdpm.cluster.guards import PHOTON, Guards
 from wdpm.cluster.partition import rows_near
 from wdpm.cluster.replica import Replica
 from wdpm.cluster.world import MapPlan
-from wdpm.kernels import cells, columns, photon_map
+from wdpm.kernels import cells, columns, irradiance_points, photon_map
 from wdpm.kernels import photon_paths as pp
+from wdpm.kernels.gather import gather_kernel
 from wdpm.kernels.limits import MAPS
 from wdpm.kernels.surface import Surfaces
-from wdpm.kernels.surface_points import spread
+from wdpm.kernels.surface_points import reflect_gathered, spread
 from wdpm.scenes.areas import triangle_areas
 
 DEPOSITS_A_PATH = 6
 """Room for photons, a path, in one launch. What finds none waits for the next launch."""
 
+
+GATHER_RUN = 32
+"""Gathers that one Warp thread makes one after another: enough to profit from its last radius, and to share out."""
+
+GATHER_GRAIN = 32
+"""Runs of gathers that are worth a launch of their own."""
 
 SURFACE_MAPS = (int(pp.GLOBAL_MAP), int(pp.CAUSTIC_MAP))
 """Those whose gathers divide by a measured area."""
@@ -74,6 +82,9 @@ class PhotonStore:
         self._ghost_points: list[Arrays] = []
         self.maps: list[BuiltMap | None] = [None] * MAPS
         self.points: list[Any] = [None] * MAPS
+        self.irradiance: Any = None
+        self.irradiance_count = 0
+        self.irradiance_s = 0.0
         self.count = np.zeros(MAPS, np.int64)
         self.ghost_count = np.zeros(MAPS, np.int64)
         number = len(replica.world.lights.names)
@@ -154,7 +165,7 @@ class PhotonStore:
             plan = replica.world.maps[number]
             if plan.paths and plan.read:
                 position, normal = spread(
-                    surfaces, replica.cells, self._cell, ids, area, plan.point_area, replica.launcher
+                    surfaces, replica.cells, self._cell, ids, area, plan.point_area, replica.launcher, plan.point_set
                 )
                 parts.append({"map": np.full(len(position), number, np.int32), "position": position, "normal": normal})
         return concatenate(parts, Kind.POINTS)
@@ -169,6 +180,50 @@ class PhotonStore:
         self._own_points, self._ghost_points = {}, []
         for number in SURFACE_MAPS:
             self.points[number] = self._tree_of_points(take(points, np.flatnonzero(points["map"] == number)))
+        if self._replica.world.irradiance.share and self.maps[pp.GLOBAL_MAP] is not None:
+            self._compute_irradiance(take(photons, np.flatnonzero(photons["map"] == int(pp.GLOBAL_MAP))))
+
+    def _compute_irradiance(self, photons: Arrays) -> None:
+        """Estimate what reaches the surface at some photons, own ones and all that gather rays of this cell may read.
+
+        The photons about a ghost within reach are all here, since the band is that much wider than the radius: its
+        estimate is the same, bit for bit, as in the cell that owns it.
+        """
+        began = time.perf_counter()
+        replica, world = self._replica, self._replica.world
+        plan, launcher = world.global_map, replica.launcher
+        low, high = cells.cell_boxes(world.top_tree.axis, world.top_tree.split)
+        near = rows_near(photons["position"], low[self._cell], high[self._cell], world.irradiance.reach + replica.pad)
+        photons = take(photons, near[irradiance_points.chosen(photons["id"][near], world.irradiance.share)])
+        # Neighbours one after another: the search for one begins with the radius of the one before.
+        order = np.lexsort(_along(photons["position"], plan.radius))
+        photons = {name: column[order] for name, column in photons.items()}
+        count, device = len(photons["id"]), launcher.device
+        facing = np.where(photons["front"][:, None] == 1, photons["normal"], -photons["normal"])
+        position, normal, front = (
+            wp.array(a, dtype=wp.vec3, device=device) for a in (photons["position"], photons["normal"], facing)
+        )
+        built = self.maps[pp.GLOBAL_MAP]
+        outputs = [wp.empty(count, dtype=t, device=device) for t in (wp.vec3, wp.int32, wp.float32, wp.bool)]
+        runs = -(-count // GATHER_RUN)
+        inputs = [built.tree, position, normal, normal, world.irradiance.k, plan.radius]
+        launcher(gather_kernel, runs, inputs, [GATHER_RUN, *outputs], grain=GATHER_GRAIN)
+        radiance = wp.empty(count, dtype=wp.vec3, device=device)
+        white, no_clearance = wp.full(count, wp.vec3(1.0), dtype=wp.vec3, device=device), wp.zeros(count, device=device)
+        places = [self.points[pp.GLOBAL_MAP], position, front, no_clearance]
+        found = [white, outputs[0], outputs[2], plan.point_area, plan.radius, 1.0 / plan.paths]
+        launcher(reflect_gathered, count, [*places, *found], [radiance])
+        self.irradiance_count = count
+        self.irradiance = irradiance_points.build(
+            photons["position"],
+            radiance.numpy(),
+            photons["normal"],
+            outputs[2].numpy(),
+            photons["id"],
+            device,
+            launcher.build_launcher(),
+        )
+        self.irradiance_s = time.perf_counter() - began
 
     def _tree_of_points(self, points: Arrays) -> Any:
         none, order = np.zeros_like(points["position"]), np.arange(len(points["map"]), dtype=np.int64)
@@ -199,6 +254,7 @@ class PhotonStore:
         self._own, self._ghosts = [], []
         self._own_points, self._ghost_points, self.points = {}, [], [None] * MAPS
         self.maps = [None] * MAPS
+        self.irradiance, self.irradiance_count, self.irradiance_s = None, 0, 0.0
         self.count[:] = 0
         self.ghost_count[:] = 0
         self.counters.by_light[:] = 0
@@ -206,10 +262,16 @@ class PhotonStore:
         self.guards.counts.clear()
 
 
+def _along(position: NDArray[np.float32], step: float) -> tuple[NDArray[np.float32], ...]:
+    """Keys that sort places along a line through slabs of a width, ties as they come."""
+    slabs = np.floor(position[:, 1:] / np.float32(step))
+    return position[:, 0], slabs[:, 0], slabs[:, 1]
+
+
 def _empty_deposits(total: int, device: str) -> Any:
     deposits = pp.Deposits()
     deposits.id = wp.empty(total, dtype=wp.int64, device=device)
-    for name in ("edges", "map", "light"):
+    for name in ("edges", "front", "map", "light"):
         setattr(deposits, name, wp.empty(total, dtype=wp.int32, device=device))
     for name in ("position", "flux", "normal", "direction"):
         setattr(deposits, name, wp.empty(total, dtype=wp.vec3, device=device))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.effects import used_materials
 from wdpm.cluster.world import World
 from wdpm.kernels.features import Features
-from wdpm.kernels.settings import RenderSettings
+from wdpm.kernels.settings import Integrator, RenderSettings
 from wdpm.scenes.geometry import FlatScene
 from wdpm.scenes.light_table import LightTable
 from wdpm.scenes.material_facts import MaterialFacts
@@ -51,7 +51,10 @@ _OF_SPACE = {
     "lens": ("depth of field", "camera rays start on a lens"),
     "orthographic": ("parallel camera rays", "camera rays of one direction"),
 }
-FEATURES = {**_OF_MATERIALS, **_OF_LIGHTS, **_OF_SPACE}
+_OF_SETTINGS = {
+    "traced": ("diffuse parts traced on", "camera paths go on by diffuse parts too"),
+}
+FEATURES = {**_OF_MATERIALS, **_OF_LIGHTS, **_OF_SPACE, **_OF_SETTINGS}
 """Every field of kernels.features.Features: its name for people, and what it switches on."""
 
 WITHOUT = {
@@ -129,9 +132,10 @@ def plan_of_effects(
         world: what was decided for `asked`.
         features: what the kernels are compiled for, the camera's included.
     """
-    causes = causes_of(flat, media)
+    causes = {**causes_of(flat, media), "traced": _settings_that_trace(settings)}
+    without = {WITHOUT[name] for name in settings.without}  # they may be compiled in all the same
     of_features = [
-        Effect(name, words, bool(causes[name]), getattr(features, name), causes[name], switches)
+        Effect(name, words, bool(causes[name]), getattr(features, name) and name not in without, causes[name], switches)
         for name, (words, switches) in FEATURES.items()
     ]
     return (*of_features, *_maps(flat, causes, world, settings), *_rays(asked, causes, features, settings))
@@ -157,12 +161,21 @@ def causes_of(flat: FlatScene, media: Sequence[str] = ()) -> dict[str, tuple[str
     causes["media"] = _media(flat, media)
     causes["lens"] = (CAMERA,) if flat.camera.aperture_radius > 0 else ()
     causes["orthographic"] = (CAMERA,) if flat.camera.orthographic else ()
+    causes["traced"] = ()  # never by a scene
     return causes
+
+
+def _settings_that_trace(settings: RenderSettings) -> tuple[str, ...]:
+    """Settings that ask for camera paths beyond diffuse scatterings."""
+    if settings.integrator is Integrator.PATH:
+        return ("--integrator path",)
+    return () if not settings.gathers else (f"--indirect {settings.indirect.value}",)
 
 
 def _maps(flat: FlatScene, causes: dict[str, tuple[str, ...]], world: World, settings: RenderSettings) -> list[Effect]:
     """The photon maps, and how their photons are sent out."""
-    shines = bool(flat.lights.power.sum() > 0)
+    by_photons = settings.integrator is Integrator.PHOTONS
+    shines = by_photons and bool(flat.lights.power.sum() > 0)
     diffuse, glossy = causes["diffuse"], causes["glossy"]
     indirect, caustics = shines and bool(diffuse), shines and bool(diffuse) and bool(glossy)
     targets = len(world.emission.target_radius)
@@ -204,9 +217,9 @@ def _maps(flat: FlatScene, causes: dict[str, tuple[str, ...]], world: World, set
         Effect(
             "light shares",
             "photons by light",
-            number > 1,
-            number > 1,
-            flat.lights.names if number > 1 else (),
+            by_photons and number > 1,
+            by_photons and number > 1,
+            flat.lights.names if by_photons and number > 1 else (),
             "shares by measured use",
         ),
     ]
@@ -220,11 +233,13 @@ def _rays(
 ) -> list[Effect]:
     """Rays that only some scenes need."""
     elements = len(flat.lights.power)
-    going_on = _joined(causes["glossy"], causes["passing"])
+    going_on = _joined(causes["glossy"], causes["passing"], causes["traced"])
+    by_photons = settings.integrator is Integrator.PHOTONS
     asking = _joined(causes["plastic"], causes["principled"], causes["bent"], going_on if settings.max_depth else ())
+    asking = asking if by_photons else ()
     walking = _joined(causes["passing"], causes["media"])
     missing = _joined(causes["environment"], causes["media"])
-    asks = features.coated or (features.goes_on and bool(settings.max_depth))
+    asks = by_photons and (features.coated or (features.goes_on and bool(settings.max_depth)))
     return [
         Effect(
             "light selection",
@@ -240,7 +255,7 @@ def _rays(
             bool(going_on),
             features.goes_on,
             going_on,
-            "a ray that goes on by the glossy part",
+            "a ray that goes on from each vertex",
         ),
         Effect(
             "gathers that ask",
@@ -276,7 +291,7 @@ def uses_of_lights(world: World, dark: Sequence[str] = ()) -> tuple[LightUse, ..
         dark: names of lights that are not in the table, since they do not shine at all.
     """
     lights, emission = world.lights, world.emission
-    power = _by_light(lights, lights.power)
+    power = _by_light(lights, lights.power) * world.unit**2
     total = max(float(power.sum()), np.finfo(np.float64).tiny)
     share = _by_light(lights, emission.share)
     caustic = _by_light(lights, emission.caustic_share) if world.caustic_map.paths else None

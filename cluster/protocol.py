@@ -12,11 +12,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from wdpm.cluster.batch import Batch
+from wdpm.cluster.records import Records
 from wdpm.cluster.task import Task, TaskResult
-from wdpm.cluster.world import View, World
+from wdpm.cluster.world import PhotonPlan, View, World
 from wdpm.scenes.geometry import Triangles
 
-PROTOCOL = 2
+PROTOCOL = 3
 
 
 # From a slave to the master.
@@ -68,6 +69,13 @@ class TaskDone:
 @dataclass(frozen=True)
 class MapsBuilt:
     """All ghosts have arrived, and the photon maps of all cells are built."""
+
+    epoch: int
+
+
+@dataclass(frozen=True)
+class RecordsTaken:
+    """The slave has the irradiance records that it was sent last."""
 
     epoch: int
 
@@ -203,10 +211,19 @@ class Look:
 
 
 @dataclass(frozen=True)
-class ForgetPhotons:
-    """Photons will be traced again."""
+class ShareRecords:
+    """The irradiance records of all rounds so far, in place of those sent before, for what follows."""
 
     epoch: int
+    records: Records
+
+
+@dataclass(frozen=True)
+class ForgetPhotons:
+    """Photons will be traced again, by another plan: those of the next pass, say."""
+
+    epoch: int
+    plan: PhotonPlan
 
 
 @dataclass(frozen=True)
@@ -264,6 +281,7 @@ FromSlave = (
     | TaskDone
     | MapsBuilt
     | ViewSet
+    | RecordsTaken
     | PhotonsForgotten
     | Statistics
     | PeerGone
@@ -281,6 +299,7 @@ FromMaster = (
     | DoTask
     | Exchange
     | Look
+    | ShareRecords
     | ForgetPhotons
     | AskStatistics
     | Stop

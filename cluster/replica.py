@@ -6,15 +6,18 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
+import warp as wp
 from numpy.typing import NDArray
 
+from wdpm.cluster.records import NO_RECORDS, Records
 from wdpm.cluster.world import View, World
-from wdpm.kernels import camera, cells, lights, materials, medium, texture
+from wdpm.kernels import camera, cells, irradiance_tree, lights, materials, medium, texture
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.features import ALL, Features
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.variants import Variants, make_variants
+from wdpm.scenes.material_sides import lambertian_sides
 from wdpm.scenes.model import Camera
 
 
@@ -64,6 +67,9 @@ class Replica:
     materials: Any = field(init=False)
     textures: Any = field(init=False)
     media: Any = field(init=False)
+    records: Records = field(init=False)
+    cache: Any = field(init=False, default=None)
+    lambertian_sides: NDArray[np.int32] = field(init=False)
 
     def __post_init__(self) -> None:
         world, device = self.world, self.launcher.device
@@ -76,6 +82,8 @@ class Replica:
         self.materials = materials.upload(world.materials, device)
         self.media = medium.upload(media.sigma_t, media.albedo, media.g, device)
         self.lights = lights.upload(world.lights, world.extent, device)
+        self.lambertian_sides = lambertian_sides(world.materials)
+        self.records = NO_RECORDS
         self.share_out()
 
     def share_out(self) -> None:
@@ -90,9 +98,20 @@ class Replica:
         """How far boxes are grown (constants.PAD_SHARE)."""
         return self.world.extent * PAD_SHARE
 
+    @property
+    def pixel_width(self) -> float:
+        """Width of a pixel at distance 1 along the camera's axis; anywhere, of an orthographic camera."""
+        return 2.0 * float(wp.length(self.camera.right)) / self.camera.whole_width
+
+    def take_records(self, records: Records) -> None:
+        """Have these irradiance records in place of those before."""
+        self.records = records
+        self.cache = irradiance_tree.build(vars(self.records), self.launcher.device)
+
     def set_view(self, view: View) -> None:
-        """Look through another camera."""
+        """Look through another camera, without irradiance records at first."""
         self.view = view
+        self.records, self.cache = NO_RECORDS, None
         features = with_camera(self.world.features, view.camera)
         compile_kernels(self.launcher.device, features)
         self.kernels = make_variants(features)

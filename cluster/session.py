@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.film import LAYERS
+from wdpm.cluster.records import NO_RECORDS, Records
 from wdpm.cluster.task import PhotonsTraced
 from wdpm.cluster.world import View, World
 from wdpm.scenes.geometry import Triangles
@@ -24,11 +25,13 @@ class Session:
         world: what photons depend on.
         view: what the camera adds.
         partition: cell -> the triangles that overlap it. Called once a cell, and not at all if the cluster has this
-            world from the session before.
+            cells from the session before.
         holders: cell -> number of the slave that holds it.
-        digest: names world, triangles and holders; equal digests mean that cells and photons can be used again.
+        digest: names triangles, holders and the world but for its photon plan; equal digests mean that cells can be
+            used again, and photons too where the plan is equal.
         retrace: trace the photons again even if the cluster has them.
         layers: name of layer -> channels.
+        records: irradiance records that are there already; none are made then.
     """
 
     world: World
@@ -38,6 +41,7 @@ class Session:
     digest: str
     retrace: bool = False
     layers: Mapping[str, int] = field(default_factory=lambda: LAYERS)
+    records: Records = NO_RECORDS
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +54,8 @@ class SessionResult:
         photons_traced: of each photon task, by its number. From the session that traced them, if they were reused.
         seconds: wall-clock time by phase [s]: partition, photons, map, render. A phase that was skipped is missing.
         dropped: messages that were not used, by reason.
+        records: irradiance records, those that were there already included.
+        record_rays: gather rays that were shot for them.
     """
 
     layers: dict[str, NDArray[np.float32]]
@@ -57,6 +63,8 @@ class SessionResult:
     photons_traced: tuple[PhotonsTraced, ...]
     seconds: dict[str, float]
     dropped: dict[str, int]
+    records: Records = NO_RECORDS
+    record_rays: int = 0
 
     @property
     def paths(self) -> int:

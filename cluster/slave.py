@@ -29,6 +29,7 @@ from wdpm.cluster.compute import (
     ReadStatistics,
     SetView,
     StartTask,
+    TakeRecords,
 )
 from wdpm.cluster.queues import Queues
 from wdpm.cluster.slave_events import (
@@ -248,6 +249,7 @@ class Slave:
         | protocol.DoTask
         | protocol.Exchange
         | protocol.Look
+        | protocol.ShareRecords
         | protocol.ForgetPhotons
         | protocol.AskStatistics,
     ) -> list[Instruction]:
@@ -260,8 +262,10 @@ class Slave:
                 self._orders.append(MakeGhosts())
             case protocol.Look(_, view):
                 self._orders.append(SetView(view))
-            case protocol.ForgetPhotons():
-                self._orders.append(Forget())
+            case protocol.ShareRecords(_, records):
+                self._orders.append(TakeRecords(records))
+            case protocol.ForgetPhotons(_, plan):
+                self._orders.append(Forget(plan))
             case protocol.AskStatistics():
                 self._orders.append(ReadStatistics())
         return []
@@ -406,6 +410,8 @@ class Slave:
                 return [ToMaster(protocol.Ready(self._epoch))]
             case SetView():
                 return [ToMaster(protocol.ViewSet(self._epoch))]
+            case TakeRecords():
+                return [ToMaster(protocol.RecordsTaken(self._epoch))]
             case Forget():
                 return [ToMaster(protocol.PhotonsForgotten(self._epoch))]
             case BuildMaps():

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.records import Records
+
 
 @dataclass(frozen=True)
 class PhotonTask:
@@ -26,6 +28,16 @@ class BucketTask:
     y0: int
     x1: int
     y1: int
+
+
+@dataclass(frozen=True)
+class RecordTask:
+    """Make the irradiance records of the candidates start to stop - 1 of a round: cluster.records."""
+
+    number: int
+    round: int
+    start: int
+    stop: int
 
 
 @dataclass(frozen=True)
@@ -56,5 +68,19 @@ class BucketRendered:
     layers: dict[str, NDArray[np.float32]]
 
 
-Task = PhotonTask | BucketTask
-TaskResult = PhotonsTraced | BucketRendered
+@dataclass(frozen=True, eq=False)
+class RecordsMade:
+    """The irradiance records of a task.
+
+    Attributes:
+        rays: gather rays that were shot for them.
+    """
+
+    number: int
+    round: int
+    records: Records
+    rays: int
+
+
+Task = PhotonTask | RecordTask | BucketTask
+TaskResult = PhotonsTraced | RecordsMade | BucketRendered

@@ -9,22 +9,28 @@ import resource
 import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
 from wdpm.cluster.batch import TO_HOME, Batch, Kind
 from wdpm.cluster.cell import Cell
+from wdpm.cluster.final_gather import FinalGatherCounters
 from wdpm.cluster.guards import Guards, added
 from wdpm.cluster.home import BucketHome, PhotonHome
 from wdpm.cluster.queues import Queues
+from wdpm.cluster.record_home import RecordHome
+from wdpm.cluster.records import Records, take_near
 from wdpm.cluster.replica import Replica
-from wdpm.cluster.task import BucketTask, PhotonTask, Task, TaskResult
-from wdpm.cluster.world import View, World
+from wdpm.cluster.task import BucketTask, PhotonTask, RecordTask, Task, TaskResult
+from wdpm.cluster.world import PhotonPlan, View, World
+from wdpm.kernels.cells import cell_boxes
 from wdpm.kernels.launch import Launcher
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.geometry import Triangles
+
+Home = PhotonHome | RecordHome | BucketHome
 
 RAYS = frozenset(set(Kind) - TO_HOME - {Kind.GHOSTS, Kind.POINTS})
 
@@ -59,7 +65,7 @@ class Worker:
         self.replica = Replica(world, launcher, number)
         self.cells = {cell: Cell(cell, triangles, self.replica) for cell, triangles in sorted(partition.items())}
         self._guards = Guards(self.replica)  # of its homes
-        self._homes: dict[int, PhotonHome | BucketHome] = {}
+        self._homes: dict[int, Home] = {}
         self._traffic = dict.fromkeys(("rays_in", "rays_out", "bytes_in", "bytes_out"), 0)
         self._busy = 0.0
         self._photon_traffic = dict(self._traffic)  # what they were when the maps were built
@@ -79,14 +85,21 @@ class Worker:
         self.replica.world = world
         self.replica.share_out()
 
+    def plan_photons(self, plan: PhotonPlan) -> None:
+        """Let go of all photons, before others are traced by this plan."""
+        self.forget_photons()
+        self.replica.world = self.replica.world.with_photons(plan)
+
     def start(self, task: Task) -> Outbox:
         """Become a task's home."""
         began = time.perf_counter()
-        home: PhotonHome | BucketHome
+        home: Home
         if isinstance(task, PhotonTask):
             home = PhotonHome(task, self.number, self.replica)
         elif isinstance(task, BucketTask) and self.replica.view is not None:
             home = BucketHome(task, self.number, self.replica, self.replica.view, self._guards)
+        elif isinstance(task, RecordTask) and self.replica.view is not None:
+            home = RecordHome(task, self.number, self.replica, self.replica.view)
         else:
             raise ProtocolError(f"task {task.number} came before a view was set")
         self._homes[task.number] = home
@@ -106,6 +119,14 @@ class Worker:
         self._run([batch], outbox)
         self._busy += time.perf_counter() - began
         return outbox
+
+    def take_records(self, records: Records) -> None:
+        """Have these irradiance records, as far as they reach a cell of this worker, in place of those before."""
+        began = time.perf_counter()
+        tree, pad = self.replica.world.top_tree, self.replica.pad
+        low, high = cell_boxes(tree.axis, tree.split)
+        self.replica.take_records(take_near(records, [(low[cell] - pad, high[cell] + pad) for cell in self.cells]))
+        self._busy += time.perf_counter() - began
 
     def exchange(self) -> list[Batch]:
         """Ghosts and surface points of each own cell for every cell of another worker; between own cells at once."""
@@ -155,6 +176,14 @@ class Worker:
             "gathers": sum(cell.gathers.gathers for cell in cells),
             "gathers_truncated": sum(cell.gathers.truncated for cell in cells),
             "gathers_left_band": sum(cell.gathers.left_band for cell in cells),
+            "gathers_s": sum(cell.gathers.seconds for cell in cells),
+            **{
+                f"final_gather_{field.name}": sum(getattr(cell.final_gather, field.name) for cell in cells)
+                for field in fields(FinalGatherCounters)
+            },
+            "irradiance_points": sum(cell.store.irradiance_count for cell in cells),
+            "irradiance_s": sum(cell.store.irradiance_s for cell in cells),
+            "records": len(self.replica.records),
             "vertices": sum(cell.counters.vertices for cell in cells),
             "beams": sum(cell.counters.beams for cell in cells),
             "guards": added([*(cell.guards for cell in cells), self._guards.counts]),
@@ -195,7 +224,7 @@ class Worker:
                 self._send(batch, outbox)
         self._run(own, outbox)
 
-    def _home_of(self, batch: Batch) -> PhotonHome | BucketHome:
+    def _home_of(self, batch: Batch) -> Home:
         home = self._homes.get(batch.task)
         if home is None:
             raise ProtocolError(f"a {batch.kind.value} batch came home to task {batch.task}, which is unknown here")

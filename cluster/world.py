@@ -6,11 +6,13 @@ the World is the same, and renders any number of Views from them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.records import NO_CACHE, CachePlan
 from wdpm.kernels.features import Features
 from wdpm.kernels.settings import Routing
 from wdpm.scenes.geometry import Media
@@ -51,6 +53,7 @@ class MapPlan:
         band: width of the overlap band; ghosts lie in it. At least `radius` unless the image may be approximate.
         point_area: the area that each surface point stands for where this map is gathered (kernels.surface_points).
         read: whether anything is gathered from it; where not, its paths are shot for the sake of another map.
+        point_set: which of many sets of such points; each pass of a render has another.
     """
 
     paths: int = 0
@@ -58,6 +61,39 @@ class MapPlan:
     band: float = 1.0
     read: bool = True
     point_area: float = 1.0
+    point_set: int = 0
+
+
+@dataclass(frozen=True)
+class IrradiancePlan:
+    """Irradiance that is computed ahead, at some photons of the global map, for gather rays to read.
+
+    Attributes:
+        share: of the photons of the global map, that have it; 0 for a map that gather rays do not read. Where they do,
+            it holds photons of direct light too.
+        k: photons that the estimate at such a photon looks for.
+        reach: how far from a place the photon may lie whose irradiance is taken for that of the place.
+    """
+
+    share: float = 0.0
+    k: int = 1
+    reach: float = 0.0
+
+
+@dataclass(frozen=True)
+class PhotonPlan:
+    """What changes from one pass of a progressive render to the next: the photons, and how far they are gathered.
+
+    Attributes:
+        Each as in World.
+    """
+
+    seed: int
+    global_map: MapPlan
+    caustic_map: MapPlan
+    volume_map: MapPlan
+    volume_unit: float
+    irradiance: IrradiancePlan = IrradiancePlan()
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +124,7 @@ class World:
         features: what kernels are compiled for.
         extent: largest absolute coordinate of the scene, its lights and its camera, in the renderer's space.
         volume_unit: what one counts for in the exact sums of beams (kernels.beam) [W / (sr m²)].
+        unit: the scene's length of the renderer's unit (scenes.renderer_space), that lengths and fluxes are told with.
         strict: whether the first guard that acts ends the render (cluster.guards).
     """
 
@@ -105,6 +142,8 @@ class World:
     caustic_map: MapPlan
     volume_map: MapPlan
     volume_unit: float
+    irradiance: IrradiancePlan = IrradiancePlan()
+    unit: float = 1.0
     strict: bool = False
 
     @property
@@ -117,10 +156,25 @@ class World:
         """All photon paths."""
         return self.global_map.paths + self.caustic_map.paths
 
+    @property
+    def photon_plan(self) -> PhotonPlan:
+        """What may change while triangles, materials and lights stay."""
+        return PhotonPlan(*(getattr(self, field.name) for field in fields(PhotonPlan)))
+
+    def with_photons(self, plan: PhotonPlan) -> Self:
+        """The same scene with other photons."""
+        return replace(self, **{field.name: getattr(plan, field.name) for field in fields(PhotonPlan)})
+
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What a camera adds to a World."""
+    """What a camera adds to a World.
+
+    Attributes:
+        first_sample: number of the first of the `spp` samples of each pixel.
+        way: what the diffuse parts of surfaces do: kernels.shading.
+        cache: how irradiance records are made.
+    """
 
     camera: Camera
     seed: int
@@ -133,3 +187,5 @@ class View:
     bucket: int
     routing: Routing
     way: int = 0
+    first_sample: int = 0
+    cache: CachePlan = NO_CACHE

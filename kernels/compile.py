@@ -12,9 +12,14 @@ from wdpm.kernels import (
     bvh_build,
     camera_rays,
     gather,
+    gather_places,
+    irradiance_cache,
+    irradiance_points,
+    irradiance_records,
     overlap,
     photon_map,
     photon_paths,
+    record_rays,
     resolve,
     shadow_rays,
     surface_points,
@@ -22,7 +27,23 @@ from wdpm.kernels import (
 from wdpm.kernels.features import Features
 from wdpm.kernels.variants import make_variants
 
-COMMON = (bvh, bvh_build, camera_rays, gather, overlap, photon_map, photon_paths, resolve, shadow_rays, surface_points)
+COMMON = (
+    bvh,
+    bvh_build,
+    camera_rays,
+    gather,
+    gather_places,
+    irradiance_cache,
+    irradiance_points,
+    irradiance_records,
+    overlap,
+    photon_map,
+    photon_paths,
+    record_rays,
+    resolve,
+    shadow_rays,
+    surface_points,
+)
 """Every file with kernels that do not depend on a scene's effects."""
 
 WITH_MEDIA = (beam,)

@@ -495,5 +495,6 @@ def check_settings(k: int, r_max: float) -> None:
         raise SettingsError(f"k is {k}, expected 1 to {MAX_K} photons per gather: use more photons, not a larger k")
     if not MIN_GATHER_RADIUS <= r_max <= MAX_GATHER_RADIUS:
         raise SettingsError(
-            f"r_max is {r_max}, expected {MIN_GATHER_RADIUS:g} to {MAX_GATHER_RADIUS:g} scene units, as float32 holds"
+            f"the gather radius is {r_max:g} of half the scene's longest side; expected {MIN_GATHER_RADIUS:g} to "
+            f"{MAX_GATHER_RADIUS:g}, whose squares float32 holds"
         )

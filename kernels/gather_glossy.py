@@ -13,11 +13,11 @@ import warp as wp
 
 from wdpm.kernels.bsdf import make_bsdf
 from wdpm.kernels.bsdf_types import DIFFUSE
+from wdpm.kernels.camera_vertices import Coats, Queries
 from wdpm.kernels.exact_sum import dequantise, exponent, magnitude_bits, quantise
 from wdpm.kernels.features import Features
 from wdpm.kernels.gather import INT_SCRATCH, KEY_SCRATCH, contribution, follow, key_place, nearest
 from wdpm.kernels.photon_map import LEAF_ROWS, PhotonMap
-from wdpm.kernels.shading import Coats, Queries
 from wdpm.kernels.shading_frames import bump_shadowing
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

@@ -62,6 +62,27 @@ _LEAVE = """
     return result;
 """.replace("@LANES@", _LANES)
 
+_DISTANCE2 = """
+    const float* rows = bounds.data->c + 48 * node;
+    @LANES@
+    {
+        const lanes below_x = *(const lanes*)(rows + k) - point[0];
+        const lanes below_y = *(const lanes*)(rows + 8 + k) - point[1];
+        const lanes below_z = *(const lanes*)(rows + 16 + k) - point[2];
+        const lanes above_x = point[0] - *(const lanes*)(rows + 24 + k);
+        const lanes above_y = point[1] - *(const lanes*)(rows + 32 + k);
+        const lanes above_z = point[2] - *(const lanes*)(rows + 40 + k);
+        const lanes off_x = below_x > above_x ? below_x : above_x;
+        const lanes off_y = below_y > above_y ? below_y : above_y;
+        const lanes off_z = below_z > above_z ? below_z : above_z;
+        const lanes x = off_x > 0.0f ? off_x : (lanes)0.0f;
+        const lanes y = off_y > 0.0f ? off_y : (lanes)0.0f;
+        const lanes z = off_z > 0.0f ? off_z : (lanes)0.0f;
+        *(lanes*)(result.c + k) = x * x + y * y + z * z;
+    }
+    return result;
+""".replace("@LANES@", _LANES)
+
 _NOT_ABOVE = """
 #if defined(__CUDA_ARCH__)
     int mask = 0;
@@ -118,7 +139,7 @@ _INSIDE = """
         c = LANES_ABS(cy) > c ? LANES_ABS(cy) : c;
         c = LANES_ABS(cz) > c ? LANES_ABS(cz) : c;
         const lanes reach = c + e;
-        *(lanes*)(result.c + k) = inside + (reach * (e + reach * 0x1p-28f) * (d_max * 0x1p-17f) + 1.0e-36f);
+        *(lanes*)(result.c + k) = inside + (reach * (e + reach * 0x1p-26f) * (d_max * 0x1p-17f) + 1.0e-36f);
     }
     return result;
 """.replace("@LANES@", _LANES)
@@ -143,6 +164,18 @@ def children_leave(bounds: wp.array[vec8], node: int, origin: wp.vec3, inverse: 
     ...
 
 
+@wp.func_native(_DISTANCE2)
+def children_distance2(bounds: wp.array[vec8], node: int, point: wp.vec3) -> vec8:
+    """Squared distances from a point to the boxes of a node's children, inf for empty boxes.
+
+    Args:
+        bounds: six rows a node: low x, y, z, high x, y, z; empty boxes are +inf .. -inf.
+        node: the node's number.
+        point: finite.
+    """
+    ...
+
+
 @wp.func_native(_NOT_ABOVE)
 def lanes_not_above(a: vec8, b: vec8) -> int:
     """Bit k is set unless a[k] > b[k]; a NaN sets it: when in doubt, look closer."""
@@ -162,8 +195,10 @@ def lanes_inside(
     them is not below 0, or the greatest not above. Errors, with r = 2^-24 and c, e, d for largest absolute components,
     to first order: a component of c x d is off by 6 r c d; u and v by 3 e (6 + 8) r c d = 42 r c e d; the determinant
     by 42 r e^2 d; w, a sum of these, by at most 108 r (c + e) e d. The margin added is 128 r (c + e) e d.
-    intersect_triangle itself rounds corners by 2^-53 c, which moves its edge functions by less than 2^-48 c^2 d:
-    adding 2^-28 (c + e) to e pays for that, and 1e-36 for underflow. Overflow gives NaN, which lanes_not_above counts
+    intersect_triangle itself rounds corners by 2^-53 c, which moves its edge functions by less than 2^-48 c^2 d, and
+    counts as inside what is within 2^-52 of size times distance (triangle.ON_EDGE): its size is less than
+    12 (c + e) and its distance less than 15 (c + e), so within 2^-44 (c + e)^2 d. Adding 2^-26 (c + e) to e pays for
+    both, and 1e-36 for underflow. Overflow gives NaN, which lanes_not_above counts
     as a candidate.
 
     Args:

@@ -9,13 +9,15 @@ import functools
 
 import warp as wp
 
-from wdpm.kernels.camera import CameraView, whole_pixel
+from wdpm.kernels.camera import CameraView
 from wdpm.kernels.camera_rays import Paths
+from wdpm.kernels.camera_vertices import CHOICE, PATH_WAY, camera_path, number_1d
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights import Lights, make_lights
 from wdpm.kernels.materials import Materials
-from wdpm.kernels.random import PURPOSE_BOUNCE, PURPOSE_LIGHT, sample_1d, sample_2d, stream_of
-from wdpm.kernels.shading import _CHOICE, _DIMENSIONS
+from wdpm.kernels.medium import DistanceSample, Media
+from wdpm.kernels.medium_vertices import collision_at, flight_of
+from wdpm.kernels.random import PURPOSE_LIGHT, sample_1d, sample_2d, stream_of
 from wdpm.kernels.surface import Surface, Surfaces, make_surface
 from wdpm.kernels.texture import Textures
 
@@ -33,38 +35,50 @@ def make_look(features: Features) -> wp.Kernel:
         surfaces: Surfaces,
         materials: Materials,
         textures: Textures,
+        media: Media,
         lights: Lights,
         camera: CameraView,
         paths: Paths,
         light_samples: wp.int32,
+        way: wp.int32,
         offset: wp.int32,
         surface_out: wp.array[Surface],
+        flight_out: wp.array[DistanceSample],
         light_out: wp.array[wp.int32],
     ) -> None:
-        """The surface that each path meets, and the lights that its shadow rays go to.
+        """What each path meets, and the lights that its shadow rays go to.
 
         Args:
             light_samples: shadow rays a vertex.
+            way: kernels.camera_vertices.
+            flight_out: in PATH_WAY, whether the path collides in a medium before the surface, and where.
             light_out: light of shadow ray j of vertex i at i * light_samples + j; -1 for none.
         """
         i = offset + wp.tid()
-        item = wp.uint32(whole_pixel(camera, paths.pixel[i]))
-        bounce = paths.bounce[i]
-        sample = wp.uint32(paths.sample[i])
-        u_choice = wp.float32(0.0)
-        if wp.static(features.blend or features.passing):
-            stream = stream_of(camera.seed, PURPOSE_BOUNCE, item, _DIMENSIONS * bounce + _CHOICE)
-            u_choice = wp.float32(sample_1d(sample, stream))
-        to_viewer = -wp.normalize(paths.direction[i])
-        s = surface_at(surfaces, materials, textures, paths.prim[i], paths.u[i], paths.v[i], to_viewer, u_choice)
+        p = camera_path(camera, paths, i)
+        s = Surface()
+        if p.prim >= 0:
+            u_choice = wp.float32(0.0)
+            if wp.static(features.blend or features.passing):
+                u_choice = number_1d(camera.seed, p, CHOICE)
+            to_viewer = -wp.normalize(p.direction)
+            s = surface_at(surfaces, materials, textures, p.prim, p.u, p.v, to_viewer, u_choice)
+        position = s.position
+        flight = DistanceSample()
+        if wp.static(features.media and features.traced):
+            if way == PATH_WAY:
+                flight = flight_of(media, lights, p, camera.seed)
+                if flight.scatters == 1:
+                    position = collision_at(p, flight)
         surface_out[i] = s
+        flight_out[i] = flight
         for j in range(light_samples):
             light = wp.int32(-1)
             if lights.count > 0:
-                index = sample * wp.uint32(light_samples) + wp.uint32(j)
-                u_element = sample_1d(index, stream_of(camera.seed, PURPOSE_LIGHT, item, 2 * bounce))
-                u = sample_2d(index, stream_of(camera.seed, PURPOSE_LIGHT, item, 2 * bounce + 1))
-                found = sample_direct(lights, textures, s.position, u_element, u)
+                index = wp.uint32(p.sample) * wp.uint32(light_samples) + wp.uint32(j)
+                u_element = sample_1d(index, stream_of(camera.seed, PURPOSE_LIGHT, p.item, 2 * p.bounce))
+                u = sample_2d(index, stream_of(camera.seed, PURPOSE_LIGHT, p.item, 2 * p.bounce + 1))
+                found = sample_direct(lights, textures, position, u_element, u)
                 if found.pdf > 0.0:
                     light = found.light
             light_out[i * light_samples + j] = light

@@ -106,6 +106,14 @@ def transmittance(media: Media, medium: wp.int32, distance: wp.float32) -> wp.ve
 
 
 @wp.func
+def free_path_of(sigma_t: wp.float32, u_distance: wp.float32) -> wp.float32:
+    """As free_path, of one channel."""
+    if sigma_t == 0.0:
+        return _INF
+    return -log1p_of(-wp.min(u_distance, _BELOW_ONE)) / sigma_t
+
+
+@wp.func
 def free_path(media: Media, medium: wp.int32, u_channel: wp.float32, u_distance: wp.float32) -> wp.float32:
     """Distance to the next collision, were the medium endless; inf where there is none.
 
@@ -114,10 +122,7 @@ def free_path(media: Media, medium: wp.int32, u_channel: wp.float32, u_distance:
     """
     if medium < 0:
         return _INF
-    sigma = media.sigma_t[medium][wp.min(wp.int32(u_channel * 3.0), 2)]
-    if sigma == 0.0:
-        return _INF
-    return -log1p_of(-wp.min(u_distance, _BELOW_ONE)) / sigma
+    return free_path_of(media.sigma_t[medium][wp.min(wp.int32(u_channel * 3.0), 2)], u_distance)
 
 
 @wp.func
@@ -144,6 +149,43 @@ def pass_weight(media: Media, medium: wp.int32, t: wp.float32) -> wp.vec3:
     if medium < 0:
         return wp.vec3(1.0)
     return _over_mean(_transmitted_channels(media.sigma_t[medium], t))
+
+
+@wp.func
+def channel_of(share: wp.vec3, u: wp.float32) -> wp.int32:
+    """One of the channels, chosen by its share.
+
+    Args:
+        share: not negative, of sum 1.
+        u: random number in [0, 1).
+    """
+    if u < share[0]:
+        return 0
+    if u < share[0] + share[1] or share[2] == 0.0:
+        return 1
+    return 2
+
+
+@wp.func
+def over_shares(weight: wp.vec3, share: wp.vec3) -> wp.vec3:
+    """One-sample balance heuristic over channels that were chosen by their shares; zero where none could have been."""
+    chance = wp.dot(weight, share)
+    if chance <= 0.0:
+        return wp.vec3(0.0)
+    return weight / chance
+
+
+@wp.func
+def scatter_weight_by(media: Media, medium: wp.int32, t: wp.float32, share: wp.vec3) -> wp.vec3:
+    """As scatter_weight, where the channel was chosen by `share`."""
+    sigma_t = media.sigma_t[medium]
+    return over_shares(wp.cw_mul(sigma_t, _transmitted_channels(sigma_t, t)), share)
+
+
+@wp.func
+def pass_weight_by(media: Media, medium: wp.int32, t: wp.float32, share: wp.vec3) -> wp.vec3:
+    """As pass_weight, where the channel was chosen by `share`."""
+    return over_shares(_transmitted_channels(media.sigma_t[medium], t), share)
 
 
 @wp.func

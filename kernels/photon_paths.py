@@ -6,9 +6,10 @@ why, and the host sends it on.
 Which photon is stored where is one rule for all roughnesses (bsdf_types: the *diffuse* and the *glossy* part of a
 surface; a medium counts as diffuse). D is a scattering by a diffuse part or a medium, S one by a glossy part:
 
-* at a surface with a diffuse part, after a D on the way: in the global map (L (S|D)* D (S|D)*);
+* at a surface with a diffuse part, after a D on the way: in the global map (L (S|D)* D (S|D)*); where gather rays read
+  it, every photon of the global pass is, straight from the light or not;
 * there, after nothing but S: in the caustic map (L S+), by paths of a pass of their own, which ends with the first D;
-* there, straight from the light: nowhere. Direct light is sampled by shadow rays instead (Jensen 1996);
+* there, straight from the light: else nowhere. Direct light is sampled by shadow rays instead (Jensen 1996);
 * at every scattering in a medium: in the volume map.
 
 Where light goes straight through a surface (a mask's hole, a medium's boundary, a thin pane), nothing has happened.
@@ -115,6 +116,7 @@ class Deposits:
     count: wp.array[wp.int32]
     id: wp.array[wp.int64]
     edges: wp.array[wp.int32]
+    front: wp.array[wp.int32]
     map: wp.array[wp.int32]
     light: wp.array[wp.int32]
     position: wp.array[wp.vec3]
@@ -279,6 +281,7 @@ def make_trace_photons(features: Features) -> wp.Kernel:
         landed: wp.int32,
         own_cell: wp.int32,
         global_paths: wp.int64,
+        stores_direct: wp.int32,
         seed: wp.uint32,
         max_depth: wp.int32,
         chunk: wp.int32,
@@ -293,6 +296,7 @@ def make_trace_photons(features: Features) -> wp.Kernel:
         Args:
             landed: 1 if the photons' hits are final and lie in this cell; 0 if their rays are to be intersected here.
             global_paths: paths from this number on belong to the caustic pass.
+            stores_direct: 1 where the global map holds photons straight from the lights too.
             max_depth: longest path in edges, camera edge included; 0 for no limit.
             energy_out: what became of the flux of the global pass here, float64, shape [items, 3]: absorbed, escaped,
                 cut off [W x paths].
@@ -350,6 +354,7 @@ def make_trace_photons(features: Features) -> wp.Kernel:
                 scattered = wp.vec3(0.0)
                 scatters = wp.bool(False)  # other than straight on
                 stores_in = wp.int32(-1)
+                front = wp.int32(1)
                 new_state = state
                 new_medium = medium
                 if wp.static(features.media):
@@ -374,9 +379,10 @@ def make_trace_photons(features: Features) -> wp.Kernel:
                     s = surface_at(surfaces, materials, textures, hit.prim, hit.u, hit.v, to_source, u_choice)
                     position = s.position
                     normal = s.normal
+                    front = s.front
                     gathers = (materials.gathers[s.material] & (2 - s.front)) != 0
                     if gathers:
-                        if (state & BY_DIFFUSE) != 0:
+                        if (state & BY_DIFFUSE) != 0 or (stores_direct == 1 and not caustic):
                             stores_in = GLOBAL_MAP
                         elif caustic and (state & BY_GLOSSY) != 0:
                             stores_in = CAUSTIC_MAP
@@ -413,6 +419,7 @@ def make_trace_photons(features: Features) -> wp.Kernel:
                         slot += chunk * deposits_out.capacity
                         deposits_out.id[slot] = (path << wp.int64(BOUNCE_BITS)) | wp.int64(bounce)
                         deposits_out.edges[slot] = edges
+                        deposits_out.front[slot] = front
                         deposits_out.map[slot] = stores_in
                         deposits_out.light[slot] = flight.light[i]
                         deposits_out.position[slot] = position

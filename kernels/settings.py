@@ -17,6 +17,10 @@ EFFECTS_TO_LEAVE_OUT = ("indirect", "caustics", "media", "lens", "bump")
 """What --without takes: light of the global map, of the caustic map, media, depth of field, bent normals."""
 
 
+CHANGE_NO_BIT = ("bucket", "routing", "all_effects", "strict")
+"""Settings that change no bit of an image."""
+
+
 class Routing(Enum):
     """How camera rays find their nearest hit among several cells. Both give the same bits."""
 
@@ -35,6 +39,19 @@ class Integrator(Enum):
     """Everything by path tracing, without bias and without photons: the reference that others are held against."""
 
 
+class Indirect(Enum):
+    """Where the indirect light of diffuse surfaces comes from, with photons."""
+
+    AUTO = "auto"
+    """One of the others, as it suits the scene and the number of samples; the report says which and why."""
+    MAP = "map"
+    """The photon map, where the camera path meets the surface."""
+    GATHER = "gather"
+    """One ray a sample, and the photon map where it arrives (final gathering)."""
+    CACHE = "cache"
+    """Final gathering at some places, and interpolation between them (irradiance caching)."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class RenderSettings:
     """Settings of a render.
@@ -46,6 +63,8 @@ class RenderSettings:
         spp: samples a pixel.
         light_samples: shadow rays a camera sample.
         max_depth: longest light path in edges (1: emitted light only, 2: direct light, ...); None for no limit.
+        passes: renders of the same scene, each with photons of its own and a part of the samples, and narrower than
+            the one before; the image is their mean. Photons are those of each pass.
         seed: of all random numbers.
         bucket: side of a bucket in pixels. Changes no bit of the image.
         caustic_photons: photons to be stored in the caustic map of a scene that calls for one.
@@ -55,6 +74,7 @@ class RenderSettings:
         volume_samples: samples a pixel, at most, that look for light in media on behalf of all.
         volume_radius: of beams through media, in scene units; None derives it from the pilot.
         integrator: how light is found.
+        indirect: where the indirect light of diffuse surfaces comes from.
         all_effects: compile all effects in, whatever the scene calls for. Changes no bit of the image.
         strict: the first guard that acts ends the render with an error (cluster.guards). Changes no bit of the image.
         without: effects that are left out knowingly, of EFFECTS_TO_LEAVE_OUT.
@@ -70,6 +90,7 @@ class RenderSettings:
     spp: int = 16
     light_samples: int = 1
     max_depth: int | None = None
+    passes: int = 1
     seed: int = 0
     bucket: int = 32
     routing: Routing = Routing.FORWARD
@@ -80,11 +101,18 @@ class RenderSettings:
     volume_samples: int = 4
     volume_radius: float | None = None
     integrator: Integrator = Integrator.PHOTONS
+    indirect: Indirect = Indirect.AUTO
     all_effects: bool = False
     strict: bool = False
     without: tuple[str, ...] = ()
     band: float = 1.0
     inexact: bool = False
+
+    @property
+    def gathers(self) -> bool:
+        """Whether indirect light comes by final gathering."""
+        wanted = self.integrator is Integrator.PHOTONS and self.photons > 0 and "indirect" not in self.without
+        return wanted and self.indirect in (Indirect.GATHER, Indirect.CACHE)
 
     def __post_init__(self) -> None:
         self._make_plain()
@@ -99,6 +127,7 @@ class RenderSettings:
                 raise SettingsError(f"{name} is {value}; expected at most {MAX_K}: use more photons, not a larger k")
         _at_least("spp", self.spp, 1)
         _at_least("light_samples", self.light_samples, 1)
+        _at_least("passes", self.passes, 1)
         _at_least("bucket", self.bucket, 1)
         if self.max_depth is not None:
             _at_least("max_depth", self.max_depth, 1)
@@ -115,6 +144,11 @@ class RenderSettings:
         for effect in self.without:
             if effect not in EFFECTS_TO_LEAVE_OUT:
                 raise SettingsError(f"without names {effect!r}; expected some of {', '.join(EFFECTS_TO_LEAVE_OUT)}")
+        if self.integrator is Integrator.PATH and (maps := {"indirect", "caustics"}.intersection(self.without)):
+            raise SettingsError(
+                f"without {', '.join(sorted(maps))} leaves out photon maps, and integrator path has none; "
+                "for direct light alone use max_depth 2"
+            )
         if not (math.isfinite(self.band) and self.band >= 0):
             raise SettingsError(f"band is {self.band}; expected a share of the gather radius, 0 or more")
         if self.band < 1 and not self.inexact:
@@ -134,6 +168,7 @@ class RenderSettings:
             "volume_samples",
             "spp",
             "light_samples",
+            "passes",
             "seed",
         )
         for name in (*whole, "bucket", "max_depth"):

@@ -6,6 +6,7 @@ query for photons where there is a diffuse part; and one ray that goes on. What 
 * MAP_WAY: it is never traced on. Photons are gathered where the camera path meets it, and the ray goes on by the glossy
   part, so each light path is counted once (photon_paths: which photons are stored).
 * PATH_WAY: it is traced on like the glossy part, one of the two at each vertex, and no photon is asked: path tracing.
+  Media scatter paths too (medium_vertices).
 * GATHER_WAY: it is traced on once. Where such a ray arrives, the photon map is read, which then holds photons of direct
   light too (final gathering, Jensen 1996): `Action` says what each vertex does. Caustics are still gathered where the
   camera path or a short gather ray meets the surface, so what a gather ray finds of lamps, be it by glossy surfaces,
@@ -23,149 +24,70 @@ from types import SimpleNamespace
 import warp as wp
 
 from wdpm.kernels.bsdf import cosine_direction, make_bsdf
-from wdpm.kernels.bsdf_types import BLACK, DIFFUSE, NULL, RADIANCE, Bsdf
+from wdpm.kernels.bsdf_types import BLACK, DIFFUSE, NULL, RADIANCE
 from wdpm.kernels.camera import CameraView, make_camera, whole_pixel
 from wdpm.kernels.camera_rays import Paths, Rays
-from wdpm.kernels.constants import INV_PI, PI, ROULETTE_FROM, SURVIVAL_MOST
+from wdpm.kernels.camera_vertices import (
+    BEAM_PART,
+    BOUNCES,
+    CACHED,
+    CHOICE,
+    EMISSION_PART,
+    GATHER_WAY,
+    LOBE,
+    MAP_WAY,
+    PARTS,
+    PATH_WAY,
+    REACH_PART,
+    READ_MAP,
+    TRACE_ON,
+    Coats,
+    Queries,
+    Seen,
+    Shots,
+    Stretches,
+    Vertex,
+    camera_path,
+    carry_on,
+    number_1d,
+    numbers_2d,
+    place_of,
+    scattered_again,
+)
+from wdpm.kernels.cells import Cells, cell_of
+from wdpm.kernels.constants import INV_PI, PI, SURVIVAL_MOST
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights import Lights, make_lights
-from wdpm.kernels.limits import CHAIN_LIMIT
 from wdpm.kernels.materials import Materials, medium_beyond
 from wdpm.kernels.medium import Media, transmittance
-from wdpm.kernels.random import PURPOSE_BOUNCE, PURPOSE_LIGHT, sample_1d, sample_2d, stream_of
+from wdpm.kernels.medium_vertices import collision_at, flight_of, length_to, make_medium_vertices
+from wdpm.kernels.random import PURPOSE_LIGHT, sample_1d, sample_2d, stream_of
 from wdpm.kernels.surface import Surface, Surfaces, bump_shading, clearance, leave, make_surface, to_local, to_world
 from wdpm.kernels.texture import Textures
-from wdpm.kernels.triangle import NO_HIT
+
+__all__ = [
+    "BEAM_PART",
+    "BOUNCES",
+    "CACHED",
+    "EMISSION_PART",
+    "GATHER_WAY",
+    "MAP_WAY",
+    "PARTS",
+    "PATH_WAY",
+    "REACH_PART",
+    "READ_MAP",
+    "TRACE_ON",
+    "Coats",
+    "Queries",
+    "Seen",
+    "Shots",
+    "Stretches",
+    "make_shading",
+]
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Dimensions of a vertex's random numbers.
-_DIRECTION = wp.constant(0)
-_LOBE = wp.constant(1)
-_CHOICE = wp.constant(2)
-_ROULETTE = wp.constant(3)
-_DIMENSIONS = wp.constant(4)
-
-_CHAIN_LIMIT = wp.constant(CHAIN_LIMIT)
-
 _BELOW_ONE = wp.constant(wp.float32(1 - 2.0**-24))
-
-# What the diffuse parts of surfaces do.
-MAP_WAY = wp.constant(0)
-PATH_WAY = wp.constant(1)
-GATHER_WAY = wp.constant(2)
-
-# What the diffuse part of one vertex does in GATHER_WAY.
-TRACE_ON = wp.constant(0)
-"""A ray goes on by it."""
-READ_MAP = wp.constant(1)
-"""All of its light is read from the photon map: it ends a gather ray."""
-CACHED = wp.constant(2)
-"""Its indirect light comes from the irradiance cache, its direct light from shadow rays."""
-
-# Parts of a vertex, after its shadow rays: cluster.parts.
-EMISSION_PART = wp.constant(0)
-BEAM_PART = wp.constant(3)
-PARTS = wp.constant(4)
-BOUNCES = wp.constant(CHAIN_LIMIT + 1)
-"""Vertices that a path may have, the one at which it is cut off included."""
-
-
-@wp.struct
-class Seen:
-    """What the vertices of camera paths see themselves."""
-
-    emission: wp.array[wp.vec3]
-    depth: wp.array[wp.float32]
-    normal: wp.array[wp.vec3]
-    albedo: wp.array[wp.vec3]
-
-
-@wp.struct
-class Queries:
-    """Places where photons are to be gathered; `weight` is zero where none are wanted.
-
-    Attributes:
-        weight: what the gathered irradiance / pi counts for: throughput of the path, times the albedo if the diffuse
-            part is Lambertian.
-        clearance: distance to the nearest edge of the triangle.
-        edges: of the path from the camera.
-    """
-
-    position: wp.array[wp.vec3]
-    normal: wp.array[wp.vec3]
-    shading_normal: wp.array[wp.vec3]
-    front_normal: wp.array[wp.vec3]
-    clearance: wp.array[wp.float32]
-    weight: wp.array[wp.vec3]
-    edges: wp.array[wp.int32]
-
-
-@wp.struct
-class Coats:
-    """What a query needs besides where its diffuse part is not Lambertian, or its normal is bent.
-
-    Attributes:
-        bsdf, s, t, n, w_from: material, local frame, direction to the viewer in it.
-        unbent, bumps2: as in surface.Surface.
-    """
-
-    bsdf: wp.array[Bsdf]
-    s: wp.array[wp.vec3]
-    t: wp.array[wp.vec3]
-    n: wp.array[wp.vec3]
-    w_from: wp.array[wp.vec3]
-    unbent: wp.array[wp.vec3]
-    bumps2: wp.array[wp.float32]
-
-
-@wp.struct
-class Shots:
-    """Shadow segments as shadow_rays.Segments, and the medium that each starts in."""
-
-    slot: wp.array[wp.int32]
-    place: wp.array[wp.int32]
-    origin: wp.array[wp.vec3]
-    direction: wp.array[wp.vec3]
-    radiance: wp.array[wp.vec3]
-    medium: wp.array[wp.int32]
-
-
-@wp.struct
-class Stretches:
-    """Stretches of camera rays before a vertex, in a medium or (medium < 0) not. See cluster.batch.SCHEMAS."""
-
-    slot: wp.array[wp.int32]
-    sample: wp.array[wp.int32]
-    place: wp.array[wp.int32]
-    origin: wp.array[wp.vec3]
-    direction: wp.array[wp.vec3]  # unit
-    length: wp.array[wp.float32]
-    radiance: wp.array[wp.vec3]  # throughput before the stretch
-    medium: wp.array[wp.int32]
-
-
-@wp.struct
-class Vertex:
-    """A camera path as it arrives at a surface; for the other fields see cluster.batch.SCHEMAS."""
-
-    slot: wp.int32
-    pixel: wp.int32
-    item: wp.uint32  # of the pixel's random numbers
-    sample: wp.int32
-    bounce: wp.int32
-    edges: wp.int32
-    diffuse: wp.int32
-    medium: wp.int32
-    origin: wp.vec3
-    direction: wp.vec3
-    anchor: wp.vec3
-    throughput: wp.vec3
-    pdf: wp.float32
-    t: wp.float32
-    prim: wp.int32
-    u: wp.float32
-    v: wp.float32
 
 
 @functools.cache
@@ -186,6 +108,7 @@ def make_shading(features: Features) -> SimpleNamespace:
     pdf_environment = light.pdf_environment
     environment_radiance = light.environment_radiance
     camera_ray = make_camera(features).camera_ray
+    shade_medium = make_medium_vertices(features).shade_medium
 
     @wp.func
     def camera_vertex(camera: CameraView, rays: Rays, i: wp.int32) -> Vertex:
@@ -207,42 +130,6 @@ def make_shading(features: Features) -> SimpleNamespace:
         p.u = rays.u[i]
         p.v = rays.v[i]
         return p
-
-    @wp.func
-    def path_vertex(camera: CameraView, paths: Paths, i: wp.int32) -> Vertex:
-        p = Vertex()
-        p.slot = paths.slot[i]
-        p.pixel = paths.pixel[i]
-        p.item = wp.uint32(whole_pixel(camera, p.pixel))
-        p.sample = paths.sample[i]
-        p.bounce = paths.bounce[i]
-        p.edges = paths.edges[i]
-        p.diffuse = paths.diffuse[i]
-        p.medium = paths.medium[i]
-        p.origin = paths.origin[i]
-        p.direction = paths.direction[i]
-        p.anchor = paths.anchor[i]
-        p.throughput = paths.throughput[i]
-        p.pdf = paths.pdf[i]
-        p.t = paths.t[i]
-        p.prim = paths.prim[i]
-        p.u = paths.u[i]
-        p.v = paths.v[i]
-        return p
-
-    @wp.func
-    def number_1d(seed: wp.uint32, p: Vertex, dimension: wp.int32) -> wp.float32:
-        stream = stream_of(seed, PURPOSE_BOUNCE, p.item, _DIMENSIONS * p.bounce + dimension)
-        return wp.float32(sample_1d(wp.uint32(p.sample), stream))
-
-    @wp.func
-    def place_of(p: Vertex, light_samples: wp.int32, part: wp.int32) -> wp.int32:
-        """Where a part of a vertex, its shadow rays first, stands in its sample: cluster.parts."""
-        place = p.bounce * (light_samples + PARTS) + part
-        if wp.static(features.traced):
-            if p.diffuse > 0:
-                place += BOUNCES * (light_samples + PARTS)
-        return place
 
     @wp.func
     def emitted(
@@ -322,7 +209,7 @@ def make_shading(features: Features) -> SimpleNamespace:
             radiance = radiance / wp.float32(light_samples)
         origin = leave(s.position, leaves, offset_min)
         shots_out.slot[row] = p.slot
-        shots_out.place[row] = place_of(p, light_samples, j)
+        shots_out.place[row] = place_of(p.bounce, p.diffuse, light_samples, j)
         shots_out.origin[row] = origin
         shots_out.direction[row] = found.end - origin
         shots_out.radiance[row] = radiance
@@ -357,7 +244,7 @@ def make_shading(features: Features) -> SimpleNamespace:
         straight = wp.int32(0)
         u_lobe = wp.float32(0.0)
         if wp.static(features.glossy):
-            u_lobe = number_1d(seed, p, _LOBE)
+            u_lobe = number_1d(seed, p, LOBE)
         if wp.static(features.passing):
             if s.bsdf.kind == NULL:
                 straight = 1
@@ -368,27 +255,19 @@ def make_shading(features: Features) -> SimpleNamespace:
         if wp.static(features.traced):
             by_diffuse = straight == 0 and diffuse_share > 0.0 and (u_lobe < diffuse_share or diffuse_share == 1.0)
             if by_diffuse:
-                w_to = cosine_direction(
-                    sample_2d(
-                        wp.uint32(p.sample),
-                        stream_of(seed, PURPOSE_BOUNCE, p.item, _DIMENSIONS * p.bounce + _DIRECTION),
-                    )
-                )
+                w_to = cosine_direction(numbers_2d(seed, p))
                 direction = to_world(s, w_to)
                 pdf = diffuse_share * (w_to[2] * INV_PI)
                 anchor = s.position
                 edges += 1
-                diffuse += 1
+                diffuse = wp.where(diffuse == 0, 1, scattered_again(diffuse))
                 if wp.dot(leaves, direction) > 0.0 and (max_depth == 0 or edges <= max_depth):
                     carries = wp.cw_mul(throughput, eval_diffuse(s.bsdf, w_from, w_to) * (PI / diffuse_share))
                     if wp.static(features.bent):
                         carries = carries * bump_shading(s, direction)
         if wp.static(features.glossy):
             if straight == 0 and not by_diffuse and s.bsdf.kind != DIFFUSE and s.bsdf.kind != BLACK:
-                u = sample_2d(
-                    wp.uint32(p.sample),
-                    stream_of(seed, PURPOSE_BOUNCE, p.item, _DIMENSIONS * p.bounce + _DIRECTION),
-                )
+                u = numbers_2d(seed, p)
                 rest = wp.float32(1.0)
                 if wp.static(features.traced):
                     if diffuse_share > 0.0:
@@ -405,35 +284,13 @@ def make_shading(features: Features) -> SimpleNamespace:
                     pdf = rest * sampled.pdf
                     anchor = s.position
                     edges += 1
+                    diffuse = scattered_again(diffuse)
                     if wp.dot(leaves, direction) > 0.0 and (max_depth == 0 or edges <= max_depth):
                         carries = wp.cw_mul(throughput, sampled.weight) / rest
                         if wp.static(features.bent):
                             carries = carries * bump_shading(s, direction)
-        if wp.max(carries) > 0.0 and p.bounce >= ROULETTE_FROM:
-            survival = wp.min(SURVIVAL_MOST, wp.max(carries))
-            if number_1d(seed, p, _ROULETTE) < survival:
-                carries = carries / survival
-            else:
-                carries = wp.vec3(0.0)
-        if p.bounce + 1 >= _CHAIN_LIMIT:
-            carries = wp.vec3(0.0)
-        paths_out.slot[i] = p.slot
-        paths_out.pixel[i] = p.pixel
-        paths_out.sample[i] = p.sample
-        paths_out.bounce[i] = p.bounce + 1
-        paths_out.edges[i] = edges
-        paths_out.diffuse[i] = diffuse
-        paths_out.medium[i] = medium
-        paths_out.origin[i] = leave(s.position, leaves, offset_min)
-        paths_out.direction[i] = direction
-        paths_out.anchor[i] = anchor
-        paths_out.throughput[i] = carries
-        paths_out.pdf[i] = pdf
-        paths_out.t[i] = NO_HIT
-        paths_out.prim[i] = -1
-        paths_out.u[i] = 0.0
-        paths_out.v[i] = 0.0
-        paths_out.owner[i] = -1
+        origin = leave(s.position, leaves, offset_min)
+        carry_on(p, carries, origin, direction, anchor, pdf, edges, diffuse, medium, SURVIVAL_MOST, seed, i, paths_out)
 
     @wp.func
     def query(
@@ -481,16 +338,112 @@ def make_shading(features: Features) -> SimpleNamespace:
         return albedo
 
     @wp.func
+    def nothing_lit(p: Vertex, light_samples: wp.int32, j: wp.int32, row: wp.int32, shots_out: Shots) -> None:
+        """A shadow ray that is not there."""
+        shots_out.slot[row] = p.slot
+        shots_out.place[row] = place_of(p.bounce, p.diffuse, light_samples, j)
+        shots_out.radiance[row] = wp.vec3(0.0)
+
+    @wp.func
+    def nothing_seen(p: Vertex, i: wp.int32, seen_out: Seen, queries_out: Queries) -> None:
+        """A vertex on no surface has nothing to show, and asks for no photons."""
+        seen_out.emission[i] = wp.vec3(0.0)
+        seen_out.depth[i] = -1.0
+        seen_out.normal[i] = wp.vec3(0.0)
+        seen_out.albedo[i] = wp.vec3(0.0)
+        queries_out.weight[i] = wp.vec3(0.0)
+        queries_out.edges[i] = p.edges
+
+    @wp.func
     def stretch(p: Vertex, length: wp.float32, light_samples: wp.int32, i: wp.int32, stretches_out: Stretches) -> None:
         """The stretch of the ray before this vertex, if it is in a medium."""
         stretches_out.slot[i] = p.slot
         stretches_out.sample[i] = p.sample
-        stretches_out.place[i] = place_of(p, light_samples, light_samples + BEAM_PART)
+        stretches_out.place[i] = place_of(p.bounce, p.diffuse, light_samples, light_samples + BEAM_PART)
         stretches_out.origin[i] = p.origin
         stretches_out.direction[i] = wp.normalize(p.direction)
         stretches_out.length[i] = length
         stretches_out.radiance[i] = p.throughput
         stretches_out.medium[i] = p.medium
+
+    @wp.func
+    def shade_surface(
+        surfaces: Surfaces,
+        materials: Materials,
+        textures: Textures,
+        lights: Lights,
+        p: Vertex,
+        throughput: wp.vec3,
+        reached: wp.bool,
+        light_samples: wp.int32,
+        max_depth: wp.int32,
+        way: wp.int32,
+        action: wp.int32,
+        seed: wp.uint32,
+        eye: wp.vec3,
+        i: wp.int32,
+        seen_out: Seen,
+        queries_out: Queries,
+        coats_out: Coats,
+        shots_out: Shots,
+        paths_out: Paths,
+    ) -> None:
+        """A vertex on a surface.
+
+        Args:
+            throughput: of the path where it arrives.
+            reached: whether light does; if not, only what the layers of depth, normals and albedo tell is told.
+        """
+        to_viewer = -wp.normalize(p.direction)
+        u_choice = wp.float32(0.0)
+        if wp.static(features.blend or features.passing):
+            u_choice = number_1d(seed, p, CHOICE)
+        s = surface_at(surfaces, materials, textures, p.prim, p.u, p.v, to_viewer, u_choice)
+        w_from = to_local(s, to_viewer)
+
+        diffuse_share = wp.float32(0.0)
+        shines = max_depth == 0 or p.edges <= max_depth
+        lit = lights.count > 0 and (max_depth == 0 or p.edges + 1 <= max_depth)
+        if wp.static(features.traced):
+            if way == PATH_WAY or (way == GATHER_WAY and action == TRACE_ON):
+                diffuse_share = probability_diffuse(s.bsdf, w_from)
+            if way == GATHER_WAY and p.diffuse > 0:
+                shines = False
+                lit = lit and action != READ_MAP
+
+        emission = wp.vec3(0.0)
+        if shines and reached:
+            emission = emitted(textures, lights, p, s, throughput, light_samples)
+        seen_out.emission[i] = emission
+        seen_out.depth[i] = wp.length(s.position - eye)
+        seen_out.normal[i] = s.shading_normal
+        seen_out.albedo[i] = query(surfaces, s, p, throughput, w_from, way, i, queries_out, coats_out)
+        if reached:
+            for j in range(light_samples):
+                row = i * light_samples + j
+                if lit and s.bsdf.kind != BLACK and s.bsdf.kind != NULL:
+                    direct(
+                        lights,
+                        materials,
+                        textures,
+                        s,
+                        p,
+                        throughput,
+                        w_from,
+                        diffuse_share,
+                        way,
+                        surfaces.offset_min,
+                        light_samples,
+                        seed,
+                        j,
+                        row,
+                        shots_out,
+                    )
+                else:
+                    nothing_lit(p, light_samples, j, row, shots_out)
+            if wp.static(features.goes_on):
+                offset_min = surfaces.offset_min
+                go_on(materials, s, p, throughput, w_from, diffuse_share, offset_min, max_depth, seed, i, paths_out)
 
     @wp.func
     def shade(
@@ -514,65 +467,68 @@ def make_shading(features: Features) -> SimpleNamespace:
         paths_out: Paths,
         stretches_out: Stretches,
     ) -> None:
-        to_viewer = -wp.normalize(p.direction)
-        u_choice = wp.float32(0.0)
-        if wp.static(features.blend or features.passing):
-            u_choice = number_1d(seed, p, _CHOICE)
-        s = surface_at(surfaces, materials, textures, p.prim, p.u, p.v, to_viewer, u_choice)
-        w_from = to_local(s, to_viewer)
+        """A vertex on a surface, or, in PATH_WAY, in the medium before it."""
         throughput = p.throughput
+        reached = wp.bool(True)
         if wp.static(features.media):
-            length = p.t * wp.length(p.direction)
+            length = length_to(lights, p)
             stretch(p, length, light_samples, i, stretches_out)
-            if p.medium >= 0:
-                throughput = wp.cw_mul(throughput, transmittance(media, p.medium, length))
-
-        diffuse_share = wp.float32(0.0)
-        shines = max_depth == 0 or p.edges <= max_depth
-        lit = lights.count > 0 and (max_depth == 0 or p.edges + 1 <= max_depth)
-        if wp.static(features.traced):
-            if way == PATH_WAY or (way == GATHER_WAY and action == TRACE_ON):
-                diffuse_share = probability_diffuse(s.bsdf, w_from)
-            if way == GATHER_WAY and p.diffuse > 0:
-                shines = False
-                lit = lit and action != READ_MAP
-
-        emission = wp.vec3(0.0)
-        if shines:
-            emission = emitted(textures, lights, p, s, throughput, light_samples)
-        seen_out.emission[i] = emission
-        seen_out.depth[i] = wp.length(s.position - eye)
-        seen_out.normal[i] = s.shading_normal
-        seen_out.albedo[i] = query(surfaces, s, p, throughput, w_from, way, i, queries_out, coats_out)
-
-        for j in range(light_samples):
-            row = i * light_samples + j
-            if lit and s.bsdf.kind != BLACK and s.bsdf.kind != NULL:
-                direct(
-                    lights,
-                    materials,
-                    textures,
-                    s,
-                    p,
-                    throughput,
-                    w_from,
-                    diffuse_share,
-                    way,
-                    surfaces.offset_min,
-                    light_samples,
-                    seed,
-                    j,
-                    row,
-                    shots_out,
-                )
-            else:
-                shots_out.slot[row] = p.slot
-                shots_out.place[row] = place_of(p, light_samples, j)
-                shots_out.radiance[row] = wp.vec3(0.0)
-        if wp.static(features.goes_on):
-            go_on(
-                materials, s, p, throughput, w_from, diffuse_share, surfaces.offset_min, max_depth, seed, i, paths_out
+            if way != PATH_WAY:
+                if p.medium >= 0:
+                    throughput = wp.cw_mul(throughput, transmittance(media, p.medium, length))
+            if wp.static(features.traced):
+                if way == PATH_WAY:
+                    flight = flight_of(media, lights, p, seed)
+                    throughput = wp.cw_mul(throughput, flight.weight)
+                    if flight.scatters == 1:
+                        reached = wp.bool(False)
+                        shade_medium(
+                            media, lights, textures, p, flight, light_samples, max_depth, seed, i, shots_out, paths_out
+                        )
+        if p.prim >= 0:
+            shade_surface(
+                surfaces,
+                materials,
+                textures,
+                lights,
+                p,
+                throughput,
+                reached,
+                light_samples,
+                max_depth,
+                way,
+                action,
+                seed,
+                eye,
+                i,
+                seen_out,
+                queries_out,
+                coats_out,
+                shots_out,
+                paths_out,
             )
+        else:
+            nothing_seen(p, i, seen_out, queries_out)
+            if reached:  # nowhere: only a peer that errs sends such a vertex
+                for j in range(light_samples):
+                    nothing_lit(p, light_samples, j, i * light_samples + j, shots_out)
+                if wp.static(features.goes_on):
+                    ends = wp.vec3(0.0)
+                    carry_on(
+                        p,
+                        ends,
+                        p.origin,
+                        p.direction,
+                        p.anchor,
+                        p.pdf,
+                        p.edges,
+                        p.diffuse,
+                        p.medium,
+                        SURVIVAL_MOST,
+                        seed,
+                        i,
+                        paths_out,
+                    )
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def shade_camera_hits(
@@ -660,7 +616,7 @@ def make_shading(features: Features) -> SimpleNamespace:
             textures,
             media,
             lights,
-            path_vertex(camera, paths, i),
+            camera_path(camera, paths, i),
             light_samples,
             max_depth,
             way,
@@ -684,10 +640,9 @@ def make_shading(features: Features) -> SimpleNamespace:
         light_samples: wp.int32,
         way: wp.int32,
         i: wp.int32,
-        radiance_out: wp.array[wp.vec3],
         stretches_out: Stretches,
-    ) -> None:
-        """A ray that leaves the scene: what its environment and, without end, its medium send back."""
+    ) -> wp.vec3:
+        """What its environment and, without end, its medium send back to a ray that leaves the scene."""
         radiance = wp.vec3(0.0)
         if wp.static(features.environment):
             unit = wp.normalize(p.direction)
@@ -701,27 +656,45 @@ def make_shading(features: Features) -> SimpleNamespace:
                     radiance = wp.vec3(0.0)
             radiance = wp.cw_mul(p.throughput, radiance)
         if wp.static(features.media):
-            length = lights.far_away
+            length = length_to(lights, p)
             stretch(p, length, light_samples, i, stretches_out)
-            if p.medium >= 0:
-                radiance = wp.cw_mul(radiance, transmittance(media, p.medium, length))
-        radiance_out[i] = radiance
+            if way != PATH_WAY:
+                if p.medium >= 0:
+                    radiance = wp.cw_mul(radiance, transmittance(media, p.medium, length))
+        return radiance
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def path_misses(
         media: Media,
         lights: Lights,
+        cells: Cells,
         camera: CameraView,
         paths: Paths,
         light_samples: wp.int32,
         way: wp.int32,
         offset: wp.int32,
         radiance_out: wp.array[wp.vec3],
+        collision_out: wp.array[wp.int32],
         stretches_out: Stretches,
     ) -> None:
-        """Rays of camera paths that meet no surface."""
+        """Rays of camera paths that meet no surface.
+
+        Args:
+            collision_out: in PATH_WAY, the cell in which each path collides in its medium, -1 where it does not.
+        """
         i = offset + wp.tid()
-        escaped(media, lights, path_vertex(camera, paths, i), light_samples, way, i, radiance_out, stretches_out)
+        p = camera_path(camera, paths, i)
+        radiance = escaped(media, lights, p, light_samples, way, i, stretches_out)
+        collision = wp.int32(-1)
+        if wp.static(features.media and features.traced):
+            if way == PATH_WAY:
+                flight = flight_of(media, lights, p, camera.seed)
+                radiance = wp.cw_mul(radiance, flight.weight)
+                if flight.scatters == 1:
+                    radiance = wp.vec3(0.0)
+                    collision = cell_of(cells, collision_at(p, flight))
+        radiance_out[i] = radiance
+        collision_out[i] = collision
 
     return SimpleNamespace(
         shade_camera_hits=shade_camera_hits,

@@ -37,13 +37,19 @@ PLASTIC = (0.7548776662466927, 0.5698402909980532)
 (Roberts 2018, "The Unreasonable Effectiveness of Quasirandom Sequences"), as 1 / phi does the unit interval."""
 
 
-def point_counts(area: NDArray[np.float64], ids: NDArray[np.int32], point_area: float) -> NDArray[np.int64]:
+def point_counts(
+    area: NDArray[np.float64], ids: NDArray[np.int32], point_area: float, number: int = 0
+) -> NDArray[np.int64]:
     """How many points each triangle gets: its area over `point_area`, rounded up or down.
 
     The share that rounds up follows the golden ratio's sequence by triangle number, so that runs of small triangles get
     the right number in all, and each triangle knows its own without its neighbours.
+
+    Args:
+        number: which of many sets of points.
     """
-    counts: NDArray[np.int64] = np.floor(area / point_area + (ids.astype(np.float64) * GOLDEN) % 1.0).astype(np.int64)
+    share = (ids.astype(np.float64) * GOLDEN + number * PLASTIC[0]) % 1.0
+    counts: NDArray[np.int64] = np.floor(area / point_area + share).astype(np.int64)
     return counts
 
 
@@ -74,20 +80,23 @@ def spread(
     area: NDArray[np.float64],
     point_area: float,
     launcher: Launcher,
+    point_set: int = 0,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """The points of a cell: those of its triangles that lie in it.
 
     Args:
         ids, area: numbers and areas of the cell's triangles, shape [T].
         point_area: the area that each point stands for.
+        point_set: which of many sets; each goes on in a triangle where the one before ended. The error of a count is
+            then another in each pass of a render, and the mean of passes has less of it.
 
     Returns:
         positions and unit normals of the front side, float32, shape [points, 3] each.
     """
-    counts = point_counts(area, ids, point_area)
+    counts = point_counts(area, ids, point_area, point_set)
     row = np.repeat(np.arange(len(ids), dtype=np.int32), counts)
     # Numbered within the triangle, from a start that differs from triangle to triangle.
-    number = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts)
+    number = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts) + point_set * counts[row]
     start = ids[row].astype(np.float64) * GOLDEN
     u = (start + number * PLASTIC[0]) % 1.0
     v = (0.5 + start + number * PLASTIC[1]) % 1.0

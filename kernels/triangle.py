@@ -8,7 +8,9 @@ finds it. Three steps make that true for any tree of boxes:
    origin lies. A sheared corner depends on that corner and the ray only, and an edge function computed with the corners
    exchanged is the exact negative, so neighbours agree about a shared edge. Rounding is monotone: the computed sign of
    x*y - z*w is the true sign or zero. Zero counts as inside for both neighbours, so a ray through an edge or corner
-   never slips between them. Doubles make corner minus origin practically exact for float32 coordinates.
+   never slips between them. So does what is within the error of an edge function (ON_EDGE): neighbours along a line
+   whose corners differ, as at a T-junction, do not agree, but overlap. Doubles make corner minus origin practically
+   exact for float32 coordinates.
 
 2. **The clamp.** The t found is clamped to the interval in which the ray is inside the triangle's own box, grown by
    `pad`; an empty interval is a miss. The interval is computed in float32 with the arithmetic that the tree's
@@ -49,6 +51,14 @@ EDGE_ON = wp.constant(2.0**-28)
 
 The determinant's error is 2^-50 of the same product, so above, weights are good to 2^-22. Below, the ray passes every
 edge it crosses within a few 2^-28 of the distance, less than a rounding of a coordinate."""
+
+ON_EDGE = wp.constant(2.0**-52)
+"""An edge function below this share of size times distance does not say on which side of the edge the ray passes.
+
+A sheared corner is off by the rounding of one product and one difference, 2^-53 of its distance along the ray and of
+its size; an edge function by the errors of its two corners times their sizes, and its own two products: in all less
+than 2^-52 of size times distance. Such a ray counts as inside, so that triangles which meet along a line overlap there,
+even if they do not share the corners of that line (T-junctions)."""
 
 FAR = wp.constant(1.0e300)
 """Beyond every t, in doubles."""
@@ -172,6 +182,24 @@ def sum_of_absolutes(p: wp.vec3d) -> wp.float64:
 
 
 @wp.func
+def on_edge(x: wp.vec3d, y: wp.vec3d, z: wp.vec3d, weights: wp.vec3d) -> wp.bool:
+    """Whether a ray whose edge functions have both signs may still touch the triangle, as far as doubles tell.
+
+    Args:
+        x, y: sheared coordinates of the three corners.
+        z: of the corners less the origin, along the ray's longest axis.
+        weights: the edge functions.
+    """
+    size = sum_of_absolutes(x) + sum_of_absolutes(y)
+    error = (size + sum_of_absolutes(z)) * wp.float64(ON_EDGE)
+    doubt = size * error
+    if wp.min(weights) < -doubt and wp.max(weights) > doubt:
+        return False
+    # Of a triangle without area, as far as it is seen, edge functions say little: beside it, all are in doubt.
+    return wp.min(x) <= error and wp.max(x) >= -error and wp.min(y) <= error and wp.max(y) >= -error
+
+
+@wp.func
 def edge_on_hit(x: wp.vec3d, y: wp.vec3d, t: wp.vec3d) -> wp.vec3d:
     """Where a ray enters a triangle that it sees from its side: (t, v, w), t = FAR where it does not.
 
@@ -213,14 +241,17 @@ def intersect_turned(a: wp.vec3, b: wp.vec3, c: wp.vec3, ray: Ray, pad: float) -
     v = x[0] * y[2] - y[0] * x[2]  # weight of b
     w = x[1] * y[0] - y[1] * x[0]  # weight of c
     zero = wp.float64(0.0)
+    one = wp.float64(1.0)
     if (u < zero or v < zero or w < zero) and (u > zero or v > zero or w > zero):
-        return miss
+        if not on_edge(x, y, wp.vec3d(pa[2], pb[2], pc[2]), wp.vec3d(u, v, w)):
+            return miss
     det = u + v + w
     if not (wp.abs(det) > zero):
         return miss  # a needle seen from its side, or no area at all
     z = wp.vec3d(pa[2], pb[2], pc[2]) * ray.shear[2]
-    per = wp.float64(1.0) / det
-    hit = wp.vec3d((u * z[0] + v * z[1] + w * z[2]) * per, v * per, w * per)
+    per = one / det
+    t_inside = (u * z[0] + v * z[1] + w * z[2]) * per
+    hit = wp.vec3d(t_inside, wp.clamp(v * per, zero, one), wp.clamp(w * per, zero, one))
     # x and y of a hit are no larger than the triangle, and known to 2^-52 of its distance.
     size = sum_of_absolutes(x) + sum_of_absolutes(y)
     distance = size + sum_of_absolutes(z) * ray.longest

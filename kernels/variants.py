@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cache
 
 import warp as wp
@@ -22,7 +22,12 @@ CAMERAS = ("lens", "orthographic")
 
 @dataclass(frozen=True, eq=False)
 class Variants:
-    """Kernels for one set of features. Those that only some effects need are None without them."""
+    """Kernels for one set of features. Those that only some effects need are None without them.
+
+    Attributes:
+        shade_camera_hits: for paths that end at their first surface; None where some never do.
+        shade_vertices: for all others; None where there are none.
+    """
 
     first_camera_cells: wp.Kernel
     mark_touched_cells: wp.Kernel
@@ -52,13 +57,14 @@ def make_variants(features: Features) -> Variants:
     """The kernels for a set of features; nothing is compiled yet."""
     rays = make_camera_rays(only(features, CAMERAS))
     shading = make_shading(features)
+    ending = replace(features, traced=False)  # where the irradiance cache serves, paths end at diffuse surfaces
     at_surfaces = only(features, MATERIALS, TEXTURES, ("media",))
     return Variants(
         first_camera_cells=rays.first_camera_cells,
         mark_touched_cells=rays.mark_touched_cells,
         visit_camera_rays=rays.visit_camera_rays,
         start_paths=rays.start_paths,
-        shade_camera_hits=None if features.goes_on else shading.shade_camera_hits,
+        shade_camera_hits=None if ending.goes_on else make_shading(ending).shade_camera_hits,
         emit_photons=make_emit_photons(only(features, LIGHTS, TEXTURES, ("media",))),
         trace_photons=make_trace_photons(at_surfaces),
         shade_vertices=shading.shade_vertices if features.goes_on else None,

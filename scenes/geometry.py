@@ -14,19 +14,19 @@ from numpy.typing import NDArray
 
 from wdpm.scenes.bsdfs import walk
 from wdpm.scenes.errors import SceneError
-from wdpm.scenes.framing import bounding_box
 from wdpm.scenes.light_sources import Light, SpotLight
 from wdpm.scenes.light_table import LightTable, tabulate_lights
 from wdpm.scenes.material_coats import with_coats
 from wdpm.scenes.material_table import NO_MEDIUM, SAME_MEDIUM, Boundary, MaterialTable, tabulate
 from wdpm.scenes.model import Camera, Material, Medium, Mesh, Scene
+from wdpm.scenes.renderer_space import RendererSpace, renderer_space
 from wdpm.scenes.textures import Bitmap, Checkerboard, Texture, VertexColors
-from wdpm.scenes.transforms import normalized, translation
+from wdpm.scenes.transforms import normalized
 
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
-    """Triangles in the renderer's space (the scene's centre at the origin), sorted by their global number.
+    """Triangles in the renderer's space (renderer_space), sorted by their global number.
 
     Attributes:
         ids: global triangle numbers, int32, shape [T], strictly ascending.
@@ -67,7 +67,7 @@ class Media:
     """Participating media, one a row.
 
     Attributes:
-        sigma_t: extinction, float32, shape [K, 3].
+        sigma_t: extinction per unit of the renderer's space, float32, shape [K, 3].
         albedo: float32, shape [K, 3].
         g: mean cosine of scattering, float32, shape [K].
     """
@@ -79,7 +79,7 @@ class Media:
 
 @dataclass(frozen=True, eq=False)
 class FlatScene:
-    """A scene as arrays, in the renderer's space: moved so that the middle of its bounding box is the origin.
+    """A scene as arrays, in the renderer's space (renderer_space): the middle of its bounding box is the origin.
 
     Attributes:
         triangles: numbered in the order of the meshes, without the dropped ones.
@@ -89,6 +89,7 @@ class FlatScene:
         lights: all that emits.
         camera: moved like the scene.
         center: what was subtracted from the scene's coordinates, float64, shape [3].
+        unit: by what lengths were divided then. Lengths here times this are the scene's, fluxes times its square.
         extent: largest absolute coordinate of any vertex, light with a place or the camera.
         dropped: number of triangles left out, by cause.
     """
@@ -101,6 +102,7 @@ class FlatScene:
     media: Media
     camera: Camera
     center: NDArray[np.float64]
+    unit: float
     extent: float
     dropped: dict[str, int]
 
@@ -112,32 +114,41 @@ DUPLICATE = "the same as another, which hides it"
 def flatten(scene: Scene) -> FlatScene:
     """Turns a scene into arrays.
 
-    Coordinates are moved in double precision before they are rounded, so a model far from the origin keeps its detail.
+    Coordinates are moved and divided in double precision before they are rounded, see renderer_space.
 
     Raises:
         SceneError: an index out of range, or no triangle is left.
     """
-    low, high = bounding_box(scene.meshes)
-    center = (low + high) / 2.0
+    space = renderer_space(scene.meshes)
+    lights = [space.light(light) for light in scene.lights]
     emitters = [mesh for mesh in scene.meshes if _glows(mesh)]
     emitter_index = {id(mesh): index for index, mesh in enumerate(emitters)}
-    rows = _Rows(scene)
-    parts = [_soup(mesh, center, rows.of(mesh), emitter_index.get(id(mesh), -1)) for mesh in scene.meshes]
+    rows = _Rows(scene, [space.material(material) for material in scene.materials])
+    parts = [_soup(mesh, space, rows.of(mesh), emitter_index.get(id(mesh), -1)) for mesh in scene.meshes]
     triangles, dropped = _without_degenerate(_joined(_with_colors(scene.meshes, parts)))
     if len(triangles) == 0:
         raise SceneError(f"no triangle of the scene can be rendered: {_listed(dropped)}")
-    camera = replace(scene.camera, to_world=translation(-center) @ scene.camera.to_world)
+    camera = space.camera(scene.camera)
     _check_factors(scene.materials)
     materials, textures = tabulate(rows.boundaries)
     materials = with_coats(materials)
-    textures, emitter_texture = _with_emission(textures, emitters, scene.lights)
+    textures, emitter_texture = _with_emission(textures, emitters, lights)
     sides = materials.medium[triangles.material] if scene.media else None
-    lights = tabulate_lights(emitters, triangles, emitter_texture, textures, scene.lights, center, sides)
-    places: list[NDArray[np.floating]] = [triangles.positions, lights.point_position, lights.spot_position]
+    table = tabulate_lights(emitters, triangles, emitter_texture, textures, lights, sides)
+    places: list[NDArray[np.floating]] = [triangles.positions, table.point_position, table.spot_position]
     places.append(camera.to_world[:3, 3])
-    reach = max(float(np.abs(place).max(initial=0.0)) for place in places)
     return FlatScene(
-        triangles, materials, rows.names, textures, lights, _media(scene.media), camera, center, reach, dropped
+        triangles=triangles,
+        materials=materials,
+        material_names=rows.names,
+        textures=textures,
+        lights=table,
+        media=_media([space.medium(medium) for medium in scene.media]),
+        camera=camera,
+        center=space.center,
+        unit=space.unit,
+        extent=max(float(np.abs(place).max(initial=0.0)) for place in places),
+        dropped=dropped,
     )
 
 
@@ -158,12 +169,13 @@ def _check_factors(materials: Sequence[Material]) -> None:
 class _Rows:
     """Rows of the material table: a material that bounds several pairs of media has as many rows."""
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, materials: Sequence[Material]) -> None:
         self._scene = scene
+        self._materials = materials
         self._row: dict[tuple[int, int, int], int] = {}
         self.boundaries: list[Boundary] = []
         self._names: list[str] = []
-        for number in range(len(scene.materials)):
+        for number in range(len(materials)):
             self._add(number, SAME_MEDIUM, SAME_MEDIUM)
 
     @property
@@ -172,7 +184,7 @@ class _Rows:
 
     def of(self, mesh: Mesh) -> int:
         """The row of a mesh's material between its media."""
-        count = len(self._scene.materials)
+        count = len(self._materials)
         if not 0 <= mesh.material < count:
             raise SceneError(f'mesh "{mesh.name}": there is no material {mesh.material} (there are {count})')
         if not mesh.bounds:
@@ -185,7 +197,7 @@ class _Rows:
         return self._add(mesh.material, inside, outside) if row is None else row
 
     def _add(self, number: int, inside: int, outside: int) -> int:
-        material: Material = self._scene.materials[number]
+        material = self._materials[number]
         self._row[number, inside, outside] = len(self.boundaries)
         self.boundaries.append((material.bsdf, inside, outside))
         self._names.append(material.name)
@@ -240,13 +252,13 @@ def _with_colors(meshes: Sequence[Mesh], parts: Sequence[Triangles]) -> list[Tri
     return colored
 
 
-def _soup(mesh: Mesh, center: NDArray[np.float64], material: int, emitter: int) -> Triangles:
+def _soup(mesh: Mesh, space: RendererSpace, material: int, emitter: int) -> Triangles:
     """A mesh's triangles with their own corners; ids are given later."""
     count = len(mesh.faces)
     if count and not (mesh.faces.min() >= 0 and mesh.faces.max() < len(mesh.vertices)):
         raise SceneError(f'mesh "{mesh.name}": a face names a vertex out of range (there are {len(mesh.vertices)})')
-    with np.errstate(over="ignore"):  # beyond single precision: becomes infinite and is dropped as such
-        positions = (mesh.vertices - center).astype(np.float32)[mesh.faces]
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is dropped as such
+        positions = space.place(mesh.vertices).astype(np.float32)[mesh.faces]
     return Triangles(
         np.zeros(count, dtype=np.int32),
         positions,

@@ -34,7 +34,7 @@ RADIUS_MARGIN = 1.0 + 2.0**-10
 
 @dataclass(frozen=True, eq=False)
 class LightTable:
-    """All that emits, in the renderer's space (the scene's centre at the origin).
+    """All that emits, in the renderer's space (renderer_space): areas, fluxes and intensities are in its units.
 
     Attributes:
         emitter_radiance: of glowing meshes, a factor where there is a texture [W/(m² sr)], float32, shape [M, 3].
@@ -98,7 +98,6 @@ def tabulate_lights(
     emitter_texture: NDArray[np.int32],
     textures: Sequence[Texture],
     lights: Sequence[Light],
-    center: NDArray[np.float64],
     sides: NDArray[np.int32] | None = None,
 ) -> LightTable:
     """The table of a scene's lights.
@@ -108,7 +107,7 @@ def tabulate_lights(
         triangles: all of the scene.
         emitter_texture: of each emitter, an index into `textures` or -1, shape [M].
         textures: must hold those of spots, too.
-        center: what was subtracted from the scene's coordinates, shape [3].
+        lights: in the renderer's space.
         sides: media behind and before each triangle as MaterialTable.medium has them, int32, shape [T, 2]; None in a
             scene without media. They tell which medium a light is in that names none.
 
@@ -132,8 +131,8 @@ def tabulate_lights(
         [math.pi * radius**2 * _mean(sun.irradiance) for sun in directionals],
         [math.pi * radius**2 * environment_integral(pixels) for _ in environment],
     ]
-    position = _float32([np.array(point.position) - center for point in points], (-1, 3))
-    spot_position = _float32([spot.to_world[:3, 3] - center for spot in spots], (-1, 3))
+    position = _float32([point.position for point in points], (-1, 3))
+    spot_position = _float32([spot.to_world[:3, 3] for spot in spots], (-1, 3))
     inside = _Enclosure(triangles, sides)
     media = [
         *(_mesh_medium(mesh, corners[emitter == number], inside) for number, mesh in enumerate(emitters)),

@@ -34,6 +34,13 @@ Far up, nodes are large and their bounds say little; the paper splits such nodes
 SAME_NORMAL = 1.0 - 1e-6
 """Least cosine between the normals of two triangles of a flat quadrilateral (0.08 degrees)."""
 
+SAME_PLACE = 2.0**-20
+"""Middles are sorted by multiples of this [the renderer's units]: what lies side by side by symmetry, or in one place,
+stays in the order of its number wherever a scene's coordinates were rounded."""
+
+SAME_RANK = 2.0**-12
+"""Nodes whose ranks differ by less than about this share count as alike when heads are chosen; as SAME_PLACE."""
+
 ALL_AROUND = -1.0
 """Cosine of the half angle of a cone of axes that says nothing."""
 
@@ -202,8 +209,8 @@ class _Nodes:
         self.first, self.last = np.full(size, -1, np.int64), np.full(size, -1, np.int64)
         if not count:
             return
-        middles = 0.5 * (leaves.low + leaves.high)
-        lights = _light_middles(leaves)
+        middles = _to_lattice(0.5 * (leaves.low + leaves.high))
+        lights = _to_lattice(_light_middles(leaves))
         # All nodes of a level, and leaves of the levels before: node number[i] holds the leaves order[start[i]:end[i]].
         order = np.arange(count)
         number, start = np.zeros(1, np.int64), np.zeros(1, np.int64)
@@ -268,6 +275,11 @@ def _light_middles(leaves: _Leaves) -> Array:
     return middles
 
 
+def _to_lattice(places: Array) -> Array:
+    rounded: Array = np.round(places / SAME_PLACE)
+    return rounded
+
+
 def _halved(
     light: Numbers, middles: Array, lights: Array, order: Numbers, start: Numbers, sizes: Numbers
 ) -> tuple[Numbers, Numbers]:
@@ -275,7 +287,7 @@ def _halved(
 
     Args:
         light: number of each leaf's light.
-        middles, lights: middle of each leaf, and of its light.
+        middles, lights: middle of each leaf, and of its light, as multiples of SAME_PLACE.
     """
     member = np.repeat(np.arange(len(start)), sizes)
     own = light[order]
@@ -308,4 +320,7 @@ def _heads(nodes: _Nodes) -> Numbers:
 
 
 def _rank(nodes: _Nodes, node: int) -> float:
-    return math.inf if nodes.child[node] < 0 else -float(nodes.strength[node] * nodes.radius[node])
+    if nodes.child[node] < 0:
+        return math.inf
+    mantissa, exponent = math.frexp(float(nodes.strength[node] * nodes.radius[node]))
+    return -math.ldexp(round(mantissa / SAME_RANK) * SAME_RANK, exponent)

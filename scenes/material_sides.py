@@ -26,6 +26,23 @@ def gathering_sides(table: MaterialTable) -> NDArray[np.int32]:
     return sides
 
 
+def lambertian_sides(table: MaterialTable) -> NDArray[np.int32]:
+    """FRONT and BACK bits of every node, int32, shape [N]: sides whose diffuse part, if any, is Lambertian and unbent.
+
+    What such a side reflects of its irradiance does not depend on where the light came from.
+    """
+    other = np.zeros(len(table), np.int32)
+    sides = gathering_sides(table)
+    for node in reversed(range(len(table))):
+        kind = int(table.kind[node])
+        own = sides[node] if kind in (mt.PLASTIC, mt.PRINCIPLED, mt.BUMP_MAP, mt.NORMAL_MAP) else 0
+        other[node] = own | _sides_of(table, node, other) if kind in _INNER else own
+    return sides & ~other
+
+
+_INNER: Final = (mt.TWO_SIDED, mt.BLEND, mt.MASK, mt.BUMP_MAP, mt.NORMAL_MAP)
+
+
 def _sides_of(table: MaterialTable, node: int, sides: NDArray[np.int32]) -> int:
     kind, child = int(table.kind[node]), table.child[node]
     if kind == mt.TWO_SIDED:

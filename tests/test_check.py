@@ -190,6 +190,17 @@ def test_copies_of_another_material() -> None:
     assert {f.kind for f in check(scene_of(box(), box(1), materials=(TWO_SIDED, TWO_SIDED))).findings} == {"duplicates"}
 
 
+def test_glass_that_touches_glass() -> None:
+    """Two bodies with a face in common, and the same with a gap; a body twice in one place is seen once, and well."""
+    glass = (Material("glass", Dielectric(1.5)),)
+    width = float(np.ptp(box().vertices[:, 0]))
+    beside = [replace(box(), vertices=box().vertices + np.array([width + gap, 0.0, 0.0])) for gap in (0.0, 1e-3)]
+    findings = check(scene_of(box(), beside[0], materials=glass)).of("touching-solids")
+    assert [(finding.material, finding.count) for finding in findings] == [("glass", 2)] * 2
+    assert not check(scene_of(box(), beside[1], materials=glass)).of("touching-solids")
+    assert not check(scene_of(box(), box(), materials=glass)).of("touching-solids")
+
+
 def test_far_from_the_origin() -> None:
     far = box()
     far = replace(far, vertices=far.vertices + 2.0**20)

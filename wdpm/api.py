@@ -9,17 +9,14 @@ image.save("image.exr")
 from __future__ import annotations
 
 import random
+from pathlib import Path
 from typing import Any
 
-from wdpm.cluster import memory
-from wdpm.cluster.plan import cells_of
-from wdpm.cluster.worker import Worker
 from wdpm.image import Image
-from wdpm.kernels.launch import Launcher
 from wdpm.kernels.settings import RenderSettings
-from wdpm.prepare import Prepared, Source, image_of, prepare, scene_of
-from wdpm.progress import Progress, SilentProgress
-from wdpm.scene_settings import settings_for
+from wdpm.passes import render_in_passes
+from wdpm.prepare import Source
+from wdpm.progress import Progress
 from wdpm.scenes.model import Scene
 
 
@@ -31,6 +28,9 @@ def render(
     threads: int | None = None,
     device: str = "cpu",
     progress: Progress | None = None,
+    journal: Path | None = None,
+    resume: bool = False,
+    keep: bool = False,
     **chosen: Any,
 ) -> Image:
     """Render a scene on this machine.
@@ -42,21 +42,26 @@ def render(
         threads: cores to use in all; None for all there are.
         device: "cpu" or a CUDA device, "cuda:0".
         progress: is told how far the render is.
+        journal: file that keeps the passes of a render in several (`passes=8`), so that it can go on after it was
+            interrupted; removed at the end.
+        resume: go on from the journal, on any number of slaves, and up to any number of passes.
+        keep: keep the journal, to add passes later.
 
     Raises:
         SceneError, SettingsError, ClusterError: see their messages.
     """
-    progress = progress or SilentProgress()
-    if slaves:
-        from wdpm.cluster_api import Cluster
-
-        with Cluster.local(slaves=slaves, threads=threads, device=device) as cluster:
-            return cluster.render(source, settings, progress=progress, **chosen)
-    launcher = Launcher(device, threads)
-    scene = scene_of(source)
-    prepared = prepare(scene, settings or settings_for(scene, **chosen), 1, launcher, progress)
-    del scene  # its triangles are the cells' now
-    return _in_this_process(prepared, 1, launcher, progress, None)
+    return render_in_passes(
+        source,
+        settings,
+        slaves=slaves,
+        threads=threads,
+        device=device,
+        progress=progress,
+        journal=journal,
+        resume=resume,
+        keep=keep,
+        **chosen,
+    )
 
 
 def render_in_process(
@@ -74,28 +79,4 @@ def render_in_process(
         cells: a power of two, at least `workers`; None for the least that serves them.
         shuffle: shuffles the order in which messages arrive.
     """
-    launcher = Launcher("cpu", threads)
-    prepared = prepare(scene, settings, workers, launcher, SilentProgress(), cells)
-    return _in_this_process(prepared, workers, launcher, SilentProgress(), shuffle)
-
-
-def _in_this_process(
-    prepared: Prepared, workers: int, launcher: Launcher, progress: Progress, shuffle: random.Random | None
-) -> Image:
-    session = prepared.session
-    if prepared.pilot is not None:
-        made = [prepared.pilot]
-        prepared.pilot.adopt(session.world)
-    else:
-        parts = {cell: session.partition(cell) for cell in range(session.world.top_tree.cells)}
-        made = [
-            Worker(
-                number,
-                session.world,
-                {cell: parts[cell] for cell in cells_of(session.holders, number)},
-                session.holders,
-                launcher,
-            )
-            for number in range(workers)
-        ]
-    return image_of(prepared, memory.run(session, made, progress, shuffle=shuffle))
+    return render_in_passes(scene, settings, workers=workers, cells=cells, threads=threads, shuffle=shuffle)

@@ -9,12 +9,14 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wdpm.cli_options import available_cores
 from wdpm.image_files import check_output_path, write_bytes
+from wdpm.kernels.settings import RenderSettings
 from wdpm.prepare import PACKAGES
 from wdpm.scenes.errors import ImageError
 
@@ -117,6 +119,11 @@ def write_outputs(
     if markdown_file is not None:
         parts = [grid.markdown() for grid in grids]
         write_bytes("\n".join([*parts, f"Measured on {machine_in_words()}.\n"]).encode(), markdown_file)
+
+
+def settings_to_dict(settings: RenderSettings) -> dict[str, Any]:
+    """As JSON has it: choices by their names."""
+    return {name: value.value if isinstance(value, Enum) else value for name, value in asdict(settings).items()}
 
 
 def _markdown_row(cells: Sequence[str]) -> str:

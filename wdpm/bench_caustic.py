@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from wdpm.bench import Grid
+from wdpm.bench import Grid, settings_to_dict
 from wdpm.bench_mitsuba import WARM_SEED, MitsubaProcess, Setup, timed_render
 from wdpm.cli_options import available_cores
 from wdpm.comparison import RELATIVE_FLOOR, compare
@@ -92,7 +92,7 @@ class CausticFigures:
     def to_dict(self) -> dict[str, Any]:
         """As JSON has it."""
         setup = asdict(self.setup) | {"scene": str(self.setup.scene)}
-        setup["settings"] = {**setup["settings"], "routing": self.setup.settings.routing.value}
+        setup["settings"] = settings_to_dict(self.setup.settings)
         bound = asdict(self.bound) | {"reference": str(self.bound.reference)}
         names = ("wdpm_seconds", "wdpm_error", "mitsuba_seconds", "ratio", "reached")
         return asdict(self) | {"setup": setup, "bound": bound} | {name: getattr(self, name) for name in names}

@@ -19,7 +19,7 @@ from typing import Any
 
 from wdpm import api, bench_effects_compiler, report
 from wdpm import bench_effects_scenes as scenes
-from wdpm.bench import Grid
+from wdpm.bench import Grid, settings_to_dict
 from wdpm.image import Image
 from wdpm.kernels.settings import RenderSettings
 from wdpm.progress import Progress
@@ -87,7 +87,7 @@ class EffectFigures:
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON has it."""
-        settings = asdict(self.settings) | {"routing": self.settings.routing.value}
+        settings = settings_to_dict(self.settings)
         return asdict(self) | {"settings": settings}
 
     def grid(self) -> Grid:

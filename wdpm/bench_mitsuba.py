@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm import api, bench_mitsuba_peer
-from wdpm.bench import Grid
+from wdpm.bench import Grid, settings_to_dict
 from wdpm.cli_options import available_cores
 from wdpm.image import Image
 from wdpm.image import load as load_image
@@ -77,6 +77,19 @@ class Round:
 
 
 @dataclass(frozen=True)
+class Cost:
+    """Of one image.
+
+    Attributes:
+        wall_s: until the last pixel [s].
+        cpu_s: of all threads together [s], which hardly depends on what else the machine does.
+    """
+
+    wall_s: float
+    cpu_s: float
+
+
+@dataclass(frozen=True)
 class Errors:
     """Against the reference, root mean square over all pixels, channels and rounds.
 
@@ -113,7 +126,7 @@ class MitsubaFigures:
     def to_dict(self) -> dict[str, Any]:
         """As JSON has it."""
         setup = asdict(self.setup) | {"scene": str(self.setup.scene)}
-        setup["settings"] = {**setup["settings"], "routing": self.setup.settings.routing.value}
+        setup["settings"] = settings_to_dict(self.setup.settings)
         rounds = [asdict(each) | {"ratio": each.ratio} for each in self.rounds]
         return asdict(self) | {"setup": setup, "rounds": rounds, "ratio": self.ratio}
 
@@ -263,13 +276,18 @@ class MitsubaProcess:
 
     def render(self, spp: int, seed: int) -> tuple[NDArray[np.float32], float]:
         """Pixels, shape [height, width, 3], and seconds."""
+        pixels, cost = self.render_with_cost(spp, seed)
+        return pixels, cost.wall_s
+
+    def render_with_cost(self, spp: int, seed: int) -> tuple[NDArray[np.float32], Cost]:
+        """Pixels, shape [height, width, 3], and what they took."""
         output = Path(self._folder.name) / "image.npy"
         answer = self._ask({"render": {"spp": spp, "seed": seed, "output": str(output)}})
         pixels: NDArray[np.float32] = np.load(output, allow_pickle=False)
         expected = (self._setup.height, self._setup.width, 3)
         if pixels.shape != expected:
             raise WdpmError(f"bench mitsuba: Mitsuba made an image of shape {pixels.shape}; expected {expected}")
-        return pixels, float(answer["seconds"])
+        return pixels, Cost(float(answer["seconds"]), float(answer["cpu_seconds"]))
 
     def _ask(self, order: dict[str, Any]) -> dict[str, Any]:
         if self._process.stdin is None or self._process.stdout is None:

@@ -15,7 +15,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.check_findings import Finding, Level
-from wdpm.check_part import Part, looks
+from wdpm.check_part import Part, is_solid, looks
 from wdpm.check_soup import Ints, Soup
 from wdpm.kernels.bvh import Bvh, build, closest_hit, no_hit
 from wdpm.kernels.constants import OFFSET_MIN_SHARE, OFFSET_SHARE, PAD_SHARE
@@ -54,6 +54,16 @@ def check_overlaps(scene: Scene, soup: Soup, cause: NDArray[np.int8]) -> Iterato
     if not len(rows):
         return
     one, other, apart = _neighbours(soup, rows)
+    solid = np.array([is_solid(scene.materials[mesh.material].bsdf) for mesh in scene.meshes])
+    facing = np.einsum("ij,ij->i", soup.front[one], soup.front[other]) < 0
+    touch = ~apart & facing & solid[soup.mesh[one]] & solid[soup.mesh[other]]
+    texts = (
+        "faces of glass or water that touch in one plane",
+        "crosses one of the two, and takes what is beyond for air",
+        "leave a gap of more than a millionth of the scene's size, or one face with the ratio of the two indices",
+    )
+    yield from _per_mesh(scene, soup, "touching-solids", texts, one[touch], other[touch])
+    one, other, apart = one[~touch], other[~touch], apart[~touch]
     copies = (np.sort(soup.vertex[one], axis=1) == np.sort(soup.vertex[other], axis=1)).all(axis=1)
     one, other, apart = one[~copies], other[~copies], apart[~copies]
     look = looks(scene)

@@ -30,7 +30,7 @@ def check_size(scene: Scene, soup: Soup, cause: NDArray[np.int8]) -> Iterator[Fi
     if not len(kept):
         return
     size = float(np.ptp(kept.reshape(-1, 3).astype(np.float64), axis=0).max())
-    distance = float(np.abs(soup.center).max())
+    distance = float(np.abs(soup.space.center).max()) / soup.space.unit
     coarse = [m for m in scene.meshes if len(m.vertices) and np.array_equal(m.vertices, m.vertices.astype(np.float32))]
     if size > 0 and distance > FAR_OFF * size:
         lost = distance * 2.0**-24 / size
@@ -66,7 +66,7 @@ def _far_camera(scene: Scene, soup: Soup, size: float) -> Iterator[Finding]:
         elif isinstance(light, SpotLight):
             places[f'light "{light.name}"'] = np.asarray(light.to_world)[:3, 3]
     for name, place in places.items():
-        away = float(np.abs(place - soup.center).max())
+        away = float(np.abs(soup.space.place(place)).max())
         if size > 0 and away > FAR_OFF * size:
             yield Finding(
                 Level.WARNING,
@@ -180,10 +180,10 @@ def _strength(light: Light) -> float:
 def check_camera(scene: Scene, soup: Soup, cause: NDArray[np.int8], solids: list[Solid]) -> Iterator[Finding]:
     """A camera that sees nothing, is cut off by its clip planes, or sits in a body."""
     kept = soup.positions[cause == 0].reshape(-1, 3).astype(np.float64)
-    camera = scene.camera
-    if not len(kept) or not np.isfinite(camera.to_world).all():
+    if not len(kept) or not np.isfinite(scene.camera.to_world).all():
         return
-    eye = np.asarray(camera.to_world)[:3, 3] - soup.center
+    camera, unit = soup.space.camera(scene.camera), soup.space.unit
+    eye = np.asarray(camera.to_world)[:3, 3]
     axis = np.asarray(camera.to_world)[:3, 2]
     depth = (kept - eye) @ axis / np.linalg.norm(axis)
     if not (depth > 0).any():
@@ -193,7 +193,7 @@ def check_camera(scene: Scene, soup: Soup, cause: NDArray[np.int8], solids: list
     beyond = int((depth > camera.far_clip).sum())
     if beyond:
         texts = ("vertices beyond the far clip distance", "does not see what lies there", "raise far_clip")
-        detail = f"far_clip {camera.far_clip:g}, farthest {depth.max():g}"
+        detail = f"far_clip {scene.camera.far_clip:g}, farthest {depth.max() * unit:g}"
         yield Finding(Level.WARNING, "far-clip", *texts, count=beyond, total=len(kept), detail=detail)
     if not (depth > camera.near_clip).any():
         texts = (
@@ -201,12 +201,12 @@ def check_camera(scene: Scene, soup: Soup, cause: NDArray[np.int8], solids: list
             "sees nothing",
             "lower near_clip",
         )
-        yield Finding(Level.WARNING, "near-clip", *texts, detail=f"near_clip {camera.near_clip:g}")
+        yield Finding(Level.WARNING, "near-clip", *texts, detail=f"near_clip {scene.camera.near_clip:g}")
     elif camera.near_clip > 0.01 * depth.max():
         cut = int(((depth > 0) & (depth < camera.near_clip)).sum())
         texts = ("vertices nearer than the near clip distance", "does not see what lies there", "lower near_clip")
         if cut:
-            detail = f"near_clip {camera.near_clip:g}"
+            detail = f"near_clip {scene.camera.near_clip:g}"
             yield Finding(Level.WARNING, "near-clip", *texts, count=cut, total=len(kept), detail=detail)
     if not camera.orthographic:
         yield from _inside(scene, soup, eye, solids)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.scenes.framing import bounding_box
 from wdpm.scenes.model import Mesh, Scene
+from wdpm.scenes.renderer_space import RendererSpace, renderer_space
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -20,8 +20,8 @@ class Soup:
     """All triangles whose corners exist and are finite.
 
     Attributes:
-        center: what is subtracted from the scene's coordinates, as in scenes.geometry.
-        positions: corners in single precision, float32, shape [T, 3, 3].
+        space: where everything is, as in scenes.geometry.
+        positions: corners in that space in single precision, float32, shape [T, 3, 3].
         vertex: numbers of the corners, the same where corners are in the same place, int64, shape [T, 3].
         mesh: which mesh a triangle is of, int64, shape [T], ascending.
         row: its number in that mesh, int64, shape [T].
@@ -29,7 +29,7 @@ class Soup:
         front: normal of the front times twice the area, float64, shape [T, 3].
     """
 
-    center: NDArray[np.float64]
+    space: RendererSpace
     positions: NDArray[np.float32]
     vertex: Ints
     mesh: Ints
@@ -61,14 +61,13 @@ def make_soup(scene: Scene) -> Soup:
     Raises:
         SceneError: it has no triangles.
     """
-    low, high = bounding_box(scene.meshes)
-    center = (low + high) / 2.0
+    space = renderer_space(scene.meshes)
     parts, rows = [], []
     fronts = []
     for mesh in scene.meshes:
         sound = np.flatnonzero(sound_faces(mesh))
-        with np.errstate(over="ignore"):
-            corners = (mesh.vertices - center).astype(np.float32)[mesh.faces[sound]]
+        with np.errstate(over="ignore", invalid="ignore"):
+            corners = space.place(mesh.vertices).astype(np.float32)[mesh.faces[sound]]
         finite = np.isfinite(corners).all(axis=(1, 2))
         parts.append(corners[finite] + np.float32(0.0))  # -0.0 is in the same place as 0.0
         rows.append(sound[finite])
@@ -76,7 +75,7 @@ def make_soup(scene: Scene) -> Soup:
     counts = np.array([len(part) for part in rows], np.int64)
     positions = np.concatenate(parts)
     return Soup(
-        center,
+        space,
         positions,
         _numbered(positions.reshape(-1, 3)).reshape(-1, 3),
         np.repeat(np.arange(len(counts)), counts),

@@ -13,10 +13,30 @@ from collections.abc import Sequence
 from importlib import metadata
 from typing import Any, NoReturn
 
-from wdpm import cli_bench, cli_check, cli_compare, cli_inspect, cli_keys, cli_master, cli_render, cli_slave
+from wdpm import (
+    cli_accuracy,
+    cli_bench,
+    cli_check,
+    cli_compare,
+    cli_inspect,
+    cli_keys,
+    cli_master,
+    cli_render,
+    cli_slave,
+)
 from wdpm.scenes.errors import WdpmError
 
-COMMANDS = (cli_render, cli_master, cli_slave, cli_inspect, cli_check, cli_compare, cli_bench, cli_keys)
+COMMANDS = (
+    cli_render,
+    cli_master,
+    cli_slave,
+    cli_inspect,
+    cli_check,
+    cli_compare,
+    cli_accuracy,
+    cli_bench,
+    cli_keys,
+)
 
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it

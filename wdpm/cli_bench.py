@@ -17,6 +17,8 @@ examples:
   wdpm bench effects --plot effects.svg
   wdpm bench mitsuba scene.xml --reference reference.exr
   wdpm bench caustic glass.xml --reference reference.exr --region 136,222,226,250
+  wdpm bench hard-cases --only furnace -o out/hard-cases
+  wdpm bench peers sibenik/scene.xml sponza/scene.xml --errors 0.05,0.02,0.01,0.005
 
 wdpm bench WHAT --help says more. The libraries compared with come with: pip install 'wdpm[peers,test]'"""
 
@@ -46,6 +48,19 @@ Render a Mitsuba scene by turns with wdpm and with Mitsuba 3's path tracer, both
 warm: time, ratio, and with a reference the error of both. Mitsuba finds LLVM's
 library by the environment variable DRJIT_LIBLLVM_PATH where it does not itself."""
 
+_PEERS = """\
+Time that wdpm and Mitsuba 3's path tracer take to errors of the whole image, both
+warm, at the size of each scene's reference. wdpm: the fastest of a fixed grid of
+settings, the same for all scenes. Mitsuba: measured at some numbers of samples,
+and error = a / samples between and beyond. LLVM's library: see wdpm bench mitsuba
+--help. CPU time is that of all threads: what else runs hardly changes it."""
+
+_HARD_CASES = """\
+Run the suite of hard cases in full: scenes where renderers break, each against an
+expectation that does not come from wdpm. Writes a page with a row a case: picture,
+expected, measured, tolerance, verdict, time. Exit code 1 if one fails. The suite
+is in the repository, and not in an installed package."""
+
 ROUTINGS = ("forward", "merge", "both")
 
 LOG_WIDTH = 120
@@ -66,6 +81,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     _add_effects(benches)
     _add_mitsuba(benches)
     _add_caustic(benches)
+    _add_peers(benches)
+    _add_hard_cases(benches)
     return parser
 
 
@@ -89,12 +106,17 @@ def run(args: argparse.Namespace) -> int:
         grid.print(console)
     console.print(f"\nMeasured on {bench.machine_in_words()}.", markup=False, highlight=False)
     bench.write_outputs(grids, figures, args.json, args.markdown)
-    return 0
+    return int(getattr(args, "code", 0))
 
 
 def slave_counts(text: str) -> tuple[int, ...]:
     """`0,2,4` to numbers of slaves, each once."""
     return tuple(dict.fromkeys(values.count(part) for part in text.split(",")))
+
+
+def relative_errors(text: str) -> tuple[float, ...]:
+    """`0.05,0.01` to error bounds; their range is for the benchmark to check."""
+    return tuple(values.length(part) for part in text.split(","))
 
 
 def _add_kernels(benches: Any) -> None:
@@ -180,6 +202,45 @@ def _add_caustic(benches: Any) -> None:
     )
     _add_threads(parser, "threads of each")
     parser.set_defaults(measure=_caustic)
+
+
+def _add_peers(benches: Any) -> None:
+    parser = _add_bench(benches, "peers", "time to an error, next to Mitsuba 3's path tracer", _PEERS)
+    parser.add_argument("scenes", nargs="+", type=Path, metavar="SCENE.xml", help="Mitsuba scenes")
+    parser.add_argument(
+        "--reference", type=Path, metavar="FILE", help="of a single scene (default: reference.exr beside each scene)"
+    )
+    parser.add_argument(
+        "--errors",
+        type=relative_errors,
+        default=(0.05, 0.02, 0.01, 0.005),
+        metavar="E,E,...",
+        help="bounds of the relMSE (default: 0.05,0.02,0.01,0.005)",
+    )
+    parser.add_argument(
+        "--region", type=values.region, metavar="L,T,R,B", help="pixels that count (default: the whole image)"
+    )
+    parser.add_argument(
+        "--limit",
+        type=values.length,
+        default=60.0,
+        metavar="SECONDS",
+        help="try nothing that is bound to take longer (default: 60)",
+    )
+    _add_counts(parser, ("--rounds", 2, "images that confirm a choice of settings"))
+    _add_threads(parser, "threads of each")
+    parser.set_defaults(measure=_peers)
+
+
+def _add_hard_cases(benches: Any) -> None:
+    parser = _add_bench(benches, "hard-cases", "scenes where renderers break, against what is right", _HARD_CASES)
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("hard-cases"), metavar="FOLDER",
+        help="folder of the page (default: hard-cases)",
+    )  # fmt: skip
+    parser.add_argument("--only", nargs="+", default=(), metavar="TEXT", help="cases whose names contain all of these")
+    parser.add_argument("--small", action="store_true", help="at the size of the tests: a minute or two")
+    parser.set_defaults(measure=_hard_cases)
 
 
 def _add_counts(parser: argparse.ArgumentParser, *rows: tuple[str, int, str]) -> None:
@@ -299,3 +360,32 @@ def _caustic(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[s
         args.scene, bound, settings, args.mitsuba_spp, progress, rounds=args.rounds, threads=args.threads
     )
     return [figures.grid()], {"caustic": figures.to_dict()}
+
+
+def _peers(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:
+    from wdpm import bench_peers
+    from wdpm.bench_peers_figures import Bounds
+    from wdpm.quiet import quiet_warp
+    from wdpm.scenes.errors import SettingsError
+
+    quiet_warp()
+    if args.reference is not None and len(args.scenes) > 1:
+        raise SettingsError(
+            f"--reference is of one scene, and there are {len(args.scenes)}: put a reference.exr beside each"
+        )
+    bounds = Bounds(args.errors, args.region, args.rounds, args.limit)
+    pairs = [(scene, args.reference or bench_peers.default_reference(scene)) for scene in args.scenes]
+    for scene, reference in pairs:
+        bench_peers.check(scene, reference, bounds)
+    figures = [
+        bench_peers.measure(scene, reference, bounds, progress, threads=args.threads) for scene, reference in pairs
+    ]
+    return [each.grid() for each in figures], {"peers": [each.to_dict() for each in figures]}
+
+
+def _hard_cases(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:  # noqa: ARG001
+    from wdpm import bench_hard_cases
+
+    figures = bench_hard_cases.measure(args.output, args.only, small=args.small)
+    args.code = int(figures.failed > 0)
+    return [figures.grid()], {"hard_cases": figures.to_dict()}

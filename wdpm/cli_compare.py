@@ -1,20 +1,30 @@
-"""`wdpm compare`: error figures of one image against another, and a picture of the difference."""
+"""`wdpm compare`: error figures of one image against another, and pictures of the difference."""
 
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from wdpm import cli_values as values
+
+if TYPE_CHECKING:
+    from wdpm.image import Image
+    from wdpm.perceptual import Flip
 
 EXIT_BITS_DIFFER = 1
 
 _EXAMPLES = """\
 examples:
   wdpm compare render.exr reference.exr -o difference.png
+  wdpm compare render.exr reference.exr --heat flip.png
+  wdpm compare render.exr reference.exr --heat error.png --heat-of rel_mse
   wdpm compare one-machine.exr cluster.exr --equal && echo the same bits
   wdpm compare a.exr b.exr --region 100,40,180,90 --json"""
+
+FLIP_KINDS = ("hdr", "ldr", "none")
+HEATS = ("flip", "rel_mse", "abs")
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -23,7 +33,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "compare",
         help="error figures and a picture of the difference",
         description="Compare image A with the reference B: MSE, RMSE, relMSE = mean of (A-B)^2 / (B^2 + 0.01), PSNR, "
-        "means, and whether all bits of all common layers are equal.",
+        "FLIP (how different they look, from 0 to 1; pip install 'wdpm[flip]'), means, and whether all bits of all "
+        "common layers are equal.",
         epilog=_EXAMPLES,
     )
     parser.add_argument("a", type=Path, metavar="A", help="image: .exr, .png, .hdr, .pfm or .npy")
@@ -31,6 +42,26 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument("-o", "--output", type=Path, metavar="FILE.png", help="write a picture of the difference")
     parser.add_argument(
         "--signed", action="store_true", help="show A-B in the picture, not the relative (A-B)/sqrt(B^2+0.01)"
+    )
+    parser.add_argument("--heat", type=Path, metavar="FILE.png", help="write a heat map: how far each pixel is off")
+    parser.add_argument(
+        "--heat-of",
+        choices=HEATS,
+        metavar="WHAT",
+        help="what it shows: flip, rel_mse or abs (default: flip, or rel_mse where there is no FLIP)",
+    )
+    parser.add_argument(
+        "--flip",
+        choices=FLIP_KINDS,
+        metavar="KIND",
+        help="hdr (the worst of several exposures), ldr (as a screen shows it) or none (default: ldr of two PNG "
+        "files, or else hdr)",
+    )
+    parser.add_argument(
+        "--ppd",
+        type=values.length,
+        metavar="N",
+        help="pixels that a degree of the visual field takes in, for FLIP (default: 67, a 4K display at arm's length)",
     )
     parser.add_argument(
         "--region",
@@ -44,22 +75,75 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print the figures, write the picture; returns the exit code."""
+    """Print the figures, write the pictures; returns the exit code."""
     from rich.console import Console
 
     from wdpm.comparison import compare
     from wdpm.difference_picture import difference_picture
     from wdpm.image import load
     from wdpm.image_files import check_output_path, png_bytes, write_bytes
+    from wdpm.perceptual import flip_is_installed
+    from wdpm.scenes.errors import ImageError
 
-    if args.output is not None:
-        check_output_path(args.output, (".png",))
+    for path in (args.output, args.heat):
+        if path is not None:
+            check_output_path(path, (".png",))
+    if args.output is not None and args.output == args.heat:
+        raise ImageError(f"{args.heat}: cannot hold both the picture of the difference and the heat map")
+    _check_flip(args, flip_is_installed())
     a, b = load(args.a), load(args.b)
     comparison = compare(a, b, args.region)
+    flip = _flip(args, a, b) if args.flip != "none" and flip_is_installed() else None
+    if flip is not None:
+        comparison = replace(comparison, flip=flip.figures(args.region))
     if args.json:
         print(comparison.to_json())
     else:
-        comparison.print(Console())
+        console = Console()
+        comparison.print(console)
+        if flip is None and args.flip is None:
+            console.print("No FLIP: pip install 'wdpm[flip]', or --flip none.", markup=False, highlight=False)
     if args.output is not None:
         write_bytes(png_bytes(difference_picture(a, b, relative=not args.signed)), args.output)
+    if args.heat is not None:
+        _write_heat(args, a, b, flip)
     return EXIT_BITS_DIFFER if args.equal and not comparison.bits_equal else 0
+
+
+def _check_flip(args: argparse.Namespace, installed: bool) -> None:
+    from wdpm.scenes.errors import SettingsError, WdpmError
+
+    if args.heat_of is not None and args.heat is None:
+        raise SettingsError("--heat-of says what a heat map shows: give --heat FILE.png, too")
+    if args.flip == "none" and (args.heat_of == "flip" or args.ppd is not None):
+        raise SettingsError(f"--flip none leaves nothing for {'--ppd' if args.ppd is not None else '--heat-of flip'}")
+    asked = args.flip in ("hdr", "ldr") or args.heat_of == "flip" or args.ppd is not None
+    if asked and not installed:
+        raise WdpmError("FLIP: flip-evaluator is not installed: pip install 'wdpm[flip]'")
+
+
+def _flip(args: argparse.Namespace, a: Image, b: Image) -> Flip:
+    from wdpm.perceptual import PIXELS_PER_DEGREE, FlipKind, flip
+    from wdpm.progress import make_progress
+
+    screens = {args.a.suffix.lower(), args.b.suffix.lower()} == {".png"}
+    kind = FlipKind(args.flip or ("ldr" if screens else "hdr"))
+    progress = make_progress()
+    try:
+        return flip(a, b, kind, PIXELS_PER_DEGREE if args.ppd is None else args.ppd, progress)
+    finally:
+        progress.finish()
+
+
+def _write_heat(args: argparse.Namespace, a: Image, b: Image, flip: Flip | None) -> None:
+    from wdpm.heat_map import Heat, error_map, flip_map
+    from wdpm.image_files import png_bytes, write_bytes
+
+    heat = Heat(args.heat_of or ("rel_mse" if flip is None else "flip"))
+    if heat is Heat.FLIP:
+        if flip is None:
+            raise AssertionError("asked for without FLIP, which _check_flip rejects")
+        picture = flip_map(flip.errors)
+    else:
+        picture = error_map(a, b, heat)
+    write_bytes(png_bytes(picture), args.heat)

@@ -7,6 +7,8 @@ from typing import Any
 
 from wdpm import cli_options as options
 from wdpm import cli_values as values
+from wdpm.cli_until import add_until_options, asks_for_a_goal, render_to_goal
+from wdpm.pass_options import add_pass_options, kept_passes
 
 _EXAMPLES = """\
 examples:
@@ -30,6 +32,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     options.add_scene_options(parser)
     options.add_output_options(parser)
     options.add_setting_options(parser)
+    add_pass_options(parser)
+    add_until_options(parser)
     cluster = parser.add_argument_group("cluster")
     cluster.add_argument(
         "--bind",
@@ -45,18 +49,25 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> int:
     """Serve, render and write; returns the exit code."""
-    from wdpm.cli_result import render_and_write
-    from wdpm.cluster_api import render_as_master
+    from wdpm.cli_result import first_output, render_and_write
+    from wdpm.cluster_api import Cluster, render_as_master
 
-    return render_and_write(
-        args,
-        lambda source, settings, progress: render_as_master(
-            source,
-            settings,
-            bind=args.bind,
-            slaves=args.slaves,
-            keys=args.keys,
-            insecure=args.insecure,
-            progress=progress,
-        ),
-    )
+    if asks_for_a_goal(args):
+        return render_to_goal(
+            args, 0, lambda: Cluster.listen(args.bind, args.slaves, keys=args.keys, insecure=args.insecure)
+        )
+
+    with kept_passes(args, first_output(args)) as journal:
+        return render_and_write(
+            args,
+            lambda source, settings, progress: render_as_master(
+                source,
+                settings,
+                bind=args.bind,
+                slaves=args.slaves,
+                keys=args.keys,
+                insecure=args.insecure,
+                progress=progress,
+                **journal,
+            ),
+        )

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from wdpm import cli_values as values
-from wdpm.kernels.settings import EFFECTS_TO_LEAVE_OUT, Integrator, RenderSettings, Routing
+from wdpm.kernels.settings import EFFECTS_TO_LEAVE_OUT, Indirect, Integrator, RenderSettings, Routing
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,20 @@ SETTING_OPTIONS = (
     SettingOption(
         "integrator", _QUALITY, "photons, or path: unbiased path tracing, to compare with", Integrator, "HOW"
     ),
+    SettingOption(
+        "indirect",
+        _QUALITY,
+        "where diffuse surfaces get indirect light from: auto, map (photons there), gather (photons where one ray more "
+        "arrives) or cache (gathering at some places, interpolated)",
+        Indirect,
+        "HOW",
+    ),
     SettingOption("light_samples", _QUALITY, "shadow rays a sample"),
+    SettingOption(
+        "passes",
+        _QUALITY,
+        "passes that the samples are spread over; each has photons of its own, and a narrower radius than the last",
+    ),
     SettingOption(
         "max_depth",
         _QUALITY,

@@ -7,6 +7,8 @@ from typing import Any
 
 from wdpm import cli_options as options
 from wdpm import cli_values as values
+from wdpm.cli_until import add_until_options, asks_for_a_goal, render_to_goal
+from wdpm.pass_options import add_pass_options, kept_passes
 
 _EXAMPLES = """\
 examples:
@@ -14,6 +16,10 @@ examples:
   wdpm render scene.xml -o scene.exr -o scene.png --size 512x512 --spp 64 --photons 1M
   wdpm render scene.xml --slaves 4 --report report.json
   wdpm render scene.xml -D resx=256 -D resy=256
+  wdpm render scene.xml --passes 16 --spp 256
+  wdpm render scene.xml --passes 32 --spp 512 --resume
+  wdpm render scene.xml --until-error 0.02
+  wdpm render scene.xml --time-budget 60s
   wdpm render scene.xml --strict
   wdpm render scene.xml --replay 10,7,3"""
 
@@ -30,6 +36,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     options.add_scene_options(parser)
     options.add_output_options(parser)
     options.add_setting_options(parser)
+    add_pass_options(parser)
+    add_until_options(parser)
     options.add_machine_options(parser)
     debugging = parser.add_argument_group("debugging")
     debugging.add_argument(
@@ -52,16 +60,25 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> int:
     """Render and write, or replay a sample; returns the exit code."""
+    if asks_for_a_goal(args):
+        return render_to_goal(args, args.slaves)
     if args.replay is not None:
         from wdpm.cli_replay import replay_and_print
 
         return replay_and_print(args)
     from wdpm import api
-    from wdpm.cli_result import render_and_write
+    from wdpm.cli_result import first_output, render_and_write
 
-    return render_and_write(
-        args,
-        lambda source, settings, progress: api.render(
-            source, settings, slaves=args.slaves, threads=args.threads, device=args.device, progress=progress
-        ),
-    )
+    with kept_passes(args, first_output(args)) as journal:
+        return render_and_write(
+            args,
+            lambda source, settings, progress: api.render(
+                source,
+                settings,
+                slaves=args.slaves,
+                threads=args.threads,
+                device=args.device,
+                progress=progress,
+                **journal,
+            ),
+        )

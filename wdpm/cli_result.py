@@ -57,6 +57,12 @@ def render_and_write(args: argparse.Namespace, render: Renderer) -> int:
     return 0
 
 
+def first_output(args: argparse.Namespace) -> Path:
+    """The first image that a command is to write."""
+    given: list[Path] = args.output or [default_output(args.scene)]
+    return given[0]
+
+
 def default_output(scene: str) -> Path:
     """`scenes/hall.xml` gives hall.exr, `atrium:2M` gives atrium.exr, both in the working folder."""
     path = Path(scene)

@@ -17,8 +17,7 @@ from wdpm.cluster.local import LocalSlaves, slave_command
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.sockets_master import SocketMaster, nobody
 from wdpm.cluster.sockets_slave import PATIENCE_S, run_slave
-from wdpm.progress import Progress, SilentProgress
-from wdpm.scene_settings import settings_for
+from wdpm.progress import Progress
 from wdpm.scenes.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -26,8 +25,9 @@ if TYPE_CHECKING:
     from wdpm.cluster.world import World
     from wdpm.image import Image
     from wdpm.kernels.settings import RenderSettings
-    from wdpm.prepare import Source
+    from wdpm.prepare import Prepared, Source
     from wdpm.scenes.geometry import Triangles
+    from wdpm.scenes.model import Scene
 
 
 class Cluster:
@@ -98,12 +98,22 @@ class Cluster:
         """Render a session; ClusterError if the cluster ends because of an error."""
         return self._master.render(session, progress)
 
+    def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress, cells: int | None = None) -> Prepared:
+        """Make a scene ready for these slaves; see prepare.prepare."""
+        from wdpm.kernels.launch import Launcher
+        from wdpm.prepare import prepare
+
+        return prepare(scene, settings, self.slaves, Launcher(self._device, self._threads), progress, cells)
+
     def render(
         self,
         source: Source,
         settings: RenderSettings | None = None,
         *,
         progress: Progress | None = None,
+        journal: Path | None = None,
+        resume: bool = False,
+        keep: bool = False,
         **chosen: Any,
     ) -> Image:
         """Render a scene: the same bits as `wdpm.render`.
@@ -111,21 +121,17 @@ class Cluster:
         Args:
             source: a scene, a file, the name of a built-in scene, or a function that gives a scene.
             settings: all settings; or give single ones by name, see RenderSettings.
+            journal, resume, keep: of a render in several passes, see `wdpm.render`.
 
         Raises:
             SceneError, SettingsError: see their messages.
             ClusterError: a slave failed or was lost; the cluster has ended.
         """
-        from wdpm.kernels.launch import Launcher
-        from wdpm.prepare import image_of, prepare, scene_of
+        from wdpm.passes import render_in_passes
 
-        scene = scene_of(source)
-        settings = settings or settings_for(scene, **chosen)
-        progress = progress or SilentProgress()
-        launcher = Launcher(self._device, self._threads)
-        prepared = prepare(scene, settings, self.slaves, launcher, progress)
-        del scene  # its triangles go to the slaves; nothing here holds them longer
-        return image_of(prepared, self.run(prepared.session, progress))
+        return render_in_passes(
+            source, settings, cluster=self, progress=progress, journal=journal, resume=resume, keep=keep, **chosen
+        )
 
     def close(self) -> None:
         """Stop the slaves; may be called again."""
@@ -150,10 +156,13 @@ def render_as_master(
     keys: Path | None,
     insecure: bool,
     progress: Progress | None,
+    journal: Path | None = None,
+    resume: bool = False,
+    keep: bool = False,
 ) -> Image:
     """What `wdpm master` does: one render with slaves that people start."""
     with Cluster.listen(bind, slaves, keys=keys, insecure=insecure) as cluster:
-        return cluster.render(source, settings, progress=progress)
+        return cluster.render(source, settings, progress=progress, journal=journal, resume=resume, keep=keep)
 
 
 def serve_as_slave(

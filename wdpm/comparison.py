@@ -24,6 +24,43 @@ RGBMean = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
+class Exposures:
+    """Of HDR-FLIP, as powers of two: `count` of them in equal steps, at least two."""
+
+    start: float
+    stop: float
+    count: int
+
+    def values(self) -> list[float]:
+        """All of them."""
+        return [float(value) for value in np.linspace(self.start, self.stop, self.count)]
+
+
+@dataclass(frozen=True)
+class FlipFigures:
+    """FLIP in one figure (wdpm.perceptual).
+
+    Attributes:
+        kind: "hdr" or "ldr".
+        mean: over the pixels that are finite in both, from 0 (the same) to 1.
+        pixels_per_degree: of the visual field.
+        exposures: that the images were shown at; None for LDR-FLIP.
+    """
+
+    kind: str
+    mean: float
+    pixels_per_degree: float
+    exposures: Exposures | None
+
+    def in_words(self) -> str:
+        """For people."""
+        how = f"{self.kind.upper()}, {self.pixels_per_degree:.0f} pixels/degree"
+        if self.exposures is not None:
+            how += f", {self.exposures.count} exposures {self.exposures.start:+.1f} to {self.exposures.stop:+.1f}"
+        return f"{self.mean:.4f} ({how})"
+
+
+@dataclass(frozen=True)
 class Comparison:
     """Figures of image a against reference b.
 
@@ -43,6 +80,7 @@ class Comparison:
         differing_pixels: pixels in which a bit of any common layer but `cell` differs: that one shows which part of a
             cluster saw a pixel, and is meant to differ.
         nonfinite_a, nonfinite_b: values of the beauty layer that are NaN or infinite.
+        flip: how different they look; None where that was not asked for.
     """
 
     width: int
@@ -60,6 +98,7 @@ class Comparison:
     differing_pixels: int
     nonfinite_a: int
     nonfinite_b: int
+    flip: FlipFigures | None = None
 
     @property
     def bits_equal(self) -> bool:
@@ -78,6 +117,8 @@ class Comparison:
         for name, value in (("MSE", self.mse), ("RMSE", self.rmse), ("relMSE", self.rel_mse)):
             figures.add_row(name, f"{value:.4g}")
         figures.add_row("PSNR", f"{self.psnr:.2f} dB")
+        if self.flip is not None:
+            figures.add_row("FLIP", self.flip.in_words())
         figures.add_row("largest difference", f"{self.max_abs:.4g}")
         for name, means in (("mean of A", self.mean_a), ("mean of B", self.mean_b), ("A / B", self.ratio)):
             figures.add_row(name, "  ".join(f"{mean:.5f}" for mean in means) + "  (R G B)")
@@ -111,7 +152,7 @@ def compare(a: Image, b: Image, region: Region | None = None) -> Comparison:
         ImageError: the sizes differ, or the region lies outside or is empty.
     """
     check_same_size(a, b)
-    rows, columns = _slices(region, a.shape)
+    rows, columns = region_slices(region, a.shape)
     beauty_a = a.pixels[rows, columns].astype(np.float64)
     beauty_b = b.pixels[rows, columns].astype(np.float64)
     finite = np.isfinite(beauty_a) & np.isfinite(beauty_b)
@@ -146,8 +187,9 @@ def check_same_size(a: Image, b: Image) -> None:
         raise ImageError(f"images of different sizes, {sizes}, cannot be compared: render both with the same --size")
 
 
-def _slices(region: Region | None, shape: tuple[int, int]) -> tuple[slice, slice]:
-    height, width = shape
+def region_slices(region: Region | None, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Rows and columns of a region of an image of shape [height, width]; None is all. Raises ImageError."""
+    height, width = shape[:2]
     if region is None:
         return slice(0, height), slice(0, width)
     left, top, right, bottom = region

@@ -6,21 +6,15 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image as PillowImage
-from PIL import ImageDraw, ImageFont
 
 from wdpm.comparison import RELATIVE_FLOOR, check_same_size
 from wdpm.image import Image
+from wdpm.picture_legend import with_legend
 
 # A diverging map on black: where nothing differs nothing shows. Blue and orange stay apart for colour-blind eyes.
 _BELOW = np.array([[0, 0, 0], [30, 90, 220], [170, 225, 255]], dtype=np.float64)
 _ABOVE = np.array([[0, 0, 0], [225, 95, 15], [255, 235, 140]], dtype=np.float64)
 _NOT_FINITE = np.array([255, 0, 255], dtype=np.uint8)
-
-_LEGEND_HEIGHT = 34
-_LEGEND_WIDTH = 256  # narrower pictures are put on a strip of this width
-_MARGIN = 6
-_BAR_HEIGHT = 8
 
 
 def difference_picture(a: Image, b: Image, relative: bool = True) -> NDArray[np.uint8]:
@@ -39,7 +33,9 @@ def difference_picture(a: Image, b: Image, relative: bool = True) -> NDArray[np.
     values = signed_difference(a, b, relative)
     scale = round_scale(values)
     formula = f"(A-B)/sqrt(B*B+{RELATIVE_FLOOR:g})" if relative else "A-B"
-    return _with_legend(heat(values, scale), scale, formula)
+    bar = heat(np.linspace(-1, 1, 511), 1.0)
+    middle = formula if scale > 0 else "no difference"
+    return with_legend(heat(values, scale), bar, f"-{scale:g}", middle, f"+{scale:g}")
 
 
 def signed_difference(a: Image, b: Image, relative: bool) -> NDArray[np.float64]:
@@ -79,21 +75,3 @@ def heat(values: NDArray[np.float64], scale: float) -> NDArray[np.uint8]:
     picture = np.where((share < 0)[..., None], below, above).round().astype(np.uint8)
     picture[~np.isfinite(values)] = _NOT_FINITE
     return picture
-
-
-def _with_legend(picture: NDArray[np.uint8], scale: float, formula: str) -> NDArray[np.uint8]:
-    height, width = picture.shape[:2]
-    canvas = PillowImage.new("RGB", (max(width, _LEGEND_WIDTH), height + _LEGEND_HEIGHT), (24, 24, 24))
-    canvas.paste(PillowImage.fromarray(picture), ((canvas.width - width) // 2, 0))
-    draw, font = ImageDraw.Draw(canvas), ImageFont.load_default(size=11)
-    bar_width = canvas.width - 2 * _MARGIN
-    bar = heat(np.linspace(-1, 1, bar_width)[None].repeat(_BAR_HEIGHT, axis=0), 1.0)
-    canvas.paste(PillowImage.fromarray(bar), (_MARGIN, height + _MARGIN))
-    text_y = height + _MARGIN + _BAR_HEIGHT + 1
-    for text, x, anchor in (
-        (f"-{scale:g}", _MARGIN, "la"),
-        (formula if scale > 0 else "no difference", canvas.width // 2, "ma"),
-        (f"+{scale:g}", canvas.width - _MARGIN, "ra"),
-    ):
-        draw.text((x, text_y), text, fill=(230, 230, 230), font=font, anchor=anchor)
-    return np.asarray(canvas)

@@ -28,6 +28,8 @@ LAYER_CHANNELS: Mapping[str, str] = {
     "normal": "XYZ",
     "albedo": "RGB",
     "cell": "Y",
+    "noise": "RGB",
+    "bias": "RGB",
 }
 
 

@@ -46,7 +46,7 @@ def write(image: Image, path: Path) -> None:
     """Write an image file beside its place, then move it there. After an ImageError an older file is as it was."""
     _check_extension(path, tuple(_FORMATS))
     try:
-        _write_whole(path, lambda temporary: _FORMATS[path.suffix.lower()].write(image, temporary))
+        write_whole(path, lambda temporary: _FORMATS[path.suffix.lower()].write(image, temporary))
     except OSError as error:
         raise ImageError(f"{path}: cannot be written: {_reason(error)}") from None
     except ImageError as error:
@@ -56,7 +56,7 @@ def write(image: Image, path: Path) -> None:
 def write_bytes(data: bytes, path: Path) -> None:
     """Write `data` to `path`, whole or not at all. Raises ImageError."""
     try:
-        _write_whole(path, lambda temporary: temporary.write_bytes(data))
+        write_whole(path, lambda temporary: temporary.write_bytes(data))
     except OSError as error:
         raise ImageError(f"{path}: cannot be written: {_reason(error)}") from None
 
@@ -95,7 +95,8 @@ def png_bytes(pixels: NDArray[np.uint8]) -> bytes:
     return buffer.getvalue()
 
 
-def _write_whole(path: Path, write_to: Callable[[Path], object]) -> None:
+def write_whole(path: Path, write_to: Callable[[Path], object]) -> None:
+    """Have a file written beside its place, then move it there: it is there whole or not at all. Raises OSError."""
     temporary = _temporary(path)
     try:
         write_to(temporary)

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from wdpm.approximations import approximations
+from wdpm.approximations import approximations, settings_without_effect
 from wdpm.cluster.effects import features_of
+from wdpm.cluster.indirect_choice import choose_indirect
 from wdpm.cluster.partition import rows_near
 from wdpm.cluster.plan import Plan, make_plan
 from wdpm.cluster.plan_of_effects import Effect, LightUse, missing_effects, plan_of_effects, uses_of_lights
@@ -104,6 +105,7 @@ def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:
     settings = settings_for(scene, **chosen)
     as_it_is = flatten(scene)
     flat = flatten(leave_out(scene, settings.without)) if settings.without else as_it_is
+    settings, _ = choose_indirect(flat, settings)
     features = with_camera(features_of(flat, settings), flat.camera)
     compile_kernels("cpu", features)
     plan = make_plan(flat, settings, slaves, Launcher("cpu"))
@@ -118,10 +120,10 @@ def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:
         textures=len(flat.textures),
         media=len(scene.media),
         size=(flat.camera.width, flat.camera.height),
-        extent=flat.extent,
+        extent=flat.extent * flat.unit,
         photons=_by_map(plan, (settings.photons, settings.caustic_photons, settings.volume_photons)),
         paths=(world.global_map.paths, world.caustic_map.paths),
-        radius=_by_map(plan, tuple(each.radius for each in world.maps)),
+        radius=_by_map(plan, tuple(each.radius * world.unit for each in world.maps)),
         targets=len(world.emission.target_radius),
         features=features.names(),
         modules=len(make_variants(features).modules()),
@@ -133,7 +135,7 @@ def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:
         left_out=missing_effects(effects, settings),
         approximated=approximations(scene, world, settings),
         dropped=flat.dropped,
-        warnings=scene.warnings,
+        warnings=scene.warnings + settings_without_effect(settings),
     )
 
 

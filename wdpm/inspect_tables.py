@@ -88,20 +88,26 @@ def _state(effect: Effect) -> str:
 
 def _lights(inspection: Inspection) -> Table:
     caustic = any(light.caustic_photons is not None for light in inspection.lights)
-    table = _table("Lights: power, and shares of the photons by measured use")
+    photons = caustic or any(inspection.paths)
+    table = _table("Lights: power" + (", and shares of the photons by measured use" if photons else ""))
     table.add_column("light", overflow="fold")
-    for column in ("power [W]", "by power", "photons by use", *(["caustic photons by use"] if caustic else [])):
+    of_photons = ["photons by use"] * photons + ["caustic photons by use"] * caustic
+    for column in ("power [W]", "by power", *of_photons):
         table.add_column(column, justify="right")
     strongest = sorted(inspection.lights, key=lambda light: -light.power)
     for light in strongest[:LIGHTS_SHOWN]:
-        cells = [light.name, f"{light.power:.4g}", f"{light.by_power:.1%}", f"{light.photons:.1%}"]
+        cells = [light.name, f"{light.power:.4g}", f"{light.by_power:.1%}"]
+        if photons:
+            cells.append(f"{light.photons:.1%}")
         if caustic:
             cells.append(f"{light.caustic_photons or 0.0:.1%}")
         table.add_row(*map(escape, cells))
     if len(strongest) > LIGHTS_SHOWN:
         rest = strongest[LIGHTS_SHOWN:]
         sums = [sum(light.power for light in rest), sum(light.by_power for light in rest)]
-        cells = [f"{len(rest):,} more", f"{sums[0]:.4g}", f"{sums[1]:.1%}", f"{sum(u.photons for u in rest):.1%}"]
+        cells = [f"{len(rest):,} more", f"{sums[0]:.4g}", f"{sums[1]:.1%}"]
+        if photons:
+            cells.append(f"{sum(light.photons for light in rest):.1%}")
         if caustic:
             cells.append(f"{sum(light.caustic_photons or 0.0 for light in rest):.1%}")
         table.add_row(*cells)

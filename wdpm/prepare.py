@@ -16,25 +16,35 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.approximations import approximations
+from wdpm.approximations import approximations, settings_without_effect
 from wdpm.cluster import guards
 from wdpm.cluster.effects import features_of
 from wdpm.cluster.film import layers_of
+from wdpm.cluster.indirect_choice import choose_indirect
 from wdpm.cluster.plan import PILOT_PATHS, Plan, make_plan, view_of
 from wdpm.cluster.plan_of_effects import missing_effects, plan_of_effects
 from wdpm.cluster.replica import with_camera
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.worker import Worker
-from wdpm.cluster.world import World
+from wdpm.cluster.world import MapPlan, PhotonPlan, View, World
 from wdpm.image import Image
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photon_paths import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
-from wdpm.kernels.settings import Integrator, RenderSettings
+from wdpm.kernels.settings import CHANGE_NO_BIT, Integrator, RenderSettings
 from wdpm.kernels.variants import make_variants
 from wdpm.progress import Progress
-from wdpm.report import EnergyLedger, KernelReport, LightPhotons, PhotonCounts, Report, SlaveReport
+from wdpm.report import (
+    EnergyLedger,
+    ErrorReport,
+    KernelReport,
+    LightPhotons,
+    PassReport,
+    PhotonCounts,
+    Report,
+    SlaveReport,
+)
 from wdpm.scenes.errors import GuardError
 from wdpm.scenes.geometry import FlatScene, Triangles, flatten
 from wdpm.scenes.left_out import leave_out
@@ -57,9 +67,11 @@ class Prepared:
 
     Attributes:
         pilot: the worker that flew the pilot, to go on with where there is but one cell.
+        identity: names what the bits of an image depend on, by part: scene, camera, settings. The same for any cluster.
         triangles: of the whole scene.
         kernels: what they were compiled for.
         dropped: triangles of the scene that cannot be rendered.
+        chose: what was chosen where nobody said, and why.
         left_out: effects that the scene calls for, and that are left out knowingly.
         approximated: what is only approximated.
         seconds: by phase.
@@ -71,10 +83,16 @@ class Prepared:
     triangles: int
     dropped: int
     kernels: KernelReport
+    chose: tuple[str, ...]
     left_out: tuple[str, ...]
     approximated: tuple[str, ...]
     warnings: tuple[str, ...]
     seconds: dict[str, float]
+    identity: dict[str, str]
+
+
+NO_PHOTONS = PhotonPlan(0, MapPlan(), MapPlan(), MapPlan(), 1.0)
+"""Stands for any plan of photons: cells can be used again under another."""
 
 
 def scene_of(source: Source) -> Scene:
@@ -103,6 +121,7 @@ def prepare(
     flat = flatten(leave_out(scene, settings.without))
     if settings.strict:
         _demand_all(flat)
+    settings, chose = choose_indirect(flat, settings)
     features = with_camera(features_of(flat, settings), flat.camera)
     progress.start("compile")
     began = time.perf_counter()
@@ -114,13 +133,15 @@ def prepare(
     began = time.perf_counter() - flattened
     plan = make_plan(flat, settings, workers, launcher, cells)
     world = replace(plan.world, strict=settings.strict)
+    triangles = _digest(flat.triangles)
+    view = view_of(flat, settings)
     session = Session(
         world=world,
-        view=view_of(flat, settings),
+        view=view,
         partition=_partition(flat.triangles, plan),
         holders=tuple(plan.holders),
-        digest=_digest(world, flat.triangles, plan.holders),
-        layers=layers_of(plan.world),
+        digest=_digest(world.with_photons(NO_PHOTONS), triangles, plan.holders),
+        layers=layers_of(plan.world, view),
     )
     seconds["partition"] = time.perf_counter() - began
     dropped = tuple(f"{count} triangles were left out: {cause}" for cause, count in flat.dropped.items())
@@ -135,10 +156,12 @@ def prepare(
         len(flat.triangles),
         sum(flat.dropped.values()),
         kernels,
+        () if chose is None else (chose,),
         left_out,
         approximations(scene, plan.world, settings),
-        scene.warnings + dropped,
+        scene.warnings + dropped + settings_without_effect(settings),
         seconds,
+        _identity(world, session.view, triangles, settings),
     )
 
 
@@ -204,6 +227,13 @@ def _digest(*parts: Any) -> str:
     return digest.hexdigest()
 
 
+def _identity(world: World, view: View, triangles: str, settings: RenderSettings) -> dict[str, str]:
+    """Digests of what the bits of an image depend on; of no setting that changes no bit, nor of spp and passes."""
+    scene = [world.materials, world.textures, world.lights, world.media, world.extent, world.unit, triangles]
+    chosen = replace(settings, **{name: getattr(RenderSettings(), name) for name in CHANGE_NO_BIT}, spp=1, passes=1)
+    return {"scene": _digest(*scene), "camera": _digest(view.camera), "settings": _digest(chosen)}
+
+
 def _feed(digest: Any, value: Any) -> None:
     if isinstance(value, np.ndarray):
         digest.update(f"{value.dtype}{value.shape}".encode())
@@ -220,23 +250,34 @@ def _feed(digest: Any, value: Any) -> None:
         digest.update(f"{type(value).__name__}:{value!r};".encode())
 
 
-def image_of(prepared: Prepared, result: SessionResult) -> Image:
-    """The image of a finished session, with settings and report."""
-    report = report_of(prepared, result)
+def image_of(
+    prepared: Prepared, result: SessionResult, passes: tuple[PassReport, ...] = (), error: ErrorReport | None = None
+) -> Image:
+    """The image of a finished session, or of several passes together, with settings and report."""
+    report = report_of(prepared, result, passes, error)
     header: dict[str, Any] = {"settings": report.settings, "report": report.to_dict()}
     if report.left_out:
         header["left_out"] = list(report.left_out)
     return Image(result.layers, header)
 
 
-def report_of(prepared: Prepared, result: SessionResult) -> Report:
-    """What a render tells about itself."""
+def report_of(
+    prepared: Prepared, result: SessionResult, passes: tuple[PassReport, ...] = (), error: ErrorReport | None = None
+) -> Report:
+    """What a render tells about itself.
+
+    Args:
+        result: of the only session, or of all passes added up.
+        passes: of a render in several.
+    """
+    times = max(len(passes), 1)
     slaves = result.statistics
     world = prepared.session.world
-    paths = max(world.global_map.paths, 1)
-    absorbed, escaped, cut = np.sum([slave["energy"] for slave in slaves], axis=0) / paths
+    paths = max(world.global_map.paths * times, 1)
+    flux = world.unit**2 / paths  # of what was added up over all paths, in the scene's units
+    absorbed, escaped, cut = np.sum([slave["energy"] for slave in slaves], axis=0) * flux
     acted = guards.added([*(slave["guards"] for slave in slaves), {guards.DROPPED: prepared.dropped}])
-    counts = _photon_counts(prepared, result)
+    counts = _photon_counts(prepared, result, times)
     return Report(
         phases={**prepared.seconds, **result.seconds, "partition": _sum_of("partition", prepared, result)},
         triangles=prepared.triangles,
@@ -258,11 +299,14 @@ def report_of(prepared: Prepared, result: SessionResult) -> Report:
             if cause.startswith(guards.NOT_FINITE)
         },
         guards=acted,
-        energy=EnergyLedger(result.emitted / paths, float(absorbed), float(escaped), float(cut)),
+        energy=EnergyLedger(result.emitted * flux, float(absorbed), float(escaped), float(cut)),
+        chose=prepared.chose,
         left_out=prepared.left_out,
         approximated=prepared.approximated,
         warnings=prepared.warnings,
-        settings=_settings(prepared) | {"gather_radius": world.global_map.radius, "cells": world.top_tree.cells},
+        passes=passes,
+        error=error,
+        settings=_settings(prepared, passes),
         versions={name: metadata.version(name) for name in PACKAGES} | {"python": platform.python_version()},
     )
 
@@ -271,18 +315,22 @@ def _sum_of(phase: str, prepared: Prepared, result: SessionResult) -> float:
     return prepared.seconds.get(phase, 0.0) + result.seconds.get(phase, 0.0)
 
 
-def _settings(prepared: Prepared) -> dict[str, Any]:
+def _settings(prepared: Prepared, passes: tuple[PassReport, ...]) -> dict[str, Any]:
     camera = prepared.session.view.camera
     values = {k: v.value if isinstance(v, Enum) else v for k, v in asdict(prepared.settings).items()}
-    return values | {"width": camera.width, "height": camera.height}
+    if passes:  # a render that went on may have more than were asked for at first
+        values |= {"passes": len(passes), "spp": sum(each.spp for each in passes)}
+    world = prepared.session.world
+    planned = {"gather_radius": world.global_map.radius * world.unit, "cells": world.top_tree.cells}
+    return values | {"width": camera.width, "height": camera.height} | planned
 
 
-def _photon_counts(prepared: Prepared, result: SessionResult) -> list[PhotonCounts]:
-    """Of the global, the caustic and the volume map."""
+def _photon_counts(prepared: Prepared, result: SessionResult, times: int) -> list[PhotonCounts]:
+    """Of the global, the caustic and the volume map, each made so many times."""
     world = prepared.session.world
     lights = world.lights
     stored = np.array([slave["stored_by_light"] for slave in result.statistics], np.int64).sum(axis=0)
-    power = np.bincount(lights.light, lights.power, minlength=len(lights.names))
+    power = np.bincount(lights.light, lights.power, minlength=len(lights.names)) * world.unit**2
     shot = np.array([slave["paths_by_light"] for slave in result.statistics], np.int64).sum(axis=0)
     asked = (prepared.settings.photons, prepared.settings.caustic_photons, prepared.settings.volume_photons)
     use = _use_of_lights(result)
@@ -291,8 +339,8 @@ def _photon_counts(prepared: Prepared, result: SessionResult) -> list[PhotonCoun
         passed = shot[1 if number == CAUSTIC_MAP else 0]
         counts.append(
             PhotonCounts(
-                asked=asked[number] if plan.paths else 0,
-                paths=plan.paths,
+                asked=asked[number] * times if plan.paths else 0,
+                paths=plan.paths * times,
                 stored=int(stored[number].sum()),
                 lights=tuple(
                     LightPhotons(

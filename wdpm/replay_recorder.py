@@ -18,10 +18,10 @@ from wdpm.cluster.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import bsdf_types, columns
 from wdpm.kernels.look import make_look
+from wdpm.kernels.medium import DistanceSample
 from wdpm.kernels.photon_paths import CAUSTIC_MAP, GLOBAL_MAP
-from wdpm.kernels.shading import PARTS
 from wdpm.kernels.surface import Surface
-from wdpm.replay_vertices import Gather, Hit, Onward, ReplayVertex, ShadowRay
+from wdpm.replay_vertices import Collision, Gather, Hit, Onward, ReplayVertex, ShadowRay
 from wdpm.scenes.model import Scene
 
 BLACK = (0.0, 0.0, 0.0)
@@ -46,7 +46,7 @@ class Names:
             raise AssertionError(f"{rendered} triangles are rendered, and {int(kept.sum())} were expected")
         self._scene = scene
         self._mesh, self._row = soup.mesh[kept], soup.row[kept]
-        self.center = soup.center
+        self.space = soup.space
 
     def triangle(self, prim: int) -> tuple[str, str, int]:
         """Mesh, material and number in the mesh of a triangle."""
@@ -64,6 +64,7 @@ class _Vertex:
 
     arrives: dict[str, Any]
     surface: Any
+    flight: Any
     lights: list[int]
     carries: NDArray[np.float32]
     onward: dict[str, Any] | None
@@ -78,7 +79,7 @@ class Recorder:
         self._view = view
         self._vertices: list[_Vertex] = []
         self._lit: dict[tuple[int, int], tuple[float, float, float]] = {}
-        self._passes: dict[int, int] = {}
+        self._passes: dict[tuple[int, int], int] = {}
         self._ray: dict[str, Any] = {}
 
     # What happens
@@ -90,14 +91,17 @@ class Recorder:
         later = hasattr(rays, "bounce")
         arriving = rays if later else start_paths(replica, rays, 1)
         surface = wp.empty(1, dtype=Surface, device=device)
+        flight = wp.empty(1, dtype=DistanceSample, device=device)
         light = wp.empty(count, dtype=wp.int32, device=device)
-        scene = [surfaces, replica.materials, replica.textures, replica.lights, replica.camera, arriving, count]
-        replica.launcher(make_look(replica.world.features), 1, scene, [surface, light])
+        scene = [surfaces, replica.materials, replica.textures, replica.media, replica.lights, replica.camera]
+        inputs = [*scene, arriving, count, self._view.way]
+        replica.launcher(make_look(replica.world.features), 1, inputs, [surface, flight, light])
         goes_on = replica.world.features.goes_on
         self._vertices.append(
             _Vertex(
                 _row(arriving),
                 surface.numpy()[0].copy(),
+                flight.numpy()[0].copy(),
                 [int(number) for number in light.numpy()],
                 shots.radiance.numpy().copy(),
                 _row(paths) if goes_on else None,
@@ -108,7 +112,8 @@ class Recorder:
         """Photons of a map were asked for at the last vertex; where they would count for nothing, they were not."""
         if not queries.weight.numpy().any():
             return
-        found = int(count.numpy()[0]), float(radius.numpy()[0]), bool(truncated.numpy()[0])
+        reach = float(radius.numpy()[0]) * self._replica.world.unit
+        found = int(count.numpy()[0]), reach, bool(truncated.numpy()[0])
         self._vertices[-1].gathers[number] = found
 
     def saw(self, batch: Batch) -> None:
@@ -116,17 +121,19 @@ class Recorder:
         if batch.kind is Kind.PATH:
             self._ray = {name: column[0].copy() for name, column in batch.arrays.items()}
         elif batch.kind is Kind.PANE:
-            for place in batch.arrays["place"]:
-                self._passes[int(place)] = self._passes.get(int(place), 0) + 1
+            for part in self._parts(batch):
+                self._passes[part] = self._passes.get(part, 0) + 1
         elif batch.kind is Kind.SAMPLES:
             self._lit[0, parts.EMISSION] = _rgb(batch.arrays["emission"][0])
             self._lit[0, parts.INDIRECT] = _rgb(batch.arrays["indirect"][0])
         elif batch.kind is Kind.LIT:
-            samples = self._view.light_samples
-            bounce = parts.bounce_of(batch.arrays["place"], samples)
-            for row, place in enumerate(batch.arrays["place"]):
-                part = int(place) % (samples + int(PARTS)) - samples
-                self._lit[int(bounce[row]), part] = _rgb(batch.arrays["radiance"][row])
+            for part, radiance in zip(self._parts(batch), batch.arrays["radiance"], strict=True):
+                self._lit[part] = _rgb(radiance)
+
+    def _parts(self, batch: Batch) -> list[tuple[int, int]]:
+        """Of each item of a batch, the vertex and the part (cluster.parts) that it belongs to."""
+        place, samples = batch.arrays["place"], self._view.light_samples
+        return list(zip(parts.bounce_of(place, samples).tolist(), parts.part_of(place, samples).tolist(), strict=True))
 
     # What is told of it
 
@@ -145,7 +152,8 @@ class Recorder:
             int(arrives["edges"]),
             names.medium(int(arrives["medium"])),
             _rgb(arrives["throughput"]),
-            self._hit(vertex, names),
+            None if vertex.flight["scatters"] else self._hit(vertex, names),
+            _collision(vertex, names) if vertex.flight["scatters"] else None,
             self._lit.get((bounce, parts.EMISSION), BLACK),
             self._shadow_rays(bounce, vertex),
             self._gather(bounce, vertex, GLOBAL_MAP, parts.INDIRECT),
@@ -163,6 +171,7 @@ class Recorder:
             int(self._ray["edges"]) if bounce else 1,
             names.medium(medium),
             _rgb(self._ray["throughput"]) if bounce else (1.0, 1.0, 1.0),
+            None,
             None,
             self._lit.get((bounce, parts.EMISSION), BLACK),
             (),
@@ -182,11 +191,11 @@ class Recorder:
             material,
             triangle,
             prim,
-            _rgb(np.asarray(surface["position"], np.float64) + names.center),
+            _rgb(np.asarray(surface["position"], np.float64) * names.space.unit + names.space.center),
             float(arrives["u"]),
             float(arrives["v"]),
             t,
-            t * float(np.linalg.norm(np.asarray(arrives["direction"], np.float64))),
+            t * float(np.linalg.norm(np.asarray(arrives["direction"], np.float64))) * names.space.unit,
             _rgb(surface["normal"]),
             _rgb(surface["shading_normal"]),
             bool(surface["front"] == 1),
@@ -203,7 +212,7 @@ class Recorder:
                 None if light < 0 else names[light],
                 _rgb(vertex.carries[j]),
                 self._lit.get((bounce, j - samples)),
-                self._passes.get(bounce * (samples + int(PARTS)) + j, 0),
+                self._passes.get((bounce, j - samples), 0),
             )
             for j, light in enumerate(vertex.lights)
         )
@@ -212,6 +221,15 @@ class Recorder:
         if number not in vertex.gathers:
             return None
         return Gather(*vertex.gathers[number], self._lit.get((bounce, part), BLACK))
+
+
+def _collision(vertex: _Vertex, names: Names) -> Collision:
+    arrives, distance = vertex.arrives, float(vertex.flight["t"])
+    way = np.asarray(arrives["direction"], np.float64)
+    position = np.asarray(arrives["origin"], np.float64) + distance * way / np.linalg.norm(way)
+    space = names.space
+    medium = names.medium(int(arrives["medium"])) or ""
+    return Collision(medium, _rgb(position * space.unit + space.center), distance * space.unit)
 
 
 def _onward(vertex: _Vertex, names: Names) -> Onward | None:

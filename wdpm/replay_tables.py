@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.markup import escape
 from rich.table import Table
 
-from wdpm.replay_vertices import LAYERS, Gather, Hit, Replay, ReplayVertex, ShadowRay
+from wdpm.replay_vertices import LAYERS, Collision, Gather, Hit, Replay, ReplayVertex, ShadowRay
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def print_replay(replay: Replay, console: Console) -> None:
     """Print a table for each vertex, and the sum."""
     for vertex in replay.vertices:
-        title = f"Vertex {vertex.bounce}" + ("" if vertex.hit else ": nothing is hit")
+        title = f"Vertex {vertex.bounce}" + ("" if vertex.hit or vertex.collision else ": nothing is hit")
         console.print(f"\n[bold]{title}[/]", highlight=False)
         console.print(_vertex(vertex, len(replay.vertices[0].direct)))
     title = f"Sample {replay.sample} of pixel {replay.x},{replay.y}: what it adds [W / (sr m²)]"
@@ -33,7 +33,12 @@ def print_replay(replay: Replay, console: Console) -> None:
 
 def _vertex(vertex: ReplayVertex, light_samples: int) -> Table:
     table = _table()
-    for name, text in (*_arrival(vertex), *_place(vertex.hit), *_light(vertex, light_samples)):
+    for name, text in (
+        *_arrival(vertex),
+        *_place(vertex.hit),
+        *_collision(vertex.collision),
+        *_light(vertex, light_samples),
+    ):
         table.add_row(name, escape(text))
     if vertex.onward is not None:
         onward = vertex.onward
@@ -59,6 +64,14 @@ def _place(hit: Hit | None) -> Iterator[tuple[str, str]]:
     yield "position", f"{_numbers(hit.position, 9)}; u {hit.u:.6g}, v {hit.v:.6g}"
     yield "distance", f"{hit.distance:.9g} (t = {hit.t:.9g})"
     yield "normal", f"{_numbers(hit.normal)}; for shading {_numbers(hit.shading_normal)}"
+
+
+def _collision(collision: Collision | None) -> Iterator[tuple[str, str]]:
+    if collision is None:
+        return
+    yield "collides", f'in medium "{collision.medium}"'
+    yield "position", _numbers(collision.position, 9)
+    yield "distance", f"{collision.distance:.9g}"
 
 
 def _light(vertex: ReplayVertex, light_samples: int) -> Iterator[tuple[str, str]]:

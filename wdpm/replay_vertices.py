@@ -102,8 +102,22 @@ class Hit:
 
 
 @dataclass(frozen=True)
+class Collision:
+    """Where a path collided in a medium, in path tracing.
+
+    Attributes:
+        position: in the scene's coordinates.
+        distance: from the vertex before, in scene units.
+    """
+
+    medium: str
+    position: Vector
+    distance: float
+
+
+@dataclass(frozen=True)
 class ReplayVertex:
-    """A vertex of a camera path, or (hit is None) its end beyond the scene. All light is in W / (sr m²).
+    """A vertex of a camera path, or (neither hit nor collision) its end beyond the scene. Light is in W / (sr m²).
 
     Attributes:
         bounce: vertices before.
@@ -122,6 +136,7 @@ class ReplayVertex:
     medium: str | None
     throughput: RGB
     hit: Hit | None
+    collision: Collision | None
     emission: RGB
     direct: tuple[ShadowRay, ...]
     indirect: Gather | None

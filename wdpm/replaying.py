@@ -18,8 +18,10 @@ from wdpm.cluster.guards import Guards, added
 from wdpm.cluster.home import BucketHome
 from wdpm.cluster.task import BucketTask, PhotonTask
 from wdpm.cluster.worker import Worker
+from wdpm.cluster.world import World
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.settings import RenderSettings, Routing
+from wdpm.pass_plan import PassPlan, plans_for, session_of
 from wdpm.prepare import Prepared, Source, prepare, scene_of
 from wdpm.progress import Progress, SilentProgress
 from wdpm.replay_recorder import Names, Recorder
@@ -58,19 +60,23 @@ def replay(
     scene = scene_of(source)
     settings = settings or settings_for(scene, **chosen)
     check_place(scene.camera, settings.spp, x, y, sample)
-    return Replayer(scene, settings, threads=threads, device=device, progress=progress).sample(x, y, sample)
+    plan = pass_of(settings, sample)
+    return Replayer(scene, settings, plan, threads=threads, device=device, progress=progress).sample(x, y, sample)
 
 
 class Replayer:
-    """Replays any number of samples of a scene; its photons are traced once.
+    """Replays any number of samples of a scene, or of one pass of a progressive render; photons are traced once.
 
-    Args: as for `replay`.
+    Args:
+        plan: the pass; None for the first.
+        Others are as for `replay`.
     """
 
     def __init__(
         self,
         scene: Scene,
         settings: RenderSettings,
+        plan: PassPlan | None = None,
         *,
         threads: int | None = None,
         device: str = "cpu",
@@ -80,13 +86,14 @@ class Replayer:
         settings = replace(settings, strict=False, routing=Routing.FORWARD)
         prepared = prepare(scene, settings, 1, Launcher(device, threads), progress)
         self._names = Names(scene, prepared.triangles)
-        self._view = prepared.session.view
-        self._worker = _with_photons(prepared, progress)
+        session = session_of(prepared.session, plan or pass_of(settings, 0))
+        self._view = session.view
+        self._worker = _with_photons(prepared, session.world, progress)
 
     def sample(self, x: int, y: int, sample: int) -> Replay:
         """One sample of a pixel; SettingsError if there is none such."""
         worker, view = self._worker, self._view
-        check_place(view.camera, view.spp, x, y, sample)
+        check_place(view.camera, view.first_sample + view.spp, x, y, sample, view.first_sample)
         worker.set_view(view)
         cell, guards = worker.cells[0], Guards(worker.replica)
         before = cell.guards
@@ -113,20 +120,25 @@ class Replayer:
         )
 
 
-def check_place(camera: Camera, spp: int, x: int, y: int, sample: int) -> None:
+def pass_of(settings: RenderSettings, sample: int) -> PassPlan:
+    """The pass of a render that takes a sample."""
+    return next(plan for plan in plans_for(settings) if sample < plan.first_sample + plan.spp)
+
+
+def check_place(camera: Camera, spp: int, x: int, y: int, sample: int, first: int = 0) -> None:
     """Raise SettingsError if an image has no such pixel, or the pixel no such sample."""
     if not (0 <= x < camera.width and 0 <= y < camera.height):
         raise SettingsError(
             f"there is no pixel {x},{y} in an image of {camera.width}x{camera.height}: "
             f"expected 0,0 to {camera.width - 1},{camera.height - 1}"
         )
-    if not 0 <= sample < spp:
-        raise SettingsError(f"there is no sample {sample} of a pixel with {spp}: expected 0 to {spp - 1}")
+    if not first <= sample < spp:
+        raise SettingsError(f"there is no sample {sample} of a pixel with {spp}: expected {first} to {spp - 1}")
 
 
-def _with_photons(prepared: Prepared, progress: Progress) -> Worker:
+def _with_photons(prepared: Prepared, world: World, progress: Progress) -> Worker:
     """The worker of the only cell, with its maps built."""
-    worker, world = prepared.pilot, prepared.session.world
+    worker = prepared.pilot
     if worker is None:
         raise AssertionError("a plan for one worker has one cell")
     worker.adopt(world)

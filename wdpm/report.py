@@ -120,6 +120,61 @@ class KernelReport:
 
 
 @dataclass(frozen=True)
+class PassReport:
+    """One pass of a progressive render.
+
+    Attributes:
+        number: from 0.
+        spp: samples a pixel.
+        radius: largest gather radius of the global map [scene units].
+        seconds: wall-clock seconds by phase.
+    """
+
+    number: int
+    spp: int
+    radius: float
+    seconds: dict[str, float]
+
+
+@dataclass(frozen=True)
+class ErrorFigure:
+    """An estimate with its interval of 95 %."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class ErrorParts:
+    """A mean squared error, taken apart.
+
+    Attributes:
+        noise: what another seed would change.
+        bias: what it would not, squared; None if there were too few passes to tell.
+        total: both.
+    """
+
+    noise: ErrorFigure
+    bias: ErrorFigure | None
+    total: ErrorFigure | None
+
+
+@dataclass(frozen=True)
+class ErrorReport:
+    """What the passes of a render tell about the error of their mean (error_layers).
+
+    Attributes:
+        passes: how many.
+        mse: mean squared error; rel_mse: relative to the image's square + 0.01, as in comparison.Comparison.
+    """
+
+    passes: int
+    mse: ErrorParts
+    rel_mse: ErrorParts
+
+
+@dataclass(frozen=True)
 class Report:
     """All that a render tells about itself.
 
@@ -136,9 +191,12 @@ class Report:
         gathers_left_band: those that may have missed a photon beyond the overlap band; 0 in an exact render.
         nonfinite: samples that were NaN or infinite, by cause.
         guards: how often each guard acted, by cause (cluster.guards); those above and dropped triangles included.
+        chose: what was chosen where nobody said, and why.
         left_out: effects that the scene calls for, and that were left out knowingly.
         approximated: what is only approximated, with its figures.
         warnings: what the loader or the render ignored, dropped, mended or left out.
+        passes: of a render in several: all figures above are of all of them together.
+        error: what these tell about the error of the image.
         settings: the settings of the render; versions: of wdpm and the packages that its bits depend on.
     """
 
@@ -159,9 +217,12 @@ class Report:
     nonfinite: dict[str, int] = field(default_factory=dict)
     guards: dict[str, int] = field(default_factory=dict)
     energy: EnergyLedger = EnergyLedger()
+    chose: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
     approximated: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    passes: tuple[PassReport, ...] = ()
+    error: ErrorReport | None = None
     settings: dict[str, Any] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
 

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rich.markup import escape
 from rich.table import Table
 
-from wdpm.report import PHASES, KernelReport, LightPhotons, PhotonCounts, Report
+from wdpm.report import (
+    PHASES,
+    ErrorFigure,
+    ErrorReport,
+    KernelReport,
+    LightPhotons,
+    PassReport,
+    PhotonCounts,
+    Report,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -33,6 +43,8 @@ def print_report(report: Report, console: Console) -> None:
         console.print(line, highlight=False)
     for line in report.approximated:
         console.print(f"approximated: {escape(line)}", highlight=False)
+    for line in report.chose:
+        console.print(f"chosen: {line}", markup=False)
     for line in report.left_out:
         console.print(f"[bold red]LEFT OUT:[/] {escape(line)}", highlight=False)
     for warning in report.warnings:
@@ -152,6 +164,10 @@ def _counts(report: Report) -> list[str]:
         if report.beams_clamped:
             clamped = f"[bold red]{clamped}: too bright to be added exactly, so light is lost[/]"
         lines.append(f"beams through media: {report.beams:,}, {clamped}")
+    if report.passes:
+        lines.append(_passes(report.passes))
+    if report.error is not None:
+        lines += _error(report.error)
     if report.kernels.kernels:
         lines.append(_kernels(report.kernels))
     if energy.emitted > 0:
@@ -169,6 +185,30 @@ def _counts(report: Report) -> list[str]:
     acted = ", ".join(f"{count:,} {escape(cause)}" for cause, count in report.guards.items() if count)
     lines.append(f"[red]guards: {acted}[/]" if acted else "guards: none acted")
     return lines
+
+
+def _passes(passes: Sequence[PassReport]) -> str:
+    seconds = sum(sum(each.seconds.values()) for each in passes)
+    samples = sum(each.spp for each in passes)
+    return (
+        f"passes: {len(passes)}, {samples:,} samples a pixel in all, {format_seconds(seconds / len(passes))} each; "
+        f"gather radius {passes[0].radius:.4g} in the first, {passes[-1].radius:.4g} in the last"
+    )
+
+
+def _error(error: ErrorReport) -> list[str]:
+    """What the passes tell about the error: estimates, each with its interval of 95 %."""
+    return [
+        f"estimated {name}: {_figure(parts.total or parts.noise, root)}"
+        + (f"; noise {_figure(parts.noise, root)}" if parts.total else " by noise")
+        + (f"; bias {_figure(parts.bias, root)}" if parts.bias else "; bias: not known from fewer than 3 passes")
+        for name, parts, root in (("relMSE", error.rel_mse, False), ("RMSE", error.mse, True))
+    ]
+
+
+def _figure(figure: ErrorFigure, root: bool) -> str:
+    value, low, high = (math.sqrt(x) if root else x for x in (figure.value, figure.low, figure.high))
+    return f"{value:.3g} ({low:.3g} to {high:.3g})"
 
 
 def _counted(report: Report) -> tuple[PhotonCounts, ...]:

@@ -68,7 +68,7 @@ def table_of(
         for i, glow in enumerate(glows)
     ]
     numbers = [next((n for n, t in enumerate(textures) if t is glow.radiance), -1) for glow in glows]
-    return tabulate_lights(meshes, triangles, np.array(numbers, np.int32), textures, others, np.zeros(3))
+    return tabulate_lights(meshes, triangles, np.array(numbers, np.int32), textures, others)
 
 
 @functools.cache

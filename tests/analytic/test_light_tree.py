@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from wdpm.kernels import lights
 from wdpm.kernels.features import Features
 from wdpm.kernels.light_elements import Lights, chance_of_light, choose_light
+from wdpm.kernels.light_tree import EVEN
 from wdpm.scenes.light_sources import DirectionalLight, Environment, Light, PointLight, SpotLight
 from wdpm.scenes.light_table import LightTable
 from wdpm.scenes.light_tree import HEADS, LightTree, build_light_tree
@@ -313,6 +314,18 @@ def test_lights_far_away_have_their_share() -> None:
     assert np.all(np.diff(far) < 0)
     assert far[0] > 0.5
     assert far[2] > 0.0
+
+
+def test_none_that_may_shine_is_forgotten_for_being_weak() -> None:
+    """What stands in between is not known: next to a lamp 1e12 times as strong, a weak one keeps its even share."""
+    strong, weak = PointLight("strong", (2.0, 0, 0), (1.0,) * 3), PointLight("weak", (-2.0, 0, 0), (1e-12,) * 3)
+    found = chances(table_of(others=[strong, weak]), somewhere(100, 3))
+    np.testing.assert_allclose(found[:, 1], float(EVEN) / 2, rtol=1e-6)
+    found = chances(table_of(others=[strong, weak, SUN]), somewhere(100, 3))
+    assert (found[:, 1] > 0.999 * float(EVEN) / 3).all()
+    behind = table_of([square(2.0, 3.0)], [PointLight("weak", (0, 0, 1), (1e-12,) * 3)])
+    above = np.array([[0.3, 0.2, 9.0]])  # where the square sends nothing: it gets no share at all
+    np.testing.assert_allclose(chances(behind, above)[0, -1], 1.0, rtol=1e-6)
 
 
 PRUNED = {

@@ -14,9 +14,10 @@ import numpy as np
 
 from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind
 from wdpm.cluster.film import LAYERS
+from wdpm.cluster.records import Records
 from wdpm.cluster.session import Session
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, Task, TaskResult
-from wdpm.cluster.world import Emission, MapPlan, TopTree, View, World
+from wdpm.cluster.world import Emission, MapPlan, PhotonPlan, TopTree, View, World
 from wdpm.kernels.features import Features
 from wdpm.kernels.settings import Routing
 from wdpm.scenes.geometry import Media, Triangles
@@ -122,7 +123,11 @@ class FakeWorker:
         assert self.ghosts == 2 * self.ghosts_expected()
         self.maps_built = True
 
-    def forget_photons(self) -> None:
+    def take_records(self, records: Records) -> None:
+        self.records = records
+
+    def plan_photons(self, plan: PhotonPlan) -> None:
+        self.world = self.world.with_photons(plan)
         self.photons = self.ghosts = 0
         self.maps_built = False
 
@@ -157,6 +162,17 @@ def pixels_of(task: BucketTask, view: View) -> BucketRendered:
 def picture(view: View) -> BucketRendered:
     """What the whole image must look like."""
     return pixels_of(BucketTask(0, 0, 0, view.camera.width, view.camera.height), view)
+
+
+def irradiance_records(count: int, first: int = 0) -> Records:
+    """Records whose numbers count from `first`."""
+    whole = np.arange(count)
+    flat = np.tile(np.array([0.0, 0.0, 1.0], np.float32), (count, 1))
+    gradient = np.zeros((count, 3, 3), np.float32)
+    place = whole[:, None].astype(np.float32) * np.ones(3, np.float32)
+    return Records(
+        first + whole.astype(np.int64), place, flat, np.abs(place), gradient, gradient, np.ones(count, np.float32)
+    )
 
 
 def triangles(count: int, first: int = 0) -> Triangles:

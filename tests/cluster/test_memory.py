@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from fake_worker import FakeWorker, make_session, make_view, picture
 
 from wdpm.cluster.cluster_settings import ClusterSettings
 from wdpm.cluster.memory import MemoryCluster, run
+from wdpm.cluster.world import MapPlan
 from wdpm.scenes.errors import ClusterError
 from wdpm.scenes.geometry import Triangles
 
@@ -50,6 +52,23 @@ def test_geometry_and_photons_are_used_again(seed: int) -> None:
     other = cluster.render(make_session(2, 8, digest="b"))
     assert other.seconds.keys() == {"partition", "photons", "map", "render"}
     assert sum(values["triangles"] for values in other.statistics) == sum(5 + cell for cell in range(8))
+
+
+def test_other_photons_of_the_same_cells_are_traced_without_sending_geometry() -> None:
+    cluster = MemoryCluster(FakeWorker, 2, settings=SMALL, shuffle=random.Random(0))
+    first = make_session(2, 4)
+    cluster.render(first)
+    plan = replace(first.world.photon_plan, seed=7, global_map=MapPlan(500, 0.05, 0.05))
+
+    def forbidden(cell: int) -> Triangles:
+        raise AssertionError(cell)
+
+    second = replace(first, world=first.world.with_photons(plan), partition=forbidden)
+    result = cluster.render(second)
+    assert result.seconds.keys() == {"photons", "map", "render"}
+    assert result.paths == 500
+    assert cluster.render(second).seconds.keys() == {"render"}
+    assert cluster.render(first).paths == 1000
 
 
 def test_no_photon_paths() -> None:

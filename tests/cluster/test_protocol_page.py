@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from wdpm.cluster import protocol, task, wire, world
+from wdpm.cluster import protocol, records, task, wire, world
 from wdpm.cluster.batch import TO_HOME, Batch, Kind
 from wdpm.cluster.cluster_settings import ClusterSettings
 from wdpm.scenes.geometry import Media, Triangles
@@ -42,6 +42,10 @@ def test_messages_are_as_described(heading: str, union: object) -> None:
     "record",
     [
         task.PhotonTask,
+        task.RecordTask,
+        task.RecordsMade,
+        records.Records,
+        records.CachePlan,
         task.BucketTask,
         task.PhotonsTraced,
         task.BucketRendered,
@@ -50,6 +54,8 @@ def test_messages_are_as_described(heading: str, union: object) -> None:
         world.World,
         world.View,
         world.MapPlan,
+        world.PhotonPlan,
+        world.IrradiancePlan,
         world.Emission,
         MaterialTable,
         Media,

@@ -336,7 +336,7 @@ def test_too_many_ghosts_are_an_error() -> None:
     ("message", "job", "outcome", "answer"),
     [
         (p.Look(EPOCH, make_view()), c.SetView, {}, p.ViewSet(EPOCH)),
-        (p.ForgetPhotons(EPOCH), c.Forget, {}, p.PhotonsForgotten(EPOCH)),
+        (p.ForgetPhotons(EPOCH, make_world(1).photon_plan), c.Forget, {}, p.PhotonsForgotten(EPOCH)),
         (
             p.AskStatistics(EPOCH),
             c.ReadStatistics,

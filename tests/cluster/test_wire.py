@@ -10,15 +10,15 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-from fake_worker import arrays, make_view, make_world, picture, triangles
+from fake_worker import arrays, irradiance_records, make_view, make_world, picture, triangles
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wdpm.cluster import protocol as p
 from wdpm.cluster import wire
 from wdpm.cluster.batch import SCHEMAS, Batch, Kind
-from wdpm.cluster.task import BucketTask, PhotonsTraced, PhotonTask
-from wdpm.cluster.world import MapPlan, TopTree
+from wdpm.cluster.task import BucketTask, PhotonsTraced, PhotonTask, RecordsMade, RecordTask
+from wdpm.cluster.world import IrradiancePlan, MapPlan, TopTree
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.light_table import LightTable
 from wdpm.scenes.material_table import MaterialTable
@@ -43,14 +43,21 @@ batches = st.builds(
     epochs,
 )
 views = st.builds(make_view, st.integers(1, 4000), st.integers(1, 4000), st.integers(1, 64), counts)
-tasks = st.builds(lambda n, a, b: PhotonTask(n, a, a + b), counts, epochs, st.integers(1, 10**6)) | st.builds(
-    lambda n, x, y, w, h: BucketTask(n, x, y, x + w, y + h),
-    counts,
-    *[st.integers(0, 9999)] * 2,
-    *[st.integers(1, 64)] * 2,
+tasks = (
+    st.builds(lambda n, a, b: PhotonTask(n, a, a + b), counts, epochs, st.integers(1, 10**6))
+    | st.builds(
+        lambda n, x, y, w, h: BucketTask(n, x, y, x + w, y + h),
+        counts,
+        *[st.integers(0, 9999)] * 2,
+        *[st.integers(1, 64)] * 2,
+    )
+    | st.builds(lambda n, r, a, b: RecordTask(n, r, a, a + b), counts, st.integers(0, 9), counts, st.integers(1, 999))
 )
-results = st.builds(PhotonsTraced, counts, counts, st.floats(0, 1e30)) | st.builds(
-    picture, views.filter(lambda view: view.camera.width * view.camera.height < 10_000)
+records = st.builds(irradiance_records, st.integers(0, 5))
+results = (
+    st.builds(lambda n, r, made: RecordsMade(n, r, made, 4 * len(made)), counts, st.integers(0, 9), records)
+    | st.builds(PhotonsTraced, counts, counts, st.floats(0, 1e30))
+    | st.builds(picture, views.filter(lambda view: view.camera.width * view.camera.height < 10_000))
 )
 
 MESSAGES: dict[type, st.SearchStrategy[Any]] = {
@@ -60,6 +67,7 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
     p.TaskDone: st.builds(p.TaskDone, epochs, results),
     p.MapsBuilt: st.builds(p.MapsBuilt, epochs),
     p.ViewSet: st.builds(p.ViewSet, epochs),
+    p.RecordsTaken: st.builds(p.RecordsTaken, epochs),
     p.PhotonsForgotten: st.builds(p.PhotonsForgotten, epochs),
     p.Statistics: st.builds(p.Statistics, epochs, st.dictionaries(texts, plain, max_size=4)),
     p.PeerGone: st.builds(p.PeerGone, counts),
@@ -88,7 +96,8 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
     p.DoTask: st.builds(p.DoTask, epochs, tasks),
     p.Exchange: st.builds(p.Exchange, epochs),
     p.Look: st.builds(p.Look, epochs, views),
-    p.ForgetPhotons: st.builds(p.ForgetPhotons, epochs),
+    p.ShareRecords: st.builds(p.ShareRecords, epochs, records),
+    p.ForgetPhotons: st.builds(lambda epoch: p.ForgetPhotons(epoch, make_world(1).photon_plan), epochs),
     p.AskStatistics: st.builds(p.AskStatistics, epochs),
     p.Stop: st.builds(p.Stop, texts),
     p.PeerHello: st.builds(p.PeerHello, texts, counts),
@@ -171,6 +180,7 @@ def header(*fields: Any) -> bytes:
     return bytes(msgpack.packb(list(fields)))
 
 
+PLAN = make_world(1).photon_plan
 BATCH = p.PeerBatch(1, Batch(Kind.LIT, 1, 0, 0, 1, arrays(Kind.LIT, 2)))
 
 
@@ -190,7 +200,10 @@ BATCH = p.PeerBatch(1, Batch(Kind.LIT, 1, 0, 0, 1, arrays(Kind.LIT, 2)))
         ([header(wire.MAGIC, p.PROTOCOL, "Ready", [True])], "expected int"),
         ([header(wire.MAGIC, p.PROTOCOL, "Ready", [2**63])], "64 bits"),
         ([header(wire.MAGIC, p.PROTOCOL, "Ready", [1]), b"x"], "1 frames too many"),
-        ([header(wire.MAGIC, p.PROTOCOL, "DoTask", [1, ["Task", [1]]])], "expected PhotonTask or BucketTask"),
+        (
+            [header(wire.MAGIC, p.PROTOCOL, "DoTask", [1, ["Task", [1]]])],
+            "expected PhotonTask or RecordTask or BucketTask",
+        ),
         ([header(wire.MAGIC, p.PROTOCOL, "DoTask", [1, ["PhotonTask", [1, 5, 5]]])], "no range of paths"),
         ([header(wire.MAGIC, p.PROTOCOL, "Statistics", [1, {"a": [[[[[[[1]]]]]]]}])], "nested"),
     ],
@@ -233,6 +246,12 @@ def lights(**fields: Any) -> LightTable:
         (setup(textures=()), "materials.texture is -1 to 0"),
         (setup(global_map=MapPlan(10, float("nan"), 1.0)), "no plan of a map"),
         (setup(volume_map=MapPlan(10, 1.0, -1.0)), "no plan of a map"),
+        (setup(irradiance=IrradiancePlan(4, 0, 1.0)), "no plan of irradiance"),
+        (p.ForgetPhotons(1, dataclasses.replace(PLAN, seed=-1)), "seed -1"),
+        (p.ForgetPhotons(1, dataclasses.replace(PLAN, volume_unit=0.0)), "volume_unit 0.0"),
+        (p.ForgetPhotons(1, dataclasses.replace(PLAN, caustic_map=MapPlan(-1))), "no plan of a map"),
+        (p.Look(1, dataclasses.replace(make_view(), first_sample=-1)), "samples -1 to"),
+        (p.Look(1, dataclasses.replace(make_view(), first_sample=2**31 - 1)), "samples 2147483647 to"),
         (
             setup(emission=dataclasses.replace(make_world(1).emission, share=np.ones(2), caustic_share=np.ones(2))),
             "shares",

@@ -14,10 +14,12 @@ import argparse
 import base64
 import html
 import importlib.util
+import json
 import platform
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from case import SECTIONS, HardCase, Outcome, every_case, run_case
@@ -25,6 +27,7 @@ from numpy.typing import NDArray
 
 from wdpm.image import encode_srgb8
 from wdpm.image_files import png_bytes
+from wdpm.progress import make_progress
 from wdpm.quiet import quiet_warp
 
 PICTURE = 160
@@ -44,29 +47,48 @@ ul { margin: 0; padding-left: 1.1em; } .wrong { color: #b00020; } .known { color
 
 
 def main() -> int:
-    """Runs what is asked for and writes the page."""
+    """Runs what is asked for and writes the page, and the same as JSON beside it."""
     args = _parse()
     quiet_warp()
+    progress = make_progress()
     chosen = [case for case in every_case() if all(text in case.name for text in args.only)]
     outcomes: list[Outcome] = []
     left_out: list[tuple[HardCase, str]] = []
-    for number, case in enumerate(chosen, start=1):
-        why = _why_not(case, full=not args.small)
-        if why:
-            left_out.append((case, why))
-            print(f"{number:>3}/{len(chosen)} left out  {case.name}: {why}", flush=True)
-            continue
-        outcome = run_case(case, full=not args.small, rays=None if args.rays is None else int(args.rays))
-        outcomes.append(outcome)
-        print(f"{number:>3}/{len(chosen)} {verdict(outcome):<9} {outcome.seconds:6.1f} s  {case.name}", flush=True)
-        for wrong in problems(outcome):
-            print(f"{'':>17}{wrong}", flush=True)
+    progress.start("hard cases", len(chosen))
+    try:
+        for case in chosen:
+            why = _why_not(case, full=not args.small)
+            if why:
+                left_out.append((case, why))
+                progress.note(f"left out            {case.name}: {why}")
+            else:
+                outcome = run_case(case, full=not args.small, rays=None if args.rays is None else int(args.rays))
+                outcomes.append(outcome)
+                progress.note(f"{verdict(outcome):<10} {outcome.seconds:6.1f} s  {case.name}")
+                for wrong in problems(outcome):
+                    progress.note(f"{'':>20}{wrong}")
+            progress.advance()
+    finally:
+        progress.finish()
     args.output.mkdir(parents=True, exist_ok=True)
     page = args.output / "index.html"
     page.write_text(page_of(outcomes, left_out, full=not args.small), encoding="utf-8")
+    figures = [to_dict(outcome) for outcome in outcomes]
+    (args.output / "figures.json").write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
     failed = [outcome for outcome in outcomes if verdict(outcome) in ("fails", "passes now")]
     print(f"{summary(outcomes)}; {page}")
     return bool(failed)
+
+
+def to_dict(outcome: Outcome) -> dict[str, Any]:
+    """What a program may want to know of an outcome."""
+    return {
+        "name": outcome.case.name,
+        "section": f"{outcome.case.section}. {SECTIONS[outcome.case.section]}",
+        "verdict": verdict(outcome),
+        "seconds": outcome.seconds,
+        "problems": problems(outcome),
+    }
 
 
 def verdict(outcome: Outcome) -> str:

@@ -232,7 +232,8 @@ def test_cells_without_triangles_and_photons_change_no_bit(
 def test_slabs_thinner_than_the_gather_radius_change_no_bit(
     monkeypatch: pytest.MonkeyPatch, cornell_alone: Image
 ) -> None:
-    give_tree(monkeypatch, [2] * 7, [0.0, -2.0, 2.0, -3.0, -1.0, 1.0, 3.0])
+    unit = flatten(CORNELL).unit
+    give_tree(monkeypatch, [2] * 7, [z / unit for z in (0.0, -2.0, 2.0, -3.0, -1.0, 1.0, 3.0)])
     image = render_in_process(CORNELL, FEW, workers=4, cells=8)
     assert same_bits(image, cornell_alone)
 
@@ -364,14 +365,14 @@ def test_photons_are_the_same_set_each_with_one_owner(exchange: Exchange, cells:
 def test_ghosts_are_just_the_photons_of_the_band(
     exchange: Exchange, monkeypatch: pytest.MonkeyPatch, radius: float
 ) -> None:
-    axis, split = [0, 1, 2], [10.0, -50.0, 0.0]
+    flat = flatten(CORNELL)
+    axis, split = [0, 1, 2], [10.0 / flat.unit, -50.0 / flat.unit, 0.0]
     give_tree(monkeypatch, axis, split)
     image = render_in_process(CORNELL, replace(FEW, radius=radius), workers=2, cells=4)
     low, high = (
         corner.astype(np.float64) for corner in cell_boxes(np.array(axis, np.int32), np.array(split, np.float32))
     )
-    pad = flatten(CORNELL).extent * PAD_SHARE
-    assert exchange.band == pytest.approx(radius + pad, rel=1e-12)
+    assert exchange.band == pytest.approx(radius / flat.unit + flat.extent * PAD_SHARE, rel=1e-12)
     for source, target, kind, arrays in exchange.sent:
         owned = exchange.owned[source] if kind is Kind.GHOSTS else exchange.points[source]
         position = owned["position"].astype(np.float64)

@@ -319,6 +319,40 @@ def ball_mesh(side: int) -> Array:
     return (corners * [1.0, 0.7, 1.3]).astype(F32)
 
 
+def cut_up_box() -> Array:
+    """A closed box whose walls are cut into squares of different sizes: its edges are full of T-junctions."""
+    soup = []
+    for axis in range(3):
+        for side, count in ((-1.0, 5), (1.0, 8)):
+            cuts = np.linspace(-1.0, 1.0, count + axis)
+            x, y = np.meshgrid(cuts, cuts)
+            soup.append(bench_traversal._grid_triangles(np.insert(np.stack([x, y], axis=-1), axis, side, axis=-1)))
+    return np.concatenate(soup).astype(F32)
+
+
+def test_t_junctions_leak_nothing() -> None:
+    """Neighbours with other corners along one line overlap by the error of their edge functions (ON_EDGE)."""
+    rng = np.random.default_rng(3)
+    count, mesh = 1_000_000, cut_up_box()
+    along = rng.integers(0, 3, count)
+    target = rng.choice([-1.0, 1.0], (count, 3))
+    target[np.arange(count), along] = rng.uniform(-1.0, 1.0, count)
+    origin = (np.round(rng.uniform(-0.9, 0.9, (count, 3)) * 64) / 64).astype(F32)
+    direction = (target.astype(F32) - origin).astype(F32)
+    assert occluded(tree_of(mesh), origin, direction, np.full(count, 1.5)).all()
+
+
+def test_a_line_is_not_hit_from_beside() -> None:
+    """Of corners in line with a ray, but off it, all edge functions are in doubt: found by fuzzing (7000001017)."""
+    x = np.array([1.0918271e-11, -4.9942880e-12, 1.3889326e-11])
+    line = np.stack([x, np.full(3, -4.9207686e-04), np.full(3, -1.6402562e-04)], axis=1).astype(F32)[None]
+    origin = np.repeat(line[:, 0], 2, axis=0)
+    origin[:, 0] = -4.6601319e-13
+    origin[:, 2] = np.nextafter(origin[:, 2], F32([-1.0, 1.0]))
+    direction = np.tile(F32([[-2.5596028e-14, 9.9492191e-44, 0.0]]), (2, 1))
+    assert (trace(tree_of(line), origin, direction)["prim"] == -1).all()
+
+
 @pytest.mark.parametrize("mesh", [box_mesh(8), ball_mesh(16)], ids=["box", "ball"])
 @pytest.mark.parametrize("pad", [0.0, PAD])
 def test_closed_mesh_leaks_nothing(mesh: Array, pad: float) -> None:

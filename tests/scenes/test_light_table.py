@@ -40,8 +40,7 @@ def mesh(name: str, emission: tuple[float, float, float] | Texture = (1.0, 2.0, 
 def table(triangles: Triangles, meshes: list[Mesh], lights: list[Light] | None = None, **more) -> LightTable:
     textures = more.pop("textures", [])
     numbers = [next((i for i, t in enumerate(textures) if t is m.emission), -1) for m in meshes]
-    center = more.pop("center", np.zeros(3))
-    return tabulate_lights(meshes, triangles, np.array(numbers, np.int32), textures, lights or [], center, **more)
+    return tabulate_lights(meshes, triangles, np.array(numbers, np.int32), textures, lights or [], **more)
 
 
 OTHERS: list[Light] = [
@@ -54,12 +53,12 @@ OTHERS: list[Light] = [
 
 def test_lights_are_in_the_order_of_their_kinds() -> None:
     triangles = soup(np.concatenate([CORNERS, CORNERS + 1]), [1, -1, 0, 1])
-    found = table(triangles, [mesh("a"), mesh("b")], OTHERS, center=np.array([1.0, 0.0, 0.0]))
+    found = table(triangles, [mesh("a"), mesh("b")], OTHERS)
     assert found.names == ("a", "b", "point", "spot", "sun", "sky")
     np.testing.assert_array_equal(found.prim, [0, 2, 3])
     np.testing.assert_array_equal(found.light, [1, 0, 1, 2, 3, 4, 5])
     np.testing.assert_array_equal(found.medium, [-1, -1, 0, -1, -1, -1])
-    np.testing.assert_array_equal(found.point_position, [[0, 2, 3]])  # moved to the centre
+    np.testing.assert_array_equal(found.point_position, [[1, 2, 3]])
     np.testing.assert_array_equal(found.directional_direction, [[0, 0, -1]])
     distance = math.sqrt((CORNERS.astype(np.float64) + 1).reshape(-1, 3).__pow__(2).sum(axis=1).max())
     assert 1.0 < found.scene_radius / distance < 1.002

@@ -1,0 +1,145 @@
+"""Records of the irradiance cache: what they hold, and where they are looked for.
+
+Records are made in rounds. The candidates of a round are pixels of a grid, each round's twice as fine as the one
+before; where earlier records leave the surface that such a pixel sees uncovered, there will be a record. So where
+records lie and what they hold is a function of the scene and the settings alone: all of a round are made without
+knowledge of each other, and published before the next (Ward, Rubinstein & Clear 1988 fill a cache as the picture is
+scanned, and what it holds depends on the order).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.scenes.errors import ProtocolError
+
+ROUND_BITS = 32
+"""A record's number is round * 2^32 + place of its pixel in the round's candidates."""
+
+RAY_SAMPLES = 1 << 30
+"""Gather rays of records have sample numbers from here on: no camera sample has."""
+
+
+@dataclass(frozen=True)
+class CachePlan:
+    """How the records of a view are made.
+
+    Attributes:
+        rounds: how many; 0 for a view without a cache.
+        spacing: of the candidates of the first round [pixels].
+        rows, columns: strata of a record's gather rays in elevation and azimuth.
+        error: how far records reach, as a share of the harmonic mean distance of what they see (Ward's a).
+        least, most: bounds of a record's radius [pixels].
+        wanted: weight of the records around a candidate that makes another one superfluous.
+    """
+
+    rounds: int = 0
+    spacing: int = 1
+    rows: int = 1
+    columns: int = 1
+    error: float = 1.0
+    least: float = 1.0
+    most: float = 1.0
+    wanted: float = 0.0
+
+    @property
+    def rays(self) -> int:
+        """Gather rays of each record."""
+        return self.rows * self.columns
+
+
+NO_CACHE = CachePlan()
+"""Of a view without a cache."""
+
+
+def candidates(width: int, height: int, plan: CachePlan, number: int) -> NDArray[np.int32]:
+    """The pixels of a round's candidates, counted row by row, ascending: every so many-th, but those of earlier rounds.
+
+    Args:
+        width, height: of the image [pixels].
+        number: of the round, from 0.
+    """
+    step = max(1, plan.spacing >> number)
+    x, y = np.arange(0, width, step, dtype=np.int32), np.arange(0, height, step, dtype=np.int32)
+    pixels = y[:, None] * np.int32(width) + x[None, :]
+    if number:
+        before = 2 * step
+        new = (x % before != 0)[None, :] | (y % before != 0)[:, None]
+        return pixels[new]
+    return pixels.reshape(-1)
+
+
+@dataclass(frozen=True, eq=False)
+class Records:
+    """Irradiance records, in the order of their numbers.
+
+    Attributes:
+        number: round * 2^32 + place of the pixel in the round's candidates, int64, shape [N].
+        position: float32, shape [N, 3].
+        normal: unit shading normal, float32, shape [N, 3].
+        irradiance: [W/m²], float32, shape [N, 3].
+        rotation, translation: its gradients, one row a channel, float32, shape [N, 3, 3].
+        radius: how far the record reaches [scene units], float32, shape [N].
+    """
+
+    number: NDArray[np.int64]
+    position: NDArray[np.float32]
+    normal: NDArray[np.float32]
+    irradiance: NDArray[np.float32]
+    rotation: NDArray[np.float32]
+    translation: NDArray[np.float32]
+    radius: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.number)
+
+
+NO_RECORDS = Records(
+    np.empty(0, np.int64),
+    np.empty((0, 3), np.float32),
+    np.empty((0, 3), np.float32),
+    np.empty((0, 3), np.float32),
+    np.empty((0, 3, 3), np.float32),
+    np.empty((0, 3, 3), np.float32),
+    np.empty(0, np.float32),
+)
+"""Of a view without a cache, or before its first round."""
+
+
+def joined(parts: Sequence[Records]) -> Records:
+    """Records of several tasks or rounds as one set, in the order of their numbers."""
+    whole = {field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Records)}
+    order = np.argsort(whole["number"])
+    return Records(**{name: column[order] for name, column in whole.items()})
+
+
+def equal(a: Records, b: Records) -> bool:
+    """Whether all bits are equal."""
+    return all(getattr(a, field.name).tobytes() == getattr(b, field.name).tobytes() for field in fields(Records))
+
+
+def take_near(records: Records, boxes: Sequence[tuple[NDArray[np.float32], NDArray[np.float32]]]) -> Records:
+    """The records that reach into one of some boxes, each given by its low and its high corner."""
+    reaches = np.zeros(len(records), np.bool_)
+    for low, high in boxes:
+        outside = np.maximum(np.maximum(low - records.position, records.position - high), 0.0).astype(np.float64)
+        # The comparison is generous by a share of 2^-18, as the boxes of irradiance_tree are.
+        reach = records.radius.astype(np.float64) * (1.0 + 2.0**-18)
+        reaches |= (outside**2).sum(axis=1) <= reach**2
+    return Records(*(getattr(records, field.name)[reaches] for field in fields(Records)))
+
+
+def check_records(records: Records, number: int, start: int, stop: int) -> None:
+    """Raise ProtocolError unless records may be those of the candidates start to stop - 1 of a round."""
+    count, first = len(records), number << ROUND_BITS
+    for field in fields(Records):
+        column = getattr(records, field.name)
+        if len(column) != count or not np.isfinite(column).all():
+            raise ProtocolError(f"irradiance records: {field.name} is not finite, or not one for each of {count}")
+    wrong = (np.diff(records.number) <= 0).any() or (records.radius <= 0).any()
+    if wrong or (count and not first + start <= records.number[0] <= records.number[-1] < first + stop):
+        raise ProtocolError(f"irradiance records are not those of candidates {start} to {stop - 1} of round {number}")

@@ -1,0 +1,375 @@
+"""Rounds of irradiance records: the master's and the slave's part, in order and shuffled. No light, no sockets."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import test_slave
+from fake_worker import FakeWorker, Outbox, irradiance_records, make_session, make_view, picture, pixels_of
+from numpy.typing import NDArray
+from test_master import EPOCH, SETTINGS, VERSIONS, A, B, Driver, broken, sent, tasks_of
+
+from wdpm.cluster import compute as c
+from wdpm.cluster import master_events as m
+from wdpm.cluster import protocol as p
+from wdpm.cluster.batch import Batch
+from wdpm.cluster.master import Master, Phase
+from wdpm.cluster.memory import MemoryCluster
+from wdpm.cluster.record_clamp import clamped
+from wdpm.cluster.records import (
+    NO_RECORDS,
+    ROUND_BITS,
+    CachePlan,
+    Records,
+    candidates,
+    check_records,
+    equal,
+    joined,
+    take_near,
+)
+from wdpm.cluster.task import PhotonsTraced, RecordsMade, RecordTask
+from wdpm.cluster.world import View
+from wdpm.scenes.errors import ProtocolError
+
+PLAN = CachePlan(rounds=3, spacing=16, rows=2, columns=6, error=0.3, least=1.0, most=9.0, wanted=0.3)
+FEW_A_TASK = replace(SETTINGS, record_task_candidates=5)
+
+
+def cached(view: View | None = None) -> View:
+    """A view with an irradiance cache."""
+    return replace(make_view(64, 32, 16) if view is None else view, cache=PLAN)
+
+
+def made(task: RecordTask) -> RecordsMade:
+    """Every third candidate has a record, which is a function of its number alone."""
+    number = np.arange(task.start, task.stop, dtype=np.int64)
+    number = (np.int64(task.round) << ROUND_BITS) + number[number % 3 == 0]
+    rng = [np.random.default_rng(int(n)) for n in number]
+    position = np.array([r.random(3) for r in rng], np.float32).reshape(-1, 3)
+    radius = np.array([0.01 + r.random() for r in rng], np.float32)
+    gradient = np.repeat(position[:, None, :], 3, axis=1)
+    records = Records(number, position, position, position, gradient, -gradient, radius)
+    return RecordsMade(task.number, task.round, records, PLAN.rays * len(number))
+
+
+def all_records(rounds: int) -> Records:
+    """Those of the first rounds of the view."""
+    counts = [len(candidates(64, 32, PLAN, number)) for number in range(rounds)]
+    if not rounds:
+        return NO_RECORDS
+    return joined([made(RecordTask(0, number, 0, count)).records for number, count in enumerate(counts)])
+
+
+class Rounds(Driver):
+    """Two slaves that make records."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.master = Master(2, VERSIONS, FEW_A_TASK)
+
+    def to_records(self, **session: Any) -> list[m.Instruction]:
+        """As far as the view is set on both."""
+        self.to_photons(**{"paths": 0, "view": cached(), **session})
+        for answer in (p.MapsBuilt(EPOCH), p.ViewSet(EPOCH)):
+            self.says(A, answer)
+            out = self.says(B, answer)
+        return out
+
+    def to_sharing(self, out: list[m.Instruction], order: random.Random | None = None) -> list[m.Instruction]:
+        """Have all tasks of a round done, each slave's in its own order."""
+        waiting = [(identity, task) for identity in (A, B) for task in tasks_of(out, identity)]
+        while waiting:
+            place = order.randrange(len(waiting)) if order else 0
+            identity, task = waiting.pop(place)
+            out = self.says(identity, p.TaskDone(EPOCH, made(task)))
+            waiting += [(other, task) for other in (A, B) for task in tasks_of(out, other)]
+        return out
+
+    def taken(self) -> list[m.Instruction]:
+        """Both slaves have the records."""
+        assert self.says(B, p.RecordsTaken(EPOCH)) == []
+        return self.says(A, p.RecordsTaken(EPOCH))
+
+
+def shared_with(out: list[m.Instruction], identity: bytes) -> Records:
+    """The records that are sent to a slave."""
+    [message] = [message for message in sent(out, identity) if isinstance(message, p.ShareRecords)]
+    return message.records
+
+
+# The master.
+
+
+def test_every_candidate_of_a_round_is_in_one_task() -> None:
+    driver = Rounds()
+    out = driver.to_records()
+    assert driver.master.phase is Phase.RECORDS
+    assert m.Started("records", sum(len(candidates(64, 32, PLAN, number)) for number in range(3))) in out
+    seen: list[RecordTask] = []
+    waiting = [(identity, task) for identity in (A, B) for task in tasks_of(out, identity)]
+    assert {identity for identity, _ in waiting} == {A, B}
+    while waiting:
+        identity, task = waiting.pop(0)
+        seen.append(task)
+        out = driver.says(identity, p.TaskDone(EPOCH, made(task)))
+        assert m.Advanced(task.stop - task.start) in out
+        waiting += [(other, task) for other in (A, B) for task in tasks_of(out, other)]
+    assert [(task.start, task.stop) for task in seen] == [(0, 5), (5, 8)]
+    assert {task.round for task in seen} == {0}
+    assert driver.master.phase is Phase.SHARING
+
+
+@pytest.mark.parametrize("order", [None, *range(6)])
+def test_rounds_follow_each_other_and_are_published_whole(order: int | None) -> None:
+    """What slaves are sent is the same whatever the order of results: all records so far, clamped, by number."""
+    driver = Rounds()
+    shuffle = None if order is None else random.Random(order)
+    out = driver.to_records()
+    for number in range(PLAN.rounds):
+        assert {task.round for identity in (A, B) for task in tasks_of(out, identity)} == {number}
+        out = driver.to_sharing(out, shuffle)
+        expected = all_records(number + 1)
+        expected = replace(expected, radius=clamped(expected.position, expected.radius))
+        for identity in (A, B):
+            assert equal(shared_with(out, identity), expected)
+            assert tasks_of(out, identity) == []  # nothing of the next round before all have this one
+        out = driver.taken()
+    assert driver.master.phase is Phase.BUCKETS
+    assert m.Started("render", 8) in out
+
+
+def test_the_result_has_the_records_as_they_were_made() -> None:
+    """Unclamped: they may be joined with those of another view before they are clamped."""
+    driver = Rounds()
+    out = driver.to_records()
+    for _ in range(PLAN.rounds):
+        driver.to_sharing(out, random.Random(1))
+        out = driver.taken()
+    waiting = [(identity, task) for identity in (A, B) for task in tasks_of(out, identity)]
+    while waiting:
+        identity, task = waiting.pop()
+        out = driver.says(identity, p.TaskDone(EPOCH, pixels_of(task, cached())))
+        waiting += [(other, task) for other in (A, B) for task in tasks_of(out, other)]
+    driver.says(A, p.Statistics(EPOCH, {}))
+    [finished] = driver.says(B, p.Statistics(EPOCH, {}))
+    assert isinstance(finished, m.Finished)
+    assert equal(finished.result.records, all_records(PLAN.rounds))
+    assert finished.result.record_rays == PLAN.rays * len(finished.result.records)
+    assert "records" in finished.result.seconds
+
+
+def test_records_that_are_there_already_are_shared_and_none_are_made() -> None:
+    there = all_records(2)
+    driver = Rounds()
+    out = driver.to_records(records=there)
+    assert driver.master.phase is Phase.SHARING
+    for identity in (A, B):
+        assert equal(shared_with(out, identity), replace(there, radius=clamped(there.position, there.radius)))
+    driver.taken()
+    assert driver.master.phase is Phase.BUCKETS
+
+
+def test_a_view_without_a_cache_has_no_rounds() -> None:
+    driver = Rounds()
+    driver.to_records(view=make_view(64, 32, 16))
+    assert driver.master.phase is Phase.BUCKETS
+
+
+def test_rounds_without_records_are_published_too() -> None:
+    """As in a view of the sky: the next round's candidates find nothing there either."""
+    driver = Rounds()
+    out = driver.to_records()
+    for _ in range(PLAN.rounds):
+        waiting = [(identity, task) for identity in (A, B) for task in tasks_of(out, identity)]
+        while waiting:
+            identity, task = waiting.pop(0)
+            none = RecordsMade(task.number, task.round, NO_RECORDS, 0)
+            out = driver.says(identity, p.TaskDone(EPOCH, none))
+            waiting += [(other, task) for other in (A, B) for task in tasks_of(out, other)]
+        assert len(shared_with(out, A)) == 0
+        out = driver.taken()
+    assert driver.master.phase is Phase.BUCKETS
+
+
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (64, 32), (33, 17), (5, 70)])
+def test_no_pixel_is_a_candidate_twice(width: int, height: int) -> None:
+    rounds = [candidates(width, height, PLAN, number) for number in range(PLAN.rounds)]
+    together = np.concatenate(rounds)
+    assert len(np.unique(together)) == len(together)
+    y, x = np.divmod(np.sort(together), width)
+    step = PLAN.spacing >> (PLAN.rounds - 1)
+    assert (x % step == 0).all()
+    assert (y % step == 0).all()
+    assert len(together) == -(-width // step) * -(-height // step)
+    assert all((np.diff(pixels) > 0).all() for pixels in rounds)
+
+
+def test_a_picture_of_one_pixel_has_one_candidate() -> None:
+    """The rounds after the first have no tasks, and are published like all."""
+    driver = Rounds()
+    driver.to_sharing(driver.to_records(view=replace(make_view(1, 1, 16), cache=PLAN)))
+    for _ in range(PLAN.rounds):
+        assert driver.master.phase is Phase.SHARING
+        driver.taken()
+    assert driver.master.phase is Phase.BUCKETS
+
+
+# What goes wrong.
+
+
+def test_a_repeated_result_is_dropped_if_it_is_the_same() -> None:
+    driver = Rounds()
+    task = tasks_of(driver.to_records(), A)[0]
+    driver.says(A, p.TaskDone(EPOCH, made(task)))
+    assert driver.says(A, p.TaskDone(EPOCH, made(task))) == []
+    assert driver.master.dropped == {"repeated result": 1}
+    assert driver.master.phase is Phase.RECORDS
+
+
+def test_two_different_results_end_the_render() -> None:
+    driver = Rounds()
+    task = tasks_of(driver.to_records(), A)[0]
+    first = made(task)
+    other = replace(first, records=replace(first.records, radius=first.records.radius * np.float32(2)))
+    driver.says(A, p.TaskDone(EPOCH, first))
+    assert f"two results of task {task.number} differ" in broken(driver.says(A, p.TaskDone(EPOCH, other)))
+
+
+def _wrong(records: Records, name: str, value: Any) -> Records:
+    column: NDArray[Any] = getattr(records, name).copy()
+    column[0] = value
+    return replace(records, **{name: column})
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "error"),
+    [
+        ("position", np.nan, "position is not finite"),
+        ("irradiance", np.inf, "irradiance is not finite"),
+        ("rotation", np.nan, "rotation is not finite"),
+        ("radius", 0.0, "are not those of candidates 0 to 4"),
+        ("number", -1, "are not those of candidates 0 to 4"),
+        ("number", 3, "are not those of candidates 0 to 4"),  # twice
+        ("number", 4, "are not those of candidates 0 to 4"),  # not ascending
+    ],
+)
+def test_records_that_cannot_be_end_the_render(name: str, value: float, error: str) -> None:
+    driver = Rounds()
+    task = tasks_of(driver.to_records(), A)[0]
+    assert (task.start, task.stop) == (0, 5)
+    good = made(task)
+    assert len(good.records) == 2
+    wrong = replace(good, records=_wrong(good.records, name, value))
+    assert error in broken(driver.says(A, p.TaskDone(EPOCH, wrong)))
+
+
+@pytest.mark.parametrize(("number", "start", "stop"), [(1, 0, 5), (0, 5, 8), (0, 0, 3)])
+def test_records_of_other_candidates_end_the_render(number: int, start: int, stop: int) -> None:
+    records = made(RecordTask(0, 0, 0, 5)).records  # 0 and 3 of round 0
+    check_records(records, 0, 0, 5)
+    with pytest.raises(ProtocolError, match=f"candidates {start} to {stop - 1} of round {number}"):
+        check_records(records, number, start, stop)
+
+
+def test_photons_for_records_end_the_render() -> None:
+    driver = Rounds()
+    task = tasks_of(driver.to_records(), A)[0]
+    assert "PhotonsTraced came for" in broken(driver.says(A, p.TaskDone(EPOCH, PhotonsTraced(task.number, 5, 1.0))))
+
+
+def test_records_taken_out_of_turn_end_the_render() -> None:
+    driver = Rounds()
+    driver.to_records()
+    assert "not expected from it in phase records" in broken(driver.says(A, p.RecordsTaken(EPOCH)))
+
+
+def test_records_taken_twice_end_the_render() -> None:
+    driver = Rounds()
+    driver.to_sharing(driver.to_records())
+    driver.says(A, p.RecordsTaken(EPOCH))
+    assert "not expected from it in phase sharing" in broken(driver.says(A, p.RecordsTaken(EPOCH)))
+
+
+# The slave.
+
+
+def test_a_slave_takes_records_before_it_says_so() -> None:
+    driver = test_slave.Driver().ready()
+    records = irradiance_records(4)
+    [job] = test_slave.jobs(driver.told(p.ShareRecords(test_slave.EPOCH, records)))
+    assert isinstance(job, c.TakeRecords)
+    assert job.records is records
+    taken = driver.computed(c.TakeRecords(NO_RECORDS))
+    assert test_slave.to_master(taken) == [p.RecordsTaken(test_slave.EPOCH)]
+
+
+def test_a_slave_drops_records_of_another_epoch() -> None:
+    driver = test_slave.Driver().ready()
+    assert driver.told(p.ShareRecords(test_slave.EPOCH - 1, irradiance_records(4))) == []
+    assert driver.slave.dropped == {"ShareRecords of another epoch": 1}
+
+
+# Whole sessions, shuffled.
+
+
+class RecordWorker(FakeWorker):
+    """Its records are those of `made`, and it notes what it was sent."""
+
+    def _at_home(self, batch: Batch, outbox: Outbox) -> None:
+        task, missing = self.open[batch.task]
+        if not isinstance(task, RecordTask) or missing > batch.credit:
+            super()._at_home(batch, outbox)
+            return
+        before = len(self.sent[-1]) if self.sent else 0
+        assert before == len(all_records(task.round))  # it has all of the rounds before, and nothing of this one
+        del self.open[batch.task]
+        outbox.results.append(made(task))
+
+    @property
+    def sent(self) -> list[Records]:
+        """Records that came, in turn."""
+        return self.__dict__.setdefault("_sent", [])
+
+    def take_records(self, records: Records) -> None:
+        self.sent.append(records)
+
+
+@pytest.mark.parametrize(("slaves", "cells"), [(1, 1), (2, 4), (3, 8), (5, 8)])
+@pytest.mark.parametrize("seed", [None, 0, 1, 2])
+def test_a_session_ends_with_the_same_records(slaves: int, cells: int, seed: int | None) -> None:
+    shuffle = None if seed is None else random.Random(seed)
+    cluster = MemoryCluster(RecordWorker, slaves, settings=replace(FEW_A_TASK, photon_task_paths=500), shuffle=shuffle)
+    session = make_session(slaves, cells, view=cached())
+    result = cluster.render(session)
+    assert equal(result.records, all_records(PLAN.rounds))
+    for name, layer in picture(session.view).layers.items():
+        np.testing.assert_array_equal(result.layers[name], layer)
+    assert result.dropped == {}
+    again = cluster.render(replace(session, records=result.records))
+    assert equal(again.records, result.records)
+    assert again.record_rays == 0
+
+
+# Which records a slave keeps.
+
+
+def test_records_are_kept_where_they_reach() -> None:
+    """By the distance between the record and the nearest point of a box, never by the box around its sphere."""
+    records = irradiance_records(1)
+    at = replace(records, position=np.array([[2.0, 2.0, 0.0]], np.float32), radius=np.array([1.4], np.float32))
+    low, high = np.zeros(3, np.float32), np.ones(3, np.float32)
+    assert len(take_near(at, [(low, high)])) == 0  # sqrt(2) away from the edge
+    assert len(take_near(replace(at, radius=np.array([1.5], np.float32)), [(low, high)])) == 1
+    exact = replace(at, position=np.array([[2.0, 0.5, 0.5]], np.float32), radius=np.ones(1, np.float32))
+    assert len(take_near(exact, [(low, high)])) == 1  # it ends at the face
+    assert len(take_near(exact, [])) == 0
+
+
+def test_records_of_many_boxes_are_kept_once() -> None:
+    records = irradiance_records(5)
+    boxes = [(np.full(3, float(i), np.float32), np.full(3, i + 0.5, np.float32)) for i in range(5)]
+    assert equal(take_near(records, boxes), records)

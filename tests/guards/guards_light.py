@@ -1,0 +1,324 @@
+"""Guards of photons, surfaces, materials and media: kernels/photon_paths.py, surface.py, bsdf*.py, medium.py, ..."""
+
+from __future__ import annotations
+
+from guard import Guard, hard
+
+BSDF = "tests/analytic/test_bsdf.py::"
+COATED = "tests/analytic/test_bsdf_coated.py::"
+MATERIALS = "tests/analytic/test_materials.py::"
+MEDIA = "tests/analytic/test_media.py::"
+LIGHTS = "tests/analytic/test_lights.py::"
+EMISSION = "tests/analytic/test_emission.py::"
+EXACT = "tests/property/test_exactness.py::"
+SURFACE = "tests/property/test_surface.py::"
+SIDES = "tests/property/test_photon_sides.py::"
+STRICT = "tests/test_strict.py::"
+ELEMENTARY = "tests/property/test_elementary.py::"
+VOLUME = "tests/analytic/test_volume_light.py::"
+
+GUARDS = (
+    Guard(
+        name="rays leave a surface at an offset",
+        file="kernels/surface.py",
+        prevents="surfaces shadow themselves, and light gets to the other side",
+        changes=(
+            (
+                "return position + normal * (OFFSET_SHARE * size + offset_min)",
+                "return position + normal * (0.0 * size)",
+            ),
+        ),
+        tests=("tests/analytic/test_white_furnace.py::test_a_sphere",),
+    ),
+    Guard(
+        name="the offset follows the place",
+        file="kernels/constants.py",
+        prevents="away from the origin a hit is rounded to the far side of its surface",
+        changes=(("OFFSET_SHARE = wp.constant(2.0**-22)", "OFFSET_SHARE = wp.constant(0.0)"),),
+        tests=(SURFACE + "test_rays_leave_on_their_side",),
+    ),
+    Guard(
+        name="the offset has a least length",
+        file="kernels/constants.py",
+        prevents="on surfaces through the scene's middle rays start on the surface",
+        changes=(("OFFSET_MIN_SHARE = 2.0**-48", "OFFSET_MIN_SHARE = 0.0"),),
+        tests=(SURFACE + "test_rays_leave_on_their_side",),
+    ),
+    Guard(
+        name="hits are combined in double",
+        file="kernels/surface.py",
+        prevents="a hit is further off its surface than the offset covers",
+        changes=(
+            (
+                "return wp.vec3(p0 * a + p1 * b + p2 * c)",
+                "return wp.vec3(p0) * float(a) + wp.vec3(p1) * u + wp.vec3(p2) * v",
+            ),
+        ),
+        tests=(SURFACE + "test_rays_leave_on_their_side",),
+    ),
+    Guard(
+        name="normals in double",
+        file="kernels/surface.py",
+        prevents="needles have normals of noise, or none",
+        changes=(("p = triangles.positions.astype(np.float64)", "p = triangles.positions"),),
+        tests=(SURFACE + "test_normals_of_needles",),
+    ),
+    Guard(
+        name="a shading normal on the seen side",
+        file="kernels/surface.py",
+        prevents="interpolated normals make the front black, or lit from behind",
+        changes=(
+            (
+                "        if (wp.dot(shading, towards) > 0.0) != front:\n            shading = front_normal",
+                "        if False:\n            shading = front_normal",
+            ),
+        ),
+        tests=(SURFACE + "test_shading_normals_are_on_the_seen_side",),
+    ),
+    Guard(
+        name="a shading normal on the front's side",
+        file="kernels/surface.py",
+        prevents="a blend of normals that cancels is no direction",
+        changes=(("            if wp.dot(blend, front_normal) > 0.0:\n", "            if True:\n"),),
+        tests=(SURFACE + "test_shading_normals_are_on_the_seen_side",),
+    ),
+    Guard(
+        name="light from the side where both normals agree",
+        file="kernels/shading.py",
+        prevents="direct light leaks through walls with interpolated normals",
+        changes=(("reflects = side > 0.0 and w_to[2] * seen_from > 0.0", "reflects = w_to[2] * seen_from > 0.0"),),
+        tests=(hard("wild normals"), hard("leaning normals")),
+    ),
+    Guard(
+        name="photons leave on the side that they are sent to",
+        file="kernels/photon_paths.py",
+        prevents="bent normals send photons through walls",
+        changes=(("if wp.dot(leaves, goes_to) <= 0.0:", "if False:"),),
+        tests=(SIDES + "test_a_flat_floor_does_not_light_itself",),
+    ),
+    Guard(
+        name="no division by a grazing cosine of zero",
+        file="kernels/photon_paths.py",
+        prevents="a photon along a surface becomes NaN",
+        changes=(("if in_geometric <= 0.0 or out_shading <= 0.0:", "if False:"),),
+        tests=(SIDES + "test_grazing_photons_have_finite_factors",),
+    ),
+    Guard(
+        name="collisions away from walls",
+        file="kernels/constants.py",
+        prevents="a collision within a rounding of a wall starts behind it",
+        changes=(("COLLISION_MARGIN = wp.constant(2.0**28)", "COLLISION_MARGIN = wp.constant(0.0)"),),
+        tests=(VOLUME + "test_no_photon_gets_through_a_wall_from_within_a_medium",),
+    ),
+    Guard(
+        name="photons wait for room",
+        file="kernels/photon_paths.py",
+        prevents="photons are lost where a launch stores more than it has room for",
+        changes=(("                        status = WAITS\n", "                        cut += wp.float64(0.0)\n"),),
+        tests=(EXACT + "test_photons_that_wait_for_room_change_no_bit",),
+    ),
+    Guard(
+        name="a limit to bounces",
+        file="kernels/photon_paths.py",
+        prevents="between perfect mirrors a photon never ends",
+        changes=((" or bounce >= BOUNCE_LIMIT:", " or bounce >= 2 * BOUNCE_LIMIT:"),),
+        tests=("tests/test_limits.py::test_a_photon_path_has_no_bounce_beyond_the_limit",),
+    ),
+    Guard(
+        name="a limit to vertices",
+        file="kernels/camera_vertices.py",
+        prevents="between perfect mirrors a camera path has no end, and no credit left",
+        changes=(("if p.bounce + 1 >= _CHAIN_LIMIT:", "if False:"),),
+        tests=("tests/test_limits.py::test_a_camera_path_has_no_vertex_beyond_the_limit",),
+    ),
+    Guard(
+        name="what is not finite is black, and counted",
+        file="cluster/guards.py",
+        prevents="one NaN spoils its pixel",
+        changes=(("        blackened[bad] = 0.0\n", ""),),
+        tests=("tests/hard_cases/test_nonfinite.py::test_an_overflow_is_counted_and_black",),
+    ),
+    Guard(
+        name="photons that are not finite are dropped",
+        file="cluster/photon_store.py",
+        prevents="one photon spoils its neighbourhood",
+        changes=(("if not finite.all():", "if False:"),),
+        tests=(
+            STRICT + "test_guards_of_photons",
+            "tests/hard_cases/test_nonfinite.py::test_a_lamp_whose_power_overflows_is_told",
+        ),
+    ),
+    Guard(
+        name="roughness that float32 holds",
+        file="kernels/microfacet.py",
+        prevents="a roughness of 1e-8 has a density beyond float32",
+        changes=(("return wp.vec2(wp.max(alpha[0], ALPHA_LEAST), wp.max(alpha[1], ALPHA_LEAST))", "return alpha"),),
+        tests=(BSDF + "test_nothing_is_ever_infinite",),
+    ),
+    Guard(
+        name="slopes of facets stay finite",
+        file="kernels/microfacet.py",
+        prevents="random numbers next to 1 give infinite slopes",
+        changes=(("_ERF_MOST = wp.constant(wp.float32(1 - 2.0**-23))", "_ERF_MOST = wp.constant(wp.float32(1.0))"),),
+        tests=("tests/property/test_facets.py::test_facets_of_the_last_random_numbers",),
+    ),
+    Guard(
+        name="a facet is never edge-on",
+        file="kernels/microfacet.py",
+        prevents="a normal of length zero",
+        changes=(("z = wp.max(height - down, 1.0e-7)", "z = height - down"),),
+        tests=(BSDF + "test_nothing_is_ever_infinite",),
+    ),
+    Guard(
+        name="total reflection refracts nothing",
+        file="kernels/bsdf_dielectric.py",
+        prevents="a random number of 1 goes where there is no direction",
+        changes=(
+            (
+                "w_from[2], b.eta[0])\n    reflects = u_lobe < at.reflectance or at.cos_to == 0.0",
+                "w_from[2], b.eta[0])\n    reflects = u_lobe < at.reflectance",
+            ),
+            (
+                "c_from, b.eta[0])\n    reflects = u_lobe < at.reflectance or at.cos_to == 0.0",
+                "c_from, b.eta[0])\n    reflects = u_lobe < at.reflectance",
+            ),
+        ),
+        tests=(BSDF + "test_total_reflection_is_total",),
+    ),
+    Guard(
+        name="an index of 1 does nothing",
+        file="kernels/fresnel.py",
+        prevents="light grazes a boundary that is not there",
+        changes=(
+            ("    if eta == 1.0:\n        s.reflectance = 0.0\n        s.cos_to = -cos_from\n    elif c2", "    if c2"),
+        ),
+        tests=(BSDF + "test_matched_indices_do_nothing",),
+    ),
+    Guard(
+        name="metals of index 0",
+        file="kernels/fresnel.py",
+        prevents="0 / 0 for a mirror without a material",
+        changes=(
+            ("    if sum_1 + cross_1 > 0.0:\n", "    if True:\n"),
+            ("    if sum_2 + cross_2 > 0.0:\n", "    if True:\n"),
+        ),
+        tests=(BSDF + "test_a_mirror_without_material_reflects_everything", BSDF + "test_nothing_is_ever_infinite"),
+    ),
+    Guard(
+        name="bent normals have a length",
+        file="kernels/shading_frames.py",
+        prevents="a normal map of (0, 0, 0) is NaN",
+        changes=(("    if not (length > 1.0e-12 and length < 1.0e30):\n", "    if False:\n"),),
+        tests=(MATERIALS + "test_normals_of_no_length_bend_nothing",),
+    ),
+    Guard(
+        name="a tangent where the normal lies along the old one",
+        file="kernels/shading_frames.py",
+        prevents="a frame of NaN",
+        changes=(("    if across < 1.0e-6:", "    if False:"),),
+        tests=(MATERIALS + "test_frames_without_usable_tangents",),
+    ),
+    Guard(
+        name="tangents where uv say nothing",
+        file="kernels/surface.py",
+        prevents="division by zero where all corners have the same texture coordinates",
+        changes=(("        if determinant != 0.0:\n", "        if True:\n"),),
+        tests=(SURFACE + "test_tangents_where_coordinates_say_nothing",),
+    ),
+    Guard(
+        name="texture coordinates within integers",
+        file="kernels/texture.py",
+        prevents="a huge coordinate reads outside of the image",
+        changes=(
+            (
+                "return wp.vec2(wp.clamp(u, -1048576.0, 1048576.0), wp.clamp(v, -1048576.0, 1048576.0))",
+                "return wp.vec2(u, v)",
+            ),
+        ),
+        tests=("tests/property/test_texture.py::test_huge_coordinates_stay_in_the_image",),
+    ),
+    Guard(
+        name="no medium absorbs nothing, however far",
+        file="kernels/medium.py",
+        prevents="0 * inf",
+        changes=(("    if sigma_t == 0.0:\n        return 1.0\n", ""),),
+        tests=(MEDIA + "test_empty_space_and_infinite_distances",),
+    ),
+    Guard(
+        name="free paths of channels without extinction",
+        file="kernels/medium.py",
+        prevents="division by zero",
+        changes=(("    if sigma_t == 0.0:\n        return _INF\n", ""),),
+        tests=(MEDIA + "test_empty_space_and_infinite_distances", MEDIA + "test_extremes_stay_finite"),
+    ),
+    Guard(
+        name="free paths of a random number of 1",
+        file="kernels/medium.py",
+        prevents="an infinite path in a dense medium",
+        changes=(("-log1p_of(-wp.min(u_distance, _BELOW_ONE))", "-log1p_of(-u_distance)"),),
+        tests=(MEDIA + "test_extremes_stay_finite", MEDIA + "test_free_paths_are_unbiased"),
+    ),
+    Guard(
+        name="arc cosines of 1 and a bit",
+        file="kernels/elementary.py",
+        prevents="NaN for the angle between a direction and itself",
+        changes=(("    c = wp.clamp(wp.float64(x), -_ONE, _ONE)\n", "    c = wp.float64(x)\n"),),
+        tests=(ELEMENTARY + "test_one_argument", ELEMENTARY + "test_zeros_infinities_and_the_rest"),
+    ),
+    Guard(
+        name="directions of a disc's rim",
+        file="kernels/directions.py",
+        prevents="the square root of a rounding below zero",
+        changes=(
+            (
+                "    z = wp.sqrt(wp.max(0.0, 1.0 - d[0] * d[0] - d[1] * d[1]))\n    return around",
+                "    z = wp.sqrt(1.0 - d[0] * d[0] - d[1] * d[1])\n    return around",
+            ),
+        ),
+        tests=("tests/property/test_directions.py::test_cosine_hemisphere_has_the_density_of_the_cosine",),
+    ),
+    Guard(
+        name="the middle of a disc",
+        file="kernels/directions.py",
+        prevents="0 / 0 for the random point (1/2, 1/2)",
+        changes=(("    if y == 0.0:\n        return wp.vec2(0.0, 0.0)\n", ""),),
+        tests=("tests/property/test_directions.py::test_cosine_hemisphere_keeps_strata_together",),
+    ),
+    Guard(
+        name="random numbers below 1",
+        file="kernels/random.py",
+        prevents="32 random bits round to 1, which is beyond the last of all shares",
+        changes=(
+            (
+                "return wp.vec2(float(x >> wp.uint32(8)) * TO_UNIT, float(y >> wp.uint32(8)) * TO_UNIT)",
+                "return wp.vec2(float(x) * TO_UNIT * 0.00390625, float(y) * TO_UNIT * 0.00390625)",
+            ),
+        ),
+        tests=("tests/property/test_random.py::test_points_are_a_net",),
+    ),
+    Guard(
+        name="the brightest patch of the sky is the unit",
+        file="kernels/environment.py",
+        prevents="squares of radiance overflow",
+        changes=(("    scale = 1.0 / wp.max(a, b)", "    scale = 1.0"),),
+        tests=(
+            LIGHTS + "test_an_environment_map",
+            LIGHTS + "test_environment_samples_agree_with_their_density",
+            hard("radiance of 1e30 and 1e-30"),
+        ),
+    ),
+    Guard(
+        name="lamps are seen from their front",
+        file="kernels/direct_light.py",
+        prevents="a division by a cosine of zero",
+        changes=(("        if cosine <= 0.0:\n            return 0.0\n", ""),),
+        tests=(LIGHTS + "test_triangle_samples_agree_with_their_density",),
+    ),
+    Guard(
+        name="a place on the lamp itself",
+        file="kernels/direct_light.py",
+        prevents="a division by a distance of zero",
+        changes=(("        if distance2 <= 0.0:\n            return 0.0\n", ""),),
+        tests=(LIGHTS + "test_triangle_samples_agree_with_their_density", hard("rays that start in odd places")),
+    ),
+)

@@ -1,0 +1,101 @@
+"""Guards of scenes: scenes/*.py."""
+
+from __future__ import annotations
+
+from guard import Guard, hard
+
+GEOMETRY = "tests/scenes/test_scene_geometry.py::"
+FILES = "tests/scenes/test_scene_mesh_files.py::"
+
+GUARDS = (
+    Guard(
+        name="scenes are moved to the origin, in double",
+        file="scenes/renderer_space.py",
+        prevents="a scene far from the origin has the digits that float32 has left there",
+        changes=(
+            (
+                "moved: Array = (np.asarray(points, np.float64) - self.center)",
+                "moved: Array = np.asarray(points, np.float64)",
+            ),
+        ),
+        tests=(GEOMETRY + "test_flat_scene_does_not_depend_on_where_the_scene_lies",),
+    ),
+    Guard(
+        name="scenes are as large as float32 likes",
+        file="scenes/renderer_space.py",
+        prevents="in other units corners are other floats, and squares leave float32's range",
+        changes=(
+            (
+                "return RendererSpace((low + high) / 2.0, half if half > 0 else 1.0)",
+                "return RendererSpace((low + high) / 2.0, 1.0)",
+            ),
+        ),
+        tests=(hard("as large as an orbit"), hard("cornell box: in other units")),
+    ),
+    Guard(
+        name="places next to zero are zero",
+        file="scenes/renderer_space.py",
+        prevents="the sign of a rounding is another in other units",
+        changes=(("        moved[np.abs(moved) <= NOTHING] = 0.0\n", ""),),
+        tests=(hard("cornell box: in other units"), hard("room of effects: in other units")),
+    ),
+    Guard(
+        name="triangles that cannot be rendered are dropped",
+        file="scenes/geometry.py",
+        prevents="NaN for normals and boxes",
+        changes=(
+            ("cause = _degenerate_cause(soup.positions)", "cause = np.zeros(len(soup.positions), dtype=np.int8)"),
+        ),
+        tests=(GEOMETRY + "test_degenerate_triangles_are_dropped_and_counted",),
+    ),
+    Guard(
+        name="duplicates are dropped",
+        file="scenes/geometry.py",
+        prevents="surface that nobody sees counts as area, so what lies before it is too dark",
+        changes=(("cause[(cause == 0) & _repeated(soup.positions) & (soup.emitter < 0)] = 4", "pass"),),
+        tests=(hard("instanced duplicates"),),
+    ),
+    Guard(
+        name="faces name vertices that are there",
+        file="scenes/geometry.py",
+        prevents="a traceback, or another vertex counted from the end",
+        changes=(
+            (
+                "    if count and not (mesh.faces.min() >= 0 and mesh.faces.max() < len(mesh.vertices)):\n",
+                "    if False:\n",
+            ),
+        ),
+        tests=(hard("an index out of range"),),
+    ),
+    Guard(
+        name="factors that can be meant",
+        file="scenes/geometry.py",
+        prevents="light that grows at every bounce, beyond all numbers",
+        changes=(("and not max(value) <= MOST_FACTOR:", "and False:"),),
+        tests=(hard("reflectance of 1e30"),),
+    ),
+    Guard(
+        name="a normal that is missing is not interpolated",
+        file="scenes/geometry.py",
+        prevents="shading normals that shrink towards a corner",
+        changes=(("    normals[~np.any(normals != 0, axis=2).all(axis=1)] = 0.0\n", ""),),
+        tests=(FILES + "test_obj_corner_without_normal_makes_its_triangle_flat",),
+    ),
+    Guard(
+        name="areas in double",
+        file="scenes/areas.py",
+        prevents="lamps of needles have no area, or none that can be trusted",
+        changes=(("    p = corners.astype(np.float64)\n", "    p = corners\n"),),
+        tests=(
+            hard("needles"),
+            "tests/scenes/test_light_table.py::test_powers_are_those_of_the_formulas",
+        ),
+    ),
+    Guard(
+        name="no entities in XML",
+        file="scenes/xml_document.py",
+        prevents="a file of a kilobyte that unfolds to gigabytes",
+        changes=(("        self.parser.StartDoctypeDeclHandler = self._doctype\n", ""),),
+        tests=("tests/scenes/test_scene_mitsuba_xml.py::test_entities_are_refused",),
+    ),
+)

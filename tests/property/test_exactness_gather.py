@@ -1,0 +1,294 @@
+"""The exactness contract of final gathering and of the irradiance cache: the same bits, whatever computes them."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import effect_scenes
+import numpy as np
+import pytest
+from digests import alone, same_bits
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_scenes import scenes, scenes_with_effects
+
+import wdpm
+from wdpm.api import render_in_process
+from wdpm.cluster import master, plan
+from wdpm.cluster.batch import Batch, Kind
+from wdpm.cluster.cell import Cell
+from wdpm.cluster.checks import check_batch
+from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.records import CachePlan, Records, equal
+from wdpm.cluster.worker import Worker
+from wdpm.image import Image
+from wdpm.kernels.settings import Indirect, RenderSettings, Routing
+from wdpm.report import EnergyLedger
+from wdpm.scenes import cornell_box
+from wdpm.scenes.bsdfs import Diffuse, TwoSided
+from wdpm.scenes.model import Scene
+
+FEW = RenderSettings(
+    indirect=Indirect.GATHER,
+    photons=2000,
+    caustic_photons=1000,
+    volume_photons=2000,
+    spp=2,
+    k=20,
+    caustic_k=10,
+    all_effects=True,
+)
+WAYS = (Indirect.GATHER, Indirect.CACHE)
+
+
+def everything() -> Scene:
+    """Nearly all effects where there are records: walls without bumps, seen through no window."""
+    scene = effect_scenes.everything()
+    plain = TwoSided(Diffuse(effect_scenes.NOISE))
+    materials = tuple(replace(m, bsdf=plain) if m.name == "walls" else m for m in scene.materials)
+    return replace(scene, materials=materials, meshes=tuple(mesh for mesh in scene.meshes if mesh.name != "window"))
+
+
+SCENES = {
+    "diffuse": cornell_box((33, 26)),
+    "metals": effect_scenes.metals(),
+    "glasses": effect_scenes.glasses(),
+    "coats": effect_scenes.coats(),
+    "panes": effect_scenes.panes(),
+    "fogs": effect_scenes.fogs(),
+    "everything": everything(),
+}
+
+SMALL_CACHE = CachePlan(rounds=4, spacing=8, rows=3, columns=8, error=0.3, least=1.0, most=6.0, wanted=0.3)
+"""Of images of a few hundred pixels: the candidates of its last round are all pixels that are left."""
+
+_alone: dict[tuple[str, Indirect], Image] = {}
+
+
+@pytest.fixture(autouse=True)
+def _small_plans(small_pilot: None) -> Iterator[None]:  # noqa: ARG001
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plan, "CACHE_PLAN", SMALL_CACHE)
+        yield
+
+
+@pytest.fixture
+def tasks_of_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rounds of several tasks, as large images have them."""
+    monkeypatch.setattr(master, "ClusterSettings", lambda: ClusterSettings(record_task_candidates=7))
+
+
+@pytest.fixture(params=list(SCENES))
+def name(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture(params=WAYS, ids=lambda way: way.value)
+def way(request: pytest.FixtureRequest) -> Indirect:
+    return Indirect(request.param)
+
+
+def reference(name: str, way: Indirect) -> Image:
+    """The image of one cell, one thread and one bucket; the same for all tests of a scene."""
+    if (name, way) not in _alone:
+        _alone[name, way] = alone(SCENES[name], replace(FEW, indirect=way))
+    return _alone[name, way]
+
+
+@pytest.fixture
+def published(monkeypatch: pytest.MonkeyPatch) -> list[Records]:
+    """The records that workers are sent from now on, as they are sent."""
+    seen: list[Records] = []
+    take_records = Worker.take_records
+
+    def noted(worker: Worker, records: Records) -> None:
+        seen.append(records)
+        take_records(worker, records)
+
+    monkeypatch.setattr(Worker, "take_records", noted)
+    return seen
+
+
+def of_last_round(published: list[Records]) -> Records:
+    """The records that the image was made with."""
+    return max(published, key=len)
+
+
+def test_light_is_found_by_it(name: str, way: Indirect) -> None:
+    """The equality of black images would say nothing, and that of two ways that are the same neither."""
+    image, report = reference(name, way), reference(name, way).metadata["report"]
+    assert report["nonfinite"] == {}
+    assert EnergyLedger(**report["energy"]).imbalance < 1e-5
+    assert np.count_nonzero(image.layers["indirect"].any(axis=2)) > 20
+    by_map = alone(SCENES[name], replace(FEW, indirect=Indirect.MAP))
+    assert not np.array_equal(image.layers["indirect"], by_map.layers["indirect"])
+    np.testing.assert_array_equal(image.layers["depth"], by_map.layers["depth"])
+    if way is Indirect.CACHE:
+        # Behind a window there are no sites: nothing is interpolated.
+        assert same_bits(image, reference(name, Indirect.GATHER)) == (name == "panes")
+
+
+@pytest.mark.parametrize(
+    ("cells", "workers", "threads", "bucket", "routing"),
+    [(2, 1, 1, 32, Routing.MERGE), (4, 3, 3, 5, Routing.FORWARD), (8, 5, 1, 7, Routing.MERGE)],
+    ids=["2", "4", "8"],
+)
+@pytest.mark.usefixtures("tasks_of_few")
+def test_partition_threads_buckets_and_order_change_no_bit(
+    name: str, way: Indirect, cells: int, workers: int, threads: int, bucket: int, routing: Routing
+) -> None:
+    chosen = replace(FEW, indirect=way, routing=routing, bucket=bucket)
+    order = random.Random(cells) if cells > 2 else None
+    image = render_in_process(SCENES[name], chosen, workers=workers, cells=cells, threads=threads, shuffle=order)
+    assert same_bits(image, reference(name, way))
+    assert len(np.unique(image.layers["cell"])) > 1
+
+
+@pytest.mark.parametrize("order", range(4))
+@pytest.mark.usefixtures("tasks_of_few")
+def test_records_are_the_same_in_any_order(order: int, published: list[Records]) -> None:
+    """Not only what is seen of them: every bit of every record, and how many each round added."""
+    chosen = replace(FEW, indirect=Indirect.CACHE)
+    alone(SCENES["everything"], chosen)
+    expected = of_last_round(published)
+    rounds = sorted({len(records) for records in published})
+    assert len(expected) > 20
+    assert len(rounds) > 2  # of several rounds something was added
+    published.clear()
+    workers, cells = ((2, 4), (3, 8), (5, 8), (4, 4))[order]
+    render_in_process(
+        SCENES["everything"], chosen, workers=workers, cells=cells, threads=2, shuffle=random.Random(order)
+    )
+    assert equal(of_last_round(published), expected)
+    assert sorted({len(records) for records in published}) == rounds
+
+
+def test_each_worker_keeps_the_records_that_reach_it(published: list[Records], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fewer than all, or the band of records would be the whole scene; and more than their number together."""
+    kept: list[int] = []
+    statistics = Worker.statistics
+
+    def noted(worker: Worker) -> dict[str, Any]:
+        kept.append(int(statistics(worker)["records"]))
+        return statistics(worker)
+
+    monkeypatch.setattr(Worker, "statistics", noted)
+    render_in_process(SCENES["diffuse"], replace(FEW, indirect=Indirect.CACHE), workers=4, cells=4)
+    whole = len(of_last_round(published))
+    assert len(kept) == 4
+    assert min(kept) < whole
+    assert sum(kept) >= whole
+
+
+@pytest.mark.parametrize("name", ["diffuse", "coats", "fogs"])
+def test_kernels_for_few_effects_give_the_same_bits(name: str, way: Indirect) -> None:
+    few = replace(FEW, indirect=way, all_effects=False)
+    assert same_bits(alone(SCENES[name], few), reference(name, way))
+    image = render_in_process(SCENES[name], few, workers=2, cells=4, threads=2, shuffle=random.Random(1))
+    assert same_bits(image, reference(name, way))
+
+
+@pytest.mark.parametrize("change", [{"light_samples": 2, "seed": 99}, {"max_depth": 3, "k": 5}, {"passes": 2}])
+def test_every_setting_gives_the_same_bits(way: Indirect, change: dict[str, Any]) -> None:
+    chosen, scene = replace(FEW, indirect=way, **change), SCENES["everything"]
+    expected = alone(scene, chosen)
+    assert not same_bits(expected, reference("everything", way))
+    image = render_in_process(scene, chosen, workers=3, cells=8, threads=2, shuffle=random.Random(3))
+    assert same_bits(image, expected)
+
+
+def test_small_waves_and_launches_change_no_bit(way: Indirect, monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = reference("everything", way)
+    monkeypatch.setattr("wdpm.cluster.home.WAVE_SAMPLES", 50)
+    monkeypatch.setattr("wdpm.cluster.record_home._GRAIN", 1)
+    monkeypatch.setattr("wdpm.cluster.photon_store.GATHER_GRAIN", 1)
+    monkeypatch.setattr("wdpm.cluster.photon_store.GATHER_RUN", 3)
+    chosen = replace(FEW, indirect=way)
+    assert same_bits(render_in_process(SCENES["everything"], chosen, workers=2, cells=4, threads=3), expected)
+
+
+@pytest.mark.sockets
+def test_a_second_picture_on_the_same_slaves_begins_without_records() -> None:
+    """Records of the picture before would serve the next one's candidates."""
+    scene, chosen = SCENES["diffuse"], replace(FEW, indirect=Indirect.CACHE)
+    with wdpm.Cluster.local(slaves=2) as cluster:
+        pictures = [cluster.render(scene, replace(chosen, indirect=way)) for way in (*WAYS, *WAYS)]
+    for picture, way in zip(pictures, (*WAYS, *WAYS), strict=True):
+        assert same_bits(picture, reference("diffuse", way))
+
+
+@pytest.mark.parametrize("name", ["everything", "fogs"])
+@pytest.mark.usefixtures("tasks_of_few")
+def test_every_batch_is_valid_and_no_credit_is_lost_or_made(
+    name: str, way: Indirect, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    advance = Cell.advance
+    kinds: set[Kind] = set()
+
+    def checked(cell: Cell, batch: Batch) -> list[Batch]:
+        follows = list(advance(cell, batch))
+        assert all(following.credit > 0 for following in follows), batch.kind
+        assert sum(following.credit for following in follows) == batch.credit, batch.kind
+        for following in follows:
+            following.check()
+            check_batch(following, cell.replica.world)
+            kinds.add(following.kind)
+        return follows
+
+    monkeypatch.setattr(Cell, "advance", checked)
+    for routing in Routing:
+        chosen = replace(FEW, indirect=way, spp=1, routing=routing)
+        render_in_process(SCENES[name], chosen, workers=2, cells=4)
+    assert Kind.VERTEX in kinds
+    assert ({Kind.SCOUT, Kind.SITE, Kind.SITES} <= kinds) == (way is Indirect.CACHE)
+
+
+@pytest.mark.sockets
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.value)
+def test_two_slaves_over_sockets_give_the_same_bits(way: Indirect) -> None:
+    scene, chosen = SCENES["everything"], replace(FEW, indirect=way)
+    with wdpm.Cluster.local(slaves=2) as cluster:
+        images = [cluster.render(scene, replace(chosen, routing=routing)) for routing in Routing]
+    for image in images:
+        assert same_bits(image, reference("everything", way))
+        assert sum(slave["rays_in"] for slave in image.metadata["report"]["slaves"]) > 0
+
+
+CELLS = st.sampled_from([2, 4, 8])
+WORKERS = st.sampled_from([1, 2, 3, 5])
+DEPTHS = st.sampled_from([None, None, 2, 3, 4])
+
+
+@given(
+    scene=scenes() | scenes_with_effects(),
+    way=st.sampled_from(WAYS),
+    seed=st.integers(0, 2**32 - 1),
+    cells=CELLS,
+    workers=WORKERS,
+    max_depth=DEPTHS,
+    bucket=st.sampled_from([5, 32]),
+    routing=st.sampled_from(Routing),
+)
+@settings(max_examples=20, deadline=None)
+def test_random_scenes_have_the_same_bits_in_any_partition(
+    scene: Scene,
+    way: Indirect,
+    seed: int,
+    cells: int,
+    workers: int,
+    max_depth: int | None,
+    bucket: int,
+    routing: Routing,
+) -> None:
+    chosen = replace(
+        FEW, photons=400, k=8, indirect=way, seed=seed, max_depth=max_depth, bucket=bucket, routing=routing
+    )
+    expected = alone(scene, chosen)
+    image = render_in_process(
+        scene, chosen, workers=min(workers, cells), cells=cells, threads=2, shuffle=random.Random(seed)
+    )
+    assert same_bits(image, expected)
+    assert expected.metadata["report"]["nonfinite"] == {}

@@ -1,0 +1,162 @@
+"""The exactness contract of path tracing: the same bits in any partition, and whatever kernels are compiled for."""
+
+from __future__ import annotations
+
+import random
+from dataclasses import replace
+
+import effect_scenes
+import numpy as np
+import pytest
+from digests import alone, same_bits
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_scenes import scenes_with_effects
+
+import wdpm
+from wdpm.api import render_in_process
+from wdpm.cluster.batch import Batch, Kind
+from wdpm.cluster.cell import Cell
+from wdpm.cluster.checks import check_batch
+from wdpm.image import Image
+from wdpm.kernels.settings import Integrator, RenderSettings, Routing
+from wdpm.scenes import cornell_box
+from wdpm.scenes.light_sources import Environment
+from wdpm.scenes.model import Medium, Scene
+
+PATH = RenderSettings(integrator=Integrator.PATH, spp=3, light_samples=2, all_effects=True)
+
+
+def open_fog() -> Scene:
+    """Things in a fog without walls, in a space of it: paths collide beyond all surfaces, and in cells without any."""
+    room = effect_scenes.fogs()
+    lamp = next(mesh for mesh in room.meshes if mesh.name == "lamp")
+    block = next(mesh for mesh in room.meshes if mesh.name == "block")
+    sky = Environment("sky", np.full((1, 1, 3), 0.3, np.float32))
+    haze = Medium("haze", (1.2, 0.9, 0.7), (0.95, 0.9, 0.8), 0.3)
+    return replace(room, meshes=(lamp, block), lights=(*room.lights[1:], sky), media=(haze, *room.media[1:]))
+
+
+SCENES = {
+    "diffuse": cornell_box((16, 12)),
+    "metals": effect_scenes.metals(),
+    "glasses": effect_scenes.glasses(),
+    "coats": effect_scenes.coats(),
+    "panes": effect_scenes.panes(),
+    "fogs": effect_scenes.fogs(),
+    "open fog": open_fog(),
+    "everything": effect_scenes.everything(),
+}
+
+LAYERS = {"fogs": "direct indirect volume", "open fog": "direct volume", "everything": "direct indirect volume"}
+"""In which light must show, or the equality of bits says little."""
+
+_alone: dict[str, Image] = {}
+
+
+@pytest.fixture(params=list(SCENES))
+def name(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture
+def reference(name: str) -> Image:
+    """The image of one cell, one thread and one bucket; the same for all tests of a scene."""
+    if name not in _alone:
+        _alone[name] = alone(SCENES[name], PATH)
+    return _alone[name]
+
+
+def test_all_that_paths_find_is_there(name: str, reference: Image) -> None:
+    assert reference.metadata["report"]["nonfinite"] == {}
+    assert reference.metadata["report"]["photons"]["paths"] == 0
+    assert "caustic" not in reference.layers
+    assert ("volume" in reference.layers) == (name in LAYERS)
+    for layer in LAYERS.get(name, "direct indirect").split():
+        assert np.count_nonzero(reference.layers[layer].any(axis=2)) > 20, layer
+
+
+@pytest.mark.parametrize("routing", list(Routing))
+@pytest.mark.parametrize(
+    ("cells", "workers", "threads", "bucket"), [(2, 1, 1, 32), (4, 3, 3, 5), (8, 2, 1, 7)], ids=["2", "4", "8"]
+)
+def test_partition_threads_buckets_and_order_change_no_bit(
+    name: str, reference: Image, routing: Routing, cells: int, workers: int, threads: int, bucket: int
+) -> None:
+    chosen = replace(PATH, routing=routing, bucket=bucket)
+    order = random.Random(cells) if cells > 2 else None
+    image = render_in_process(SCENES[name], chosen, workers=workers, cells=cells, threads=threads, shuffle=order)
+    assert same_bits(image, reference)
+    assert cells == 2 or len(np.unique(image.layers["cell"])) > 1  # one of two may lie behind all that is seen
+
+
+@pytest.mark.parametrize("name", ["diffuse", "coats", "fogs", "open fog"])
+def test_kernels_for_few_effects_give_the_same_bits(name: str) -> None:
+    few = replace(PATH, all_effects=False)
+    if name not in _alone:
+        _alone[name] = alone(SCENES[name], PATH)
+    assert same_bits(alone(SCENES[name], few), _alone[name])
+    image = render_in_process(SCENES[name], few, workers=2, cells=4, threads=2, shuffle=random.Random(1))
+    assert same_bits(image, _alone[name])
+
+
+def test_small_waves_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = alone(SCENES["everything"], PATH)
+    monkeypatch.setattr("wdpm.cluster.home.WAVE_SAMPLES", 50)
+    assert same_bits(render_in_process(SCENES["everything"], PATH, workers=2, cells=4, threads=3), expected)
+
+
+@pytest.mark.parametrize("name", ["everything", "open fog"])
+def test_every_batch_is_valid_and_no_credit_is_lost_or_made(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    advance = Cell.advance
+    collisions = []
+
+    def checked(cell: Cell, batch: Batch) -> list[Batch]:
+        follows = list(advance(cell, batch))
+        assert all(following.credit > 0 for following in follows), batch.kind
+        assert sum(following.credit for following in follows) == batch.credit, batch.kind
+        for following in follows:
+            following.check()
+            check_batch(following, cell.replica.world)
+            if following.kind is Kind.VERTEX:
+                collisions.append(np.count_nonzero(following.arrays["prim"] < 0))
+        return follows
+
+    monkeypatch.setattr(Cell, "advance", checked)
+    for routing in Routing:
+        render_in_process(SCENES[name], replace(PATH, spp=1, routing=routing), workers=2, cells=4)
+    # Where a medium has no end, some paths collide on their way out of the scene.
+    assert (sum(collisions) > 0) == (name == "open fog")
+
+
+@pytest.mark.sockets
+def test_two_slaves_over_sockets_give_the_same_bits() -> None:
+    scene = SCENES["everything"]
+    expected = alone(scene, PATH)
+    with wdpm.Cluster.local(slaves=2) as cluster:
+        for routing in Routing:
+            image = cluster.render(scene, replace(PATH, routing=routing))
+            assert same_bits(image, expected)
+        assert sum(slave["rays_in"] for slave in image.metadata["report"]["slaves"]) > 0
+
+
+@given(
+    scene=scenes_with_effects(),
+    seed=st.integers(0, 2**32 - 1),
+    cells=st.sampled_from([2, 4, 8]),
+    workers=st.sampled_from([1, 2, 3]),
+    max_depth=st.sampled_from([None, None, 2, 4]),
+    bucket=st.sampled_from([5, 32]),
+    routing=st.sampled_from(Routing),
+)
+@settings(max_examples=25, deadline=None)
+def test_random_scenes_have_the_same_bits_in_any_partition(
+    scene: Scene, seed: int, cells: int, workers: int, max_depth: int | None, bucket: int, routing: Routing
+) -> None:
+    chosen = replace(PATH, seed=seed, max_depth=max_depth, bucket=bucket, routing=routing)
+    expected = alone(scene, chosen)
+    image = render_in_process(
+        scene, chosen, workers=min(workers, cells), cells=cells, threads=2, shuffle=random.Random(seed)
+    )
+    assert same_bits(image, expected)
+    assert expected.metadata["report"]["nonfinite"] == {}

@@ -1,0 +1,128 @@
+"""What a sweep will cost, and the sweep that is made where none is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from wdpm.accuracy_knobs import KNOBS, Knob, Sweep, Value, make_sweep, rounded
+from wdpm.accuracy_points import BAND_SLAVES, Point, Points, plan_points
+from wdpm.accuracy_store import Record
+from wdpm.kernels.settings import MAX_K, Indirect, RenderSettings
+
+DEFAULT_BUDGET_S = 300.0
+REFERENCE_SHARE = 0.25
+"""Of the budget, for a reference of our own."""
+
+SPREADS: tuple[tuple[float, ...], ...] = (
+    (1 / 16, 1 / 4, 4, 16),
+    (1 / 8, 1 / 4, 1 / 2, 2, 4, 8),
+    (1 / 4, 1 / 2, 2, 4),
+    (1 / 4, 4),
+    (1 / 4, 2),
+)
+"""Factors by which default sweeps turn photons and samples, the dearest first."""
+
+CLUSTER_FACTOR = 1.3
+"""Time of a render by slaves that share this machine's cores, over one without, roughly."""
+
+GATHER_FACTOR = 4.0
+"""Time of the camera's work with a gather ray a sample, over that from the photon map, roughly."""
+
+
+@dataclass(frozen=True)
+class CostModel:
+    """What a render takes, roughly, from one that was timed: for plans, not for results.
+
+    Attributes:
+        fixed: pilot and partition [s].
+        photon: one stored photon [s].
+        sample: one sample of every pixel, at `k` [s].
+    """
+
+    fixed: float
+    photon: float
+    sample: float
+    k: int
+
+    @classmethod
+    def of(cls, point: Point, record: Record) -> CostModel:
+        """From a render of this point."""
+        phases = record.phases
+        photons = phases.get("photons", 0.0) + phases.get("map", 0.0)
+        render = phases.get("render", 0.0)
+        return cls(
+            fixed=max(record.seconds - photons - render, 0.0),
+            photon=photons / max(record.stored, 1),
+            sample=render / point.settings.spp,
+            k=point.settings.k,
+        )
+
+    def seconds(self, point: Point, maps: int) -> float:
+        """Of one render.
+
+        Args:
+            maps: photon maps that the scene calls for.
+        """
+        chosen = point.settings
+        photons = chosen.photons * maps * chosen.passes * self.photon
+        gather = 0.5 + 0.5 * chosen.k / self.k
+        ways = 1.0 if chosen.indirect is Indirect.MAP else GATHER_FACTOR
+        alone = self.fixed + photons + chosen.spp * self.sample * gather * ways
+        return alone * CLUSTER_FACTOR if point.slaves else alone
+
+
+def total_seconds(points: Points, model: CostModel, seeds: int, maps: int) -> float:
+    """Of a whole sweep, without its reference."""
+    return seeds * sum(model.seconds(point, maps) for point in points.points)
+
+
+def default_points(
+    base: Point, model: CostModel, maps: Sequence[str], radii: Mapping[str, float], seeds: int, seconds: float
+) -> Points:
+    """The widest default sweep that fits into the time; where none does, one around a base with fewer samples.
+
+    Args:
+        maps: that the scene calls for: "global", "caustic", "volume".
+        radii: as of plan_points.
+    """
+    while True:
+        for factors in SPREADS:
+            points = plan_points(base, default_sweeps(base.settings, factors, maps), radii)
+            if total_seconds(points, model, seeds, len(maps)) <= seconds:
+                return points
+        if base.settings.spp == 1:
+            return points
+        base = replace(base, settings=_cheaper(base.settings))
+
+
+def default_sweeps(base: RenderSettings, factors: Sequence[float], maps: Sequence[str]) -> list[Sweep]:
+    """Every knob that the scene has a use for, around the base."""
+    by_name = {knob.name: knob for knob in KNOBS}
+    milder = [factor**0.5 for factor in factors]
+    sweeps = [_scaled(by_name["photons"], base.photons, factors), _scaled(by_name["k"], base.k, milder, MAX_K)]
+    sweeps.append(make_sweep(by_name["radius"], [rounded(factor, False) for factor in (*milder, 1.0)], factors=True))
+    sweeps.append(_scaled(by_name["spp"], base.spp, factors))
+    sweeps += [
+        _scaled(by_name[f"{kind}_photons"], getattr(base, f"{kind}_photons"), factors)
+        for kind in ("caustic", "volume")
+        if kind in maps
+    ]
+    passes: list[Value] = [count for count in (1, 4, 16, 64)[: len(factors)] if count <= base.spp]
+    if len(passes) > 1:
+        sweeps.append(make_sweep(by_name["passes"], passes))
+    sweeps.append(make_sweep(by_name["indirect"], [Indirect.MAP, Indirect.GATHER, Indirect.CACHE]))
+    sweeps.append(make_sweep(by_name["band"], [0.0, 0.25, 0.5, 0.75, 1.0] if len(factors) > 2 else [0.0, 0.5, 1.0]))
+    sweeps.append(make_sweep(by_name["slaves"], [0, BAND_SLAVES]))
+    return [sweep for sweep in sweeps if len(sweep.values) > 1]
+
+
+def _scaled(knob: Knob, base: int, factors: Sequence[float], most: int | None = None) -> Sweep:
+    scaled = [max(int(rounded(base * factor, True)), 1) for factor in factors]
+    return make_sweep(knob, [base, *(value if most is None else min(value, most) for value in scaled)])
+
+
+def _cheaper(settings: RenderSettings) -> RenderSettings:
+    spp = max(settings.spp // 2, 1)
+    fewer = {name: max(getattr(settings, name) // 2, 1) for name in ("photons", "caustic_photons", "volume_photons")}
+    return replace(settings, spp=spp, passes=min(settings.passes, spp), **fewer)

@@ -1,0 +1,304 @@
+"""What a sweep found: figures of each point, of the band, and the Pareto front."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from wdpm.accuracy_error import SplitError, Truth, own_noise, split_error
+from wdpm.accuracy_pareto import pareto_front
+from wdpm.accuracy_points import Point, Points
+from wdpm.accuracy_store import RENDERS, Record, Store, plain_settings
+from wdpm.comparison import RELATIVE_FLOOR
+from wdpm.image import Image
+from wdpm.progress import Progress
+from wdpm.report import ErrorFigure
+
+
+@dataclass(frozen=True)
+class BandError:
+    """What a narrow band costs, against the exact image of the same seed; means over seeds.
+
+    Attributes:
+        mse, rel_mse, max_abs: of the beauty layer; the last is the largest of all seeds.
+        pixels: that differ, as a share.
+        bits_equal: whether every bit of every layer but `cell` is equal, for all seeds.
+    """
+
+    mse: float
+    rel_mse: float
+    max_abs: float
+    pixels: float
+    bits_equal: bool
+
+
+@dataclass(frozen=True)
+class PointFigures:
+    """One point.
+
+    Attributes:
+        number: of the point; 0 is the base.
+        name: how it differs from the base, in words.
+        settings: as JSON has them, with the first seed.
+        seconds, cpu_seconds: medians over seeds; the first is wall-clock time without loading and compiling.
+        each_seconds: of each seed.
+        rel_mse, mse: the error and its parts.
+        stored, ghosts, bytes, left_band: as of Record, medians over seeds.
+        bits_as_base: whether every seed's image has the bits of the base's.
+        band: for a point whose band was turned.
+        command: renders the first seed.
+        images: of each seed, relative to the folder.
+    """
+
+    number: int
+    name: str
+    settings: dict[str, Any]
+    slaves: int
+    seconds: float
+    cpu_seconds: float
+    each_seconds: tuple[float, ...]
+    rel_mse: SplitError
+    mse: SplitError
+    stored: int
+    ghosts: int
+    bytes: int
+    left_band: int
+    bits_as_base: bool
+    band: BandError | None
+    command: str
+    images: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class CurveFigures:
+    """One knob's points: their numbers, and the values as numbers and in words."""
+
+    knob: str
+    label: str
+    values: tuple[float | str, ...]
+    words: tuple[str, ...]
+    points: tuple[int, ...]
+    base: int
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """All that a sweep found.
+
+    Attributes:
+        scene: as on the command line.
+        width, height: in pixels.
+        seeds: of each point.
+        reference: where it is from, in words.
+        reference_noise: of its own, as relMSE; None if it is not known.
+        compile_seconds: spent on kernels, apart from all points.
+        machine: what it was measured on.
+        front: numbers of the points that are not dominated in time and relMSE, in order of time.
+    """
+
+    scene: str
+    width: int
+    height: int
+    seeds: tuple[int, ...]
+    reference: str
+    reference_noise: float | None
+    compile_seconds: float
+    machine: dict[str, Any]
+    points: tuple[PointFigures, ...]
+    curves: tuple[CurveFigures, ...]
+    front: tuple[int, ...]
+
+    @property
+    def base(self) -> PointFigures:
+        return self.points[0]
+
+    def curve_of(self, knob: str) -> CurveFigures | None:
+        """The curve of a knob, if it was turned."""
+        return next((curve for curve in self.curves if curve.knob == knob), None)
+
+    def to_json(self) -> str:
+        """One JSON object."""
+        return json.dumps(asdict(self), allow_nan=False, indent=2)
+
+    def to_csv(self) -> str:
+        """One line a point, with a heading."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(_COLUMNS)
+        for point in self.points:
+            writer.writerow([column(self, point) for column in _COLUMNS.values()])
+        return text.getvalue()
+
+
+def figures_of(
+    points: Points,
+    store: Store,
+    seeds: Sequence[int],
+    truth: Truth,
+    command: Callable[[Point], str],
+    progress: Progress,
+) -> tuple[PointFigures, ...]:
+    """Figures of every point, from the images and records that the store has.
+
+    Raises:
+        ImageError: one cannot be read.
+    """
+    records = {(point, seed): store.find(point, seed) for point in points.points for seed in seeds}
+    missing = [key for key, record in records.items() if record is None]
+    if missing:
+        raise ValueError(f"{len(missing)} renders are missing")
+    found = {key: record for key, record in records.items() if record is not None}
+    exact = _exact_points(points)
+    figures = []
+    progress.start("figures", len(points.points))
+    for number, point in enumerate(points.points):
+        mine = [found[point, seed] for seed in seeds]
+        images = [store.image(point, seed) for seed in seeds]
+        band = None
+        if point in exact:
+            other = exact[point]
+            same = all(found[point, seed].digest == found[other, seed].digest for seed in seeds)
+            band = band_error(images, [store.image(other, seed) for seed in seeds], same)
+        pixels = [image.pixels for image in images]
+        figures.append(
+            PointFigures(
+                number=number,
+                name=name_of(point, points, number),
+                settings=plain_settings(point.settings, seeds[0]),
+                slaves=point.slaves,
+                seconds=median(record.seconds for record in mine),
+                cpu_seconds=median(record.cpu_seconds for record in mine),
+                each_seconds=tuple(record.seconds for record in mine),
+                rel_mse=split_error(pixels, truth, truth.relative),
+                mse=split_error(pixels, truth, np.ones_like(truth.pixels)),
+                **{name: _middle(mine, name) for name in ("stored", "ghosts", "bytes", "left_band")},
+                bits_as_base=all(found[point, seed].digest == found[points.base, seed].digest for seed in seeds),
+                band=band,
+                command=command(point),
+                images=tuple(f"{RENDERS}/{store.image_path(point, seed).name}" for seed in seeds),
+            )
+        )
+        progress.advance()
+    return tuple(figures)
+
+
+def band_error(images: Sequence[Image], exact: Sequence[Image], bits_equal: bool) -> BandError:
+    """Of images against exact ones, seed by seed."""
+    apart = [a.pixels.astype(np.float64) - b.pixels for a, b in zip(images, exact, strict=True)]
+    relative = [
+        each**2 / (b.pixels.astype(np.float64) ** 2 + RELATIVE_FLOOR) for each, b in zip(apart, exact, strict=True)
+    ]
+    return BandError(
+        mse=float(np.mean([(each**2).mean() for each in apart])),
+        rel_mse=float(np.mean([each.mean() for each in relative])),
+        max_abs=float(max(np.abs(each).max() for each in apart)),
+        pixels=float(np.mean([(each != 0).any(axis=2).mean() for each in apart])),
+        bits_equal=bits_equal,
+    )
+
+
+def curves_of(points: Points) -> tuple[CurveFigures, ...]:
+    """The curves of a sweep, in the order in which knobs are shown."""
+    return tuple(
+        CurveFigures(
+            knob=curve.knob.name,
+            label=curve.knob.label,
+            values=tuple(value if isinstance(value, int | float) else value.value for value in curve.values),
+            words=tuple(map(curve.knob.in_words, curve.values)),
+            points=curve.points,
+            base=curve.base,
+        )
+        for curve in points.curves
+    )
+
+
+def front_of(figures: Sequence[PointFigures]) -> tuple[int, ...]:
+    """Numbers of the points that no other beats in both time and error."""
+    return pareto_front([(point.seconds, point.rel_mse.error.value) for point in figures])
+
+
+def reference_noise(truth: Truth) -> float | None:
+    """As relMSE; None if it is not known."""
+    return own_noise(truth, truth.relative)
+
+
+def name_of(point: Point, points: Points, number: int) -> str:
+    """How a point differs from the base: "photons 1M", "band 0.5, slaves 2"."""
+    if number == 0:
+        return "base"
+    parts = []
+    for curve in points.curves:
+        if number in curve.points and number != curve.base:
+            parts.append(f"{curve.knob.label} {curve.knob.in_words(curve.values[curve.points.index(number)])}")
+            break
+    if point.slaves != points.base.slaves and not any(part.startswith("slaves") for part in parts):
+        parts.append(f"slaves {point.slaves}")
+    return ", ".join(parts)
+
+
+def _exact_points(points: Points) -> Mapping[Point, Point]:
+    """Points of the band's curve, and the exact one that each is held against."""
+    curve = points.curve_of("band")
+    if curve is None:
+        return {}
+    return {points.points[number]: points.points[curve.base] for number in curve.points}
+
+
+def _middle(records: Sequence[Record], name: str) -> int:
+    return round(median(getattr(record, name) for record in records))
+
+
+_Column = Callable[[Accuracy, PointFigures], Any]
+
+
+def _setting(name: str) -> _Column:
+    return lambda _, point: point.settings[name]
+
+
+def _part(metric: str, part: str, figure: str) -> _Column:
+    def column(_: Accuracy, point: PointFigures) -> float:
+        split: SplitError = getattr(point, metric)
+        whole: ErrorFigure = getattr(split, part)
+        value: float = getattr(whole, figure)
+        return value
+
+    return column
+
+
+def _split_columns(metric: str) -> dict[str, _Column]:
+    return {
+        f"{metric}_{part}{suffix}": _part(metric, part, figure)
+        for part in ("error", "noise", "bias")
+        for figure, suffix in (("value", ""), ("low", "_low"), ("high", "_high"))
+    }
+
+
+def _band(name: str) -> _Column:
+    return lambda _, point: "" if point.band is None else getattr(point.band, name)
+
+
+_COLUMNS: dict[str, _Column] = {
+    "point": lambda _, point: point.number,
+    "name": lambda _, point: point.name,
+    **{name: _setting(name) for name in ("photons", "k", "radius", "spp", "passes", "indirect", "band")},
+    "slaves": lambda _, point: point.slaves,
+    "seconds": lambda _, point: point.seconds,
+    "cpu_seconds": lambda _, point: point.cpu_seconds,
+    **_split_columns("rel_mse"),
+    **_split_columns("mse"),
+    "on_front": lambda all_of_it, point: point.number in all_of_it.front,
+    "stored": lambda _, point: point.stored,
+    "ghosts": lambda _, point: point.ghosts,
+    "bytes": lambda _, point: point.bytes,
+    "left_band": lambda _, point: point.left_band,
+    "bits_as_base": lambda _, point: point.bits_as_base,
+    **{f"band_{name}": _band(name) for name in ("mse", "rel_mse", "max_abs", "pixels", "bits_equal")},
+    "command": lambda _, point: point.command,
+}

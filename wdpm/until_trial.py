@@ -1,0 +1,110 @@
+"""Measures, by three cheap renders of few samples, what settings cost and how far their images are off.
+
+Three passes tell the two sources of noise apart: a and b have the same photons and different samples, b and c the same
+samples and different photons.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.kernels.settings import RenderSettings
+from wdpm.pass_plan import PassPlan
+from wdpm.passes import PassRenderer, PassResult
+from wdpm.until_gauge import centred_figure
+from wdpm.until_goal import Metric
+from wdpm.until_witness import Witness, coarser
+
+Values = NDArray[np.float64]
+Clock = Callable[[], float]
+
+TRIAL_PLANS = (PassPlan(0, 0, 1), PassPlan(0, 1, 1), PassPlan(1, 1, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """What one kind of pass costs and how far it is off.
+
+    Attributes:
+        settings: of the render; passes and samples are still open.
+        start: seconds before the first pass: preparing what the cluster has forgotten by then.
+        pass_cost: seconds of each pass, whatever its samples: photons, maps, irradiance records.
+        sample_cost: seconds of one sample of every pixel.
+        pass_noise: weighted mean square of one pass that samples do not lessen.
+        sample_noise: the same that is divided by the number of samples.
+        bias: the squared bias of a pass of the first radius, at most.
+        compile_seconds: that went by for compiling, in none of the above.
+        results: the passes that may be part of the image, if it has one sample a pass.
+    """
+
+    settings: RenderSettings
+    start: float
+    pass_cost: float
+    sample_cost: float
+    pass_noise: float
+    sample_noise: float
+    bias: float
+    compile_seconds: float = 0.0
+    results: dict[PassPlan, PassResult] = field(default_factory=dict)
+
+
+def try_out(
+    make: Callable[[], PassRenderer],
+    settings: RenderSettings,
+    metric: Metric,
+    witness: Witness | None,
+    clock: Clock = time.perf_counter,
+) -> Trial:
+    """Render the trial's passes.
+
+    Args:
+        make: makes the renderer of the settings.
+        witness: of the bias; None leaves it at 0.
+        clock: seconds, growing.
+    """
+    began = clock()
+    with make() as renderer:
+        compile_seconds = renderer.prepared.seconds.get("compile", 0.0)
+        start = max(clock() - began - compile_seconds, 0.0)
+        results, costs = [], []
+        for plan in TRIAL_PLANS:
+            began = clock()
+            results.append(renderer.render(plan))
+            costs.append(clock() - began)
+    a, b, c = (result.layers["beauty"].astype(np.float64) for result in results)
+    weight = metric.weight((a + b + 2 * c) / 4)
+    sample_cost = costs[1] * _share_of_samples(results[1])
+    return Trial(
+        settings=settings,
+        start=start,
+        pass_cost=max(costs[2] - sample_cost, 0.0),
+        sample_cost=sample_cost,
+        pass_noise=_finite_mean((b - c) ** 2 * weight) / 2,
+        sample_noise=_finite_mean((a - b) ** 2 * weight) / 2,
+        bias=0.0 if witness is None else bias_of(a, b, c, metric, witness),
+        compile_seconds=compile_seconds,
+        results={TRIAL_PLANS[0]: results[0], TRIAL_PLANS[2]: results[2]},
+    )
+
+
+def bias_of(a: Values, b: Values, c: Values, metric: Metric, witness: Witness) -> float:
+    """Squared bias of a trial's passes, at the pixels of the witness: the upper end of its interval."""
+    a, b, c = (coarser(each, witness.factor) for each in (a, b, c))
+    mean = (a + c) / 2  # other samples and other photons: the two are independent
+    squared = (mean - witness.a) * (mean - witness.b) - (a - c) ** 2 / 4
+    return centred_figure(np.nan_to_num(squared * metric.weight(mean))).high
+
+
+def _share_of_samples(result: PassResult) -> float:
+    """Of a pass's time, what went to its samples."""
+    whole = sum(result.seconds.values())
+    return result.seconds.get("render", 0.0) / whole if whole > 0 else 1.0
+
+
+def _finite_mean(values: Values) -> float:
+    return float(np.where(np.isfinite(values), values, 0.0).mean())
