@@ -10,7 +10,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test fuzz hard-cases lint peers clean
+.PHONY: help demo test fuzz hard-cases guards lint peers clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -29,6 +29,9 @@ fuzz: $(VENV)/.installed-test  ## fuzz rays, routing and gathers against brute f
 
 hard-cases: $(VENV)/.installed-test  ## run the hard cases in full and write out/hard-cases/index.html (WDPM_SCENES)
 	$(BIN)/python tests/hard_cases/run.py -o $(OUT)/hard-cases
+
+guards: $(VENV)/.installed-test  ## take each guard away in a copy, and show that its tests fail (hours)
+	$(BIN)/python tests/guards/remove_guards.py
 
 lint: $(VENV)/.installed-test  ## check style and types
 	$(BIN)/ruff check .

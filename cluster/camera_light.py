@@ -239,13 +239,15 @@ class CameraLight:
         """Indirect light that is told at the vertices themselves, by photons or by what was computed from them."""
         if actions is None:
             return self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays)
-        coated = self._replica.world.features.coated
-        kinds = shaded.coats.bsdf.numpy()["kind"] if coated else None
-        radiance = actions.lambertian(shaded.queries.weight.numpy(), kinds)
-        if kinds is not None:
-            # What such a surface reflects depends on where the light comes from: it asks the photons themselves.
-            others = (actions.codes == int(sh.READ_MAP)) & (kinds != int(DIFFUSE))
-            radiance += self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays, others)
+        lambertian = np.ones(len(actions.codes), np.bool_)
+        if self._replica.world.features.coated:
+            lambertian = shaded.coats.bsdf.numpy()["kind"] == int(DIFFUSE)
+        # What other surfaces reflect depends on where the light comes from, and where paths may only be so long it is
+        # photons that know how long theirs are: these vertices ask the photons themselves.
+        asks = (actions.codes == int(sh.READ_MAP)) & (~lambertian | (self._view.max_depth is not None))
+        radiance = actions.lambertian(shaded.queries.weight.numpy(), lambertian & ~asks)
+        if asks.any():
+            radiance += self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays, asks)
         return radiance
 
     def _part(self, arrays: Arrays, part: int, radiance: NDArray[np.float32]) -> Arrays:

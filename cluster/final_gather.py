@@ -25,7 +25,6 @@ from wdpm.cluster.records import RAY_SAMPLES
 from wdpm.cluster.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import camera_vertices as sh
-from wdpm.kernels.bsdf_types import DIFFUSE
 from wdpm.kernels.constants import INV_PI
 from wdpm.kernels.gather_places import places_of_paths
 from wdpm.kernels.irradiance_cache import interpolate
@@ -80,16 +79,14 @@ class Actions:
     radiance: NDArray[np.float32]
     length: NDArray[np.float32]
 
-    def lambertian(self, weight: NDArray[np.float32], kinds: NDArray[np.int32] | None) -> NDArray[np.float32]:
+    def lambertian(self, weight: NDArray[np.float32], among: NDArray[np.bool_]) -> NDArray[np.float32]:
         """Light that Lambertian surfaces reflect of what was read, float32, shape [N, 3].
 
         Args:
             weight: of the vertices' queries.
-            kinds: of their materials; None where all diffuse parts are Lambertian.
+            among: the vertices that this is asked of.
         """
-        reads = self.codes != int(sh.TRACE_ON)
-        if kinds is not None:
-            reads &= kinds == int(DIFFUSE)
+        reads = among & (self.codes != int(sh.TRACE_ON))
         return np.where(reads[:, None], weight * self.radiance, np.float32(0.0)).astype(np.float32)
 
     def take(self, rows: NDArray[np.intp]) -> Actions:
@@ -137,6 +134,8 @@ class FinalGather:
         )
         arrived = arrays["diffuse"] > 0
         self._read(places, np.flatnonzero(arrived), arrays["diffuse"], actions)
+        if self._view.max_depth is not None and "edges" in arrays:
+            arrived |= arrays["edges"] > 1  # paths from there are shorter than those of the records' rays
         self._interpolate(places, np.flatnonzero(~arrived), actions)
         return actions
 

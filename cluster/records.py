@@ -34,6 +34,7 @@ class CachePlan:
         rows, columns: strata of a record's gather rays in elevation and azimuth.
         error: how far records reach, as a share of the harmonic mean distance of what they see (Ward's a).
         least, most: bounds of a record's radius [pixels].
+        left, top: where the grid of candidates begins [pixels]; another place in each pass.
         wanted: weight of the records around a candidate that makes another one superfluous.
     """
 
@@ -45,6 +46,8 @@ class CachePlan:
     least: float = 1.0
     most: float = 1.0
     wanted: float = 0.0
+    left: int = 0
+    top: int = 0
 
     @property
     def rays(self) -> int:
@@ -64,11 +67,12 @@ def candidates(width: int, height: int, plan: CachePlan, number: int) -> NDArray
         number: of the round, from 0.
     """
     step = max(1, plan.spacing >> number)
-    x, y = np.arange(0, width, step, dtype=np.int32), np.arange(0, height, step, dtype=np.int32)
+    x = np.arange(plan.left % step, width, step, dtype=np.int32)
+    y = np.arange(plan.top % step, height, step, dtype=np.int32)
     pixels = y[:, None] * np.int32(width) + x[None, :]
     if number:
         before = 2 * step
-        new = (x % before != 0)[None, :] | (y % before != 0)[:, None]
+        new = ((x - plan.left) % before != 0)[None, :] | ((y - plan.top) % before != 0)[:, None]
         return pixels[new]
     return pixels.reshape(-1)
 

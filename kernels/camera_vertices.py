@@ -7,7 +7,6 @@ import warp as wp
 from wdpm.kernels.bsdf_types import Bsdf
 from wdpm.kernels.camera import CameraView, whole_pixel
 from wdpm.kernels.camera_rays import Paths
-from wdpm.kernels.constants import ROULETTE_FROM
 from wdpm.kernels.limits import CHAIN_LIMIT
 from wdpm.kernels.random import PURPOSE_BOUNCE, sample_1d, sample_2d, stream_of
 from wdpm.kernels.triangle import NO_HIT
@@ -228,6 +227,7 @@ def carry_on(
     edges: wp.int32,
     diffuse: wp.int32,
     medium: wp.int32,
+    roulette_from: wp.int32,
     survival_most: wp.float32,
     seed: wp.uint32,
     i: wp.int32,
@@ -236,9 +236,10 @@ def carry_on(
     """Write down the ray that goes on, unless Russian roulette ends it: a throughput of zero says so.
 
     Args:
+        roulette_from: vertices before Russian roulette begins.
         survival_most: largest probability of survival.
     """
-    if wp.max(carries) > 0.0 and p.bounce >= ROULETTE_FROM:
+    if wp.max(carries) > 0.0 and p.bounce >= roulette_from:
         survival = wp.min(survival_most, wp.max(carries))
         if number_1d(seed, p, ROULETTE) < survival:
             carries = carries / survival

@@ -18,7 +18,7 @@ import warp as wp
 
 from wdpm.kernels.camera_rays import Paths
 from wdpm.kernels.camera_vertices import Shots, Vertex, carry_on, numbers_2d, place_of, scattered_again
-from wdpm.kernels.constants import COLLISION_MARGIN, SURVIVAL_MOST_IN_MEDIUM
+from wdpm.kernels.constants import COLLISION_MARGIN, ROULETTE_FROM_OF_PATHS, SURVIVAL_MOST_IN_MEDIUM
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights import Lights, make_lights
 from wdpm.kernels.medium import (
@@ -158,6 +158,7 @@ def make_medium_vertices(features: Features) -> SimpleNamespace:
             p.edges + 1,
             diffuse,
             p.medium,
+            ROULETTE_FROM_OF_PATHS,
             SURVIVAL_MOST_IN_MEDIUM,
             seed,
             i,

@@ -55,7 +55,7 @@ from wdpm.kernels.camera_vertices import (
     scattered_again,
 )
 from wdpm.kernels.cells import Cells, cell_of
-from wdpm.kernels.constants import INV_PI, PI, SURVIVAL_MOST
+from wdpm.kernels.constants import INV_PI, PI, ROULETTE_FROM, ROULETTE_FROM_OF_PATHS, SURVIVAL_MOST
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights import Lights, make_lights
 from wdpm.kernels.materials import Materials, medium_beyond
@@ -226,6 +226,7 @@ def make_shading(features: Features) -> SimpleNamespace:
         throughput: wp.vec3,
         w_from: wp.vec3,
         diffuse_share: wp.float32,
+        way: wp.int32,
         offset_min: wp.float32,
         max_depth: wp.int32,
         seed: wp.uint32,
@@ -290,7 +291,14 @@ def make_shading(features: Features) -> SimpleNamespace:
                         if wp.static(features.bent):
                             carries = carries * bump_shading(s, direction)
         origin = leave(s.position, leaves, offset_min)
-        carry_on(p, carries, origin, direction, anchor, pdf, edges, diffuse, medium, SURVIVAL_MOST, seed, i, paths_out)
+        roulette_from = wp.int32(ROULETTE_FROM)
+        if wp.static(features.traced):
+            if way == PATH_WAY:
+                roulette_from = ROULETTE_FROM_OF_PATHS
+        most = SURVIVAL_MOST
+        carry_on(
+            p, carries, origin, direction, anchor, pdf, edges, diffuse, medium, roulette_from, most, seed, i, paths_out
+        )
 
     @wp.func
     def query(
@@ -442,8 +450,20 @@ def make_shading(features: Features) -> SimpleNamespace:
                 else:
                     nothing_lit(p, light_samples, j, row, shots_out)
             if wp.static(features.goes_on):
-                offset_min = surfaces.offset_min
-                go_on(materials, s, p, throughput, w_from, diffuse_share, offset_min, max_depth, seed, i, paths_out)
+                go_on(
+                    materials,
+                    s,
+                    p,
+                    throughput,
+                    w_from,
+                    diffuse_share,
+                    way,
+                    surfaces.offset_min,
+                    max_depth,
+                    seed,
+                    i,
+                    paths_out,
+                )
 
     @wp.func
     def shade(
@@ -524,6 +544,7 @@ def make_shading(features: Features) -> SimpleNamespace:
                         p.edges,
                         p.diffuse,
                         p.medium,
+                        ROULETTE_FROM,
                         SURVIVAL_MOST,
                         seed,
                         i,

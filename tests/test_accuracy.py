@@ -7,6 +7,7 @@ import io
 import json
 import re
 import shlex
+import shutil
 import xml.etree.ElementTree as ET
 from html.parser import HTMLParser
 from pathlib import Path
@@ -66,12 +67,34 @@ def test_figures_are_those_of_the_saved_images(swept: tuple[Path, Accuracy]) -> 
             assert point[metric]["bias"]["value"] == pytest.approx(error - noise, rel=1e-6, abs=1e-9 * error)
 
 
+def test_the_worst_pixels_can_be_left_out(swept: tuple[Path, Accuracy], tmp_path: Path) -> None:
+    folder = shutil.copytree(swept[0], tmp_path / "copy")
+    found = measure(request(folder, SWEEPS, trim=0.05), SilentProgress())
+    a, b = (load(folder / f"reference-{half}.exr").pixels.astype(np.float64) for half in "ab")
+    reference, own = (a + b) / 2, (a - b) ** 2 / 4
+    weight = 1 / (reference**2 + 0.01)
+
+    def pixel_errors(number: int) -> np.ndarray:
+        images = np.stack([load(folder / image).pixels.astype(np.float64) for image in found.points[number].images])
+        return np.asarray((weight * (images - reference) ** 2).mean(axis=(0, 3)))
+
+    errors = pixel_errors(0)
+    order = np.argsort(errors, axis=None)
+    kept = order[: round(0.95 * order.size)]
+    noise = (weight * own).mean(axis=2).ravel()[kept].mean()
+    for point in found.points:
+        expected = pixel_errors(point.number).ravel()[kept].mean() - noise
+        assert point.rel_mse.error.value == pytest.approx(expected, rel=1e-9)
+    worst = errors.ravel()[order[-1:]].sum() / errors.sum()  # one of 280 pixels is more than 0.1 % of them
+    assert found.worst == pytest.approx(worst, rel=1e-9)
+
+
 def test_the_csv_has_the_same_figures(swept: tuple[Path, Accuracy]) -> None:
     folder, found = swept
     rows = list(csv.DictReader(io.StringIO((folder / "points.csv").read_text())))
     assert [int(row["point"]) for row in rows] == [point.number for point in found.points]
     assert [float(row["rel_mse_error"]) for row in rows] == [point.rel_mse.error.value for point in found.points]
-    assert [float(row["seconds"]) for row in rows] == [point.seconds for point in found.points]
+    assert [float(row["wall_seconds"]) for row in rows] == [point.wall_seconds for point in found.points]
     assert [row["command"] for row in rows] == [point.command for point in found.points]
     assert [row["on_front"] == "True" for row in rows] == [point.number in found.front for point in found.points]
 
@@ -250,6 +273,7 @@ def test_two_halves_tell_the_noise_of_a_reference(tmp_path: Path) -> None:
         (["--sweep", "k=5", "--sweep", "k=9"], "swept twice"),
         (["--sweep", "k=5,900"], "at most 500"),
         (["--seeds", "2"], "--seeds is 2"),
+        (["--trim", "0.5"], "--trim is 0.5"),
         (["--reference-time", "0s"], "is not a time"),
         (["--reference", "missing.exr"], "missing.exr: no such file"),
         (["--reference", "small.exr"], "the reference is 9x8, the renders are 20x14: give --size 9x8"),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wdpm.accuracy_error import SplitError, Truth, own_noise, split_error
+from wdpm.accuracy_error import SplitError, Truth, error_gained, own_noise, split_error
 from wdpm.scenes.errors import SettingsError
 
 SHAPE = (48, 64, 3)
@@ -76,6 +76,20 @@ def test_noise_and_bias_are_unbiased() -> None:
     splits = [split_error(renders(trial, 3, 0.1, bias), Truth(np.ones(SHAPE)), np.ones(SHAPE)) for trial in range(40)]
     assert np.mean([split.noise.value for split in splits]) == pytest.approx(0.01, rel=0.01)
     assert np.mean([split.bias.value for split in splits]) == pytest.approx(0.0009, rel=0.05)
+
+
+def test_errors_of_the_same_seeds_are_told_apart_by_their_difference() -> None:
+    base = renders(8, 3, 0.3, 0.0)
+    images = [
+        (image + 0.004 * (image - 1)).astype(np.float32) for image in base
+    ]  # 0.8 % more error, from the same noise
+    truth = Truth(np.ones(SHAPE))
+    gained = error_gained(images, base, truth, truth.relative)
+    one, other = (split_error(each, truth, truth.relative).error for each in (images, base))
+    assert gained.value == pytest.approx(one.value - other.value, rel=1e-9)
+    assert gained.low > 0
+    assert one.low < other.value, "alone, their intervals would not tell"
+    assert error_gained(base, base, truth, truth.relative).high == 0
 
 
 def test_what_is_not_finite_is_left_out() -> None:

@@ -178,7 +178,7 @@ def model(sample: float) -> CostModel:
 @pytest.mark.parametrize("sample", [1e-4, 0.01, 0.1, 1.0])
 def test_the_default_sweep_fits_into_its_time(sample: float) -> None:
     points = default_points(Point(RenderSettings()), model(sample), ["global"], RADII, 3, 225.0)
-    assert total_seconds(points, model(sample), 3, 1) <= 225.0
+    assert total_seconds(points, model(sample), 3, ["global"]) <= 225.0
     assert {curve.knob.name for curve in points.curves} >= {
         "photons",
         "k",

@@ -13,6 +13,7 @@ from wdpm import bench_peers, cli, cli_bench
 from wdpm.bench_mitsuba import Cost
 from wdpm.bench_peers_figures import Bounds, PeerFigures, Reached, Try
 from wdpm.bench_peers_grid import FAMILIES, Family, Member
+from wdpm.bench_peers_guess import guesses
 from wdpm.bench_peers_law import ErrorLaw, Point
 from wdpm.image import Image
 from wdpm.kernels.settings import Indirect, RenderSettings
@@ -124,7 +125,7 @@ def test_every_member_is_a_choice_of_settings() -> None:
             5,
         )
         assert settings.spp >= settings.passes
-    assert {member.settings(0, None).indirect for member in members} == set(Indirect)
+    assert {member.settings(0, None).indirect for member in members} == {Indirect.MAP, Indirect.GATHER, Indirect.CACHE}
 
 
 def test_members_come_after_those_with_less_work() -> None:
@@ -164,6 +165,26 @@ def test_an_image_without_error_takes_one_sample() -> None:
     law = ErrorLaw((Point(8, 0.0, Cost(1, 1)), Point(32, 0.0, Cost(4, 4))))
     assert law.slope is None
     assert law.to(0.01).spp == 1
+
+
+# ---- guesses ------------------------------------------------------------------------------------------------------
+
+
+def test_a_guess_lies_between_what_misses_and_what_reaches() -> None:
+    many = Family("many", (100, 400), (4, 64))
+    tries = [
+        Try(Member(many, 100, 4), 0.16, Cost(1.0, 2.0)),
+        Try(Member(many, 100, 64), 0.01, Cost(16.0, 32.0)),
+        Try(Member(many, 400, 4), 0.03, Cost(4.0, 8.0)),
+        Try(Member(FEW, 100, 1), 0.9, Cost(0.1, 0.2)),
+    ]
+    between, grid = guesses(tries, 0.04)
+    assert between.member == Member(many, 100, 17)  # 16, and a margin
+    assert between.cpu_s == pytest.approx(8)
+    assert between.enough_spp == 64
+    assert (grid.member, grid.cpu_s) == (Member(many, 400, 4), 8.0)
+    assert [guess.member for guess in guesses(tries, 0.01)] == [Member(many, 100, 64)]
+    assert not list(guesses(tries, 0.001))
 
 
 # ---- measuring ----------------------------------------------------------------------------------------------------

@@ -26,8 +26,8 @@ def test_a_camera_path_has_no_vertex_beyond_the_limit() -> None:
     """Its place in the sample, and its credit, are those of CHAIN_LIMIT vertices."""
     worker = ready(of_mirrors(), FEW)
     floor = {
-        "pixel": 7, "sample": 1, "edges": 2, "medium": -1, "prim": 0, "u": 0.3, "v": 0.3, "t": 100.0,
-        "origin": (0, 100, 0), "direction": (0, -1, 0), "throughput": (1e6, 1e6, 1e6), "bounce": CHAIN_LIMIT - 3,
+        "pixel": 7, "sample": 1, "edges": 2, "medium": -1, "prim": 0, "u": 0.3, "v": 0.3, "t": 1.3,
+        "origin": (0, 0.3, 0), "direction": (0, -1, 0), "throughput": (1e6, 1e6, 1e6), "bounce": CHAIN_LIMIT - 3,
     }  # fmt: skip
     waiting, bounces = [one(Kind.VERTEX, **floor)], []
     while waiting:
@@ -42,7 +42,7 @@ def test_a_photon_path_has_no_bounce_beyond_the_limit() -> None:
     """Its number, path and bounce, has no room for one more."""
     worker = ready(of_mirrors(), FEW)
     floor = {
-        "path": 17, "edges": 3, "medium": -1, "origin": (0, 100, 0), "direction": (0, -1, 0),
+        "path": 17, "edges": 3, "medium": -1, "origin": (0, 0.3, 0), "direction": (0, -1, 0),
         "flux": (1, 1, 1), "t": 3.4e38, "prim": -1, "owner": -1, "bounce": BOUNCE_LIMIT - 1,
     }  # fmt: skip
     list(worker.cells[0].advance(one(Kind.PHOTON, **floor)))

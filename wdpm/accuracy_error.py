@@ -98,6 +98,32 @@ def split_error(images: Sequence[NDArray[Any]], truth: Truth, weight: Values) ->
     )
 
 
+def error_gained(
+    images: Sequence[NDArray[Any]], base: Sequence[NDArray[Any]], truth: Truth, weight: Values
+) -> ErrorFigure:
+    """How much larger the error of some images is than that of others with the same seeds.
+
+    Settings share the random numbers of a seed, and with them much of their error, so the difference of two errors is
+    known far better than either.
+
+    Args:
+        images, base: one for each seed, shape [height, width, 3].
+        weight: as of split_error.
+    """
+    both = [(one.astype(np.float64), other.astype(np.float64)) for one, other in zip(images, base, strict=True)]
+    finite = np.logical_and.reduce([np.isfinite(each) for pair in both for each in pair])
+    weight = np.where(finite, weight, 0.0) / max(int(finite.sum()), 1)
+    both = [(np.where(finite, one, truth.pixels), np.where(finite, other, truth.pixels)) for one, other in both]
+    blocks = np.array(
+        [_blocks(weight * ((one - truth.pixels) ** 2 - (other - truth.pixels) ** 2)) for one, other in both]
+    )
+    variance = float(blocks.var(axis=0, ddof=1).sum()) / len(blocks)
+    if truth.half_difference is not None:
+        apart = np.mean([one - other for one, other in both], axis=0)
+        variance += float(((2.0 * weight * apart * truth.half_difference).sum(axis=2) ** 2).sum())
+    return _figure(float(blocks.mean(axis=0).sum()), variance)
+
+
 def own_noise(truth: Truth, weight: Values) -> float | None:
     """The mean squared error of the truth itself, as its two halves tell; None where it has none."""
     if truth.half_difference is None:

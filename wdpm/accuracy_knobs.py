@@ -11,13 +11,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-import numpy as np
-
 from wdpm import cli_values as values
 from wdpm.kernels.settings import Indirect
 
 Value = int | float | Indirect
 """What a knob is set to."""
+
+CLOCKS = ("wall", "cpu")
+"""What may count as the time of a point: that of a clock on the wall, or that of all cores together."""
 
 STEPS = 5
 """Values of a range that does not say how many."""
@@ -193,9 +194,9 @@ def _range(knob: Knob, first: str, last: str, steps: str | None) -> list[Value]:
             raise ArgumentTypeError(f"':{steps}' is not a number of steps: expected at least 2, like {first}..{last}:5")
         count = int(steps)
     if knob.spacing is Spacing.LOGARITHMIC:
-        inner = [float(value) for value in np.geomspace(low, high, count)[1:-1]]
+        inner = [low * (high / low) ** (step / (count - 1)) for step in range(1, count - 1)]
     else:
-        inner = [float(value) for value in np.linspace(low, high, count)[1:-1]]
+        inner = [low + (high - low) * step / (count - 1) for step in range(1, count - 1)]
     short = (rounded(value, knob.whole) for value in inner)
     return [low, *(value for value in short if low < value < high), high]
 

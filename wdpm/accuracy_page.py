@@ -57,11 +57,14 @@ def _lede(sentences: list[str]) -> str:
     return f"<p class='lede'><strong>{first}</strong> {rest}</p>"
 
 
+_CLOCK = {"wall": "", "cpu": " Time is CPU time, of all cores together."}
+
+
 def _error(found: Accuracy) -> str:
     return _section(
         "What an error costs",
         "One knob is turned at a time, from the base. Lower is better, left is cheaper: a curve that falls steeply is "
-        "worth its time, a flat one is not. Bars are 95 % intervals.",
+        f"worth its time, a flat one is not. Bars are 95 % intervals.{_CLOCK[found.clock]}",
         f"<div class='plot'>{error_plot(found)}</div>{legend(found)}",
     )
 
@@ -142,7 +145,7 @@ def _row(point: PointFigures, on_front: bool) -> str:
     split = point.rel_mse
     cells = [
         f"{'★ ' if on_front else ''}{escape(point.name)}",
-        format_seconds(point.seconds),
+        format_seconds(point.wall_seconds),
         format_seconds(point.cpu_seconds),
         f"{split.error.value:.3g}",
         _interval(split.error),
@@ -157,10 +160,13 @@ def _row(point: PointFigures, on_front: bool) -> str:
 def _method(found: Accuracy) -> str:
     noise = found.reference_noise
     own = "" if noise is None else f" Its own noise, a relMSE of {noise:.2g}, is measured and subtracted."
+    left_out = (
+        f" The {found.trim:.2%} of the pixels with the largest errors at the base are left out." if found.trim else ""
+    )
     machine = ", ".join(f"{name} {value}" for name, value in found.machine.items())
     lines = (
         f"Reference: {found.reference}.{own}",
-        "relMSE is the mean of (render − reference)² / (reference² + 0.01) over pixels and channels.",
+        f"relMSE is the mean of (render − reference)² / (reference² + 0.01) over pixels and channels.{left_out}",
         f"With the images x of {len(found.seeds)} seeds, bias² is the mean of (x − b)(y − b) over pairs of different "
         "seeds, noise the rest: both unbiased, so bias² can come out below 0 where there is none. Intervals are of "
         "95 %, by a jackknife over seeds in 16 blocks along the image's longer side.",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from wdpm.accuracy_knobs import KNOBS, Knob, Sweep, Value, make_sweep, rounded
 from wdpm.accuracy_points import BAND_SLAVES, Point, Points, plan_points
@@ -11,7 +12,7 @@ from wdpm.accuracy_store import Record
 from wdpm.kernels.settings import MAX_K, Indirect, RenderSettings
 
 DEFAULT_BUDGET_S = 300.0
-REFERENCE_SHARE = 0.25
+REFERENCE_SHARE = 0.4
 """Of the budget, for a reference of our own."""
 
 SPREADS: tuple[tuple[float, ...], ...] = (
@@ -58,21 +59,26 @@ class CostModel:
             k=point.settings.k,
         )
 
-    def seconds(self, point: Point, maps: int) -> float:
+    def seconds(self, point: Point, maps: Sequence[str]) -> float:
         """Of one render.
 
         Args:
-            maps: photon maps that the scene calls for.
+            maps: that the scene calls for: "global", "caustic", "volume".
         """
         chosen = point.settings
-        photons = chosen.photons * maps * chosen.passes * self.photon
+        photons = sum(getattr(chosen, photons_of(kind)) for kind in maps) * chosen.passes * self.photon
         gather = 0.5 + 0.5 * chosen.k / self.k
         ways = 1.0 if chosen.indirect is Indirect.MAP else GATHER_FACTOR
         alone = self.fixed + photons + chosen.spp * self.sample * gather * ways
         return alone * CLUSTER_FACTOR if point.slaves else alone
 
 
-def total_seconds(points: Points, model: CostModel, seeds: int, maps: int) -> float:
+def photons_of(kind: str) -> str:
+    """The setting that says how many photons a map is to store."""
+    return "photons" if kind == "global" else f"{kind}_photons"
+
+
+def total_seconds(points: Points, model: CostModel, seeds: int, maps: Sequence[str]) -> float:
     """Of a whole sweep, without its reference."""
     return seeds * sum(model.seconds(point, maps) for point in points.points)
 
@@ -89,11 +95,11 @@ def default_points(
     while True:
         for factors in SPREADS:
             points = plan_points(base, default_sweeps(base.settings, factors, maps), radii)
-            if total_seconds(points, model, seeds, len(maps)) <= seconds:
+            if total_seconds(points, model, seeds, maps) <= seconds:
                 return points
         if base.settings.spp == 1:
             return points
-        base = replace(base, settings=_cheaper(base.settings))
+        base = replace(base, settings=_cheaper(base.settings, maps))
 
 
 def default_sweeps(base: RenderSettings, factors: Sequence[float], maps: Sequence[str]) -> list[Sweep]:
@@ -104,7 +110,7 @@ def default_sweeps(base: RenderSettings, factors: Sequence[float], maps: Sequenc
     sweeps.append(make_sweep(by_name["radius"], [rounded(factor, False) for factor in (*milder, 1.0)], factors=True))
     sweeps.append(_scaled(by_name["spp"], base.spp, factors))
     sweeps += [
-        _scaled(by_name[f"{kind}_photons"], getattr(base, f"{kind}_photons"), factors)
+        _scaled(by_name[photons_of(kind)], getattr(base, photons_of(kind)), factors)
         for kind in ("caustic", "volume")
         if kind in maps
     ]
@@ -122,7 +128,7 @@ def _scaled(knob: Knob, base: int, factors: Sequence[float], most: int | None = 
     return make_sweep(knob, [base, *(value if most is None else min(value, most) for value in scaled)])
 
 
-def _cheaper(settings: RenderSettings) -> RenderSettings:
+def _cheaper(settings: RenderSettings, maps: Sequence[str]) -> RenderSettings:
     spp = max(settings.spp // 2, 1)
-    fewer = {name: max(getattr(settings, name) // 2, 1) for name in ("photons", "caustic_photons", "volume_photons")}
+    fewer: dict[str, Any] = {photons_of(kind): max(getattr(settings, photons_of(kind)) // 2, 1) for kind in maps}
     return replace(settings, spp=spp, passes=min(settings.passes, spp), **fewer)

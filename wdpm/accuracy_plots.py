@@ -19,6 +19,7 @@ from wdpm.accuracy_svg import (
     svg,
     text,
 )
+from wdpm.accuracy_words import clock_words
 from wdpm.report_tables import format_seconds
 
 ON_PLOTS_OF_THEIR_OWN = ("band", "slaves")
@@ -45,7 +46,7 @@ def error_plot(found: Accuracy) -> str:
     x = log_axis([point.seconds for point in shown], _LEFT, _WIDTH - _RIGHT, 0.1)
     y = log_axis([_positive(point) for point in shown], _HEIGHT - _BOTTOM, _TOP, 0.1)
     parts = frame(x, y, _seconds_words, _number_words)
-    parts.append(text(_WIDTH - _RIGHT, _HEIGHT - 10, "time of a render", "axis", "end"))
+    parts.append(text(_WIDTH - _RIGHT, _HEIGHT - 10, f"{clock_words(found)} of a render", "axis", "end"))
     parts.append(text(_LEFT + 6, _TOP + 4, "relMSE", "axis"))
     parts.append(_front_line(found, x, y))
     base = x.at(found.base.seconds), y.at(_positive(found.base))
@@ -107,7 +108,7 @@ def band_plots(found: Accuracy, curve: CurveFigures) -> str:
         _band_panel("mean squared error", curve, errors, _scientific, zero=True),
         _band_panel("ghost photons", curve, [float(point.ghosts) for point in points], _count_words),
         _band_panel("sent by slaves [MB]", curve, [point.bytes / 2**20 for point in points], "{:.3g}".format),
-        _band_panel("time", curve, [point.seconds for point in points], _seconds_words),
+        _band_panel(clock_words(found), curve, [point.seconds for point in points], _seconds_words),
     ]
     return f"<div class='small'>{''.join(panels)}</div>"
 
@@ -115,7 +116,7 @@ def band_plots(found: Accuracy, curve: CurveFigures) -> str:
 def slaves_plot(found: Accuracy, curve: CurveFigures) -> str:
     """Time against the number of slaves."""
     seconds = [found.points[number].seconds for number in curve.points]
-    return f"<div class='small'>{_band_panel('time', curve, seconds, _seconds_words)}</div>"
+    return f"<div class='small'>{_band_panel(clock_words(found), curve, seconds, _seconds_words)}</div>"
 
 
 def _band_panel(

@@ -27,12 +27,6 @@ class Point:
     settings: RenderSettings
     slaves: int = 0
 
-    @property
-    def photons(self) -> int:
-        """Asked for in all passes, in all maps."""
-        chosen = self.settings
-        return (chosen.photons + chosen.caustic_photons + chosen.volume_photons) * chosen.passes
-
 
 @dataclass(frozen=True)
 class Curve:

@@ -11,8 +11,9 @@ from statistics import median
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from wdpm.accuracy_error import SplitError, Truth, own_noise, split_error
+from wdpm.accuracy_error import SplitError, Truth, error_gained, own_noise, split_error
 from wdpm.accuracy_pareto import pareto_front
 from wdpm.accuracy_points import Point, Points
 from wdpm.accuracy_store import RENDERS, Record, Store, plain_settings
@@ -47,9 +48,11 @@ class PointFigures:
         number: of the point; 0 is the base.
         name: how it differs from the base, in words.
         settings: as JSON has them, with the first seed.
-        seconds, cpu_seconds: medians over seeds; the first is wall-clock time without loading and compiling.
-        each_seconds: of each seed.
+        wall_seconds, cpu_seconds: as of Record, medians over seeds.
+        seconds: one of them, whichever counts as the time of a point.
+        each_seconds: the same, of each seed.
         rel_mse, mse: the error and its parts.
+        gained: relMSE over that of the base, as a difference, seed by seed.
         stored, ghosts, bytes, left_band: as of Record, medians over seeds.
         bits_as_base: whether every seed's image has the bits of the base's.
         band: for a point whose band was turned.
@@ -61,11 +64,13 @@ class PointFigures:
     name: str
     settings: dict[str, Any]
     slaves: int
-    seconds: float
+    wall_seconds: float
     cpu_seconds: float
+    seconds: float
     each_seconds: tuple[float, ...]
     rel_mse: SplitError
     mse: SplitError
+    gained: ErrorFigure
     stored: int
     ghosts: int
     bytes: int
@@ -98,7 +103,10 @@ class Accuracy:
         seeds: of each point.
         reference: where it is from, in words.
         reference_noise: of its own, as relMSE; None if it is not known.
+        clock: what counts as the time of a point, of accuracy_knobs.CLOCKS.
         compile_seconds: spent on kernels, apart from all points.
+        trim: share of the pixels that was left out of all errors.
+        worst: share of the base's relMSE that the WORST share of its pixels makes up, before any is left out.
         machine: what it was measured on.
         front: numbers of the points that are not dominated in time and relMSE, in order of time.
     """
@@ -109,7 +117,10 @@ class Accuracy:
     seeds: tuple[int, ...]
     reference: str
     reference_noise: float | None
+    clock: str
     compile_seconds: float
+    trim: float
+    worst: float
     machine: dict[str, Any]
     points: tuple[PointFigures, ...]
     curves: tuple[CurveFigures, ...]
@@ -137,15 +148,26 @@ class Accuracy:
         return text.getvalue()
 
 
+WORST = 0.001
+"""Share of the pixels that are looked at apart."""
+
+
 def figures_of(
     points: Points,
     store: Store,
     seeds: Sequence[int],
     truth: Truth,
     command: Callable[[Point], str],
+    clock: str,
+    trim: float,
     progress: Progress,
 ) -> tuple[PointFigures, ...]:
     """Figures of every point, from the images and records that the store has.
+
+    Args:
+        command: renders a point.
+        clock: one of accuracy_knobs.CLOCKS.
+        trim: share of the pixels to leave out: those with the largest errors at the base, the same for all points.
 
     Raises:
         ImageError: one cannot be read.
@@ -156,10 +178,16 @@ def figures_of(
         raise ValueError(f"{len(missing)} renders are missing")
     found = {key: record for key, record in records.items() if record is not None}
     exact = _exact_points(points)
+    base = [store.image(points.base, seed).pixels for seed in seeds]
+    errors = pixel_errors(base, truth)
+    kept = (errors <= _threshold(errors, trim))[..., np.newaxis]
+    plain = np.ones_like(truth.pixels) * kept / kept.mean()
+    relative = truth.relative * plain
     figures = []
     progress.start("figures", len(points.points))
     for number, point in enumerate(points.points):
         mine = [found[point, seed] for seed in seeds]
+        each_seconds = tuple(record.cpu_seconds if clock == "cpu" else record.seconds for record in mine)
         images = [store.image(point, seed) for seed in seeds]
         band = None
         if point in exact:
@@ -173,11 +201,13 @@ def figures_of(
                 name=name_of(point, points, number),
                 settings=plain_settings(point.settings, seeds[0]),
                 slaves=point.slaves,
-                seconds=median(record.seconds for record in mine),
+                wall_seconds=median(record.seconds for record in mine),
                 cpu_seconds=median(record.cpu_seconds for record in mine),
-                each_seconds=tuple(record.seconds for record in mine),
-                rel_mse=split_error(pixels, truth, truth.relative),
-                mse=split_error(pixels, truth, np.ones_like(truth.pixels)),
+                seconds=median(each_seconds),
+                each_seconds=each_seconds,
+                rel_mse=split_error(pixels, truth, relative),
+                mse=split_error(pixels, truth, plain),
+                gained=error_gained(pixels, base, truth, relative),
                 **{name: _middle(mine, name) for name in ("stored", "ghosts", "bytes", "left_band")},
                 bits_as_base=all(found[point, seed].digest == found[points.base, seed].digest for seed in seeds),
                 band=band,
@@ -187,6 +217,24 @@ def figures_of(
         )
         progress.advance()
     return tuple(figures)
+
+
+def pixel_errors(images: Sequence[NDArray[Any]], truth: Truth) -> NDArray[np.float64]:
+    """Each pixel's part of relMSE, mean over seeds, shape [height, width]."""
+    errors = [((image.astype(np.float64) - truth.pixels) ** 2 * truth.relative).mean(axis=2) for image in images]
+    return np.asarray(np.nan_to_num(np.mean(errors, axis=0), posinf=0.0))
+
+
+def worst_share(images: Sequence[NDArray[Any]], truth: Truth) -> float:
+    """The share of relMSE that lies in the WORST share of the pixels."""
+    errors = pixel_errors(images, truth)
+    whole = float(errors.sum())
+    return float(errors[errors > _threshold(errors, WORST)].sum()) / whole if whole > 0 else 0.0
+
+
+def _threshold(errors: NDArray[np.float64], share: float) -> float:
+    """What a share of the pixels is above."""
+    return float(np.quantile(errors, 1.0 - share))
 
 
 def band_error(images: Sequence[Image], exact: Sequence[Image], bits_equal: bool) -> BandError:
@@ -289,7 +337,7 @@ _COLUMNS: dict[str, _Column] = {
     "name": lambda _, point: point.name,
     **{name: _setting(name) for name in ("photons", "k", "radius", "spp", "passes", "indirect", "band")},
     "slaves": lambda _, point: point.slaves,
-    "seconds": lambda _, point: point.seconds,
+    "wall_seconds": lambda _, point: point.wall_seconds,
     "cpu_seconds": lambda _, point: point.cpu_seconds,
     **_split_columns("rel_mse"),
     **_split_columns("mse"),

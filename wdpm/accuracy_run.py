@@ -16,7 +16,7 @@ from wdpm.accuracy_plan import DEFAULT_BUDGET_S, REFERENCE_SHARE, CostModel, def
 from wdpm.accuracy_points import Point, Points, command_of, plan_points
 from wdpm.accuracy_reference import Reference, read_reference, trace_reference
 from wdpm.accuracy_render import Bench
-from wdpm.accuracy_result import Accuracy, curves_of, figures_of, front_of, reference_noise
+from wdpm.accuracy_result import Accuracy, curves_of, figures_of, front_of, reference_noise, worst_share
 from wdpm.accuracy_store import Store, make_folder, plain_settings
 from wdpm.bench import machine
 from wdpm.cli_options import available_cores
@@ -31,6 +31,8 @@ from wdpm.scenes.errors import ImageError, SettingsError
 from wdpm.scenes.load import load
 
 MAPS = ("global", "caustic", "volume")
+
+MOST_TRIM = 0.1
 
 MODEL = "cost.json"
 """What the trial told, which the plan of a default sweep depends on."""
@@ -50,6 +52,8 @@ class Request:
         references: one image, two independent ones, or none.
         reference_time: for a reference of our own [s]; None for a share of the budget.
         threads: cores to use in all.
+        clock: what counts as the time of a point.
+        trim: share of the pixels to leave out of errors.
         folder: of the results.
     """
 
@@ -66,6 +70,8 @@ class Request:
     reference_time: float | None = None
     threads: int = 1
     device: str = "cpu"
+    clock: str = "wall"
+    trim: float = 0.0
 
     @property
     def reference_seconds(self) -> float:
@@ -111,6 +117,8 @@ def measure(request: Request, progress: Progress) -> Accuracy:
         seeds,
         reference.truth,
         lambda point: command_of(point, seeds[0], request.words(), defaults, threads),
+        request.clock,
+        request.trim,
         progress,
     )
     found = Accuracy(
@@ -120,7 +128,10 @@ def measure(request: Request, progress: Progress) -> Accuracy:
         seeds=tuple(seeds),
         reference=reference.words,
         reference_noise=reference_noise(reference.truth),
+        clock=request.clock,
         compile_seconds=compile_seconds,
+        trim=request.trim,
+        worst=worst_share([store.image(points.base, seed).pixels for seed in seeds], reference.truth),
         machine=machine() | {"threads": request.threads, "device": request.device},
         points=figures,
         curves=curves_of(points),
@@ -149,6 +160,10 @@ def _check(request: Request) -> None:
     RenderSettings(**request.chosen)
     if request.seeds < LEAST_SEEDS:
         raise SettingsError(f"--seeds is {request.seeds}; noise and bias come apart with {LEAST_SEEDS} or more")
+    if not 0 <= request.trim <= MOST_TRIM:
+        raise SettingsError(
+            f"--trim is {request.trim}; expected a share of the pixels from 0 to {MOST_TRIM}, like 0.001"
+        )
     if len(request.references) > 2:
         raise SettingsError(f"--reference was given {len(request.references)} times; expected one image or two halves")
     if request.references and request.reference_time is not None:
@@ -179,7 +194,7 @@ def _plan(
     else:
         left = (request.budget or DEFAULT_BUDGET_S) - reference
         points = default_points(base, model, maps, radii, request.seeds, left)
-    seconds = total_seconds(points, model, request.seeds, len(maps)) + reference
+    seconds = total_seconds(points, model, request.seeds, maps) + reference
     for line in plan_in_words(points, request.seeds, seconds, reference, base):
         progress.note(line)
     return points

@@ -49,7 +49,7 @@ svg { display: block; width: 100%; height: auto; }
 .loose { stroke-dasharray: 2 4; }
 .line { stroke: var(--c); stroke-width: 2.2; fill: none; stroke-linejoin: round; }
 .mark { fill: var(--c); stroke: var(--card); stroke-width: 1.2; }
-.whisker { stroke: var(--c); stroke-width: 1.4; opacity: 0.55; }
+.whisker { stroke: var(--c); stroke-width: 1.3; opacity: 0.4; }
 .base { fill: var(--card); stroke: var(--ink); stroke-width: 3; }
 .front { stroke: var(--soft); stroke-width: 1.4; stroke-dasharray: 5 4; fill: none; opacity: 0.8; }
 .c0 { --c: var(--c0); } .c1 { --c: var(--c1); } .c2 { --c: var(--c2); } .c3 { --c: var(--c3); }

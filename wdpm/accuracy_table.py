@@ -33,12 +33,14 @@ def grids_of(found: Accuracy) -> list[Grid]:
         for number, word in zip(curve.points, curve.words, strict=True):
             if number:
                 rows.append(_row(found.points[number], f"{curve.label} {word}"))
-    notes = (
+    notes: tuple[str, ...] = (
         f"{len(found.seeds)} seeds a point, one knob turned at a time; time: median, without loading and compiling "
         f"({format_seconds(found.compile_seconds)} in all). relMSE = noise + bias²; bias² below 0: none to be seen.",
         f"reference: {found.reference}"
         + ("" if found.reference_noise is None else f"; its own noise, {found.reference_noise:.2g}, is subtracted"),
     )
+    if found.trim:
+        notes += (f"{found.trim:.2%} of the pixels, those with the largest errors at the base, are left out.",)
     grids = [Grid(f"{found.scene}, {found.width}x{found.height}", columns, tuple(rows), notes)]
     band = found.curve_of("band")
     if band is not None:
@@ -52,7 +54,7 @@ def _row(point: PointFigures, name: str) -> tuple[str, ...]:
     split = point.rel_mse
     return (
         name,
-        format_seconds(point.seconds),
+        format_seconds(point.wall_seconds),
         format_seconds(point.cpu_seconds),
         f"{split.error.value:.3g}",
         _interval(split.error),

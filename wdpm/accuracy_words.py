@@ -6,13 +6,16 @@ import math
 from dataclasses import dataclass
 from statistics import median
 
-from wdpm.accuracy_result import Accuracy, CurveFigures
+from wdpm.accuracy_result import WORST, Accuracy, CurveFigures
 
 MATTERS = 0.1
 """A change of time or error that is worth a word, as a share."""
 
 BUSY = 1.3
 """Wall-clock time over CPU time of all cores from which on a machine was busy with other things."""
+
+CONCENTRATED = 0.5
+"""Share of the error, in few pixels, that is worth a word."""
 
 SHAKY = 0.25
 """Noise of the reference above this share of the smallest error makes that one uncertain."""
@@ -25,7 +28,7 @@ class Offer:
     Attributes:
         word, base_word: values of the knob.
         time, error: over the base's.
-        nearer, farther: whether the error is smaller, or larger, with intervals that lie apart.
+        nearer, farther: whether the error is smaller, or larger, by more than chance.
         faster: whether every seed took less time than any of the base.
     """
 
@@ -79,13 +82,24 @@ def warnings(found: Accuracy) -> list[str]:
             f"The reference's own noise is a relMSE of {noise:.2g}, and the smallest error found is {least:.2g}: it is "
             "subtracted, but makes small errors uncertain. A longer --reference-time would help."
         )
-    waited = median(point.seconds / point.cpu_seconds for point in found.points if not point.slaves)
-    if waited > BUSY:
+    if found.worst > CONCENTRATED and not found.trim:
+        found_wanting.append(
+            f"{found.worst:.0%} of the base's error lies in {WORST:.1%} of the pixels: edges of lamps, highlights, "
+            "what the reference missed. Figures tell most about these, and vary with chance: "
+            f"--trim {WORST:g} leaves them out."
+        )
+    waited = median(point.wall_seconds / point.cpu_seconds for point in found.points if not point.slaves)
+    if found.clock == "wall" and waited > BUSY:
         found_wanting.append(
             f"The machine had other work to do: a render took {waited:.1f} times as long as it computed. Times, and "
-            "the Pareto front with them, are rough; the table has CPU time, too."
+            "the Pareto front with them, are rough; --clock cpu goes by CPU time instead."
         )
     return found_wanting
+
+
+def clock_words(found: Accuracy) -> str:
+    """What "time" means."""
+    return "CPU time" if found.clock == "cpu" else "time"
 
 
 def band_sentence(found: Accuracy) -> str | None:
@@ -136,8 +150,8 @@ def offers_of(found: Accuracy) -> list[Offer]:
                     curve.words[curve.points.index(curve.base)],
                     point.seconds / base.seconds,
                     error,
-                    nearer=mine.high < yours.low,
-                    farther=mine.low > yours.high,
+                    nearer=point.gained.high < 0,
+                    farther=point.gained.low > 0,
                     faster=max(point.each_seconds) < min(base.each_seconds),
                 )
             )
@@ -149,7 +163,7 @@ def _where_from(found: Accuracy) -> str:
     settings = base.settings
     photons, samples = _counted(settings["photons"], "photon"), _counted(settings["spp"], "sample")
     at = f"At the base, {photons}, k {settings['k']} and {samples},"
-    text = f"{at} relMSE is {split.error.value:.2g} in {base.seconds:.1f} s"
+    text = f"{at} relMSE is {split.error.value:.2g} in {base.seconds:.1f} s{_of_cpu(found)}"
     if not split.error.value > 0:
         return text + ": no error that these seeds and this reference can show."
     share = min(max(split.noise.value / split.error.value, 0.0), 1.0)
@@ -173,7 +187,7 @@ def _what_to_do(offers: list[Offer]) -> list[str]:
         if len(ranked) > 1:
             sentences.append(f"Then {' and '.join(offer.in_words() for offer in ranked[1:3])}.")
     elif not free:
-        sentences.append("No single knob lowers the error by more than its interval; more --seeds would narrow that.")
+        sentences.append("No single knob lowers the error by more than chance might; more --seeds would tell.")
     saving = sorted((offer for offer in offers if offer.is_saving and not offer.is_free), key=lambda offer: offer.time)
     if saving:
         sentences.append(f"Time is saved by {saving[0].in_words()}.")
@@ -196,9 +210,13 @@ def _from_the_front(found: Accuracy) -> list[str]:
     if best.number == 0:
         return ["No point of this sweep has a smaller error than the base."]
     return [
-        f"The smallest error, {best.rel_mse.error.value:.2g} in {best.seconds:.1f} s, has the point “{best.name}”; one "
-        "knob at a time was turned, and what several do together was not tried."
+        f"The smallest error, {best.rel_mse.error.value:.2g} in {best.seconds:.1f} s{_of_cpu(found)}, has the point "
+        f"“{best.name}”; one knob at a time was turned, and what several do together was not tried."
     ]
+
+
+def _of_cpu(found: Accuracy) -> str:
+    return " of CPU time" if found.clock == "cpu" else ""
 
 
 def _listed(words: list[str]) -> str:

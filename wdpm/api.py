@@ -12,12 +12,16 @@ import random
 from pathlib import Path
 from typing import Any
 
+from wdpm.cache_file import CacheFiles
 from wdpm.image import Image
 from wdpm.kernels.settings import RenderSettings
 from wdpm.passes import render_in_passes
 from wdpm.prepare import Source
 from wdpm.progress import Progress
+from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.model import Scene
+from wdpm.until_goal import goal_of
+from wdpm.until_render import render_until
 
 
 def render(
@@ -31,6 +35,11 @@ def render(
     journal: Path | None = None,
     resume: bool = False,
     keep: bool = False,
+    save_cache: Path | None = None,
+    load_cache: Path | None = None,
+    until_error: float | None = None,
+    metric: str = "relmse",
+    time_budget: float | None = None,
     **chosen: Any,
 ) -> Image:
     """Render a scene on this machine.
@@ -46,10 +55,32 @@ def render(
             interrupted; removed at the end.
         resume: go on from the journal, on any number of slaves, and up to any number of passes.
         keep: keep the journal, to add passes later.
+        save_cache: file to write the view's irradiance records to, for other views of the same scene.
+        load_cache: file to read them from; the view makes none of its own then.
+        until_error: render until the error is so small, by an estimate whose upper end holds in 9 of 10 cases; picks
+            all settings that are not given by name. What came of it is `image.metadata["asked"]`.
+        metric: of that error: "relmse" or "rmse".
+        time_budget: seconds from this call on that it may take; alone, or together with until_error.
 
     Raises:
         SceneError, SettingsError, ClusterError: see their messages.
     """
+    if until_error is not None or time_budget is not None:
+        kept = (settings, journal, save_cache, load_cache)
+        if any(what is not None for what in kept) or resume or keep:
+            raise SettingsError(
+                "until_error and time_budget pick settings and passes themselves: give single settings by name, and "
+                "neither settings nor a journal"
+            )
+        return render_until(
+            source,
+            goal_of(until_error, metric, time_budget),
+            slaves=slaves,
+            threads=threads,
+            device=device,
+            progress=progress,
+            **chosen,
+        )
     return render_in_passes(
         source,
         settings,
@@ -60,6 +91,7 @@ def render(
         journal=journal,
         resume=resume,
         keep=keep,
+        cache=CacheFiles(save_cache, load_cache),
         **chosen,
     )
 

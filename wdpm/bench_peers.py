@@ -1,9 +1,10 @@
 """`wdpm bench peers`: time to an error, of wdpm and of Mitsuba 3's path tracer, in one run.
 
-wdpm: every member of a fixed grid of settings (bench_peers_grid) is rendered once; of those that reach an error, the
-one that took the least is rendered again with other seeds, and its figures are of these renders alone: a render that
-was lucky is not what is shown. They go by turns with renders of Mitsuba that take about as long, which set its speed;
-how many samples it needs is bench_peers_law. Both are warm, with the same longest path.
+wdpm: every member of a fixed grid of settings (bench_peers_grid) is rendered once. From these follows, for each error,
+which settings and how many samples should reach it in the least time (bench_peers_guess); that is rendered with other
+seeds, and the figures are of these renders alone: a render that was lucky is not what is shown. They go by turns with
+renders of Mitsuba that take about as long, which set its speed; how many samples it needs is bench_peers_law. Both are
+warm, with the same longest path.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import math
 import statistics
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -19,6 +21,7 @@ from wdpm import api
 from wdpm.bench_mitsuba import WARM_SEED, Cost, MitsubaProcess, Setup
 from wdpm.bench_peers_figures import Bounds, Confirmed, PeerFigures, Reached, Try
 from wdpm.bench_peers_grid import FAMILIES, Family, Member
+from wdpm.bench_peers_guess import guesses
 from wdpm.bench_peers_law import ErrorLaw, Point
 from wdpm.cli_options import available_cores
 from wdpm.comparison import compare
@@ -33,6 +36,11 @@ from wdpm.scenes.model import Scene
 MITSUBA_SPP = 8
 MITSUBA_STEP = 4
 """Mitsuba's samples: 8, 32, 128, ... Powers of two share a compiled kernel."""
+
+SPP_STEP = 1.2
+OVERSHOOT = 2
+"""A guess of samples that turns out to be too few is raised by a fifth, again and again, up to twice what the grid's
+render had; then the next best guess is tried."""
 
 TURN_SEED = 2**16
 """Seeds of the renders by turns are above it, so that none is that of another number of samples."""
@@ -130,6 +138,7 @@ class _Bench:
         self._mitsuba = mitsuba
         self._threads = threads
         self._confirmed: dict[Member, Confirmed] = {}
+        self._limit_cpu_s = bounds.limit_s * (threads or available_cores())
         # What reaches the smallest error reaches all, so nothing slower is of use.
         self._enough_s = math.inf
 
@@ -142,7 +151,7 @@ class _Bench:
             point = self._render_mitsuba(spp, seed=spp)
             self._progress.note(f"Mitsuba: {spp} samples have an error of {point.error:.4g}")
             reached = point.error <= self._bounds.errors[-1]
-            if reached or point.cost.wall_s * MITSUBA_STEP > self._bounds.limit_s:
+            if reached or point.cost.cpu_s * MITSUBA_STEP > self._limit_cpu_s:
                 return
             spp *= MITSUBA_STEP
 
@@ -167,14 +176,18 @@ class _Bench:
 
     def least_to(self, bound: float) -> Confirmed | None:
         """The least that reaches an error, also with other seeds."""
-        for each in sorted(self.tries, key=lambda each: each.cost.cpu_s):
-            if each.error <= bound and self._confirm(each).wdpm.error <= bound:
-                return self._confirmed[each.member]
+        for guess in sorted(guesses(self.tries, bound), key=lambda each: each.cpu_s):
+            member, cpu_s = guess.member, guess.cpu_s
+            while member.spp <= OVERSHOOT * guess.enough_spp:
+                confirmed = self._confirm(member, cpu_s)
+                if confirmed.wdpm.error <= bound:
+                    return confirmed
+                member, cpu_s = replace(member, spp=math.ceil(SPP_STEP * member.spp)), SPP_STEP * cpu_s
         return None
 
     def _try(self, member: Member) -> None:
         for less in (each for each in self.tries if member.adds_to(each.member)):
-            if less.cost.wall_s > self._bounds.limit_s or less.cost.cpu_s >= self._enough_s:
+            if less.cost.cpu_s > self._limit_cpu_s or less.cost.cpu_s >= self._enough_s:
                 self.skipped.append(member)
                 return
         try:
@@ -186,13 +199,14 @@ class _Bench:
             return
         self.tries.append(done)
         smallest = self._bounds.errors[-1]
-        if done.error <= smallest and done.cost.cpu_s < self._enough_s and self._confirm(done).wdpm.error <= smallest:
+        if done.error > smallest or done.cost.cpu_s >= self._enough_s:
+            return
+        if self._confirm(member, done.cost.cpu_s).wdpm.error <= smallest:
             self._enough_s = done.cost.cpu_s
 
-    def _confirm(self, choice: Try) -> Confirmed:
-        member = choice.member
+    def _confirm(self, member: Member, cpu_s: float) -> Confirmed:
         if member not in self._confirmed:
-            spp = self._spp_in(choice.cost.cpu_s)
+            spp = self._spp_in(cpu_s)
             ours, theirs = [], []
             for seed in range(1, self._bounds.rounds + 1):
                 ours.append(self._render(member, seed))

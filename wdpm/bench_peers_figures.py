@@ -26,7 +26,7 @@ class Bounds:
         errors: relMSE, falling.
         region: left, top, right, bottom of the pixels that count; None for all.
         rounds: renders that confirm a choice.
-        limit_s: nothing is rendered that adds work to what took longer than this [s].
+        limit_s: nothing is rendered that adds work to what took longer than this on all threads [s].
     """
 
     errors: tuple[float, ...] = DEFAULT_ERRORS
@@ -148,8 +148,9 @@ class PeerFigures:
         slope = "" if law.slope is None else f" (a line through them: samples^{law.slope:.2f})"
         notes = [
             f"relMSE{region}: mean of (a - b)² / (b² + {RELATIVE_FLOOR:g}).",
-            f"wdpm: the least CPU time of {len(self.tries)} choices of settings, {len(self.skipped)} more left out as "
-            f"slower; figures of {self.bounds.rounds} renders with other seeds, by turns with Mitsuba.",
+            f"wdpm: what should take the least CPU time, from {len(self.tries)} choices of settings "
+            f"({len(self.skipped)} more left out as slower); figures of {self.bounds.rounds} renders with other seeds, "
+            "by turns with Mitsuba.",
             f"Mitsuba: {law.constant:.3g} / samples, measured at {', '.join(map(str, spp))}{slope}; * is beyond them.",
         ]
         if any(each.wdpm is None for each in self.reached):

@@ -57,12 +57,12 @@ def check_overlaps(scene: Scene, soup: Soup, cause: NDArray[np.int8]) -> Iterato
     solid = np.array([is_solid(scene.materials[mesh.material].bsdf) for mesh in scene.meshes])
     facing = np.einsum("ij,ij->i", soup.front[one], soup.front[other]) < 0
     touch = ~apart & facing & solid[soup.mesh[one]] & solid[soup.mesh[other]]
-    texts = (
+    touching = (
         "faces of glass or water that touch in one plane",
         "crosses one of the two, and takes what is beyond for air",
         "leave a gap of more than a millionth of the scene's size, or one face with the ratio of the two indices",
     )
-    yield from _per_mesh(scene, soup, "touching-solids", texts, one[touch], other[touch])
+    yield from _per_mesh(scene, soup, "touching-solids", touching, one[touch], other[touch])
     one, other, apart = one[~touch], other[~touch], apart[~touch]
     copies = (np.sort(soup.vertex[one], axis=1) == np.sort(soup.vertex[other], axis=1)).all(axis=1)
     one, other, apart = one[~copies], other[~copies], apart[~copies]

@@ -51,7 +51,10 @@ wdpm COMMAND --help says more."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code: 0, 1 (compare --equal, check), 2 for bad input, 130 when interrupted."""
+    """Run one command; returns the exit code: 0, 1 (compare --equal, check), 2 for bad input, 3, 130 when interrupted.
+
+    3: the image is there, but not as good as --until-error asked for (cli_until).
+    """
     arguments = sys.argv[1:] if argv is None else argv
     parser = make_parser()
     if not arguments:

@@ -18,6 +18,7 @@ examples:
   wdpm accuracy scene.xml --sweep photons=50k..4M --sweep k=20,50,120 --sweep spp=4..256:4
   wdpm accuracy scene.xml --sweep radius=0.25x..2x --sweep passes=1,4,16 --spp 16
   wdpm accuracy scene.xml --sweep band=0..1 --sweep slaves=0,2,4
+  wdpm accuracy scene.xml --predict
 An interrupted sweep goes on where it stopped when the same command is given again."""
 
 
@@ -57,7 +58,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         type=duration,
         default=None,
         metavar="TIME",
-        help="what the default sweep may take, like 90s or 5m; a quarter is for the reference (default: 5m)",
+        help="what the default sweep may take, like 90s or 5m; two fifths are for the reference (default: 5m)",
     )
     sweep.add_argument(
         "--reference",
@@ -73,10 +74,31 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         type=duration,
         default=None,
         metavar="TIME",
-        help="for the reference of our own (default: a quarter of the budget)",
+        help="for the reference of our own (default: two fifths of the budget)",
+    )
+    sweep.add_argument(
+        "--clock",
+        choices=accuracy_knobs.CLOCKS,
+        default="wall",
+        metavar="WHICH",
+        help="what counts as the time of a point: wall, or cpu (all cores together), which other work on the machine "
+        "disturbs less (default: wall)",
+    )
+    sweep.add_argument(
+        "--trim",
+        type=values.length,
+        default=0.0,
+        metavar="SHARE",
+        help="leave this share of the pixels, those with the largest errors at the base, out of all errors, like 0.001 "
+        "(default: 0)",
     )
     sweep.add_argument(
         "-o", "--output", type=Path, metavar="FOLDER", help="folder of the results (default: accuracy-SCENE)"
+    )
+    sweep.add_argument(
+        "--predict",
+        action="store_true",
+        help="no sweep: only tell, after a short pilot, what relMSE 0.1 to 0.005 would cost with --until-error",
     )
     sweep.add_argument("-q", "--quiet", action="store_true", help="show no progress")
     options.add_setting_options(parser)
@@ -89,6 +111,10 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> int:
     """Measure, write the results and print them; returns the exit code."""
+    if args.predict:
+        from wdpm.cli_predict import predict_and_print
+
+        return predict_and_print(args)
     from rich.console import Console
 
     from wdpm.accuracy_run import Request, measure
@@ -112,6 +138,8 @@ def run(args: argparse.Namespace) -> int:
         reference_time=args.reference_time,
         threads=args.threads,
         device=args.device,
+        clock=args.clock,
+        trim=args.trim,
         folder=folder,
     )
     progress = make_progress(args.quiet)

@@ -61,6 +61,11 @@ expectation that does not come from wdpm. Writes a page with a row a case: pictu
 expected, measured, tolerance, verdict, time. Exit code 1 if one fails. The suite
 is in the repository, and not in an installed package."""
 
+_PREDICT = """\
+Ask scenes for errors, as --until-error does, and hold what it says against a
+reference image and the clock: true error against the one asked for and the one
+estimated, time taken against time predicted."""
+
 ROUTINGS = ("forward", "merge", "both")
 
 LOG_WIDTH = 120
@@ -83,6 +88,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     _add_caustic(benches)
     _add_peers(benches)
     _add_hard_cases(benches)
+    _add_predict(benches)
     return parser
 
 
@@ -230,6 +236,39 @@ def _add_peers(benches: Any) -> None:
     _add_counts(parser, ("--rounds", 2, "images that confirm a choice of settings"))
     _add_threads(parser, "threads of each")
     parser.set_defaults(measure=_peers)
+
+
+def _add_predict(benches: Any) -> None:
+    parser = _add_bench(benches, "predict", "how true it is what --until-error predicts and estimates", _PREDICT)
+    parser.add_argument(
+        "scenes", nargs="+", type=Path, metavar="SCENE", help="scene files, each with a reference.exr beside it"
+    )
+    parser.add_argument(
+        "--errors",
+        type=relative_errors,
+        default=(0.1, 0.05, 0.02, 0.01),
+        metavar="E,E,...",
+        help="relMSE to ask for (default: 0.1,0.05,0.02,0.01)",
+    )
+    parser.add_argument(
+        "--clock",
+        choices=("cpu", "wall"),
+        default="cpu",
+        help="time to predict: of all threads together, or on the wall (default: cpu, which other work on the machine "
+        "does not lengthen)",
+    )
+    _add_counts(parser, ("--seeds", 1, "runs of each error"))
+    _add_threads(parser, "threads to render with")
+    parser.set_defaults(measure=_predict)
+
+
+def _predict(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:
+    from wdpm import bench_predict
+
+    figures = bench_predict.measure(
+        args.scenes, progress, targets=args.errors, seeds=args.seeds, clock=args.clock, threads=args.threads
+    )
+    return [figures.grid()], {"predict": figures.to_dict()}
 
 
 def _add_hard_cases(benches: Any) -> None:

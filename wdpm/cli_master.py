@@ -34,6 +34,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     options.add_setting_options(parser)
     add_pass_options(parser)
     add_until_options(parser)
+    options.add_cache_options(parser)
     cluster = parser.add_argument_group("cluster")
     cluster.add_argument(
         "--bind",
@@ -68,6 +69,8 @@ def run(args: argparse.Namespace) -> int:
                 keys=args.keys,
                 insecure=args.insecure,
                 progress=progress,
+                save_cache=args.save_cache,
+                load_cache=args.load_cache,
                 **journal,
             ),
         )

@@ -182,6 +182,17 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("-q", "--quiet", action="store_true", help="show neither progress nor report")
 
 
+def add_cache_options(parser: argparse.ArgumentParser) -> None:
+    """--save-cache and --load-cache."""
+    group = parser.add_argument_group("irradiance cache (with --indirect cache)")
+    group.add_argument(
+        "--save-cache", type=Path, metavar="FILE", help="write the view's irradiance records, for other views"
+    )
+    group.add_argument(
+        "--load-cache", type=Path, metavar="FILE", help="use the irradiance records of another view; make none"
+    )
+
+
 def add_machine_options(parser: argparse.ArgumentParser) -> None:
     """--threads and --device."""
     group = parser.add_argument_group("machine")

@@ -38,6 +38,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     options.add_setting_options(parser)
     add_pass_options(parser)
     add_until_options(parser)
+    options.add_cache_options(parser)
     options.add_machine_options(parser)
     debugging = parser.add_argument_group("debugging")
     debugging.add_argument(
@@ -79,6 +80,8 @@ def run(args: argparse.Namespace) -> int:
                 threads=args.threads,
                 device=args.device,
                 progress=progress,
+                save_cache=args.save_cache,
+                load_cache=args.load_cache,
                 **journal,
             ),
         )

@@ -80,10 +80,10 @@ def render_to_goal(args: argparse.Namespace, slaves: int, listen: Callable[[], A
     """
     from wdpm.cli_result import render_and_write
     from wdpm.until_clock import process_age
-    from wdpm.until_goal import Goal, Metric
+    from wdpm.until_goal import goal_of
     from wdpm.until_render import OUTCOME, render_until
 
-    goal = Goal(args.until_error, Metric(args.metric or "relmse"), args.time_budget)
+    goal = goal_of(args.until_error, args.metric or METRICS[0], args.time_budget)
     chosen = chosen_settings(args)
     asked: list[Any] = []
 

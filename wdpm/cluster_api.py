@@ -114,6 +114,8 @@ class Cluster:
         journal: Path | None = None,
         resume: bool = False,
         keep: bool = False,
+        save_cache: Path | None = None,
+        load_cache: Path | None = None,
         **chosen: Any,
     ) -> Image:
         """Render a scene: the same bits as `wdpm.render`.
@@ -122,15 +124,25 @@ class Cluster:
             source: a scene, a file, the name of a built-in scene, or a function that gives a scene.
             settings: all settings; or give single ones by name, see RenderSettings.
             journal, resume, keep: of a render in several passes, see `wdpm.render`.
+            save_cache, load_cache: files of irradiance records, see `wdpm.render`.
 
         Raises:
             SceneError, SettingsError: see their messages.
             ClusterError: a slave failed or was lost; the cluster has ended.
         """
+        from wdpm.cache_file import CacheFiles
         from wdpm.passes import render_in_passes
 
         return render_in_passes(
-            source, settings, cluster=self, progress=progress, journal=journal, resume=resume, keep=keep, **chosen
+            source,
+            settings,
+            cluster=self,
+            progress=progress,
+            journal=journal,
+            resume=resume,
+            keep=keep,
+            cache=CacheFiles(save_cache, load_cache),
+            **chosen,
         )
 
     def close(self) -> None:
@@ -159,10 +171,21 @@ def render_as_master(
     journal: Path | None = None,
     resume: bool = False,
     keep: bool = False,
+    save_cache: Path | None = None,
+    load_cache: Path | None = None,
 ) -> Image:
     """What `wdpm master` does: one render with slaves that people start."""
     with Cluster.listen(bind, slaves, keys=keys, insecure=insecure) as cluster:
-        return cluster.render(source, settings, progress=progress, journal=journal, resume=resume, keep=keep)
+        return cluster.render(
+            source,
+            settings,
+            progress=progress,
+            journal=journal,
+            resume=resume,
+            keep=keep,
+            save_cache=save_cache,
+            load_cache=load_cache,
+        )
 
 
 def serve_as_slave(

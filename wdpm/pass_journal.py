@@ -94,6 +94,10 @@ def read_journal(path: Path) -> Saved:
     if not path.is_file():
         raise SettingsError(f"{path}: no such file, so there is no interrupted render to resume; leave --resume out")
     try:
+        with path.open("rb") as stream, zipfile.ZipFile(stream) as archive:
+            broken = archive.testzip()  # numpy would interpret an array's header before the sum over it is known
+            if broken is not None:
+                raise zipfile.BadZipFile(f"{broken} has changed")
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         header = json.loads(arrays.pop(_HEADER).tobytes())

@@ -11,6 +11,7 @@ import hashlib
 import math
 from dataclasses import dataclass, replace
 
+from wdpm.cluster.records import CachePlan
 from wdpm.cluster.session import Session
 from wdpm.cluster.world import MapPlan, PhotonPlan, World
 from wdpm.kernels.settings import RenderSettings
@@ -21,6 +22,11 @@ ALPHA = 2.0 / 3.0
 
 LEAST_K = 4
 """Photons that a gather looks for, at least: from there on, the largest radius alone goes on shrinking."""
+
+
+_STEP_LEFT, _STEP_TOP = 19, 11
+"""By which the grid of records' candidates moves from pass to pass, of a spacing that is a power of two: it comes to
+all places of either axis before it comes back."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +112,21 @@ def session_of(session: Session, plan: PassPlan) -> Session:
             spp=plan.spp,
             k=smaller_k(view.k, share),
             caustic_k=smaller_k(view.caustic_k, share),
+            cache=_other_records(view.cache, plan.number),
         ),
+    )
+
+
+def _other_records(plan: CachePlan, number: int) -> CachePlan:
+    """Irradiance records of a pass: elsewhere than those of other passes, and closer to each other."""
+    shorter = math.sqrt(shrink(number))
+    return replace(
+        plan,
+        error=plan.error * shorter,
+        least=plan.least * shorter,
+        most=plan.most * shorter,
+        left=number * _STEP_LEFT % plan.spacing,
+        top=number * _STEP_TOP % plan.spacing,
     )
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cache_file import NO_CACHE_FILES, CacheFiles, check_wanted, read_records, write_records
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.image import Image
 from wdpm.in_process import memory_cluster
@@ -74,6 +75,7 @@ class PassRenderer:
         progress: is told of every phase of every pass.
         cluster: to render with, in place of one of its own.
         workers, shuffle: of a cluster in this process, for tests (in_process.memory_cluster).
+        cache: where irradiance records are read from.
 
     Attributes:
         prepared: the scene, planned for the first pass.
@@ -96,6 +98,7 @@ class PassRenderer:
         cluster: Cluster | None = None,
         workers: int = 1,
         shuffle: random.Random | None = None,
+        cache: CacheFiles = NO_CACHE_FILES,
         **chosen: Any,
     ) -> None:
         self.progress = progress or SilentProgress()
@@ -113,6 +116,9 @@ class PassRenderer:
                 self.prepared = cluster.prepare(scene, settings, self.progress, cells)
                 self._session = self.prepared.session
                 self._run = cluster.run
+            check_wanted(cache, self.prepared.settings)
+            if cache.load is not None:
+                self._session = replace(self._session, records=read_records(cache.load, self.prepared.lit_scene))
             self._stack = stack.pop_all()
 
     def render(self, plan: PassPlan) -> PassResult:
@@ -152,6 +158,7 @@ def render_in_passes(
     journal: Path | None = None,
     resume: bool = False,
     keep: bool = False,
+    cache: CacheFiles = NO_CACHE_FILES,
     **chosen: Any,
 ) -> Image:
     """Render a scene in as many passes as `settings.passes` says; in one, the image is that of a plain render.
@@ -160,6 +167,7 @@ def render_in_passes(
         journal: file that keeps the passes so far; None to keep them nowhere.
         resume: go on from the journal.
         keep: leave the journal behind at the end.
+        cache: where irradiance records are written to, and read from; of a render in one pass.
         Others are as of PassRenderer.
 
     Raises:
@@ -188,10 +196,14 @@ def render_in_passes(
                 cluster=cluster,
                 workers=workers,
                 shuffle=shuffle,
+                cache=cache,
             )
         )
         if len(plans) == 1 and journal is None:
-            return image_of(renderer.prepared, renderer.render(plans[0]).result)
+            result = renderer.render(plans[0]).result
+            if cache.save is not None:
+                write_records(cache.save, result.records, renderer.prepared.lit_scene)
+            return image_of(renderer.prepared, result)
         average = PassAverage(renderer.prepared) if saved is None else saved.average(renderer.prepared)
         return _render_all(renderer, plans, average, journal, keep)
 

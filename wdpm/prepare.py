@@ -38,6 +38,7 @@ from wdpm.progress import Progress
 from wdpm.report import (
     EnergyLedger,
     ErrorReport,
+    FinalGatherReport,
     KernelReport,
     LightPhotons,
     PassReport,
@@ -75,6 +76,7 @@ class Prepared:
         left_out: effects that the scene calls for, and that are left out knowingly.
         approximated: what is only approximated.
         seconds: by phase.
+        lit_scene: names what irradiance records depend on: the scene without its camera, and its photons.
     """
 
     pilot: Worker | None
@@ -89,7 +91,11 @@ class Prepared:
     warnings: tuple[str, ...]
     seconds: dict[str, float]
     identity: dict[str, str]
+    lit_scene: str
 
+
+OF_RECORDS = ("seed", "photons", "k", "radius", "max_depth")
+"""Settings that irradiance records depend on."""
 
 NO_PHOTONS = PhotonPlan(0, MapPlan(), MapPlan(), MapPlan(), 1.0)
 """Stands for any plan of photons: cells can be used again under another."""
@@ -162,6 +168,7 @@ def prepare(
         scene.warnings + dropped + settings_without_effect(settings),
         seconds,
         _identity(world, session.view, triangles, settings),
+        _digest(*_lit_scene(world, triangles), *(getattr(settings, name) for name in OF_RECORDS)),
     )
 
 
@@ -227,9 +234,14 @@ def _digest(*parts: Any) -> str:
     return digest.hexdigest()
 
 
+def _lit_scene(world: World, triangles: str) -> list[Any]:
+    """What light depends on, whoever sees it."""
+    return [world.materials, world.textures, world.lights, world.media, world.unit, triangles]
+
+
 def _identity(world: World, view: View, triangles: str, settings: RenderSettings) -> dict[str, str]:
     """Digests of what the bits of an image depend on; of no setting that changes no bit, nor of spp and passes."""
-    scene = [world.materials, world.textures, world.lights, world.media, world.extent, world.unit, triangles]
+    scene = [*_lit_scene(world, triangles), world.extent]
     chosen = replace(settings, **{name: getattr(RenderSettings(), name) for name in CHANGE_NO_BIT}, spp=1, passes=1)
     return {"scene": _digest(*scene), "camera": _digest(view.camera), "settings": _digest(chosen)}
 
@@ -293,6 +305,8 @@ def report_of(
         gathers=sum(slave["gathers"] for slave in slaves),
         gathers_truncated=sum(slave["gathers_truncated"] for slave in slaves),
         gathers_left_band=sum(slave["gathers_left_band"] for slave in slaves),
+        gathers_s=sum(slave.get("gathers_s", 0.0) for slave in slaves),
+        final_gather=_final_gather(prepared, result),
         nonfinite={
             cause.removeprefix(guards.NOT_FINITE): count
             for cause, count in acted.items()
@@ -371,4 +385,28 @@ def _slave_report(number: int, slave: dict[str, Any]) -> SlaveReport:
     counted = {name: slave[name] for name in ("triangles", "rays_in", "rays_out")}
     counted |= {name: sum(slave[name]) for name in ("photons", "ghosts")}
     used = {name: slave[name] for name in ("bytes_in", "bytes_out", "busy_s", "peak_memory_bytes")}
-    return SlaveReport(slave=f"slave {number}", cells=len(slave["cells"]), **counted, **used)
+    records = slave.get("records", 0)
+    return SlaveReport(slave=f"slave {number}", cells=len(slave["cells"]), records=records, **counted, **used)
+
+
+def _final_gather(prepared: Prepared, result: SessionResult) -> FinalGatherReport | None:
+    """What final gathering did; None where there is none."""
+    if not prepared.settings.gathers:
+        return None
+
+    def total(name: str) -> Any:
+        return sum(slave.get(name, 0) for slave in result.statistics)
+
+    counted = {
+        field.name: total(f"final_gather_{field.name}")
+        for field in fields(FinalGatherReport)
+        if field.name in ("rays", "short", "unread", "read_s", "interpolated", "uncovered", "interpolated_s")
+    }
+    return FinalGatherReport(
+        points=total("irradiance_points"),
+        points_s=total("irradiance_s"),
+        records=len(result.records),
+        record_rays=result.record_rays,
+        records_s=result.seconds.get("records", 0.0),
+        **counted,
+    )

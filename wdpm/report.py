@@ -12,7 +12,7 @@ from wdpm.scenes.errors import ImageError
 if TYPE_CHECKING:
     from rich.console import Console
 
-PHASES = ("load", "compile", "partition", "photons", "map", "render")
+PHASES = ("load", "compile", "partition", "photons", "map", "records", "render")
 
 
 @dataclass(frozen=True)
@@ -61,6 +61,7 @@ class SlaveReport:
         triangles: triangles that overlap its cells.
         photons: photons that its cells own.
         ghosts: copies of photons of its neighbours, in the overlap band.
+        records: irradiance records that reach its cells.
         rays_in, rays_out: rays that came from other cells, and that were sent there.
         bytes_in, bytes_out: traffic on its sockets.
         busy_s: time in kernels, all threads together [s].
@@ -78,6 +79,7 @@ class SlaveReport:
     bytes_out: int
     busy_s: float
     peak_memory_bytes: int
+    records: int = 0
 
 
 @dataclass(frozen=True)
@@ -175,6 +177,39 @@ class ErrorReport:
 
 
 @dataclass(frozen=True)
+class FinalGatherReport:
+    """What final gathering and the irradiance cache did; times are of all slaves together [s].
+
+    Attributes:
+        points: photons whose irradiance was computed ahead, those in overlap bands once for each cell.
+        points_s: time for that.
+        rays: gather rays that arrived on a surface.
+        short: that went on, being shorter than the radius of the estimate there.
+        unread: that went on, since no irradiance was within reach.
+        read_s: time of looking it up.
+        records: irradiance records of the view; made, or loaded.
+        record_rays: gather rays that were shot to make them.
+        records_s: wall-clock time of making them.
+        interpolated: vertices whose indirect light came from records.
+        uncovered: that no record reached, of surfaces that records serve: gather rays went on from there.
+        interpolated_s: time of interpolation.
+    """
+
+    points: int = 0
+    points_s: float = 0.0
+    rays: int = 0
+    short: int = 0
+    unread: int = 0
+    read_s: float = 0.0
+    records: int = 0
+    record_rays: int = 0
+    records_s: float = 0.0
+    interpolated: int = 0
+    uncovered: int = 0
+    interpolated_s: float = 0.0
+
+
+@dataclass(frozen=True)
 class Report:
     """All that a render tells about itself.
 
@@ -189,6 +224,8 @@ class Report:
         gathers: photon gathers of the render.
         gathers_truncated: those with fewer than k photons within the gather radius.
         gathers_left_band: those that may have missed a photon beyond the overlap band; 0 in an exact render.
+        gathers_s: time of these, of all slaves together [s].
+        final_gather: what gather rays and irradiance records did, in renders that have any.
         nonfinite: samples that were NaN or infinite, by cause.
         guards: how often each guard acted, by cause (cluster.guards); those above and dropped triangles included.
         chose: what was chosen where nobody said, and why.
@@ -214,6 +251,8 @@ class Report:
     gathers: int = 0
     gathers_truncated: int = 0
     gathers_left_band: int = 0
+    gathers_s: float = 0.0
+    final_gather: FinalGatherReport | None = None
     nonfinite: dict[str, int] = field(default_factory=dict)
     guards: dict[str, int] = field(default_factory=dict)
     energy: EnergyLedger = EnergyLedger()

@@ -13,6 +13,7 @@ from wdpm.report import (
     PHASES,
     ErrorFigure,
     ErrorReport,
+    FinalGatherReport,
     KernelReport,
     LightPhotons,
     PassReport,
@@ -114,7 +115,8 @@ def _light_cells(lights: Sequence[LightPhotons], counts: PhotonCounts) -> tuple[
 
 def _held(report: Report) -> Table:
     title = "Slaves: what they held (shares of the scene's triangles and of all stored photons)"
-    table = _table(title, "slave", "cells", "triangles", "share", "photons", "ghosts", "share")
+    records = ("records",) if any(slave.records for slave in report.slaves) else ()
+    table = _table(title, "slave", "cells", "triangles", "share", "photons", "ghosts", "share", *records)
     for slave in report.slaves:
         table.add_row(
             escape(slave.slave),
@@ -124,6 +126,7 @@ def _held(report: Report) -> Table:
             f"{slave.photons:,}",
             f"{slave.ghosts:,}",
             _percent(slave.photons + slave.ghosts, report.stored),
+            *([f"{slave.records:,}"] if records else []),
         )
     return table
 
@@ -153,12 +156,14 @@ def _counts(report: Report) -> list[str]:
     ]
     lines.append(
         f"gathers: {report.gathers:,}, {report.gathers_truncated:,} with fewer photons than k, "
-        f"{report.gathers_left_band:,} gathers left the band"
+        f"{report.gathers_left_band:,} gathers left the band" + _each(report.gathers_s, report.gathers)
     )
     if report.vertices:
         cut = f"{report.chains_cut:,} paths cut at the limit"
         cut = f"[bold red]{cut}[/]" if report.chains_cut else cut
         lines.append(f"camera paths: {report.vertices:,} vertices beyond the first surface, {cut}")
+    if report.final_gather is not None:
+        lines += _final_gather(report.final_gather)
     if report.beams:
         clamped = f"{report.beams_clamped:,} contributions clamped"
         if report.beams_clamped:
@@ -185,6 +190,31 @@ def _counts(report: Report) -> list[str]:
     acted = ", ".join(f"{count:,} {escape(cause)}" for cause, count in report.guards.items() if count)
     lines.append(f"[red]guards: {acted}[/]" if acted else "guards: none acted")
     return lines
+
+
+def _final_gather(done: FinalGatherReport) -> list[str]:
+    """What gather rays and irradiance records did, and what each cost."""
+    lines = [
+        f"irradiance at photons: {done.points:,}" + _each(done.points_s, done.points),
+        f"gather rays: {done.rays:,}, of which {_percent(done.short, done.rays)} were short and went on, "
+        f"{_percent(done.unread, done.rays)} found no irradiance and went on; reading" + _each(done.read_s, done.rays),
+    ]
+    if done.records:
+        lines.append(
+            f"irradiance records: {done.records:,}, {done.record_rays:,} gather rays"
+            + _each(done.records_s, done.records if done.record_rays else 0)
+        )
+        lines.append(
+            f"interpolations: {done.interpolated:,}"
+            + _each(done.interpolated_s, done.interpolated)
+            + f"; {done.uncovered:,} places that no record reached"
+        )
+    return lines
+
+
+def _each(seconds: float, count: int) -> str:
+    """What one of many cost, to be said after their number; nothing where that is not known."""
+    return f", {1e6 * seconds / count:,.2f} us each" if count and seconds else ""
 
 
 def _passes(passes: Sequence[PassReport]) -> str:

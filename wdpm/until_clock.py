@@ -1,4 +1,4 @@
-"""Time since the process began, which a time budget counts from: Python takes a while before it runs any of our code."""
+"""Time since the process began, which a time budget counts from: Python takes a while before it runs our code."""
 
 from __future__ import annotations
 

@@ -5,8 +5,8 @@ It adds two parts, each with an interval of 80 %, so that the upper end holds in
 **Noise**, from the spread of the passes (error_layers.Batches). A relative error divides by the truth, for which the
 mean stands in; but a pixel that a rare bright sample hit has a large spread and a large mean, which would hide each
 other. So passes are dealt to two halves, and the spread is divided by the geometric mean of the whole and of the darker
-half: it is not hidden until both halves have seen such samples. That errs on the large side while they are rare, by a
-factor of up to two.
+half, so that it is not hidden until both halves have seen such samples. That errs on the large side while they are
+rare, by a factor of up to two. A pixel that is far brighter than all around it is divided by the brightest of these.
 
 **Bias**, from a witness: two independent path-traced images a and b of fewer pixels (until_witness), which are noisy
 but not biased. For the mean image x, (x - a)(x - b) is on average exactly x's squared error, whatever causes it, since
@@ -39,11 +39,14 @@ from wdpm.until_witness import Witness, coarser
 
 Values = NDArray[np.float64]
 
-LEAST_PASSES = 4
-"""Two in each half."""
+LEAST_PASSES = 2
+"""One in each half."""
 
 ONE_SIDED = 1.2815515655446004
 """Quantile of a normal distribution at 0.9: what lies above the upper end."""
+
+OUTLIER = 4.0
+"""As many times brighter than all pixels around it, a pixel is taken to owe that to chance."""
 
 CAUSTIC_SHARE = 0.1
 """Of a pixel's light that comes from the caustic map, where the witness is not heard."""
@@ -123,18 +126,25 @@ class Gauge:
         if self._passes < LEAST_PASSES:
             return None
         mean = self.mean()
-        darker = np.minimum(np.abs(self._halves[0]), np.abs(self._halves[1]))
-        variance = self._batches.variance(sum(self._weights)) * self.metric.weight(darker, mean)
-        noise = spread_figure(variance, self._batches.freedom)
+        variance, freedom = variance_of_mean(self._batches)
+        noise = spread_figure(variance * self._weight(mean), freedom)
         bias = self._bias(mean)
         return Estimate(noise, bias, _sum(noise, bias))
+
+    def _weight(self, mean: Values) -> Values:
+        """Of a pixel's variance, in place of the truth's."""
+        darker = np.minimum(np.abs(self._halves[0]), np.abs(self._halves[1]))
+        around = brightest_neighbour(mean)
+        alone = mean > OUTLIER * around
+        return np.where(alone, self.metric.weight(around), self.metric.weight(darker, mean))
 
     def _bias(self, mean: Values) -> ErrorFigure:
         if not self._biased:
             return ErrorFigure(0.0, 0.0, 0.0)
         if self._witness is None:
             return self._bias_by_radius(np.ones(mean.shape[:2], np.bool_), mean)
-        caustic = (self._caustic > CAUSTIC_SHARE * sum(self._weights) * np.maximum(mean, 0.0)).any(axis=2)
+        lit = self._caustic > CAUSTIC_SHARE * sum(self._weights) * np.maximum(mean, 0.0)
+        caustic = np.asarray(lit.any(axis=2))
         heard = ~self._witness.any_of(caustic)
         by_witness = self._bias_by_witness(heard, mean)
         deaf = ~self._witness.finer(heard)
@@ -146,7 +156,7 @@ class Gauge:
         assert witness is not None
         seen = coarser(mean, witness.factor)
         weight = self.metric.weight(seen) * heard[..., np.newaxis]
-        noise = self._coarse.variance(sum(self._weights))
+        noise, _ = variance_of_mean(self._coarse)
         squared = (seen - witness.a) * (seen - witness.b) - noise
         return centred_figure(squared * weight)
 
@@ -158,6 +168,30 @@ class Gauge:
         narrower = ONE_SIDED / NORMAL_QUANTILE  # from an interval of 95 % to one of 80 %
         low, high = figure.value - figure.low, figure.high - figure.value
         return ErrorFigure(figure.value, figure.value - narrower * low, figure.value + narrower * high)
+
+
+def variance_of_mean(batches: Batches) -> tuple[Values, int]:
+    """Of the mean of all images that batches hold, and its degrees of freedom.
+
+    The batch that is not full counts, too, by its weight: a rare sample in it is in the mean.
+    """
+    means: list[NDArray[Any]] = [*batches.means, *([batches.open_mean] if batches.open_count else [])]
+    weights = [*batches.weights, *([batches.open_weight] if batches.open_count else [])]
+    mean: Values = np.average(means, axis=0, weights=weights)
+    spread = np.zeros(mean.shape)
+    for each, weight in zip(means, weights, strict=True):
+        spread += weight * (each - mean) ** 2
+    freedom = len(means) - 1
+    return spread / (sum(weights) * freedom), freedom
+
+
+def brightest_neighbour(image: Values) -> Values:
+    """The largest value among the eight pixels around each, at least 0, shape [height, width, 3]."""
+    height, width = image.shape[:2]
+    padded = np.pad(image, ((1, 1), (1, 1), (0, 0)))
+    around = [padded[y : y + height, x : x + width] for y in range(3) for x in range(3) if (y, x) != (1, 1)]
+    found: Values = np.maximum.reduce(around)
+    return found
 
 
 def spread_figure(variance: Values, freedom: int) -> ErrorFigure:

@@ -78,3 +78,11 @@ class Goal:
     def mean_square(self) -> float:
         """The error asked for as a weighted mean of squares; infinite if any will do."""
         return math.inf if self.error is None else self.metric.mean_square(self.error)
+
+
+def goal_of(error: float | None, metric: str = Metric.RELMSE.value, seconds: float | None = None) -> Goal:
+    """A goal by the name of its metric. Raises SettingsError: see Goal, and for an unknown name."""
+    names = [each.value for each in Metric]
+    if metric not in names:
+        raise SettingsError(f"metric is {metric!r}; expected one of {', '.join(names)}")
+    return Goal(error, Metric(metric), seconds)

@@ -6,13 +6,14 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from wdpm.kernels.settings import Indirect, Integrator
+from wdpm.kernels.settings import Indirect, Integrator, RenderSettings
 from wdpm.report import ErrorFigure
 from wdpm.until_gauge import Estimate
 from wdpm.until_goal import Goal, Metric
 from wdpm.until_plan import Course
 
 _KINDS = {
+    Indirect.AUTO: "as it suits the scene",
     Indirect.MAP: "photon map",
     Indirect.GATHER: "final gathering",
     Indirect.CACHE: "final gathering with an irradiance cache",
@@ -111,15 +112,19 @@ def outcome_of(
     )
 
 
+def kind_in_words(settings: RenderSettings) -> str:
+    """How light is found."""
+    return "path tracing" if settings.integrator is Integrator.PATH else _KINDS[settings.indirect]
+
+
 def reasons(course: Course) -> str:
     """What was chosen, and why, in words."""
     settings, trial = course.settings, course.trial
-    if settings.integrator is Integrator.PATH:
-        kind = "path tracing"
-    else:
-        kind = f"{_KINDS[settings.indirect]}, {settings.photons:,} photons a pass"
+    kind = kind_in_words(settings)
+    if settings.integrator is Integrator.PHOTONS:
+        kind += f", {settings.photons:,} photons a pass"
     return (
-        f"{kind}, {course.samples} samples a pass: a pass costs {trial.pass_cost:.2g} s and {trial.sample_cost:.2g} s a "
-        f"sample, with mean squares of noise {trial.pass_noise:.2g} and {trial.sample_noise:.2g} a sample, and squared "
-        f"bias of at most {trial.bias:.2g}"
+        f"{kind}, {course.samples} samples a pass: a pass costs {trial.pass_cost:.2g} s and {trial.sample_cost:.2g} s "
+        f"a sample, with mean squares of noise {trial.pass_noise:.2g} and {trial.sample_noise:.2g} a sample, and "
+        f"squared bias of at most {trial.bias:.2g}"
     )

@@ -9,6 +9,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from wdpm.cluster_api import Cluster
 from wdpm.kernels.settings import Indirect, Integrator, RenderSettings
@@ -85,6 +86,7 @@ class Pilot:
     """What is known of a scene before it is rendered.
 
     Attributes:
+        settings: with what was chosen; fixed: names of these.
         witness: of bias; None where nothing is biased, or there was no time.
         trials: that were made.
         seconds: that all took, of the workplace's clock, without compiling.
@@ -128,22 +130,27 @@ class Pilot:
         by_photons = self.settings.integrator is Integrator.PHOTONS and self.settings.photons > 0
         if by_photons and (goal.error is not None or seconds_left() > LONG_S):
             wanted = WITNESS_SHARE * goal.mean_square
-            self.witness = make_witness(self.scene, self.settings, goal.metric, wanted, self.work.renderer)
+            self.witness = make_witness(
+                self.scene, self.settings, goal.metric, wanted, self.work.renderer, 0.5 * allowed
+            )
         until = seconds_left() - allowed
-        self._try(self._first(), goal)
+        self._try(self._first(), goal, seconds_left)
         for _ in range(MOST_TRIALS - 1):
             course, reached = self.best(goal, seconds_left())
-            wanted = self._next(course, reached, seconds_left())
-            if wanted is None or seconds_left() < until:
+            following = self._next(course, reached, seconds_left())
+            if following is None or seconds_left() < until:
                 break
-            self._try(wanted, goal)
+            self._try(following, goal, seconds_left)
         self.seconds = self.work.clock() - began - self.compile_seconds
 
     def _first(self) -> RenderSettings:
-        if PHOTON_FIELDS & self.fixed or self.settings.integrator is Integrator.PATH:
-            return self.settings
-        names = sorted(PHOTON_FIELDS)
-        return replace(self.settings, **{name: int(getattr(self.settings, name) * FIRST_PHOTONS) for name in names})
+        settings = self.settings
+        if settings.indirect is Indirect.AUTO:
+            settings = replace(settings, indirect=Indirect.MAP)
+        if PHOTON_FIELDS & self.fixed or settings.integrator is Integrator.PATH:
+            return settings
+        fewer: dict[str, Any] = {name: int(getattr(settings, name) * FIRST_PHOTONS) for name in sorted(PHOTON_FIELDS)}
+        return replace(settings, **fewer)
 
     def _next(self, course: Course, reached: bool, seconds_left: float) -> RenderSettings | None:
         """Settings to try next; None if the course is good enough to go."""
@@ -159,7 +166,11 @@ class Pilot:
         return None
 
     def _kinds_left(self) -> Sequence[Indirect]:
-        if "indirect" in self.fixed or self.settings.integrator is Integrator.PATH or not self.settings.photons:
+        if (
+            self.settings.indirect is not Indirect.AUTO
+            or self.settings.integrator is Integrator.PATH
+            or not self.settings.photons
+        ):
             return ()
         tried = {trial.settings.indirect for trial in self.trials}
         return [kind for kind in (Indirect.CACHE, Indirect.GATHER) if kind not in tried]
@@ -175,9 +186,14 @@ class Pilot:
                 found.setdefault(other.settings, other)
         return list(found.values())
 
-    def _try(self, settings: RenderSettings, goal: Goal) -> None:
+    def _try(self, settings: RenderSettings, goal: Goal, seconds_left: Callable[[], float]) -> None:
         trial = try_out(
-            lambda: self.work.renderer(self.scene, settings), settings, goal.metric, self.witness, self.work.clock
+            lambda: self.work.renderer(self.scene, settings),
+            settings,
+            goal.metric,
+            self.witness,
+            self.work.clock,
+            seconds_left,
         )
         self.compile_seconds += trial.compile_seconds
         self.trials.append(trial)

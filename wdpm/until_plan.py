@@ -2,8 +2,9 @@
 
 The model of an image of N passes of s samples each, with q_i the squared radius of pass i as a share of the first's:
 
-    time  = start + N (pass_cost + s sample_cost)
-    noise = (pass_noise mean(1 / q_i) + sample_noise / s) / N       (a narrower disc holds fewer photons)
+    time  = start + N (pass_cost + s sample_cost)                   (less the passes that the trial rendered already)
+    noise = (pass_noise mean(1 / q_i) + 0.8 sample_noise / s) / N   (a narrower disc holds fewer photons)
+            + rare (2 / (N s))^1.5                                  (the estimate's fear of rare bright samples)
     bias² = bias mean(q_i)
 
 Bias falls as the squared radius, and bias² as its square, where light varies smoothly; along edges, where bias is
@@ -22,7 +23,7 @@ from functools import cache
 import numpy as np
 
 from wdpm.kernels.settings import Integrator, RenderSettings
-from wdpm.pass_plan import ALPHA
+from wdpm.pass_plan import ALPHA, PassPlan
 from wdpm.until_gauge import LEAST_PASSES
 from wdpm.until_trial import Trial
 
@@ -30,9 +31,15 @@ MOST_PASSES = 4096
 MOST_SPP = 64
 """Samples of a pass. More would make passes so long that a render could not stop soon after it is good enough."""
 
-MARGIN = 1.5
-"""Upper end of an estimate over what passes turn out to have: its interval, and rare samples counted on the safe side
-(until_gauge)."""
+STRATIFIED = 0.8
+"""Of half the squared difference of two successive samples, what each of 8 to 16 adds to the noise of their mean: they
+share out a pixel evenly. Measured: 0.7 to 0.9."""
+
+RARE_POWER = 1.5
+"""Measured on scenes with and without caustics: between 0.9 and 2.2."""
+
+MARGIN = 1.1
+"""Upper end of an estimate over the estimate."""
 
 FACTORS = (1 / 4, 1, 4)
 """Of photons, around those that were tried."""
@@ -89,11 +96,15 @@ def course(trial: Trial, passes: int, samples: int) -> Course:
     """What is expected of so many passes, by the model above."""
     inverse, mean = _shares(passes)
     biased = trial.settings.integrator is Integrator.PHOTONS
-    noise = (trial.pass_noise * (inverse if biased else 1.0) + trial.sample_noise / samples) / passes
+    kept = sum(PassPlan(number, number * samples, samples) in trial.results for number in range(min(passes, 2)))
+    rare = trial.rare * (2 / (passes * samples)) ** RARE_POWER
+    noise = (
+        trial.pass_noise * (inverse if biased else 1.0) + STRATIFIED * trial.sample_noise / samples
+    ) / passes + rare
     return Course(
         replace(trial.settings, passes=passes, spp=passes * samples),
         trial,
-        trial.start + passes * (trial.pass_cost + samples * trial.sample_cost),
+        trial.start + (passes - kept) * (trial.pass_cost + samples * trial.sample_cost),
         noise,
         trial.bias * mean,
     )

@@ -16,7 +16,7 @@ from wdpm.image import Image
 from wdpm.kernels.settings import Integrator
 from wdpm.pass_plan import PassPlan, shrink
 from wdpm.pass_progress import PassProgress
-from wdpm.passes import PassAverage, PassRenderer, PassResult
+from wdpm.passes import PassAverage, PassRenderer
 from wdpm.prepare import Source, scene_of
 from wdpm.progress import Progress, SilentProgress
 from wdpm.scene_settings import settings_for
@@ -27,12 +27,15 @@ from wdpm.until_goal import Goal
 from wdpm.until_outcome import outcome_of
 from wdpm.until_pilot import Pilot, Workplace
 from wdpm.until_plan import Course
+from wdpm.until_trial import Clock
 
 CHOSEN_HERE = frozenset({"passes", "spp"})
 """Settings that cannot be given beside a goal."""
 
 PATIENCE = 4
-"""As many times the passes that were expected are rendered before an error counts as out of reach."""
+LEAST_FOR_PATIENCE = 32
+"""As many times the passes that were expected are rendered, and as many at least, before an error that the pilot held
+for possible counts as out of reach."""
 
 FIRST_CHECKS = 1.05
 """The estimate is made after so many times the passes as the last time: it costs as much as a cheap pass does."""
@@ -42,7 +45,13 @@ OUTCOME = "asked"
 
 WRITING_S = 0.3
 WRITING_S_PER_PIXEL = 1.5e-6
-"""Set aside of a time budget for the mean, its report and its files, on a machine that is not fast."""
+"""Set aside of a time budget for the mean, its report and its files."""
+
+ENDING_SHARE = 0.25
+"""Of what starting took, that is set aside for the end as well: a machine that is busy is busy then, too."""
+
+SLOWER = 1.1
+"""As many times the slowest pass so far, the next may take."""
 
 
 def render_until(
@@ -55,6 +64,7 @@ def render_until(
     progress: Progress | None = None,
     cluster: Cluster | None = None,
     used: float = 0.0,
+    clock: Clock = time.perf_counter,
     **chosen: Any,
 ) -> Image:
     """Render a scene until its error is small enough, or time is up.
@@ -62,6 +72,7 @@ def render_until(
     Args:
         source: a scene, a file, the name of a built-in scene, or a function that gives a scene.
         used: of the goal's time before this call [s].
+        clock: that costs are measured with [s]; CPU time, for one, on a machine that does other things, too.
         chosen: settings that are kept as they are, by name, see RenderSettings; all others are picked.
         Others are as of PassRenderer.
 
@@ -80,9 +91,9 @@ def render_until(
             cluster = stack.enter_context(Cluster.local(slaves=slaves, threads=threads, device=device))
         scene = scene_of(source)
         pixels = scene.camera.width * scene.camera.height
-        budget.reserve = WRITING_S + WRITING_S_PER_PIXEL * pixels if goal.seconds is not None else 0.0
+        budget.reserve = WRITING_S + WRITING_S_PER_PIXEL * pixels + ENDING_SHARE * used
         settings = settings_for(scene, **chosen)
-        work = Workplace(progress, cluster, threads, device)
+        work = Workplace(progress, cluster, threads, device, clock)
         pilot = Pilot(scene, settings, frozenset(chosen), work)
         progress.start("pilot")
         pilot.run(goal, budget.left)
@@ -94,15 +105,16 @@ def _render(pilot: Pilot, goal: Goal, budget: Budget) -> Image:
     progress, scene = pilot.work.progress, pilot.scene
     course, expected = pilot.best(goal, budget.left())
     progress.note(_promise(course, goal, expected))
-    began = time.perf_counter()
+    began = pilot.work.clock()
     settings = course.settings
     biased = settings.integrator is Integrator.PHOTONS
     shape = (scene.camera.height, scene.camera.width, 3)
     gauge = Gauge(shape, goal.metric, biased, pilot.witness)
     with pilot.work.renderer(scene, settings) as renderer:
-        average, estimate, out_of_time = _passes(renderer, course, goal, gauge, budget, progress)
+        renderer.progress = progress
+        average, estimate, out_of_time = _passes(renderer, course, goal, gauge, budget, _most(course, goal, expected))
         times = {
-            "seconds": time.perf_counter() - began,
+            "seconds": pilot.work.clock() - began,
             "pilot_seconds": pilot.seconds,
             "compile_seconds": pilot.compile_seconds,
         }
@@ -112,15 +124,18 @@ def _render(pilot: Pilot, goal: Goal, budget: Budget) -> Image:
 
 
 def _passes(
-    renderer: PassRenderer, course: Course, goal: Goal, gauge: Gauge, budget: Budget, progress: Progress
+    renderer: PassRenderer, course: Course, goal: Goal, gauge: Gauge, budget: Budget, most: float
 ) -> tuple[PassAverage, Estimate | None, bool]:
-    """Render until the goal is reached: the mean, the estimate of its error, and whether time ran out."""
+    """Render until the goal is reached, or `most` passes are done.
+
+    Returns:
+        The mean, the estimate of its error, and whether time ran out.
+    """
     average = PassAverage(renderer.prepared)
     camera, bucket = renderer.prepared.session.view.camera, renderer.prepared.session.view.bucket
     buckets = -(-camera.width // bucket) * -(-camera.height // bucket)
-    renderer.progress = PassProgress(progress, buckets, course.passes)
+    renderer.progress = PassProgress(renderer.progress, buckets, course.passes)
     samples, estimate, next_check, slowest = course.samples, None, LEAST_PASSES, 0.0
-    most = math.inf if goal.error is None else max(PATIENCE * course.passes, 2 * LEAST_PASSES)
     number = 0
     while True:
         began = time.perf_counter()
@@ -136,8 +151,16 @@ def _passes(
                 return average, estimate, False
         if plan not in course.trial.results:
             slowest = max(time.perf_counter() - began, 0.9 * slowest)
-        if number >= most or budget.left() < slowest:
-            return average, gauge.estimate(), budget.left() < slowest
+        out_of_time = budget.left() < SLOWER * slowest
+        if number >= most or out_of_time:
+            return average, gauge.estimate(), out_of_time
+
+
+def _most(course: Course, goal: Goal, expected: bool) -> float:
+    """Passes after which the error counts as out of reach."""
+    if goal.error is None or (goal.seconds is not None and not expected):
+        return math.inf  # the time ends it
+    return max(PATIENCE * course.passes, LEAST_FOR_PATIENCE) if expected else course.passes
 
 
 def _promise(course: Course, goal: Goal, expected: bool) -> str:

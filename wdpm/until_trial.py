@@ -6,6 +6,7 @@ samples and different photons.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from wdpm.kernels.settings import RenderSettings
 from wdpm.pass_plan import PassPlan
 from wdpm.passes import PassRenderer, PassResult
-from wdpm.until_gauge import centred_figure
+from wdpm.until_gauge import Gauge, centred_figure
 from wdpm.until_goal import Metric
 from wdpm.until_witness import Witness, coarser
 
@@ -24,6 +25,10 @@ Values = NDArray[np.float64]
 Clock = Callable[[], float]
 
 TRIAL_PLANS = (PassPlan(0, 0, 1), PassPlan(0, 1, 1), PassPlan(1, 1, 1))
+
+
+ROOM = 6.0
+"""Passes that a time budget has to have room for if a trial is to render three."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +42,8 @@ class Trial:
         sample_cost: seconds of one sample of every pixel.
         pass_noise: weighted mean square of one pass that samples do not lessen.
         sample_noise: the same that is divided by the number of samples.
+        rare: by how much the estimate of two samples' noise (until_gauge) lies above the above, for fear of rare
+            bright ones.
         bias: the squared bias of a pass of the first radius, at most.
         compile_seconds: that went by for compiling, in none of the above.
         results: the passes that may be part of the image, if it has one sample a pass.
@@ -49,6 +56,7 @@ class Trial:
     pass_noise: float
     sample_noise: float
     bias: float
+    rare: float = 0.0
     compile_seconds: float = 0.0
     results: dict[PassPlan, PassResult] = field(default_factory=dict)
 
@@ -59,13 +67,15 @@ def try_out(
     metric: Metric,
     witness: Witness | None,
     clock: Clock = time.perf_counter,
+    seconds_left: Callable[[], float] = lambda: math.inf,
 ) -> Trial:
-    """Render the trial's passes.
+    """Render the trial's passes; only the first, if there is no time for others. Then nothing is known of its error.
 
     Args:
         make: makes the renderer of the settings.
         witness: of the bias; None leaves it at 0.
         clock: seconds, growing.
+        seconds_left: until a time budget is used up.
     """
     began = clock()
     with make() as renderer:
@@ -76,6 +86,8 @@ def try_out(
             began = clock()
             results.append(renderer.render(plan))
             costs.append(clock() - began)
+            if len(results) == 1 and seconds_left() < ROOM * costs[0]:
+                return Trial(settings, start, 0.0, costs[0], 0.0, 0.0, 0.0, 0.0, compile_seconds, {plan: results[0]})
     a, b, c = (result.layers["beauty"].astype(np.float64) for result in results)
     weight = metric.weight((a + b + 2 * c) / 4)
     sample_cost = costs[1] * _share_of_samples(results[1])
@@ -87,6 +99,7 @@ def try_out(
         pass_noise=_finite_mean((b - c) ** 2 * weight) / 2,
         sample_noise=_finite_mean((a - b) ** 2 * weight) / 2,
         bias=0.0 if witness is None else bias_of(a, b, c, metric, witness),
+        rare=rare_of(results[0], results[2], metric),
         compile_seconds=compile_seconds,
         results={TRIAL_PLANS[0]: results[0], TRIAL_PLANS[2]: results[2]},
     )
@@ -98,6 +111,18 @@ def bias_of(a: Values, b: Values, c: Values, metric: Metric, witness: Witness) -
     mean = (a + c) / 2  # other samples and other photons: the two are independent
     squared = (mean - witness.a) * (mean - witness.b) - (a - c) ** 2 / 4
     return centred_figure(np.nan_to_num(squared * metric.weight(mean))).high
+
+
+def rare_of(one: PassResult, other: PassResult, metric: Metric) -> float:
+    """What rare samples add to the estimate of the noise of two passes."""
+    beauty = [result.layers["beauty"] for result in (one, other)]
+    gauge = Gauge(beauty[0].shape, metric, biased=False)
+    for result in (one, other):
+        gauge.add(result.layers, 1, 1.0)
+    estimate = gauge.estimate()
+    a, b = (each.astype(np.float64) for each in beauty)
+    plain = _finite_mean((a - b) ** 2 / 4 * metric.weight((a + b) / 2))
+    return 0.0 if estimate is None else max(estimate.noise.value - plain, 0.0)
 
 
 def _share_of_samples(result: PassResult) -> float:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -26,9 +27,12 @@ MakeRenderer = Callable[[Scene, RenderSettings], PassRenderer]
 COARSEST = 4
 """Pixels of the image along a side of a witness's pixel, at most."""
 
+LEAST_SIDE = 48
+"""Pixels of a witness along its shorter side, if the image has as many: what is blurred within one is not seen."""
+
 FIRST_SPP = 4
-MOST_SPP = 1024
-"""Samples of a witness's pixel."""
+MOST_SPP = 512
+"""Samples of a witness's pixel. So many would be a good image already."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +53,7 @@ class Witness:
     def any_of(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Whether any pixel of the image that a pixel of the witness covers is in the mask."""
         height, width = self.a.shape[:2]
-        found: NDArray[np.bool_] = mask.reshape(height, self.factor, width, self.factor).any(axis=(1, 3))
-        return found
+        return np.asarray(mask.reshape(height, self.factor, width, self.factor).any(axis=(1, 3)))
 
     def finer(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """A mask of the witness's pixels, for those of the image."""
@@ -66,12 +69,18 @@ def coarser(image: Values, factor: int) -> Values:
 
 
 def factor_for(width: int, height: int) -> int:
-    """The largest that divides both sides."""
-    return next(factor for factor in (COARSEST, 2, 1) if width % factor == 0 and height % factor == 0)
+    """The largest that divides both sides and leaves enough of them."""
+    fitting = [factor for factor in (COARSEST, 2) if width % factor == 0 == height % factor]
+    return next((factor for factor in fitting if min(width, height) >= LEAST_SIDE * factor), 1)
 
 
 def make_witness(
-    scene: Scene, settings: RenderSettings, metric: Metric, wanted: float, make: MakeRenderer, most_spp: int = MOST_SPP
+    scene: Scene,
+    settings: RenderSettings,
+    metric: Metric,
+    wanted: float,
+    make: MakeRenderer,
+    most_seconds: float = math.inf,
 ) -> Witness:
     """Render a witness.
 
@@ -80,27 +89,34 @@ def make_witness(
         settings: of the image; the witness has its own integrator and seeds.
         wanted: standard deviation that the mean product of both errors may have, weighted mean squares.
         make: makes the renderers, one after the other.
-        most_spp: samples of a pixel of each, at most.
+        most_seconds: that it may take, but for compiling and its first samples.
     """
     camera = scene.camera
     factor = factor_for(camera.width, camera.height)
     small = replace(scene, camera=replace(camera, width=camera.width // factor, height=camera.height // factor))
-    images, spp = [], 0
+    images: list[Values] = []
+    spp = 0
     for name in ("a", "b"):
         with make(small, path_settings(settings, name)) as renderer:
             if not spp:
-                first = [renderer.render(PassPlan(i, i * FIRST_SPP, FIRST_SPP)).layers["beauty"] for i in range(2)]
+                began = time.perf_counter()
+                first = [_beauty(renderer, PassPlan(i, i * FIRST_SPP, FIRST_SPP)) for i in range(2)]
                 spp = 2 * FIRST_SPP * math.ceil(_times_more(first[0], first[1], metric, wanted))
-                spp = min(spp, max(most_spp, 2 * FIRST_SPP))
-                image = sum(each.astype(np.float64) for each in first) * (FIRST_SPP / spp)
+                affordable = most_seconds / 2 / (time.perf_counter() - began) * 2 * FIRST_SPP
+                spp = max(int(min(spp, MOST_SPP, affordable)), 2 * FIRST_SPP)
+                image = (first[0] + first[1]) * (FIRST_SPP / spp)
                 left = spp - 2 * FIRST_SPP
             else:
                 image, left = np.zeros_like(images[0]), spp
             if left:
-                more = renderer.render(PassPlan(2, spp - left, left)).layers["beauty"]
-                image = image + more.astype(np.float64) * (left / spp)
-        images.append(np.asarray(image, np.float64))
+                image = image + _beauty(renderer, PassPlan(2, spp - left, left)) * (left / spp)
+        images.append(image)
     return Witness(images[0], images[1], factor, spp)
+
+
+def _beauty(renderer: PassRenderer, plan: PassPlan) -> Values:
+    beauty = renderer.render(plan).layers["beauty"].astype(np.float64)
+    return np.where(np.isfinite(beauty), beauty, 0.0)
 
 
 def path_settings(settings: RenderSettings, name: str) -> RenderSettings:
@@ -111,7 +127,6 @@ def path_settings(settings: RenderSettings, name: str) -> RenderSettings:
 
 def _times_more(one: Values, other: Values, metric: Metric, wanted: float) -> float:
     """As many times more samples than `one` and `other` have together are wanted."""
-    one, other = one.astype(np.float64), other.astype(np.float64)
     weighted = metric.weight((one + other) / 2) * (one - other) ** 2 / 4  # the variance of their mean
     pixels = weighted.mean(axis=2)
     # The spread of a product of two independent errors of that variance; rare samples make it larger than its mean.

@@ -45,42 +45,14 @@ GUARDS = (
         file="cluster/partition.py",
         prevents="a ray that a rounding let into a cell does not find there what it can hit",
         changes=(("grow = 2.0 * PAD_SHARE * extent", "grow = 0.0 * PAD_SHARE * extent"),),
-        tests=(
-            PARTITION + "test_the_cell_of_every_point_of_a_triangle_holds_it",
-            FUZZ + "test_no_cell_is_missed",
-        ),
-    ),
-    Guard(
-        name="outer faces of cells are finite",
-        file="kernels/cells.py",
-        prevents="inf * 0 in slab arithmetic",
-        changes=(("FAR_AWAY = 3.0e37", "FAR_AWAY = np.inf"),),
-        tests=(
-            TREE + "test_rays_visit_every_cell_that_may_hold_their_hit",
-            FUZZ + "test_no_cell_is_missed",
-        ),
+        tests=("tests/property/test_partition_extremes.py::test_the_cell_of_a_rounded_hit_holds_its_triangle",),
     ),
     Guard(
         name="boxes of cells near enough for the test's arithmetic",
         file="cluster/partition.py",
         prevents="centres of boxes as large as 1e37 have no digits left for a triangle",
         changes=(("reach = 4.0 * extent", "reach = 1e300 * extent"),),
-        tests=(
-            PARTITION + "test_the_cell_of_every_point_of_a_triangle_holds_it",
-            PARTITION + "test_a_small_triangle_is_held_by_few_cells",
-        ),
-    ),
-    Guard(
-        name="far faces of cells a few roundings further",
-        file="kernels/cells.py",
-        prevents="a ray along a plane leaves a cell before it enters it",
-        changes=(
-            (
-                "leave = wp.min(far[0], wp.min(far[1], far[2])) * EXIT_SCALE",
-                "leave = wp.min(far[0], wp.min(far[1], far[2]))",
-            ),
-        ),
-        tests=(FUZZ + "test_no_cell_is_missed", TREE + "test_rays_visit_every_cell_that_may_hold_their_hit"),
+        tests=(PARTITION + "test_a_small_triangle_is_held_by_few_cells",),
     ),
     Guard(
         name="touching is overlapping",
@@ -99,7 +71,7 @@ GUARDS = (
         file="kernels/photon_paths.py",
         prevents="photons near a plane are stored where no gather of their cell finds them",
         changes=(("elif owner != own_cell:", "elif owner < -1:"),),
-        tests=(EXACT + "test_photons_are_the_same_set_each_with_one_owner",),
+        tests=(EXACT + "test_planes_through_everything_change_no_bit",),
     ),
     Guard(
         name="bands of the largest radius",
@@ -137,7 +109,7 @@ GUARDS = (
                 'order = np.arange(len(photons["id"]))\n    return {name: column[order]',
             ),
         ),
-        tests=(EXACT + "test_threads_change_no_bit",),
+        tests=(EXACT + "test_photons_that_wait_for_room_change_no_bit",),
     ),
     Guard(
         name="parts of a sample in the order of their places",
@@ -149,23 +121,20 @@ GUARDS = (
                 'order = np.argsort(together["slot"], kind="stable")',
             ),
         ),
-        tests=(EFFECTS + "test_partition_threads_buckets_and_order_change_no_bit",),
+        tests=("tests/test_sums_in_order.py::test_parts_are_added_in_the_order_of_their_places",),
     ),
     Guard(
-        name="samples are added up before pixels",
+        name="sums go on where the last wave ended",
         file="kernels/resolve.py",
-        prevents="where one wave of samples ends decides the order of additions",
+        prevents="how many samples are under way at once decides the order of additions",
         changes=(
+            ("    sum_direct = sums_out.direct[pixel]\n", "    sum_direct = wp.vec3d()\n"),
             (
-                "        i = pixel * samples + s\n        direct = wp.vec3d()\n",
-                "        i = pixel * samples + s\n        direct = sum_direct\n        sum_direct = wp.vec3d()\n",
-            ),
-            (
-                "            direct = wp.vec3d(slots.emission[i]) + lit * share",
-                "            direct = direct + wp.vec3d(slots.emission[i]) + lit * share",
+                "    sums_out.direct[pixel] = sum_direct\n",
+                "    sums_out.direct[pixel] = sums_out.direct[pixel] + sum_direct\n",
             ),
         ),
-        tests=(EFFECTS + "test_small_waves_and_full_photon_regions_change_no_bit",),
+        tests=("tests/test_sums_in_order.py::test_sums_go_on_where_the_last_wave_ended",),
     ),
     Guard(
         name="merged hits by (distance, number)",
@@ -212,10 +181,7 @@ GUARDS = (
         file="cluster/batch.py",
         prevents="a kernel reads past the end of an array",
         changes=(("if array.dtype != np.dtype(dtype) or array.shape != (count, *shape):", "if False:"),),
-        tests=(
-            WIRE + "test_a_right_header_with_wrong_fields_is_a_protocol_error",
-            WIRE + "test_the_reason_is_told",
-        ),
+        tests=(WIRE + "test_what_does_not_hold_together_is_refused",),
     ),
     Guard(
         name="indices from the network are within their tables",
@@ -238,5 +204,23 @@ GUARDS = (
             ),
         ),
         tests=("tests/test_kernel_options.py::test_no_contraction_and_no_backward_pass",),
+    ),
+    Guard(
+        name="every worker gets a cell",
+        file="cluster/partition.py",
+        prevents="a slave without work, which the others wait for",
+        changes=(
+            ("worker = int(empty[0]) if len(empty) else int(np.argmin(load))", "worker = int(np.argmin(load[::-1]))"),
+        ),
+        tests=(PARTITION + "test_cells_without_any_burden_are_dealt_too",),
+    ),
+    Guard(
+        name="a result is that of a task",
+        file="cluster/master.py",
+        prevents="pixels of nobody's task get into the image",
+        changes=(
+            ('raise ProtocolError(f"a result came for task {result.number}, which it was not handed")', "same = True"),
+        ),
+        tests=(MASTER + "test_a_result_of_an_unknown_task_ends_the_render",),
     ),
 )

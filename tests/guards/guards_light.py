@@ -11,6 +11,7 @@ MEDIA = "tests/analytic/test_media.py::"
 LIGHTS = "tests/analytic/test_lights.py::"
 EMISSION = "tests/analytic/test_emission.py::"
 EXACT = "tests/property/test_exactness.py::"
+ENDS = "tests/property/test_ends_of_ranges.py::"
 SURFACE = "tests/property/test_surface.py::"
 SIDES = "tests/property/test_photon_sides.py::"
 STRICT = "tests/test_strict.py::"
@@ -160,14 +161,14 @@ GUARDS = (
         file="kernels/microfacet.py",
         prevents="random numbers next to 1 give infinite slopes",
         changes=(("_ERF_MOST = wp.constant(wp.float32(1 - 2.0**-23))", "_ERF_MOST = wp.constant(wp.float32(1.0))"),),
-        tests=("tests/property/test_facets.py::test_facets_of_the_last_random_numbers",),
+        tests=(ENDS + "test_facets_of_the_last_random_numbers",),
     ),
     Guard(
         name="a facet is never edge-on",
         file="kernels/microfacet.py",
         prevents="a normal of length zero",
         changes=(("z = wp.max(height - down, 1.0e-7)", "z = height - down"),),
-        tests=(BSDF + "test_nothing_is_ever_infinite",),
+        tests=(ENDS + "test_facets_of_the_last_random_numbers",),
     ),
     Guard(
         name="total reflection refracts nothing",
@@ -202,40 +203,40 @@ GUARDS = (
             ("    if sum_1 + cross_1 > 0.0:\n", "    if True:\n"),
             ("    if sum_2 + cross_2 > 0.0:\n", "    if True:\n"),
         ),
-        tests=(BSDF + "test_a_mirror_without_material_reflects_everything", BSDF + "test_nothing_is_ever_infinite"),
+        tests=(ENDS + "test_metals_without_index_or_at_grazing",),
     ),
     Guard(
         name="bent normals have a length",
         file="kernels/shading_frames.py",
         prevents="a normal map of (0, 0, 0) is NaN",
         changes=(("    if not (length > 1.0e-12 and length < 1.0e30):\n", "    if False:\n"),),
-        tests=(MATERIALS + "test_normals_of_no_length_bend_nothing",),
+        tests=(ENDS + "test_normals_of_any_length",),
+    ),
+    Guard(
+        name="tangents only where they are seen across the normal",
+        file="kernels/shading_frames.py",
+        prevents="a frame of NaN, where texture coordinates say nothing",
+        changes=(("    if length > 1.0e-6 * wp.length(dp_du):", "    if True:"),),
+        tests=(ENDS + "test_tangents_that_say_nothing",),
     ),
     Guard(
         name="a tangent where the normal lies along the old one",
         file="kernels/shading_frames.py",
         prevents="a frame of NaN",
         changes=(("    if across < 1.0e-6:", "    if False:"),),
-        tests=(MATERIALS + "test_frames_without_usable_tangents",),
-    ),
-    Guard(
-        name="tangents where uv say nothing",
-        file="kernels/surface.py",
-        prevents="division by zero where all corners have the same texture coordinates",
-        changes=(("        if determinant != 0.0:\n", "        if True:\n"),),
-        tests=(SURFACE + "test_tangents_where_coordinates_say_nothing",),
+        tests=(ENDS + "test_normals_bent_onto_the_tangent",),
     ),
     Guard(
         name="texture coordinates within integers",
         file="kernels/texture.py",
-        prevents="a huge coordinate reads outside of the image",
+        prevents="an infinite coordinate is a NaN, a huge one no integer",
         changes=(
             (
                 "return wp.vec2(wp.clamp(u, -1048576.0, 1048576.0), wp.clamp(v, -1048576.0, 1048576.0))",
                 "return wp.vec2(u, v)",
             ),
         ),
-        tests=("tests/property/test_texture.py::test_huge_coordinates_stay_in_the_image",),
+        tests=(ENDS + "test_coordinates_beyond_all_numbers_are_in_the_image",),
     ),
     Guard(
         name="no medium absorbs nothing, however far",
@@ -249,21 +250,21 @@ GUARDS = (
         file="kernels/medium.py",
         prevents="division by zero",
         changes=(("    if sigma_t == 0.0:\n        return _INF\n", ""),),
-        tests=(MEDIA + "test_empty_space_and_infinite_distances", MEDIA + "test_extremes_stay_finite"),
+        tests=(ENDS + "test_free_paths_of_the_last_random_numbers",),
     ),
     Guard(
         name="free paths of a random number of 1",
         file="kernels/medium.py",
         prevents="an infinite path in a dense medium",
         changes=(("-log1p_of(-wp.min(u_distance, _BELOW_ONE))", "-log1p_of(-u_distance)"),),
-        tests=(MEDIA + "test_extremes_stay_finite", MEDIA + "test_free_paths_are_unbiased"),
+        tests=(ENDS + "test_free_paths_of_the_last_random_numbers",),
     ),
     Guard(
         name="arc cosines of 1 and a bit",
         file="kernels/elementary.py",
         prevents="NaN for the angle between a direction and itself",
         changes=(("    c = wp.clamp(wp.float64(x), -_ONE, _ONE)\n", "    c = wp.float64(x)\n"),),
-        tests=(ELEMENTARY + "test_one_argument", ELEMENTARY + "test_zeros_infinities_and_the_rest"),
+        tests=(ELEMENTARY + "test_zeros_infinities_and_the_rest",),
     ),
     Guard(
         name="directions of a disc's rim",
@@ -275,7 +276,7 @@ GUARDS = (
                 "    z = wp.sqrt(1.0 - d[0] * d[0] - d[1] * d[1])\n    return around",
             ),
         ),
-        tests=("tests/property/test_directions.py::test_cosine_hemisphere_has_the_density_of_the_cosine",),
+        tests=(ENDS + "test_directions_of_a_squares_border",),
     ),
     Guard(
         name="the middle of a disc",
@@ -301,11 +302,7 @@ GUARDS = (
         file="kernels/environment.py",
         prevents="squares of radiance overflow",
         changes=(("    scale = 1.0 / wp.max(a, b)", "    scale = 1.0"),),
-        tests=(
-            LIGHTS + "test_an_environment_map",
-            LIGHTS + "test_environment_samples_agree_with_their_density",
-            hard("radiance of 1e30 and 1e-30"),
-        ),
+        tests=(ENDS + "test_patches_of_the_sky_of_any_radiance",),
     ),
     Guard(
         name="lamps are seen from their front",
@@ -315,10 +312,38 @@ GUARDS = (
         tests=(LIGHTS + "test_triangle_samples_agree_with_their_density",),
     ),
     Guard(
-        name="a place on the lamp itself",
+        name="lamps are left at an offset",
         file="kernels/direct_light.py",
-        prevents="a division by a distance of zero",
-        changes=(("        if distance2 <= 0.0:\n            return 0.0\n", ""),),
-        tests=(LIGHTS + "test_triangle_samples_agree_with_their_density", hard("rays that start in odd places")),
+        prevents="a lamp shadows the light that it sends",
+        changes=(
+            (
+                "leave(point_of_triangle(lights, element, w), normal, lights.offset_min)",
+                "point_of_triangle(lights, element, w)",
+            ),
+        ),
+        tests=("tests/analytic/test_direct_light.py::test_a_rectangle_lights_a_patch",),
+    ),
+    Guard(
+        name="every light that shines has a chance",
+        file="kernels/light_tree.py",
+        prevents="light that is never sampled, so an image that is too dark",
+        changes=(
+            ("        value = value * wp.max(cosine, MARGIN)\n", "        value = value * wp.max(cosine, 0.0)\n"),
+        ),
+        tests=("tests/analytic/test_light_tree.py::test_all_that_shines_may_be_chosen",),
+    ),
+    Guard(
+        name="the sky has no density at its poles",
+        file="kernels/environment.py",
+        prevents="a division by the sine of an angle of zero",
+        changes=(("    if place[2] == 0.0:\n        return 0.0\n", ""),),
+        tests=(ENDS + "test_the_poles_of_the_sky",),
+    ),
+    Guard(
+        name="segments that are walked end at the light",
+        file="kernels/shadow_rays.py",
+        prevents="beyond a pane right before the light, a shadow ray turns around",
+        changes=(("            if wp.dot(rest, direction) > 0.0:\n", "            if True:\n"),),
+        tests=("tests/analytic/test_passing_light.py::test_a_lamp_shines_straight_through",),
     ),
 )

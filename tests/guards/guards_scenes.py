@@ -30,14 +30,17 @@ GUARDS = (
                 "return RendererSpace((low + high) / 2.0, 1.0)",
             ),
         ),
-        tests=(hard("as large as an orbit"), hard("cornell box: in other units")),
+        tests=(
+            hard("as large as an orbit"),
+            hard("cornell box: in other units"),
+        ),
     ),
     Guard(
         name="places next to zero are zero",
         file="scenes/renderer_space.py",
         prevents="the sign of a rounding is another in other units",
         changes=(("        moved[np.abs(moved) <= NOTHING] = 0.0\n", ""),),
-        tests=(hard("cornell box: in other units"), hard("room of effects: in other units")),
+        tests=("tests/scenes/test_renderer_space.py::test_the_rounding_of_a_difference_is_nothing",),
     ),
     Guard(
         name="triangles that cannot be rendered are dropped",
@@ -86,10 +89,7 @@ GUARDS = (
         file="scenes/areas.py",
         prevents="lamps of needles have no area, or none that can be trusted",
         changes=(("    p = corners.astype(np.float64)\n", "    p = corners\n"),),
-        tests=(
-            hard("needles"),
-            "tests/scenes/test_light_table.py::test_powers_are_those_of_the_formulas",
-        ),
+        tests=("tests/scenes/test_areas.py::test_areas_of_needles",),
     ),
     Guard(
         name="no entities in XML",

@@ -40,8 +40,12 @@ def test_an_overflow_is_counted_and_black() -> None:
 
 
 def test_a_lamp_whose_power_overflows_is_told() -> None:
+    """A lamp near the largest float, and larger than the scene's half side: no float holds a photon's flux."""
     scene = cornell_box((12, 12))
-    meshes = tuple(replace(m, emission=(3e38, 3e38, 3e38)) if m.emission else m for m in scene.meshes)
+    (lamp,) = (mesh for mesh in scene.meshes if mesh.emission)
+    wide = (lamp.vertices - lamp.vertices.mean(axis=0)) * 9.0 + lamp.vertices.mean(axis=0)
+    large = replace(lamp, vertices=wide, emission=(3e38, 3e38, 3e38))
+    meshes = tuple(large if mesh is lamp else mesh for mesh in scene.meshes)
     image = wdpm.render(replace(scene, meshes=meshes), FEW, threads=1)
     assert any("there is no indirect light" in warning for warning in image.metadata["report"]["warnings"])
     assert all(np.isfinite(layer).all() for layer in image.layers.values())

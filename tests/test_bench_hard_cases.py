@@ -1,0 +1,40 @@
+"""`wdpm bench hard-cases`: the suite beside the sources, or a line that says that it is not there."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from wdpm import bench_hard_cases, cli
+from wdpm.bench_hard_cases import Figures
+
+
+def test_the_suite_runs_and_its_page_is_written(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    page, figures = tmp_path / "page", tmp_path / "figures.json"
+    line = ["bench", "hard-cases", "--small", "--only", "equal distances", "-o", str(page), "--json", str(figures)]
+    assert cli.main(line) == 0
+    assert "equal distances" in (page / "index.html").read_text()
+    (case,) = json.loads(figures.read_text())["hard_cases"]["cases"]
+    assert (case["name"], case["verdict"], case["problems"]) == ("equal distances", "passes", [])
+    assert "5. Photons and gather" in capfd.readouterr().out
+
+
+def test_sections_are_counted() -> None:
+    verdicts = ("passes", "limit", "fails", "passes now")
+    cases = tuple(
+        {"name": verdict, "section": "1. Scale", "verdict": verdict, "seconds": 2.0, "problems": []}
+        for verdict in verdicts
+    )
+    figures = Figures(Path("index.html"), cases)
+    assert figures.failed == 2
+    assert figures.grid().rows == (("1. Scale", "4", "1", "1", "2", "8 s"),)
+
+
+def test_without_the_repository_it_says_where_the_suite_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(bench_hard_cases, "SUITE", Path("no") / "such.py")
+    assert cli.main(["bench", "hard-cases", "-o", str(tmp_path)]) == 2
+    assert "clone the repository" in capsys.readouterr().err

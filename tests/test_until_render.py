@@ -1,0 +1,165 @@
+"""Asking for an error or a time, end to end, on a small image."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import wdpm
+from wdpm.cli import main
+from wdpm.cli_until import EXIT_NOT_REACHED
+from wdpm.comparison import compare
+from wdpm.image import load as load_image
+from wdpm.kernels.settings import Indirect, Integrator, RenderSettings
+from wdpm.predict import predict
+from wdpm.progress import SilentProgress
+from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.model import Scene
+from wdpm.until_goal import Goal
+from wdpm.until_pilot import Pilot, Workplace
+from wdpm.until_render import render_until
+
+SMALL = ["cornell-box", "--size", "16x16", "--threads", "2"]
+FEW = {"photons": 2000, "caustic_photons": 0, "volume_photons": 0}
+FEW_OPTIONS = ["--photons", "2000"]
+
+
+def exit_code(words: list[str]) -> object:
+    """What a shell sees, whoever finds the mistake: the parser exits by itself."""
+    try:
+        return main(words)
+    except SystemExit as end:
+        return end.code
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    scene = wdpm.load("cornell-box")
+    return replace(scene, camera=replace(scene.camera, width=16, height=16))
+
+
+def test_an_error_is_reached_and_the_command_told_repeats_the_image(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "asked.exr"
+    assert main(["render", *SMALL, *FEW_OPTIONS, "--until-error", "0.2", "-o", str(file)]) == 0
+    said = capsys.readouterr().out
+    asked = load_image(file).metadata["asked"]
+    assert asked["reached"]
+    assert asked["estimate"]["high"] <= 0.2
+    command = said.split("to repeat it to the bit: ")[1].splitlines()[0]
+    again = tmp_path / "again.exr"
+    words = shlex.split(command)
+    assert words[:2] == ["wdpm", "render"]
+    assert main([*words[1:], "-q", "-o", str(again)]) == 0
+    assert main(["compare", str(file), str(again), "--equal", "--flip", "none"]) == 0
+
+
+def test_the_image_is_within_the_error(scene: Scene) -> None:
+    image = render_until(scene, Goal(0.1), threads=2, **FEW)
+    truth = wdpm.render(scene, spp=1024, integrator=Integrator.PATH, seed=99, threads=2)
+    assert compare(image, truth).rel_mse <= 0.1
+    assert image.metadata["settings"]["photons"] == 2000  # what was given is kept
+
+
+def test_a_time_that_is_too_short_for_the_error_gives_an_image_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, report = tmp_path / "asked.exr", tmp_path / "report.json"
+    asking = ["--until-error", "1e-7", "--time-budget", "1s"]
+    code = main(["render", *SMALL, *FEW_OPTIONS, *asking, "-q", "-o", str(file), "--report", str(report)])
+    assert code == EXIT_NOT_REACHED
+    assert "NOT REACHED" in capsys.readouterr().err
+    asked = load_image(file).metadata["asked"]
+    assert asked["out_of_time"]
+    assert not asked["reached"]
+    assert json.loads(report.read_text())["settings"]["passes"] == asked["passes"]
+
+
+def test_an_error_out_of_reach_ends_with_the_best_there_is(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("wdpm.until_plan.MOST_PASSES", 8)
+    monkeypatch.setattr("wdpm.until_witness.MOST_SPP", 8)
+    image = render_until(scene, Goal(1e-6), threads=2, indirect=Indirect.MAP, **FEW)
+    asked = image.metadata["asked"]
+    assert not asked["reached"]
+    assert not asked["out_of_time"]
+    assert asked["estimate"]["value"] > 1e-6
+    assert any("NOT REACHED" in line for line in asked["lines"])
+
+
+def test_a_time_alone_gives_an_image(scene: Scene) -> None:
+    image = wdpm.render(scene, time_budget=2.0, threads=2, **FEW)
+    asked = image.metadata["asked"]
+    assert asked["reached"]
+    assert asked["passes"] == image.metadata["settings"]["passes"] >= 1
+
+
+def test_passes_of_the_pilot_count(scene: Scene) -> None:
+    pilot = Pilot(scene, RenderSettings(**FEW), frozenset(FEW), Workplace(SilentProgress(), threads=2))
+    pilot.run(Goal(0.2))
+    course, reached = pilot.best(Goal(0.2))
+    assert reached
+    first = pilot.trials[0]
+    assert {plan.number for plan in first.results} == {0, 1}
+    assert first.sample_noise > 0 < first.sample_cost
+    assert course.samples >= 1
+
+
+def test_slaves_render_the_same_image(scene: Scene) -> None:
+    image = render_until(scene, Goal(0.2), slaves=2, threads=2, **FEW)
+    settings = image.metadata["settings"]
+    kept = {name: settings[name] for name in ("spp", "passes", "photons", "caustic_photons", "volume_photons")}
+    again = wdpm.render(scene, threads=2, indirect=Indirect(settings["indirect"]), **kept)
+    assert image.layers["beauty"].tobytes() == again.layers["beauty"].tobytes()
+
+
+def test_predictions_cost_more_for_less_error(scene: Scene) -> None:
+    found = predict(scene, Workplace(SilentProgress(), threads=2), targets=(0.3, 0.1), **FEW)
+    large, small = found.courses[0.3], found.courses[0.1]
+    assert large is not None
+    assert small is not None
+    assert large.seconds <= small.seconds
+    assert found.pilot_seconds > 0
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--until-error", "0"], "positive"),
+        (["--until-error", "-1"], "positive"),
+        (["--until-error", "nan"], "positive"),
+        (["--until-error", "small"], "not a number"),
+        (["--until-error", "0.1", "--metric", "flip"], "flip"),
+        (["--metric", "rmse"], "--until-error"),
+        (["--time-budget", "soon"], "not a time"),
+        (["--time-budget", "0s"], "not a time"),
+        (["--time-budget", "0.1"], "at least 1 s"),
+        (["--until-error", "0.1", "--passes", "4"], "--passes"),
+        (["--time-budget", "10s", "--spp", "4"], "--spp"),
+        (["--until-error", "0.1", "--resume"], "--resume"),
+        (["--until-error", "0.1", "--replay", "1,1,1"], "--replay"),
+    ],
+)
+def test_bad_options_are_one_clear_error(
+    options: list[str], said: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file = tmp_path / "image.exr"
+    assert exit_code(["render", *SMALL, *options, "-o", str(file)]) == 2
+    assert said in capsys.readouterr().err
+    assert not file.exists()
+
+
+def test_a_goal_and_settings_contradict_each_other(scene: Scene) -> None:
+    with pytest.raises(SettingsError, match="settings"):
+        wdpm.render(scene, RenderSettings(), until_error=0.1)
+    with pytest.raises(SettingsError, match="spp"):
+        wdpm.render(scene, until_error=0.1, spp=4)
+
+
+def test_predictions_take_no_sweep(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["accuracy", "cornell-box", "--predict", "--sweep", "spp=1,2"]) == 2
+    assert "--sweep" in capsys.readouterr().err

@@ -1,0 +1,41 @@
+"""`wdpm accuracy --predict`: loads the scene, flies the pilot, prints the table."""
+
+from __future__ import annotations
+
+import argparse
+
+from rich.console import Console
+
+from wdpm.cli_options import chosen_settings
+from wdpm.predict import predict
+from wdpm.progress import make_progress
+from wdpm.quiet import quiet_warp
+from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.load import load
+from wdpm.until_pilot import Workplace
+from wdpm.until_render import CHOSEN_HERE
+
+
+def predict_and_print(args: argparse.Namespace) -> int:
+    """What errors would cost; returns the exit code.
+
+    Raises:
+        SettingsError: an option that says how to sweep, or a setting that would be picked.
+        SceneError: see its message.
+    """
+    chosen = chosen_settings(args)
+    for name in sorted(CHOSEN_HERE & set(chosen)):
+        raise SettingsError(f"--predict tells what --until-error would do, which chooses {name}; leave it out")
+    if args.sweep or args.reference or args.slaves:
+        raise SettingsError("--predict makes no sweep: leave --sweep, --reference and --slaves out")
+    quiet_warp()
+    progress = make_progress(args.quiet)
+    try:
+        progress.start("load")
+        scene = load(args.scene, defines=dict(args.definitions), size=args.size)
+        progress.start("pilot")
+        found = predict(scene, Workplace(progress, threads=args.threads, device=args.device), **chosen)
+    finally:
+        progress.finish()
+    found.print(Console())
+    return 0
