@@ -10,7 +10,7 @@ from wdpm.accuracy_plots import band_plots, error_plot, legend, quality_curves, 
 from wdpm.accuracy_result import Accuracy, PointFigures
 from wdpm.accuracy_strips import look_of, strips
 from wdpm.accuracy_style import STYLE
-from wdpm.accuracy_words import band_sentence, summary, warnings
+from wdpm.accuracy_words import band_sentence, listed, summary, warnings
 from wdpm.report import ErrorFigure
 from wdpm.report_tables import format_seconds
 
@@ -113,7 +113,7 @@ def _slaves(found: Accuracy) -> str:
         raise ValueError("there is no curve of slaves")
     same = all(found.points[number].bits_as_base for number in curve.points)
     text = (
-        f"Images of {' and '.join(curve.words)} slaves are the same, bit for bit."
+        f"Images of {listed(curve.words)} slaves are the same, bit for bit."
         if same
         else "IMAGES DIFFER between numbers of slaves: this is a bug, please report it."
     )
@@ -161,7 +161,9 @@ def _method(found: Accuracy) -> str:
     noise = found.reference_noise
     own = "" if noise is None else f" Its own noise, a relMSE of {noise:.2g}, is measured and subtracted."
     left_out = (
-        f" The {found.trim:.2%} of the pixels with the largest errors at the base are left out." if found.trim else ""
+        f" The {found.trim:.2%} of the pixels that make up the most of the errors of all points are left out."
+        if found.trim
+        else ""
     )
     machine = ", ".join(f"{name} {value}" for name, value in found.machine.items())
     lines = (

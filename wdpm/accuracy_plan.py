@@ -27,8 +27,8 @@ SPREADS: tuple[tuple[float, ...], ...] = (
 CLUSTER_FACTOR = 1.3
 """Time of a render by slaves that share this machine's cores, over one without, roughly."""
 
-GATHER_FACTOR = 4.0
-"""Time of the camera's work with a gather ray a sample, over that from the photon map, roughly."""
+INDIRECT_FACTOR = {Indirect.AUTO: 4.0, Indirect.MAP: 1.0, Indirect.GATHER: 1.5, Indirect.CACHE: 4.0}
+"""Time of the camera's work, over that with the photon map alone, roughly: at few samples, where a cache costs most."""
 
 
 @dataclass(frozen=True)
@@ -38,13 +38,14 @@ class CostModel:
     Attributes:
         fixed: pilot and partition [s].
         photon: one stored photon [s].
-        sample: one sample of every pixel, at `k` [s].
+        sample: one sample of every pixel, with this `k` and `indirect` [s].
     """
 
     fixed: float
     photon: float
     sample: float
     k: int
+    indirect: str = Indirect.AUTO.value
 
     @classmethod
     def of(cls, point: Point, record: Record) -> CostModel:
@@ -57,6 +58,7 @@ class CostModel:
             photon=photons / max(record.stored, 1),
             sample=render / point.settings.spp,
             k=point.settings.k,
+            indirect=point.settings.indirect.value,
         )
 
     def seconds(self, point: Point, maps: Sequence[str]) -> float:
@@ -68,7 +70,7 @@ class CostModel:
         chosen = point.settings
         photons = sum(getattr(chosen, photons_of(kind)) for kind in maps) * chosen.passes * self.photon
         gather = 0.5 + 0.5 * chosen.k / self.k
-        ways = 1.0 if chosen.indirect is Indirect.MAP else GATHER_FACTOR
+        ways = INDIRECT_FACTOR[chosen.indirect] / INDIRECT_FACTOR[Indirect(self.indirect)]
         alone = self.fixed + photons + chosen.spp * self.sample * gather * ways
         return alone * CLUSTER_FACTOR if point.slaves else alone
 

@@ -167,7 +167,7 @@ def figures_of(
     Args:
         command: renders a point.
         clock: one of accuracy_knobs.CLOCKS.
-        trim: share of the pixels to leave out: those with the largest errors at the base, the same for all points.
+        trim: share of the pixels to leave out of all errors (kept_pixels).
 
     Raises:
         ImageError: one cannot be read.
@@ -179,8 +179,7 @@ def figures_of(
     found = {key: record for key, record in records.items() if record is not None}
     exact = _exact_points(points)
     base = [store.image(points.base, seed).pixels for seed in seeds]
-    errors = pixel_errors(base, truth)
-    kept = (errors <= _threshold(errors, trim))[..., np.newaxis]
+    kept = kept_pixels(points, store, seeds, truth, trim)[..., np.newaxis]
     plain = np.ones_like(truth.pixels) * kept / kept.mean()
     relative = truth.relative * plain
     figures = []
@@ -223,6 +222,23 @@ def pixel_errors(images: Sequence[NDArray[Any]], truth: Truth) -> NDArray[np.flo
     """Each pixel's part of relMSE, mean over seeds, shape [height, width]."""
     errors = [((image.astype(np.float64) - truth.pixels) ** 2 * truth.relative).mean(axis=2) for image in images]
     return np.asarray(np.nan_to_num(np.mean(errors, axis=0), posinf=0.0))
+
+
+def kept_pixels(points: Points, store: Store, seeds: Sequence[int], truth: Truth, trim: float) -> NDArray[np.bool_]:
+    """All pixels but a share that make up the most of the errors of the points, each point counting alike.
+
+    Were they chosen by the errors of one point, they would be left out where chance was bad to that one.
+
+    Returns:
+        shape [height, width].
+    """
+    parts = np.zeros(truth.pixels.shape[:2])
+    if trim == 0:
+        return parts == 0
+    for point in points.points:
+        errors = pixel_errors([store.image(point, seed).pixels for seed in seeds], truth)
+        parts += errors / max(float(errors.sum()), np.finfo(np.float64).tiny)
+    return parts <= _threshold(parts, trim)
 
 
 def worst_share(images: Sequence[NDArray[Any]], truth: Truth) -> float:

@@ -40,7 +40,9 @@ def grids_of(found: Accuracy) -> list[Grid]:
         + ("" if found.reference_noise is None else f"; its own noise, {found.reference_noise:.2g}, is subtracted"),
     )
     if found.trim:
-        notes += (f"{found.trim:.2%} of the pixels, those with the largest errors at the base, are left out.",)
+        notes += (
+            f"{found.trim:.2%} of the pixels, those that make up the most of the errors of all points, are left out.",
+        )
     grids = [Grid(f"{found.scene}, {found.width}x{found.height}", columns, tuple(rows), notes)]
     band = found.curve_of("band")
     if band is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
@@ -202,7 +203,7 @@ def _no_use(offers: list[Offer]) -> list[str]:
             idle.append(label)
     if not idle:
         return []
-    return [f"Within the range tried, {_listed(idle)} hardly matter{'s' if len(idle) == 1 else ''}."]
+    return [f"Within the range tried, {listed(idle)} hardly matter{'s' if len(idle) == 1 else ''}."]
 
 
 def _from_the_front(found: Accuracy) -> list[str]:
@@ -219,7 +220,8 @@ def _of_cpu(found: Accuracy) -> str:
     return " of CPU time" if found.clock == "cpu" else ""
 
 
-def _listed(words: list[str]) -> str:
+def listed(words: Sequence[str]) -> str:
+    """`a, b and c`."""
     return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
 
 

@@ -30,6 +30,9 @@ TIME_FLOOR, ERROR_FLOOR, SPENDING_FLOOR = 0.8, 0.9, 0.5
 """Shares of runs that are to have the time within TIME_FACTOR, the error within what was asked for, and no less than a
 quarter of that."""
 
+LEAST_TIME = 0.01
+"""Seconds; where the pilot's passes are enough none are to come, and a ratio says nothing."""
+
 CLOCKS = {"cpu": time.process_time, "wall": time.perf_counter}
 
 
@@ -61,12 +64,12 @@ class Run:
     @property
     def ratio(self) -> float:
         """Of time taken to time predicted."""
-        return self.taken / self.predicted
+        return self.taken / max(self.predicted, LEAST_TIME)
 
     @property
     def whole_ratio(self) -> float:
         """The same with the pilot, whose time is known when the prediction is made."""
-        return (self.pilot + self.taken) / (self.pilot + self.predicted)
+        return (self.pilot + self.taken) / max(self.pilot + self.predicted, LEAST_TIME)
 
 
 @dataclass(frozen=True)

@@ -89,8 +89,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         type=values.length,
         default=0.0,
         metavar="SHARE",
-        help="leave this share of the pixels, those with the largest errors at the base, out of all errors, like 0.001 "
-        "(default: 0)",
+        help="leave this share of the pixels, those that make up the most of the errors of all points, out of them, "
+        "like 0.001 (default: 0)",
     )
     sweep.add_argument(
         "-o", "--output", type=Path, metavar="FOLDER", help="folder of the results (default: accuracy-SCENE)"

@@ -17,6 +17,7 @@ examples:
   wdpm bench effects --plot effects.svg
   wdpm bench mitsuba scene.xml --reference reference.exr
   wdpm bench caustic glass.xml --reference reference.exr --region 136,222,226,250
+  wdpm bench indirect cbox/scene.xml --plot indirect.svg
   wdpm bench hard-cases --only furnace -o out/hard-cases
   wdpm bench peers sibenik/scene.xml sponza/scene.xml --errors 0.05,0.02,0.01,0.005
 
@@ -55,6 +56,12 @@ settings, the same for all scenes. Mitsuba: measured at some numbers of samples,
 and error = a / samples between and beyond. LLVM's library: see wdpm bench mitsuba
 --help. CPU time is that of all threads: what else runs hardly changes it."""
 
+_INDIRECT = """\
+Render scenes with indirect light from the photon map, by final gathering and by
+the irradiance cache, by turns and warm, at numbers of samples and of photons:
+error against time. Errors are against reference.exr beside the scene, whose size
+the images then have, or against path tracing of our own."""
+
 _HARD_CASES = """\
 Run the suite of hard cases in full: scenes where renderers break, each against an
 expectation that does not come from wdpm. Writes a page with a row a case: picture,
@@ -87,6 +94,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     _add_mitsuba(benches)
     _add_caustic(benches)
     _add_peers(benches)
+    _add_indirect(benches)
     _add_hard_cases(benches)
     _add_predict(benches)
     return parser
@@ -118,6 +126,11 @@ def run(args: argparse.Namespace) -> int:
 def slave_counts(text: str) -> tuple[int, ...]:
     """`0,2,4` to numbers of slaves, each once."""
     return tuple(dict.fromkeys(values.count(part) for part in text.split(",")))
+
+
+def counts(text: str) -> tuple[int, ...]:
+    """`4,8,16` to numbers above 0, each once."""
+    return tuple(dict.fromkeys(values.positive_count(part) for part in text.split(",")))
 
 
 def relative_errors(text: str) -> tuple[float, ...]:
@@ -271,6 +284,40 @@ def _predict(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[s
     return [figures.grid()], {"predict": figures.to_dict()}
 
 
+def _add_indirect(benches: Any) -> None:
+    parser = _add_bench(benches, "indirect", "photon map, final gather and irradiance cache side by side", _INDIRECT)
+    parser.add_argument(
+        "scenes",
+        nargs="*",
+        default=("cornell-box",),
+        metavar="SCENE",
+        help="scene files, or names of built-in scenes (default: cornell-box)",
+    )
+    parser.add_argument("--reference", type=Path, metavar="FILE", help="of a single scene: measure errors against it")
+    parser.add_argument(
+        "--size", type=values.size, metavar="WxH", help="of images without a reference file (default: the scene's own)"
+    )
+    parser.add_argument(
+        "--spp", type=counts, default=(4, 8, 16, 32, 64), metavar="N,N,...",
+        help="samples a pixel (default: 4,8,16,32,64)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--photons", type=counts, default=(50_000, 250_000), metavar="N,N,...",
+        help="photons to be stored (default: 50000,250000)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--region", type=values.region, metavar="L,T,R,B", help="pixels whose error counts (default: the whole image)"
+    )
+    _add_counts(
+        parser,
+        ("--reference-spp", 1024, "samples a pixel of a reference that is path traced"),
+        ("--rounds", 2, "images of each"),
+    )
+    _add_threads(parser, "threads to render with")
+    parser.add_argument("--plot", type=Path, metavar="FILE.svg", help="also write a plot of error against time")
+    parser.set_defaults(measure=_indirect)
+
+
 def _add_hard_cases(benches: Any) -> None:
     parser = _add_bench(benches, "hard-cases", "scenes where renderers break, against what is right", _HARD_CASES)
     parser.add_argument(
@@ -420,6 +467,33 @@ def _peers(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str
         bench_peers.measure(scene, reference, bounds, progress, threads=args.threads) for scene, reference in pairs
     ]
     return [each.grid() for each in figures], {"peers": [each.to_dict() for each in figures]}
+
+
+def _indirect(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:
+    from wdpm import bench_indirect
+    from wdpm.bench_indirect_plot import plot
+    from wdpm.image_files import write_bytes
+    from wdpm.quiet import quiet_warp
+    from wdpm.scenes.errors import SettingsError
+
+    quiet_warp()
+    if args.reference is not None and len(args.scenes) > 1:
+        raise SettingsError(
+            f"--reference is of one scene, and there are {len(args.scenes)}: put a reference.exr beside each"
+        )
+    sweep = bench_indirect.Sweep(args.spp, args.photons, args.rounds, args.region, args.reference_spp)
+    pairs = [(scene, args.reference or bench_indirect.reference_beside(scene)) for scene in args.scenes]
+    for scene, reference in pairs:
+        if reference is not None and args.size is not None:
+            raise SettingsError(f"{scene}: images have the size of {reference}; leave --size out")
+    figures = [
+        bench_indirect.measure(scene, reference, sweep, progress, size=args.size, threads=args.threads)
+        for scene, reference in pairs
+    ]
+    if args.plot is not None:
+        write_bytes(plot(figures).encode(), args.plot)
+    grids = [grid for each in figures for grid in each.grids()]
+    return grids, {"indirect": [each.to_dict() for each in figures]}
 
 
 def _hard_cases(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:  # noqa: ARG001

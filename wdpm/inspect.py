@@ -105,6 +105,7 @@ def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:
     settings = settings_for(scene, **chosen)
     as_it_is = flatten(scene)
     flat = flatten(leave_out(scene, settings.without)) if settings.without else as_it_is
+    unused = settings_without_effect(settings)
     settings, _ = choose_indirect(flat, settings)
     features = with_camera(features_of(flat, settings), flat.camera)
     compile_kernels("cpu", features)
@@ -135,7 +136,7 @@ def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:
         left_out=missing_effects(effects, settings),
         approximated=approximations(scene, world, settings),
         dropped=flat.dropped,
-        warnings=scene.warnings + settings_without_effect(settings),
+        warnings=scene.warnings + unused,
     )
 
 

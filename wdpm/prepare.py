@@ -127,6 +127,7 @@ def prepare(
     flat = flatten(leave_out(scene, settings.without))
     if settings.strict:
         _demand_all(flat)
+    unused = settings_without_effect(settings)
     settings, chose = choose_indirect(flat, settings)
     features = with_camera(features_of(flat, settings), flat.camera)
     progress.start("compile")
@@ -165,7 +166,7 @@ def prepare(
         () if chose is None else (chose,),
         left_out,
         approximations(scene, plan.world, settings),
-        scene.warnings + dropped + settings_without_effect(settings),
+        scene.warnings + dropped + unused,
         seconds,
         _identity(world, session.view, triangles, settings),
         _digest(*_lit_scene(world, triangles), *(getattr(settings, name) for name in OF_RECORDS)),

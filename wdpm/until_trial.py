@@ -110,7 +110,17 @@ def bias_of(a: Values, b: Values, c: Values, metric: Metric, witness: Witness) -
     a, b, c = (coarser(each, witness.factor) for each in (a, b, c))
     mean = (a + c) / 2  # other samples and other photons: the two are independent
     squared = (mean - witness.a) * (mean - witness.b) - (a - c) ** 2 / 4
-    return centred_figure(np.nan_to_num(squared * metric.weight(mean))).high
+    # Where so few samples missed an edge of a lamp, the witness knows how bright it is.
+    bright = np.maximum(np.abs(mean), mean_around((witness.a + witness.b) / 2))
+    return centred_figure(np.nan_to_num(squared * metric.weight(bright))).high
+
+
+def mean_around(image: Values) -> Values:
+    """Mean of each pixel and the eight around it, shape [height, width, 3]."""
+    height, width = image.shape[:2]
+    padded = np.pad(image, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    total: Values = np.sum([padded[y : y + height, x : x + width] for y in range(3) for x in range(3)], axis=0)
+    return total / 9.0
 
 
 def rare_of(one: PassResult, other: PassResult, metric: Metric) -> float:

@@ -35,7 +35,7 @@ def assert_indirect(what: Scene, exact: float, **chosen: object) -> None:
     """
     found = over_seeds(what, "indirect", **{"spp": 8, "light_samples": 32, **PHOTONS, **chosen})
     assert_alike((np.full(3, exact), np.zeros(3)), found, share=0.02)
-    assert (found[1] <= 0.03 * exact).all()
+    assert (found[1] <= 0.05 * exact).all()
 
 
 @pytest.fixture(params=WAYS, ids=lambda way: way.value)

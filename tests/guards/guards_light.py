@@ -324,26 +324,10 @@ GUARDS = (
         tests=("tests/analytic/test_direct_light.py::test_a_rectangle_lights_a_patch",),
     ),
     Guard(
-        name="every light that shines has a chance",
-        file="kernels/light_tree.py",
-        prevents="light that is never sampled, so an image that is too dark",
-        changes=(
-            ("        value = value * wp.max(cosine, MARGIN)\n", "        value = value * wp.max(cosine, 0.0)\n"),
-        ),
-        tests=("tests/analytic/test_light_tree.py::test_all_that_shines_may_be_chosen",),
-    ),
-    Guard(
         name="the sky has no density at its poles",
         file="kernels/environment.py",
         prevents="a division by the sine of an angle of zero",
         changes=(("    if place[2] == 0.0:\n        return 0.0\n", ""),),
         tests=(ENDS + "test_the_poles_of_the_sky",),
-    ),
-    Guard(
-        name="segments that are walked end at the light",
-        file="kernels/shadow_rays.py",
-        prevents="beyond a pane right before the light, a shadow ray turns around",
-        changes=(("            if wp.dot(rest, direction) > 0.0:\n", "            if True:\n"),),
-        tests=("tests/analytic/test_passing_light.py::test_a_lamp_shines_straight_through",),
     ),
 )

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from case import SECTIONS, HardCase, Outcome, every_case, run_case
+from case import SECTIONS, Check, HardCase, Outcome, every_case, run_case
 from numpy.typing import NDArray
 
 from wdpm.image import encode_srgb8
@@ -36,12 +36,18 @@ PICTURE = 160
 BRIGHT = 0.8
 """What the 99th percentile of a picture is shown as: cases are as bright as they like."""
 
+SOUND = ("non-finite values", "samples blackened", "imbalance of energy", "the same bits in")
+"""How the names of checks begin that every rendered image has: where they pass, they are one line together."""
+
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; margin: 2em auto; max-width: 1300px; padding: 0 1em; color: #222; }
-h2 { margin-top: 2em; } table { border-collapse: collapse; width: 100%; }
+h2 { margin-top: 2em; } table { border-collapse: collapse; width: 100%; table-layout: fixed; }
 td, th { border-top: 1px solid #ccc; padding: .5em .6em; text-align: left; vertical-align: top; }
 img { image-rendering: pixelated; display: block; } .small { color: #555; font-size: 13px; }
 .pass { color: #176b2c; } .fail { color: #b00020; font-weight: 600; } .limit { color: #8a5a00; }
+th:nth-child(1) { width: 176px; } th:nth-child(2) { width: 20%; } th:nth-child(3) { width: 17%; }
+th:nth-child(5) { width: 15%; } th:nth-child(6) { width: 75px; } th:nth-child(7) { width: 60px; }
+img { max-width: 100%; } td { overflow-wrap: break-word; }
 ul { margin: 0; padding-left: 1.1em; } .wrong { color: #b00020; } .known { color: #8a5a00; }
 """
 
@@ -136,18 +142,28 @@ def row_of(outcome: Outcome) -> str:
     case, run, said = outcome.case, outcome.run, verdict(outcome)
     picture = "" if run.picture is None else f"<img alt='' src='data:image/png;base64,{_png(run.picture)}'>"
     style = "known" if case.limit else "wrong"
-    checks = "".join(
-        f"<li{'' if c.passed else f' class={style}'}>{html.escape(c.what)}: {html.escape(c.measured)} "
-        f"<span class='small'>({html.escape(c.expected)})</span></li>"
-        for c in run.checks
-    )
+    sound = [c for c in run.checks if c.passed and c.what.startswith(SOUND)]
+    checks = "".join(_item(c, style) for c in run.checks if c not in sound)
+    if sound:
+        listed = "".join(_item(c, style) for c in sound)
+        checks += (
+            f"<li class='small'><details><summary>sound: {len(sound)} checks</summary><ul>{listed}</ul></details></li>"
+        )
     notes = "".join(f"<div class='small'>{html.escape(note)}</div>" for note in [*run.notes, outcome.error] if note)
     kind = {"passes": "pass", "limit": "limit"}.get(said, "fail")
-    why = f"<div class='small'>{html.escape(case.limit)}</div>" if case.limit else ""
+    why = f"<div class='small limit'>Limit: {html.escape(case.limit)}</div>" if case.limit else ""
     return (
-        f"<tr><td>{picture}<td><b>{html.escape(case.name)}</b><div class='small'>{html.escape(case.shows)}</div>"
+        f"<tr><td>{picture}<td><b>{html.escape(case.name)}</b><div class='small'>{html.escape(case.shows)}</div>{why}"
         f"<td>{html.escape(case.expected)}<td><ul>{checks}</ul>{notes}<td>{html.escape(case.tolerance)}"
-        f"<td class='{kind}'>{said}{why}<td>{outcome.seconds:.1f} s</tr>"
+        f"<td class='{kind}'>{said}<td>{outcome.seconds:.1f} s</tr>"
+    )
+
+
+def _item(check: Check, style: str) -> str:
+    """A check as an item of a list; `style` is that of one that did not pass."""
+    return (
+        f"<li{'' if check.passed else f' class={style}'}>{html.escape(check.what)}: {html.escape(check.measured)} "
+        f"<span class='small'>({html.escape(check.expected)})</span></li>"
     )
 
 
