@@ -75,9 +75,9 @@ IRRADIANCE_REACH = 0.4
 """How far gather rays look for it, in gather radii: where as few as ten photons lie within one, half of the places
 still find one. Where none is found the ray goes on instead."""
 
-CACHE_PLAN = CachePlan(rounds=5, spacing=32, rows=11, columns=35, error=0.5, least=5.0, most=5.0, wanted=0.1)
-"""Strata about as long as wide; candidates from every 32nd to every second pixel; radii from five pixels, so that the
-last round can close the gaps of the one before."""
+CACHE_PLAN = CachePlan(rounds=6, spacing=32, rows=11, columns=35, error=0.5, least=5.0, most=5.0, wanted=0.1)
+"""Strata about as long as wide; candidates from every 32nd pixel to all; radii from five pixels, so that the
+last rounds can close the gaps of those before."""
 
 RECORD_REACH = 0.08
 """Most that a record reaches, as a share of the image: some dozen records across a wall that is all alike."""

@@ -203,7 +203,7 @@ def _no_use(offers: list[Offer]) -> list[str]:
             idle.append(label)
     if not idle:
         return []
-    return [f"Within the range tried, {listed(idle)} hardly matter{'s' if len(idle) == 1 else ''}."]
+    return [f"Within the range tried, these hardly matter: {listed(idle)}."]
 
 
 def _from_the_front(found: Accuracy) -> list[str]:
