@@ -76,11 +76,14 @@ IRRADIANCE_REACH = 0.4
 still find one. Where none is found the ray goes on instead."""
 
 CACHE_PLAN = CachePlan(rounds=6, spacing=32, rows=11, columns=35, error=0.5, least=5.0, most=5.0, wanted=0.1)
-"""Strata about as long as wide; candidates from every 32nd pixel to all; radii from five pixels, so that the
-last rounds can close the gaps of those before."""
+"""Strata about as long as wide; candidates from every 32nd pixel to all. What follows from the image: _cache_plan."""
 
 RECORD_REACH = 0.08
 """Most that a record reaches, as a share of the image: some dozen records across a wall that is all alike."""
+
+RECORD_LEAST = 0.012
+"""Least that a record reaches, as a share of the image, but one pixel at least: small images have corners too. At most
+CACHE_PLAN.least pixels, or large images would blur them."""
 
 POINTS_A_PHOTON = 2
 """Surface points a photon: their count then adds little to the noise of the photons' own."""
@@ -226,7 +229,11 @@ def _way(settings: RenderSettings) -> int:
 def _cache_plan(settings: RenderSettings, camera: Camera) -> CachePlan:
     if not settings.gathers or settings.indirect is not Indirect.CACHE:
         return NO_CACHE
-    return replace(CACHE_PLAN, most=max(CACHE_PLAN.least, RECORD_REACH * max(camera.width, camera.height)))
+    side = max(camera.width, camera.height)
+    least = min(CACHE_PLAN.least, max(1.0, RECORD_LEAST * side))
+    # The last round's candidates are no further apart than records reach: others would find no gap.
+    rounds = CACHE_PLAN.rounds - 1 if least >= 4.0 else CACHE_PLAN.rounds
+    return replace(CACHE_PLAN, rounds=rounds, least=least, most=max(least, RECORD_REACH * side))
 
 
 def _irradiance_plan(settings: RenderSettings, plans: Sequence[MapPlan]) -> IrradiancePlan:

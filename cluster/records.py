@@ -87,7 +87,7 @@ class Records:
         normal: unit shading normal, float32, shape [N, 3].
         irradiance: [W/m²], float32, shape [N, 3].
         rotation, translation: its gradients, one row a channel, float32, shape [N, 3, 3].
-        radius: how far the record reaches [scene units], float32, shape [N].
+        radius: how far the record reaches, float32, shape [N]. Places and lengths are in the renderer's space.
     """
 
     number: NDArray[np.int64]

@@ -122,13 +122,17 @@ def _check_flip(args: argparse.Namespace, installed: bool) -> None:
         raise WdpmError("FLIP: flip-evaluator is not installed: pip install 'wdpm[flip]'")
 
 
+_PIXELS_WORTH_A_BAR = 1 << 18
+"""Of images whose FLIP takes longer than a person wants to wait without being told."""
+
+
 def _flip(args: argparse.Namespace, a: Image, b: Image) -> Flip:
     from wdpm.perceptual import PIXELS_PER_DEGREE, FlipKind, flip
-    from wdpm.progress import make_progress
+    from wdpm.progress import SilentProgress, make_progress
 
     screens = {args.a.suffix.lower(), args.b.suffix.lower()} == {".png"}
     kind = FlipKind(args.flip or ("ldr" if screens else "hdr"))
-    progress = make_progress()
+    progress = make_progress() if a.pixels.size > _PIXELS_WORTH_A_BAR * 3 else SilentProgress()
     try:
         return flip(a, b, kind, PIXELS_PER_DEGREE if args.ppd is None else args.ppd, progress)
     finally:
