@@ -29,6 +29,9 @@ from wdpm.kernels.photon_paths import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
 from wdpm.kernels.surface import Surfaces
 from wdpm.scenes.errors import ProtocolError
 
+SHOTS_LATER = 1
+"""Shadow rays of vertices beyond the first: what is seen there is one of many samples already."""
+
 
 @dataclass
 class CameraCounters:
@@ -170,7 +173,7 @@ class CameraLight:
             kernel: kernels.variants shade_camera_hits or shade_vertices.
             items: the hits, as that kernel takes them.
         """
-        shaded = self._shade(kernel, items, len(batch), actions)
+        shaded = self._shade(kernel, items, len(batch), self._view.light_samples, actions)
         follows = list(self._send_on(batch, shaded))
         samples = {
             "slot": batch.arrays["slot"],
@@ -217,7 +220,7 @@ class CameraLight:
         self.counters.vertices += len(batch)
         rays = columns.upload(cr.Paths, arrays, self._replica.launcher.device)
         actions = self._decide(rays, arrays)
-        shaded = self._shade(self._replica.kernels.shade_vertices, rays, len(batch), actions)
+        shaded = self._shade(self._replica.kernels.shade_vertices, rays, len(batch), SHOTS_LATER, actions)
         follows = list(self._send_on(batch, shaded))
         # Where the map is read, it holds caustics too.
         among = None if actions is None else actions.codes != int(sh.READ_MAP)
@@ -244,7 +247,7 @@ class CameraLight:
             lambertian = shaded.coats.bsdf.numpy()["kind"] == int(DIFFUSE)
         # What other surfaces reflect depends on where the light comes from, and where paths may only be so long it is
         # photons that know how long theirs are: these vertices ask the photons themselves.
-        asks = (actions.codes == int(sh.READ_MAP)) & (~lambertian | (self._view.max_depth is not None))
+        asks = actions.asks | (actions.codes == int(sh.READ_MAP)) & (~lambertian | (self._view.max_depth is not None))
         radiance = actions.lambertian(shaded.queries.weight.numpy(), lambertian & ~asks)
         if asks.any():
             radiance += self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays, asks)
@@ -257,10 +260,11 @@ class CameraLight:
         place = parts.place_of(arrays["bounce"][rows], arrays["diffuse"][rows], part, self._view.light_samples)
         return {"slot": arrays["slot"][rows], "place": place, "radiance": radiance[rows]}
 
-    def _shade(self, kernel: wp.Kernel | None, rays: Any, count: int, actions: Actions | None = None) -> Shaded:
+    def _shade(self, kernel: wp.Kernel | None, rays: Any, count: int, shots: int, actions: Actions | None) -> Shaded:
         """Run a kernel that shades vertices.
 
         Args:
+            shots: shadow rays of each vertex.
             actions: of each vertex (kernels.shading); None where the view's way needs none.
         """
         if kernel is None:
@@ -271,7 +275,7 @@ class CameraLight:
             columns.empty(sh.Seen, count, device),
             columns.empty(sh.Queries, count, device),
             columns.empty(sh.Coats, count if features.coated else 0, device),
-            columns.empty(sh.Shots, count * view.light_samples, device),
+            columns.empty(sh.Shots, count * shots, device),
             columns.empty(cr.Paths, 0 if kernel is replica.kernels.shade_camera_hits else count, device),
             columns.empty(sh.Stretches, count if features.media else 0, device),
         )
@@ -279,7 +283,7 @@ class CameraLight:
         scalars: list[Any] = [view.light_samples, view.max_depth or 0]
         if kernel is not replica.kernels.shade_camera_hits:
             codes = np.zeros(0, np.int32) if actions is None else actions.codes
-            scalars += [view.way, wp.array(codes, dtype=wp.int32, device=device)]
+            scalars += [shots, view.way, wp.array(codes, dtype=wp.int32, device=device)]
         outputs = [shaded.seen, shaded.queries, shaded.coats, shaded.shots, shaded.paths, shaded.stretches]
         replica.launcher(kernel, count, [*scene, rays, *scalars], outputs)
         if replica.observer is not None:
@@ -323,7 +327,7 @@ class CameraLight:
         """Send shadow segments to the first cell on their way; those that carry nothing end here."""
         replica = self._replica
         arrays = columns.download(shots, SCHEMAS[Kind.SHADOW])
-        each = self._view.light_samples
+        each = len(shots.slot) // len(cause)
         arrays["radiance"] = self.guards.blacken(arrays["radiance"], guards.DIRECT, cause.arrays, each)
         count = len(arrays["slot"])
         if replica.world.top_tree.cells == 1 and not replica.world.features.walks:

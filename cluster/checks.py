@@ -292,8 +292,16 @@ def _record_task(task: RecordTask, where: str) -> None:
 def _cache_plan(plan: CachePlan, where: str) -> None:
     whole = 0 <= plan.rounds <= 32 and 1 <= plan.spacing <= LARGEST_SIDE and plan.rows >= 1 and plan.columns >= 1
     whole = whole and 0 <= plan.left < plan.spacing and 0 <= plan.top < plan.spacing
-    lengths = _positive(plan.error) and _positive(plan.least) and _positive(plan.most) and math.isfinite(plan.wanted)
-    _require(whole and lengths and plan.rays <= LARGEST_HEMISPHERE, where, f"{plan} is no plan of a cache")
+    lengths = (
+        _positive(plan.error)
+        and _positive(plan.clearance)
+        and _positive(plan.least)
+        and _positive(plan.most)
+        and math.isfinite(plan.wanted)
+    )
+    _require(
+        whole and lengths and math.prod(plan.strata(0)) <= LARGEST_HEMISPHERE, where, f"{plan} is no plan of a cache"
+    )
 
 
 def _batch(batch: Batch, where: str) -> None:

@@ -21,8 +21,9 @@ class ClusterSettings:
             in flight stay within some 10 MB.
         photon_tasks_in_flight: photon tasks handed to a slave at once; the second keeps it busy while the first one's
             last photons travel.
-        record_task_candidates: candidates of irradiance records a task: all of an early round become records, few of a
-            late one.
+        record_tasks: tasks of a round of irradiance records for each slave, where there are several ...
+        record_task_least, record_task_most: ... within these numbers of candidates a task. All of an early round become
+            records, few of a late one.
         buckets_in_flight: buckets handed to a slave at once. Buckets wait for their peers more than photons do.
         cells_in_flight: cells on their way to slaves at once. Bounds what the master holds besides the scene.
         part_triangles: triangles of one Partition message, 140 bytes each: about 64 MB.
@@ -35,7 +36,9 @@ class ClusterSettings:
     join_longest_s: float = 32.0
     photon_task_paths: int = 65_536
     photon_tasks_in_flight: int = 2
-    record_task_candidates: int = 4096
+    record_tasks: int = 4
+    record_task_least: int = 64
+    record_task_most: int = 16_384
     buckets_in_flight: int = 3
     cells_in_flight: int = 2
     part_triangles: int = 450_000

@@ -19,6 +19,7 @@ from wdpm.cluster.batch import Arrays, take
 from wdpm.cluster.cell import Cell
 from wdpm.cluster.effects import calls_for_caustics, calls_for_media, features_of
 from wdpm.cluster.home import set_out
+from wdpm.cluster.light_samples import light_samples_of
 from wdpm.cluster.light_shares import pilot_emission, shared_out
 from wdpm.cluster.partition import deal, rows_of_cells
 from wdpm.cluster.records import NO_CACHE, CachePlan
@@ -75,7 +76,9 @@ IRRADIANCE_REACH = 0.4
 """How far gather rays look for it, in gather radii: where as few as ten photons lie within one, half of the places
 still find one. Where none is found the ray goes on instead."""
 
-CACHE_PLAN = CachePlan(rounds=6, spacing=32, rows=11, columns=35, error=0.5, least=5.0, most=5.0, wanted=0.1)
+CACHE_PLAN = CachePlan(
+    rounds=6, spacing=32, rows=11, columns=35, error=0.5, clearance=0.6, least=5.0, most=5.0, wanted=0.1
+)
 """Strata about as long as wide; candidates from every 32nd pixel to all. What follows from the image: _cache_plan."""
 
 RECORD_REACH = 0.08
@@ -84,6 +87,15 @@ RECORD_REACH = 0.08
 RECORD_LEAST = 0.012
 """Least that a record reaches, as a share of the image, but one pixel at least: small images have corners too. At most
 CACHE_PLAN.least pixels, or large images would blur them."""
+
+BUCKET_LEAST, BUCKET_MOST = 32, 128
+"""Bounds of the side of a bucket that is derived [pixels]."""
+
+BUCKET_SAMPLES = 1 << 18
+"""Most shadow rays of a bucket larger than the least: what is on its way at once."""
+
+BUCKETS_A_WORKER = 8
+"""Buckets that each worker gets, at least, before they are made larger: the last ones are shared out evenly."""
 
 POINTS_A_PHOTON = 2
 """Surface points a photon: their count then adds little to the noise of the photons' own."""
@@ -201,22 +213,44 @@ def _pilot_world(flat: FlatScene, features: Features, settings: RenderSettings) 
     )
 
 
-def view_of(flat: FlatScene, settings: RenderSettings) -> View:
-    """What the camera adds."""
+def view_of(flat: FlatScene, settings: RenderSettings, workers: int) -> View:
+    """What the camera adds.
+
+    Args:
+        workers: how many will share the work; 0 and 1 are alike.
+    """
     return View(
         camera=flat.camera,
         seed=settings.seed,
         spp=settings.spp,
-        light_samples=settings.light_samples,
+        light_samples=light_samples_of(flat, settings),
         max_depth=settings.max_depth,
         k=settings.k,
         caustic_k=settings.caustic_k,
         volume_samples=settings.volume_samples,
-        bucket=settings.bucket,
+        bucket=settings.bucket or _bucket(flat, settings, max(workers, 1)),
         way=_way(settings),
         cache=_cache_plan(settings, flat.camera),
         routing=settings.routing,
     )
+
+
+def _bucket(flat: FlatScene, settings: RenderSettings, workers: int) -> int:
+    """Side of a bucket [pixels]: the paper's 32, or doubled while that leaves enough of them for all workers.
+
+    What the interpreter does for a bucket it does once, however many samples there are; kernels take what they take.
+    """
+    samples = -(-settings.spp // settings.passes) * light_samples_of(flat, settings)
+    pixels = flat.camera.width * flat.camera.height
+    side = BUCKET_LEAST
+    while side < BUCKET_MOST:
+        larger = 2 * side
+        if larger * larger * samples > BUCKET_SAMPLES:
+            break
+        if pixels < BUCKETS_A_WORKER * workers * larger * larger:
+            break
+        side = larger
+    return side
 
 
 def _way(settings: RenderSettings) -> int:

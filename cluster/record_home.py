@@ -24,7 +24,7 @@ from wdpm.scenes.errors import ProtocolError
 _GRAIN = 8
 """Records that are worth a launch of their own."""
 
-WAVE_RAYS = 1 << 17
+WAVE_RAYS = 1 << 18
 """Gather rays of a task that are under way at once, about: bounds memory, changes no bit."""
 
 
@@ -38,6 +38,7 @@ class RecordHome:
         self._view = view
         every = candidates(view.camera.width, view.camera.height, view.cache, task.round)
         self._pixels = every[task.start : task.stop]
+        self._strata = view.cache.strata(task.round)
         self._credit = 0
         self._found: list[Arrays] = []
         self._sites: Arrays = {}
@@ -101,16 +102,17 @@ class RecordHome:
 
     def _shoot(self) -> Iterator[Batch]:
         """Start the gather rays of the next wave of sites."""
-        replica, plan, view = self._replica, self._view.cache, self._view
-        stop = self._next_site + max(1, WAVE_RAYS // plan.rays)
+        replica, view = self._replica, self._view
+        rays = self._strata[0] * self._strata[1]
+        stop = self._next_site + max(1, WAVE_RAYS // rays)
         self._site = take(self._sites, slice(self._next_site, stop))
         self._next_site = stop
-        count, device = len(self._site["slot"]) * plan.rays, replica.launcher.device
+        count, device = len(self._site["slot"]) * rays, replica.launcher.device
         self._rays += count
         direction = wp.empty(count, dtype=wp.vec3, device=device)
         distance = wp.empty(count, dtype=wp.float32, device=device)
         normals = [wp.array(self._site[name], dtype=wp.vec3, device=device) for name in ("normal", "shading_normal")]
-        strata = make_strata(plan.rows, plan.columns, device)
+        strata = make_strata(*self._strata, device)
         number = wp.array(self._numbers(), dtype=wp.int64, device=device)
         seed = wp.uint32(replica.world.seed)  # that of the pass
         replica.launcher(record_directions, count, [strata, number, *normals, seed], [direction, distance])
@@ -119,7 +121,7 @@ class RecordHome:
         places = columns.upload(Sites, {**at, "pixel": self._pixels[self._site["slot"]]}, device)
         medium = -1 if view.camera.medium is None else view.camera.medium
         paths = columns.empty(cr.Paths, count, device)
-        scalars = [plan.rays, RAY_SAMPLES, medium, replica.lights.offset_min]
+        scalars = [rays, RAY_SAMPLES, medium, replica.lights.offset_min]
         replica.launcher(start_record_rays, count, [places, direction, distance, *scalars], [paths])
         first = wp.empty(count, dtype=wp.int32, device=device)
         replica.launcher(cr.first_path_cells, count, [replica.cells, paths], [first])
@@ -159,8 +161,8 @@ class RecordHome:
         shading_normal = wp.array(self._site["shading_normal"], dtype=wp.vec3, device=device)
         kinds = (wp.vec3, wp.mat33, wp.mat33, wp.float32, wp.float32)
         outputs = [wp.empty(count, dtype=kind, device=device) for kind in kinds]
-        strata = make_strata(plan.rows, plan.columns, device)
-        inputs = [strata, radiance, distance, shading_normal, plan.error, *bounds]
+        strata = make_strata(*self._strata, device)
+        inputs = [strata, radiance, distance, shading_normal, plan.error, plan.clearance, *bounds]
         self._replica.launcher(make_records, count, inputs, outputs, grain=_GRAIN)
         irradiance, rotation, translation, radius, _ = (output.numpy() for output in outputs)
         return Records(

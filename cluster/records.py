@@ -9,6 +9,7 @@ scanned, and what it holds depends on the order).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
@@ -19,6 +20,12 @@ from wdpm.scenes.errors import ProtocolError
 
 ROUND_BITS = 32
 """A record's number is round * 2^32 + place of its pixel in the round's candidates."""
+
+STRATA_SPACING = 4
+"""Distance of candidates for whose records CachePlan.rows and columns are [pixels]."""
+
+FEWEST_STRATA, MOST_STRATA = 0.7, 4.0
+"""Bounds of the strata of other records, as a share of those."""
 
 RAY_SAMPLES = 1 << 30
 """Gather rays of records have sample numbers from here on: no camera sample has."""
@@ -31,8 +38,10 @@ class CachePlan:
     Attributes:
         rounds: how many; 0 for a view without a cache.
         spacing: of the candidates of the first round [pixels].
-        rows, columns: strata of a record's gather rays in elevation and azimuth.
+        rows, columns: strata of a record's gather rays in elevation and azimuth, where candidates lie STRATA_SPACING
+            pixels apart.
         error: how far records reach, as a share of the harmonic mean distance of what they see (Ward's a).
+        clearance: how far at most, as a share of the distance of the nearest thing that they see.
         least, most: bounds of a record's radius [pixels].
         left, top: where the grid of candidates begins [pixels]; another place in each pass.
         wanted: weight of the records around a candidate that makes another one superfluous.
@@ -43,16 +52,22 @@ class CachePlan:
     rows: int = 1
     columns: int = 1
     error: float = 1.0
+    clearance: float = 1.0
     least: float = 1.0
     most: float = 1.0
     wanted: float = 0.0
     left: int = 0
     top: int = 0
 
-    @property
-    def rays(self) -> int:
-        """Gather rays of each record."""
-        return self.rows * self.columns
+    def strata(self, number: int) -> tuple[int, int]:
+        """Rows and columns of strata of the records of a round.
+
+        A record that was wanted where candidates lie far apart serves many pixels, one of the last rounds a few: rays
+        go with the spacing, as far as they are still enough for gradients, or not yet better than what is between.
+        """
+        spacing = max(1, self.spacing >> number)
+        finer = math.sqrt(min(max(spacing / STRATA_SPACING, FEWEST_STRATA), MOST_STRATA))
+        return max(1, round(self.rows * finer)), max(3, round(self.columns * finer))
 
 
 NO_CACHE = CachePlan()

@@ -7,6 +7,7 @@ import warp as wp
 from wdpm.kernels.bsdf_types import Bsdf
 from wdpm.kernels.camera import CameraView, whole_pixel
 from wdpm.kernels.camera_rays import Paths
+from wdpm.kernels.constants import ROULETTE_FROM, SURVIVAL_MOST
 from wdpm.kernels.limits import CHAIN_LIMIT
 from wdpm.kernels.random import PURPOSE_BOUNCE, sample_1d, sample_2d, stream_of
 from wdpm.kernels.triangle import NO_HIT
@@ -154,6 +155,57 @@ class Vertex:
     v: wp.float32
 
 
+@wp.struct
+class Orders:
+    """What is asked of a vertex.
+
+    Attributes:
+        i: number of the vertex in its launch, and of what is written of it.
+        light_samples: shadow segments of what the camera sees: places are counted by them.
+        shots: shadow segments of each vertex of the launch; segment j is number i * shots + j.
+        max_depth: longest path in edges; 0 for no limit.
+        way: what the diffuse parts of surfaces do: MAP_WAY, PATH_WAY or GATHER_WAY.
+        action: in GATHER_WAY, what the diffuse part of this vertex does.
+        eye: where depths are measured from.
+        offset_min: least distance at which rays leave a surface.
+    """
+
+    i: wp.int32
+    light_samples: wp.int32
+    shots: wp.int32
+    max_depth: wp.int32
+    way: wp.int32
+    action: wp.int32
+    seed: wp.uint32
+    eye: wp.vec3
+    offset_min: wp.float32
+
+
+@wp.func
+def orders_of(
+    camera: CameraView,
+    offset_min: wp.float32,
+    light_samples: wp.int32,
+    shots: wp.int32,
+    max_depth: wp.int32,
+    way: wp.int32,
+    action: wp.int32,
+    i: wp.int32,
+) -> Orders:
+    """Orders for one vertex of a launch."""
+    orders = Orders()
+    orders.i = i
+    orders.light_samples = light_samples
+    orders.shots = shots
+    orders.max_depth = max_depth
+    orders.way = way
+    orders.action = action
+    orders.seed = camera.seed
+    orders.eye = camera.eye
+    orders.offset_min = offset_min
+    return orders
+
+
 @wp.func
 def camera_path(camera: CameraView, paths: Paths, i: wp.int32) -> Vertex:
     """Where a camera path arrives."""
@@ -264,3 +316,59 @@ def carry_on(
     paths_out.u[i] = 0.0
     paths_out.v[i] = 0.0
     paths_out.owner[i] = -1
+
+
+@wp.func
+def stretch(p: Vertex, length: wp.float32, light_samples: wp.int32, i: wp.int32, stretches_out: Stretches) -> None:
+    """Write down the stretch of the ray before a vertex, if it is in a medium."""
+    stretches_out.slot[i] = p.slot
+    stretches_out.sample[i] = p.sample
+    stretches_out.place[i] = place_of(p.bounce, p.diffuse, light_samples, light_samples + BEAM_PART)
+    stretches_out.origin[i] = p.origin
+    stretches_out.direction[i] = wp.normalize(p.direction)
+    stretches_out.length[i] = length
+    stretches_out.radiance[i] = p.throughput
+    stretches_out.medium[i] = p.medium
+
+
+@wp.func
+def nothing_seen(p: Vertex, orders: Orders, seen_out: Seen, queries_out: Queries) -> None:
+    """A vertex on no surface has nothing to show, and asks for no photons."""
+    i = orders.i
+    seen_out.emission[i] = wp.vec3(0.0)
+    seen_out.depth[i] = -1.0
+    seen_out.normal[i] = wp.vec3(0.0)
+    seen_out.albedo[i] = wp.vec3(0.0)
+    queries_out.weight[i] = wp.vec3(0.0)
+    queries_out.edges[i] = p.edges
+
+
+@wp.func
+def nothing_lit(p: Vertex, orders: Orders, j: wp.int32, shots_out: Shots) -> None:
+    """Shadow ray j of a vertex is not there."""
+    row = orders.i * orders.shots + j
+    shots_out.slot[row] = p.slot
+    shots_out.place[row] = place_of(p.bounce, p.diffuse, orders.light_samples, j)
+    shots_out.radiance[row] = wp.vec3(0.0)
+
+
+@wp.func
+def nothing_goes_on(p: Vertex, orders: Orders, paths_out: Paths) -> None:
+    """A path ends at a vertex."""
+    ends = wp.vec3(0.0)
+    carry_on(
+        p,
+        ends,
+        p.origin,
+        p.direction,
+        p.anchor,
+        p.pdf,
+        p.edges,
+        p.diffuse,
+        p.medium,
+        ROULETTE_FROM,
+        SURVIVAL_MOST,
+        orders.seed,
+        orders.i,
+        paths_out,
+    )

@@ -12,7 +12,6 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from wdpm.kernels.directions import triangle_weights
 from wdpm.kernels.environment import environment_pdf, environment_value, sample_environment
 from wdpm.kernels.features import Features
 from wdpm.kernels.light_elements import Lights, chance_of_light, choose_light, element_of_prim, point_of_triangle
@@ -70,9 +69,9 @@ def make_direct(features: Features) -> SimpleNamespace:
         position: wp.vec3,
         element: wp.int32,
         probability: wp.float32,
-        u: wp.vec2,
+        w: wp.vec2,
     ) -> DirectSample:
-        w = triangle_weights(u)
+        """The way to the point of a triangle with these weights of corners 1 and 2."""
         normal = lights.normal[element]
         s = towards(position, leave(point_of_triangle(lights, element, w), normal, lights.offset_min), probability)
         cosine = -wp.dot(normal, s.direction)
@@ -85,22 +84,20 @@ def make_direct(features: Features) -> SimpleNamespace:
         return s
 
     @wp.func
-    def sample_direct(
-        lights: Lights, textures: Textures, position: wp.vec3, u_element: wp.float64, u: wp.vec2
-    ) -> DirectSample:
+    def sample_direct(lights: Lights, textures: Textures, position: wp.vec3, point: wp.vec2d) -> DirectSample:
         """A way from a place to a light.
 
         Args:
-            u_element, u: numbers in [0, 1).
+            point: of the unit square.
         """
-        chosen = choose_light(lights, position, u_element)
+        chosen = choose_light(lights, position, point)
         element = chosen.element
         probability = chosen.probability
         s = DirectSample()
         if element < 0:
             return s
         if element < lights.triangles:
-            s = from_triangle(lights, textures, position, element, probability, u)
+            s = from_triangle(lights, textures, position, element, probability, chosen.weights)
         if wp.static(features.points):
             if element >= lights.triangles and element < lights.first_spot:
                 number = element - lights.triangles
@@ -127,7 +124,7 @@ def make_direct(features: Features) -> SimpleNamespace:
                 s.delta = 1
         if wp.static(features.environment):
             if element >= lights.first_environment:
-                found = sample_environment(lights.environment, u)
+                found = sample_environment(lights.environment, chosen.u)
                 s.direction = found.direction
                 s.end = position + s.direction * lights.far_away
                 s.radiance = found.radiance

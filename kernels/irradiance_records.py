@@ -13,10 +13,10 @@ each (Ward & Heckbert 1992, "Irradiance Gradients"); in each the radiance L is t
   theta- from the normal sweeps cos²(theta-) sin(theta-) d(phi) / r for each unit of a step towards it, a wall between
   columns (sin(theta+) - sin(theta-)) / r for each unit of a step across it. Walls around a ray that met nothing do not
   move with others that met nothing either.
-* Radius: a share of the harmonic mean distance of what is seen (Ward, Rubinstein & Clear 1988); no more than the least
-  such distance, as behind the nearest thing the surface may be lit otherwise; no more than the gradient would use up
-  the irradiance in (Křivánek & Gautron); all within given bounds. The least distance leaves out the outermost row:
-  rays that graze a hollow or bumpy surface meet it next to the record, and it hides little there.
+* Radius: a share of the harmonic mean distance of what is seen (Ward, Rubinstein & Clear 1988); no more than a share of
+  the least such distance, as behind the nearest thing the surface may be lit otherwise; no more than the gradient would
+  use up the irradiance in (Křivánek & Gautron); all within given bounds. The least distance leaves out the outermost
+  row: rays that graze a hollow or bumpy surface meet it next to the record, and it hides little there.
 
 A ray that would leave below the geometric surface, as bent normals have it, is not shot: it carries no light, its
 distance is negative, its walls do not move and it does not count in the mean distance.
@@ -210,6 +210,7 @@ def make_records(
     distance: wp.array[wp.float32],
     shading_normal: wp.array[wp.vec3],
     reach: wp.float32,
+    clearance: wp.float32,
     radius_min: wp.array[wp.float32],
     radius_max: wp.array[wp.float32],
     offset: wp.int32,
@@ -226,6 +227,7 @@ def make_records(
         distance: of what each ray met [scene units], inf if nothing, negative if not shot [N * M].
         shading_normal: unit [N].
         reach: the radius as a share of the harmonic mean distance (Ward's a).
+        clearance: the same of the least distance: in corners that is what counts.
         radius_min, radius_max: bounds of the radius, 0 < radius_min <= radius_max [scene units] [N].
         irradiance_out: on a surface about the shading normal [N].
         rotation_out: row c is the derivative of channel c by the normal: E(n') = E + rotation (n' - n) [N].
@@ -282,7 +284,7 @@ def make_records(
     turn_x = turn_x * chord
     turn_y = turn_y * chord
 
-    radius = wp.float64(nearest)
+    radius = wp.float64(clearance) * wp.float64(nearest)
     if inverse > _ZERO:
         radius = wp.min(radius, wp.float64(reach) * wp.float64(shot) / inverse)
     slope = wp.float64(0.0)

@@ -54,7 +54,7 @@ EVEN = wp.constant(wp.float64(2.0**-4))
 DISTANT = wp.constant(wp.int32(-1))
 NOTHING = wp.constant(wp.int32(-2))
 
-_BELOW_ONE = wp.constant(wp.float64(1.0 - 2.0**-53))
+BELOW_ONE = wp.constant(wp.float64(1.0 - 2.0**-53))
 _ONE = wp.constant(wp.float64(1.0))
 _Importances = wp.types.vector(length=light_tree.HEADS, dtype=wp.float32)
 
@@ -97,6 +97,7 @@ class LightTree:
     choices: wp.int32
     leaf: wp.array[wp.int32]
     within: wp.array[wp.float64]
+    apex: wp.array[wp.int32]
     distant: wp.float32
     least2: wp.float32
 
@@ -126,6 +127,7 @@ def upload(table: LightTable, device: str) -> LightTree:
     tree.head_count = len(built.heads)
     tree.choices = len(built.heads) + int(built.distant > 0)
     tree.leaf = wp.array(built.leaf, dtype=wp.int32, device=device)
+    tree.apex = wp.array(built.apex, dtype=wp.int32, device=device)
     tree.within = wp.array(built.within, dtype=wp.float64, device=device)
     tree.distant = built.distant
     tree.least2 = (LEAST_DISTANCE * table.scene_radius) ** 2
@@ -210,9 +212,9 @@ def _start(tree: LightTree, position: wp.vec3, u: wp.float64) -> LeafChoice:
         value = defensive(wp.float64(tree.distant), total, active)
         found = 1
     if c.node != NOTHING:
-        c.u = _BELOW_ONE
+        c.u = BELOW_ONE
         if found == 1:
-            c.u = wp.min(rest / value, _BELOW_ONE)
+            c.u = wp.min(rest / value, BELOW_ONE)
         c.probability = wp.float32(value / total)
     return c
 
@@ -237,11 +239,11 @@ def find_leaf(tree: LightTree, position: wp.vec3, u: wp.float64) -> LeafChoice:
             return c
         share = one / total
         if c.u < share:
-            c.u = wp.min(c.u / share, _BELOW_ONE)
+            c.u = wp.min(c.u / share, BELOW_ONE)
             c.probability = c.probability * wp.float32(share)
             c.node = child
         else:
-            c.u = wp.min((c.u - share) / (_ONE - share), _BELOW_ONE)
+            c.u = wp.min((c.u - share) / (_ONE - share), BELOW_ONE)
             c.probability = c.probability * wp.float32(other / total)
             c.node = child + 1
         child = tree.nodes[c.node].child

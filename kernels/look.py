@@ -17,7 +17,7 @@ from wdpm.kernels.lights import Lights, make_lights
 from wdpm.kernels.materials import Materials
 from wdpm.kernels.medium import DistanceSample, Media
 from wdpm.kernels.medium_vertices import collision_at, flight_of
-from wdpm.kernels.random import PURPOSE_LIGHT, sample_1d, sample_2d, stream_of
+from wdpm.kernels.random import PURPOSE_LIGHT, sample_2d_fine, stream_of
 from wdpm.kernels.surface import Surface, Surfaces, make_surface
 from wdpm.kernels.texture import Textures
 
@@ -39,7 +39,7 @@ def make_look(features: Features) -> wp.Kernel:
         lights: Lights,
         camera: CameraView,
         paths: Paths,
-        light_samples: wp.int32,
+        shots: wp.int32,
         way: wp.int32,
         offset: wp.int32,
         surface_out: wp.array[Surface],
@@ -49,10 +49,10 @@ def make_look(features: Features) -> wp.Kernel:
         """What each path meets, and the lights that its shadow rays go to.
 
         Args:
-            light_samples: shadow rays a vertex.
+            shots: shadow rays of each vertex.
             way: kernels.camera_vertices.
             flight_out: in PATH_WAY, whether the path collides in a medium before the surface, and where.
-            light_out: light of shadow ray j of vertex i at i * light_samples + j; -1 for none.
+            light_out: light of shadow ray j of vertex i at i * shots + j; -1 for none.
         """
         i = offset + wp.tid()
         p = camera_path(camera, paths, i)
@@ -72,15 +72,14 @@ def make_look(features: Features) -> wp.Kernel:
                     position = collision_at(p, flight)
         surface_out[i] = s
         flight_out[i] = flight
-        for j in range(light_samples):
+        for j in range(shots):
             light = wp.int32(-1)
             if lights.count > 0:
-                index = wp.uint32(p.sample) * wp.uint32(light_samples) + wp.uint32(j)
-                u_element = sample_1d(index, stream_of(camera.seed, PURPOSE_LIGHT, p.item, 2 * p.bounce))
-                u = sample_2d(index, stream_of(camera.seed, PURPOSE_LIGHT, p.item, 2 * p.bounce + 1))
-                found = sample_direct(lights, textures, position, u_element, u)
+                index = wp.uint32(p.sample) * wp.uint32(shots) + wp.uint32(j)
+                point = sample_2d_fine(index, stream_of(camera.seed, PURPOSE_LIGHT, p.item, p.bounce))
+                found = sample_direct(lights, textures, position, point)
                 if found.pdf > 0.0:
                     light = found.light
-            light_out[i * light_samples + j] = light
+            light_out[i * shots + j] = light
 
     return look_at_vertices

@@ -17,7 +17,7 @@ from types import SimpleNamespace
 import warp as wp
 
 from wdpm.kernels.camera_rays import Paths
-from wdpm.kernels.camera_vertices import Shots, Vertex, carry_on, numbers_2d, place_of, scattered_again
+from wdpm.kernels.camera_vertices import Orders, Shots, Vertex, carry_on, numbers_2d, place_of, scattered_again
 from wdpm.kernels.constants import COLLISION_MARGIN, ROULETTE_FROM_OF_PATHS, SURVIVAL_MOST_IN_MEDIUM
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights import Lights, make_lights
@@ -32,7 +32,7 @@ from wdpm.kernels.medium import (
     scatter_weight_by,
     transmittance,
 )
-from wdpm.kernels.random import PURPOSE_LIGHT, PURPOSE_MEDIUM, sample_1d, sample_2d, stream_of
+from wdpm.kernels.random import PURPOSE_LIGHT, PURPOSE_MEDIUM, sample_1d, sample_2d_fine, stream_of
 from wdpm.kernels.texture import Textures
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -102,48 +102,43 @@ def make_medium_vertices(features: Features) -> SimpleNamespace:
         textures: Textures,
         p: Vertex,
         flight: DistanceSample,
-        light_samples: wp.int32,
-        max_depth: wp.int32,
-        seed: wp.uint32,
-        i: wp.int32,
+        orders: Orders,
         shots_out: Shots,
         paths_out: Paths,
     ) -> None:
-        """Shadow rays and the ray that goes on from a collision, as item i.
+        """Shadow rays and the ray that goes on from a collision.
 
         Args:
             flight: that led there.
-            max_depth: longest path in edges; 0 for no limit.
         """
+        max_depth = orders.max_depth
         position = collision_at(p, flight)
         arrives = wp.normalize(p.direction)
         g = media.g[p.medium]
         scattered = wp.cw_mul(wp.cw_mul(p.throughput, flight.weight), media.albedo[p.medium])
         diffuse = wp.where(p.diffuse == 0, -1, scattered_again(p.diffuse))
         lit = lights.count > 0 and (max_depth == 0 or p.edges + 1 <= max_depth)
-        for j in range(light_samples):
-            row = i * light_samples + j
+        for j in range(orders.shots):
+            row = orders.i * orders.shots + j
             radiance = wp.vec3(0.0)
             if lit:
-                index = wp.uint32(p.sample) * wp.uint32(light_samples) + wp.uint32(j)
-                u_element = sample_1d(index, stream_of(seed, PURPOSE_LIGHT, p.item, 2 * p.bounce))
-                u = sample_2d(index, stream_of(seed, PURPOSE_LIGHT, p.item, 2 * p.bounce + 1))
-                found = sample_direct(lights, textures, position, u_element, u)
+                index = wp.uint32(p.sample) * wp.uint32(orders.shots) + wp.uint32(j)
+                point = sample_2d_fine(index, stream_of(orders.seed, PURPOSE_LIGHT, p.item, p.bounce))
+                found = sample_direct(lights, textures, position, point)
                 if found.pdf > 0.0:
                     phase = phase_value(g, wp.dot(arrives, found.direction))
-                    weight = phase / (found.pdf * wp.float32(light_samples))
+                    weight = phase / (found.pdf * wp.float32(orders.shots))
                     if found.delta == 0:
-                        by_light = wp.float32(light_samples) * found.pdf
-                        weight = weight * (by_light / (by_light + phase))
+                        weight = weight * (found.pdf / (found.pdf + phase))
                     radiance = wp.cw_mul(scattered, found.radiance) * weight
                 shots_out.origin[row] = position
                 shots_out.direction[row] = found.end - position
             shots_out.slot[row] = p.slot
-            shots_out.place[row] = place_of(p.bounce, diffuse, light_samples, j)
+            shots_out.place[row] = place_of(p.bounce, diffuse, orders.light_samples, j)
             shots_out.radiance[row] = radiance
             shots_out.medium[row] = p.medium
 
-        direction = phase_sample(g, arrives, numbers_2d(seed, p))
+        direction = phase_sample(g, arrives, numbers_2d(orders.seed, p))
         carries = wp.vec3(0.0)
         if max_depth == 0 or p.edges + 1 <= max_depth:
             carries = scattered
@@ -160,8 +155,8 @@ def make_medium_vertices(features: Features) -> SimpleNamespace:
             p.medium,
             ROULETTE_FROM_OF_PATHS,
             SURVIVAL_MOST_IN_MEDIUM,
-            seed,
-            i,
+            orders.seed,
+            orders.i,
             paths_out,
         )
 

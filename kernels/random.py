@@ -15,6 +15,7 @@ TO_UNIT = wp.constant(wp.float32(2.0**-24))
 """24 random bits become a float in [0, 1): every multiple of 2^-24 below 1 is a float32."""
 
 TO_UNIT_DOUBLE = wp.constant(wp.float64(2.0**-32))
+_STEPS = wp.constant(wp.float64(2.0**24))
 
 # Purposes: the first word of every stream, so that no two uses share their numbers.
 PURPOSE_PIXEL = wp.constant(wp.uint32(0x50495845))
@@ -105,6 +106,21 @@ def sample_2d(index: wp.uint32, stream: wp.uint32) -> wp.vec2:
     x = reverse_bits(scramble_reversed(i, hash_combine(stream, wp.uint32(1))))
     y = reverse_bits(scramble_reversed(sobol_second_reversed(i), hash_combine(stream, wp.uint32(2))))
     return wp.vec2(float(x >> wp.uint32(8)) * TO_UNIT, float(y >> wp.uint32(8)) * TO_UNIT)
+
+
+@wp.func
+def sample_2d_fine(index: wp.uint32, stream: wp.uint32) -> wp.vec2d:
+    """As sample_2d, with 32 bits a number: enough to pick one of many, and still be a point within what was picked."""
+    i = shuffled(index, stream)
+    x = reverse_bits(scramble_reversed(i, hash_combine(stream, wp.uint32(1))))
+    y = reverse_bits(scramble_reversed(sobol_second_reversed(i), hash_combine(stream, wp.uint32(2))))
+    return wp.vec2d(wp.float64(x) * TO_UNIT_DOUBLE, wp.float64(y) * TO_UNIT_DOUBLE)
+
+
+@wp.func
+def rounded_down(u: wp.float64) -> wp.float32:
+    """A number in [0, 1) as a multiple of 2^-24: never 1."""
+    return float(wp.uint32(u * _STEPS)) * TO_UNIT
 
 
 @wp.func

@@ -17,6 +17,9 @@ EFFECTS_TO_LEAVE_OUT = ("indirect", "caustics", "media", "lens", "bump")
 """What --without takes: light of the global map, of the caustic map, media, depth of field, bent normals."""
 
 
+MOST_SHADOW_RAYS = 4
+"""Of a camera sample, where nobody says how many."""
+
 CHANGE_NO_BIT = ("bucket", "routing", "all_effects", "strict")
 """Settings that change no bit of an image."""
 
@@ -61,12 +64,13 @@ class RenderSettings:
         k: photons that a gather looks for.
         radius: largest gather radius, in scene units; None derives it from the scene and the pilot.
         spp: samples a pixel.
-        light_samples: shadow rays a camera sample.
+        light_samples: shadow rays from what a camera sample sees; None for as many as the lights are worth. Vertices
+            further on have one.
         max_depth: longest light path in edges (1: emitted light only, 2: direct light, ...); None for no limit.
         passes: renders of the same scene, each with photons of its own and a part of the samples, and narrower than
             the one before; the image is their mean. Photons are those of each pass.
         seed: of all random numbers.
-        bucket: side of a bucket in pixels. Changes no bit of the image.
+        bucket: side of a bucket in pixels; None derives it from the image, spp and slaves. Changes no bit of the image.
         caustic_photons: photons to be stored in the caustic map of a scene that calls for one.
         caustic_k: photons that a gather of the caustic map looks for.
         caustic_radius: its largest gather radius, in scene units; None derives it from the pilot.
@@ -88,11 +92,11 @@ class RenderSettings:
     k: int = 50
     radius: float | None = None
     spp: int = 16
-    light_samples: int = 1
+    light_samples: int | None = None
     max_depth: int | None = None
     passes: int = 1
     seed: int = 0
-    bucket: int = 32
+    bucket: int | None = None
     routing: Routing = Routing.FORWARD
     caustic_photons: int = 250_000
     caustic_k: int = 50
@@ -126,15 +130,17 @@ class RenderSettings:
             if value > MAX_K:
                 raise SettingsError(f"{name} is {value}; expected at most {MAX_K}: use more photons, not a larger k")
         _at_least("spp", self.spp, 1)
-        _at_least("light_samples", self.light_samples, 1)
         _at_least("passes", self.passes, 1)
-        _at_least("bucket", self.bucket, 1)
+        for name in ("bucket", "light_samples"):
+            if getattr(self, name) is not None:
+                _at_least(name, getattr(self, name), 1)
         if self.max_depth is not None:
             _at_least("max_depth", self.max_depth, 1)
         if not 0 <= self.seed < 2**32:
             raise SettingsError(f"seed is {self.seed}; expected an integer from 0 to 4294967295")
-        if self.spp * self.light_samples >= 2**31:
-            raise SettingsError(f"spp x light_samples is {self.spp * self.light_samples}; expected less than 2^31")
+        shadow_rays = self.spp * (self.light_samples or MOST_SHADOW_RAYS)
+        if shadow_rays >= 2**31:
+            raise SettingsError(f"spp x light_samples is {shadow_rays}; expected less than 2^31")
         if max(self.photons, self.caustic_photons, self.volume_photons) >= 2**31:
             raise SettingsError(f"photons is {self.photons}; a map holds fewer than 2^31: use several passes")
         for name in ("radius", "caustic_radius", "volume_radius"):
@@ -167,11 +173,10 @@ class RenderSettings:
             "volume_photons",
             "volume_samples",
             "spp",
-            "light_samples",
             "passes",
             "seed",
         )
-        for name in (*whole, "bucket", "max_depth"):
+        for name in (*whole, "bucket", "light_samples", "max_depth"):
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, operator.index(value))

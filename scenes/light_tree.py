@@ -34,6 +34,10 @@ Far up, nodes are large and their bounds say little; the paper splits such nodes
 SAME_NORMAL = 1.0 - 1e-6
 """Least cosine between the normals of two triangles of a flat quadrilateral (0.08 degrees)."""
 
+SAME_HALVES = 2.0**-10
+"""Most that a half's share of a quadrilateral's flux may differ from 1/2 and count as half: chosen as often as it
+shines to within 0.1 %, which the estimate makes up for."""
+
 SAME_PLACE = 2.0**-20
 """Middles are sorted by multiples of this [the renderer's units]: what lies side by side by symmetry, or in one place,
 stays in the order of its number wherever a scene's coordinates were rounded."""
@@ -60,7 +64,8 @@ class LightTree:
         first, last: of a leaf's elements, int64, shape [N].
         heads: nodes at which walks start: they hold each leaf once, int64, shape [at most HEADS].
         leaf: of each element, -1 where it has none: without power, or infinitely far away; int64, shape [elements].
-        within: probability of each element in its leaf, float64, shape [elements].
+        within: probability of each element in its leaf, float64, shape [elements]; exactly 1/2 in a parallelogram.
+        apex: which of a triangle's corners its other half lacks; 0 without one; int64, shape [elements].
         distant: irradiance by the lights infinitely far away, as a share of all flux [1/m²].
     """
 
@@ -77,6 +82,7 @@ class LightTree:
     heads: Numbers
     leaf: Numbers
     within: Array
+    apex: Numbers
     distant: float
 
 
@@ -113,6 +119,11 @@ def build_light_tree(table: LightTable) -> LightTree:
     leaf[first], leaf[last] = rows, rows
     both = power[first] + np.where(last > first, power[last], 0.0)
     within[first], within[last] = power[first] / both, power[last] / both
+    within[np.abs(within - 0.5) < SAME_HALVES] = 0.5
+    apex = np.zeros(len(power), np.int64)
+    pairs = np.flatnonzero(last > first)
+    apex[first[pairs]] = _apexes(table.corners[first[pairs]], table.corners[last[pairs]])
+    apex[last[pairs]] = _apexes(table.corners[last[pairs]], table.corners[first[pairs]])
     return LightTree(
         center=nodes.center,
         radius=nodes.radius,
@@ -127,8 +138,15 @@ def build_light_tree(table: LightTable) -> LightTree:
         heads=_heads(nodes),
         leaf=leaf,
         within=within,
+        apex=apex,
         distant=distant,
     )
+
+
+def _apexes(corners: NDArray[np.float32], others: NDArray[np.float32]) -> Numbers:
+    """The corner of each triangle that its other half does not have, shape [N]; corners have shapes [N, 3, 3]."""
+    shared = (corners[:, :, None] == others[:, None]).all(axis=3).any(axis=2)
+    return np.argmin(shared, axis=1)
 
 
 def _dot(a: Array, b: Array) -> Array:

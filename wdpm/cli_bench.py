@@ -1,4 +1,7 @@
-"""`wdpm bench`: how fast this machine is, as ratios in one run: kernels, the paper's table, effects, Mitsuba 3."""
+"""`wdpm bench`: how fast this machine is, as ratios in one run: kernels, the paper's table, effects, Mitsuba 3.
+
+What each benchmark takes; what it does with it is in cli_bench_measures.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from wdpm import cli_bench_measures as measures
 from wdpm import cli_values as values
 from wdpm.cli_options import available_cores
 
@@ -143,7 +147,7 @@ def _add_kernels(benches: Any) -> None:
     parser.add_argument(
         "scenes", nargs="*", metavar="SCENE", help="scenes to trace rays in, besides a bumpy ball in a room"
     )
-    parser.set_defaults(measure=_kernels)
+    parser.set_defaults(measure=measures.kernels)
 
 
 def _add_paper(benches: Any) -> None:
@@ -173,7 +177,7 @@ def _add_paper(benches: Any) -> None:
     )
     parser.add_argument("--photons", type=values.count, metavar="N", help="photons to be stored (default: 250k)")
     _add_threads(parser, "cores to use in all, shared out among slaves")
-    parser.set_defaults(measure=_paper)
+    parser.set_defaults(measure=measures.paper)
 
 
 def _add_effects(benches: Any) -> None:
@@ -195,7 +199,7 @@ def _add_effects(benches: Any) -> None:
         ("--rounds", 3, "images of each scene with either kernels"),
     )
     _add_threads(parser, "threads to render with")
-    parser.set_defaults(measure=_effects)
+    parser.set_defaults(measure=measures.effects)
 
 
 def _add_caustic(benches: Any) -> None:
@@ -220,7 +224,7 @@ def _add_caustic(benches: Any) -> None:
         ("--rounds", 3, "images of each"),
     )
     _add_threads(parser, "threads of each")
-    parser.set_defaults(measure=_caustic)
+    parser.set_defaults(measure=measures.caustic)
 
 
 def _add_peers(benches: Any) -> None:
@@ -248,7 +252,7 @@ def _add_peers(benches: Any) -> None:
     )
     _add_counts(parser, ("--rounds", 2, "images that confirm a choice of settings"))
     _add_threads(parser, "threads of each")
-    parser.set_defaults(measure=_peers)
+    parser.set_defaults(measure=measures.peers)
 
 
 def _add_predict(benches: Any) -> None:
@@ -272,16 +276,7 @@ def _add_predict(benches: Any) -> None:
     )
     _add_counts(parser, ("--seeds", 1, "runs of each error"))
     _add_threads(parser, "threads to render with")
-    parser.set_defaults(measure=_predict)
-
-
-def _predict(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:
-    from wdpm import bench_predict
-
-    figures = bench_predict.measure(
-        args.scenes, progress, targets=args.errors, seeds=args.seeds, clock=args.clock, threads=args.threads
-    )
-    return [figures.grid()], {"predict": figures.to_dict()}
+    parser.set_defaults(measure=measures.predict)
 
 
 def _add_indirect(benches: Any) -> None:
@@ -315,7 +310,7 @@ def _add_indirect(benches: Any) -> None:
     )
     _add_threads(parser, "threads to render with")
     parser.add_argument("--plot", type=Path, metavar="FILE.svg", help="also write a plot of error against time")
-    parser.set_defaults(measure=_indirect)
+    parser.set_defaults(measure=measures.indirect)
 
 
 def _add_hard_cases(benches: Any) -> None:
@@ -326,7 +321,7 @@ def _add_hard_cases(benches: Any) -> None:
     )  # fmt: skip
     parser.add_argument("--only", nargs="+", default=(), metavar="TEXT", help="cases whose names contain all of these")
     parser.add_argument("--small", action="store_true", help="at the size of the tests: a minute or two")
-    parser.set_defaults(measure=_hard_cases)
+    parser.set_defaults(measure=measures.hard_cases)
 
 
 def _add_counts(parser: argparse.ArgumentParser, *rows: tuple[str, int, str]) -> None:
@@ -354,7 +349,7 @@ def _add_mitsuba(benches: Any) -> None:
         ("--rounds", 5, "images of each"),
     )
     _add_threads(parser, "threads of each")
-    parser.set_defaults(measure=_mitsuba)
+    parser.set_defaults(measure=measures.mitsuba)
 
 
 def _add_bench(benches: Any, name: str, text: str, description: str) -> argparse.ArgumentParser:
@@ -374,131 +369,3 @@ def _add_threads(parser: argparse.ArgumentParser, text: str) -> None:
         metavar="N",
         help=f"{text} (default: all cores)",
     )
-
-
-def _kernels(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:
-    from wdpm import bench_kernels
-
-    figures = bench_kernels.measure(progress, bench_kernels.Load(models=tuple(args.scenes)))
-    return [figures.grid()], {"kernels": figures.to_dict()}
-
-
-def _paper(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:
-    from wdpm import bench_paper
-    from wdpm.kernels.settings import RenderSettings, Routing
-
-    chosen = {name: getattr(args, name) for name in ("spp", "photons") if getattr(args, name) is not None}
-    RenderSettings(**chosen)  # a value out of range is an error before the first scene is rendered
-    routings = tuple(Routing) if args.routing == "both" else (Routing(args.routing),)
-    slaves = bench_paper.DEFAULT_SLAVES if args.slaves is None else args.slaves
-    scenes = [
-        bench_paper.measure(scene, slaves, routings, progress, size=args.size, threads=args.threads, **chosen)
-        for scene in args.scenes or bench_paper.DEFAULT_SCENES
-    ]
-    return [figures.grid() for figures in scenes], {"paper": [figures.to_dict() for figures in scenes]}
-
-
-def _mitsuba(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:
-    from wdpm import bench_mitsuba
-    from wdpm.kernels.settings import RenderSettings
-
-    width, height = args.size
-    settings = RenderSettings(spp=args.spp, photons=args.photons, k=args.k)
-    setup = bench_mitsuba.Setup(args.scene, width, height, settings, args.mitsuba_spp, args.rounds, args.threads)
-    figures = bench_mitsuba.measure(setup, args.reference, progress)
-    return [figures.grid()], {"mitsuba": figures.to_dict()}
-
-
-def _effects(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:
-    from wdpm import bench_effects, bench_effects_scenes
-    from wdpm.bench_effects_plot import plot
-    from wdpm.image_files import write_bytes
-    from wdpm.kernels.settings import RenderSettings
-    from wdpm.quiet import quiet_warp
-
-    quiet_warp()
-    photons = dict.fromkeys(("photons", "caustic_photons", "volume_photons"), args.photons)
-    effects = bench_effects_scenes.EFFECTS
-    figures = bench_effects.measure(
-        progress,
-        RenderSettings(spp=args.spp, **photons),
-        names=[f"+ {name}" if name in effects else name for name in args.scenes],
-        size=args.size,
-        rounds=args.rounds,
-        threads=args.threads,
-        compiler=None if args.no_compile else bench_effects.compile_from_scratch,
-    )
-    if args.plot is not None:
-        write_bytes(plot(figures).encode(), args.plot)
-    return [figures.grid()], {"effects": figures.to_dict()}
-
-
-def _caustic(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:
-    from wdpm import bench_caustic
-    from wdpm.kernels.settings import RenderSettings
-    from wdpm.quiet import quiet_warp
-
-    quiet_warp()
-    names = ("spp", "photons", "caustic_photons", "caustic_k")
-    settings = RenderSettings(**{name: getattr(args, name) for name in names})
-    bound = bench_caustic.Bound(args.reference, args.region, args.error)
-    figures = bench_caustic.measure(
-        args.scene, bound, settings, args.mitsuba_spp, progress, rounds=args.rounds, threads=args.threads
-    )
-    return [figures.grid()], {"caustic": figures.to_dict()}
-
-
-def _peers(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:
-    from wdpm import bench_peers
-    from wdpm.bench_peers_figures import Bounds
-    from wdpm.quiet import quiet_warp
-    from wdpm.scenes.errors import SettingsError
-
-    quiet_warp()
-    if args.reference is not None and len(args.scenes) > 1:
-        raise SettingsError(
-            f"--reference is of one scene, and there are {len(args.scenes)}: put a reference.exr beside each"
-        )
-    bounds = Bounds(args.errors, args.region, args.rounds, args.limit)
-    pairs = [(scene, args.reference or bench_peers.default_reference(scene)) for scene in args.scenes]
-    for scene, reference in pairs:
-        bench_peers.check(scene, reference, bounds)
-    figures = [
-        bench_peers.measure(scene, reference, bounds, progress, threads=args.threads) for scene, reference in pairs
-    ]
-    return [each.grid() for each in figures], {"peers": [each.to_dict() for each in figures]}
-
-
-def _indirect(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:
-    from wdpm import bench_indirect
-    from wdpm.bench_indirect_plot import plot
-    from wdpm.image_files import write_bytes
-    from wdpm.quiet import quiet_warp
-    from wdpm.scenes.errors import SettingsError
-
-    quiet_warp()
-    if args.reference is not None and len(args.scenes) > 1:
-        raise SettingsError(
-            f"--reference is of one scene, and there are {len(args.scenes)}: put a reference.exr beside each"
-        )
-    sweep = bench_indirect.Sweep(args.spp, args.photons, args.rounds, args.region, args.reference_spp)
-    pairs = [(scene, args.reference or bench_indirect.reference_beside(scene)) for scene in args.scenes]
-    for scene, reference in pairs:
-        if reference is not None and args.size is not None:
-            raise SettingsError(f"{scene}: images have the size of {reference}; leave --size out")
-    figures = [
-        bench_indirect.measure(scene, reference, sweep, progress, size=args.size, threads=args.threads)
-        for scene, reference in pairs
-    ]
-    if args.plot is not None:
-        write_bytes(plot(figures).encode(), args.plot)
-    grids = [grid for each in figures for grid in each.grids()]
-    return grids, {"indirect": [each.to_dict() for each in figures]}
-
-
-def _hard_cases(args: argparse.Namespace, progress: Any) -> tuple[list[Any], dict[str, Any]]:  # noqa: ARG001
-    from wdpm import bench_hard_cases
-
-    figures = bench_hard_cases.measure(args.output, args.only, small=args.small)
-    args.code = int(figures.failed > 0)
-    return [figures.grid()], {"hard_cases": figures.to_dict()}

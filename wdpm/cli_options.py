@@ -83,7 +83,13 @@ SETTING_OPTIONS = (
         Indirect,
         "HOW",
     ),
-    SettingOption("light_samples", _QUALITY, "shadow rays a sample"),
+    SettingOption(
+        "light_samples",
+        _QUALITY,
+        "shadow rays from what a sample sees",
+        values.count,
+        default="4; 1 with one light that has no extent, and with path",
+    ),
     SettingOption(
         "passes",
         _QUALITY,
@@ -96,7 +102,13 @@ SETTING_OPTIONS = (
         default="the scene's, or no limit",
     ),
     SettingOption("seed", _QUALITY, "seed of all random numbers", values.count),
-    SettingOption("bucket", _WORK, "side of a bucket, the unit of work, in pixels"),
+    SettingOption(
+        "bucket",
+        _WORK,
+        "side of a bucket, the unit of work, in pixels",
+        values.count,
+        default="32 to 128, by samples and slaves",
+    ),
     SettingOption("all_effects", _WORK, "compile all effects in, whether the scene calls for them or not", None),
     SettingOption(
         "strict", _WORK, "end with an error where light would be lost or an estimate made coarser: see --replay", None

@@ -20,6 +20,16 @@ from wdpm.scenes.errors import SettingsError
 ALPHA = 2.0 / 3.0
 """How slowly the radius shrinks; at 2/3 noise and bias of the mean fall at the same rate (Knaus & Zwicker 2011)."""
 
+SAMPLES_OF_PLAN = 32
+"""Samples a pixel, in one pass, that cluster.plan.CACHE_PLAN is for."""
+
+LEAST_RAYS, MOST_RAYS = 0.125, 4.0
+"""Bounds to a record's gather rays, as a share of that plan's: with fewer, radii and gradients would be noise as well;
+with more, interpolation is further off than the records are."""
+
+LEAST_CLEARANCE = 0.35
+"""Records in corners reach no less far than this share of the way to the nearest thing, however many the samples."""
+
 LEAST_K = 4
 """Photons that a gather looks for, at least: from there on, the largest radius alone goes on shrinking."""
 
@@ -112,8 +122,27 @@ def session_of(session: Session, plan: PassPlan) -> Session:
             spp=plan.spp,
             k=smaller_k(view.k, share),
             caustic_k=smaller_k(view.caustic_k, share),
-            cache=_other_records(view.cache, plan.number),
+            cache=_other_records(worth(view.cache, plan.spp), plan.number),
         ),
+    )
+
+
+def worth(plan: CachePlan, spp: int) -> CachePlan:
+    """The plan of a cache whose records are as good as `spp` samples a pixel are worth.
+
+    What records get wrong is as much a part of the image as the noise of the samples, and takes as long to get rid of.
+    With records that are always alike, few samples would wait for them, and many would end in their noise and blur.
+
+    Args:
+        plan: for SAMPLES_OF_PLAN samples a pixel.
+    """
+    share = spp / SAMPLES_OF_PLAN
+    finer = math.sqrt(min(max(share, LEAST_RAYS), MOST_RAYS))
+    return replace(
+        plan,
+        rows=max(1, round(plan.rows * finer)),
+        columns=max(3, round(plan.columns * finer)),
+        clearance=min(max(plan.clearance * share**-0.25, LEAST_CLEARANCE), 1.0),
     )
 
 
@@ -123,6 +152,7 @@ def _other_records(plan: CachePlan, number: int) -> CachePlan:
     return replace(
         plan,
         error=plan.error * shorter,
+        clearance=plan.clearance * shorter,
         least=plan.least * shorter,
         most=plan.most * shorter,
         left=number * _STEP_LEFT % plan.spacing,

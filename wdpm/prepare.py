@@ -21,6 +21,7 @@ from wdpm.cluster import guards
 from wdpm.cluster.effects import features_of
 from wdpm.cluster.film import layers_of
 from wdpm.cluster.indirect_choice import choose_indirect
+from wdpm.cluster.light_samples import light_samples_of
 from wdpm.cluster.plan import PILOT_PATHS, Plan, make_plan, view_of
 from wdpm.cluster.plan_of_effects import missing_effects, plan_of_effects
 from wdpm.cluster.replica import with_camera
@@ -129,6 +130,7 @@ def prepare(
         _demand_all(flat)
     unused = settings_without_effect(settings)
     settings, chose = choose_indirect(flat, settings)
+    settings = replace(settings, light_samples=light_samples_of(flat, settings))
     features = with_camera(features_of(flat, settings), flat.camera)
     progress.start("compile")
     began = time.perf_counter()
@@ -141,7 +143,7 @@ def prepare(
     plan = make_plan(flat, settings, workers, launcher, cells)
     world = replace(plan.world, strict=settings.strict)
     triangles = _digest(flat.triangles)
-    view = view_of(flat, settings)
+    view = view_of(flat, settings, workers)
     session = Session(
         world=world,
         view=view,

@@ -86,7 +86,7 @@ class Recorder:
 
     def shaded(self, surfaces: Any, rays: Any, shots: Any, paths: Any) -> None:
         """The path has come to a vertex."""
-        replica, count = self._replica, self._view.light_samples
+        replica, count = self._replica, len(shots.slot)
         device = replica.launcher.device
         later = hasattr(rays, "bounce")
         arriving = rays if later else start_paths(replica, rays, 1)

@@ -84,8 +84,7 @@ def _direct_kernel(features: Features) -> wp.Kernel:
         lights: Lights,
         textures: Textures,
         place: wp.array[wp.vec3],
-        u_element: wp.array[wp.float64],
-        u: wp.array[wp.vec2],
+        point: wp.array[wp.vec2d],
         direction_out: wp.array[wp.vec3],
         end_out: wp.array[wp.vec3],
         radiance_out: wp.array[wp.vec3],
@@ -97,7 +96,7 @@ def _direct_kernel(features: Features) -> wp.Kernel:
         triangle_pdf_out: wp.array[wp.float32],
     ):
         i = wp.tid()
-        s = sample_direct(lights, textures, place[i], u_element[i], u[i])
+        s = sample_direct(lights, textures, place[i], point[i])
         direction_out[i] = s.direction
         end_out[i] = s.end
         radiance_out[i] = s.radiance
@@ -187,18 +186,25 @@ def direct(
     textures: Sequence[Texture] = (),
     seed: int = 0,
     features: Features = ALL,
+    points: Array | None = None,
 ) -> Ways:
-    """Ways from a place (or places) to the lights."""
+    """Ways from a place (or places) to the lights.
+
+    Args:
+        points: of the unit square, float64, shape [count, 2], that choose them; None for random ones.
+    """
     places = np.broadcast_to(np.asarray(place, np.float32), (count, 3))
-    u_element = (np.random.default_rng(seed).permutation(count) + 0.5) / count
+    across = np.random.default_rng(seed).permutation(count) + 0.5
+    point = points
+    if point is None:
+        point = np.stack([across / count, numbers(count, seed + 1, 1)[:, 0]], axis=1)
     types = [wp.vec3, wp.vec3, wp.vec3, wp.float32, wp.int32, wp.int32, wp.vec3, wp.float32, wp.float32]
     outputs = [wp.empty(count, dtype=t, device="cpu") for t in types]
     inputs = [
         lights.upload(table, 10.0, "cpu"),
         texture.upload(textures, "cpu"),
         wp.array(np.ascontiguousarray(places), dtype=wp.vec3, device="cpu"),
-        wp.array(u_element, dtype=wp.float64, device="cpu"),
-        wp.array(numbers(count, seed + 1), dtype=wp.vec2, device="cpu"),
+        wp.array(point, dtype=wp.vec2d, device="cpu"),
     ]
     wp.launch(_direct_kernel(features), count, inputs=[*inputs, *outputs], device="cpu")
     return Ways(*(out.numpy().astype(np.float64) for out in outputs))

@@ -100,5 +100,6 @@ def test_a_mask_of_white_is_not_seen(opacity: float, behind: bool) -> None:
     camera = view((0.1, 0.2, 3.0 if behind else -3.0), (0, 0, 0), 30, 12)
     for inside in (Diffuse(WHITE), Conductor()):
         data = MeshData(leaf.vertices, leaf.faces, None, None)
-        radiance = seen(data, Mask(TwoSided(inside), opacity), camera)
+        # Which samples pass is chance: over seeds, the mean of 256 of them has a deviation of 0.3 %.
+        radiance = seen(data, Mask(TwoSided(inside), opacity), camera, spp=1024)
         np.testing.assert_allclose(radiance.mean(axis=0), 1.0, atol=5e-3)

@@ -46,6 +46,7 @@ def make(
     distance: Array,
     shading: Array,
     reach: float = 1.0,
+    clearance: float = 1.0,
     least: float = 1e-4,
     most: float = 1e4,
     chunk: int | None = None,
@@ -56,7 +57,7 @@ def make(
     kinds |= {"radius": wp.float32, "nearest": wp.float32}
     out = {name: wp.empty(count, dtype=kind, device="cpu") for name, kind in kinds.items()}
     bounds = [floats(np.full(count, value)) for value in (least, most)]
-    inputs = [strata, vectors(radiance), floats(distance), vectors(shading), reach, *bounds]
+    inputs = [strata, vectors(radiance), floats(distance), vectors(shading), reach, clearance, *bounds]
     for start in range(0, count, chunk or count):
         size = min(chunk or count, count - start)
         wp.launch(make_records, size, inputs=[*inputs, start, *out.values()], device="cpu")
@@ -232,6 +233,7 @@ def test_radius_follows_distance_gradient_and_bounds() -> None:
     np.testing.assert_allclose(records["radius"], 0.25 * mean, rtol=1e-6)
     np.testing.assert_allclose(records["nearest"], 0.75)
     np.testing.assert_allclose(make(strata, one, distance, up, reach=9.0)["radius"], 0.75)
+    np.testing.assert_allclose(make(strata, one, distance, up, reach=9.0, clearance=0.5)["radius"], 0.375)
     assert make(strata, one, distance, up, reach=0.25, most=0.125)["radius"] == np.float32(0.125)
     assert make(strata, one, distance, up, reach=0.25, least=1.0)["radius"] == np.float32(1.0)
 

@@ -90,11 +90,12 @@ def _kernels() -> tuple[wp.Kernel, wp.Kernel]:
         lights: Lights,
         place: wp.array[wp.vec3],
         u: wp.array[wp.float64],
+        across: wp.float64,
         element: wp.array[wp.int32],
         chance: wp.array[wp.float32],
     ):
         i = wp.tid()
-        c = choose_light(lights, place[i], u[i])
+        c = choose_light(lights, place[i], wp.vec2d(u[i], across))
         element[i] = c.element
         chance[i] = c.probability
 
@@ -117,6 +118,7 @@ def walks(table: LightTable, places: Array, u: Array) -> tuple[NDArray[np.int32]
         lights.upload(table, 10.0, "cpu"),
         wp.array(places.astype(np.float32), dtype=wp.vec3, device="cpu"),
         wp.array(u, dtype=wp.float64, device="cpu"),
+        0.5,
     ]
     wp.launch(_kernels()[1], len(u), inputs=[*inputs, element, chance], device="cpu")
     return element.numpy(), chance.numpy().astype(np.float64)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -52,6 +53,34 @@ def test_a_square() -> None:
     np.testing.assert_allclose(ways.end[:, 2], 2.0, atol=1e-5)
     assert ways.end[:, 2].max() < 2.0  # certainly on its lit side
     assert not ways.delta.any()
+
+
+def grid(side: int) -> Array:
+    """The middles of side * side squares that fill the unit square, shape [side * side, 2]."""
+    middles = (np.arange(side) + 0.5) / side
+    return np.stack(np.meshgrid(middles, middles, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+@pytest.mark.parametrize(("first", "second"), [(0, 0), (1, 0), (2, 0), (0, 1), (0, 2), (2, 1)])
+def test_a_grid_of_points_is_a_grid_on_a_square(first: int, second: int) -> None:
+    """The two triangles of a lamp share the points out without a seam, wherever their corners begin."""
+    glow = square(2.0, 3.0)
+    corners = glow.corners.copy()
+    for half, turn in ((0, first), (1, second)):
+        corners[half] = np.roll(corners[half], turn, axis=0)
+    ways = direct(table_of([replace(glow, corners=corners)]), ORIGIN, 64, points=grid(8))
+    cell = np.floor((ways.end[:, :2] + 1.5) / 3.0 * 8).astype(np.int64)
+    np.testing.assert_array_equal(np.bincount(cell[:, 0] * 8 + cell[:, 1], minlength=64), 1)
+
+
+def test_stratified_points_are_stratified_over_several_lamps() -> None:
+    """Of two lamps that are alike, each gets half of the points, and its half fills it evenly."""
+    lamp = square(2.0, 1.0)
+    lamps = [replace(lamp, corners=lamp.corners + np.float32([x, 0, 0])) for x in (-3.0, 3.0)]
+    ways = direct(table_of(lamps), ORIGIN, 1024, points=grid(32))
+    for light, x in enumerate((-3.0, 3.0)):
+        cell = np.floor((ways.end[ways.light == light][:, :2] - [x - 0.5, -0.5]) * 8).astype(np.int64)
+        np.testing.assert_array_equal(np.bincount(cell[:, 0] * 8 + cell[:, 1], minlength=64), 8)
 
 
 def test_a_square_is_dark_from_behind() -> None:

@@ -36,7 +36,7 @@ from wdpm.cluster.world import View
 from wdpm.scenes.errors import ProtocolError
 
 PLAN = CachePlan(rounds=3, spacing=16, rows=2, columns=6, error=0.3, least=1.0, most=9.0, wanted=0.3)
-FEW_A_TASK = replace(SETTINGS, record_task_candidates=5)
+FEW_A_TASK = replace(SETTINGS, record_task_least=5, record_task_most=5)
 
 
 def cached(view: View | None = None) -> View:

@@ -157,7 +157,7 @@ GUARDS = (
     ),
     Guard(
         name="a repeated result has the same bits",
-        file="cluster/master.py",
+        file="cluster/master_tasks.py",
         prevents="a broken cluster goes unnoticed",
         changes=(("        if not same:\n            raise", "        if False:\n            raise"),),
         tests=(MASTER + "test_two_different_results_end_the_render",),
@@ -166,12 +166,12 @@ GUARDS = (
         name="messages of another epoch are dropped",
         file="cluster/master.py",
         prevents="a result of the scene before gets into this one's image",
-        changes=(("if message.epoch != self._epoch:", "if False:"),),
+        changes=(("if message.epoch != self._phases.epoch:", "if False:"),),
         tests=(MASTER + "test_a_message_of_another_epoch_is_dropped",),
     ),
     Guard(
         name="one version of everything in a cluster",
-        file="cluster/master.py",
+        file="cluster/master_members.py",
         prevents="slaves of another Warp round otherwise",
         changes=(("        if differing:\n", "        if False:\n"),),
         tests=(MASTER + "test_versions_that_differ_are_named",),
@@ -216,7 +216,7 @@ GUARDS = (
     ),
     Guard(
         name="a result is that of a task",
-        file="cluster/master.py",
+        file="cluster/master_tasks.py",
         prevents="pixels of nobody's task get into the image",
         changes=(
             ('raise ProtocolError(f"a result came for task {result.number}, which it was not handed")', "same = True"),
