@@ -71,7 +71,7 @@ class Actions:
     """What the diffuse parts of some vertices do.
 
     Attributes:
-        codes: TRACE_ON, READ_MAP or CACHED of kernels.shading, int32, shape [N].
+        codes: TRACE_ON, READ_MAP or CACHED of kernels.camera_vertices, int32, shape [N].
         radiance: what a white Lambertian surface reflects there, where the code is not TRACE_ON, float32, shape [N, 3].
         length: of the rays that arrived [scene units], float32, shape [N].
         asks: where the code is READ_MAP, whether the photons themselves are to be asked, bool, shape [N].

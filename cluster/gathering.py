@@ -63,7 +63,7 @@ class Gathering:
 
         Args:
             number: of the map.
-            queries, coats: kernels.shading.Queries and Coats.
+            queries, coats: kernels.camera_vertices.Queries and Coats.
             rays: what came to the places of the queries.
             among: which of the queries ask; None for all that want photons.
         """

@@ -29,7 +29,7 @@ class Observer(Protocol):
 
         Args:
             rays: kernels.camera_rays.Rays or Paths that came.
-            shots, paths: kernels.shading.Shots and Paths that go on; no paths in scenes where none does.
+            shots, paths: kernels.camera_vertices.Shots and Paths that go on; no paths in scenes where none does.
         """
 
     def gathered(self, number: int, queries: Any, count: Any, radius: Any, truncated: Any) -> None:
@@ -37,7 +37,8 @@ class Observer(Protocol):
 
         Args:
             number: of the map.
-            queries: kernels.shading.Queries; count, radius, truncated: as gather_kernel gives them, one a vertex.
+            queries: kernels.camera_vertices.Queries; count, radius, truncated: as gather_kernel gives them, one a
+                vertex.
         """
 
 

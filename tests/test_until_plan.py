@@ -16,7 +16,7 @@ from wdpm.scenes.errors import SettingsError
 from wdpm.until_clock import Budget, process_age
 from wdpm.until_gauge import LEAST_PASSES
 from wdpm.until_goal import Goal, Metric, goal_of
-from wdpm.until_plan import MARGIN, MOST_PHOTONS, STRATIFIED, course, nearest, soonest, with_photons
+from wdpm.until_plan import MARGIN, MOST_PHOTONS, RECORD_NOISE, course, nearest, soonest, stratified, with_photons
 from wdpm.until_trial import Trial
 
 
@@ -41,16 +41,27 @@ def test_the_model_adds_up() -> None:
     shares = [shrink(number) for number in range(3)]
     found = course(trial(), 3, 4)
     assert found.seconds == pytest.approx(0.5 + 3 * (1.0 + 4 * 0.2))
-    assert found.noise == pytest.approx((0.01 * sum(1 / q for q in shares) / 3 + STRATIFIED * 0.05 / 4) / 3)
+    assert found.noise == pytest.approx((0.01 * sum(1 / q for q in shares) / 3 + stratified(12) * 0.05 / 4) / 3)
     feared = course(replace(trial(), rare=0.7), 3, 4)
     assert feared.noise - found.noise == pytest.approx(0.7 * (2 / 12) ** 1.5)
     assert found.bias == pytest.approx(0.002 * sum(shares) / 3)
     assert (found.settings.spp, found.settings.passes, found.samples) == (12, 3, 4)
 
 
+def test_records_have_rays_by_the_samples_of_a_pass() -> None:
+    """From 4 samples on, twice the samples are twice the rays: time and noise go with them."""
+    cached = replace(trial(), record_cost=0.4)
+    few, many = course(cached, 2, 4), course(cached, 2, 8)
+    assert few.seconds == pytest.approx(0.5 + 2 * (1.0 + 4 * 0.2))
+    assert many.seconds == pytest.approx(0.5 + 2 * (1.0 + 0.4 + 8 * 0.2))
+    plain = course(trial(), 2, 8)
+    assert plain.noise - many.noise == pytest.approx((few.noise - stratified(8) * 0.05 / 8) * RECORD_NOISE / 2)
+    assert with_photons(cached, 4.0).pass_cost == pytest.approx(4 * 0.6 + 0.4)
+
+
 def test_path_tracing_has_no_radius_to_shrink() -> None:
     found = course(trial(bias=0.0, settings=RenderSettings(integrator=Integrator.PATH)), 8, 1)
-    assert found.noise == pytest.approx((0.01 + STRATIFIED * 0.05) / 8)
+    assert found.noise == pytest.approx((0.01 + stratified(8) * 0.05) / 8)
 
 
 @given(trials, st.floats(1e-3, 1.0))

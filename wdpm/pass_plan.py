@@ -127,6 +127,11 @@ def session_of(session: Session, plan: PassPlan) -> Session:
     )
 
 
+def share_of_rays(spp: int) -> float:
+    """Gather rays of a record in a pass of `spp` samples a pixel, as a share of those of cluster.plan.CACHE_PLAN."""
+    return min(max(spp / SAMPLES_OF_PLAN, LEAST_RAYS), MOST_RAYS)
+
+
 def worth(plan: CachePlan, spp: int) -> CachePlan:
     """The plan of a cache whose records are as good as `spp` samples a pixel are worth.
 
@@ -136,8 +141,7 @@ def worth(plan: CachePlan, spp: int) -> CachePlan:
     Args:
         plan: for SAMPLES_OF_PLAN samples a pixel.
     """
-    share = spp / SAMPLES_OF_PLAN
-    finer = math.sqrt(min(max(share, LEAST_RAYS), MOST_RAYS))
+    share, finer = spp / SAMPLES_OF_PLAN, math.sqrt(share_of_rays(spp))
     return replace(
         plan,
         rows=max(1, round(plan.rows * finer)),

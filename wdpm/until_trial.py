@@ -42,6 +42,7 @@ class Trial:
         sample_cost: seconds of one sample of every pixel.
         pass_noise: weighted mean square of one pass that samples do not lessen.
         sample_noise: the same that is divided by the number of samples.
+        record_cost: of pass_cost, the irradiance records of a pass of one sample.
         rare: by how much the estimate of two samples' noise (until_gauge) lies above the above, for fear of rare
             bright ones.
         bias: the squared bias of a pass of the first radius, at most.
@@ -58,6 +59,7 @@ class Trial:
     bias: float
     rare: float = 0.0
     compile_seconds: float = 0.0
+    record_cost: float = 0.0
     results: dict[PassPlan, PassResult] = field(default_factory=dict)
 
 
@@ -87,10 +89,12 @@ def try_out(
             results.append(renderer.render(plan))
             costs.append(clock() - began)
             if len(results) == 1 and seconds_left() < ROOM * costs[0]:
-                return Trial(settings, start, 0.0, costs[0], 0.0, 0.0, 0.0, 0.0, compile_seconds, {plan: results[0]})
+                return Trial(
+                    settings, start, 0.0, costs[0], 0.0, 0.0, 0.0, 0.0, compile_seconds, results={plan: results[0]}
+                )
     a, b, c = (result.layers["beauty"].astype(np.float64) for result in results)
     weight = metric.weight((a + b + 2 * c) / 4)
-    sample_cost = costs[1] * _share_of_samples(results[1])
+    sample_cost = costs[1] * _share_of(results[1], "render")
     return Trial(
         settings=settings,
         start=start,
@@ -101,6 +105,7 @@ def try_out(
         bias=0.0 if witness is None else bias_of(a, b, c, metric, witness),
         rare=rare_of(results[0], results[2], metric),
         compile_seconds=compile_seconds,
+        record_cost=costs[2] * _share_of(results[2], "records"),
         results={TRIAL_PLANS[0]: results[0], TRIAL_PLANS[2]: results[2]},
     )
 
@@ -135,10 +140,10 @@ def rare_of(one: PassResult, other: PassResult, metric: Metric) -> float:
     return 0.0 if estimate is None else max(estimate.noise.value - plain, 0.0)
 
 
-def _share_of_samples(result: PassResult) -> float:
-    """Of a pass's time, what went to its samples."""
+def _share_of(result: PassResult, phase: str) -> float:
+    """Of a pass's time, what went to a phase."""
     whole = sum(result.seconds.values())
-    return result.seconds.get("render", 0.0) / whole if whole > 0 else 1.0
+    return result.seconds.get(phase, 0.0) / whole if whole > 0 else float(phase == "render")
 
 
 def _finite_mean(values: Values) -> float:
