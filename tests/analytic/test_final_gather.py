@@ -30,10 +30,10 @@ PATH = {"all_effects": True, "integrator": Integrator.PATH}
 def assert_indirect(what: Scene, exact: float, **chosen: object) -> None:
     """The mean of indirect light agrees within the deviation of seeds, and 2 %.
 
-    Many shadow rays a vertex: next to a wall that glows the light of one has no bounded variance, and means of few lie
+    Many samples: next to a wall that glows the light of one shadow ray has no bounded variance, and means of few lie
     below what is expected. Direct light is the same bits as with the map, whose tests it is left to.
     """
-    found = over_seeds(what, "indirect", **{"spp": 8, "light_samples": 32, **PHOTONS, **chosen})
+    found = over_seeds(what, "indirect", **{"spp": 128, "light_samples": 1, **PHOTONS, **chosen})
     assert_alike((np.full(3, exact), np.zeros(3)), found, share=0.02)
     assert (found[1] <= 0.05 * exact).all()
 

@@ -21,7 +21,7 @@ from wdpm.scenes.model import Material, Mesh, Scene
 from wdpm.scenes.primitives import sphere
 
 SIDE = 48
-CHOSEN = {"indirect": Indirect.CACHE, "all_effects": True, "photons": 60_000, "spp": 2}
+CHOSEN = {"indirect": Indirect.CACHE, "all_effects": True, "photons": 60_000, "spp": 16}
 
 BLOCK = 6
 """Side of the parts of a picture whose means are compared [pixels]: a splotch is that large at least."""
@@ -69,7 +69,7 @@ def test_no_part_of_a_picture_flickers(pictures: list[Image]) -> None:
 
 def test_parts_are_as_bright_as_by_gathering(pictures: list[Image]) -> None:
     """Interpolation moves light by no more than its noise allows to tell, and by a tenth in the worst corner."""
-    chosen = {**CHOSEN, "indirect": Indirect.GATHER, "spp": 12}
+    chosen = {**CHOSEN, "indirect": Indirect.GATHER, "spp": 32}
     gathered = of_seeds([rendered(cornell_box((SIDE, SIDE)), seed=seed, **chosen) for seed in range(4)])
     parts = of_seeds(pictures)
     lit = gathered.mean(axis=0) > 0.05 * gathered.mean()
@@ -94,7 +94,7 @@ def test_every_pixel_of_a_furnace_is_as_bright() -> None:
 
 def test_rounds_add_records_where_some_are_missing(records: list[Records]) -> None:
     """Each round keeps those before, and the last pixels that see a wall have one near."""
-    image = rendered(cornell_box((SIDE, SIDE)), **CHOSEN)
+    image = rendered(cornell_box((SIDE, SIDE)), **{**CHOSEN, "spp": 2})
     assert len(records) == plan.CACHE_PLAN.rounds
     for fewer, more in itertools.pairwise(records):
         assert set(fewer.number) < set(more.number)

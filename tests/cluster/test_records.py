@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 from dataclasses import replace
 from typing import Any
@@ -53,7 +54,7 @@ def made(task: RecordTask) -> RecordsMade:
     radius = np.array([0.01 + r.random() for r in rng], np.float32)
     gradient = np.repeat(position[:, None, :], 3, axis=1)
     records = Records(number, position, position, position, gradient, -gradient, radius)
-    return RecordsMade(task.number, task.round, records, PLAN.rays * len(number))
+    return RecordsMade(task.number, task.round, records, math.prod(PLAN.strata(task.round)) * len(number))
 
 
 def all_records(rounds: int) -> Records:
@@ -158,7 +159,8 @@ def test_the_result_has_the_records_as_they_were_made() -> None:
     [finished] = driver.says(B, p.Statistics(EPOCH, {}))
     assert isinstance(finished, m.Finished)
     assert equal(finished.result.records, all_records(PLAN.rounds))
-    assert finished.result.record_rays == PLAN.rays * len(finished.result.records)
+    rounds = finished.result.records.number >> ROUND_BITS
+    assert finished.result.record_rays == sum(math.prod(PLAN.strata(int(number))) for number in rounds)
     assert "records" in finished.result.seconds
 
 
