@@ -30,7 +30,6 @@ from wdpm.cluster.master_events import (
 )
 from wdpm.cluster.master_members import Members
 from wdpm.cluster.master_phases import Phase, Phases
-from wdpm.cluster.session import Session
 from wdpm.scenes.errors import ProtocolError
 
 __all__ = ["Master", "Phase"]
@@ -58,11 +57,6 @@ class Master:
     def phase(self) -> Phase:
         """What the master waits for."""
         return self._phases.phase
-
-    @property
-    def _session(self) -> Session | None:
-        """What is rendered: tests see by it that its triangles are let go."""
-        return self._phases.session
 
     @property
     def dropped(self) -> dict[str, int]:

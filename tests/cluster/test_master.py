@@ -141,7 +141,7 @@ def test_cells_go_out_one_after_another_in_parts() -> None:
 def test_triangles_are_let_go() -> None:
     driver = Driver()
     driver.to_photons()
-    session = driver.master._session
+    session = driver.master._phases.session
     assert session is not None
     with pytest.raises(AssertionError, match="after all cells were sent"):
         session.partition(0)

@@ -78,7 +78,7 @@ def _small_plans(small_pilot: None) -> Iterator[None]:  # noqa: ARG001
 @pytest.fixture
 def tasks_of_few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rounds of several tasks, as large images have them."""
-    monkeypatch.setattr(master, "ClusterSettings", lambda: ClusterSettings(record_task_least=7, record_task_most=7))
+    monkeypatch.setattr(master, "ClusterSettings", lambda: ClusterSettings(record_task_least=37, record_task_most=37))
 
 
 @pytest.fixture(params=list(SCENES))
