@@ -247,7 +247,7 @@ class CameraLight:
             lambertian = shaded.coats.bsdf.numpy()["kind"] == int(DIFFUSE)
         # What other surfaces reflect depends on where the light comes from, and where paths may only be so long it is
         # photons that know how long theirs are: these vertices ask the photons themselves.
-        asks = actions.asks | (actions.codes == int(sh.READ_MAP)) & (~lambertian | (self._view.max_depth is not None))
+        asks = (actions.codes == int(sh.READ_MAP)) & (~lambertian | (self._view.max_depth is not None))
         radiance = actions.lambertian(shaded.queries.weight.numpy(), lambertian & ~asks)
         if asks.any():
             radiance += self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays, asks)

@@ -3,8 +3,7 @@
 A camera path that leaves a surface by its diffuse part is a gather ray. Where it arrives, the irradiance of all light
 has been computed ahead at some of the photons (Christensen 1999), and the nearest one is read. A ray that is shorter
 than the radius of that estimate would see it blurred, in corners above all: it goes on for one more bounce instead, as
-does one that finds none within reach. That bounce is the last: where it finds none either, the photons themselves are
-asked, as many as there are. With an irradiance cache, gather rays start from its
+does one that finds none within reach, for as long as it takes. With an irradiance cache, gather rays start from its
 records, and elsewhere only where no record is near.
 """
 
@@ -74,13 +73,11 @@ class Actions:
         codes: TRACE_ON, READ_MAP or CACHED of kernels.camera_vertices, int32, shape [N].
         radiance: what a white Lambertian surface reflects there, where the code is not TRACE_ON, float32, shape [N, 3].
         length: of the rays that arrived [scene units], float32, shape [N].
-        asks: where the code is READ_MAP, whether the photons themselves are to be asked, bool, shape [N].
     """
 
     codes: NDArray[np.int32]
     radiance: NDArray[np.float32]
     length: NDArray[np.float32]
-    asks: NDArray[np.bool_]
 
     def lambertian(self, weight: NDArray[np.float32], among: NDArray[np.bool_]) -> NDArray[np.float32]:
         """Light that Lambertian surfaces reflect of what was read, float32, shape [N, 3].
@@ -94,7 +91,7 @@ class Actions:
 
     def take(self, rows: NDArray[np.intp]) -> Actions:
         """Those of some vertices."""
-        return Actions(self.codes[rows], self.radiance[rows], self.length[rows], self.asks[rows])
+        return Actions(self.codes[rows], self.radiance[rows], self.length[rows])
 
     def reaches(self, arrays: Arrays, light_samples: int) -> Iterator[Arrays]:
         """How far gather rays of records went, as parts for their homes.
@@ -133,10 +130,7 @@ class FinalGather:
         count = len(arrays["slot"])
         places = self._places(paths, count)
         actions = Actions(
-            np.full(count, int(sh.TRACE_ON), np.int32),
-            np.zeros((count, 3), np.float32),
-            places.length.numpy(),
-            np.zeros(count, np.bool_),
+            np.full(count, int(sh.TRACE_ON), np.int32), np.zeros((count, 3), np.float32), places.length.numpy()
         )
         arrived = arrays["diffuse"] > 0
         self._read(places, np.flatnonzero(arrived), arrays["diffuse"], actions)
@@ -184,14 +178,11 @@ class FinalGather:
         launcher(read_irradiance, len(rays), [points, *at, plan.reach], outputs)
         self.counters.read_s += time.perf_counter() - began
         value, radius, found = (output.numpy() for output in outputs)
-        near, last = found.astype(bool), diffuse[rays] > 1
-        long = (actions.length[rays] >= radius) | last
-        self.counters.unread += int(np.count_nonzero(~near & ~last))
+        near = found.astype(bool)
+        long = (actions.length[rays] >= radius) | (diffuse[rays] > 1)
+        self.counters.unread += int(np.count_nonzero(~near))
         self.counters.short += int(np.count_nonzero(near & ~long))
         reads = near & long
-        asks = rays[~near & last]
-        actions.codes[asks] = int(sh.READ_MAP)
-        actions.asks[asks] = True
         actions.codes[rays[reads]] = int(sh.READ_MAP)
         actions.radiance[rays[reads]] = value[reads]
 

@@ -122,6 +122,10 @@ Relative squared error times CPU time, from 4, with 8 for comparison: 0.0021 and
 sibenik; the median over pixels 14 to 31 % lower, in glass-cbox too. (From 2 it is higher again. The mean of glass-cbox
 is made by few samples that paths find behind glass by chance: those grow, from 0.5 to 0.7.)"""
 
+ROULETTE_FROM_OF_GATHERS = wp.constant(2)
+"""The same of gather rays that go on by diffuse surfaces without any irradiance to read: hardly a photon landed there,
+so little light is at stake, and each further bounce costs a round through all cells."""
+
 SURVIVAL_MOST = wp.constant(0.95)
 """Largest probability of survival: between two perfect mirrors, 400 vertices are then reached once in 10^9 paths."""
 

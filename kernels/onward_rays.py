@@ -11,6 +11,7 @@ from wdpm.kernels.bsdf import cosine_direction, make_bsdf
 from wdpm.kernels.bsdf_types import BLACK, DIFFUSE, NULL, RADIANCE
 from wdpm.kernels.camera_rays import Paths
 from wdpm.kernels.camera_vertices import (
+    GATHER_WAY,
     LOBE,
     PATH_WAY,
     Orders,
@@ -20,7 +21,14 @@ from wdpm.kernels.camera_vertices import (
     numbers_2d,
     scattered_again,
 )
-from wdpm.kernels.constants import INV_PI, PI, ROULETTE_FROM, ROULETTE_FROM_OF_PATHS, SURVIVAL_MOST
+from wdpm.kernels.constants import (
+    INV_PI,
+    PI,
+    ROULETTE_FROM,
+    ROULETTE_FROM_OF_GATHERS,
+    ROULETTE_FROM_OF_PATHS,
+    SURVIVAL_MOST,
+)
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials import Materials, medium_beyond
 from wdpm.kernels.surface import Surface, bump_shading, leave, to_world
@@ -116,9 +124,23 @@ def make_onward_rays(features: Features) -> SimpleNamespace:
         if wp.static(features.traced):
             if orders.way == PATH_WAY:
                 roulette_from = ROULETTE_FROM_OF_PATHS
-        most = SURVIVAL_MOST
+            if orders.way == GATHER_WAY and by_diffuse and p.diffuse > 0:
+                roulette_from = ROULETTE_FROM_OF_GATHERS
         carry_on(
-            p, carries, origin, direction, anchor, pdf, edges, diffuse, medium, roulette_from, most, seed, i, paths_out
+            p,
+            carries,
+            origin,
+            direction,
+            anchor,
+            pdf,
+            edges,
+            diffuse,
+            medium,
+            roulette_from,
+            SURVIVAL_MOST,
+            seed,
+            i,
+            paths_out,
         )
 
     return SimpleNamespace(go_on=go_on)
