@@ -79,7 +79,8 @@ still find one. Where none is found the ray goes on instead."""
 CACHE_PLAN = CachePlan(
     rounds=6, spacing=32, rows=11, columns=35, error=0.5, clearance=0.6, least=5.0, most=5.0, wanted=0.1
 )
-"""Strata about as long as wide; candidates from every 32nd pixel to all. What follows from the image: _cache_plan."""
+"""Strata about as long as wide; candidates from every 32nd pixel to all: what no record reaches then traces a gather
+ray a sample, and shows as single pixels along edges. What follows from the image: _cache_plan."""
 
 RECORD_REACH = 0.08
 """Most that a record reaches, as a share of the image: some dozen records across a wall that is all alike."""
@@ -265,9 +266,7 @@ def _cache_plan(settings: RenderSettings, camera: Camera) -> CachePlan:
         return NO_CACHE
     side = max(camera.width, camera.height)
     least = min(CACHE_PLAN.least, max(1.0, RECORD_LEAST * side))
-    # The last round's candidates are no further apart than records reach: others would find no gap.
-    rounds = CACHE_PLAN.rounds - 1 if least >= 4.0 else CACHE_PLAN.rounds
-    return replace(CACHE_PLAN, rounds=rounds, least=least, most=max(least, RECORD_REACH * side))
+    return replace(CACHE_PLAN, least=least, most=max(least, RECORD_REACH * side))
 
 
 def _irradiance_plan(settings: RenderSettings, plans: Sequence[MapPlan]) -> IrradiancePlan:
