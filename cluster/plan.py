@@ -92,7 +92,7 @@ CACHE_PLAN.least pixels, or large images would blur them."""
 BUCKET_LEAST, BUCKET_MOST = 32, 128
 """Bounds of the side of a bucket that is derived [pixels]."""
 
-BUCKET_SAMPLES = 1 << 18
+BUCKET_SHADOW_RAYS = 1 << 18
 """Most shadow rays of a bucket larger than the least: what is on its way at once."""
 
 BUCKETS_A_WORKER = 8
@@ -241,12 +241,12 @@ def _bucket(flat: FlatScene, settings: RenderSettings, workers: int) -> int:
 
     What the interpreter does for a bucket it does once, however many samples there are; kernels take what they take.
     """
-    samples = -(-settings.spp // settings.passes) * light_samples_of(flat, settings)
+    shadow_rays = -(-settings.spp // settings.passes) * light_samples_of(flat, settings)
     pixels = flat.camera.width * flat.camera.height
     side = BUCKET_LEAST
     while side < BUCKET_MOST:
         larger = 2 * side
-        if larger * larger * samples > BUCKET_SAMPLES:
+        if larger * larger * shadow_rays > BUCKET_SHADOW_RAYS:
             break
         if pixels < BUCKETS_A_WORKER * workers * larger * larger:
             break

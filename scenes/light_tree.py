@@ -64,7 +64,7 @@ class LightTree:
         first, last: of a leaf's elements, int64, shape [N].
         heads: nodes at which walks start: they hold each leaf once, int64, shape [at most HEADS].
         leaf: of each element, -1 where it has none: without power, or infinitely far away; int64, shape [elements].
-        within: probability of each element in its leaf, float64, shape [elements]; exactly 1/2 in a parallelogram.
+        within: probability of each element in its leaf, float64, shape [elements]; exactly 1/2 where halves are alike.
         apex: which of a triangle's corners its other half lacks; 0 without one; int64, shape [elements].
         distant: irradiance by the lights infinitely far away, as a share of all flux [1/m²].
     """

@@ -1,0 +1,62 @@
+"""What is derived where nobody says: sides of buckets, shadow rays, gather rays of records."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from wdpm.cluster.light_samples import light_samples_of
+from wdpm.cluster.plan import CACHE_PLAN, view_of
+from wdpm.kernels.settings import MOST_SHADOW_RAYS, Integrator, RenderSettings
+from wdpm.pass_plan import share_of_rays, worth
+from wdpm.scenes import cornell_box
+from wdpm.scenes.geometry import flatten
+from wdpm.scenes.light_sources import PointLight
+
+BOX = cornell_box((512, 512))
+LAMP = PointLight("lamp", (0.0, 0.5, 0.0), (1.0, 1.0, 1.0))
+
+
+def dark_box() -> tuple[object, ...]:
+    """The meshes of the box without its lamp's light."""
+    return tuple(replace(mesh, emission=None) for mesh in BOX.meshes)
+
+
+def test_lamps_with_an_extent_or_several_get_several_shadow_rays() -> None:
+    flat = flatten(BOX)
+    assert light_samples_of(flat, RenderSettings()) == MOST_SHADOW_RAYS
+    assert light_samples_of(flat, RenderSettings(light_samples=3)) == 3
+    assert light_samples_of(flat, RenderSettings(integrator=Integrator.PATH)) == 1
+    one = replace(BOX, meshes=dark_box(), lights=(LAMP,))
+    assert light_samples_of(flatten(one), RenderSettings()) == 1
+    two = replace(one, lights=(LAMP, replace(LAMP, name="other")))
+    assert light_samples_of(flatten(two), RenderSettings()) == MOST_SHADOW_RAYS
+
+
+@pytest.mark.parametrize(
+    ("spp", "passes", "workers", "side"),
+    [(4, 1, 1, 128), (16, 1, 1, 64), (64, 1, 1, 32), (64, 16, 1, 128), (4, 1, 4, 64), (4, 1, 64, 32), (4, 1, 0, 128)],
+)
+def test_buckets_are_as_large_as_samples_and_slaves_allow(spp: int, passes: int, workers: int, side: int) -> None:
+    settings = RenderSettings(spp=spp, passes=passes)
+    assert view_of(flatten(BOX), settings, workers).bucket == side
+    assert view_of(flatten(BOX), replace(settings, bucket=7), workers).bucket == 7
+
+
+def test_records_have_rays_by_samples_and_spacing() -> None:
+    """In proportion to both within bounds, and gradients always have three columns."""
+    plans = [worth(CACHE_PLAN, spp) for spp in (1, 8, 32, 128, 1024)]
+    rays = [math.prod(plan.strata(3)) for plan in plans]  # candidates every 4 pixels
+    whole = CACHE_PLAN.rows * CACHE_PLAN.columns
+    assert rays == sorted(rays)
+    assert rays[2] == whole
+    for spp, count in zip((1, 8, 32, 128, 1024), rays, strict=True):
+        assert count == pytest.approx(share_of_rays(spp) * whole, rel=0.15)  # whole rows and columns
+    clearances = [plan.clearance for plan in plans]
+    assert clearances == sorted(clearances, reverse=True)
+    by_round = [math.prod(CACHE_PLAN.strata(number)) for number in range(CACHE_PLAN.rounds)]
+    assert by_round == sorted(by_round, reverse=True)
+    assert by_round[0] == pytest.approx(4 * whole, rel=0.05)
+    assert replace(CACHE_PLAN, rows=1, columns=1).strata(5) == (1, 3)
