@@ -68,12 +68,18 @@ class Master:
         """The slaves that have joined, by number."""
         return [member.hello for member in self._members]
 
+    @property
+    def all_left(self) -> bool:
+        """Whether every slave that joined has said its last word, or is known to be lost."""
+        return self._members.all_left
+
     def handle(self, event: Event, now: float) -> list[Instruction]:
         """What to do about an event.
 
         Args:
             now: any clock that grows [s].
         """
+        self._note_leaving(event)
         if self.phase is Phase.ENDED:
             return self._after_end(event)
         match event:
@@ -99,6 +105,18 @@ class Master:
         raise AssertionError(f"unknown event {event}")
 
     # Joining, living and leaving.
+
+    def _note_leaving(self, event: Event) -> None:
+        match event:
+            case SlaveSaid(identity, protocol.Goodbye() | protocol.Failed()) | SlaveLost(identity, _):
+                leaving = [self._members.get(identity)]
+            case ProcessEnded(process, _):
+                leaving = [member for member in self._members if member.hello.process == process]
+            case _:
+                return
+        for member in leaving:
+            if member is not None:
+                member.left = True
 
     def _after_end(self, event: Event) -> list[Instruction]:
         if isinstance(event, Begin):

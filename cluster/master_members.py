@@ -18,6 +18,7 @@ class Member:
     identity: bytes
     hello: protocol.Hello
     heard_at: float
+    left: bool = False
     in_flight: dict[int, Task] = field(default_factory=dict)
     statistics: dict[str, Any] = field(default_factory=dict)
 
@@ -48,6 +49,11 @@ class Members:
     def get(self, identity: bytes) -> Member | None:
         """The slave of a connection, if it has joined."""
         return self._by_identity.get(identity)
+
+    @property
+    def all_left(self) -> bool:
+        """Whether none of them is expected to say anything more."""
+        return all(member.left for member in self)
 
     def number(self, number: int) -> Member:
         """The slave of this number."""

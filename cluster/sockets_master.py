@@ -29,6 +29,9 @@ from wdpm.scenes.errors import ClusterError, ProtocolError
 
 FROM_SLAVE = wire.by_name(protocol.FromSlave)
 
+SEE_OFF_S = 5.0
+"""How long a master that ends waits for the Goodbye of slaves that it has told to stop; they answer at once."""
+
 Watch = Callable[[], Iterable[tuple[int, str]]]
 """Local slave processes that have ended: (process number, why)."""
 
@@ -161,31 +164,39 @@ class _Loop:
         self._watch = watch
         self._answers = answers
         self._closing = False
+        self._ticked = 0.0
+        self._poller = zmq.Poller()
+        self._poller.register(router, zmq.POLLIN)
+        self._poller.register(mailbox.fd, zmq.POLLIN)
 
     def run(self) -> None:
         """Bring events, carry out instructions."""
         try:
-            poller = zmq.Poller()
-            poller.register(self._router, zmq.POLLIN)
-            poller.register(self._mailbox.fd, zmq.POLLIN)
-            ticked = 0.0
             while not self._closing:
-                poller.poll(POLL_MS)
-                for event in self._mailbox.take():
-                    self._closing = self._closing or isinstance(event, m.Close)
-                    self._handle(event)
-                self._receive()
-                now = time.monotonic()
-                if now - ticked >= POLL_MS / 1000:
-                    ticked = now
-                    for process, reason in self._watch():
-                        self._handle(m.ProcessEnded(process, reason))
-                    self._handle(m.Tick())
+                self._turn()
+            # ZeroMQ throws away what a slave has not yet read when the connection ends: the last words have to be
+            # answered before the socket closes.
+            deadline = time.monotonic() + SEE_OFF_S
+            while not self.state.all_left and time.monotonic() < deadline:
+                self._turn()
         except BaseException as error:  # whoever waits in `render` must hear of it, whatever it is
             for instruction in self.state.handle(m.Abort(f"the master failed: {error}"), time.monotonic()):
                 if isinstance(instruction, m.Send):
                     self._send(instruction)
             self._answers.put(error)
+
+    def _turn(self) -> None:
+        self._poller.poll(POLL_MS)
+        for event in self._mailbox.take():
+            self._closing = self._closing or isinstance(event, m.Close)
+            self._handle(event)
+        self._receive()
+        now = time.monotonic()
+        if now - self._ticked >= POLL_MS / 1000:
+            self._ticked = now
+            for process, reason in self._watch():
+                self._handle(m.ProcessEnded(process, reason))
+            self._handle(m.Tick())
 
     def _receive(self) -> None:
         for _ in range(TURN_MESSAGES):

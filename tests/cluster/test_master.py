@@ -369,6 +369,29 @@ def test_close_stops_everyone() -> None:
     assert not [i for i in out if isinstance(i, m.Broken)]
 
 
+@pytest.mark.parametrize("last_word", [p.Goodbye("stopped"), p.Failed("too late")])
+def test_an_ended_cluster_knows_who_is_still_to_say_goodbye(last_word: p.FromSlave) -> None:
+    driver = Driver().join()
+    driver(m.Close("all is rendered"))
+    assert not driver.master.all_left
+    driver.says(A, last_word)
+    driver.says(B, p.Heartbeat())
+    driver.says(C, p.Goodbye("a stranger"))
+    assert not driver.master.all_left
+    driver.says(B, p.Goodbye("stopped"))
+    assert driver.master.all_left
+
+
+@pytest.mark.parametrize("event", [m.SlaveLost(A, "its connection is gone"), m.ProcessEnded(0, "killed")])
+def test_nobody_waits_for_the_goodbye_of_a_lost_slave(event: m.Event) -> None:
+    driver = Driver().join()
+    driver(event)
+    assert driver.master.phase is Phase.ENDED
+    assert not driver.master.all_left
+    driver.says(B, p.Goodbye("stopped"))
+    assert driver.master.all_left
+
+
 def test_a_note_names_the_slave() -> None:
     assert Driver().join().says(B, p.Note("compiles kernels")) == [m.Noted("slave 1 compiles kernels")]
 

@@ -29,6 +29,7 @@ from wdpm.cluster.cluster_settings import ClusterSettings
 from wdpm.cluster.keys import Keys, load_keys, make_keys
 from wdpm.cluster.local import LocalSlaves
 from wdpm.cluster.session import Session
+from wdpm.cluster.sockets import connect, make_socket, send
 from wdpm.cluster.sockets_master import SocketMaster
 from wdpm.cluster.sockets_slave import run_slave
 from wdpm.scenes.errors import ClusterError
@@ -165,6 +166,29 @@ def test_other_versions_are_refused() -> None:
         session = make_session(1, 1)
         check_picture(session, master.render(session).layers)
     assert slave.end() is None
+
+
+def test_a_slave_that_is_late_still_hears_that_it_may_stop() -> None:
+    """ZeroMQ throws away what has not been read when a connection ends, so the master may not end it first."""
+
+    def answer(dealer: zmq.Socket[bytes]) -> Any:
+        assert dealer.poll(10_000)
+        return wire.decode(dealer.recv_multipart(), wire.by_name(protocol.FromMaster))
+
+    with zmq.Context() as context, make_socket(context, zmq.DEALER) as dealer, make_master(1) as master:
+        connect(dealer, master.endpoint)
+        send(dealer, protocol.Hello(AGREED, "host", 1, 1, 0, "tcp://127.0.0.1:9"))
+        assert isinstance(answer(dealer), protocol.Welcome)
+        closing = threading.Thread(target=master.close)
+        closing.start()
+        time.sleep(0.5)
+        while isinstance(message := answer(dealer), protocol.Heartbeat):
+            pass
+        assert isinstance(message, protocol.Stop)
+        assert closing.is_alive()
+        send(dealer, protocol.Goodbye("stopped"))
+        closing.join(4.0)
+        assert not closing.is_alive()
 
 
 def test_an_occupied_port() -> None:
