@@ -18,7 +18,7 @@ from wdpm.cluster.replica import Replica
 from wdpm.cluster.world import MapPlan
 from wdpm.kernels import cells, columns, irradiance_points, photon_map
 from wdpm.kernels import photon_paths as pp
-from wdpm.kernels.gather import gather_kernel
+from wdpm.kernels.gather_at_photons import gather_at_photons
 from wdpm.kernels.limits import MAPS
 from wdpm.kernels.surface import Surfaces
 from wdpm.kernels.surface_points import reflect_gathered, spread
@@ -194,6 +194,7 @@ class PhotonStore:
         plan, launcher = world.global_map, replica.launcher
         low, high = cells.cell_boxes(world.top_tree.axis, world.top_tree.split)
         near = rows_near(photons["position"], low[self._cell], high[self._cell], world.irradiance.reach + replica.pad)
+        ids = np.sort(photons["id"])
         photons = take(photons, near[irradiance_points.chosen(photons["id"][near], world.irradiance.share)])
         # Neighbours one after another: the search for one begins with the radius of the one before.
         order = np.lexsort(_along(photons["position"], plan.radius))
@@ -203,22 +204,24 @@ class PhotonStore:
         position, normal, front = (
             wp.array(a, dtype=wp.vec3, device=device) for a in (photons["position"], photons["normal"], facing)
         )
-        built = self.maps[pp.GLOBAL_MAP]
-        outputs = [wp.empty(count, dtype=t, device=device) for t in (wp.vec3, wp.int32, wp.float32, wp.bool)]
+        rank = wp.array(np.searchsorted(ids, photons["id"]), dtype=wp.int32, device=device)
+        irradiance = wp.empty(count, dtype=wp.vec3, device=device)
+        radius = wp.empty(count, dtype=wp.float32, device=device)
+        search = [world.irradiance.k, plan.radius, world.irradiance.share, world.irradiance.reach]
+        inputs = [self.maps[pp.GLOBAL_MAP].tree, rank, position, normal, *search]
         runs = -(-count // GATHER_RUN)
-        inputs = [built.tree, position, normal, normal, world.irradiance.k, plan.radius]
-        launcher(gather_kernel, runs, inputs, [GATHER_RUN, *outputs], grain=GATHER_GRAIN)
+        launcher(gather_at_photons, runs, inputs, [GATHER_RUN, irradiance, radius], grain=GATHER_GRAIN)
         radiance = wp.empty(count, dtype=wp.vec3, device=device)
         white, no_clearance = wp.full(count, wp.vec3(1.0), dtype=wp.vec3, device=device), wp.zeros(count, device=device)
         places = [self.points[pp.GLOBAL_MAP], position, front, no_clearance]
-        found = [white, outputs[0], outputs[2], plan.point_area, plan.radius, 1.0 / plan.paths]
+        found = [white, irradiance, radius, plan.point_area, plan.radius, 1.0 / plan.paths]
         launcher(reflect_gathered, count, [*places, *found], [radiance])
         self.irradiance_count = count
         self.irradiance = irradiance_points.build(
             photons["position"],
             radiance.numpy(),
             photons["normal"],
-            outputs[2].numpy(),
+            radius.numpy(),
             photons["id"],
             device,
             launcher.build_launcher(),

@@ -1,8 +1,8 @@
 """Light that arrives straight from a light at a place: sampled, with its density, and the density for any direction.
 
-A light element is chosen by what it may send to the place (light_tree); a glowing triangle's point is uniform over its
-area. The densities are those of solid angle about the place, and contain the chance of the element, so that directions
-found by other means can be weighted against them (multiple importance sampling).
+An element is chosen by what it may send to the place (light_tree), and a point on it (light_choice). The densities are
+those of solid angle about the place, and contain the chance of the element, so that directions found by other means
+can be weighted against them (multiple importance sampling).
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ import warp as wp
 
 from wdpm.kernels.environment import environment_pdf, environment_value, sample_environment
 from wdpm.kernels.features import Features
-from wdpm.kernels.light_elements import Lights, chance_of_light, choose_light, element_of_prim, point_of_triangle
+from wdpm.kernels.light_choice import ElementChoice, chance_of_light, choose_light, pdf_on_triangle
+from wdpm.kernels.light_elements import Lights, element_of_prim, point_of_triangle
 from wdpm.kernels.light_radiance import make_radiance
 from wdpm.kernels.spots import make_spots
 from wdpm.kernels.surface import leave
@@ -63,22 +64,17 @@ def make_direct(features: Features) -> SimpleNamespace:
         return s
 
     @wp.func
-    def from_triangle(
-        lights: Lights,
-        textures: Textures,
-        position: wp.vec3,
-        element: wp.int32,
-        probability: wp.float32,
-        w: wp.vec2,
-    ) -> DirectSample:
-        """The way to the point of a triangle with these weights of corners 1 and 2."""
+    def to_triangle(lights: Lights, textures: Textures, position: wp.vec3, chosen: ElementChoice) -> DirectSample:
+        """The way to the chosen point of a triangle."""
+        element = chosen.element
         normal = lights.normal[element]
-        s = towards(position, leave(point_of_triangle(lights, element, w), normal, lights.offset_min), probability)
+        point = point_of_triangle(lights, element, chosen.weights)
+        s = towards(position, leave(point, normal, lights.offset_min), chosen.probability)
         cosine = -wp.dot(normal, s.direction)
         if cosine > 0.0 and s.pdf > 0.0:
             way = s.end - position
-            s.pdf = wp.dot(way, way) * (probability / lights.area[element]) / cosine
-            s.radiance = radiance_of(lights, textures, element, w)
+            s.pdf = pdf_on_triangle(lights, chosen, wp.dot(way, way), cosine)
+            s.radiance = radiance_of(lights, textures, element, chosen.weights)
         else:
             s.pdf = 0.0
         return s
@@ -97,7 +93,7 @@ def make_direct(features: Features) -> SimpleNamespace:
         if element < 0:
             return s
         if element < lights.triangles:
-            s = from_triangle(lights, textures, position, element, probability, chosen.weights)
+            s = to_triangle(lights, textures, position, chosen)
         if wp.static(features.points):
             if element >= lights.triangles and element < lights.first_spot:
                 number = element - lights.triangles
@@ -153,7 +149,7 @@ def make_direct(features: Features) -> SimpleNamespace:
         cosine = -wp.dot(normal, wp.normalize(way))
         if cosine <= 0.0:
             return 0.0
-        return distance2 * (chance_of_light(lights, element, origin) / lights.area[element]) / cosine
+        return pdf_on_triangle(lights, chance_of_light(lights, element, origin), distance2, cosine)
 
     @wp.func
     def pdf_environment(lights: Lights, origin: wp.vec3, direction: wp.vec3) -> wp.float32:
@@ -161,7 +157,7 @@ def make_direct(features: Features) -> SimpleNamespace:
         pdf = wp.float32(0.0)
         if wp.static(features.environment):
             if lights.first_environment < lights.count:
-                chance = chance_of_light(lights, lights.first_environment, origin)
+                chance = chance_of_light(lights, lights.first_environment, origin).probability
                 pdf = chance * environment_pdf(lights.environment, direction)
         return pdf
 

@@ -100,24 +100,29 @@ def _polynomial(coefficients: Any, x: wp.float64) -> wp.float64:
 
 
 @wp.func
+def sincos_wide(x: wp.float64) -> wp.vec2d:
+    """(sin x, cos x) for |x| <= 1e5 [radians], to 1e-11."""
+    quarter = wp.rint(x * _TWO_OVER_PI)
+    r = (x - quarter * _HALF_PI_HIGH) - quarter * _HALF_PI_LOW
+    r2 = r * r
+    sine = r * _polynomial(_SINE, r2)
+    cosine = _polynomial(_COSINE, r2)
+    turn = wp.int32(quarter) & 3
+    if turn == 1:
+        return wp.vec2d(cosine, -sine)
+    if turn == 2:
+        return wp.vec2d(-sine, -cosine)
+    if turn == 3:
+        return wp.vec2d(-cosine, sine)
+    return wp.vec2d(sine, cosine)
+
+
+@wp.func
 def sincos_of(x: wp.float32) -> wp.vec2:
     """(sin x, cos x) for |x| <= 1e5 [radians]; NaN beyond, where the reduction would lose bits."""
     if not (wp.abs(x) <= 1.0e5):
         return wp.vec2(_NAN, _NAN)
-    wide = wp.float64(x)
-    quarter = wp.rint(wide * _TWO_OVER_PI)
-    r = (wide - quarter * _HALF_PI_HIGH) - quarter * _HALF_PI_LOW
-    r2 = r * r
-    sine = wp.float32(r * _polynomial(_SINE, r2))
-    cosine = wp.float32(_polynomial(_COSINE, r2))
-    turn = wp.int32(quarter) & 3
-    if turn == 1:
-        return wp.vec2(cosine, -sine)
-    if turn == 2:
-        return wp.vec2(-sine, -cosine)
-    if turn == 3:
-        return wp.vec2(-cosine, sine)
-    return wp.vec2(sine, cosine)
+    return wp.vec2(sincos_wide(wp.float64(x)))
 
 
 @wp.func
@@ -205,8 +210,8 @@ def pow_of(x: wp.float32, y: wp.float32) -> wp.float32:
 
 
 @wp.func
-def _atan2_wide(y: wp.float64, x: wp.float64) -> wp.float64:
-    """Angle of (x, y) for finite float64."""
+def atan2_wide(y: wp.float64, x: wp.float64) -> wp.float64:
+    """Angle of (x, y) for finite float64, to 1e-10 of itself."""
     a = wp.abs(x)
     b = wp.abs(y)
     low = wp.min(a, b)
@@ -238,7 +243,7 @@ def atan2_of(y: wp.float32, x: wp.float32) -> wp.float32:
     """Angle of the point (x, y) from the x axis in (-pi, pi]. The sign of a zero does not count; (0, 0) gives 0."""
     if x != x or y != y:
         return _NAN
-    return wp.float32(_atan2_wide(_without_infinity(y), _without_infinity(x)))
+    return wp.float32(atan2_wide(_without_infinity(y), _without_infinity(x)))
 
 
 @wp.func
@@ -247,7 +252,7 @@ def acos_of(x: wp.float32) -> wp.float32:
     if x != x:
         return _NAN
     c = wp.clamp(wp.float64(x), -_ONE, _ONE)
-    return wp.float32(_atan2_wide(wp.sqrt((_ONE - c) * (_ONE + c)), c))
+    return wp.float32(atan2_wide(wp.sqrt((_ONE - c) * (_ONE + c)), c))
 
 
 @wp.func

@@ -336,7 +336,7 @@ def contribution(photons: PhotonMap, place: wp.int32, n: wp.vec3, s: wp.vec3, sm
 
 
 @wp.func
-def _estimate(
+def estimate(
     photons: PhotonMap,
     candidates: wp.array[wp.uint64],
     count: wp.int32,
@@ -441,7 +441,7 @@ def gather(
     result.truncated = found.truncated
     result.count = found.count
     result.radius = found.radius
-    result.irradiance = _estimate(photons, candidates, found.count, n, s, found.area_radius2)
+    result.irradiance = estimate(photons, candidates, found.count, n, s, found.area_radius2)
     return result
 
 

@@ -1,4 +1,4 @@
-"""All lights on a device, and the choice among them: for a place by the light tree, for photons by given shares.
+"""All lights on a device, and what the choices among them have in common: light_choice, for a place; emission.
 
 Elements are numbered glowing triangles first, then points, spots, directionals, environment; see scenes.light_table.
 """
@@ -11,17 +11,13 @@ from numpy.typing import NDArray
 
 from wdpm.kernels import environment, light_tree, spots
 from wdpm.kernels.constants import OFFSET_MIN_SHARE
-from wdpm.kernels.directions import triangle_weights
 from wdpm.kernels.environment import Environment
-from wdpm.kernels.light_tree import BELOW_ONE, DISTANT, NOTHING, LightTree, chance_of_leaf, chance_of_start, find_leaf
-from wdpm.kernels.random import rounded_down
+from wdpm.kernels.light_tree import BELOW_ONE, LightTree
 from wdpm.kernels.spots import Spots
 from wdpm.scenes.areas import triangle_areas, triangle_normals
 from wdpm.scenes.light_table import LightTable
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
-_HALF = wp.constant(wp.float64(0.5))
 
 FAR_AWAY_RADII = 4.0
 """Length of shadow rays to lights infinitely far away, in radii of the scene: from anywhere in it they end outside."""
@@ -142,93 +138,6 @@ def probability_of(cumulative: wp.array[wp.float64], element: wp.int32) -> wp.fl
     if element > 0:
         before = cumulative[element - 1]
     return wp.float32(cumulative[element] - before)
-
-
-@wp.struct
-class ElementChoice:
-    """An element and its probability; -1 and 0 where none sends light to the place.
-
-    Attributes:
-        u: a point of the unit square: what the choice left of the random numbers, as good as fresh ones.
-        weights: of corners 1 and 2: the point's place on a triangle.
-    """
-
-    element: wp.int32
-    probability: wp.float32
-    u: wp.vec2
-    weights: wp.vec2
-
-
-@wp.func
-def choose_light(lights: Lights, position: wp.vec3, u: wp.vec2d) -> ElementChoice:
-    """An element that may light a place, chosen by what it may send there (light_tree), and a point on it.
-
-    The first number chooses, and what is left of it goes into the point: points that are stratified in the unit square
-    are stratified over all lights together.
-
-    Args:
-        u: point of the unit square.
-    """
-    c = ElementChoice()
-    c.element = -1
-    leaf = find_leaf(lights.tree, position, u[0])
-    left = leaf.u
-    if leaf.node == DISTANT:
-        distant = choose_element(lights.distant, lights.count - lights.first_directional, leaf.u)
-        c.element = lights.first_directional + distant
-        c.probability = leaf.probability * probability_of(lights.distant, distant)
-        left = rest_of_choice(lights.distant, distant, leaf.u)
-    elif leaf.node != NOTHING:
-        c.element = lights.tree.nodes[leaf.node].first
-        last = lights.tree.nodes[leaf.node].last
-        c.probability = leaf.probability
-        if last > c.element:
-            share = lights.tree.within[c.element]
-            if share == _HALF:
-                across = wp.vec2(rounded_down(left), rounded_down(u[1]))
-                if across[0] + across[1] > 1.0:
-                    across = wp.vec2(1.0 - across[0], 1.0 - across[1])
-                    c.element = last
-                c.probability = c.probability * 0.5
-                c.weights = turned(across, lights.tree.apex[c.element])
-                return c
-            if left < share:
-                left = wp.min(left / share, BELOW_ONE)
-            else:
-                left = wp.min((left - share) / (wp.float64(1.0) - share), BELOW_ONE)
-                c.element = last
-            c.probability = c.probability * wp.float32(lights.tree.within[c.element])
-    c.u = wp.vec2(rounded_down(left), rounded_down(u[1]))
-    c.weights = triangle_weights(c.u)
-    return c
-
-
-@wp.func
-def turned(across: wp.vec2, apex: wp.int32) -> wp.vec2:
-    """Weights of corners 1 and 2 from those of the two corners that follow the apex.
-
-    With them the unit square covers a parallelogram evenly and without a seam: one half of it lies on the one
-    triangle, with its apex at (0, 0), the other on the other, with its apex at (1, 1).
-    """
-    weights = across
-    if apex == 1:
-        weights = wp.vec2(1.0 - across[0] - across[1], across[0])
-    elif apex == 2:
-        weights = wp.vec2(across[1], 1.0 - across[0] - across[1])
-    return weights
-
-
-@wp.func
-def chance_of_light(lights: Lights, element: wp.int32, position: wp.vec3) -> wp.float32:
-    """Probability with which choose_light chooses an element for a place."""
-    if element >= lights.first_directional:
-        return chance_of_start(lights.tree, DISTANT, position) * probability_of(
-            lights.distant, element - lights.first_directional
-        )
-    leaf = lights.tree.leaf[element]
-    if leaf < 0:
-        return 0.0
-    return chance_of_leaf(lights.tree, leaf, position) * wp.float32(lights.tree.within[element])
 
 
 @wp.func

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from wdpm.kernels import lights
 from wdpm.kernels.features import Features
-from wdpm.kernels.light_elements import Lights, chance_of_light, choose_light
+from wdpm.kernels.light_choice import chance_of_light, choose_light
+from wdpm.kernels.light_elements import Lights
 from wdpm.kernels.light_tree import EVEN
 from wdpm.scenes.light_sources import DirectionalLight, Environment, Light, PointLight, SpotLight
 from wdpm.scenes.light_table import LightTable
@@ -83,7 +84,7 @@ def _kernels() -> tuple[wp.Kernel, wp.Kernel]:
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def chances(lights: Lights, place: wp.array[wp.vec3], chance: wp.array2d[wp.float32]):
         i, element = wp.tid()
-        chance[i, element] = chance_of_light(lights, element, place[i])
+        chance[i, element] = chance_of_light(lights, element, place[i]).probability
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def walks(

@@ -64,7 +64,7 @@ def grid(side: int) -> Array:
 @pytest.mark.parametrize(("first", "second"), [(0, 0), (1, 0), (2, 0), (0, 1), (0, 2), (2, 1)])
 def test_a_grid_of_points_is_a_grid_on_a_square(first: int, second: int) -> None:
     """The two triangles of a lamp share the points out without a seam, wherever their corners begin."""
-    glow = square(2.0, 3.0)
+    glow = square(4.0, 3.0)
     corners = glow.corners.copy()
     for half, turn in ((0, first), (1, second)):
         corners[half] = np.roll(corners[half], turn, axis=0)
@@ -81,6 +81,45 @@ def test_stratified_points_are_stratified_over_several_lamps() -> None:
     for light, x in enumerate((-3.0, 3.0)):
         cell = np.floor((ways.end[ways.light == light][:, :2] - [x - 0.5, -0.5]) * 8).astype(np.int64)
         np.testing.assert_array_equal(np.bincount(cell[:, 0] * 8 + cell[:, 1], minlength=64), 8)
+
+
+@pytest.mark.parametrize("height", [2.0, 0.5, 0.01, 1e-4])
+def test_what_a_lamp_close_by_sends_differs_by_the_cosine_alone(height: float) -> None:
+    """Its points are even over the solid angle: no sample outshines the others, however close the place is."""
+    ways = direct(table_of([square(height, 3.0, (1.0, 2.0, 4.0))]), ORIGIN, COUNT)
+    assert_estimates(irradiance(ways), square_irradiance(3.0, height) * np.array([1, 2, 4]))
+    a = 1.5
+    whole = 4 * math.asin(a * a / (a * a + height * height))  # solid angle of a square above its middle
+    np.testing.assert_allclose(1.0 / ways.pdf, whole, rtol=1e-5)
+
+
+def edge_irradiance(beside: float, below: float) -> float:
+    """Irradiance of a wall beside a lamp 2 x 2 that faces down at a right angle to it, its nearest edge in the middle.
+
+    The integral along the edge in closed form, the one away from it by the midpoint rule, in steps of 0.02 %.
+    """
+    x = beside * np.geomspace(1.0, 1.0 + 2.0 / beside, 1 << 16)
+    middle, step = (x[1:] + x[:-1]) / 2, np.diff(x)
+    a = np.sqrt(middle**2 + below**2)
+    along = 1 / (a**2 * (a**2 + 1)) + np.arctan(1 / a) / a**3
+    return float((middle * below * along * step).sum())
+
+
+@pytest.mark.parametrize("below", [1e-3, 0.03, 1.0])
+@pytest.mark.parametrize("beside", [1e-3, 0.1])
+def test_a_lamp_lights_the_wall_at_its_edge(beside: float, below: float) -> None:
+    """However close the wall is: points by area would have samples 1 / distance² times as bright as others."""
+    glow = square(0.0, 2.0)
+    lamp = replace(glow, corners=glow.corners - np.float32([1.0, 0.0, 0.0]))
+    ways = direct(table_of([lamp]), (beside, 0.0, -below), COUNT)
+    lit = ways.pdf > 0
+    assert lit.mean() > 0.99
+    value = np.maximum(-ways.direction[lit, 0], 0.0) / ways.pdf[lit]
+    assert value.max() <= 2 * math.pi
+    error = value.std() / math.sqrt(len(value))
+    expected = edge_irradiance(beside, below)
+    assert error < 0.01 * expected
+    assert abs(value.mean() - expected) < ERRORS * error + 2e-3 * expected
 
 
 def test_a_square_is_dark_from_behind() -> None:

@@ -317,8 +317,8 @@ GUARDS = (
         prevents="a lamp shadows the light that it sends",
         changes=(
             (
-                "leave(point_of_triangle(lights, element, w), normal, lights.offset_min)",
-                "point_of_triangle(lights, element, w)",
+                "leave(point, normal, lights.offset_min)",
+                "point",
             ),
         ),
         tests=("tests/analytic/test_direct_light.py::test_a_rectangle_lights_a_patch",),

@@ -1,0 +1,70 @@
+"""Irradiance read at the nearest of some photons, in Poisson processes of known density: no bias, dense or sparse."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import warp as wp
+
+from wdpm.kernels import irradiance_points, photon_map
+from wdpm.kernels.gather_at_photons import gather_at_photons
+
+ERRORS = 5.0
+RADIUS = 1.0
+REACH = 0.4
+SHARE = 0.25
+
+
+def read_on_a_plane(density: float, k: int, side: float, seed: int, *, reach: float = REACH) -> tuple[float, int]:
+    """Mean of what places on a plane read, for photons of flux 1, and how many of the places found something.
+
+    Args:
+        density: photons a unit of area.
+        side: of the square of places; photons reach further, so that none misses any.
+    """
+    rng = np.random.default_rng(seed)
+    whole = side + 4 * RADIUS
+    count = rng.poisson(density * whole**2)
+    position = np.column_stack([rng.uniform(-2 * RADIUS, side + 2 * RADIUS, (count, 2)), np.zeros(count)])
+    up = np.broadcast_to([0.0, 0.0, 1.0], (count, 3)).astype(np.float32)
+    ids = np.arange(count)
+    tree = photon_map.build(position, np.ones((count, 3)), up, up, ids)
+    rows = np.flatnonzero(irradiance_points.chosen(ids, SHARE))
+    irradiance, radius = wp.empty(len(rows), dtype=wp.vec3), wp.empty(len(rows), dtype=wp.float32)
+    sites = [wp.array(rows, dtype=wp.int32), *(wp.array(a[rows], dtype=wp.vec3) for a in (position, up))]
+    search = [k, RADIUS, SHARE, reach, 0, 1]
+    wp.launch(
+        gather_at_photons,
+        len(rows),
+        inputs=[tree, *sites, *search],
+        outputs=[irradiance, radius],
+    )
+    points = irradiance_points.build(position[rows], irradiance.numpy(), up[rows], radius.numpy(), ids[rows])
+
+    queries = 1 << 14
+    x = wp.array(np.column_stack([rng.uniform(0, side, (queries, 2)), np.zeros(queries)]), dtype=wp.vec3)
+    n = wp.array(np.broadcast_to([0.0, 0.0, 1.0], (queries, 3)), dtype=wp.vec3)
+    outputs = [wp.empty(queries, dtype=t) for t in (wp.vec3, wp.float32, wp.bool)]
+    wp.launch(irradiance_points.read_irradiance, queries, inputs=[points, x, n, reach, 0], outputs=outputs)
+    found = outputs[2].numpy()
+    return float(outputs[0].numpy()[found, 0].sum()), int(found.sum())
+
+
+@pytest.mark.parametrize(
+    ("within", "k", "side"),
+    [(1.5, 100, 60.0), (6.0, 100, 40.0), (25.0, 100, 20.0), (100.0, 500, 12.0), (400.0, 50, 8.0), (60.0, 20, 12.0)],
+)
+def test_what_places_read_is_the_density(within: float, k: int, side: float) -> None:
+    """From 1.5 to 400 photons within the radius; the last two find k before, the others never.
+
+    With the photon at the site in the sum, or without, one of the six would be off by 2 to 60 %.
+    """
+    density = within / math.pi
+    runs = np.array([read_on_a_plane(density, k, side, seed) for seed in range(24)])
+    means = runs[:, 0] / runs[:, 1]
+    mean = runs[:, 0].sum() / runs[:, 1].sum()
+    error = means.std(ddof=1) / math.sqrt(len(means))
+    assert error < 0.02 * density
+    assert abs(mean - density) < ERRORS * error
