@@ -131,6 +131,8 @@ NO_RECORDS = Records(
 
 def joined(parts: Sequence[Records]) -> Records:
     """Records of several tasks or rounds as one set, in the order of their numbers."""
+    # A round may have no tasks: the grid of its candidates may pass a small image by.
+    parts = [NO_RECORDS, *parts]
     whole = {field.name: np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Records)}
     order = np.argsort(whole["number"])
     return Records(**{name: column[order] for name, column in whole.items()})

@@ -14,6 +14,9 @@ MAX_K = 500
 
 
 EFFECTS_TO_LEAVE_OUT = ("indirect", "caustics", "media", "lens", "bump")
+
+MAP_EFFECTS = frozenset({"indirect", "caustics"})
+"""Those of them that come by photon maps alone: path tracing cannot leave them out."""
 """What --without takes: light of the global map, of the caustic map, media, depth of field, bent normals."""
 
 
@@ -150,7 +153,7 @@ class RenderSettings:
         for effect in self.without:
             if effect not in EFFECTS_TO_LEAVE_OUT:
                 raise SettingsError(f"without names {effect!r}; expected some of {', '.join(EFFECTS_TO_LEAVE_OUT)}")
-        if self.integrator is Integrator.PATH and (maps := {"indirect", "caustics"}.intersection(self.without)):
+        if self.integrator is Integrator.PATH and (maps := MAP_EFFECTS.intersection(self.without)):
             raise SettingsError(
                 f"without {', '.join(sorted(maps))} leaves out photon maps, and integrator path has none; "
                 "for direct light alone use max_depth 2"

@@ -14,7 +14,7 @@ from wdpm import passes as module
 from wdpm.api import render
 from wdpm.image import Image
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.settings import Integrator, RenderSettings, Routing
+from wdpm.kernels.settings import Indirect, Integrator, RenderSettings, Routing
 from wdpm.pass_plan import photon_plan, session_of, smaller_k
 from wdpm.passes import PassAverage, PassPlan, PassRenderer, shrink, spread_samples
 from wdpm.prepare import prepare
@@ -123,6 +123,15 @@ def test_one_pass_is_a_plain_render(scene: Scene) -> None:
     for name, layer in plain.layers.items():
         np.testing.assert_array_equal(result.layers[name], layer, err_msg=name)
         np.testing.assert_array_equal(average.layers()[name], layer, err_msg=name)
+
+
+def test_images_smaller_than_the_first_grid_of_records_have_a_cache_too() -> None:
+    """From pass to pass the grid moves, and in its first round it may pass 16 x 16 pixels by."""
+    found = [
+        render(cornell_box((16, 16)), replace(FEW, photons=20_000, spp=8, passes=8, indirect=kind)).layers["indirect"]
+        for kind in (Indirect.CACHE, Indirect.GATHER)
+    ]
+    assert found[0].mean() == pytest.approx(found[1].mean(), rel=0.05)
 
 
 def test_the_image_is_the_mean_of_its_passes_by_their_samples(scene: Scene) -> None:

@@ -109,6 +109,18 @@ def test_rare_bright_samples_are_not_hidden_by_the_brightness_that_they_lend_a_p
     assert np.mean(told) > 5 * np.mean(naive)
 
 
+def test_a_lamp_as_small_as_a_pixel_is_no_chance() -> None:
+    """Every pass sees it, with noise of its own: its error counts beside its own brightness."""
+    passes = Passes(6, 0.1, 0.0)
+    passes.truth[SIZE // 2, SIZE // 2] = 100.0
+    gauge = Gauge(passes.truth.shape, Metric.RELMSE, False)
+    for number in range(4):
+        gauge.add(passes.render(number), 1, 1.0)
+    estimate = gauge.estimate()
+    assert estimate is not None
+    assert estimate.noise.value == pytest.approx(0.1**2 / 4, rel=0.3)
+
+
 def test_without_photons_there_is_no_bias() -> None:
     passes = Passes(3, 0.1, 0.0)
     gauge = Gauge(passes.truth.shape, Metric.RELMSE, False)

@@ -16,12 +16,20 @@ from wdpm.comparison import compare
 from wdpm.image import load as load_image
 from wdpm.kernels.settings import Indirect, Integrator, RenderSettings
 from wdpm.predict import predict
+from wdpm.pass_plan import PassPlan
+from wdpm.pass_progress import PassProgress
+from wdpm.passes import PassRenderer, PassResult
 from wdpm.progress import SilentProgress
+from wdpm.report import ErrorFigure
 from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.model import Scene
+from wdpm.until_gauge import Estimate
 from wdpm.until_goal import Goal
+from wdpm.until_outcome import Ending, outcome_of
 from wdpm.until_pilot import Pilot, Workplace
-from wdpm.until_render import render_until
+from wdpm.until_plan import Course
+from wdpm.until_render import Interrupted, render_until
+from wdpm.until_trial import Trial
 
 SMALL = ["cornell-box", "--size", "16x16", "--threads", "2"]
 FEW = {"photons": 20_000, "caustic_photons": 0, "volume_photons": 0}
@@ -75,7 +83,7 @@ def test_a_time_that_is_too_short_for_the_error_gives_an_image_and_says_so(
     assert code == EXIT_NOT_REACHED
     assert "NOT REACHED" in capsys.readouterr().err
     asked = load_image(file).metadata["asked"]
-    assert asked["out_of_time"]
+    assert asked["ending"] == "out of time"
     assert not asked["reached"]
     assert json.loads(report.read_text())["settings"]["passes"] == asked["passes"]
 
@@ -86,7 +94,7 @@ def test_an_error_out_of_reach_ends_with_the_best_there_is(scene: Scene, monkeyp
     image = render_until(scene, Goal(1e-6), threads=2, indirect=Indirect.MAP, **FEW)
     asked = image.metadata["asked"]
     assert not asked["reached"]
-    assert not asked["out_of_time"]
+    assert asked["ending"] == "done"
     assert asked["estimate"]["value"] > 1e-6
     assert any("NOT REACHED" in line for line in asked["lines"])
 
@@ -96,6 +104,61 @@ def test_a_time_alone_gives_an_image(scene: Scene) -> None:
     asked = image.metadata["asked"]
     assert asked["reached"]
     assert asked["passes"] == image.metadata["settings"]["passes"] >= 1
+
+
+def test_what_is_not_reached_says_what_would_help() -> None:
+    """Noise calls for samples, bias for photons; and time may just be up."""
+    trial = Trial(RenderSettings(passes=4, spp=4), 0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
+    course = Course(trial.settings, trial, 1.0, 0.1, 0.1)
+    times = {"seconds": 1.0, "pilot_seconds": 1.0, "compile_seconds": 0.0}
+
+    def said(noise: float, bias: float, ending: Ending) -> str:
+        parts = [ErrorFigure(value, value, value) for value in (noise, bias, noise + bias)]
+        return outcome_of(Goal(0.01), course, Estimate(*parts), 4, times, ending).lines()[-1]
+
+    assert "mostly noise: some 9 times the samples" in said(0.085, 0.001, Ending.DONE)
+    assert "mostly bias" in said(0.001, 0.085, Ending.DONE)
+    assert "time was up" in said(0.085, 0.001, Ending.OUT_OF_TIME)
+    assert "INTERRUPTED" in said(0.085, 0.001, Ending.INTERRUPTED)
+
+
+def test_bias_that_only_noise_suggests_does_not_keep_the_pilot_at_work(scene: Scene) -> None:
+    """A trial whose bias is not known from its noise: passes are rendered rather than trials of ever more photons."""
+    pilot = Pilot(scene, RenderSettings(), frozenset(), Workplace(SilentProgress(), threads=2))
+    hidden = Trial(RenderSettings(indirect=Indirect.MAP), 0.1, 0.01, 0.01, 1e-4, 1e-2, bias=0.5, likely_bias=0.0)
+    pilot.trials = [hidden]
+    course, reached = pilot.best(Goal(0.001))
+    assert reached
+    assert course.trial is hidden
+    pilot.trials = [replace(hidden, likely_bias=0.4)]
+    assert not pilot.best(Goal(1e-9))[1]
+
+
+def test_ctrl_c_hands_over_the_image_so_far(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    render = PassRenderer.render
+
+    def interrupted(renderer: PassRenderer, plan: PassPlan) -> PassResult:
+        if isinstance(renderer.progress, PassProgress) and plan.number == 3:
+            raise KeyboardInterrupt
+        return render(renderer, plan)
+
+    monkeypatch.setattr(PassRenderer, "render", interrupted)
+    with pytest.raises(Interrupted) as caught:
+        render_until(scene, Goal(0.01), threads=2, **FEW)
+    image = caught.value.image
+    asked = image.metadata["asked"]
+    assert asked["ending"] == "interrupted"
+    assert asked["passes"] == 3
+    monkeypatch.undo()
+    settings = image.metadata["settings"]
+    again = wdpm.render(scene, threads=2, spp=settings["spp"], passes=3, indirect=Indirect(settings["indirect"]), **FEW)
+    assert image.layers["beauty"].tobytes() == again.layers["beauty"].tobytes()
+
+
+def test_what_comes_by_photon_maps_alone_may_be_left_out(scene: Scene) -> None:
+    """There is no witness then: paths cannot leave it out."""
+    image = render_until(scene, Goal(0.5), threads=2, without=("indirect",), **FEW)
+    assert image.metadata["asked"]["reached"]
 
 
 def test_passes_of_the_pilot_count(scene: Scene) -> None:

@@ -6,7 +6,8 @@ It adds two parts, each with an interval of 80 %, so that the upper end holds in
 mean stands in; but a pixel that a rare bright sample hit has a large spread and a large mean, which would hide each
 other. So passes are dealt to two halves, and the spread is divided by the geometric mean of the whole and of the darker
 half, so that it is not hidden until both halves have seen such samples. That errs on the large side while they are
-rare, by a factor of up to two. A pixel that is far brighter than all around it is divided by the brightest of these.
+rare, by a factor of up to two. A pixel that is far brighter than all around it is divided by the brightest of these,
+unless both halves have seen it so: then it is no chance, but a lamp as small as the pixel.
 
 **Bias**, from a witness: two independent path-traced images a and b of fewer pixels (until_witness), which are noisy
 but not biased. For the mean image x, (x - a)(x - b) is on average exactly x's squared error, whatever causes it, since
@@ -135,8 +136,8 @@ class Gauge:
         """Of a pixel's variance, in place of the truth's."""
         darker = np.minimum(np.abs(self._halves[0]), np.abs(self._halves[1]))
         around = brightest_neighbour(mean)
-        alone = mean > OUTLIER * around
-        return np.where(alone, self.metric.weight(around), self.metric.weight(darker, mean))
+        by_chance = (mean > OUTLIER * around) & (darker <= OUTLIER * around)
+        return np.where(by_chance, self.metric.weight(around), self.metric.weight(darker, mean))
 
     def _bias(self, mean: Values) -> ErrorFigure:
         if not self._biased:

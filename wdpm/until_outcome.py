@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass
+from enum import Enum
 from typing import Any
 
 from wdpm.kernels.settings import Indirect, Integrator, RenderSettings
@@ -20,6 +21,15 @@ _KINDS = {
 }
 
 
+class Ending(Enum):
+    """What ends the passes of a render that is asked for an error or a time."""
+
+    DONE = "done"
+    """The error was reached, or as many passes were made as could be expected to reach it."""
+    OUT_OF_TIME = "out of time"
+    INTERRUPTED = "interrupted"
+
+
 @dataclass(frozen=True)
 class Outcome:
     """Of a render that was asked for an error or a time.
@@ -29,7 +39,7 @@ class Outcome:
         estimate: of the error, in the goal's metric, with an interval of 80 %; None if there were too few passes.
         noise, bias: parts of the estimate, as mean squares (the weighted ones, for relMSE).
         reached: whether the upper end of the estimate is within the error asked for; True if none was.
-        out_of_time: whether the time budget ended it.
+        ending: what ended it.
         passes, samples: that were rendered; samples are those of each pass.
         seconds: of the passes; predicted_seconds: the same, as the pilot told; pilot_seconds: of the pilot.
         compile_seconds: that went by for compiling.
@@ -42,7 +52,7 @@ class Outcome:
     noise: float
     bias: float
     reached: bool
-    out_of_time: bool
+    ending: Ending
     passes: int
     samples: int
     seconds: float
@@ -56,7 +66,7 @@ class Outcome:
         """As JSON has it."""
         goal = asdict(self.goal) | {"metric": self.goal.metric.value}
         figures = {name: _finite_or_none(value) for name, value in asdict(self).items()}
-        return figures | {"goal": goal, "lines": self.lines()}
+        return figures | {"goal": goal, "ending": self.ending.value, "lines": self.lines()}
 
     def lines(self) -> list[str]:
         """For people."""
@@ -74,10 +84,24 @@ class Outcome:
             f"{self.passes} passes of {self.samples} samples in {self.seconds:.1f} s ({self.predicted_seconds:.1f} s "
             f"predicted), after a pilot of {self.pilot_seconds:.1f} s and {self.compile_seconds:.1f} s of compiling"
         )
-        if not self.reached:
-            why = "time was up" if self.out_of_time else "more passes would not lessen it by much"
-            found.append(f"NOT REACHED: {name} {goal.error:g} was asked for; {why}. The image is the best so far.")
+        if self.ending is Ending.INTERRUPTED:
+            found.append("INTERRUPTED: the image is the best so far")
+        elif not self.reached:
+            found.append(
+                f"NOT REACHED: {name} {goal.error:g} was asked for; {self._obstacle()}. The image is the best so far."
+            )
         return found
+
+    def _obstacle(self) -> str:
+        """Why the error was not reached, and what may help."""
+        if self.ending is Ending.OUT_OF_TIME:
+            return "time was up"
+        if not self.noise > self.bias:
+            return "what is left is mostly bias, which more passes lessen slowly: try more photons"
+        times = math.ceil(self.noise / max(self.goal.mean_square, 1e-300))
+        if times > 1000:
+            return "what is left is mostly noise, and so small an error is out of reach"
+        return f"what is left is mostly noise: some {max(times, 2)} times the samples would reach it"
 
 
 def _finite_or_none(value: Any) -> Any:
@@ -93,7 +117,7 @@ def in_metric(metric: Metric, figure: ErrorFigure) -> ErrorFigure:
 
 
 def outcome_of(
-    goal: Goal, course: Course, estimate: Estimate | None, passes: int, times: dict[str, float], out_of_time: bool
+    goal: Goal, course: Course, estimate: Estimate | None, passes: int, times: dict[str, float], ending: Ending
 ) -> Outcome:
     """From what was measured; `times` are the three of Outcome."""
     return Outcome(
@@ -102,7 +126,7 @@ def outcome_of(
         noise=math.nan if estimate is None else estimate.noise.value,
         bias=math.nan if estimate is None else estimate.bias.value,
         reached=goal.error is None or (estimate is not None and estimate.total.high <= goal.mean_square),
-        out_of_time=out_of_time,
+        ending=ending,
         passes=passes,
         samples=course.samples,
         predicted_seconds=course.seconds,

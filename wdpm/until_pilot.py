@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from wdpm.cluster_api import Cluster
-from wdpm.kernels.settings import Indirect, Integrator, RenderSettings
+from wdpm.kernels.settings import MAP_EFFECTS, Indirect, Integrator, RenderSettings
 from wdpm.passes import PassRenderer
 from wdpm.progress import Progress, SilentProgress
 from wdpm.scenes.model import Scene
@@ -114,9 +114,13 @@ class Pilot:
             return reaching, True
         if math.isfinite(seconds_left):
             return nearest(candidates, seconds_left), goal.error is None
+        # What the noise of a trial hides may be no bias at all, and more photons would not lessen it: passes tell.
+        hopeful = None if goal.error is None else soonest(candidates, goal.mean_square, likely=True)
+        if hopeful is not None:
+            return hopeful, True
         # Nothing reaches it: what has the least bias, until noise is small beside it.
-        least = min(candidates, key=lambda trial: trial.bias)
-        fallback = soonest([replace(least, bias=0.0)], max(0.5 * least.bias, goal.mean_square))
+        least = min(candidates, key=lambda trial: trial.likely_bias)
+        fallback = soonest([replace(least, bias=0.0)], max(0.5 * least.likely_bias, goal.mean_square))
         return fallback or nearest([least], 100 * (least.pass_cost + least.sample_cost)), False
 
     def run(self, goal: Goal, seconds_left: Callable[[], float] = lambda: math.inf) -> None:
@@ -128,7 +132,9 @@ class Pilot:
         began = self.work.clock()
         allowed = seconds_left() * PILOT_SHARE
         by_photons = self.settings.integrator is Integrator.PHOTONS and self.settings.photons > 0
-        if by_photons and (goal.error is not None or seconds_left() > LONG_S):
+        # Paths cannot leave out what comes by a photon map: such an image has no witness.
+        whole = not MAP_EFFECTS.intersection(self.settings.without)
+        if by_photons and whole and (goal.error is not None or seconds_left() > LONG_S):
             wanted = WITNESS_SHARE * goal.mean_square
             self.witness = make_witness(
                 self.scene, self.settings, goal.metric, wanted, self.work.renderer, 0.5 * allowed

@@ -98,7 +98,8 @@ def with_photons(trial: Trial, factor: float) -> Trial:
     most = max(getattr(old, name) for name in names)
     factor = max(getattr(settings, name) for name in names) / most if most else 1.0
     cost = (trial.pass_cost - trial.record_cost) * factor + trial.record_cost
-    return replace(trial, settings=settings, pass_cost=cost, bias=trial.bias / factor, results={})
+    bias, likely = trial.bias / factor, trial.likely_bias / factor
+    return replace(trial, settings=settings, pass_cost=cost, bias=bias, likely_bias=likely, results={})
 
 
 def stratified(samples: int) -> float:
@@ -122,8 +123,8 @@ def _rays(samples: int) -> float:
     return share_of_rays(samples) / share_of_rays(1)
 
 
-def course(trial: Trial, passes: int, samples: int) -> Course:
-    """What is expected of so many passes, by the model above."""
+def course(trial: Trial, passes: int, samples: int, *, likely: bool = False) -> Course:
+    """What is expected of so many passes, by the model above; of the likely bias, not of the most that it may be."""
     inverse, mean = _shares(passes)
     biased = trial.settings.integrator is Integrator.PHOTONS
     kept = sum(PassPlan(number, number * samples, samples) in trial.results for number in range(min(passes, 2)))
@@ -135,17 +136,23 @@ def course(trial: Trial, passes: int, samples: int) -> Course:
         trial,
         trial.start + (passes - kept) * (pass_cost(trial, samples) + samples * trial.sample_cost),
         noise,
-        trial.bias * mean,
+        (trial.likely_bias if likely else trial.bias) * mean,
     )
 
 
-def soonest(trials: Iterable[Trial], mean_square: float, least: int = LEAST_PASSES) -> Course | None:
-    """The course that is expected to be known to have reached an error soonest; None if none does."""
+def soonest(
+    trials: Iterable[Trial], mean_square: float, least: int = LEAST_PASSES, *, likely: bool = False
+) -> Course | None:
+    """The course that is expected to be known to have reached an error soonest; None if none does.
+
+    Args:
+        likely: take bias to be what it is estimated to be, not the most that it may be.
+    """
     found = [
         reaching
         for trial in trials
         for samples in _powers_of_two()
-        if (reaching := _first_to_reach(trial, samples, mean_square, least)) is not None
+        if (reaching := _first_to_reach(trial, samples, mean_square, least, likely)) is not None
     ]
     return min(found, key=lambda each: each.seconds, default=None)
 
@@ -165,11 +172,11 @@ def nearest(trials: Iterable[Trial], seconds: float) -> Course:
     return min(fitting, key=lambda e: e.error) if fitting else min(shortest, key=lambda e: e.seconds)
 
 
-def _first_to_reach(trial: Trial, samples: int, mean_square: float, least: int) -> Course | None:
+def _first_to_reach(trial: Trial, samples: int, mean_square: float, least: int, likely: bool) -> Course | None:
     """With the fewest passes that do."""
 
     def reaches(passes: int) -> bool:
-        return MARGIN * course(trial, passes, samples).error <= mean_square
+        return MARGIN * course(trial, passes, samples, likely=likely).error <= mean_square
 
     high = least
     while not reaches(high):
@@ -180,7 +187,7 @@ def _first_to_reach(trial: Trial, samples: int, mean_square: float, least: int) 
     while low < high:
         middle = (low + high) // 2
         low, high = (low, middle) if reaches(middle) else (middle + 1, high)
-    return course(trial, high, samples)
+    return course(trial, high, samples, likely=likely)
 
 
 def _powers_of_two() -> list[int]:

@@ -24,7 +24,7 @@ from wdpm.scenes.errors import SettingsError
 from wdpm.until_clock import Budget
 from wdpm.until_gauge import LEAST_PASSES, Estimate, Gauge
 from wdpm.until_goal import Goal
-from wdpm.until_outcome import outcome_of
+from wdpm.until_outcome import Ending, outcome_of
 from wdpm.until_pilot import Pilot, Workplace
 from wdpm.until_plan import Course
 from wdpm.until_trial import Clock
@@ -54,6 +54,18 @@ SLOWER = 1.1
 """As many times the slowest pass so far, the next may take."""
 
 
+class Interrupted(KeyboardInterrupt):
+    """Someone pressed Ctrl-C during the passes.
+
+    Attributes:
+        image: the mean of those that were done, with its outcome.
+    """
+
+    def __init__(self, image: Image) -> None:
+        super().__init__()
+        self.image = image
+
+
 def render_until(
     source: Source,
     goal: Goal,
@@ -81,6 +93,7 @@ def render_until(
 
     Raises:
         SceneError, SettingsError, ClusterError: see their messages.
+        Interrupted: Ctrl-C, once a pass is done; it holds the image of the passes so far.
     """
     for name in CHOSEN_HERE & set(chosen):
         raise SettingsError(f"{name} is chosen by what until_error and time_budget ask for; leave one of them out")
@@ -112,24 +125,27 @@ def _render(pilot: Pilot, goal: Goal, budget: Budget) -> Image:
     gauge = Gauge(shape, goal.metric, biased, pilot.witness)
     with pilot.work.renderer(scene, settings) as renderer:
         renderer.progress = progress
-        average, estimate, out_of_time = _passes(renderer, course, goal, gauge, budget, _most(course, goal, expected))
+        average, estimate, ending = _passes(renderer, course, goal, gauge, budget, _most(course, goal, expected))
         times = {
             "seconds": pilot.work.clock() - began,
             "pilot_seconds": pilot.seconds,
             "compile_seconds": pilot.compile_seconds,
         }
-        outcome = outcome_of(goal, course, estimate, len(average.plans), times, out_of_time)
+        outcome = outcome_of(goal, course, estimate, len(average.plans), times, ending)
         image = average.image()
-    return replace(image, metadata={**image.metadata, OUTCOME: outcome.to_dict()})
+    image = replace(image, metadata={**image.metadata, OUTCOME: outcome.to_dict()})
+    if ending is Ending.INTERRUPTED:
+        raise Interrupted(image)
+    return image
 
 
 def _passes(
     renderer: PassRenderer, course: Course, goal: Goal, gauge: Gauge, budget: Budget, most: float
-) -> tuple[PassAverage, Estimate | None, bool]:
-    """Render until the goal is reached, or `most` passes are done.
+) -> tuple[PassAverage, Estimate | None, Ending]:
+    """Render until the goal is reached, or `most` passes are done, or someone presses Ctrl-C after the first.
 
     Returns:
-        The mean, the estimate of its error, and whether time ran out.
+        The mean, the estimate of its error, and what ended it.
     """
     average = PassAverage(renderer.prepared)
     camera, bucket = renderer.prepared.session.view.camera, renderer.prepared.session.view.bucket
@@ -140,7 +156,12 @@ def _passes(
     while True:
         began = time.perf_counter()
         plan = PassPlan(number, number * samples, samples)
-        result = course.trial.results.get(plan) or renderer.render(plan)
+        try:
+            result = course.trial.results.get(plan) or renderer.render(plan)
+        except KeyboardInterrupt:
+            if not number:
+                raise
+            return average, gauge.estimate(), Ending.INTERRUPTED
         average.add(result)
         gauge.add(result.layers, samples, shrink(number))
         number += 1
@@ -148,12 +169,12 @@ def _passes(
             estimate = gauge.estimate()
             next_check = max(number + 1, math.ceil(number * FIRST_CHECKS))
             if estimate is not None and estimate.total.high <= goal.mean_square:
-                return average, estimate, False
+                return average, estimate, Ending.DONE
         if plan not in course.trial.results:
             slowest = max(time.perf_counter() - began, 0.9 * slowest)
         out_of_time = budget.left() < SLOWER * slowest
         if number >= most or out_of_time:
-            return average, gauge.estimate(), out_of_time
+            return average, gauge.estimate(), Ending.OUT_OF_TIME if out_of_time else Ending.DONE
 
 
 def _most(course: Course, goal: Goal, expected: bool) -> float:

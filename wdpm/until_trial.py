@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from wdpm.kernels.settings import RenderSettings
 from wdpm.pass_plan import PassPlan
 from wdpm.passes import PassRenderer, PassResult
+from wdpm.report import ErrorFigure
 from wdpm.until_gauge import Gauge, centred_figure
 from wdpm.until_goal import Metric
 from wdpm.until_witness import Witness, coarser
@@ -45,7 +46,8 @@ class Trial:
         record_cost: of pass_cost, the irradiance records of a pass of one sample.
         rare: by how much the estimate of two samples' noise (until_gauge) lies above the above, for fear of rare
             bright ones.
-        bias: the squared bias of a pass of the first radius, at most.
+        bias: the squared bias of a pass of the first radius, at most: the upper end of its interval.
+        likely_bias: the same, as estimated, at least 0. Far below `bias` where the noise of so few samples hides it.
         compile_seconds: that went by for compiling, in none of the above.
         results: the passes that may be part of the image, if it has one sample a pass.
     """
@@ -60,6 +62,7 @@ class Trial:
     rare: float = 0.0
     compile_seconds: float = 0.0
     record_cost: float = 0.0
+    likely_bias: float = 0.0
     results: dict[PassPlan, PassResult] = field(default_factory=dict)
 
 
@@ -95,6 +98,7 @@ def try_out(
     a, b, c = (result.layers["beauty"].astype(np.float64) for result in results)
     weight = metric.weight((a + b + 2 * c) / 4)
     sample_cost = costs[1] * _share_of(results[1], "render")
+    bias = ErrorFigure(0.0, 0.0, 0.0) if witness is None else bias_of(a, b, c, metric, witness)
     return Trial(
         settings=settings,
         start=start,
@@ -102,7 +106,8 @@ def try_out(
         sample_cost=sample_cost,
         pass_noise=_finite_mean((b - c) ** 2 * weight) / 2,
         sample_noise=_finite_mean((a - b) ** 2 * weight) / 2,
-        bias=0.0 if witness is None else bias_of(a, b, c, metric, witness),
+        bias=bias.high,
+        likely_bias=min(max(bias.value, 0.0), bias.high),
         rare=rare_of(results[0], results[2], metric),
         compile_seconds=compile_seconds,
         record_cost=costs[2] * _share_of(results[2], "records"),
@@ -110,14 +115,14 @@ def try_out(
     )
 
 
-def bias_of(a: Values, b: Values, c: Values, metric: Metric, witness: Witness) -> float:
-    """Squared bias of a trial's passes, at the pixels of the witness: the upper end of its interval."""
+def bias_of(a: Values, b: Values, c: Values, metric: Metric, witness: Witness) -> ErrorFigure:
+    """Squared bias of a trial's passes, at the pixels of the witness."""
     a, b, c = (coarser(each, witness.factor) for each in (a, b, c))
     mean = (a + c) / 2  # other samples and other photons: the two are independent
     squared = (mean - witness.a) * (mean - witness.b) - (a - c) ** 2 / 4
     # Where so few samples missed an edge of a lamp, the witness knows how bright it is.
     bright = np.maximum(np.abs(mean), mean_around((witness.a + witness.b) / 2))
-    return centred_figure(np.nan_to_num(squared * metric.weight(bright))).high
+    return centred_figure(np.nan_to_num(squared * metric.weight(bright)))
 
 
 def mean_around(image: Values) -> Values:
