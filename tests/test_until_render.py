@@ -15,10 +15,10 @@ from wdpm.cli_until import EXIT_NOT_REACHED
 from wdpm.comparison import compare
 from wdpm.image import load as load_image
 from wdpm.kernels.settings import Indirect, Integrator, RenderSettings
-from wdpm.predict import predict
 from wdpm.pass_plan import PassPlan
 from wdpm.pass_progress import PassProgress
 from wdpm.passes import PassRenderer, PassResult
+from wdpm.predict import predict
 from wdpm.progress import SilentProgress
 from wdpm.report import ErrorFigure
 from wdpm.scenes.errors import SettingsError
