@@ -241,7 +241,7 @@ def _cases() -> Iterator[HardCase]:
             tolerance="none",
             measure=partial(a_dark_box, way=way),
         )
-        for depth in (0.2, 0.02):
+        for depth in (0.2, 0.005):
             yield HardCase(
                 name=f"{name}: a cellar {depth:g} deep",
                 section=5,
