@@ -325,7 +325,7 @@ def _given(length: float | None, unit: float) -> float | None:
 def _beam_radius(photons: Arrays, expected: float, extent: float) -> float:
     """The radius of beams: that of a ball about the median volume photon that holds BEAM_K photons."""
     position = photons["position"]
-    if len(position) <= PILOT_K:
+    if len(position) <= PILOT_K or not expected:
         return extent / 16.0
     chosen = np.linspace(0, len(position) - 1, min(BEAM_PILOT, len(position))).astype(np.intp)
     sample = position[chosen].astype(np.float64)

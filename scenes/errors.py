@@ -4,6 +4,7 @@
     ├── SceneError      something in a scene or model file; names file and line where known
     ├── SettingsError   a setting or an argument of the command line
     ├── ImageError      an image that cannot be read, written or compared
+    │   └── CacheNotWrittenError   a render whose irradiance records cannot be written; has the image (wdpm.cache_file)
     ├── GuardError      a strict render in which a guard acted
     └── ClusterError    a slave, the master or the connection between them
         └── ProtocolError   a message that breaks docs/protocol.md

@@ -31,21 +31,28 @@ def load(source: str | Path, *, defines: Mapping[str, str] | None = None, size: 
     """
     if size is not None and min(size) < 1:
         raise SceneError(f"the image size is {size[0]}x{size[1]}; both must be at least 1")
-    if isinstance(source, str) and source.partition(":")[0] in BUILT_IN_NAMES:
+    file = find(source)
+    if file is None:
         _refuse_defines(defines, source)
-        return check_scene(load_built_in(source, size))
+        return check_scene(load_built_in(str(source), size))
+    if file.suffix.lower() == ".xml":
+        return check_scene(read_mitsuba(file, defines or {}, size), file)
+    _refuse_defines(defines, source)
+    reader = read_gltf if file.suffix.lower() in (".gltf", ".glb") else read_stand_alone
+    return check_scene(reader(file, size), file)
+
+
+def find(source: str | Path) -> Path | None:
+    """The file of a scene, not read; None for a built-in one. Raises SceneError if it is neither."""
+    if isinstance(source, str) and source.partition(":")[0] in BUILT_IN_NAMES:
+        return None
     file = Path(source)
     if not file.exists():
         hint = did_you_mean(str(source), BUILT_IN_NAMES) or f" (built in: {', '.join(BUILT_IN_NAMES)})"
         raise SceneError(f"no such file, nor a built-in scene{hint}", file)
-    extension = file.suffix.lower()
-    if not file.is_file() or extension not in _EXTENSIONS:
+    if not file.is_file() or file.suffix.lower() not in _EXTENSIONS:
         raise SceneError(f"not a scene: expected a file with one of the extensions {' '.join(_EXTENSIONS)}", file)
-    if extension == ".xml":
-        return check_scene(read_mitsuba(file, defines or {}, size), file)
-    _refuse_defines(defines, source)
-    reader = read_gltf if extension in (".gltf", ".glb") else read_stand_alone
-    return check_scene(reader(file, size), file)
+    return file
 
 
 def _refuse_defines(defines: Mapping[str, str] | None, source: str | Path) -> None:

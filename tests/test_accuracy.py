@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from wdpm import accuracy_render, accuracy_run, cli
-from wdpm.accuracy_knobs import parse_sweep
+from wdpm.accuracy_knobs import KNOBS, parse_sweep
 from wdpm.accuracy_result import Accuracy
 from wdpm.accuracy_run import Request, measure
 from wdpm.accuracy_words import summary
@@ -99,6 +99,21 @@ def test_the_csv_has_the_same_figures(swept: tuple[Path, Accuracy]) -> None:
     assert [float(row["wall_seconds"]) for row in rows] == [point.wall_seconds for point in found.points]
     assert [row["command"] for row in rows] == [point.command for point in found.points]
     assert [row["on_front"] == "True" for row in rows] == [point.number in found.front for point in found.points]
+
+
+def test_the_csv_has_a_column_for_every_knob(tmp_path: Path) -> None:
+    sweeps = ["light-samples=1,2", "band=0.5", "radius=2x"]
+    found = measure(request(tmp_path, sweeps, chosen={**CHOSEN, "without": ("lens", "bump")}), SilentProgress())
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "points.csv").read_text())))
+    points = json.loads((tmp_path / "points.json").read_text())["points"]
+    for knob in KNOBS:
+        assert knob.name in rows[0]
+        assert knob.name in points[0]["settings"] or knob.name == "slaves"
+    for curve in found.curves:
+        assert [rows[number][curve.knob] for number in curve.points] == [str(value) for value in curve.values]
+    assert rows[0]["light_samples"] == "4", "what the renderer chose"
+    assert {(row["max_depth"], row["without"]) for row in rows} == {("", "lens,bump")}
+    assert rows[0]["caustic_k"] == "50"
 
 
 def test_more_samples_lower_the_noise(swept: tuple[Path, Accuracy]) -> None:
@@ -215,6 +230,15 @@ def test_a_broken_record_is_told(tmp_path: Path) -> None:
         measure(request(tmp_path, ["k=5,20"]), SilentProgress())
 
 
+def test_a_truncated_image_is_told_before_anything_is_rendered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    measure(request(tmp_path, ["k=5,20"]), SilentProgress())
+    image = next((tmp_path / "renders").glob("*.exr"))
+    image.write_bytes(image.read_bytes()[:700])
+    monkeypatch.setattr(accuracy_render.Bench, "render", lambda *_: pytest.fail("rendered"))
+    with pytest.raises(ImageError, match=f"{image.name}: not a whole OpenEXR file.*; delete it and run again"):
+        measure(request(tmp_path, ["k=5,20,40"]), SilentProgress())
+
+
 def test_another_scene_uses_nothing_of_the_folder(tmp_path: Path) -> None:
     first = measure(request(tmp_path, ["k=5,20"]), SilentProgress())
     second = measure(request(tmp_path, ["k=5,20"], size=(10, 8)), SilentProgress())
@@ -281,6 +305,17 @@ def test_two_halves_tell_the_noise_of_a_reference(tmp_path: Path) -> None:
         (["--reference", "small.exr"], "the reference is 9x8, the renders are 20x14: give --size 9x8"),
         (["--reference", "nan.exr"], "1 pixels that are NaN or infinite, the first at 7,5"),
         (["--reference", "good.exr", "--reference-time", "3s"], "leave it or --reference out"),
+        (
+            ["--reference", "good.exr", "--reference", "good.exr"],
+            "good.exr and good.exr: the two references have equal",
+        ),
+        (
+            ["--reference", "good.exr", "--reference", "same.npy"],
+            "good.exr and same.npy: the two references have equal",
+        ),
+        (["--reference", "black.exr"], "black.exr: the reference is black"),
+        (["--sweep", "k=1..100000"], "--sweep k=1..100000: k is 100000; expected at most 500"),
+        (["--sweep", "photons=5k,9k", "--integrator", "path"], "photons changes nothing in this render"),
         (["--reference", "good.exr", "--reference", "good.exr", "--reference", "good.exr"], "3 times"),
         (["-o", "good.exr"], "good.exr: results cannot be written there"),
     ],
@@ -297,10 +332,12 @@ def test_bad_input_is_one_line_and_nothing_is_rendered(
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(accuracy_render.Bench, "render", no_render)
-    monkeypatch.setattr(accuracy_run, "prepare", no_render)
+    monkeypatch.setattr(accuracy_run, "find_facts", no_render)
     flat(Path("good.exr"))
     flat(Path("nan.exr"), float("nan"))
     flat(Path("small.exr"), size=(9, 8))
+    flat(Path("same.npy"))
+    Image({"beauty": np.zeros((SIZE[1], SIZE[0], 3), np.float32)}).save("black.exr")
     assert run(["accuracy", "cornell-box", "--size", "20x14", "-q", *BASE, *arguments]) == cli.EXIT_BAD_INPUT
     error = capsys.readouterr().err.strip()
     assert complaint in error

@@ -4,12 +4,21 @@ from __future__ import annotations
 
 import socket
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from wdpm.cli import main
+from wdpm.image_memory import MOST_PIXELS, check_pixels
+from wdpm.kernels.launch import Launcher
+from wdpm.kernels.settings import RenderSettings
+from wdpm.prepare import prepare
+from wdpm.progress import SilentProgress
+from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.load import load
+from wdpm.scenes.model import Camera
 
 SCENE = """<scene version="3.0.0">
     <sensor type="perspective"><film type="hdrfilm">
@@ -105,6 +114,41 @@ def test_a_wrong_scene(body: str, expected: list[str], here: Path, capsys: pytes
 )
 def test_a_wrong_argument(arguments: list[str], expected: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert expected in said(["render", *arguments], capsys)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["render", "cornell-box"],
+        ["render", "cornell-box", "--slaves", "2"],
+        ["render", "cornell-box", "--until-error", "0.5"],
+        ["render", "cornell-box", "--replay", "1,1,1"],
+        ["slave", "tcp://127.0.0.1:1"],
+        ["accuracy", "cornell-box"],
+        ["accuracy", "cornell-box", "--predict"],
+    ],
+    ids=" ".join,
+)
+def test_a_device_that_is_not_there(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    line = said([*arguments, "--device", "cuda:99"], capsys)
+    assert "there is no device 'cuda:99' on this machine" in line
+    assert "cpu" in line
+
+
+def test_an_image_that_has_no_room_in_memory(capsys: pytest.CaptureFixture[str]) -> None:
+    line = said(["render", "cornell-box", "--size", "1000000x1000000"], capsys)
+    assert "takes 171,363.4 GiB of memory" in line
+    assert "--size" in line
+
+
+def test_pixels_that_cannot_be_numbered() -> None:
+    most = Camera(np.eye(4), 40.0, width=MOST_PIXELS, height=1)
+    check_pixels(most)
+    with pytest.raises(SettingsError, match="expected at most 2,147,483,647"):
+        check_pixels(replace(most, height=2))
+    scene = load("cornell-box", size=(2**16, 2**15))
+    with pytest.raises(SettingsError, match="more than can be numbered"):
+        prepare(scene, RenderSettings(), 1, Launcher("cpu", 1), SilentProgress())
 
 
 @pytest.mark.parametrize("size", ["0x10", "10x-1", "10", "axb"])

@@ -14,13 +14,24 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from wdpm import api, bench_caustic, bench_effects, bench_kernels, bench_mitsuba, bench_paper, cli, cli_bench
+from wdpm import (
+    api,
+    bench_caustic,
+    bench_effects,
+    bench_indirect,
+    bench_kernels,
+    bench_mitsuba,
+    bench_paper,
+    bench_photons,
+    cli,
+    cli_bench,
+)
 from wdpm import bench_effects_scenes as effect_scenes
 from wdpm.bench import Grid
 from wdpm.bench_effects_plot import plot
 from wdpm.image import Image
 from wdpm.kernels.features import ALL, Features
-from wdpm.kernels.settings import RenderSettings, Routing
+from wdpm.kernels.settings import Indirect, RenderSettings, Routing
 from wdpm.kernels.variants import make_variants
 from wdpm.progress import SilentProgress
 from wdpm.scenes.errors import ImageError, WdpmError
@@ -129,6 +140,34 @@ def test_libraries_that_are_missing_cost_their_lines_only(monkeypatch: pytest.Mo
         "map of 500 photons: SciPy not installed: pip install scipy",
         "photons traced and stored in cornell-box",
     ]
+
+
+def test_a_scene_that_is_not_there_is_found_before_anything_is_timed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def timed(*_: Any, **__: Any) -> Any:
+        raise AssertionError("too late")
+
+    for module, name in ((bench_kernels, "_compile"), (bench_paper, "measure"), (bench_indirect, "measure")):
+        monkeypatch.setattr(module, name, timed)
+    monkeypatch.chdir(tmp_path)
+    for what in ("kernels", "paper", "indirect"):
+        assert cli.main(["bench", what, "cornell-box", "nope.xml"]) == 2
+        assert "nope.xml: no such file" in capsys.readouterr().err
+
+
+def test_kernels_are_timed_without_words_of_warp(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    import warp as wp
+
+    monkeypatch.setattr(wp.config, "log_level", wp.LOG_INFO)
+    hide(monkeypatch, bench_kernels, "embreex", "scipy")
+    monkeypatch.setattr(bench_kernels, "Load", lambda **_: LIGHT_LOAD)
+    monkeypatch.setattr(bench_photons, "seconds_per_photon", lambda *_: 1e-6)
+    assert cli.main(["bench", "kernels"]) == 0
+    assert wp.config.log_level == wp.LOG_WARNING
+    assert "Module " not in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -463,14 +502,14 @@ def test_options_of_the_papers_table_reach_the_renders(
         return bench_paper.SceneFigures(name, 1, 1, 1, 1, 1, 1, ())
 
     monkeypatch.setattr(bench_paper, "measure", measure)
-    line = "bench paper a.xml --slaves 1,8 --routing both --size 6x4 --spp 2 --photons 1k --threads 2"
-    assert cli.main(line.split()) == 0
+    line = "bench paper atrium:9k --slaves 1,8 --routing both --size 6x4 --spp 2 --photons 1k --threads 2"
+    assert cli.main([*line.split(), "--indirect", "cache"]) == 0
     assert cli.main(["bench", "paper", "--threads", "1"]) == 0
     capsys.readouterr()
-    chosen = {"size": (6, 4), "threads": 2, "spp": 2, "photons": 1000}
-    assert asked[0] == ("a.xml", (1, 8), (Routing.FORWARD, Routing.MERGE), chosen)
+    chosen = {"size": (6, 4), "threads": 2, "spp": 2, "photons": 1000, "indirect": Indirect.CACHE}
+    assert asked[0] == ("atrium:9k", (1, 8), (Routing.FORWARD, Routing.MERGE), chosen)
     assert [name for name, *_ in asked[1:]] == ["cornell-box", "atrium:100k"]
-    assert asked[1][1:] == ((0, 2, 4), (Routing.FORWARD,), {"size": None, "threads": 1})
+    assert asked[1][1:] == ((0, 2, 4), (Routing.FORWARD,), {"size": None, "threads": 1, "indirect": Indirect.MAP})
 
 
 @pytest.mark.parametrize(

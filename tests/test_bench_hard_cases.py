@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -30,6 +32,34 @@ def test_sections_are_counted() -> None:
     figures = Figures(Path("index.html"), cases)
     assert figures.failed == 2
     assert figures.grid().rows == (("1. Scale", "4", "1", "1", "2", "8 s"),)
+
+
+@pytest.mark.parametrize("only", [["equl", "distances"], ["nosuchthing"]])
+def test_names_of_no_case_are_an_error_that_shows_the_nearest(
+    only: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = tmp_path / "page"
+    assert cli.main(["bench", "hard-cases", "--only", *only, "-o", str(page)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert " and ".join(repr(text) for text in only) in line
+    assert "--list" in line
+    assert ("'equal distances'" in line) == (only[0] == "equl")
+    assert not page.exists()
+
+
+def test_the_suite_itself_says_that_no_case_has_such_a_name(tmp_path: Path) -> None:
+    command = [
+        sys.executable,
+        str(bench_hard_cases.find_suite()),
+        "--only",
+        "nosuchthing",
+        "-o",
+        str(tmp_path / "page"),
+    ]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr.startswith("run.py: error: --only: no hard case has 'nosuchthing'")
+    assert not (tmp_path / "page").exists()
 
 
 def test_without_the_repository_it_says_where_the_suite_is(

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import wdpm
 from wdpm.api import render
-from wdpm.cache_file import read_records, write_records
+from wdpm.cache_file import CacheNotWrittenError, read_records, write_records
 from wdpm.cluster.records import NO_RECORDS
 from wdpm.image import Image
-from wdpm.kernels.settings import Indirect
+from wdpm.kernels.settings import Indirect, Integrator
 from wdpm.scenes.errors import ImageError, SettingsError
 from wdpm.scenes.model import Scene
 
@@ -61,6 +62,65 @@ def test_a_render_without_a_cache_is_refused(box: Scene, tmp_path: Path) -> None
     with pytest.raises(SettingsError, match="records of its own"):
         render(box, save_cache=tmp_path / "x", passes=2, **FEW)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("chosen", "message"),
+    [
+        ({"integrator": Integrator.PATH}, "path tracing has no irradiance cache; leave --save-cache out"),
+        ({"photons": 0}, "--photons 0 leaves nothing"),
+        ({"without": ("indirect",)}, "--without indirect leaves nothing"),
+    ],
+)
+def test_a_render_that_can_have_no_cache_says_why(
+    box: Scene, tmp_path: Path, chosen: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(SettingsError, match=message):
+        render(box, save_cache=tmp_path / "x", **{**FEW, **chosen})
+
+
+@pytest.mark.parametrize("place", ["nowhere/records", "."])
+def test_a_place_that_cannot_be_written_is_found_before_anything_is_loaded(tmp_path: Path, place: str) -> None:
+    def load() -> Scene:
+        raise AssertionError("too late")
+
+    with pytest.raises(ImageError, match=r"no folder|is a folder"):
+        render(load, save_cache=tmp_path / place, **FEW)
+
+
+def test_records_that_cannot_be_written_do_not_cost_the_image(
+    box: Scene, saved: tuple[Path, Image], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("wdpm.array_file.write_whole", full)
+    with pytest.raises(CacheNotWrittenError, match="cannot be written: No space left") as caught:
+        render(box, save_cache=tmp_path / "x", **FEW)
+    assert digest(caught.value.image) == digest(saved[1])
+
+
+def test_a_changed_header_of_an_array_is_an_error(saved: tuple[Path, Image], tmp_path: Path) -> None:
+    """It reaches Python's own parser, which raises errors of its own kinds."""
+    path, whole = tmp_path / "broken", saved[0].read_bytes()
+    assert whole.count(b"{'descr'") > 1
+    path.write_bytes(whole.replace(b"{'descr'", b"{(descr'", 1))
+    with pytest.raises(ImageError, match="has changed"):
+        read_records(path, "scene")
+
+
+def test_an_image_is_no_file_of_records(saved: tuple[Path, Image], tmp_path: Path) -> None:
+    saved[1].save(tmp_path / "image.exr")
+    with pytest.raises(ImageError, match="no file of irradiance records: it is no whole archive of arrays; write one"):
+        read_records(tmp_path / "image.exr", "scene")
+
+
+def test_objects_are_not_unpickled_nor_is_it_advised(tmp_path: Path) -> None:
+    with (tmp_path / "objects").open("wb") as stream:
+        np.savez(stream, radius=np.array([print], object))
+    with pytest.raises(ImageError, match="radius is no array of numbers") as caught:
+        read_records(tmp_path / "objects", "scene")
+    assert "allow_pickle" not in str(caught.value)
 
 
 @pytest.mark.parametrize("damage", ["missing", "text", "truncated", "pickle", "array missing", "not finite"])

@@ -6,6 +6,7 @@ import argparse
 import json
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -19,6 +20,7 @@ from hypothesis import strategies as st
 
 from wdpm import cli, cli_options, cli_values
 from wdpm.image import Image, load
+from wdpm.interrupts import no_lost_interrupts
 from wdpm.kernels.settings import RenderSettings, Routing
 from wdpm.report import Report, from_json
 from wdpm.scenes.errors import SceneError
@@ -59,6 +61,9 @@ class Renderer:
 
     def render(self, source: Callable[[], Scene], settings: RenderSettings, **options: Any) -> Image:
         self.rendered = {"scene": source(), "settings": settings, **options}
+        return self.image()
+
+    def image(self) -> Image:
         return Image({"beauty": self.pixels}, {"report": Report(phases={"render": 1.5}).to_dict()})
 
 
@@ -196,6 +201,42 @@ def test_errors_and_interruption_have_their_exit_codes(
     assert capsys.readouterr().err == "wdpm: interrupted\n"
 
 
+class Interrupted:
+    """As an array of Warp's is when Ctrl-C finds Python in its destructor."""
+
+    def __del__(self) -> None:
+        raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("lasts", [True, False])
+def test_an_interrupt_in_a_destructor_ends_a_command(
+    lasts: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def command(_: argparse.Namespace) -> int:
+        Interrupted()
+        if lasts:
+            time.sleep(100.0)
+        return 0
+
+    monkeypatch.setattr(cli.cli_compare, "run", command)
+    assert run(["compare", "a", "b"]) == 130
+    assert capsys.readouterr().err == "wdpm: interrupted\n"
+
+
+def test_other_exceptions_in_destructors_go_where_they_went(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Faulty:
+        def __del__(self) -> None:
+            raise ValueError("of a fault")
+
+    told: list[str] = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda unraisable: told.append(str(unraisable.exc_value)))
+    before = sys.unraisablehook
+    with no_lost_interrupts():
+        Faulty()
+    assert told == ["of a fault"]
+    assert sys.unraisablehook is before
+
+
 # ---- render and master --------------------------------------------------------------------------------------------
 
 
@@ -272,6 +313,14 @@ def test_quiet_is_quiet(renderer: Renderer, capsys: pytest.CaptureFixture[str]) 
         (["-o", "a.bmp"], "unknown extension '.bmp'"),
         (["-o", "a.exr", "-o", "nowhere/a.png"], "there is no folder nowhere"),
         (["--report", "a.txt"], "unknown extension '.txt': must be one of .json"),
+        (["--save-cache", "nowhere/records"], "there is no folder nowhere"),
+        (["--save-cache", "."], "is a folder"),
+        (
+            ["--save-cache", "b.exr", "-o", "a.exr", "-o", "./b.exr"],
+            "cannot hold both the image and irradiance records",
+        ),
+        (["--load-cache", "a.exr"], "cannot hold both the image and irradiance records"),
+        (["--save-cache", "a.json", "--report", "a.json"], "cannot hold both the report and irradiance records"),
         (["--band", "0.5"], "use --inexact"),
         (["--radius", "-1"], "radius is -1.0"),
     ],
@@ -291,6 +340,33 @@ def test_a_picture_that_cannot_be_written_does_not_cost_the_others(
     assert run(["render", "a.xml", "-q", "-o", "a.png", "-o", "a.exr"]) == 2
     assert capsys.readouterr().err.startswith("wdpm: error: a.png: 6 pixels are NaN")
     assert load("a.exr").shape == (2, 3)
+
+
+def test_records_that_cannot_be_written_cost_neither_image_nor_report(
+    renderer: Renderer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from wdpm import api
+    from wdpm.cache_file import CacheNotWrittenError
+
+    def failing(*_: Any, **__: Any) -> Image:
+        raise CacheNotWrittenError("a.rec: cannot be written", renderer.image())
+
+    monkeypatch.setattr(api, "render", failing)
+    assert run(["render", "a.xml", "-q", "-o", "a.exr", "--report", "a.json", "--save-cache", "a.rec"]) == 2
+    assert capsys.readouterr().err == "wdpm: error: a.rec: cannot be written\n"
+    assert load("a.exr").shape == (2, 3)
+    assert from_json(Path("a.json").read_text()).phases["render"] == 1.5
+
+
+def test_a_picture_that_cannot_be_written_does_not_cost_the_report(
+    renderer: Renderer, capsys: pytest.CaptureFixture[str]
+) -> None:
+    renderer.pixels = np.full((2, 3, 3), np.nan, dtype=np.float32)
+    assert run(["render", "a.xml", "-q", "-o", "a.png", "-o", "b.png", "--report", "a.json"]) == 2
+    err = capsys.readouterr().err
+    assert err.count("pixels are NaN") == 2
+    assert err.count("\n") == 1
+    assert Path("a.json").exists()
 
 
 def test_the_master_gets_its_options(renderer: Renderer) -> None:
@@ -375,6 +451,13 @@ def test_compare_reports_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
         assert out == ""
         assert message in err
         assert err.count("\n") == 1
+
+
+@pytest.mark.usefixtures("two_images")
+def test_compare_takes_no_option_that_it_would_ignore(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["compare", "a.exr", "b.exr", "--signed"]) == 2
+    assert "give -o FILE.png, too" in capsys.readouterr().err
+    assert run(["compare", "a.exr", "b.exr", "--signed", "-o", "d.png"]) == 0
 
 
 @pytest.mark.usefixtures("two_images")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 from pathlib import Path
 
@@ -230,6 +231,36 @@ def test_a_file_of_something_else_is_one_line(extension: str, tmp_path: Path) ->
         load(path)
 
 
+@pytest.mark.parametrize(
+    ("name", "data", "message"),
+    [
+        ("a.exr", b"", "is empty"),
+        ("a.npy", b"", "is empty"),
+        ("a.exr", b"some text", "not an OpenEXR file"),
+        ("a.npy", b"some text", "not an NPY file"),
+        ("a.npy", b"PK\x03\x04", "not an NPY file"),
+    ],
+)
+def test_what_a_file_is_not(name: str, data: bytes, message: str, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes(data)
+    with pytest.raises(ImageError) as caught:
+        load(path)
+    assert str(caught.value) == f"{path}: {message}"
+
+
+@pytest.mark.parametrize("at", range(6, 128))
+def test_a_changed_header_of_an_npy_is_an_image_error(at: int, image: Image, tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    image.save(path)
+    data = bytearray(path.read_bytes())
+    for value in b"('\n9\xff":
+        data[at] = value
+        path.write_bytes(data)
+        with contextlib.suppress(ImageError):  # the only error; some changes are of no consequence
+            load(path)
+
+
 def test_corrupt_pixels_of_an_exr(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "a.exr"
     Image({"beauty": np.ones((HEIGHT, WIDTH, 3), dtype=np.float32)}).save(path)  # compresses, unlike noise
@@ -246,7 +277,8 @@ def test_corrupt_pixels_of_an_exr(tmp_path: Path, capfd: pytest.CaptureFixture[s
     [
         (np.zeros((4, 4)), "float64 of shape"),
         (np.zeros((4, 4, 3), dtype=np.uint8), "uint8"),
-        (np.array([object()]), "allow_pickle=False"),
+        (np.array([object()]), "object of shape"),
+        (np.array([[[object()] * 3]]), "object of shape"),
     ],
 )
 def test_npy_of_another_kind(array: np.ndarray, found: str, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import json
 import shlex
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -85,7 +86,9 @@ def test_a_time_that_is_too_short_for_the_error_gives_an_image_and_says_so(
     asked = load_image(file).metadata["asked"]
     assert asked["ending"] == "out of time"
     assert not asked["reached"]
-    assert json.loads(report.read_text())["settings"]["passes"] == asked["passes"]
+    told = json.loads(report.read_text())
+    assert told["settings"]["passes"] == asked["passes"]
+    assert told["asked"] == asked
 
 
 def test_an_error_out_of_reach_ends_with_the_best_there_is(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,7 +137,9 @@ def test_bias_that_only_noise_suggests_does_not_keep_the_pilot_at_work(scene: Sc
     assert not pilot.best(Goal(1e-9))[1]
 
 
-def test_ctrl_c_hands_over_the_image_so_far(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def ctrl_c(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """Someone presses Ctrl-C in the fourth pass."""
     render = PassRenderer.render
 
     def interrupted(renderer: PassRenderer, plan: PassPlan) -> PassResult:
@@ -143,16 +148,30 @@ def test_ctrl_c_hands_over_the_image_so_far(scene: Scene, monkeypatch: pytest.Mo
         return render(renderer, plan)
 
     monkeypatch.setattr(PassRenderer, "render", interrupted)
+    return monkeypatch
+
+
+def test_ctrl_c_hands_over_the_image_so_far(scene: Scene, ctrl_c: pytest.MonkeyPatch) -> None:
     with pytest.raises(Interrupted) as caught:
         render_until(scene, Goal(0.01), threads=2, **FEW)
     image = caught.value.image
     asked = image.metadata["asked"]
     assert asked["ending"] == "interrupted"
     assert asked["passes"] == 3
-    monkeypatch.undo()
+    ctrl_c.undo()
     settings = image.metadata["settings"]
     again = wdpm.render(scene, threads=2, spp=settings["spp"], passes=3, indirect=Indirect(settings["indirect"]), **FEW)
     assert image.layers["beauty"].tobytes() == again.layers["beauty"].tobytes()
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_ctrl_c_writes_the_image_so_far(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "asked.exr"
+    assert main(["render", *SMALL, *FEW_OPTIONS, "--until-error", "0.01", "-o", str(file)]) == 130
+    assert load_image(file).metadata["asked"]["passes"] == 3
+    said = capsys.readouterr()
+    assert "INTERRUPTED: the image is the best so far" in said.out
+    assert "interrupted" in said.err
 
 
 def test_what_comes_by_photon_maps_alone_may_be_left_out(scene: Scene) -> None:
@@ -205,6 +224,9 @@ def test_predictions_cost_more_for_less_error(scene: Scene) -> None:
         (["--time-budget", "10s", "--spp", "4"], "--spp"),
         (["--until-error", "0.1", "--resume"], "--resume"),
         (["--until-error", "0.1", "--replay", "1,1,1"], "--replay"),
+        (["--until-error", "0.1", "--save-cache", "c"], "irradiance records of its own; leave --save-cache out"),
+        (["--time-budget", "9s", "--load-cache", "c"], "irradiance records of its own; leave --load-cache out"),
+        (["--until-error", "0.1", "--strict"], "a guard that acts on some that are not chosen"),
     ],
 )
 def test_bad_options_are_one_clear_error(
@@ -221,6 +243,29 @@ def test_a_goal_and_settings_contradict_each_other(scene: Scene) -> None:
         wdpm.render(scene, RenderSettings(), until_error=0.1)
     with pytest.raises(SettingsError, match="spp"):
         wdpm.render(scene, until_error=0.1, spp=4)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"metric": "foo"}, "give until_error, too"),
+        ({"metric": "rmse"}, "give until_error, too"),
+        ({"until_error": 0.1, "metric": "foo"}, "metric is 'foo'"),
+        ({"until_error": "x"}, "until_error is 'x'; expected a number"),
+        ({"until_error": True}, "until_error is True"),
+        ({"time_budget": "10s"}, "time_budget is '10s'; expected a number of seconds"),
+        ({"until_error": 0.1, "save_cache": Path("c")}, "leave save_cache out"),
+        ({"until_error": 0.1, "load_cache": Path("c")}, "leave load_cache out"),
+        ({"until_error": 0.1, "journal": Path("j")}, "leave journal out"),
+        ({"time_budget": 2.0, "strict": True}, "time_budget tries settings out"),
+    ],
+)
+def test_bad_arguments_are_one_clear_error(arguments: dict[str, Any], said: str) -> None:
+    def load() -> Scene:
+        raise AssertionError("too late")
+
+    with pytest.raises(SettingsError, match=said):
+        wdpm.render(load, **arguments)
 
 
 def test_predictions_take_no_sweep(capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from argparse import ArgumentTypeError
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from wdpm import cli_values as values
@@ -16,6 +16,9 @@ from wdpm.kernels.settings import Indirect
 
 Value = int | float | Indirect
 """What a knob is set to."""
+
+MAPS = ("global", "caustic", "volume")
+"""The photon maps, in the order of World.maps."""
 
 CLOCKS = ("wall", "cpu")
 """What may count as the time of a point: that of a clock on the wall, or that of all cores together."""
@@ -46,8 +49,9 @@ class Knob:
         parse: a value from text; raises ArgumentTypeError.
         spacing: of a range.
         whole: whether values are whole numbers.
-        map: the photon map that it belongs to ("caustic", "volume"), where only some scenes call for it.
+        map: the photon map that it belongs to, of MAPS; None for one that belongs to none, or to all.
         factors: whether values may be factors of what the base has, like `0.5x`.
+        by_default: whether the default sweep turns it, where the scene has a use for it.
     """
 
     name: str
@@ -57,6 +61,12 @@ class Knob:
     whole: bool = True
     map: str | None = None
     factors: bool = False
+    by_default: bool = True
+
+    @property
+    def option(self) -> str:
+        """As a person types it: light-samples."""
+        return self.name.replace("_", "-")
 
     def in_words(self, value: Value) -> str:
         """A value for people: 250k, 0.5, gather."""
@@ -91,19 +101,19 @@ def _share(text: str) -> float:
 
 
 KNOBS = (
-    Knob("photons", "photons", values.positive_count),
-    Knob("k", "k", values.positive_count),
-    Knob("radius", "radius", _length, whole=False, factors=True),
+    Knob("photons", "photons", values.positive_count, map="global"),
+    Knob("k", "k", values.positive_count, map="global"),
+    Knob("radius", "radius", _length, whole=False, map="global", factors=True),
     Knob("spp", "samples", values.positive_count),
     Knob("passes", "passes", values.positive_count),
     Knob("light_samples", "light samples", values.positive_count),
     Knob("caustic_photons", "caustic photons", values.positive_count, map="caustic"),
-    Knob("caustic_k", "caustic k", values.positive_count, map="caustic"),
-    Knob("caustic_radius", "caustic radius", _length, whole=False, map="caustic", factors=True),
+    Knob("caustic_k", "caustic k", values.positive_count, map="caustic", by_default=False),
+    Knob("caustic_radius", "caustic radius", _length, whole=False, map="caustic", factors=True, by_default=False),
     Knob("volume_photons", "volume photons", values.positive_count, map="volume"),
-    Knob("volume_samples", "volume samples", values.positive_count, map="volume"),
-    Knob("volume_radius", "volume radius", _length, whole=False, map="volume", factors=True),
-    Knob("indirect", "indirect light", _indirect, Spacing.NONE),
+    Knob("volume_samples", "volume samples", values.positive_count, map="volume", by_default=False),
+    Knob("volume_radius", "volume radius", _length, whole=False, map="volume", factors=True, by_default=False),
+    Knob("indirect", "indirect light", _indirect, Spacing.NONE, map="global"),
     Knob("band", "band", _share, Spacing.LINEAR, whole=False),
     Knob("slaves", "slaves", values.count, Spacing.LINEAR),
 )
@@ -117,11 +127,23 @@ class Sweep:
     Attributes:
         values: at least one, no two alike, in growing order (choices: as given).
         factors: whether they are factors of what the base has.
+        text: as it was typed; empty for one that nobody typed.
     """
 
     knob: Knob
     values: tuple[Value, ...]
     factors: bool = False
+    text: str = ""
+
+    @property
+    def words(self) -> str:
+        """What a message calls it: `--sweep k=1..500`."""
+        return f"--sweep {self.text}" if self.text else f"sweep of {self.knob.option}"
+
+
+def photons_of(kind: str) -> str:
+    """The setting that says how many photons a map, of MAPS, is to store."""
+    return "photons" if kind == "global" else f"{kind}_photons"
 
 
 def knob_of(name: str) -> Knob:
@@ -129,9 +151,7 @@ def knob_of(name: str) -> Knob:
     for knob in KNOBS:
         if knob.name == name.replace("-", "_"):
             return knob
-    raise ArgumentTypeError(
-        f"there is no knob '{name}': must be one of {', '.join(knob.name.replace('_', '-') for knob in KNOBS)}"
-    )
+    raise ArgumentTypeError(f"there is no knob '{name}': must be one of {', '.join(knob.option for knob in KNOBS)}")
 
 
 def parse_sweep(text: str) -> Sweep:
@@ -145,7 +165,7 @@ def parse_sweep(text: str) -> Sweep:
         raise ArgumentTypeError(f"'{text}' is not a sweep: expected KNOB=VALUES, like photons=50k..4M or k=20,50,120")
     knob = knob_of(name.strip())
     try:
-        return _sweep(knob, wanted.strip())
+        return replace(_sweep(knob, wanted.strip()), text=text.strip())
     except ArgumentTypeError as error:
         raise ArgumentTypeError(f"sweep of {name.strip()}: {error}") from None
 

@@ -19,6 +19,9 @@ from wdpm.scenes.errors import SettingsError
 BAND_SLAVES = 2
 """The fewest slaves between which there is a band."""
 
+LEFT_OPEN = ("radius", "caustic_radius", "volume_radius", "light_samples")
+"""Knobs whose setting may be None: then the renderer chooses, as it suits the scene."""
+
 
 @dataclass(frozen=True)
 class Point:
@@ -60,11 +63,11 @@ class Points:
         return next((curve for curve in self.curves if curve.knob.name == name), None)
 
 
-def plan_points(base: Point, sweeps: Sequence[Sweep], radii: Mapping[str, float]) -> Points:
+def plan_points(base: Point, sweeps: Sequence[Sweep], chosen: Mapping[str, Value]) -> Points:
     """The points of sweeps around a base.
 
     Args:
-        radii: of the base, by name of the field: what factors are factors of [scene units].
+        chosen: what the renderer chooses at the base for each knob of LEFT_OPEN [radii: scene units].
 
     Raises:
         SettingsError: a knob is swept twice, or is set to what no render can have.
@@ -74,14 +77,14 @@ def plan_points(base: Point, sweeps: Sequence[Sweep], radii: Mapping[str, float]
     seen: set[str] = set()
     for sweep in sweeps:
         if sweep.knob.name in seen:
-            raise SettingsError(f"{sweep.knob.name} is swept twice; give all its values in one --sweep")
+            raise SettingsError(f"{sweep.knob.option} is swept twice; give all its values in one --sweep")
         seen.add(sweep.knob.name)
-        curves.append(_curve(base, sweep, radii, points))
+        curves.append(_curve(base, sweep, chosen, points))
     return Points(tuple(points), tuple(curves))
 
 
 def value_of(point: Point, knob: Knob) -> Any:
-    """What a knob is set to; None for a radius that the scene gives."""
+    """What a knob is set to; None for one of LEFT_OPEN that the renderer chooses."""
     return point.slaves if knob.name == "slaves" else getattr(point.settings, knob.name)
 
 
@@ -107,44 +110,51 @@ def command_of(point: Point, seed: int, scene: Sequence[str], defaults: RenderSe
     return shlex.join(words)
 
 
-def _curve(base: Point, sweep: Sweep, radii: Mapping[str, float], points: dict[Point, int]) -> Curve:
+def _curve(base: Point, sweep: Sweep, chosen: Mapping[str, Value], points: dict[Point, int]) -> Curve:
     knob = sweep.knob
     origin = replace(base, slaves=max(base.slaves, BAND_SLAVES)) if knob.name == "band" else base
     if knob.name == "band":
         # Errors of a band are against the exact image, so that one must be there.
         origin = replace(origin, settings=replace(base.settings, band=1.0, inexact=False))
-    found: dict[Value, Point] = {}
-    for value in sweep.values:
-        wanted, point = _turned(origin, knob, value, radii.get(knob.name) if sweep.factors else None)
-        found[wanted] = point
     own = value_of(origin, knob)
-    own = radii[knob.name] if own is None else own
-    found.setdefault(own, origin)
-    ordered = make_sweep(knob, list(found)).values
+    if own is None:
+        own = chosen[knob.name]
+    wanted = [_times(value, own) if sweep.factors else value for value in sweep.values]
+    found: dict[Value, Point] = {own: origin}
+    try:
+        for value in (wanted[0], wanted[-1], *wanted):  # of a range, the ends are what was typed
+            if value not in found:
+                found[value] = _turned(origin, knob, value)
+    except SettingsError as error:
+        raise SettingsError(f"{sweep.words}: {error}") from None
+    ordered = make_sweep(knob, [*wanted, own]).values
     numbers = tuple(points.setdefault(found[value], len(points)) for value in ordered)
     return Curve(knob, ordered, numbers, points[origin])
 
 
-def _turned(origin: Point, knob: Knob, value: Value, unit: float | None) -> tuple[Value, Point]:
-    """A value as the settings have it, and the origin with the knob set to it."""
+def _times(factor: Value, own: Value) -> Value:
+    """A factor of what the base has, short enough for a command."""
+    if isinstance(factor, Enum) or isinstance(own, Enum):
+        raise TypeError(f"{factor!r} is no factor of {own!r}")
+    return own if factor == 1.0 else float(f"{factor * own:.6g}")
+
+
+def _turned(origin: Point, knob: Knob, value: Value) -> Point:
+    """The origin with a knob set to a value. Raises SettingsError if no render can have it."""
     if knob.name == "slaves":
         if not isinstance(value, int):
             raise TypeError(f"slaves: {value!r}")
-        return value, replace(origin, slaves=value)
-    if unit is not None and not isinstance(value, Enum):
-        if value == 1.0:
-            return unit, origin
-        value = float(f"{value * unit:.6g}")
+        return replace(origin, slaves=value)
     change: dict[str, Any] = {knob.name: value}
     if knob.name == "band":
         change["inexact"] = float(value) < 1.0 if not isinstance(value, Enum) else False
     settings = replace(origin.settings, **change)
     if settings.passes > settings.spp:
         raise SettingsError(
-            f"sweep of {knob.name}: passes is {settings.passes}, more than spp, which is {settings.spp}; each pass "
-            "needs a sample of its own: give a larger --spp"
+            f"passes is {settings.passes}, more than spp, which is {settings.spp}; each pass needs a sample of its "
+            "own: give a larger --spp"
         )
-    return value, Point(settings, origin.slaves)
+    return Point(settings, origin.slaves)
 
 
 def _option(name: str, value: Any) -> list[str]:

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import time
-import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.accuracy_error import Truth
+from wdpm.array_file import read_arrays, write_arrays
 from wdpm.image import Image, load
-from wdpm.image_files import write_whole
 from wdpm.kernels.settings import Integrator, RenderSettings
 from wdpm.progress import Progress
 from wdpm.scenes.errors import ImageError
@@ -29,6 +27,9 @@ FIRST_BATCH = 4
 MOST_BATCH = 256
 BATCHES = 16
 """Batches that the time is to hold, at least: half of them are one half of the reference. More where it is long."""
+
+OF_MAPS = ("indirect", "caustics")
+"""What --without takes that leaves out photon maps: path tracing has none, and refuses them."""
 
 Render = Callable[[RenderSettings], Image]
 
@@ -48,10 +49,15 @@ def read_reference(paths: Sequence[Path], size: tuple[int, int]) -> Reference:
         size: of the renders, (width, height).
 
     Raises:
-        ImageError: missing or broken file, another size, values that are not finite.
+        ImageError: missing or broken file, another size, values that are not finite, a black image, two equal ones.
     """
     images = [_read(path, size) for path in paths]
     names = " and ".join(str(path) for path in paths)
+    if len(images) == 2 and np.array_equal(images[0], images[1]):
+        raise ImageError(
+            f"{names}: the two references have equal pixels, and are no independent halves that could tell their own "
+            "noise: render one with another --seed, or give only one"
+        )
     if len(images) == 1:
         words = f"{names}; its own noise is not known, and counts as bias"
         return Reference(Truth(images[0]), words)
@@ -68,6 +74,9 @@ def trace_reference(
         settings: of the base of the sweep.
         seconds: stop after the batch at whose end they are over; spent at earlier times counts.
         digest: of what the reference is of.
+
+    Raises:
+        ImageError: values that are not finite, a black image, or what the folder has is broken.
     """
     state = _State.read(folder / STATE, digest) or _State(digest)
     if state.spent < seconds or state.batches < 2:
@@ -95,6 +104,8 @@ def trace_reference(
         Image({"beauty": pixels}, {"samples": state.spp * state.batches // 2}).save(folder / name)
     # From what the files hold, so that figures can be confirmed from these.
     truth = _of_halves(halves[0].astype(np.float64), halves[1].astype(np.float64))
+    if not truth.pixels.any():
+        raise ImageError("the reference that was path traced is black: paths find no light; give a --reference")
     words = f"path tracing of our own, {state.spp * state.batches:,} samples in two halves, {state.spent:.0f} s"
     return Reference(truth, words)
 
@@ -124,21 +135,9 @@ class _State:
         self.spent += seconds
 
     def write(self, path: Path) -> None:
-        def save(temporary: Path) -> None:
-            with temporary.open("wb") as file:
-                np.savez(
-                    file,
-                    digest=np.array(self.digest),
-                    a=self.a,
-                    b=self.b,
-                    counts=np.array([self.spp, self.batches]),
-                    spent=np.array(self.spent),
-                )
-
-        try:
-            write_whole(path, save)
-        except OSError as error:
-            raise ImageError(f"{path}: cannot be written: {error}") from None
+        """Raises ImageError."""
+        header = {"digest": self.digest, "spp": self.spp, "batches": self.batches, "spent": self.spent}
+        write_arrays(path, header, {"a": self.a, "b": self.b})
 
     @classmethod
     def read(cls, path: Path, digest: str) -> _State | None:
@@ -146,26 +145,30 @@ class _State:
         if not path.is_file():
             return None
         try:
-            with np.load(path, allow_pickle=False) as data:
-                return cls._restored(data, digest)
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise ImageError(f"{path}: is broken ({error}); delete it to have it traced again") from None
-
-    @classmethod
-    def _restored(cls, data: Any, digest: str) -> _State | None:
-        if str(data["digest"]) != digest:
-            return None
-        state = cls(digest)
-        state.a, state.b = data["a"], data["b"]
-        state.spp, state.batches = (int(count) for count in data["counts"])
-        state.spent = float(data["spent"])
+            header, arrays = read_arrays(path)
+            if header["digest"] != digest:
+                return None
+            state = cls(digest)
+            state.spp, state.batches, state.spent = header["spp"], header["batches"], header["spent"]
+            state.a, state.b = arrays["a"], arrays["b"]
+        except (OSError, ValueError, KeyError) as error:
+            raise ImageError(f"{path}: is broken ({error}); delete it and run again to have it traced again") from None
         return state
+
+
+def traced_settings(settings: RenderSettings) -> RenderSettings:
+    """Settings of a reference of our own: path tracing.
+
+    It shows the light of photon maps that are left out (OF_MAPS): to leave it out is bias of the renders.
+    """
+    without = tuple(effect for effect in settings.without if effect not in OF_MAPS)
+    return replace(settings, integrator=Integrator.PATH, without=without, passes=1, band=1.0, inexact=False)
 
 
 def _path(settings: RenderSettings, spp: int, name: str) -> RenderSettings:
     """Path tracing with random numbers of its own."""
     seed = int.from_bytes(hashlib.sha256(f"reference: {name}".encode()).digest()[:4], "little")
-    return replace(settings, integrator=Integrator.PATH, spp=spp, passes=1, seed=seed, band=1.0, inexact=False)
+    return replace(traced_settings(settings), spp=spp, seed=seed)
 
 
 def _of_halves(a: NDArray[np.float64], b: NDArray[np.float64]) -> Truth:
@@ -186,5 +189,10 @@ def _read(path: Path, size: tuple[int, int]) -> NDArray[np.float64]:
         raise ImageError(
             f"{path}: the reference has {int(bad.sum())} pixels that are NaN or infinite, the first at {x},{y}: "
             "errors against it would mean nothing; give another"
+        )
+    if not image.pixels.any():
+        raise ImageError(
+            f"{path}: the reference is black, every pixel of it: errors against it would only tell how bright the "
+            "renders are; give another"
         )
     return image.pixels.astype(np.float64)

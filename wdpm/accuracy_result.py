@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -137,15 +135,6 @@ class Accuracy:
     def to_json(self) -> str:
         """One JSON object."""
         return json.dumps(asdict(self), allow_nan=False, indent=2)
-
-    def to_csv(self) -> str:
-        """One line a point, with a heading."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(_COLUMNS)
-        for point in self.points:
-            writer.writerow([column(self, point) for column in _COLUMNS.values()])
-        return text.getvalue()
 
 
 WORST = 0.001
@@ -317,52 +306,3 @@ def _exact_points(points: Points) -> Mapping[Point, Point]:
 
 def _middle(records: Sequence[Record], name: str) -> int:
     return round(median(getattr(record, name) for record in records))
-
-
-_Column = Callable[[Accuracy, PointFigures], Any]
-
-
-def _setting(name: str) -> _Column:
-    return lambda _, point: point.settings[name]
-
-
-def _part(metric: str, part: str, figure: str) -> _Column:
-    def column(_: Accuracy, point: PointFigures) -> float:
-        split: SplitError = getattr(point, metric)
-        whole: ErrorFigure = getattr(split, part)
-        value: float = getattr(whole, figure)
-        return value
-
-    return column
-
-
-def _split_columns(metric: str) -> dict[str, _Column]:
-    return {
-        f"{metric}_{part}{suffix}": _part(metric, part, figure)
-        for part in ("error", "noise", "bias")
-        for figure, suffix in (("value", ""), ("low", "_low"), ("high", "_high"))
-    }
-
-
-def _band(name: str) -> _Column:
-    return lambda _, point: "" if point.band is None else getattr(point.band, name)
-
-
-_COLUMNS: dict[str, _Column] = {
-    "point": lambda _, point: point.number,
-    "name": lambda _, point: point.name,
-    **{name: _setting(name) for name in ("photons", "k", "radius", "spp", "passes", "indirect", "band")},
-    "slaves": lambda _, point: point.slaves,
-    "wall_seconds": lambda _, point: point.wall_seconds,
-    "cpu_seconds": lambda _, point: point.cpu_seconds,
-    **_split_columns("rel_mse"),
-    **_split_columns("mse"),
-    "on_front": lambda all_of_it, point: point.number in all_of_it.front,
-    "stored": lambda _, point: point.stored,
-    "ghosts": lambda _, point: point.ghosts,
-    "bytes": lambda _, point: point.bytes,
-    "left_band": lambda _, point: point.left_band,
-    "bits_as_base": lambda _, point: point.bits_as_base,
-    **{f"band_{name}": _band(name) for name in ("mse", "rel_mse", "max_abs", "pixels", "bits_equal")},
-    "command": lambda _, point: point.command,
-}

@@ -4,33 +4,42 @@ from __future__ import annotations
 
 import json
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+from wdpm.accuracy_csv import to_csv
 from wdpm.accuracy_error import LEAST_SEEDS
+from wdpm.accuracy_facts import Facts, find_facts
 from wdpm.accuracy_knobs import Sweep
 from wdpm.accuracy_page import page_of
-from wdpm.accuracy_plan import DEFAULT_BUDGET_S, REFERENCE_SHARE, CostModel, default_points, total_seconds
-from wdpm.accuracy_points import Point, Points, command_of, plan_points
-from wdpm.accuracy_reference import Reference, read_reference, trace_reference
+from wdpm.accuracy_plan import (
+    DEFAULT_BUDGET_S,
+    REFERENCE_SHARE,
+    CostModel,
+    default_points,
+    left_out_in_words,
+    plan_in_words,
+    total_seconds,
+)
+from wdpm.accuracy_points import LEFT_OPEN, Point, Points, command_of, plan_points
+from wdpm.accuracy_reference import Reference, read_reference, trace_reference, traced_settings
 from wdpm.accuracy_render import Bench
 from wdpm.accuracy_result import Accuracy, curves_of, figures_of, front_of, reference_noise, worst_share
 from wdpm.accuracy_store import Store, make_folder, plain_settings
+from wdpm.accuracy_uses import idle_by_settings, refuse_idle
 from wdpm.bench import machine
 from wdpm.cli_options import available_cores
 from wdpm.cluster.versions import versions
 from wdpm.image_files import write_bytes
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.settings import RenderSettings
-from wdpm.prepare import Prepared, prepare
 from wdpm.progress import Progress
 from wdpm.scene_settings import settings_for
 from wdpm.scenes.errors import ImageError, SettingsError
 from wdpm.scenes.load import load
-
-MAPS = ("global", "caustic", "volume")
 
 MOST_TRIM = 0.1
 
@@ -99,13 +108,20 @@ def measure(request: Request, progress: Progress) -> Accuracy:
     base = Point(settings_for(scene, **request.chosen), request.slaves)
     size = (scene.camera.width, scene.camera.height)
     given = read_reference(request.references, size) if request.references else None
-    plan_points(base, request.sweeps, dict.fromkeys(("radius", "caustic_radius", "volume_radius"), 1.0))
+    plan_points(base, request.sweeps, dict.fromkeys(LEFT_OPEN, 1))
+    refuse_idle(request.sweeps, idle_by_settings(base.settings))
     make_folder(request.folder)
-    prepared = prepare(scene, base.settings, 1, Launcher(request.device, request.threads), progress)
-    store = Store(request.folder, _identity(request, prepared))
+    launcher = Launcher(request.device, request.threads)
+
+    @cache
+    def facts_of(settings: RenderSettings) -> Facts:
+        return find_facts(scene, settings, launcher, progress)
+
+    facts = facts_of(base.settings)
+    refuse_idle(request.sweeps, facts.idle)
+    store = Store(request.folder, _identity(request, facts))
     with Bench(scene, progress, threads=request.threads, device=request.device) as bench:
-        points = _plan(request, base, prepared, store, bench, given is None, progress)
-        del prepared
+        points = _plan(request, base, facts_of, store, bench, given is None, progress)
         reference = given or _own_reference(request, points, store, bench, progress)
         seeds = [(base.settings.seed + number) % 2**32 for number in range(request.seeds)]
         _render_all(points, seeds, store, bench, progress)
@@ -172,35 +188,38 @@ def _check(request: Request) -> None:
         raise SettingsError("--budget is for the default sweep; leave it or --sweep out")
 
 
-def _identity(request: Request, prepared: Prepared) -> dict[str, Any]:
-    scene = {name: prepared.identity[name] for name in ("scene", "camera")}
-    return {**scene, "threads": request.threads, "device": request.device, "versions": versions()}
+def _identity(request: Request, facts: Facts) -> dict[str, Any]:
+    return {**facts.identity, "threads": request.threads, "device": request.device, "versions": versions()}
 
 
 def _plan(
-    request: Request, base: Point, prepared: Prepared, store: Store, bench: Bench, trace: bool, progress: Progress
+    request: Request,
+    base: Point,
+    facts_of: Callable[[RenderSettings], Facts],
+    store: Store,
+    bench: Bench,
+    trace: bool,
+    progress: Progress,
 ) -> Points:
     """The points, after a short render that tells what they will cost; says what the plan is."""
-    world = prepared.session.world
-    radii = {
-        name: plan.radius * world.unit
-        for name, plan in zip(("radius", "caustic_radius", "volume_radius"), world.maps, strict=True)
-    }
-    maps = [name for name, plan in zip(MAPS, world.maps, strict=True) if plan.paths]
-    model = _model(request, base, store, bench, progress)
+    facts = facts_of(base.settings)
+    model = _model(request, base, facts.light_samples, store, bench, progress)
     reference = request.reference_seconds if trace else 0.0
     if request.sweeps:
-        points = plan_points(base, request.sweeps, radii)
+        points = plan_points(base, request.sweeps, facts.chosen)
     else:
         left = (request.budget or DEFAULT_BUDGET_S) - reference
-        points = default_points(base, model, maps, radii, request.seeds, left)
-    seconds = total_seconds(points, model, request.seeds, maps) + reference
-    for line in plan_in_words(points, request.seeds, seconds, reference, base):
+        points = default_points(base, model, facts_of, request.seeds, left)
+    seconds = total_seconds(points, model, request.seeds, facts.maps) + reference
+    lines = plan_in_words(points, request.seeds, seconds, reference, base)
+    for line in lines if request.sweeps else [*lines, *left_out_in_words(points, facts.idle)]:
         progress.note(line)
     return points
 
 
-def _model(request: Request, base: Point, store: Store, bench: Bench, progress: Progress) -> CostModel:
+def _model(
+    request: Request, base: Point, light_samples: int, store: Store, bench: Bench, progress: Progress
+) -> CostModel:
     """From a short render; or the one from the last time, so that a sweep that goes on has the same points."""
     path = request.folder / MODEL
     digest = store.digest("model", plain_settings(base.settings, 0))
@@ -208,7 +227,8 @@ def _model(request: Request, base: Point, store: Store, bench: Bench, progress: 
     if found is None:
         progress.start("trial")
         trial = Point(_small(base.settings), 0)
-        found = CostModel.of(trial, bench.render(trial, base.settings.seed)[1])
+        record = bench.render(trial, base.settings.seed)[1]
+        found = CostModel.of(trial, record, light_samples)
         write_bytes(json.dumps({"digest": digest, **asdict(found)}, indent=2).encode(), path)
     return found
 
@@ -224,27 +244,8 @@ def read_model(path: Path, digest: str) -> CostModel | None:
         raise ImageError(f"{path}: is broken ({error}); delete it to have it measured again") from None
 
 
-def plan_in_words(points: Points, seeds: int, seconds: float, reference: float, asked: Point) -> list[str]:
-    """What is going to be rendered, and about how long it will take."""
-    chosen = points.base.settings
-    count = len(points.points)
-    lines = [
-        f"plan: {count} points, {seeds} seeds each, {count * seeds} renders; about {_minutes(seconds)} in all"
-        + (f", {_minutes(reference)} of it for the reference" if reference else ""),
-        f"base: {chosen.photons:,} photons, k {chosen.k}, {chosen.spp} sample{'s' if chosen.spp > 1 else ''}, "
-        f"{points.base.slaves} slaves",
-    ]
-    if chosen != asked.settings:
-        lines.append(f"  (fewer than asked for, {asked.settings.spp} samples: they would take longer; see --budget)")
-    lines += [
-        f"  {curve.knob.name.replace('_', '-')}: {', '.join(map(curve.knob.in_words, curve.values))}"
-        for curve in points.curves
-    ]
-    return lines
-
-
 def _own_reference(request: Request, points: Points, store: Store, bench: Bench, progress: Progress) -> Reference:
-    settings = points.base.settings
+    settings = traced_settings(points.base.settings)
     # Settings of quality change nothing in a path-traced image but its noise.
     kept = {name: plain_settings(settings, 0)[name] for name in ("max_depth", "without", "light_samples")}
     return trace_reference(
@@ -259,7 +260,12 @@ def _own_reference(request: Request, points: Points, store: Store, bench: Bench,
 
 def _render_all(points: Points, seeds: Sequence[int], store: Store, bench: Bench, progress: Progress) -> None:
     renders = renders_in_order(points, seeds)
-    left = [(point, seed) for point, seed in renders if store.find(point, seed) is None]
+    left = []
+    for point, seed in renders:
+        if store.find(point, seed) is None:
+            left.append((point, seed))
+        else:
+            store.image(point, seed)  # one that is broken is told now, not after hours of rendering
     if len(left) < len(renders):
         progress.note(f"{len(renders) - len(left)} of {len(renders)} renders are there already")
     progress.start("sweep", len(left))
@@ -269,7 +275,7 @@ def _render_all(points: Points, seeds: Sequence[int], store: Store, bench: Bench
 
 
 def _write(folder: Path, found: Accuracy, reference: Reference) -> None:
-    write_bytes(found.to_csv().encode(), folder / "points.csv")
+    write_bytes(to_csv(found).encode(), folder / "points.csv")
     write_bytes(found.to_json().encode(), folder / "points.json")
     write_bytes(page_of(found, folder, reference.truth).encode(), folder / "index.html")
 
@@ -277,7 +283,3 @@ def _write(folder: Path, found: Accuracy, reference: Reference) -> None:
 def _small(settings: RenderSettings) -> RenderSettings:
     """A trial: large enough to take the time of."""
     return replace(settings, spp=max(settings.spp // 8, 1), passes=1, band=1.0, inexact=False)
-
-
-def _minutes(seconds: float) -> str:
-    return f"{seconds:.0f} s" if seconds < 90 else f"{seconds / 60:.1f} min"

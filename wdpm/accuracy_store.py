@@ -86,8 +86,11 @@ class Store:
         write_bytes(json.dumps(data, indent=2).encode(), self._path(point, seed, ".json"))
 
     def image(self, point: Point, seed: int) -> Image:
-        """The image of a render that was kept. Raises ImageError."""
-        return load(self.image_path(point, seed))
+        """The image of a render that was kept. Raises ImageError if it is broken."""
+        try:
+            return load(self.image_path(point, seed))
+        except ImageError as error:
+            raise ImageError(f"{error}; delete it and run again to have it rendered again") from None
 
     def digest(self, *parts: Any) -> str:
         """Names something that belongs to this scene, machine and code."""

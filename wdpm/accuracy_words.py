@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from statistics import median
 
 from wdpm.accuracy_result import WORST, Accuracy, CurveFigures
+from wdpm.kernels.settings import Integrator
 
 MATTERS = 0.1
 """A change of time or error that is worth a word, as a share."""
@@ -162,8 +163,9 @@ def offers_of(found: Accuracy) -> list[Offer]:
 def _where_from(found: Accuracy) -> str:
     base, split = found.base, found.base.rel_mse
     settings = base.settings
-    photons, samples = _counted(settings["photons"], "photon"), _counted(settings["spp"], "sample")
-    at = f"At the base, {photons}, k {settings['k']} and {samples},"
+    samples = _counted(settings["spp"], "sample")
+    photons = f"{_counted(settings['photons'], 'photon')}, k {settings['k']} and "
+    at = f"At the base, {'' if settings['integrator'] == Integrator.PATH.value else photons}{samples},"
     text = f"{at} relMSE is {split.error.value:.2g} in {base.seconds:.1f} s{_of_cpu(found)}"
     if not split.error.value > 0:
         return text + ": no error that these seeds and this reference can show."

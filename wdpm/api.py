@@ -13,14 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from wdpm.cache_file import CacheFiles
+from wdpm.goal_checks import goal_in_python
 from wdpm.image import Image
 from wdpm.kernels.settings import RenderSettings
 from wdpm.passes import render_in_passes
 from wdpm.prepare import Source
 from wdpm.progress import Progress
-from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.model import Scene
-from wdpm.until_goal import goal_of
 from wdpm.until_render import render_until
 
 
@@ -38,7 +37,7 @@ def render(
     save_cache: Path | None = None,
     load_cache: Path | None = None,
     until_error: float | None = None,
-    metric: str = "relmse",
+    metric: str | None = None,
     time_budget: float | None = None,
     **chosen: Any,
 ) -> Image:
@@ -59,28 +58,18 @@ def render(
         load_cache: file to read them from; the view makes none of its own then.
         until_error: render until the error is so small, by an estimate whose upper end holds in 9 of 10 cases; picks
             all settings that are not given by name. What came of it is `image.metadata["asked"]`.
-        metric: of that error: "relmse" or "rmse".
+        metric: of that error: "relmse" or "rmse"; None for the former.
         time_budget: seconds from this call on that it may take; alone, or together with until_error.
 
     Raises:
-        SceneError, SettingsError, ClusterError: see their messages.
+        SceneError, SettingsError, ImageError, ClusterError: see their messages.
+        CacheNotWrittenError: `save_cache` could not be written after the render; its `image` is the image.
     """
-    if until_error is not None or time_budget is not None:
-        kept = (settings, journal, save_cache, load_cache)
-        if any(what is not None for what in kept) or resume or keep:
-            raise SettingsError(
-                "until_error and time_budget pick settings and passes themselves: give single settings by name, and "
-                "neither settings nor a journal"
-            )
-        return render_until(
-            source,
-            goal_of(until_error, metric, time_budget),
-            slaves=slaves,
-            threads=threads,
-            device=device,
-            progress=progress,
-            **chosen,
-        )
+    beside = {"settings": settings, "journal": journal, "resume": resume, "keep": keep, "strict": chosen.get("strict")}
+    beside |= {"save_cache": save_cache, "load_cache": load_cache}
+    goal = goal_in_python(until_error, metric, time_budget, beside)
+    if goal is not None:
+        return render_until(source, goal, slaves=slaves, threads=threads, device=device, progress=progress, **chosen)
     return render_in_passes(
         source,
         settings,

@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wdpm.cli_options import available_cores
-from wdpm.image_files import check_output_path, write_bytes
+from wdpm.image_files import check_apart, check_output_path, write_bytes
 from wdpm.kernels.settings import RenderSettings
 from wdpm.prepare import PACKAGES
-from wdpm.scenes.errors import ImageError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -96,8 +95,7 @@ def check_outputs(json_file: Path | None, markdown_file: Path | None) -> None:
     for path, extension in ((json_file, ".json"), (markdown_file, ".md")):
         if path is not None:
             check_output_path(path, (extension,))
-    if json_file is not None and json_file == markdown_file:
-        raise ImageError(f"{json_file}: cannot hold both JSON and Markdown")
+    check_apart([("JSON", json_file), ("Markdown", markdown_file)])
 
 
 def check_plot(file: Path) -> None:

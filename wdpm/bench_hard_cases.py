@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,9 @@ from wdpm.scenes.errors import SettingsError
 
 SUITE = Path("tests") / "hard_cases" / "run.py"
 """From the repository's root."""
+
+NEAREST = 3
+"""Names that are shown where none is as it was given."""
 
 SOUND = ("passes", "limit")
 """Verdicts that are as the suite says they must be."""
@@ -63,9 +67,11 @@ def measure(output: Path, only: Sequence[str] = (), *, small: bool = False) -> F
         small: at the size of the tests.
 
     Raises:
-        SettingsError: the suite is not there, or did not get to its end.
+        SettingsError: the suite is not there, no case has such a name, or the suite did not get to its end.
     """
     suite = find_suite()
+    if only:
+        check_only(_names(suite), only)
     command = [sys.executable, str(suite), "-o", str(output), *(["--small"] if small else [])]
     if only:
         command += ["--only", *only]
@@ -75,6 +81,36 @@ def measure(output: Path, only: Sequence[str] = (), *, small: bool = False) -> F
     if not figures.exists():
         raise SettingsError(f"the hard cases did not get to their end: {suite} ended with exit code {code}")
     return Figures(output / "index.html", tuple(json.loads(figures.read_text(encoding="utf-8"))))
+
+
+def check_only(names: Sequence[str], only: Sequence[str]) -> None:
+    """Raise SettingsError unless a case has all of these texts in its name.
+
+    Args:
+        names: of all cases.
+    """
+    if any(all(text in name for text in only) for name in names):
+        return
+    near = sorted(names, key=lambda name: _likeness(name, " ".join(only)), reverse=True)[:NEAREST]
+    wanted = " and ".join(repr(text) for text in only)
+    raise SettingsError(
+        f"--only: no hard case has {wanted} in its name; the nearest are {', '.join(repr(name) for name in near)}; "
+        f"python {SUITE} --list shows all"
+    )
+
+
+def _likeness(name: str, text: str) -> float:
+    """From 0 to 1: of the whole name, or of the words in it."""
+    name, text = name.lower(), text.lower()
+    words = max(SequenceMatcher(None, word, text).ratio() for word in name.split())
+    return 1.0 if text in name else max(words, SequenceMatcher(None, name, text).ratio())
+
+
+def _names(suite: Path) -> list[str]:
+    listing = subprocess.run([sys.executable, str(suite), "--list"], check=False, stdout=subprocess.PIPE, text=True)
+    if listing.returncode:
+        raise SettingsError(f"the hard cases cannot be listed: {suite} ended with exit code {listing.returncode}")
+    return listing.stdout.splitlines()
 
 
 def find_suite() -> Path:

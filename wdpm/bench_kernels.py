@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
 from typing import Any
 
+import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from wdpm import bench_gather, bench_photons, bench_traversal
 from wdpm.bench import Grid
@@ -117,10 +119,16 @@ class KernelFigures:
 
 
 def measure(progress: Progress, load: Load | None = None) -> KernelFigures:
-    """Time everything; a library that is missing costs its lines only."""
+    """Time everything; a library that is missing costs its lines only.
+
+    Raises:
+        SceneError: a model cannot be loaded; that is found before anything is timed.
+    """
     load = load or Load()
+    progress.start("load")
+    models = [flatten(load_scene(model)).triangles.positions for model in load.models]
     steps: list[tuple[str, Callable[[], list[Figure]]]] = [
-        ("rays", lambda: _rays(load)),
+        ("rays", lambda: _rays(load, models)),
         *((f"{k} nearest photons", lambda k=k, side=side: _gathers(load, k, side)) for k, side in load.neighbours),
         ("photon map", lambda: _map(load)),
         ("photon tracing", lambda: _photons(load)),
@@ -143,12 +151,12 @@ def _compile() -> float:
     return time.perf_counter() - began
 
 
-def _rays(load: Load) -> list[Figure]:
+def _rays(load: Load, models: Sequence[NDArray[np.float32]]) -> list[Figure]:
+    """Of the ball, and of models as corners of triangles, shape [T, 3, 3]."""
     if find_spec("embreex") is None:
         return [_missing("closest hit and any hit", "Embree", "pip install 'wdpm[peers]'")]
     rows = bench_traversal.measure(rays=load.rays, seconds=load.seconds)
-    for model in load.models:
-        triangles = flatten(load_scene(model)).triangles.positions
+    for triangles in models:
         rows += bench_traversal.measure(triangles, rays=load.rays, seconds=load.seconds)
     return [_figure(row, rate=True) for row in rows]
 

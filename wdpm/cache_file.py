@@ -1,29 +1,27 @@
 """Irradiance records in a file: those of one view, for others of the same scene.
 
 A view that loads them makes none of its own; where none reaches, it traces gather rays. They are data like the scene:
-the same file gives the same image, bit for bit, on any cluster. Never unpickled, written whole or not at all.
+the same file gives the same image, bit for bit, on any cluster (array_file).
 """
 
 from __future__ import annotations
 
-import json
-import zipfile
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from wdpm.array_file import BrokenArraysError, read_arrays, write_arrays
 from wdpm.cluster.checks import check
 from wdpm.cluster.records import Records
-from wdpm.image_files import write_whole
-from wdpm.kernels.settings import Indirect, RenderSettings
+from wdpm.image import Image
+from wdpm.image_files import check_place
+from wdpm.kernels.settings import Indirect, Integrator, RenderSettings
 from wdpm.scenes.errors import ImageError, ProtocolError, SettingsError
 
 FORMAT = 1
 """Of the file; grows with every change that older or newer code would not understand."""
-
-_HEADER = "header"
 
 
 @dataclass(frozen=True)
@@ -37,12 +35,37 @@ class CacheFiles:
 NO_CACHE_FILES = CacheFiles()
 
 
+class CacheNotWrittenError(ImageError):
+    """A render is done, and its irradiance records cannot be written.
+
+    Attributes:
+        image: that was rendered.
+    """
+
+    def __init__(self, message: str, image: Image) -> None:
+        super().__init__(message)
+        self.image = image
+
+
+def check_can_save(files: CacheFiles) -> None:
+    """Raise ImageError if records are to be written where they cannot be: hours before they are there."""
+    if files.save is not None:
+        check_place(files.save)
+
+
 def check_wanted(files: CacheFiles, settings: RenderSettings) -> None:
     """Raise SettingsError unless a render with these settings, which leave nothing open, has one set of records."""
     option = "--save-cache" if files.save is not None else "--load-cache"
     if files == NO_CACHE_FILES:
         return
-    if not settings.gathers or settings.indirect is not Indirect.CACHE:
+    if settings.integrator is Integrator.PATH:
+        raise SettingsError(
+            f"{option}: path tracing has no irradiance cache; leave {option} out, or render with --integrator photons"
+        )
+    if not settings.photons or "indirect" in settings.without:
+        why = "--photons 0" if not settings.photons else "--without indirect"
+        raise SettingsError(f"{option}: {why} leaves nothing for an irradiance cache; leave one of them out")
+    if settings.indirect is not Indirect.CACHE:
         raise SettingsError(
             f"{option}: there is no irradiance cache, since indirect light comes by {settings.indirect.value}; "
             "ask for one by --indirect cache"
@@ -63,16 +86,7 @@ def write_records(path: Path, records: Records, scene: str) -> None:
     Raises:
         ImageError: the file cannot be written; an older one is then as it was.
     """
-    header = np.frombuffer(json.dumps({"format": FORMAT, "scene": scene}).encode(), np.uint8)
-
-    def write(temporary: Path) -> None:
-        with temporary.open("wb") as file:  # a name without .npz would have it appended
-            np.savez(file, allow_pickle=False, **{_HEADER: header}, **vars(records))
-
-    try:
-        write_whole(path, write)
-    except OSError as error:
-        raise ImageError(f"{path}: cannot be written: {error.strerror or error}") from None
+    write_arrays(path, {"format": FORMAT, "scene": scene}, vars(records))
 
 
 def read_records(path: Path, scene: str) -> Records:
@@ -82,14 +96,16 @@ def read_records(path: Path, scene: str) -> Records:
         ImageError: there is no such file, it is broken, or it is of another scene.
     """
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            arrays: dict[str, Any] = {name: file[name] for name in file.files}
-        header = json.loads(arrays.pop(_HEADER).tobytes())
+        header, arrays = read_arrays(path)
         of_format, of_scene = int(header["format"]), str(header["scene"])
     except FileNotFoundError:
         raise ImageError(f"{path}: no such file; write one by --save-cache") from None
-    except (OSError, EOFError, KeyError, TypeError, ValueError, RuntimeError, zipfile.BadZipFile) as error:
-        raise ImageError(f"{path}: is no file of irradiance records ({error}); write one by --save-cache") from None
+    except BrokenArraysError as error:
+        raise ImageError(f"{path}: is no file of irradiance records: {error}; write one by --save-cache") from None
+    except (KeyError, TypeError, ValueError):
+        raise ImageError(
+            f"{path}: is no file of irradiance records, but of others; write one by --save-cache"
+        ) from None
     if of_format != FORMAT:
         raise ImageError(f"{path}: is of format {of_format}, this wdpm has {FORMAT}; write it anew by --save-cache")
     if of_scene != scene:

@@ -24,6 +24,7 @@ from wdpm import (
     cli_render,
     cli_slave,
 )
+from wdpm.interrupts import no_lost_interrupts
 from wdpm.scenes.errors import WdpmError
 
 COMMANDS = (
@@ -62,8 +63,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_BAD_INPUT
     args = parser.parse_args(arguments)
     try:
-        code: int = args.run(args)
-        sys.stdout.flush()
+        with no_lost_interrupts():
+            code: int = args.run(args)
+            sys.stdout.flush()
     except WdpmError as error:
         print(f"wdpm: error: {error}", file=sys.stderr)
         return EXIT_BAD_INPUT

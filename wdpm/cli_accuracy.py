@@ -43,20 +43,20 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         metavar="KNOB=VALUES",
         help="values of one knob: a list (20,50,120), a range (50k..4M), or one with its number of steps (50k..4M:7); "
         "radii also as factors (0.5x..2x). Knobs: "
-        + ", ".join(knob.name.replace("_", "-") for knob in accuracy_knobs.KNOBS)
-        + " (default: all that the scene has a use for, within the budget)",
+        + ", ".join(knob.option for knob in accuracy_knobs.KNOBS)
+        + " (default: within the budget, all that the scene has a use for, but for "
+        + ", ".join(knob.option for knob in accuracy_knobs.KNOBS if not knob.by_default)
+        + ")",
     )
     sweep.add_argument(
         "--seeds",
         type=values.positive_count,
-        default=3,
         metavar="N",
         help="seeds of each point, 3 or more (default: 3)",
     )
     sweep.add_argument(
         "--budget",
         type=duration,
-        default=None,
         metavar="TIME",
         help="what the default sweep may take, like 90s or 5m; two fifths are for the reference (default: 5m)",
     )
@@ -72,14 +72,12 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     sweep.add_argument(
         "--reference-time",
         type=duration,
-        default=None,
         metavar="TIME",
         help="for the reference of our own (default: two fifths of the budget)",
     )
     sweep.add_argument(
         "--clock",
         choices=accuracy_knobs.CLOCKS,
-        default="wall",
         metavar="WHICH",
         help="what counts as the time of a point: wall, or cpu (all cores together), which other work on the machine "
         "disturbs less (default: wall)",
@@ -87,7 +85,6 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     sweep.add_argument(
         "--trim",
         type=values.length,
-        default=0.0,
         metavar="SHARE",
         help="leave this share of the pixels, those that make up the most of the errors of all points, out of them, "
         "like 0.001 (default: 0)",
@@ -104,7 +101,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     options.add_setting_options(parser)
     options.add_machine_options(parser)
     parser.add_argument_group("cluster").add_argument(
-        "--slaves", type=values.count, default=0, metavar="N", help="slave processes of the base (default: 0)"
+        "--slaves", type=values.count, metavar="N", help="slave processes of the base (default: 0)"
     )
     return parser
 
@@ -125,22 +122,19 @@ def run(args: argparse.Namespace) -> int:
 
     quiet_warp()
     folder = args.output or Path(f"accuracy-{default_output(args.scene).stem}")
+    # None is what was not typed (--predict must know); Request has the defaults.
+    typed = {name: getattr(args, name) for name in ("slaves", "seeds", "budget", "reference_time", "clock", "trim")}
     request = Request(
         scene=args.scene,
         definitions=tuple(args.definitions),
         size=args.size,
         chosen=options.chosen_settings(args),
-        slaves=args.slaves,
         sweeps=tuple(args.sweep),
-        seeds=args.seeds,
-        budget=args.budget,
         references=tuple(args.reference),
-        reference_time=args.reference_time,
         threads=args.threads,
         device=args.device,
-        clock=args.clock,
-        trim=args.trim,
         folder=folder,
+        **{name: value for name, value in typed.items() if value is not None},
     )
     progress = make_progress(args.quiet)
     try:

@@ -13,6 +13,7 @@ from typing import Any
 from wdpm import cli_bench_measures as measures
 from wdpm import cli_values as values
 from wdpm.cli_options import available_cores
+from wdpm.kernels.settings import Indirect
 
 _EXAMPLES = """\
 examples:
@@ -110,7 +111,9 @@ def run(args: argparse.Namespace) -> int:
 
     from wdpm import bench
     from wdpm.progress import make_progress
+    from wdpm.quiet import quiet_warp
 
+    quiet_warp()
     bench.check_outputs(args.json, args.markdown)
     if getattr(args, "plot", None) is not None:
         bench.check_plot(args.plot)
@@ -176,6 +179,13 @@ def _add_paper(benches: Any) -> None:
         "--spp", type=values.positive_count, metavar="N", help="samples a pixel (default: the scene's, or 16)"
     )
     parser.add_argument("--photons", type=values.count, metavar="N", help="photons to be stored (default: 250k)")
+    parser.add_argument(
+        "--indirect",
+        choices=[kind.value for kind in Indirect],
+        default=Indirect.MAP.value,
+        metavar="HOW",
+        help="where indirect light comes from, see wdpm render --help (default: map, as in the paper)",
+    )
     _add_threads(parser, "cores to use in all, shared out among slaves")
     parser.set_defaults(measure=measures.paper)
 

@@ -6,6 +6,8 @@ Imports stand within: the command line starts without any of them.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
 Measured = tuple[list[Any], dict[str, Any]]
@@ -23,9 +25,11 @@ def kernels(args: argparse.Namespace, progress: Any) -> Measured:
 def paper(args: argparse.Namespace, progress: Any) -> Measured:
     """What clusters hold, send and cost."""
     from wdpm import bench_paper
-    from wdpm.kernels.settings import RenderSettings, Routing
+    from wdpm.kernels.settings import Indirect, RenderSettings, Routing
 
-    chosen = {name: getattr(args, name) for name in ("spp", "photons") if getattr(args, name) is not None}
+    _find_all(args.scenes)
+    given = {name: getattr(args, name) for name in ("spp", "photons") if getattr(args, name) is not None}
+    chosen: dict[str, Any] = {"indirect": Indirect(args.indirect), **given}
     RenderSettings(**chosen)  # a value out of range is an error before the first scene is rendered
     routings = tuple(Routing) if args.routing == "both" else (Routing(args.routing),)
     slaves = bench_paper.DEFAULT_SLAVES if args.slaves is None else args.slaves
@@ -42,9 +46,7 @@ def effects(args: argparse.Namespace, progress: Any) -> Measured:
     from wdpm.bench_effects_plot import plot
     from wdpm.image_files import write_bytes
     from wdpm.kernels.settings import RenderSettings
-    from wdpm.quiet import quiet_warp
 
-    quiet_warp()
     photons = dict.fromkeys(("photons", "caustic_photons", "volume_photons"), args.photons)
     effects = bench_effects_scenes.EFFECTS
     figures = bench_effects.measure(
@@ -77,9 +79,7 @@ def caustic(args: argparse.Namespace, progress: Any) -> Measured:
     """Time to an error in a region, next to Mitsuba's."""
     from wdpm import bench_caustic
     from wdpm.kernels.settings import RenderSettings
-    from wdpm.quiet import quiet_warp
 
-    quiet_warp()
     names = ("spp", "photons", "caustic_photons", "caustic_k")
     settings = RenderSettings(**{name: getattr(args, name) for name in names})
     bound = bench_caustic.Bound(args.reference, args.region, args.error)
@@ -93,10 +93,8 @@ def peers(args: argparse.Namespace, progress: Any) -> Measured:
     """Time to errors of the whole image, next to Mitsuba's."""
     from wdpm import bench_peers
     from wdpm.bench_peers_figures import Bounds
-    from wdpm.quiet import quiet_warp
     from wdpm.scenes.errors import SettingsError
 
-    quiet_warp()
     if args.reference is not None and len(args.scenes) > 1:
         raise SettingsError(
             f"--reference is of one scene, and there are {len(args.scenes)}: put a reference.exr beside each"
@@ -116,14 +114,13 @@ def indirect(args: argparse.Namespace, progress: Any) -> Measured:
     from wdpm import bench_indirect
     from wdpm.bench_indirect_plot import plot
     from wdpm.image_files import write_bytes
-    from wdpm.quiet import quiet_warp
     from wdpm.scenes.errors import SettingsError
 
-    quiet_warp()
     if args.reference is not None and len(args.scenes) > 1:
         raise SettingsError(
             f"--reference is of one scene, and there are {len(args.scenes)}: put a reference.exr beside each"
         )
+    _find_all(args.scenes)
     sweep = bench_indirect.Sweep(args.spp, args.photons, args.rounds, args.region, args.reference_spp)
     pairs = [(scene, args.reference or bench_indirect.reference_beside(scene)) for scene in args.scenes]
     for scene, reference in pairs:
@@ -152,7 +149,16 @@ def predict(args: argparse.Namespace, progress: Any) -> Measured:
     """What --until-error predicts and estimates, against the truth."""
     from wdpm import bench_predict
 
+    _find_all(args.scenes)
     figures = bench_predict.measure(
         args.scenes, progress, targets=args.errors, seeds=args.seeds, clock=args.clock, threads=args.threads
     )
     return [figures.grid()], {"predict": figures.to_dict()}
+
+
+def _find_all(scenes: Iterable[str | Path]) -> None:
+    """Raise SceneError for a scene that is not there: the last one must not cost what was measured of the others."""
+    from wdpm.scenes.load import find
+
+    for scene in scenes:
+        find(scene)

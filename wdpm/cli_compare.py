@@ -81,15 +81,14 @@ def run(args: argparse.Namespace) -> int:
     from wdpm.comparison import compare
     from wdpm.difference_picture import difference_picture
     from wdpm.image import load
-    from wdpm.image_files import check_output_path, png_bytes, write_bytes
+    from wdpm.image_files import check_apart, check_output_path, png_bytes, write_bytes
     from wdpm.perceptual import flip_is_installed
-    from wdpm.scenes.errors import ImageError
 
     for path in (args.output, args.heat):
         if path is not None:
             check_output_path(path, (".png",))
-    if args.output is not None and args.output == args.heat:
-        raise ImageError(f"{args.heat}: cannot hold both the picture of the difference and the heat map")
+    check_apart([("the picture of the difference", args.output), ("the heat map", args.heat)])
+    _check_pictures(args)
     _check_flip(args, flip_is_installed())
     a, b = load(args.a), load(args.b)
     comparison = compare(a, b, args.region)
@@ -110,11 +109,18 @@ def run(args: argparse.Namespace) -> int:
     return EXIT_BITS_DIFFER if args.equal and not comparison.bits_equal else 0
 
 
+def _check_pictures(args: argparse.Namespace) -> None:
+    from wdpm.scenes.errors import SettingsError
+
+    if args.signed and args.output is None:
+        raise SettingsError("--signed says what the picture of the difference shows: give -o FILE.png, too")
+    if args.heat_of is not None and args.heat is None:
+        raise SettingsError("--heat-of says what a heat map shows: give --heat FILE.png, too")
+
+
 def _check_flip(args: argparse.Namespace, installed: bool) -> None:
     from wdpm.scenes.errors import SettingsError, WdpmError
 
-    if args.heat_of is not None and args.heat is None:
-        raise SettingsError("--heat-of says what a heat map shows: give --heat FILE.png, too")
     if args.flip == "none" and (args.heat_of == "flip" or args.ppd is not None):
         raise SettingsError(f"--flip none leaves nothing for {'--ppd' if args.ppd is not None else '--heat-of flip'}")
     asked = args.flip in ("hdr", "ldr") or args.heat_of == "flip" or args.ppd is not None

@@ -15,6 +15,9 @@ from wdpm.scenes.load import load
 from wdpm.until_pilot import Workplace
 from wdpm.until_render import CHOSEN_HERE
 
+OF_SWEEPS = ("sweep", "seeds", "budget", "reference", "reference_time", "clock", "trim", "output", "slaves")
+"""Options that say how to sweep."""
+
 
 def predict_and_print(args: argparse.Namespace) -> int:
     """What errors would cost; returns the exit code.
@@ -26,8 +29,10 @@ def predict_and_print(args: argparse.Namespace) -> int:
     chosen = chosen_settings(args)
     for name in sorted(CHOSEN_HERE & set(chosen)):
         raise SettingsError(f"--predict tells what --until-error would do, which chooses {name}; leave it out")
-    if args.sweep or args.reference or args.slaves:
-        raise SettingsError("--predict makes no sweep: leave --sweep, --reference and --slaves out")
+    typed = [name for name in OF_SWEEPS if getattr(args, name) not in (None, [])]
+    if typed:
+        options = ", ".join(f"--{name.replace('_', '-')}" for name in typed)
+        raise SettingsError(f"--predict makes no sweep, and has no use for these: leave {options} out")
     quiet_warp()
     progress = make_progress(args.quiet)
     try:

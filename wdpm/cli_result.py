@@ -11,9 +11,10 @@ from pathlib import Path
 from rich.console import Console
 
 from wdpm import report
+from wdpm.cache_file import CacheNotWrittenError
 from wdpm.cli_options import chosen_settings
 from wdpm.image import Image
-from wdpm.image_files import check_output_path, write_bytes
+from wdpm.image_files import check_apart, check_output_path, check_place, write_bytes
 from wdpm.kernels.settings import RenderSettings
 from wdpm.progress import Progress, make_progress
 from wdpm.quiet import quiet_warp
@@ -21,6 +22,7 @@ from wdpm.scene_settings import settings_for
 from wdpm.scenes.errors import ImageError
 from wdpm.scenes.load import load as load_scene
 from wdpm.scenes.model import Scene
+from wdpm.until_render import OUTCOME
 
 Renderer = Callable[[Callable[[], Scene], RenderSettings, Progress], Image]
 
@@ -30,13 +32,12 @@ def render_and_write(args: argparse.Namespace, render: Renderer) -> int:
 
     Whatever can be found wrong before the render is found before it.
     """
-    outputs = [check_output_path(path) for path in args.output or [default_output(args.scene)]]
-    if args.report is not None:
-        check_output_path(args.report, (".json",))
+    outputs = _checked_outputs(args)
     chosen = chosen_settings(args)
     RenderSettings(**chosen)  # a value out of range is an error before the scene is read
     quiet_warp()
     progress = make_progress(args.quiet)
+    failed: list[ImageError] = []
     try:
         progress.start("load")
         began = time.perf_counter()
@@ -46,12 +47,15 @@ def render_and_write(args: argparse.Namespace, render: Renderer) -> int:
         handed_over = [scene]
         del scene  # a master lets go of what it has sent to its slaves, and so must we
         image = render(handed_over.pop, settings, progress)
+    except CacheNotWrittenError as error:
+        image = error.image
+        failed.append(error)
     finally:
         progress.finish()
-    image, account = _with_load_time(image, load_s)
-    _write_all(image, outputs, args.quiet)
-    if args.report is not None:
-        write_bytes(account.to_json().encode(), args.report)
+    image, account = _completed(image, load_s)
+    failed += _write_all(image, account, outputs, args)
+    if failed:
+        raise ImageError("; ".join(map(str, failed)))
     if not args.quiet:
         account.print(Console())
     return 0
@@ -69,23 +73,43 @@ def default_output(scene: str) -> Path:
     return Path((path.stem if path.suffix else path.name.partition(":")[0]) + ".exr")
 
 
-def _with_load_time(image: Image, load_s: float) -> tuple[Image, report.Report]:
-    """The render was handed a scene that was loaded already, so it cannot know how long that took."""
+def _checked_outputs(args: argparse.Namespace) -> list[Path]:
+    """The images to write. Raises ImageError if one of them, the report or the irradiance records cannot be written."""
+    outputs = [check_output_path(path) for path in args.output or [default_output(args.scene)]]
+    if args.report is not None:
+        check_output_path(args.report, (".json",))
+    if args.save_cache is not None:
+        check_place(args.save_cache)
+    caches = [("irradiance records", path) for path in (args.save_cache, args.load_cache)]
+    check_apart([*(("the image", path) for path in outputs), ("the report", args.report), *caches])
+    return outputs
+
+
+def _completed(image: Image, load_s: float) -> tuple[Image, report.Report]:
+    """An image and its report with what the render could not know: the time of loading, and what came of a goal."""
     account = report.from_dict(image.metadata["report"])
-    account = replace(account, phases={"load": load_s, **account.phases})
+    account = replace(account, phases={"load": load_s, **account.phases}, asked=image.metadata.get(OUTCOME))
     return replace(image, metadata={**image.metadata, "report": account.to_dict()}), account
 
 
-def _write_all(image: Image, outputs: list[Path], quiet: bool) -> None:
-    """Write every output, even when one fails: a PNG that cannot be written must not cost the EXR."""
-    first_error: ImageError | None = None
+def _write_all(image: Image, account: report.Report, outputs: list[Path], args: argparse.Namespace) -> list[ImageError]:
+    """Write every output, even when one fails: a PNG that cannot be written must not cost the EXR.
+
+    Returns:
+        What went wrong.
+    """
+    errors: list[ImageError] = []
     for path in outputs:
         try:
             image.save(path)
         except ImageError as error:
-            first_error = first_error or error
+            errors.append(error)
             continue
-        if not quiet:
+        if not args.quiet:
             print(f"wrote {path}")
-    if first_error is not None:
-        raise first_error
+    if args.report is not None:
+        try:
+            write_bytes(account.to_json().encode(), args.report)
+        except ImageError as error:
+            errors.append(error)
+    return errors

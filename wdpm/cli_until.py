@@ -21,9 +21,6 @@ EXIT_NOT_REACHED = 3
 
 METRICS = ("relmse", "rmse")
 
-_INSTEAD = ("passes", "spp", "resume", "keep_passes", "replay", "strict")
-"""Options that make no sense beside a goal."""
-
 
 def add_until_options(parser: argparse.ArgumentParser) -> None:
     """--until-error, --metric and --time-budget."""
@@ -62,12 +59,9 @@ def asks_for_a_goal(args: argparse.Namespace) -> bool:
             raise SettingsError("--metric says what an error is measured with: give --until-error, too")
         return False
     asked = "--until-error" if args.until_error is not None else "--time-budget"
-    for name in _INSTEAD:
-        if getattr(args, name, None):
-            raise SettingsError(
-                f"{asked} chooses passes and samples itself, and renders one image in one go; "
-                f"leave --{name.replace('_', '-')} out"
-            )
+    from wdpm.goal_checks import refuse_beside_goal
+
+    refuse_beside_goal(asked, vars(args), lambda name: f"--{name.replace('_', '-')}")
     return True
 
 
@@ -81,7 +75,8 @@ def render_to_goal(args: argparse.Namespace, slaves: int, listen: Callable[[], A
     from wdpm.cli_result import render_and_write
     from wdpm.until_clock import process_age
     from wdpm.until_goal import goal_of
-    from wdpm.until_render import OUTCOME, render_until
+    from wdpm.until_outcome import Ending
+    from wdpm.until_render import OUTCOME, Interrupted, render_until
 
     goal = goal_of(args.until_error, args.metric or METRICS[0], args.time_budget)
     chosen = chosen_settings(args)
@@ -89,11 +84,14 @@ def render_to_goal(args: argparse.Namespace, slaves: int, listen: Callable[[], A
 
     def render(source: Any, _settings: RenderSettings, progress: Any) -> Any:
         common = {"progress": progress, "used": process_age(), **chosen}
-        if listen is None:
-            image = render_until(source, goal, slaves=slaves, threads=args.threads, device=args.device, **common)
-        else:
-            with listen() as cluster:
-                image = render_until(source, goal, cluster=cluster, **common)
+        try:
+            if listen is None:
+                image = render_until(source, goal, slaves=slaves, threads=args.threads, device=args.device, **common)
+            else:
+                with listen() as cluster:
+                    image = render_until(source, goal, cluster=cluster, **common)
+        except Interrupted as stop:
+            image = stop.image  # minutes of passes are worth writing, whoever got tired of them
         asked.append((image.metadata[OUTCOME], image.metadata["settings"]))
         return image
 
@@ -105,6 +103,8 @@ def render_to_goal(args: argparse.Namespace, slaves: int, listen: Callable[[], A
         print(f"to repeat it to the bit: {command(args, settings)}")
     elif not outcome["reached"]:
         print(f"wdpm: {outcome['lines'][-1]}", file=sys.stderr)
+    if outcome["ending"] == Ending.INTERRUPTED.value:
+        raise KeyboardInterrupt
     return code if outcome["reached"] else EXIT_NOT_REACHED
 
 

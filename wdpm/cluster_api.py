@@ -17,6 +17,7 @@ from wdpm.cluster.local import LocalSlaves, slave_command
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.sockets_master import SocketMaster, nobody
 from wdpm.cluster.sockets_slave import PATIENCE_S, run_slave
+from wdpm.devices import check_device
 from wdpm.progress import Progress
 from wdpm.scenes.errors import SettingsError
 
@@ -62,6 +63,7 @@ class Cluster:
         """
         if slaves < 1:
             raise SettingsError(f"slaves is {slaves}; expected at least 1")
+        check_device(device)
         each = max(1, (threads or available_cores()) // slaves)
         with ExitStack() as stack:
             processes = LocalSlaves()
@@ -206,7 +208,16 @@ def serve_as_slave(
         memory: most memory to use [bytes]; None for no limit.
         patience: how long to wait for the master's first answer [s].
         life_line: end when standard input closes, which the process that started this one holds open.
+
+    Raises:
+        SettingsError: the keys cannot be read, or the device is not there.
+        ClusterError: no master answered, it refused, or something failed.
     """
+    if device != "cpu":
+        from wdpm.quiet import quiet_warp
+
+        quiet_warp()
+        check_device(device)
     security = keys_for(address.resolve(master), keys, insecure)
     if memory is not None:
         limit_memory(memory)

@@ -23,6 +23,8 @@ from wdpm.scenes.errors import ImageError
 
 _METADATA_ATTRIBUTE = "wdpm"
 
+_MAGIC = b"\x76\x2f\x31\x01"
+
 
 def write_exr(image: Image, path: Path) -> None:
     """Write all layers; `path` need not end in .exr. Raises ImageError when the metadata is not JSON."""
@@ -73,6 +75,9 @@ def _channel_names(layer: str) -> list[str]:
 
 def _read_planes(path: Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
     """The channels of full resolution of the first part, float32 [height, width], by name, and the header."""
+    with path.open("rb") as stream:
+        if stream.read(len(_MAGIC)) != _MAGIC:
+            raise ImageError(f"{path}: not an OpenEXR file")
     # InputFile, not File: on broken pixels File prints to standard output and goes on without them.
     with _diverted_stderr() as first_line:
         try:

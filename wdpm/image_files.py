@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import os
 import uuid
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from wdpm.image import Image, decode_srgb
 from wdpm.image_exr import read_exr, write_exr
 from wdpm.image_hdr import encode_hdr
+from wdpm.image_npy import read_npy, write_npy
 from wdpm.image_pfm import encode_pfm
 from wdpm.scenes.errors import ImageError
 from wdpm.scenes.hdr import decode_hdr
@@ -37,6 +38,8 @@ def read(path: Path) -> Image:
     if not path.is_file():
         raise ImageError(f"{path}: no such file" if not path.exists() else f"{path}: not a file")
     try:
+        if path.stat().st_size == 0:
+            raise ImageError(f"{path}: is empty")
         return _FORMATS[path.suffix.lower()].read(path)
     except OSError as error:
         raise ImageError(f"{path}: cannot be read: {_reason(error)}") from None
@@ -73,6 +76,12 @@ def check_output_path(path: str | Path, extensions: tuple[str, ...] | None = Non
     """
     path = Path(path)
     _check_extension(path, tuple(_FORMATS) if extensions is None else extensions)
+    check_place(path)
+    return path
+
+
+def check_place(path: Path) -> None:
+    """Find out whether a file of any name can be written; raises ImageError as `check_output_path` does."""
     if path.is_dir():
         raise ImageError(f"{path}: is a folder, not a file")
     if not path.parent.is_dir():
@@ -85,7 +94,18 @@ def check_output_path(path: str | Path, extensions: tuple[str, ...] | None = Non
         probe.unlink()
     except OSError as error:
         raise ImageError(f"{path}: cannot be written: {_reason(error)}") from None
-    return path
+
+
+def check_apart(uses: Iterable[tuple[str, Path | None]]) -> None:
+    """Raise ImageError if one file is to hold two things.
+
+    Args:
+        uses: what is written or read, and where; None for nowhere. The same thing may be there twice.
+    """
+    seen: dict[Path, str] = {}
+    for what, path in uses:
+        if path is not None and (other := seen.setdefault(path.resolve(), what)) != what:
+            raise ImageError(f"{path}: cannot hold both {other} and {what}; give another name for one of them")
 
 
 def png_bytes(pixels: NDArray[np.uint8]) -> bytes:
@@ -140,22 +160,6 @@ def _read_png(path: Path) -> Image:
     return Image({"beauty": decode_srgb(pixels / np.iinfo(pixels.dtype).max)})
 
 
-def _read_npy(path: Path) -> Image:
-    try:
-        pixels = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError) as error:
-        raise ImageError(f"{path}: broken NPY file: {error}") from None
-    if not isinstance(pixels, np.ndarray) or pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype.kind != "f":
-        found = f"{pixels.dtype} of shape {pixels.shape}" if isinstance(pixels, np.ndarray) else "an archive"
-        raise ImageError(f"{path}: must hold floats of shape [height, width, 3] (got {found})")
-    return Image({"beauty": pixels.astype(np.float32)})
-
-
-def _write_npy(image: Image, path: Path) -> None:
-    with path.open("wb") as file:  # a name without .npy would have it appended
-        np.save(file, image.pixels, allow_pickle=False)
-
-
 _FORMATS: Mapping[str, _Format] = {
     ".exr": _Format(read_exr, write_exr),
     ".png": _Format(_read_png, lambda image, path: path.write_bytes(png_bytes(image.to_srgb8()))),
@@ -167,5 +171,5 @@ _FORMATS: Mapping[str, _Format] = {
         lambda path: Image({"beauty": decode_pfm(path.read_bytes(), str(path))}),
         lambda image, path: path.write_bytes(encode_pfm(image.pixels)),
     ),
-    ".npy": _Format(_read_npy, _write_npy),
+    ".npy": _Format(read_npy, write_npy),
 }

@@ -1,22 +1,19 @@
 """What an interrupted progressive render leaves behind, to go on from: a file beside the image.
 
-It holds the sums of all passes so far (no pass itself), and what they are of. It is replaced after each pass, whole or
-not at all, and it is never unpickled.
+It holds the sums of all passes so far (no pass itself), and what they are of (array_file). It is replaced after each
+pass, whole or not at all.
 """
 
 from __future__ import annotations
 
-import json
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.array_file import read_arrays, write_arrays
 from wdpm.cluster.versions import versions
-from wdpm.image_files import write_whole
 from wdpm.pass_average import PassAverage
 from wdpm.pass_plan import PassPlan
 from wdpm.prepare import Prepared
@@ -24,11 +21,6 @@ from wdpm.scenes.errors import ImageError, SettingsError
 
 FORMAT = 1
 """Of the file; grows with every change that older or newer code would not understand."""
-
-_HEADER = "header"
-
-_OF_BROKEN_FILES = (OSError, EOFError, KeyError, TypeError, ValueError, RuntimeError, zipfile.BadZipFile)
-"""What numpy, zipfile and json raise; RuntimeError for flags of zip files that are not supported."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,16 +69,7 @@ def identity_of(prepared: Prepared) -> dict[str, Any]:
 def write_journal(path: Path, average: PassAverage, prepared: Prepared) -> None:
     """Keep all passes so far. Raises ImageError if the file cannot be written; an older one is then as it was."""
     header = {"format": FORMAT, "identity": identity_of(prepared), "account": average.account()}
-    arrays = {_HEADER: np.frombuffer(json.dumps(header).encode(), np.uint8), **average.arrays()}
-
-    def write(temporary: Path) -> None:
-        with temporary.open("wb") as file:  # a name without .npz would have it appended
-            np.savez(file, allow_pickle=False, **arrays)
-
-    try:
-        write_whole(path, write)
-    except OSError as error:
-        raise ImageError(f"{path}: cannot be written: {error.strerror or error}") from None
+    write_arrays(path, header, average.arrays())
 
 
 def read_journal(path: Path) -> Saved:
@@ -94,13 +77,7 @@ def read_journal(path: Path) -> Saved:
     if not path.is_file():
         raise SettingsError(f"{path}: no such file, so there is no interrupted render to resume; leave --resume out")
     try:
-        with path.open("rb") as stream, zipfile.ZipFile(stream) as archive:
-            broken = archive.testzip()  # numpy would interpret an array's header before the sum over it is known
-            if broken is not None:
-                raise zipfile.BadZipFile(f"{broken} has changed")
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        header = json.loads(arrays.pop(_HEADER).tobytes())
+        header, arrays = read_arrays(path)
         if header["format"] != FORMAT:
             raise SettingsError(
                 f"{path}: is of format {header['format']}, this wdpm has {FORMAT}; go on with the wdpm that wrote it, "
@@ -109,7 +86,7 @@ def read_journal(path: Path) -> Saved:
         saved = Saved(path, dict(header["identity"]), dict(header["account"]), arrays)
         if not saved.plans:
             raise ValueError("no passes")
-    except _OF_BROKEN_FILES as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise _broken(path, error) from None
     return saved
 

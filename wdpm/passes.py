@@ -22,9 +22,18 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.cache_file import NO_CACHE_FILES, CacheFiles, check_wanted, read_records, write_records
+from wdpm.cache_file import (
+    NO_CACHE_FILES,
+    CacheFiles,
+    CacheNotWrittenError,
+    check_can_save,
+    check_wanted,
+    read_records,
+    write_records,
+)
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.image import Image
+from wdpm.image_memory import check_memory
 from wdpm.in_process import memory_cluster
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.settings import RenderSettings
@@ -35,7 +44,7 @@ from wdpm.pass_progress import PassProgress
 from wdpm.prepare import Prepared, Source, image_of, prepare, scene_of
 from wdpm.progress import Progress, SilentProgress
 from wdpm.scene_settings import settings_for
-from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.errors import ImageError, SettingsError
 
 if TYPE_CHECKING:
     from wdpm.cluster_api import Cluster
@@ -106,6 +115,7 @@ class PassRenderer:
             if cluster is None and slaves:
                 cluster = _local_cluster(stack, slaves, threads, device)
             scene = scene_of(source)
+            check_memory(scene.camera)
             settings = settings or settings_for(scene, **chosen)
             if cluster is None:
                 launcher = Launcher(device, threads)
@@ -172,8 +182,10 @@ def render_in_passes(
 
     Raises:
         SceneError, SettingsError, ImageError, ClusterError: see their messages. The journal keeps what was done.
+        CacheNotWrittenError: an ImageError that has the image.
     """
     progress = progress or SilentProgress()
+    check_can_save(cache)
     if journal is None and (resume or keep):
         raise SettingsError("there is no journal to resume from or to keep; give its path")
     with ExitStack() as stack:
@@ -200,12 +212,22 @@ def render_in_passes(
             )
         )
         if len(plans) == 1 and journal is None:
-            result = renderer.render(plans[0]).result
-            if cache.save is not None:
-                write_records(cache.save, result.records, renderer.prepared.lit_scene)
-            return image_of(renderer.prepared, result)
+            return _render_one(renderer, plans[0], cache)
         average = PassAverage(renderer.prepared) if saved is None else saved.average(renderer.prepared)
         return _render_all(renderer, plans, average, journal, keep)
+
+
+def _render_one(renderer: PassRenderer, plan: PassPlan, cache: CacheFiles) -> Image:
+    """Render the only pass, and keep its irradiance records."""
+    prepared = renderer.prepared
+    result = renderer.render(plan).result
+    image = image_of(prepared, result)
+    if cache.save is not None:
+        try:
+            write_records(cache.save, result.records, prepared.lit_scene)
+        except ImageError as error:
+            raise CacheNotWrittenError(str(error), image) from None
+    return image
 
 
 def _render_all(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from wdpm.kernels.settings import Integrator
 from wdpm.report_tables import format_seconds
 from wdpm.scene_settings import settings_for
 from wdpm.scenes.model import Scene
@@ -43,7 +44,8 @@ class Predictions:
                 table.add_row(f"{error:g}", "out of reach", "", "", "", "")
                 continue
             settings = course.settings
-            counts = (f"{each:,}" for each in (course.passes, course.samples, settings.photons))
+            photons = f"{settings.photons:,}" if settings.integrator is Integrator.PHOTONS else "none"
+            counts = (f"{course.passes:,}", f"{course.samples:,}", photons)
             table.add_row(f"{error:g}", format_seconds(course.seconds), *counts, kind_in_words(settings))
         console.print(table)
         console.print(

@@ -28,7 +28,9 @@ from wdpm.cluster.replica import with_camera
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.worker import Worker
 from wdpm.cluster.world import MapPlan, PhotonPlan, View, World
+from wdpm.devices import check_device
 from wdpm.image import Image
+from wdpm.image_memory import check_pixels
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
@@ -122,7 +124,13 @@ def prepare(
     Args:
         workers: how many will share the work; 0 or 1 for one.
         cells: a power of two, or None for the least that serves the workers.
+
+    Raises:
+        SettingsError: the device is not there, the image has too many pixels, or settings contradict the scene.
+        GuardError: a strict render of a scene with triangles that cannot be rendered.
     """
+    check_device(launcher.device)
+    check_pixels(scene.camera)
     seconds = {}
     flattening = time.perf_counter()
     flat = flatten(leave_out(scene, settings.without))

@@ -234,6 +234,8 @@ class Report:
         warnings: what the loader or the render ignored, dropped, mended or left out.
         passes: of a render in several: all figures above are of all of them together.
         error: what these tell about the error of the image.
+        asked: of a render that was asked for an error or a time: what that was, what is estimated, and whether it was
+            reached (until_outcome.Outcome.to_dict).
         settings: the settings of the render; versions: of wdpm and the packages that its bits depend on.
     """
 
@@ -262,6 +264,7 @@ class Report:
     warnings: tuple[str, ...] = ()
     passes: tuple[PassReport, ...] = ()
     error: ErrorReport | None = None
+    asked: dict[str, Any] | None = None
     settings: dict[str, Any] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
 

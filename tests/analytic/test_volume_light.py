@@ -59,6 +59,12 @@ def test_a_medium_that_absorbs_nothing_keeps_all_energy(
     assert abs(energy.absorbed) < tolerance * energy.emitted
 
 
+def test_a_medium_without_volume_photons_still_absorbs() -> None:
+    what = foggy(Medium("haze", (1.0, 1.0, 1.0), (0.5, 0.5, 0.5), 0.0), 0.5)
+    image = rendered(what, photons=2000, volume_photons=0, spp=1)
+    assert "volume" not in image.layers or image.layers["volume"].max() == 0
+
+
 def test_no_photon_gets_through_a_wall_from_within_a_medium() -> None:
     """Nothing is absorbed in a white room full of white fog, not one photon of 60,000: their weights are 1."""
     energy = ledger(foggy(Medium("milk", (3.0, 3.0, 3.0), (1.0, 1.0, 1.0), 0.5), 1.0), max_depth=8)

@@ -5,7 +5,7 @@
     python tests/hard_cases/run.py --small --only T-junctions   # cases whose names contain a text
     python tests/hard_cases/run.py --only watertight --rays 1e9
 
-Exit code 0 if all cases pass but those that say why they cannot, else 1.
+Exit code 0 if all cases pass but those that say why they cannot, else 1; 2 if no case has such a name.
 """
 
 from __future__ import annotations
@@ -25,10 +25,12 @@ import numpy as np
 from case import SECTIONS, Check, HardCase, Outcome, every_case, run_case
 from numpy.typing import NDArray
 
+from wdpm.bench_hard_cases import check_only
 from wdpm.image import encode_srgb8
 from wdpm.image_files import png_bytes
 from wdpm.progress import make_progress
 from wdpm.quiet import quiet_warp
+from wdpm.scenes.errors import SettingsError
 
 PICTURE = 160
 """Least side of a picture on the page, in pixels."""
@@ -55,6 +57,15 @@ ul { margin: 0; padding-left: 1.1em; } .wrong { color: #b00020; } .known { color
 def main() -> int:
     """Runs what is asked for and writes the page, and the same as JSON beside it."""
     args = _parse()
+    names = [case.name for case in every_case()]
+    if args.list:
+        print("\n".join(names))
+        return 0
+    try:
+        check_only(names, args.only)
+    except SettingsError as error:
+        print(f"run.py: error: {error}", file=sys.stderr)
+        return 2
     quiet_warp()
     progress = make_progress()
     chosen = [case for case in every_case() if all(text in case.name for text in args.only)]
@@ -186,6 +197,7 @@ def _parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--small", action="store_true", help="at the size of `make test`")
     parser.add_argument("--only", nargs="+", default=[], metavar="TEXT", help="cases whose names contain all of these")
+    parser.add_argument("--list", action="store_true", help="print the names of all cases, and do nothing else")
     parser.add_argument("--rays", type=float, help="of the watertight boxes (default: 2e7; 1e9 take some 20 minutes)")
     parser.add_argument(
         "-o", "--output", type=Path, default=Path("out/hard-cases"), help="folder of the page (default: out/hard-cases)"

@@ -1,0 +1,75 @@
+"""What `wdpm accuracy` says of itself, and which options --predict refuses."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from wdpm import cli, cli_predict
+from wdpm.kernels.settings import Integrator, RenderSettings
+from wdpm.predict import Predictions
+from wdpm.until_goal import Metric
+from wdpm.until_plan import Course
+from wdpm.until_trial import Trial
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (["--seeds", "3"], "--seeds"),
+        (["--clock", "wall"], "--clock"),
+        (["--budget", "5m"], "--budget"),
+        (["--trim", "0"], "--trim"),
+        (["--reference-time", "3s"], "--reference-time"),
+        (["-o", "folder"], "--output"),
+        (["--slaves", "2"], "--slaves"),
+        (["--reference", "c.exr", "--sweep", "k=5,9"], "--sweep, --reference"),
+    ],
+)
+def test_predictions_refuse_options_of_sweeps(
+    options: list[str], named: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(cli_predict, "load", lambda *_, **__: pytest.fail("loaded"))
+    assert cli.main(["accuracy", "cornell-box", "--predict", *options]) == cli.EXIT_BAD_INPUT
+    error = capsys.readouterr().err.strip()
+    assert f"--predict makes no sweep, and has no use for these: leave {named} out" in error
+    assert "\n" not in error
+
+
+@pytest.mark.parametrize(("integrator", "photons"), [(Integrator.PATH, "none"), (Integrator.PHOTONS, "250,000")])
+def test_predictions_of_path_tracing_show_no_photons(integrator: Integrator, photons: str) -> None:
+    settings = RenderSettings(integrator=integrator)
+    course = Course(settings, Trial(settings, 0.0, 1.0, 1.0, 0.1, 0.1, 0.0), 2.0, 0.1, 0.1)
+    text = io.StringIO()
+    Predictions(Metric.RELMSE, {0.1: course}, 1.0, 1.0).print(Console(file=text, width=120))
+    row = text.getvalue().splitlines()[1]
+    assert photons in row
+    assert ("250,000" in row) == (photons != "none")
+
+
+def test_help_tells_which_knobs_are_not_swept_by_default(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        cli.main(["accuracy", "--help"])
+    text = " ".join(capsys.readouterr().out.split()).replace("- ", "-")
+    assert "but for caustic-k, caustic-radius, volume-samples, volume-radius)" in text
+
+
+def test_shadow_rays_are_swept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["accuracy", "cornell-box", "--size", "12x10", "--spp", "2", "--photons", "800"]
+    arguments += ["--sweep", "light-samples=1,4", "--reference-time", "0.01s", "-o", str(tmp_path)]
+    assert cli.main(arguments) == 0
+    output = capsys.readouterr()
+    assert "plan: 2 points" in output.err
+    assert "light-samples: 1, 4" in output.err
+
+
+def test_the_base_of_path_tracing_has_no_photons(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["accuracy", "cornell-box", "--size", "12x10", "--spp", "2", "--integrator", "path"]
+    arguments += ["--sweep", "spp=1,4", "--reference-time", "0.01s", "-o", str(tmp_path)]
+    assert cli.main(arguments) == 0
+    output = capsys.readouterr()
+    assert "base: path tracing, 2 samples, 0 slaves" in output.err
+    assert "photons, k" not in output.err + output.out

@@ -1,0 +1,76 @@
+"""Ctrl-C that is not lost.
+
+Python raises KeyboardInterrupt wherever the main thread is at. In a destructor, which Warp's arrays have, or in a
+callback, nobody can catch it: Python prints it and goes on, and so would a render.
+"""
+
+from __future__ import annotations
+
+import _thread
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+WAIT_S = 0.01
+"""Between one look at the main thread and the next."""
+
+
+@contextmanager
+def no_lost_interrupts() -> Iterator[None]:
+    """Have a KeyboardInterrupt that Python could not raise come again, once it can; for the main thread."""
+    before = sys.unraisablehook
+    lost = _Lost(before)
+    sys.unraisablehook = lost.hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+        if lost.take():
+            raise KeyboardInterrupt
+
+
+class _Lost:
+    """Whether an interrupt was lost.
+
+    Args:
+        otherwise: told of all other exceptions that cannot be raised.
+    """
+
+    def __init__(self, otherwise: Callable[[Any], object]) -> None:
+        self._otherwise = otherwise
+        self._waiting = False
+
+    def hook(self, unraisable: Any) -> None:
+        """Stands for sys.unraisablehook."""
+        if not issubclass(unraisable.exc_type, KeyboardInterrupt):
+            self._otherwise(unraisable)
+        elif not self._waiting:
+            self._waiting = True
+            # Not threading.Thread: a destructor may run while this thread holds the locks of that module.
+            _thread.start_new_thread(self._send_again, ())
+
+    def take(self) -> bool:
+        """Whether an interrupt is still to be raised; the caller does that."""
+        waiting, self._waiting = self._waiting, False
+        return waiting
+
+    def _send_again(self) -> None:
+        """Raise SIGINT as soon as the main thread is out of the destructor and of the hook."""
+        main = threading.main_thread().ident
+        while self._waiting:
+            time.sleep(WAIT_S)
+            frame = sys._current_frames().get(main or 0)
+            if not self._is_deaf(frame) and self.take():
+                signal.pthread_kill(main or 0, signal.SIGINT)
+
+    def _is_deaf(self, frame: FrameType | None) -> bool:
+        while frame is not None:
+            if frame.f_code.co_name == "__del__" or frame.f_code is _Lost.hook.__code__:
+                return True
+            frame = frame.f_back
+        return False
