@@ -162,6 +162,12 @@ def test_a_pixel_or_sample_that_is_not_there_is_an_error() -> None:
             wdpm.replay(cornell_box((12, 12)), *place, photons=100, spp=2)
 
 
+def test_records_of_another_view_cannot_be_replayed(capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--indirect", "cache", "--load-cache", "room.records", "--replay", "1,1,0"]
+    assert cli.main(["render", "cornell-box", "--size", "8x8", *options]) == 2
+    assert "leave --load-cache out" in capsys.readouterr().err
+
+
 def test_the_command_prints_each_vertex(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     few = ["--size", "8x8", "--photons", "500", "--spp", "2", "--threads", "1"]
     out = tmp_path / "image.exr"

@@ -16,10 +16,16 @@ def replay_and_print(args: argparse.Namespace) -> int:
     from wdpm.quiet import quiet_warp
     from wdpm.replaying import replay
     from wdpm.scene_settings import settings_for
+    from wdpm.scenes.errors import SettingsError
     from wdpm.scenes.load import load
 
     if args.report is not None:
         check_output_path(args.report, (".json",))
+    if args.load_cache is not None:
+        raise SettingsError(
+            "--replay makes the irradiance records of its own view, so a sample that used those of --load-cache would "
+            "come out otherwise; leave --load-cache out, or render with --indirect gather to look into a sample"
+        )
     chosen = chosen_settings(args)
     RenderSettings(**chosen)  # a value out of range is an error before the scene is read
     quiet_warp()
