@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from wdpm.cli_options import available_cores
 from wdpm.image_files import check_apart, check_output_path, write_bytes
 from wdpm.kernels.settings import RenderSettings
-from wdpm.prepare import PACKAGES
+from wdpm.results import PACKAGES
 
 if TYPE_CHECKING:
     from rich.console import Console

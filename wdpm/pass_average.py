@@ -14,8 +14,9 @@ from wdpm.cluster.task import PhotonsTraced
 from wdpm.error_layers import BY_PHOTONS, ErrorEstimate, same_shape
 from wdpm.image import PARTITION_LAYER, Image
 from wdpm.pass_plan import PassPlan, photon_plan, shrink
-from wdpm.prepare import Prepared, image_of
+from wdpm.prepare import Prepared
 from wdpm.report import ErrorReport, PassReport
+from wdpm.results import image_of
 
 if TYPE_CHECKING:
     from wdpm.passes import PassResult

@@ -41,8 +41,9 @@ from wdpm.pass_average import PassAverage
 from wdpm.pass_journal import read_journal, write_journal
 from wdpm.pass_plan import PassPlan, plans_for, session_of, shrink, spread_samples
 from wdpm.pass_progress import PassProgress
-from wdpm.prepare import Prepared, Source, image_of, prepare, scene_of
+from wdpm.prepare import Prepared, Source, prepare, scene_of
 from wdpm.progress import Progress, SilentProgress
+from wdpm.results import image_of
 from wdpm.scene_settings import settings_for
 from wdpm.scenes.errors import ImageError, SettingsError
 
