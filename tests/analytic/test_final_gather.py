@@ -95,7 +95,7 @@ def two_rooms(wall: float, camera_in: int) -> Scene:
 def test_nothing_leaks_from_room_to_room(way: Indirect, wall: float) -> None:
     """Half a thousandth of the bright room's light would be seen in the dark one."""
     for number, glow in enumerate((1.0, 0.01)):
-        assert_indirect(two_rooms(wall, number), 0.5 * glow, indirect=way, photons=60_000, spp=512)
+        assert_indirect(two_rooms(wall, number), 0.5 * glow, indirect=way, photons=60_000, spp=64)
 
 
 # Against path tracing

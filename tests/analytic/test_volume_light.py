@@ -61,7 +61,7 @@ def test_a_medium_that_absorbs_nothing_keeps_all_energy(
 
 def test_a_medium_without_volume_photons_still_absorbs() -> None:
     what = foggy(Medium("haze", (1.0, 1.0, 1.0), (0.5, 0.5, 0.5), 0.0), 0.5)
-    image = rendered(what, photons=2000, volume_photons=0, spp=1)
+    image = rendered(what, photons=2000, volume_photons=0, spp=1, all_effects=True)
     assert "volume" not in image.layers or image.layers["volume"].max() == 0
 
 
