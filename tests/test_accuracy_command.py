@@ -57,19 +57,21 @@ def test_help_tells_which_knobs_are_not_swept_by_default(capsys: pytest.CaptureF
     assert "but for caustic-k, caustic-radius, volume-samples, volume-radius)" in text
 
 
+def swept(capsys: pytest.CaptureFixture[str], folder: Path, *options: str) -> tuple[str, str]:
+    """What a small sweep says on standard output, and of its plan on standard error."""
+    small = ["accuracy", "cornell-box", "--size", "12x10", "--spp", "2", "--reference-time", "0.01s", "-o", str(folder)]
+    assert cli.main([*small, *options]) == 0
+    said = capsys.readouterr()
+    return said.out, said.err
+
+
 def test_shadow_rays_are_swept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["accuracy", "cornell-box", "--size", "12x10", "--spp", "2", "--photons", "800"]
-    arguments += ["--sweep", "light-samples=1,4", "--reference-time", "0.01s", "-o", str(tmp_path)]
-    assert cli.main(arguments) == 0
-    output = capsys.readouterr()
-    assert "plan: 2 points" in output.err
-    assert "light-samples: 1, 4" in output.err
+    _, plan = swept(capsys, tmp_path, "--photons", "800", "--sweep", "light-samples=1,4")
+    assert "plan: 2 points" in plan
+    assert "light-samples: 1, 4" in plan
 
 
 def test_the_base_of_path_tracing_has_no_photons(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["accuracy", "cornell-box", "--size", "12x10", "--spp", "2", "--integrator", "path"]
-    arguments += ["--sweep", "spp=1,4", "--reference-time", "0.01s", "-o", str(tmp_path)]
-    assert cli.main(arguments) == 0
-    output = capsys.readouterr()
-    assert "base: path tracing, 2 samples, 0 slaves" in output.err
-    assert "photons, k" not in output.err + output.out
+    result, plan = swept(capsys, tmp_path, "--integrator", "path", "--sweep", "spp=1,4")
+    assert "base: path tracing, 2 samples, 0 slaves" in plan
+    assert "photons, k" not in plan + result

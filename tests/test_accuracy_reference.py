@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from wdpm.accuracy_knobs import parse_sweep
-from wdpm.accuracy_reference import OF_MAPS, STATE, trace_reference
+from wdpm.accuracy_reference import STATE, trace_reference
 from wdpm.accuracy_run import Request, measure
 from wdpm.image import Image, load
-from wdpm.kernels.settings import EFFECTS_TO_LEAVE_OUT, Integrator, RenderSettings
+from wdpm.kernels.settings import EFFECTS_TO_LEAVE_OUT, MAP_EFFECTS, Integrator, RenderSettings
 from wdpm.progress import SilentProgress
 from wdpm.scenes.errors import ImageError, SettingsError
 
@@ -44,7 +44,7 @@ def test_path_tracing_refuses_just_what_its_reference_shows_all_the_same() -> No
             RenderSettings(integrator=Integrator.PATH, without=(effect,))
         except SettingsError:
             refused.add(effect)
-    assert refused == set(OF_MAPS)
+    assert refused == MAP_EFFECTS
 
 
 def fake(settings: RenderSettings) -> Image:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wdpm.accuracy_error import Truth
 from wdpm.array_file import read_arrays, write_arrays
 from wdpm.image import Image, load
-from wdpm.kernels.settings import Integrator, RenderSettings
+from wdpm.kernels.settings import MAP_EFFECTS, Integrator, RenderSettings
 from wdpm.progress import Progress
 from wdpm.scenes.errors import ImageError
 
@@ -27,9 +27,6 @@ FIRST_BATCH = 4
 MOST_BATCH = 256
 BATCHES = 16
 """Batches that the time is to hold, at least: half of them are one half of the reference. More where it is long."""
-
-OF_MAPS = ("indirect", "caustics")
-"""What --without takes that leaves out photon maps: path tracing has none, and refuses them."""
 
 Render = Callable[[RenderSettings], Image]
 
@@ -159,9 +156,9 @@ class _State:
 def traced_settings(settings: RenderSettings) -> RenderSettings:
     """Settings of a reference of our own: path tracing.
 
-    It shows the light of photon maps that are left out (OF_MAPS): to leave it out is bias of the renders.
+    It shows the light of photon maps that are left out (MAP_EFFECTS): to leave it out is bias of the renders.
     """
-    without = tuple(effect for effect in settings.without if effect not in OF_MAPS)
+    without = tuple(effect for effect in settings.without if effect not in MAP_EFFECTS)
     return replace(settings, integrator=Integrator.PATH, without=without, passes=1, band=1.0, inexact=False)
 
 

@@ -1,4 +1,4 @@
-"""Files of arrays with a header that is JSON: what wdpm keeps for renders to come (cache_file, pass_journal).
+"""Files of arrays with a header that is JSON: what wdpm keeps for renders to come.
 
 Archives as numpy writes them; never unpickled, written whole or not at all.
 """
