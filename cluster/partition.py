@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.world import TopTree
-from wdpm.kernels.cells import cell_boxes
 from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.overlap import triangles_in_boxes
+from wdpm.kernels.rays.cells import cell_boxes
+from wdpm.kernels.rays.overlap import triangles_in_boxes
 
 
 def rows_of_cells(

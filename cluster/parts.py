@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.kernels.camera_vertices import (
+from wdpm.kernels.camera.vertices import (
     BEAM_PART,
     BOUNCES,
     EMISSION_PART,

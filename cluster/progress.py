@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from wdpm.cluster.master import events as m
+
 
 class Progress(Protocol):
     """Told by a render what it does. All calls come from one thread, phases one after another."""
@@ -16,3 +18,16 @@ class Progress(Protocol):
 
     def note(self, text: str) -> None:
         """One line for the person."""
+
+
+def report(instruction: m.Instruction, progress: Progress | None) -> None:
+    """Tell a person what the master tells about its progress."""
+    if progress is None:
+        return
+    match instruction:
+        case m.Started(phase, total):
+            progress.start(phase, total)
+        case m.Advanced(amount):
+            progress.advance(amount)
+        case m.Noted(text):
+            progress.note(text)

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.cluster.film import LAYERS
+from wdpm.cluster.layers import LAYERS
 from wdpm.cluster.records import NO_RECORDS, Records
 from wdpm.cluster.task import PhotonsTraced
 from wdpm.cluster.world import View, World
-from wdpm.scenes.geometry import Triangles
+from wdpm.scenes.flat.arrays import Triangles
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ import platform
 from importlib import metadata
 from pathlib import Path
 
-CODE = ("kernels", "cluster")
-"""The packages whose code decides about bits; scenes are read by the master alone."""
+CODE = ("scenes", "kernels", "cluster")
+"""The packages whose code decides about bits; of scenes, slaves run flat/ and the data classes that it reads."""
 
 
 @functools.cache
@@ -28,7 +28,7 @@ def _digest_of_code() -> str:
     sha = hashlib.sha256()
     for name in CODE:
         # In a checkout the folders lie where this one lies; installed, both are in the package.
-        for path in sorted((package / name).glob("*.py")):
-            sha.update(f"{name}/{path.name}\n".encode())
+        for path in sorted((package / name).rglob("*.py")):
+            sha.update(f"{path.relative_to(package).as_posix()}\n".encode())
             sha.update(path.read_bytes())
     return sha.hexdigest()[:12]

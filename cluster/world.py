@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.records import NO_CACHE, CachePlan
+from wdpm.cluster.settings import Routing
 from wdpm.kernels.features import Features
-from wdpm.kernels.settings import Routing
-from wdpm.scenes.geometry import Media
-from wdpm.scenes.light_table import LightTable
-from wdpm.scenes.material_table import MaterialTable
-from wdpm.scenes.model import Camera
-from wdpm.scenes.textures import Texture
+from wdpm.scenes.flat.arrays import Media
+from wdpm.scenes.flat.light_table import LightTable
+from wdpm.scenes.flat.material_table import MaterialTable
+from wdpm.scenes.model.scene import Camera
+from wdpm.scenes.model.textures import Texture
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class MapPlan:
         paths: photon paths that are shot for it; 0 for a map that is not made.
         radius: largest gather radius.
         band: width of the overlap band; ghosts lie in it. At least `radius` unless the image may be approximate.
-        point_area: the area that each surface point stands for where this map is gathered (kernels.surface_points).
+        point_area: the area that each surface point stands for where this map is gathered (surface_points.py).
         read: whether anything is gathered from it; where not, its paths are shot for the sake of another map.
         point_set: which of many sets of such points; each pass of a render has another.
     """
@@ -123,9 +123,9 @@ class World:
     Attributes:
         features: what kernels are compiled for.
         extent: largest absolute coordinate of the scene, its lights and its camera, in the renderer's space.
-        volume_unit: what one counts for in the exact sums of beams (kernels.beam) [W / (sr m²)].
-        unit: the scene's length of the renderer's unit (scenes.renderer_space), that lengths and fluxes are told with.
-        strict: whether the first guard that acts ends the render (cluster.guards).
+        volume_unit: what one counts for in the exact sums of beams (kernels.photons.beam) [W / (sr m²)].
+        unit: the scene's length of the renderer's unit (renderer_space.py), that lengths and fluxes are told with.
+        strict: whether the first guard that acts ends the render (cluster.work.guards).
     """
 
     features: Features
@@ -148,7 +148,7 @@ class World:
 
     @property
     def maps(self) -> tuple[MapPlan, MapPlan, MapPlan]:
-        """By the numbers of kernels.photon_paths."""
+        """By the numbers of kernels.photons.paths."""
         return self.global_map, self.caustic_map, self.volume_map
 
     @property
@@ -172,7 +172,7 @@ class View:
 
     Attributes:
         first_sample: number of the first of the `spp` samples of each pixel.
-        way: what the diffuse parts of surfaces do: kernels.shading.
+        way: what the diffuse parts of surfaces do: kernels.camera.shading.
         cache: how irradiance records are made.
     """
 

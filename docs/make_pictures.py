@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 import wdpm
 from wdpm.cluster.records import ROUND_BITS
-from wdpm.image import encode_srgb8
-from wdpm.kernels.settings import Indirect
-from wdpm.scenes.model import Camera
-from wdpm.scenes.renderer_space import renderer_space
+from wdpm.cluster.settings import Indirect
+from wdpm.images.channels import encode_srgb8
+from wdpm.scenes.flat.renderer_space import renderer_space
+from wdpm.scenes.model.scene import Camera
 
 FOLDER = Path(__file__).parent / "pictures"
 EXPOSURE = {"cornell-box": 1.8, "atrium": 0.8}

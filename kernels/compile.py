@@ -6,43 +6,28 @@ import os
 
 import warp as wp
 
-from wdpm.kernels import (
-    beam,
-    bvh,
-    bvh_build,
-    camera_rays,
-    gather,
-    gather_at_photons,
-    gather_places,
-    irradiance_cache,
-    irradiance_points,
-    irradiance_records,
-    overlap,
-    photon_map,
-    photon_paths,
-    record_rays,
-    resolve,
-    shadow_rays,
-    surface_points,
-)
+from wdpm.kernels.camera import add_samples, rays, shadow_rays
 from wdpm.kernels.features import Features
+from wdpm.kernels.irradiance import at_photons, cache, gather_places, record_rays, records
+from wdpm.kernels.photons import beam, gather, gather_at_photons, paths, photon_map, surface_points
+from wdpm.kernels.rays import bvh, bvh_build, overlap
 from wdpm.kernels.variants import make_variants
 
 COMMON = (
     bvh,
     bvh_build,
-    camera_rays,
+    rays,
     gather,
     gather_at_photons,
     gather_places,
-    irradiance_cache,
-    irradiance_points,
-    irradiance_records,
+    cache,
+    at_photons,
+    records,
     overlap,
     photon_map,
-    photon_paths,
+    paths,
     record_rays,
-    resolve,
+    add_samples,
     shadow_rays,
     surface_points,
 )

@@ -1,7 +1,12 @@
 """What is rendered: the scene's data, its loaders, its checks and the built-in scenes. Knows no Warp."""
 
-from wdpm.scenes.atrium import atrium
-from wdpm.scenes.bsdfs import (
+from wdpm.scenes.builtin.atrium import atrium
+from wdpm.scenes.builtin.cornell_box import cornell_box
+from wdpm.scenes.errors import SceneError
+from wdpm.scenes.flat.arrays import Triangles
+from wdpm.scenes.flat.flatten import FlatScene, flatten
+from wdpm.scenes.load import load
+from wdpm.scenes.model.bsdfs import (
     Blend,
     Bsdf,
     BumpMap,
@@ -17,13 +22,9 @@ from wdpm.scenes.bsdfs import (
     ThinDielectric,
     TwoSided,
 )
-from wdpm.scenes.cornell_box import cornell_box
-from wdpm.scenes.errors import SceneError
-from wdpm.scenes.geometry import FlatScene, Triangles, flatten
-from wdpm.scenes.light_sources import DirectionalLight, Environment, Light, PointLight, SpotLight
-from wdpm.scenes.load import load
-from wdpm.scenes.model import Camera, FilterKind, Material, Medium, Mesh, PixelFilter, Scene, diffuse
-from wdpm.scenes.textures import RGB, Bitmap, Checkerboard, Interpolation, Texture, VertexColors, Wrap
+from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
+from wdpm.scenes.model.scene import Camera, FilterKind, Material, Medium, Mesh, PixelFilter, Scene, diffuse
+from wdpm.scenes.model.textures import RGB, Bitmap, Checkerboard, Interpolation, Texture, VertexColors, Wrap
 
 __all__ = [
     "RGB",

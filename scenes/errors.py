@@ -4,7 +4,7 @@
     ├── SceneError      something in a scene or model file; names file and line where known
     ├── SettingsError   a setting or an argument of the command line
     ├── ImageError      an image that cannot be read, written or compared
-    │   └── CacheNotWrittenError   a render whose irradiance records cannot be written; has the image (wdpm.cache_file)
+    │   └── CacheNotWrittenError   a render whose irradiance records cannot be written; has the image (cache_file.py)
     ├── GuardError      a strict render in which a guard acted
     └── ClusterError    a slave, the master or the connection between them
         └── ProtocolError   a message that breaks docs/protocol.md
@@ -15,6 +15,8 @@ The command line prints it without a traceback and exits with 2.
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from pathlib import Path
 
 
@@ -56,3 +58,9 @@ class ClusterError(WdpmError):
 
 class ProtocolError(ClusterError):
     """A message breaks docs/protocol.md."""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """A hint for a misspelt name, or an empty string where nothing is near."""
+    near = difflib.get_close_matches(name, list(known), n=1)
+    return f'; did you mean "{near[0]}"?' if near else ""

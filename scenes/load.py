@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from wdpm.scenes.builtin import BUILT_IN_NAMES, load_built_in
-from wdpm.scenes.checks import check_scene
-from wdpm.scenes.errors import SceneError
-from wdpm.scenes.gltf import read_gltf
-from wdpm.scenes.mitsuba_xml import read_mitsuba
-from wdpm.scenes.model import Scene
-from wdpm.scenes.stand_alone import read_stand_alone
-from wdpm.scenes.xml_document import did_you_mean
+from wdpm.scenes.builtin.names import BUILT_IN_NAMES, load_built_in
+from wdpm.scenes.errors import SceneError, did_you_mean
+from wdpm.scenes.gltf.read import read_gltf
+from wdpm.scenes.meshes.stand_alone import read_stand_alone
+from wdpm.scenes.mitsuba.read import read_mitsuba
+from wdpm.scenes.model.checks import check_scene
+from wdpm.scenes.model.scene import Scene
 
 _EXTENSIONS = (".xml", ".gltf", ".glb", ".obj", ".ply", ".stl", ".off")
 

@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from wdpm import scenes
     from wdpm.api import render
-    from wdpm.checkup import check
-    from wdpm.cluster_api import Cluster
-    from wdpm.comparison import compare
-    from wdpm.image import Image
-    from wdpm.kernels.settings import RenderSettings, Routing
-    from wdpm.replaying import replay
+    from wdpm.checkup.run import check
+    from wdpm.cluster.settings import RenderSettings, Routing
+    from wdpm.clusters import Cluster
+    from wdpm.images.comparison import compare
+    from wdpm.images.image import Image
+    from wdpm.replaying.run import replay
     from wdpm.scenes.errors import WdpmError
     from wdpm.scenes.load import load
-    from wdpm.scenes.model import Scene
+    from wdpm.scenes.model.scene import Scene
 
 __all__ = [
     "Cluster",
@@ -38,17 +38,17 @@ __all__ = [
 ]
 
 _HOME = {
-    "Cluster": "wdpm.cluster_api",
-    "Image": "wdpm.image",
-    "RenderSettings": "wdpm.kernels.settings",
-    "Routing": "wdpm.kernels.settings",
-    "Scene": "wdpm.scenes.model",
+    "Cluster": "wdpm.clusters",
+    "Image": "wdpm.images.image",
+    "RenderSettings": "wdpm.cluster.settings",
+    "Routing": "wdpm.cluster.settings",
+    "Scene": "wdpm.scenes.model.scene",
     "WdpmError": "wdpm.scenes.errors",
-    "check": "wdpm.checkup",
-    "compare": "wdpm.comparison",
+    "check": "wdpm.checkup.run",
+    "compare": "wdpm.images.comparison",
     "load": "wdpm.scenes.load",
     "render": "wdpm.api",
-    "replay": "wdpm.replaying",
+    "replay": "wdpm.replaying.run",
 }
 
 

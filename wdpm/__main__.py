@@ -2,7 +2,7 @@
 
 import sys
 
-from wdpm.cli import main
+from wdpm.cli.main import main
 
 if __name__ == "__main__":
     sys.exit(main())

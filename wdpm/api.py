@@ -12,15 +12,15 @@ import random
 from pathlib import Path
 from typing import Any
 
-from wdpm.cache_file import CacheFiles
-from wdpm.goal_checks import goal_in_python
-from wdpm.image import Image
-from wdpm.kernels.settings import RenderSettings
-from wdpm.passes import render_in_passes
-from wdpm.prepare import Source
+from wdpm.cluster.settings import RenderSettings
+from wdpm.goal.checks import goal_in_python
+from wdpm.goal.render import render_until
+from wdpm.images.image import Image
 from wdpm.progress import Progress
-from wdpm.scenes.model import Scene
-from wdpm.until_render import render_until
+from wdpm.rendering.cache_file import CacheFiles
+from wdpm.rendering.passes import render_in_passes
+from wdpm.rendering.prepare import Source
+from wdpm.scenes.model.scene import Scene
 
 
 def render(

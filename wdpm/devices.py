@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 from wdpm.scenes.errors import SettingsError
 
 
@@ -24,3 +26,10 @@ def check_device(name: str) -> None:
         here = ", ".join(device.alias for device in wp.get_devices())
         why = "" if wp.is_cuda_available() else " (no GPU with a CUDA driver was found)"
         raise SettingsError(f"there is no device {name!r} on this machine{why}; it has {here}") from None
+
+
+def available_cores() -> int:
+    """Cores that this process may run on."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

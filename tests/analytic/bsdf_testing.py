@@ -12,9 +12,9 @@ import warp as wp
 from numpy.typing import NDArray
 from scipy import stats
 
-from wdpm.kernels.bsdf import make_bsdf
-from wdpm.kernels.bsdf_types import RADIANCE, Bsdf
 from wdpm.kernels.features import ALL, Features
+from wdpm.kernels.materials.bsdf import make_bsdf
+from wdpm.kernels.materials.types import RADIANCE, Bsdf
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wdpm.api import render_in_process
-from wdpm.image import Image
-from wdpm.kernels.settings import RenderSettings
-from wdpm.scenes.light_sources import PointLight
-from wdpm.scenes.model import Camera, Mesh, Scene, diffuse
-from wdpm.scenes.primitives import cube, sphere
-from wdpm.scenes.textures import RGB
-from wdpm.scenes.transforms import look_at
+from wdpm.cluster.settings import RenderSettings
+from wdpm.images.image import Image
+from wdpm.scenes.meshes.primitives import cube, sphere
+from wdpm.scenes.model.lights import PointLight
+from wdpm.scenes.model.scene import Camera, Mesh, Scene, diffuse
+from wdpm.scenes.model.textures import RGB
+from wdpm.scenes.model.transforms import look_at
 
 Array = NDArray[np.float64]
 

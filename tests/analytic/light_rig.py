@@ -10,15 +10,16 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels import lights, texture
 from wdpm.kernels.features import ALL, Features
-from wdpm.kernels.lights import Lights, Targets, make_lights
-from wdpm.kernels.texture import Textures
-from wdpm.scenes.geometry import Triangles
-from wdpm.scenes.light_sources import Light
-from wdpm.scenes.light_table import LightTable, tabulate_lights
-from wdpm.scenes.model import Mesh
-from wdpm.scenes.textures import RGB, Texture
+from wdpm.kernels.lights import lights
+from wdpm.kernels.lights.lights import Lights, Targets, make_lights
+from wdpm.kernels.materials import texture
+from wdpm.kernels.materials.texture import Textures
+from wdpm.scenes.flat.arrays import Triangles
+from wdpm.scenes.flat.light_table import LightTable, tabulate_lights
+from wdpm.scenes.model.lights import Light
+from wdpm.scenes.model.scene import Mesh
+from wdpm.scenes.model.textures import RGB, Texture
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -10,16 +10,16 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels import materials as kernel_materials
-from wdpm.kernels import texture
 from wdpm.kernels.features import ALL, Features
-from wdpm.kernels.materials import Materials, Resolved, make_materials, medium_beyond
-from wdpm.kernels.shading_frames import bump_shadowing
-from wdpm.kernels.texture import Textures
-from wdpm.scenes import material_table as mt
-from wdpm.scenes.bsdfs import Bsdf
-from wdpm.scenes.material_table import tabulate
-from wdpm.scenes.textures import Bitmap
+from wdpm.kernels.materials import resolve as kernel_materials
+from wdpm.kernels.materials import texture
+from wdpm.kernels.materials.frames import bump_shadowing
+from wdpm.kernels.materials.resolve import Materials, Resolved, make_materials, medium_beyond
+from wdpm.kernels.materials.texture import Textures
+from wdpm.scenes.flat import material_table as mt
+from wdpm.scenes.flat.material_table import tabulate
+from wdpm.scenes.model.bsdfs import Bsdf
+from wdpm.scenes.model.textures import Bitmap
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -23,7 +23,8 @@ from bsdf_testing import (
 )
 from scipy import stats
 
-from wdpm.kernels.bsdf_types import (
+from wdpm.kernels.features import Features
+from wdpm.kernels.materials.types import (
     BLACK,
     CONDUCTOR,
     DIELECTRIC,
@@ -35,7 +36,6 @@ from wdpm.kernels.bsdf_types import (
     RADIANCE,
     THIN_DIELECTRIC,
 )
-from wdpm.kernels.features import Features
 
 COUNT = 60000
 P_LEAST = 1e-4
@@ -58,7 +58,7 @@ MATERIALS: dict[str, Any] = {
     "dense beckmann": material(DIELECTRIC, alpha=0.25, distribution=BECKMANN, eta=2.5),
     "coated": material(
         PLASTIC, color=(0.2, 0.5, 0.9), alpha=0.25, distribution=GGX, eta=(1.5, 0.6, 0), transmittance=0, k=(1, 0, 0)
-    ),  # internal reflectance 0.6, and a coat's transmittance (kernels/bsdf_plastic.py) by Fresnel's alone
+    ),  # internal reflectance 0.6, and a coat's transmittance (kernels/materials/plastic.py) by Fresnel's alone
     "principled": material(
         PRINCIPLED, color=(0.2, 0.5, 0.9), alpha=0.25, roughness=0.5, metallic=0.3, clearcoat=0.5, distribution=GGX
     ),

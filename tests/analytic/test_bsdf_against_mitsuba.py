@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bsdf_testing import BECKMANN, GGX, direction, evaluate, material, mitsuba_values, random_directions, sample
 
-from wdpm.kernels.bsdf_types import CONDUCTOR, DIELECTRIC, DIFFUSE, THIN_DIELECTRIC
+from wdpm.kernels.materials.types import CONDUCTOR, DIELECTRIC, DIFFUSE, THIN_DIELECTRIC
 
 NAMES = {BECKMANN: "beckmann", GGX: "ggx"}
 ROUGHNESS = [(0.5, 0.5), (0.1, 0.3), (0.9, 0.05)]

@@ -22,10 +22,10 @@ from bsdf_testing import (
 )
 from scipy import stats
 
-from wdpm.kernels.bsdf_types import FLUX, PLASTIC, PRINCIPLED, RADIANCE
 from wdpm.kernels.features import Features
-from wdpm.scenes.bsdfs import Distribution
-from wdpm.scenes.plastic_coat import ALPHA_LEAST, coat, diffuse_reflectance, rough_interface, terms
+from wdpm.kernels.materials.types import FLUX, PLASTIC, PRINCIPLED, RADIANCE
+from wdpm.scenes.flat.plastic_coat import ALPHA_LEAST, coat, diffuse_reflectance, rough_interface, terms
+from wdpm.scenes.model.bsdfs import Distribution
 
 COLOR = (0.7, 0.4, 0.1)
 

@@ -11,11 +11,11 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels import camera as kernel_camera
-from wdpm.kernels.camera import CameraView, exponential, filter_quantiles, make_camera, tangent
+from wdpm.kernels.camera import camera as kernel_camera
+from wdpm.kernels.camera.camera import CameraView, exponential, filter_quantiles, make_camera, tangent
 from wdpm.kernels.features import ALL, Features
-from wdpm.scenes.model import Camera, FilterKind, PixelFilter
-from wdpm.scenes.transforms import look_at
+from wdpm.scenes.model.scene import Camera, FilterKind, PixelFilter
+from wdpm.scenes.model.transforms import look_at
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from furnaces import Array, box, quad, rendered, view
 
+from wdpm.cluster.settings import RenderSettings
 from wdpm.cluster.task import PhotonTask
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.photon_paths import CAUSTIC_MAP
-from wdpm.kernels.settings import RenderSettings
-from wdpm.prepare import prepare
+from wdpm.kernels.photons.paths import CAUSTIC_MAP
 from wdpm.progress import SilentProgress
-from wdpm.scenes.bsdfs import Bsdf, Conductor, Dielectric, Diffuse, ThinDielectric
-from wdpm.scenes.light_sources import Light, PointLight, SpotLight
-from wdpm.scenes.model import Camera, Material, Mesh, Scene
-from wdpm.scenes.transforms import look_at
+from wdpm.rendering.prepare import prepare
+from wdpm.scenes.model.bsdfs import Bsdf, Conductor, Dielectric, Diffuse, ThinDielectric
+from wdpm.scenes.model.lights import Light, PointLight, SpotLight
+from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene
+from wdpm.scenes.model.transforms import look_at
 
 INTENSITY = (3.0, 2.0, 1.0)
 LAMP = PointLight("lamp", (0.0, 0.0, 0.0), INTENSITY)

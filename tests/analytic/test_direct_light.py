@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from furnaces import Array, quad, rendered, scene, view
 
-from wdpm.scenes.light_sources import PointLight
+from wdpm.scenes.model.lights import PointLight
 
 ALBEDO = (0.8, 0.4, 0.1)
 RADIANCE = (10.0, 5.0, 1.0)

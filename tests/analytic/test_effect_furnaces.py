@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from furnaces import Array, quad, rendered, view
 
-from wdpm.scenes.bsdfs import (
+from wdpm.scenes.meshes.mesh_data import MeshData
+from wdpm.scenes.meshes.primitives import cube, sphere
+from wdpm.scenes.model.bsdfs import (
     WHITE,
     Blend,
     Bsdf,
@@ -25,10 +27,8 @@ from wdpm.scenes.bsdfs import (
     ThinDielectric,
     TwoSided,
 )
-from wdpm.scenes.light_sources import Environment
-from wdpm.scenes.mesh_data import MeshData
-from wdpm.scenes.model import Camera, Material, Mesh, Scene
-from wdpm.scenes.primitives import cube, sphere
+from wdpm.scenes.model.lights import Environment
+from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene
 
 SKY = Environment("sky", np.ones((1, 1, 3), np.float32))
 MAPPED_SKY = Environment("sky", np.ones((4, 8, 3), np.float32))

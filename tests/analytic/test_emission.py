@@ -9,9 +9,9 @@ import pytest
 from light_rig import Array, Photons, Rows, emitted, square, table_of
 from test_lights import KINDS, POINT, SPOT, SUN, sky
 
-from wdpm.kernels.target_clusters import MOST_TARGETS, cluster_targets
-from wdpm.scenes.light_sources import Environment, Light, SpotLight
-from wdpm.scenes.textures import Bitmap, Interpolation
+from wdpm.kernels.lights.target_clusters import MOST_TARGETS, cluster_targets
+from wdpm.scenes.model.lights import Environment, Light, SpotLight
+from wdpm.scenes.model.textures import Bitmap, Interpolation
 
 COUNT = 1 << 16
 # Standard errors that an estimate may be off by: a probability below 1e-6; seeds are fixed.

@@ -14,12 +14,12 @@ from test_effect_furnaces import CASES, SKY
 from test_path_tracing import assert_alike, furnace, over_seeds, shiny_box
 from test_path_tracing_media import furnace as foggy_furnace
 
-from wdpm.kernels.settings import Indirect, Integrator
+from wdpm.cluster.settings import Indirect, Integrator
 from wdpm.scenes import cornell_box
-from wdpm.scenes.bsdfs import BumpMap, Diffuse, TwoSided
-from wdpm.scenes.model import Material, Medium, Mesh, Scene
-from wdpm.scenes.primitives import sphere
-from wdpm.scenes.textures import Bitmap
+from wdpm.scenes.meshes.primitives import sphere
+from wdpm.scenes.model.bsdfs import BumpMap, Diffuse, TwoSided
+from wdpm.scenes.model.scene import Material, Medium, Mesh, Scene
+from wdpm.scenes.model.textures import Bitmap
 
 WAYS = [Indirect.GATHER, Indirect.CACHE]
 

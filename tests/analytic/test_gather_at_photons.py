@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 import warp as wp
 
-from wdpm.kernels import irradiance_points, photon_map
-from wdpm.kernels.gather_at_photons import gather_at_photons
+from wdpm.kernels.irradiance import at_photons
+from wdpm.kernels.photons import photon_map
+from wdpm.kernels.photons.gather_at_photons import gather_at_photons
 
 ERRORS = 5.0
 RADIUS = 1.0
@@ -31,7 +32,7 @@ def read_on_a_plane(density: float, k: int, side: float, seed: int, *, reach: fl
     up = np.broadcast_to([0.0, 0.0, 1.0], (count, 3)).astype(np.float32)
     ids = np.arange(count)
     tree = photon_map.build(position, np.ones((count, 3)), up, up, ids)
-    rows = np.flatnonzero(irradiance_points.chosen(ids, SHARE))
+    rows = np.flatnonzero(at_photons.chosen(ids, SHARE))
     irradiance, radius = wp.empty(len(rows), dtype=wp.vec3), wp.empty(len(rows), dtype=wp.float32)
     sites = [wp.array(rows, dtype=wp.int32), *(wp.array(a[rows], dtype=wp.vec3) for a in (position, up))]
     search = [k, RADIUS, SHARE, reach, 0, 1]
@@ -41,13 +42,13 @@ def read_on_a_plane(density: float, k: int, side: float, seed: int, *, reach: fl
         inputs=[tree, *sites, *search],
         outputs=[irradiance, radius],
     )
-    points = irradiance_points.build(position[rows], irradiance.numpy(), up[rows], radius.numpy(), ids[rows])
+    points = at_photons.build(position[rows], irradiance.numpy(), up[rows], radius.numpy(), ids[rows])
 
     queries = 1 << 14
     x = wp.array(np.column_stack([rng.uniform(0, side, (queries, 2)), np.zeros(queries)]), dtype=wp.vec3)
     n = wp.array(np.broadcast_to([0.0, 0.0, 1.0], (queries, 3)), dtype=wp.vec3)
     outputs = [wp.empty(queries, dtype=t) for t in (wp.vec3, wp.float32, wp.bool)]
-    wp.launch(irradiance_points.read_irradiance, queries, inputs=[points, x, n, reach, 0], outputs=outputs)
+    wp.launch(at_photons.read_irradiance, queries, inputs=[points, x, n, reach, 0], outputs=outputs)
     found = outputs[2].numpy()
     return float(outputs[0].numpy()[found, 0].sum()), int(found.sum())
 

@@ -10,15 +10,15 @@ import pytest
 from furnaces import Array, rendered, view
 from test_path_tracing import furnace
 
-from wdpm.cluster import plan
+from wdpm.cluster.plan import plan
 from wdpm.cluster.records import Records, candidates
-from wdpm.cluster.worker import Worker
-from wdpm.image import Image
-from wdpm.kernels.settings import Indirect
+from wdpm.cluster.settings import Indirect
+from wdpm.cluster.work.worker import Worker
+from wdpm.images.image import Image
 from wdpm.scenes import cornell_box
-from wdpm.scenes.bsdfs import Conductor
-from wdpm.scenes.model import Material, Mesh, Scene
-from wdpm.scenes.primitives import sphere
+from wdpm.scenes.meshes.primitives import sphere
+from wdpm.scenes.model.bsdfs import Conductor
+from wdpm.scenes.model.scene import Material, Mesh, Scene
 
 SIDE = 48
 CHOSEN = {"indirect": Indirect.CACHE, "all_effects": True, "photons": 60_000, "spp": 16}

@@ -7,9 +7,9 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels.irradiance_cache import interpolate
-from wdpm.kernels.irradiance_records import NOT_SHOT, make_records, make_strata, record_directions
-from wdpm.kernels.irradiance_tree import build
+from wdpm.kernels.irradiance.cache import interpolate
+from wdpm.kernels.irradiance.record_tree import build
+from wdpm.kernels.irradiance.records import NOT_SHOT, make_records, make_strata, record_directions
 from wdpm.scenes.errors import WdpmError
 
 Array = NDArray[np.float64]

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from light_rig import square, table_of
 
-from wdpm.cluster.light_shares import EVEN, MEASURED, pilot_emission, shared_out
+from wdpm.cluster.plan.light_shares import EVEN, MEASURED, pilot_emission, shared_out
 from wdpm.kernels.limits import MAPS
-from wdpm.scenes.light_sources import PointLight
-from wdpm.scenes.light_table import LightTable
+from wdpm.scenes.flat.light_table import LightTable
+from wdpm.scenes.model.lights import PointLight
 
 STRONG = PointLight("strong", (2.0, 0, 0), (1.0,) * 3)
 WEAK = PointLight("weak", (-2.0, 0, 0), (1e-12,) * 3)

@@ -11,15 +11,15 @@ import warp as wp
 from light_rig import QUAD, Array, Glow, Ways, direct, irradiance, numbers, square, table_of, without_power
 from numpy.typing import NDArray
 
-from wdpm.kernels import lights
 from wdpm.kernels.features import Features
-from wdpm.kernels.light_choice import chance_of_light, choose_light
-from wdpm.kernels.light_elements import Lights
-from wdpm.kernels.light_tree import EVEN
-from wdpm.scenes.light_sources import DirectionalLight, Environment, Light, PointLight, SpotLight
-from wdpm.scenes.light_table import LightTable
-from wdpm.scenes.light_tree import HEADS, LightTree, build_light_tree
-from wdpm.scenes.transforms import look_at
+from wdpm.kernels.lights import lights
+from wdpm.kernels.lights.choice import chance_of_light, choose_light
+from wdpm.kernels.lights.elements import Lights
+from wdpm.kernels.lights.tree import EVEN
+from wdpm.scenes.flat.light_table import LightTable
+from wdpm.scenes.flat.light_tree import HEADS, LightTree, build_light_tree
+from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
+from wdpm.scenes.model.transforms import look_at
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

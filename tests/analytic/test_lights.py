@@ -11,11 +11,11 @@ import pytest
 from light_rig import Array, direct, irradiance, numbers, square, table_of, without_power
 
 from wdpm.kernels.features import Features
-from wdpm.kernels.light_tree import EVEN
-from wdpm.scenes.light_sources import DirectionalLight, Environment, Light, PointLight, SpotLight
-from wdpm.scenes.light_table import LightTable
-from wdpm.scenes.textures import Bitmap, Interpolation
-from wdpm.scenes.transforms import look_at
+from wdpm.kernels.lights.tree import EVEN
+from wdpm.scenes.flat.light_table import LightTable
+from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
+from wdpm.scenes.model.textures import Bitmap, Interpolation
+from wdpm.scenes.model.transforms import look_at
 
 COUNT = 1 << 15
 ORIGIN = (0.0, 0.0, 0.0)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from material_probe import Found, Wide, flat, image, probe, random_points
 
-from wdpm.scenes.bsdfs import Bsdf, BumpMap, Conductor, Diffuse, NormalMap, Plastic, Principled, TwoSided
-from wdpm.scenes.textures import Bitmap
+from wdpm.scenes.model.bsdfs import Bsdf, BumpMap, Conductor, Diffuse, NormalMap, Plastic, Principled, TwoSided
+from wdpm.scenes.model.textures import Bitmap
 
 
 def check_orthonormal(found: Found, tolerance: float = 2e-6) -> None:

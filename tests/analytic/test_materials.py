@@ -9,8 +9,13 @@ import pytest
 from material_probe import UP, flat, image, leaf, probe, random_points
 
 from wdpm.kernels.features import ALL, Features
-from wdpm.scenes import material_table as mt
-from wdpm.scenes.bsdfs import (
+from wdpm.scenes.errors import SceneError
+from wdpm.scenes.flat import material_table as mt
+from wdpm.scenes.flat.material_coats import with_coats
+from wdpm.scenes.flat.material_facts import facts
+from wdpm.scenes.flat.material_table import tabulate
+from wdpm.scenes.flat.plastic_coat import coat
+from wdpm.scenes.model.bsdfs import (
     Blend,
     Bsdf,
     BumpMap,
@@ -26,12 +31,7 @@ from wdpm.scenes.bsdfs import (
     ThinDielectric,
     TwoSided,
 )
-from wdpm.scenes.errors import SceneError
-from wdpm.scenes.material_coats import with_coats
-from wdpm.scenes.material_facts import facts
-from wdpm.scenes.material_table import tabulate
-from wdpm.scenes.plastic_coat import coat
-from wdpm.scenes.textures import Checkerboard, Texture, VertexColors
+from wdpm.scenes.model.textures import Checkerboard, Texture, VertexColors
 
 LUMINANCE = np.array([0.212671, 0.715160, 0.072169])
 

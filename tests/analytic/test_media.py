@@ -8,8 +8,8 @@ import warp as wp
 from numpy.typing import NDArray
 from scipy import stats
 
-from wdpm.kernels import medium
-from wdpm.kernels.medium import Media, phase_sample, phase_value, sample_distance, transmittance
+from wdpm.kernels.materials import medium
+from wdpm.kernels.materials.medium import Media, phase_sample, phase_value, sample_distance, transmittance
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -8,11 +8,11 @@ from furnaces import box, scene, view
 from numpy.typing import NDArray
 
 from wdpm.api import render
-from wdpm.kernels.settings import Integrator, RenderSettings
-from wdpm.pass_plan import smaller_k
-from wdpm.passes import PassAverage, PassRenderer, shrink, spread_samples
+from wdpm.cluster.settings import Integrator, RenderSettings
+from wdpm.rendering.pass_plan import smaller_k
+from wdpm.rendering.passes import PassAverage, PassRenderer, shrink, spread_samples
 from wdpm.scenes import cornell_box
-from wdpm.scenes.model import Scene
+from wdpm.scenes.model.scene import Scene
 
 DOUBLINGS = 5
 PASSES = 1 << DOUBLINGS

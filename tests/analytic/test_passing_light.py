@@ -9,9 +9,9 @@ import pytest
 from furnaces import Array, box, quad, rendered, scene, view
 from test_caustic_light import fresnel
 
-from wdpm.scenes.bsdfs import Bsdf, Dielectric, Diffuse, Mask, Null, ThinDielectric, TwoSided
-from wdpm.scenes.light_sources import PointLight
-from wdpm.scenes.model import Material, Mesh, Scene
+from wdpm.scenes.model.bsdfs import Bsdf, Dielectric, Diffuse, Mask, Null, ThinDielectric, TwoSided
+from wdpm.scenes.model.lights import PointLight
+from wdpm.scenes.model.scene import Material, Mesh, Scene
 
 RADIANCE = (4.0, 2.0, 1.0)
 LAMP = quad((-1, -1, 1), (0, 2, 0), (2, 0, 0), 0, RADIANCE)  # faces -z

@@ -13,11 +13,11 @@ from furnaces import Array, box, quad, rendered, scene, view
 from numpy.typing import NDArray
 from test_effect_furnaces import CASES, SKY
 
-from wdpm.kernels.settings import Integrator
+from wdpm.cluster.settings import Integrator
 from wdpm.scenes import cornell_box
-from wdpm.scenes.bsdfs import WHITE, Bsdf, Conductor, Diffuse, Mask, Plastic, TwoSided
-from wdpm.scenes.model import Material, Mesh, Scene
-from wdpm.scenes.primitives import cube, sphere
+from wdpm.scenes.meshes.primitives import cube, sphere
+from wdpm.scenes.model.bsdfs import WHITE, Bsdf, Conductor, Diffuse, Mask, Plastic, TwoSided
+from wdpm.scenes.model.scene import Material, Mesh, Scene
 
 PATH = {"integrator": Integrator.PATH, "all_effects": True}
 

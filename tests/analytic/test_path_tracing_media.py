@@ -10,9 +10,9 @@ from furnaces import box, quad, rendered, scene, view
 from test_path_tracing import PATH, mean_and_deviation, over_seeds
 from test_volume_light import foggy, single_scattering
 
-from wdpm.scenes.bsdfs import Null
-from wdpm.scenes.light_sources import Environment
-from wdpm.scenes.model import Camera, Material, Medium, Scene
+from wdpm.scenes.model.bsdfs import Null
+from wdpm.scenes.model.lights import Environment
+from wdpm.scenes.model.scene import Camera, Material, Medium, Scene
 
 WHITE = (1.0, 1.0, 1.0)
 INSIDE = replace(view((0, 0, -0.9), (0, 0, 1), 40), medium=0)

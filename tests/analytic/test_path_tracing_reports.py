@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from furnaces import box, scene, view
 
-from wdpm import cli
 from wdpm.api import render_in_process
-from wdpm.approximations import HIDDEN, NOT_FOR_PATHS, RULE, settings_without_effect
-from wdpm.image import Image
-from wdpm.inspect import inspect
-from wdpm.kernels.settings import Integrator, RenderSettings
-from wdpm.replay_vertices import LAYERS
-from wdpm.replaying import Replayer
+from wdpm.cli import main
+from wdpm.cluster.settings import Integrator, RenderSettings
+from wdpm.images.image import Image
+from wdpm.inspection.inspect import inspect
+from wdpm.rendering.approximations import HIDDEN, NOT_FOR_PATHS, RULE, settings_without_effect
+from wdpm.replaying.run import Replayer
+from wdpm.replaying.vertices import LAYERS
 from wdpm.scenes import cornell_box
-from wdpm.scenes.bsdfs import Conductor, Dielectric, Null
 from wdpm.scenes.errors import GuardError, SettingsError
-from wdpm.scenes.light_sources import Environment, PointLight
-from wdpm.scenes.model import Material, Medium, Scene
+from wdpm.scenes.model.bsdfs import Conductor, Dielectric, Null
+from wdpm.scenes.model.lights import Environment, PointLight
+from wdpm.scenes.model.scene import Material, Medium, Scene
 
 PATH = RenderSettings(integrator=Integrator.PATH, spp=3, light_samples=2, all_effects=True)
 
@@ -125,7 +125,7 @@ def test_all_samples_come_back_bit_for_bit() -> None:
 
 def test_a_replay_on_the_command_line_tells_of_collisions(capsys: pytest.CaptureFixture[str]) -> None:
     command = "render cornell-box --integrator path --all-effects --size 8x8 --spp 2 --replay 4,4,1"
-    assert cli.main(command.split()) == 0
+    assert main.main(command.split()) == 0
     out = capsys.readouterr().out
     assert "Vertex 0" in out
     assert "photons within" not in out

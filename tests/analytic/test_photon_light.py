@@ -9,14 +9,14 @@ import pytest
 from furnaces import Array, box, hollow_sphere, quad, scene, view
 
 from wdpm.api import render_in_process
-from wdpm.kernels.settings import RenderSettings
-from wdpm.report import EnergyLedger
-from wdpm.scenes.cornell_box import cornell_box
-from wdpm.scenes.geometry import flatten
-from wdpm.scenes.light_sources import PointLight
-from wdpm.scenes.material_table import DIFFUSE
-from wdpm.scenes.model import Scene, diffuse
-from wdpm.scenes.textures import RGB
+from wdpm.cluster.settings import RenderSettings
+from wdpm.report.report import EnergyLedger
+from wdpm.scenes.builtin.cornell_box import cornell_box
+from wdpm.scenes.flat.flatten import flatten
+from wdpm.scenes.flat.material_table import DIFFUSE
+from wdpm.scenes.model.lights import PointLight
+from wdpm.scenes.model.scene import Scene, diffuse
+from wdpm.scenes.model.textures import RGB
 
 
 class PathTracer:

@@ -10,7 +10,7 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels.spherical_triangle import direction_in_triangle, solid_angle, weights_seen
+from wdpm.kernels.maths.spherical_triangle import direction_in_triangle, solid_angle, weights_seen
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels import photon_map
-from wdpm.kernels.surface_points import point_counts, reflect_gathered
+from wdpm.kernels.photons import photon_map
+from wdpm.kernels.photons.surface_points import point_counts, reflect_gathered
 
 Array = NDArray[np.float64]
 

@@ -9,12 +9,12 @@ import pytest
 from furnaces import Array, box, quad, rendered, scene, view
 
 from wdpm.api import render_in_process
-from wdpm.kernels.settings import RenderSettings
-from wdpm.report import EnergyLedger
-from wdpm.scenes.bsdfs import Null
-from wdpm.scenes.light_sources import PointLight
-from wdpm.scenes.model import Camera, Material, Medium, Scene
-from wdpm.scenes.transforms import look_at, scaling
+from wdpm.cluster.settings import RenderSettings
+from wdpm.report.report import EnergyLedger
+from wdpm.scenes.model.bsdfs import Null
+from wdpm.scenes.model.lights import PointLight
+from wdpm.scenes.model.scene import Camera, Material, Medium, Scene
+from wdpm.scenes.model.transforms import look_at, scaling
 
 HALF = 0.3
 """Half the width of the view."""

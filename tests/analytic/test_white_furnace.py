@@ -13,7 +13,7 @@ import pytest
 from furnaces import Array, box, hollow_sphere, rendered, scene, view
 from numpy.typing import ArrayLike
 
-from wdpm.scenes.model import Mesh
+from wdpm.scenes.model.scene import Mesh
 
 LE = 1.0
 GLOW = (LE, LE, LE)

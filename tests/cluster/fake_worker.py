@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 
 from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind
-from wdpm.cluster.film import LAYERS
+from wdpm.cluster.layers import LAYERS
 from wdpm.cluster.records import Records
 from wdpm.cluster.session import Session
+from wdpm.cluster.settings import Routing
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, Task, TaskResult
 from wdpm.cluster.world import Emission, MapPlan, PhotonPlan, TopTree, View, World
 from wdpm.kernels.features import Features
-from wdpm.kernels.settings import Routing
-from wdpm.scenes.geometry import Media, Triangles
-from wdpm.scenes.light_table import LightTable
-from wdpm.scenes.material_table import tabulate
-from wdpm.scenes.model import Camera, diffuse
-from wdpm.scenes.textures import Bitmap, Checkerboard
+from wdpm.scenes.flat.arrays import Media, Triangles
+from wdpm.scenes.flat.light_table import LightTable
+from wdpm.scenes.flat.material_table import tabulate
+from wdpm.scenes.model.scene import Camera, diffuse
+from wdpm.scenes.model.textures import Bitmap, Checkerboard
 
 
 @dataclass

@@ -9,8 +9,8 @@ import sys
 from fake_worker import make_session, make_view
 from test_sockets import AGREED, slow_slave
 
-from wdpm.cluster.local import LocalSlaves
-from wdpm.cluster.sockets_master import SocketMaster
+from wdpm.cluster.transport.local import LocalSlaves
+from wdpm.cluster.transport.zmq_master import SocketMaster
 
 
 class TellWhenRendering:

@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import pytest
 
-from wdpm.cluster.light_samples import light_samples_of
-from wdpm.cluster.plan import CACHE_PLAN, view_of
-from wdpm.kernels.settings import MOST_SHADOW_RAYS, Integrator, RenderSettings
-from wdpm.pass_plan import share_of_rays, worth
+from wdpm.cluster.plan.light_samples import light_samples_of
+from wdpm.cluster.plan.plan import CACHE_PLAN, view_of
+from wdpm.cluster.settings import MOST_SHADOW_RAYS, Integrator, RenderSettings
+from wdpm.rendering.pass_plan import share_of_rays, worth
 from wdpm.scenes import cornell_box
-from wdpm.scenes.geometry import flatten
-from wdpm.scenes.light_sources import PointLight
+from wdpm.scenes.flat.flatten import flatten
+from wdpm.scenes.model.lights import PointLight
 
 BOX = cornell_box((512, 512))
 LAMP = PointLight("lamp", (0.0, 0.5, 0.0), (1.0, 1.0, 1.0))

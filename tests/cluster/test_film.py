@@ -7,7 +7,7 @@ from fake_worker import make_view, pixels_of
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wdpm.cluster.film import Film, spiral
+from wdpm.cluster.master.film import Film, spiral
 from wdpm.cluster.task import BucketTask
 
 sides = st.integers(1, 70)

@@ -7,12 +7,12 @@ import weakref
 from collections.abc import Callable
 from typing import Any
 
+from wdpm.cluster.settings import RenderSettings
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.settings import RenderSettings
-from wdpm.prepare import prepare
 from wdpm.progress import SilentProgress
+from wdpm.rendering.prepare import prepare
 from wdpm.scenes import cornell_box
-from wdpm.scenes.geometry import Triangles
+from wdpm.scenes.flat.arrays import Triangles
 
 
 def held_triangles(function: Callable[..., Any]) -> Triangles:

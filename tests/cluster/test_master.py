@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from fake_worker import make_session, make_view, pixels_of, triangles
 
-from wdpm.cluster import master_events as m
-from wdpm.cluster import protocol as p
 from wdpm.cluster.cluster_settings import ClusterSettings
-from wdpm.cluster.master import Master, Phase
+from wdpm.cluster.master import events as m
+from wdpm.cluster.master.machine import Master, Phase
+from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.task import BucketTask, PhotonsTraced, PhotonTask
 
 VERSIONS = {"code": "1"}

@@ -10,10 +10,10 @@ import pytest
 from fake_worker import FakeWorker, make_session, make_view, picture
 
 from wdpm.cluster.cluster_settings import ClusterSettings
-from wdpm.cluster.memory import MemoryCluster, run
+from wdpm.cluster.transport.memory import MemoryCluster, run
 from wdpm.cluster.world import MapPlan
 from wdpm.scenes.errors import ClusterError
-from wdpm.scenes.geometry import Triangles
+from wdpm.scenes.flat.arrays import Triangles
 
 SMALL = ClusterSettings(photon_task_paths=64, part_triangles=3)
 

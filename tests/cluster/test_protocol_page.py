@@ -9,11 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from wdpm.cluster import protocol, records, task, wire, world
+from wdpm.cluster import records, task, world
 from wdpm.cluster.batch import TO_HOME, Batch, Kind
 from wdpm.cluster.cluster_settings import ClusterSettings
-from wdpm.scenes.geometry import Media, Triangles
-from wdpm.scenes.material_table import MaterialTable
+from wdpm.cluster.messages import packing, protocol
+from wdpm.scenes.flat.arrays import Media, Triangles
+from wdpm.scenes.flat.material_table import MaterialTable
 
 PAGE = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text()
 
@@ -76,8 +77,8 @@ def test_numbers_are_as_described() -> None:
     settings = ClusterSettings()
     assert PAGE.startswith(f"# The protocol of a wdpm cluster, version {protocol.PROTOCOL}\n")
     for row in (
-        f"| header | {wire.HEADER_BYTES >> 20} MiB |",
-        f"| frame | {wire.FRAME_BYTES >> 20} MiB (",
+        f"| header | {packing.HEADER_BYTES >> 20} MiB |",
+        f"| frame | {packing.FRAME_BYTES >> 20} MiB (",
         f"| triangles of one Partition | {settings.part_triangles:,} (",
         f"| cells on their way at once | {settings.cells_in_flight} |",
         f"| photon tasks in flight for each slave | {settings.photon_tasks_in_flight} |",

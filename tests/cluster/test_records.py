@@ -14,13 +14,11 @@ from fake_worker import FakeWorker, Outbox, irradiance_records, make_session, ma
 from numpy.typing import NDArray
 from test_master import EPOCH, SETTINGS, VERSIONS, A, B, Driver, broken, sent, tasks_of
 
-from wdpm.cluster import compute as c
-from wdpm.cluster import master_events as m
-from wdpm.cluster import protocol as p
 from wdpm.cluster.batch import Batch
-from wdpm.cluster.master import Master, Phase
-from wdpm.cluster.memory import MemoryCluster
-from wdpm.cluster.record_clamp import clamped
+from wdpm.cluster.master import events as m
+from wdpm.cluster.master.machine import Master, Phase
+from wdpm.cluster.master.record_clamp import clamped
+from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.records import (
     NO_RECORDS,
     ROUND_BITS,
@@ -32,7 +30,9 @@ from wdpm.cluster.records import (
     joined,
     take_near,
 )
+from wdpm.cluster.slave import jobs as c
 from wdpm.cluster.task import PhotonsTraced, RecordsMade, RecordTask
+from wdpm.cluster.transport.memory import MemoryCluster
 from wdpm.cluster.world import View
 from wdpm.scenes.errors import ProtocolError
 

@@ -7,14 +7,14 @@ from typing import Any
 import pytest
 from fake_worker import arrays, make_view, make_world, triangles
 
-from wdpm.cluster import compute as c
-from wdpm.cluster import protocol as p
-from wdpm.cluster import slave_events as s
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.cluster_settings import ClusterSettings
-from wdpm.cluster.slave import Slave
+from wdpm.cluster.messages import protocol as p
+from wdpm.cluster.slave import events as s
+from wdpm.cluster.slave import jobs as c
+from wdpm.cluster.slave.machine import Slave
 from wdpm.cluster.task import PhotonsTraced, PhotonTask
-from wdpm.scenes.geometry import Triangles
+from wdpm.scenes.flat.arrays import Triangles
 
 HELLO = p.Hello({}, "host", 1, 1, 0, "tcp://here:1")
 WELCOME = p.Welcome(1, "cluster", 1.0, 10.0)

@@ -23,15 +23,15 @@ import pytest
 import zmq
 from fake_worker import FakeWorker, arrays, make_session, make_view, picture
 
-from wdpm.cluster import protocol, wire
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.cluster_settings import ClusterSettings
-from wdpm.cluster.keys import Keys, load_keys, make_keys
-from wdpm.cluster.local import LocalSlaves
+from wdpm.cluster.messages import packing, protocol
 from wdpm.cluster.session import Session
-from wdpm.cluster.sockets import connect, make_socket, send
-from wdpm.cluster.sockets_master import SocketMaster
-from wdpm.cluster.sockets_slave import run_slave
+from wdpm.cluster.transport.keys import Keys, load_keys, make_keys
+from wdpm.cluster.transport.local import LocalSlaves
+from wdpm.cluster.transport.zmq_master import SocketMaster
+from wdpm.cluster.transport.zmq_slave import run_slave
+from wdpm.cluster.transport.zmq_sockets import connect, make_socket, send
 from wdpm.scenes.errors import ClusterError
 
 pytestmark = pytest.mark.sockets
@@ -173,7 +173,7 @@ def test_a_slave_that_is_late_still_hears_that_it_may_stop() -> None:
 
     def answer(dealer: zmq.Socket[bytes]) -> Any:
         assert dealer.poll(10_000)
-        return wire.decode(dealer.recv_multipart(), wire.by_name(protocol.FromMaster))
+        return packing.decode(dealer.recv_multipart(), packing.by_name(protocol.FromMaster))
 
     with zmq.Context() as context, make_socket(context, zmq.DEALER) as dealer, make_master(1) as master:
         connect(dealer, master.endpoint)
@@ -210,7 +210,7 @@ def noise(endpoint: str) -> None:
     for _ in range(5):
         with socket.create_connection((host, int(port))) as raw:
             raw.sendall(rng.bytes(300))
-    good = [bytes(frame) for frame in wire.encode(protocol.Statistics(1, {"a": 1}))]
+    good = [bytes(frame) for frame in packing.encode(protocol.Statistics(1, {"a": 1}))]
     batch = protocol.PeerBatch(1, Batch(Kind.LIT, 1, 0, 0, 1, arrays(Kind.LIT, 2)))
     wrong: list[list[bytes]] = [
         [rng.bytes(40)],
@@ -218,8 +218,8 @@ def noise(endpoint: str) -> None:
         [b""],
         [*good, b"one too many"],
         good,
-        [bytes(frame) for frame in wire.encode(batch)],
-        [msgpack.packb([wire.MAGIC, protocol.PROTOCOL, "TaskDone", [1, ["BucketRendered", [1, 2]]]])],
+        [bytes(frame) for frame in packing.encode(batch)],
+        [msgpack.packb([packing.MAGIC, protocol.PROTOCOL, "TaskDone", [1, ["BucketRendered", [1, 2]]]])],
     ]
     with zmq.Context() as context, context.socket(zmq.DEALER) as dealer:
         dealer.linger = 0
@@ -228,7 +228,7 @@ def noise(endpoint: str) -> None:
             dealer.send_multipart(frames)
         for _ in wrong:
             assert dealer.poll(10_000)
-            answer = wire.decode(dealer.recv_multipart(), wire.by_name(protocol.FromMaster))
+            answer = packing.decode(dealer.recv_multipart(), packing.by_name(protocol.FromMaster))
             assert isinstance(answer, protocol.Rejected)
 
 

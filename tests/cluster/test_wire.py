@@ -14,16 +14,16 @@ from fake_worker import arrays, irradiance_records, make_view, make_world, pictu
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wdpm.cluster import protocol as p
-from wdpm.cluster import wire
 from wdpm.cluster.batch import SCHEMAS, Batch, Kind
+from wdpm.cluster.messages import packing
+from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.task import BucketTask, PhotonsTraced, PhotonTask, RecordsMade, RecordTask
 from wdpm.cluster.world import IrradiancePlan, MapPlan, TopTree
 from wdpm.scenes.errors import ProtocolError
-from wdpm.scenes.light_table import LightTable
-from wdpm.scenes.material_table import MaterialTable
+from wdpm.scenes.flat.light_table import LightTable
+from wdpm.scenes.flat.material_table import MaterialTable
 
-ALL = wire.by_name(p.Message)
+ALL = packing.by_name(p.Message)
 
 counts = st.integers(0, 2**31 - 1)
 texts = st.text(max_size=30)
@@ -121,7 +121,7 @@ def same(a: Any, b: Any) -> bool:
 def decode_or_reject(frames: Any) -> None:
     """What is damaged may still be a message, as after a flipped bit of an array. Any other error is a failure."""
     with contextlib.suppress(ProtocolError):
-        wire.decode(frames, ALL)
+        packing.decode(frames, ALL)
 
 
 def test_every_message_is_tried() -> None:
@@ -133,15 +133,15 @@ def test_every_message_is_tried() -> None:
 @given(data=st.data())
 def test_round_trip(message: type, data: st.DataObject) -> None:
     sent = data.draw(MESSAGES[message])
-    frames = wire.encode(sent)
-    assert same(wire.decode([bytes(frame) for frame in frames], ALL), sent)
+    frames = packing.encode(sent)
+    assert same(packing.decode([bytes(frame) for frame in frames], ALL), sent)
 
 
 @settings(max_examples=300, deadline=None)
 @given(data=st.data())
 def test_a_damaged_message_is_a_protocol_error(data: st.DataObject) -> None:
     message = data.draw(st.one_of(*MESSAGES.values()))
-    frames = [bytearray(frame) for frame in wire.encode(message)]
+    frames = [bytearray(frame) for frame in packing.encode(message)]
     for _ in range(data.draw(st.integers(1, 3))):
         index = data.draw(st.integers(0, len(frames) - 1)) if frames else 0
         match data.draw(st.sampled_from(["drop", "repeat", "cut", "flip", "grow"])):
@@ -165,7 +165,7 @@ def test_a_damaged_message_is_a_protocol_error(data: st.DataObject) -> None:
     st.lists(st.binary(max_size=9), max_size=3),
 )
 def test_a_right_header_with_wrong_fields_is_a_protocol_error(name: str, values: list[Any], more: list[bytes]) -> None:
-    frames = [msgpack.packb([wire.MAGIC, p.PROTOCOL, name, values]), *more]
+    frames = [msgpack.packb([packing.MAGIC, p.PROTOCOL, name, values]), *more]
     decode_or_reject(frames)
 
 
@@ -173,7 +173,7 @@ def test_a_right_header_with_wrong_fields_is_a_protocol_error(name: str, values:
 @given(st.lists(st.binary(max_size=40), max_size=4))
 def test_random_bytes_are_a_protocol_error(frames: list[bytes]) -> None:
     with pytest.raises(ProtocolError):
-        wire.decode(frames, ALL)
+        packing.decode(frames, ALL)
 
 
 def header(*fields: Any) -> bytes:
@@ -190,27 +190,27 @@ BATCH = p.PeerBatch(1, Batch(Kind.LIT, 1, 0, 0, 1, arrays(Kind.LIT, 2)))
         ([], "without frames"),
         ([b"\xc1"], "not msgpack"),
         ([b"\x91" * 2000], "not msgpack"),
-        ([bytes(wire.HEADER_BYTES + 1)], "at most"),
+        ([bytes(packing.HEADER_BYTES + 1)], "at most"),
         ([header(1, 2)], "not a message of wdpm"),
         ([header(b"wdpn", 1, "Ready", [1])], "not a message of wdpm"),
-        ([header(wire.MAGIC, p.PROTOCOL + 1, "Ready", [1])], "install the same wdpm"),
-        ([header(wire.MAGIC, p.PROTOCOL, 5, [1])], "name of a message"),
-        ([header(wire.MAGIC, p.PROTOCOL, "Eval", ["1"])], "not known here"),
-        ([header(wire.MAGIC, p.PROTOCOL, "Ready", [])], "not a list of 1 fields"),
-        ([header(wire.MAGIC, p.PROTOCOL, "Ready", [True])], "expected int"),
-        ([header(wire.MAGIC, p.PROTOCOL, "Ready", [2**63])], "64 bits"),
-        ([header(wire.MAGIC, p.PROTOCOL, "Ready", [1]), b"x"], "1 frames too many"),
+        ([header(packing.MAGIC, p.PROTOCOL + 1, "Ready", [1])], "install the same wdpm"),
+        ([header(packing.MAGIC, p.PROTOCOL, 5, [1])], "name of a message"),
+        ([header(packing.MAGIC, p.PROTOCOL, "Eval", ["1"])], "not known here"),
+        ([header(packing.MAGIC, p.PROTOCOL, "Ready", [])], "not a list of 1 fields"),
+        ([header(packing.MAGIC, p.PROTOCOL, "Ready", [True])], "expected int"),
+        ([header(packing.MAGIC, p.PROTOCOL, "Ready", [2**63])], "64 bits"),
+        ([header(packing.MAGIC, p.PROTOCOL, "Ready", [1]), b"x"], "1 frames too many"),
         (
-            [header(wire.MAGIC, p.PROTOCOL, "DoTask", [1, ["Task", [1]]])],
+            [header(packing.MAGIC, p.PROTOCOL, "DoTask", [1, ["Task", [1]]])],
             "expected PhotonTask or RecordTask or BucketTask",
         ),
-        ([header(wire.MAGIC, p.PROTOCOL, "DoTask", [1, ["PhotonTask", [1, 5, 5]]])], "no range of paths"),
-        ([header(wire.MAGIC, p.PROTOCOL, "Statistics", [1, {"a": [[[[[[[1]]]]]]]}])], "nested"),
+        ([header(packing.MAGIC, p.PROTOCOL, "DoTask", [1, ["PhotonTask", [1, 5, 5]]])], "no range of paths"),
+        ([header(packing.MAGIC, p.PROTOCOL, "Statistics", [1, {"a": [[[[[[[1]]]]]]]}])], "nested"),
     ],
 )
 def test_the_reason_is_told(frames: list[bytes], reason: str) -> None:
     with pytest.raises(ProtocolError, match=reason):
-        wire.decode(frames, ALL)
+        packing.decode(frames, ALL)
 
 
 def replaced(**fields: Any) -> p.PeerBatch:
@@ -270,12 +270,12 @@ def lights(**fields: Any) -> LightTable:
     ],
 )
 def test_what_does_not_hold_together_is_refused(message: Any, reason: str | None) -> None:
-    frames = wire.encode(message)
+    frames = packing.encode(message)
     if reason is None:
-        assert same(wire.decode(frames, ALL), message)
+        assert same(packing.decode(frames, ALL), message)
     else:
         with pytest.raises(ProtocolError, match=reason):
-            wire.decode(frames, ALL)
+            packing.decode(frames, ALL)
 
 
 @pytest.mark.parametrize(
@@ -291,21 +291,21 @@ def test_what_does_not_hold_together_is_refused(message: Any, reason: str | None
 )
 def test_a_wrong_field_is_not_sent(message: Any) -> None:
     with pytest.raises(ProtocolError):
-        wire.encode(message)
+        packing.encode(message)
 
 
 def test_large_arrays_span_frames(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(wire, "FRAME_BYTES", 100)
+    monkeypatch.setattr(packing, "FRAME_BYTES", 100)
     message = p.Partition(1, 0, 0, 1, triangles(30))
-    frames = wire.encode(message)
+    frames = packing.encode(message)
     assert max(len(frame) for frame in frames[1:]) == 100
-    assert same(wire.decode(frames, ALL), message)
+    assert same(packing.decode(frames, ALL), message)
 
 
 def test_arrays_are_not_copied() -> None:
     sent = triangles(1000)
-    frames = wire.encode(p.Partition(1, 0, 0, 1, sent))
-    got = wire.decode(frames, ALL).triangles
+    frames = packing.encode(p.Partition(1, 0, 0, 1, sent))
+    got = packing.decode(frames, ALL).triangles
     assert np.shares_memory(got.positions, sent.positions)
     assert not got.positions.flags.writeable or got.positions.base is not None
 

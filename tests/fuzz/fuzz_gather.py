@@ -1,4 +1,4 @@
-"""Gathers of kernels/gather.py against all photons by themselves: the very set of the k nearest, and every bit of what
+"""Gathers of photons/gather.py against all photons by themselves: the very set of the k nearest, and every bit of what
 follows from it.
 
 The oracle computes distances and filters with NumPy in float32, operation by operation as the contract says (a photon's
@@ -16,7 +16,6 @@ import numpy.typing as npt
 import warp as wp
 from fuzz_failure import Failure
 
-from wdpm.kernels import photon_map
 from wdpm.kernels.constants import (
     ADJOINT_BOUND,
     COINCIDENT_SHARE2,
@@ -26,8 +25,9 @@ from wdpm.kernels.constants import (
     MIN_ARRIVAL_COS,
     NORMAL_COS,
 )
-from wdpm.kernels.gather import INT_SCRATCH, KEY_SCRATCH, MAX_K, follow, gather_kernel, key_place, nearest
-from wdpm.kernels.photon_map import PhotonMap
+from wdpm.kernels.photons import photon_map
+from wdpm.kernels.photons.gather import INT_SCRATCH, KEY_SCRATCH, MAX_K, follow, gather_kernel, key_place, nearest
+from wdpm.kernels.photons.photon_map import PhotonMap
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -20,12 +20,12 @@ from fuzz_shapes import KINDS, LATTICE, scaled, triangle_set
 
 from wdpm.cluster.partition import rows_of_cells
 from wdpm.cluster.world import TopTree
-from wdpm.kernels import cells as kernel_cells
-from wdpm.kernels.bvh import Hit, no_hit
-from wdpm.kernels.cells import Cells, cell_of, next_cell
 from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.triangle import NO_HIT, Ray, intersect_triangle, make_ray
+from wdpm.kernels.rays import cells as kernel_cells
+from wdpm.kernels.rays.bvh import Hit, no_hit
+from wdpm.kernels.rays.cells import Cells, cell_of, next_cell
+from wdpm.kernels.rays.triangle import NO_HIT, Ray, intersect_triangle, make_ray
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

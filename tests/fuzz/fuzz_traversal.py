@@ -1,4 +1,4 @@
-"""Nearest and any hits of kernels/bvh.py against testing every triangle, in the renderer's arithmetic and in others.
+"""Nearest and any hits of rays/bvh.py against testing every triangle, in the renderer's arithmetic and in others.
 
 Three judges look at each ray:
 
@@ -21,10 +21,10 @@ from fuzz_rays import rays_at
 from fuzz_referee import first_sure_meeting, off_the_ray
 from fuzz_shapes import KINDS, scaled, triangle_set
 
-from wdpm.kernels import bvh
-from wdpm.kernels.bvh import Bvh, Hit, any_hit, closest_hit, no_hit
 from wdpm.kernels.constants import PAD_SHARE
-from wdpm.kernels.triangle import NO_HIT, intersect_triangle, make_ray
+from wdpm.kernels.rays import bvh
+from wdpm.kernels.rays.bvh import Bvh, Hit, any_hit, closest_hit, no_hit
+from wdpm.kernels.rays.triangle import NO_HIT, intersect_triangle, make_ray
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

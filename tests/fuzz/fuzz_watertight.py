@@ -11,9 +11,9 @@ from fuzz_failure import Failure
 from fuzz_rays import ON_EDGES, SHORTEST
 from fuzz_shapes import ball, box, torus
 
-from wdpm.kernels import bvh
-from wdpm.kernels.bvh import Bvh, Hit, closest_hit, no_hit
 from wdpm.kernels.constants import PAD_SHARE
+from wdpm.kernels.rays import bvh
+from wdpm.kernels.rays.bvh import Bvh, Hit, closest_hit, no_hit
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

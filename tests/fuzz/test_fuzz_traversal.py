@@ -14,7 +14,7 @@ from fuzz_shapes import KINDS, ball
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wdpm.kernels.triangle import NO_HIT
+from wdpm.kernels.rays.triangle import NO_HIT
 
 F32 = np.float32
 seeds = st.integers(0, 2**32 - 1)

@@ -1,4 +1,4 @@
-"""Guards of cells and clusters: kernels/cells.py, overlap.py, cluster/*.py."""
+"""Guards of cells and clusters: kernels/rays/cells.py, overlap.py, cluster/*.py."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ WIRE = "tests/cluster/test_wire.py::"
 GUARDS = (
     Guard(
         name="half-open cells",
-        file="kernels/cells.py",
+        file="kernels/rays/cells.py",
         prevents="a point in a plane lies in another cell than the one that the plan counts it in",
         changes=(
             ("if point[cells.axis[node]] < cells.split[node]:", "if point[cells.axis[node]] <= cells.split[node]:"),
@@ -25,14 +25,14 @@ GUARDS = (
     ),
     Guard(
         name="cells entered at one distance go by number",
-        file="kernels/cells.py",
+        file="kernels/rays/cells.py",
         prevents="of cells that a ray enters together, all but one are left out",
         changes=((" or (e == after and cell > current)", ""),),
         tests=(FUZZ + "test_no_cell_is_missed",),
     ),
     Guard(
         name="routing boxes grown by pad",
-        file="kernels/cells.py",
+        file="kernels/rays/cells.py",
         prevents="a ray in a plane misses the cell that owns its hit",
         changes=(
             ("cells.low = wp.array(low - np.float32(pad)", "cells.low = wp.array(low - np.float32(0.0 * pad)"),
@@ -56,7 +56,7 @@ GUARDS = (
     ),
     Guard(
         name="touching is overlapping",
-        file="kernels/overlap.py",
+        file="kernels/rays/overlap.py",
         prevents="a triangle in a plane between two cells is in neither",
         changes=(
             (
@@ -68,14 +68,14 @@ GUARDS = (
     ),
     Guard(
         name="hits are shaded by the cell that owns them",
-        file="kernels/photon_paths.py",
+        file="kernels/photons/paths.py",
         prevents="photons near a plane are stored where no gather of their cell finds them",
         changes=(("elif owner != own_cell:", "elif owner < -1:"),),
         tests=(EXACT + "test_planes_through_everything_change_no_bit",),
     ),
     Guard(
         name="bands of the largest radius",
-        file="cluster/photon_store.py",
+        file="cluster/work/photon_store.py",
         prevents="gathers near a plane lack photons of the other side",
         changes=(
             (
@@ -87,21 +87,21 @@ GUARDS = (
     ),
     Guard(
         name="bands grown by pad",
-        file="cluster/photon_store.py",
+        file="cluster/work/photon_store.py",
         prevents="a photon that lies a rounding beyond the band is missed",
         changes=(("plan.band + replica.pad if", "plan.band if"),),
         tests=(EXACT + "test_ghosts_are_just_the_photons_of_the_band",),
     ),
     Guard(
         name="gathers that leave the band are counted",
-        file="cluster/gathering.py",
+        file="cluster/work/gathers.py",
         prevents="an image that is not exact says that it is",
         changes=(("if plan.band < plan.radius:", "if False:"),),
         tests=(EXACT + "test_a_narrow_band_is_told_and_a_full_one_never_left",),
     ),
     Guard(
         name="the pilot's photons in the order of their numbers",
-        file="cluster/plan.py",
+        file="cluster/plan/plan.py",
         prevents="threads decide the gather radius, and how photons are shared out",
         changes=(
             (
@@ -113,7 +113,7 @@ GUARDS = (
     ),
     Guard(
         name="parts of a sample in the order of their places",
-        file="cluster/home.py",
+        file="cluster/work/bucket_home.py",
         prevents="the order of arrival changes the last bits of a pixel",
         changes=(
             (
@@ -121,11 +121,11 @@ GUARDS = (
                 'order = np.argsort(together["slot"], kind="stable")',
             ),
         ),
-        tests=("tests/test_sums_in_order.py::test_parts_are_added_in_the_order_of_their_places",),
+        tests=("tests/rendering/test_sums_in_order.py::test_parts_are_added_in_the_order_of_their_places",),
     ),
     Guard(
         name="sums go on where the last wave ended",
-        file="kernels/resolve.py",
+        file="kernels/camera/add_samples.py",
         prevents="how many samples are under way at once decides the order of additions",
         changes=(
             ("    sum_direct = sums_out.direct[pixel]\n", "    sum_direct = wp.vec3d()\n"),
@@ -134,18 +134,18 @@ GUARDS = (
                 "    sums_out.direct[pixel] = sums_out.direct[pixel] + sum_direct\n",
             ),
         ),
-        tests=("tests/test_sums_in_order.py::test_sums_go_on_where_the_last_wave_ended",),
+        tests=("tests/rendering/test_sums_in_order.py::test_sums_go_on_where_the_last_wave_ended",),
     ),
     Guard(
         name="merged hits by (distance, number)",
-        file="cluster/home.py",
+        file="cluster/work/bucket_home.py",
         prevents="of surfaces in one place, the cell that answers first decides",
         changes=((' | ((found["t"] == t) & (found["prim"] < prim))', ""),),
         tests=(EXACT + "test_random_scenes_have_the_same_bits_in_any_partition",),
     ),
     Guard(
         name="credit for all that follows",
-        file="cluster/home.py",
+        file="cluster/work/bucket_home.py",
         prevents="a bucket is finished while light is still on its way to it",
         changes=(
             (
@@ -157,21 +157,21 @@ GUARDS = (
     ),
     Guard(
         name="a repeated result has the same bits",
-        file="cluster/master_tasks.py",
+        file="cluster/master/tasks.py",
         prevents="a broken cluster goes unnoticed",
         changes=(("        if not same:\n            raise", "        if False:\n            raise"),),
         tests=(MASTER + "test_two_different_results_end_the_render",),
     ),
     Guard(
         name="messages of another epoch are dropped",
-        file="cluster/master.py",
+        file="cluster/master/machine.py",
         prevents="a result of the scene before gets into this one's image",
         changes=(("if message.epoch != self._phases.epoch:", "if False:"),),
         tests=(MASTER + "test_a_message_of_another_epoch_is_dropped",),
     ),
     Guard(
         name="one version of everything in a cluster",
-        file="cluster/master_members.py",
+        file="cluster/master/members.py",
         prevents="slaves of another Warp round otherwise",
         changes=(("        if differing:\n", "        if False:\n"),),
         tests=(MASTER + "test_versions_that_differ_are_named",),
@@ -185,7 +185,7 @@ GUARDS = (
     ),
     Guard(
         name="indices from the network are within their tables",
-        file="cluster/checks.py",
+        file="cluster/messages/checks.py",
         prevents="a kernel reads outside of a table",
         changes=(("    if len(array) and not (array.min() >= least and array.max() < end):\n", "    if False:\n"),),
         tests=(
@@ -195,7 +195,7 @@ GUARDS = (
     ),
     Guard(
         name="multiplications and additions stay apart",
-        file="kernels/gather.py",
+        file="kernels/photons/gather.py",
         prevents="the compiler rounds a * b + c once in one kernel and twice in another",
         changes=(
             (
@@ -203,7 +203,7 @@ GUARDS = (
                 'wp.set_module_options({"enable_backward": False})',
             ),
         ),
-        tests=("tests/test_kernel_options.py::test_no_contraction_and_no_backward_pass",),
+        tests=("tests/house/test_kernel_options.py::test_no_contraction_and_no_backward_pass",),
     ),
     Guard(
         name="every worker gets a cell",
@@ -216,7 +216,7 @@ GUARDS = (
     ),
     Guard(
         name="a result is that of a task",
-        file="cluster/master_tasks.py",
+        file="cluster/master/tasks.py",
         prevents="pixels of nobody's task get into the image",
         changes=(
             ('raise ProtocolError(f"a result came for task {result.number}, which it was not handed")', "same = True"),

@@ -1,4 +1,4 @@
-"""Guards of photon maps and gathers: kernels/gather.py, photon_map.py, exact_sum.py, surface_points.py, beam.py."""
+"""Guards of photon maps and gathers: gather.py, photon_map.py, exact_sum.py, surface_points.py, beam.py."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ AREA = "tests/analytic/test_surface_area.py::"
 GUARDS = (
     Guard(
         name="ties by photon number",
-        file="kernels/gather.py",
+        file="kernels/photons/gather.py",
         prevents="of photons at one distance, the order of the map decides which count",
         changes=(("before = rank[key_place(a)] < rank[key_place(b)]", "before = key_place(a) < key_place(b)"),),
         tests=(GATHER + "test_order_of_photons_does_not_matter",),
     ),
     Guard(
         name="filters before the count",
-        file="kernels/gather.py",
+        file="kernels/photons/gather.py",
         prevents="photons of another surface take places among the k nearest, and those of the surface are left out",
         changes=(
             (
@@ -41,21 +41,21 @@ GUARDS = (
     ),
     Guard(
         name="normals alike",
-        file="kernels/gather.py",
+        file="kernels/photons/gather.py",
         prevents="light leaks around edges and through thin walls",
         changes=(("facing - vec8(_NORMAL_COS)), arrival)", "facing + vec8(2.0)), arrival)"),),
         tests=(hard("walls thinner than the gather radius"),),
     ),
     Guard(
         name="photons of this side",
-        file="kernels/gather.py",
+        file="kernels/photons/gather.py",
         prevents="a photon that arrived at the back lights the front",
         changes=(("facing - vec8(_NORMAL_COS)), arrival)", "facing - vec8(_NORMAL_COS)), arrival + vec8(2.0))"),),
         tests=(GATHER + "test_photons_of_another_surface_do_not_count", GATHER + "test_equals_brute_force"),
     ),
     Guard(
         name="a disc, not a ball",
-        file="kernels/gather.py",
+        file="kernels/photons/gather.py",
         prevents="photons of a parallel surface nearby count",
         changes=(
             (
@@ -67,28 +67,28 @@ GUARDS = (
     ),
     Guard(
         name="a radius that includes its photon",
-        file="kernels/gather.py",
+        file="kernels/photons/gather.py",
         prevents="photons exactly as far as the radius are lost, or found, by the order of the search",
         changes=(("return wp.cast(wp.cast(value, wp.uint32) + wp.uint32(1), wp.float32)", "return value"),),
         tests=(EXTREMES + "test_photons_just_as_far_as_the_radius_count",),
     ),
     Guard(
         name="guesses grow",
-        file="kernels/gather.py",
+        file="kernels/photons/gather.py",
         prevents="the gather before decides how many photons this one finds",
         changes=(("searching = count <= k and radius < r_max", "searching = False"),),
         tests=(GATHER + "test_runs_and_chunks_do_not_matter", GATHER + "test_equals_brute_force"),
     ),
     Guard(
         name="full buffers are halved",
-        file="kernels/gather.py",
+        file="kernels/photons/gather.py",
         prevents="candidates are written past the end of the buffer, over others",
         changes=(("if count > CANDIDATE_CAPACITY - 8:", "if count > 4 * CANDIDATE_CAPACITY:"),),
         tests=(GATHER + "test_a_full_buffer_loses_no_photon",),
     ),
     Guard(
         name="full lists of leaves are searched",
-        file="kernels/gather.py",
+        file="kernels/photons/gather.py",
         prevents="leaves are written past the end of their list",
         changes=(("while stacked > 0 and leaf_count <= LEAF_CAPACITY - 8:", "while stacked > 0:"),),
         tests=(
@@ -99,7 +99,7 @@ GUARDS = (
     ),
     Guard(
         name="the boxes' distance is never above the photons'",
-        file="kernels/gather.py",
+        file="kernels/photons/gather.py",
         prevents="a box is pruned that holds a photon within reach",
         changes=(
             (
@@ -111,7 +111,7 @@ GUARDS = (
     ),
     Guard(
         name="the radius is that of the photon after the k",
-        file="kernels/gather.py",
+        file="kernels/photons/gather.py",
         prevents="estimates are k / (k - 1) too bright; with k = 1 they have no mean",
         changes=(
             ("nearest2 = _key_distance2(candidates[k])", "nearest2 = _key_distance2(candidates[wp.max(k - 1, 0)])"),
@@ -120,7 +120,7 @@ GUARDS = (
     ),
     Guard(
         name="photons in one place",
-        file="kernels/gather.py",
+        file="kernels/photons/gather.py",
         prevents="flux over an area of zero is infinite",
         changes=(("if nearest2 >= least2:", "if nearest2 >= 0.0:"),),
         tests=(GATHER + "test_equals_brute_force", hard("all photons in one place")),
@@ -134,7 +134,7 @@ GUARDS = (
     ),
     Guard(
         name="sums of integers",
-        file="kernels/exact_sum.py",
+        file="kernels/maths/exact_sum.py",
         prevents="the order of the photons changes the last bits of their sum",
         changes=(
             (
@@ -147,7 +147,7 @@ GUARDS = (
     ),
     Guard(
         name="a quantum that is a power of two",
-        file="kernels/exact_sum.py",
+        file="kernels/maths/exact_sum.py",
         prevents="terms round before they are integers, so scenes in other units have other bits",
         changes=(
             (
@@ -159,7 +159,7 @@ GUARDS = (
     ),
     Guard(
         name="splits without equals",
-        file="kernels/photon_map.py",
+        file="kernels/photons/photon_map.py",
         prevents="photons in one place make the map take for ever",
         changes=(
             (
@@ -171,49 +171,49 @@ GUARDS = (
     ),
     Guard(
         name="photons that are no numbers",
-        file="kernels/photon_map.py",
+        file="kernels/photons/photon_map.py",
         prevents="a NaN spoils every gather that comes near",
         changes=(("if not np.isfinite(value.sum(dtype=np.float64)):", "if False:"),),
         tests=(GATHER + "test_bad_photons_are_errors",),
     ),
     Guard(
         name="coordinates whose squares are finite",
-        file="kernels/photon_map.py",
+        file="kernels/photons/photon_map.py",
         prevents="infinite distances, which are all alike",
         changes=(("if largest > MAX_PHOTON_COORDINATE:", "if False:"),),
         tests=(GATHER + "test_bad_photons_are_errors",),
     ),
     Guard(
         name="photon numbers once",
-        file="kernels/photon_map.py",
+        file="kernels/photons/photon_map.py",
         prevents="ties that nothing decides",
         changes=(("    if len(same):", "    if False:"),),
         tests=(GATHER + "test_bad_photons_are_errors",),
     ),
     Guard(
         name="radii whose squares float32 holds",
-        file="kernels/gather.py",
+        file="kernels/photons/gather.py",
         prevents="an area of zero, or of infinity",
         changes=(("if not MIN_GATHER_RADIUS <= r_max <= MAX_GATHER_RADIUS:", "if False:"),),
         tests=(GATHER + "test_bad_settings_are_errors",),
     ),
     Guard(
         name="no surface is counted as none",
-        file="kernels/surface_points.py",
+        file="kernels/photons/surface_points.py",
         prevents="a gather without a surface point divides by zero",
         changes=(("wp.float32(wp.max(count, 1))", "wp.float32(count)"),),
         tests=(AREA + "test_a_tiny_gather_is_measured_by_a_larger_disc",),
     ),
     Guard(
         name="areas are counted by enough points",
-        file="kernels/surface_points.py",
+        file="kernels/photons/surface_points.py",
         prevents="where photons lie denser than points, the area is noise",
         changes=(("r = wp.max(radius[i], wp.min(wp.sqrt(LEAST_POINTS * point_area / _PI), r_max))", "r = radius[i]"),),
         tests=(AREA + "test_a_tiny_gather_is_measured_by_a_larger_disc",),
     ),
     Guard(
         name="surface counts by the gather's own filters",
-        file="kernels/surface_points.py",
+        file="kernels/photons/surface_points.py",
         prevents="the far side of a wall counts as area of this side, which is then too dark",
         changes=(
             (
@@ -225,14 +225,14 @@ GUARDS = (
     ),
     Guard(
         name="a beam's photon is counted by the cell of its foot",
-        file="kernels/beam.py",
+        file="kernels/photons/beam.py",
         prevents="photons near a plane count once for each cell that has a copy",
         changes=(("if inside and cell_of(cells, point_at(origin, direction, near[0])) == own_cell:", "if inside:"),),
         tests=(BEAM + "test_parts_of_four_cells_add_up_to_the_whole",),
     ),
     Guard(
         name="a beam's distances in double",
-        file="kernels/beam.py",
+        file="kernels/photons/beam.py",
         prevents="far from the origin the kernel over the disc is noise",
         changes=(
             (
@@ -245,21 +245,21 @@ GUARDS = (
     ),
     Guard(
         name="boxes of beams are grown",
-        file="kernels/beam.py",
+        file="kernels/photons/beam.py",
         prevents="a box is pruned that holds a photon within reach of the beam",
         changes=(("_BOX_PAD = wp.constant(2.0**-20)", "_BOX_PAD = wp.constant(0.0)"),),
         tests=(BEAM + "test_far_from_the_origin_nothing_is_lost",),
     ),
     Guard(
         name="eight photons at once are rejected with a margin",
-        file="kernels/beam.py",
+        file="kernels/photons/beam.py",
         prevents="float32 rejects photons that double finds within reach",
         changes=(("_LEAF_PAD = wp.constant(2.0**-18)", "_LEAF_PAD = wp.constant(0.0)"),),
         tests=("tests/property/test_beam_extremes.py::test_every_photon_within_reach_is_found",),
     ),
     Guard(
         name="beams' sums have one unit",
-        file="kernels/beam.py",
+        file="kernels/photons/beam.py",
         prevents="a contribution too large for the sum wraps around to a negative one",
         changes=(("wp.clamp(x / unit, -_LARGEST_QUANTA, _LARGEST_QUANTA)", "x / unit"),),
         tests=(BEAM + "test_contributions_too_large_for_the_unit_are_told",),

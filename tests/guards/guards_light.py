@@ -1,4 +1,4 @@
-"""Guards of photons, surfaces, materials and media: kernels/photon_paths.py, surface.py, bsdf*.py, medium.py, ..."""
+"""Guards of photons, surfaces, materials and media: kernels/photons/paths.py, surface.py, bsdf*.py, medium.py, ..."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ EXACT = "tests/property/test_exactness.py::"
 ENDS = "tests/property/test_ends_of_ranges.py::"
 SURFACE = "tests/property/test_surface.py::"
 SIDES = "tests/property/test_photon_sides.py::"
-STRICT = "tests/test_strict.py::"
+STRICT = "tests/rendering/test_strict.py::"
 ELEMENTARY = "tests/property/test_elementary.py::"
 VOLUME = "tests/analytic/test_volume_light.py::"
 
 GUARDS = (
     Guard(
         name="rays leave a surface at an offset",
-        file="kernels/surface.py",
+        file="kernels/materials/surface.py",
         prevents="surfaces shadow themselves, and light gets to the other side",
         changes=(
             (
@@ -47,7 +47,7 @@ GUARDS = (
     ),
     Guard(
         name="hits are combined in double",
-        file="kernels/surface.py",
+        file="kernels/materials/surface.py",
         prevents="a hit is further off its surface than the offset covers",
         changes=(
             (
@@ -59,14 +59,14 @@ GUARDS = (
     ),
     Guard(
         name="normals in double",
-        file="kernels/surface.py",
+        file="kernels/materials/surface.py",
         prevents="needles have normals of noise, or none",
         changes=(("p = triangles.positions.astype(np.float64)", "p = triangles.positions"),),
         tests=(SURFACE + "test_normals_of_needles",),
     ),
     Guard(
         name="a shading normal on the seen side",
-        file="kernels/surface.py",
+        file="kernels/materials/surface.py",
         prevents="interpolated normals make the front black, or lit from behind",
         changes=(
             (
@@ -78,28 +78,28 @@ GUARDS = (
     ),
     Guard(
         name="a shading normal on the front's side",
-        file="kernels/surface.py",
+        file="kernels/materials/surface.py",
         prevents="a blend of normals that cancels is no direction",
         changes=(("            if wp.dot(blend, front_normal) > 0.0:\n", "            if True:\n"),),
         tests=(SURFACE + "test_shading_normals_are_on_the_seen_side",),
     ),
     Guard(
         name="light from the side where both normals agree",
-        file="kernels/surface_light.py",
+        file="kernels/camera/surface_light.py",
         prevents="direct light leaks through walls with interpolated normals",
         changes=(("reflects = side > 0.0 and w_to[2] * seen_from > 0.0", "reflects = w_to[2] * seen_from > 0.0"),),
         tests=(hard("wild normals"), hard("leaning normals")),
     ),
     Guard(
         name="photons leave on the side that they are sent to",
-        file="kernels/photon_paths.py",
+        file="kernels/photons/paths.py",
         prevents="bent normals send photons through walls",
         changes=(("if wp.dot(leaves, goes_to) <= 0.0:", "if False:"),),
         tests=(SIDES + "test_a_flat_floor_does_not_light_itself",),
     ),
     Guard(
         name="no division by a grazing cosine of zero",
-        file="kernels/photon_paths.py",
+        file="kernels/photons/paths.py",
         prevents="a photon along a surface becomes NaN",
         changes=(("if in_geometric <= 0.0 or out_shading <= 0.0:", "if False:"),),
         tests=(SIDES + "test_grazing_photons_have_finite_factors",),
@@ -113,35 +113,35 @@ GUARDS = (
     ),
     Guard(
         name="photons wait for room",
-        file="kernels/photon_paths.py",
+        file="kernels/photons/paths.py",
         prevents="photons are lost where a launch stores more than it has room for",
         changes=(("                        status = WAITS\n", "                        cut += wp.float64(0.0)\n"),),
         tests=(EXACT + "test_photons_that_wait_for_room_change_no_bit",),
     ),
     Guard(
         name="a limit to bounces",
-        file="kernels/photon_paths.py",
+        file="kernels/photons/paths.py",
         prevents="between perfect mirrors a photon never ends",
         changes=((" or bounce >= BOUNCE_LIMIT:", " or bounce >= 2 * BOUNCE_LIMIT:"),),
-        tests=("tests/test_limits.py::test_a_photon_path_has_no_bounce_beyond_the_limit",),
+        tests=("tests/house/test_limits.py::test_a_photon_path_has_no_bounce_beyond_the_limit",),
     ),
     Guard(
         name="a limit to vertices",
-        file="kernels/camera_vertices.py",
+        file="kernels/camera/vertices.py",
         prevents="between perfect mirrors a camera path has no end, and no credit left",
         changes=(("if p.bounce + 1 >= _CHAIN_LIMIT:", "if False:"),),
-        tests=("tests/test_limits.py::test_a_camera_path_has_no_vertex_beyond_the_limit",),
+        tests=("tests/house/test_limits.py::test_a_camera_path_has_no_vertex_beyond_the_limit",),
     ),
     Guard(
         name="what is not finite is black, and counted",
-        file="cluster/guards.py",
+        file="cluster/work/guards.py",
         prevents="one NaN spoils its pixel",
         changes=(("        blackened[bad] = 0.0\n", ""),),
         tests=("tests/hard_cases/test_nonfinite.py::test_an_overflow_is_counted_and_black",),
     ),
     Guard(
         name="photons that are not finite are dropped",
-        file="cluster/photon_store.py",
+        file="cluster/work/photon_store.py",
         prevents="one photon spoils its neighbourhood",
         changes=(("if not finite.all():", "if False:"),),
         tests=(
@@ -151,28 +151,28 @@ GUARDS = (
     ),
     Guard(
         name="roughness that float32 holds",
-        file="kernels/microfacet.py",
+        file="kernels/materials/microfacet.py",
         prevents="a roughness of 1e-8 has a density beyond float32",
         changes=(("return wp.vec2(wp.max(alpha[0], ALPHA_LEAST), wp.max(alpha[1], ALPHA_LEAST))", "return alpha"),),
         tests=(BSDF + "test_nothing_is_ever_infinite",),
     ),
     Guard(
         name="slopes of facets stay finite",
-        file="kernels/microfacet.py",
+        file="kernels/materials/microfacet.py",
         prevents="random numbers next to 1 give infinite slopes",
         changes=(("_ERF_MOST = wp.constant(wp.float32(1 - 2.0**-23))", "_ERF_MOST = wp.constant(wp.float32(1.0))"),),
         tests=(ENDS + "test_facets_of_the_last_random_numbers",),
     ),
     Guard(
         name="a facet is never edge-on",
-        file="kernels/microfacet.py",
+        file="kernels/materials/microfacet.py",
         prevents="a normal of length zero",
         changes=(("z = wp.max(height - down, 1.0e-7)", "z = height - down"),),
         tests=(ENDS + "test_facets_of_the_last_random_numbers",),
     ),
     Guard(
         name="total reflection refracts nothing",
-        file="kernels/bsdf_dielectric.py",
+        file="kernels/materials/dielectric.py",
         prevents="a random number of 1 goes where there is no direction",
         changes=(
             (
@@ -188,7 +188,7 @@ GUARDS = (
     ),
     Guard(
         name="an index of 1 does nothing",
-        file="kernels/fresnel.py",
+        file="kernels/materials/fresnel.py",
         prevents="light grazes a boundary that is not there",
         changes=(
             ("    if eta == 1.0:\n        s.reflectance = 0.0\n        s.cos_to = -cos_from\n    elif c2", "    if c2"),
@@ -197,7 +197,7 @@ GUARDS = (
     ),
     Guard(
         name="metals of index 0",
-        file="kernels/fresnel.py",
+        file="kernels/materials/fresnel.py",
         prevents="0 / 0 for a mirror without a material",
         changes=(
             ("    if sum_1 + cross_1 > 0.0:\n", "    if True:\n"),
@@ -207,28 +207,28 @@ GUARDS = (
     ),
     Guard(
         name="bent normals have a length",
-        file="kernels/shading_frames.py",
+        file="kernels/materials/frames.py",
         prevents="a normal map of (0, 0, 0) is NaN",
         changes=(("    if not (length > 1.0e-12 and length < 1.0e30):\n", "    if False:\n"),),
         tests=(ENDS + "test_normals_of_any_length",),
     ),
     Guard(
         name="tangents only where they are seen across the normal",
-        file="kernels/shading_frames.py",
+        file="kernels/materials/frames.py",
         prevents="a frame of NaN, where texture coordinates say nothing",
         changes=(("    if length > 1.0e-6 * wp.length(dp_du):", "    if True:"),),
         tests=(ENDS + "test_tangents_that_say_nothing",),
     ),
     Guard(
         name="a tangent where the normal lies along the old one",
-        file="kernels/shading_frames.py",
+        file="kernels/materials/frames.py",
         prevents="a frame of NaN",
         changes=(("    if across < 1.0e-6:", "    if False:"),),
         tests=(ENDS + "test_normals_bent_onto_the_tangent",),
     ),
     Guard(
         name="texture coordinates within integers",
-        file="kernels/texture.py",
+        file="kernels/materials/texture.py",
         prevents="an infinite coordinate is a NaN, a huge one no integer",
         changes=(
             (
@@ -240,35 +240,35 @@ GUARDS = (
     ),
     Guard(
         name="no medium absorbs nothing, however far",
-        file="kernels/medium.py",
+        file="kernels/materials/medium.py",
         prevents="0 * inf",
         changes=(("    if sigma_t == 0.0:\n        return 1.0\n", ""),),
         tests=(MEDIA + "test_empty_space_and_infinite_distances",),
     ),
     Guard(
         name="free paths of channels without extinction",
-        file="kernels/medium.py",
+        file="kernels/materials/medium.py",
         prevents="division by zero",
         changes=(("    if sigma_t == 0.0:\n        return _INF\n", ""),),
         tests=(ENDS + "test_free_paths_of_the_last_random_numbers",),
     ),
     Guard(
         name="free paths of a random number of 1",
-        file="kernels/medium.py",
+        file="kernels/materials/medium.py",
         prevents="an infinite path in a dense medium",
         changes=(("-log1p_of(-wp.min(u_distance, _BELOW_ONE))", "-log1p_of(-u_distance)"),),
         tests=(ENDS + "test_free_paths_of_the_last_random_numbers",),
     ),
     Guard(
         name="arc cosines of 1 and a bit",
-        file="kernels/elementary.py",
+        file="kernels/maths/elementary.py",
         prevents="NaN for the angle between a direction and itself",
         changes=(("    c = wp.clamp(wp.float64(x), -_ONE, _ONE)\n", "    c = wp.float64(x)\n"),),
         tests=(ELEMENTARY + "test_zeros_infinities_and_the_rest",),
     ),
     Guard(
         name="directions of a disc's rim",
-        file="kernels/directions.py",
+        file="kernels/maths/directions.py",
         prevents="the square root of a rounding below zero",
         changes=(
             (
@@ -280,14 +280,14 @@ GUARDS = (
     ),
     Guard(
         name="the middle of a disc",
-        file="kernels/directions.py",
+        file="kernels/maths/directions.py",
         prevents="0 / 0 for the random point (1/2, 1/2)",
         changes=(("    if y == 0.0:\n        return wp.vec2(0.0, 0.0)\n", ""),),
         tests=("tests/property/test_directions.py::test_cosine_hemisphere_keeps_strata_together",),
     ),
     Guard(
         name="random numbers below 1",
-        file="kernels/random.py",
+        file="kernels/maths/random.py",
         prevents="32 random bits round to 1, which is beyond the last of all shares",
         changes=(
             (
@@ -299,21 +299,21 @@ GUARDS = (
     ),
     Guard(
         name="the brightest patch of the sky is the unit",
-        file="kernels/environment.py",
+        file="kernels/lights/environment.py",
         prevents="squares of radiance overflow",
         changes=(("    scale = 1.0 / wp.max(a, b)", "    scale = 1.0"),),
         tests=(ENDS + "test_patches_of_the_sky_of_any_radiance",),
     ),
     Guard(
         name="lamps are seen from their front",
-        file="kernels/direct_light.py",
+        file="kernels/lights/direct.py",
         prevents="a division by a cosine of zero",
         changes=(("        if cosine <= 0.0:\n            return 0.0\n", ""),),
         tests=(LIGHTS + "test_triangle_samples_agree_with_their_density",),
     ),
     Guard(
         name="lamps are left at an offset",
-        file="kernels/direct_light.py",
+        file="kernels/lights/direct.py",
         prevents="a lamp shadows the light that it sends",
         changes=(
             (
@@ -325,7 +325,7 @@ GUARDS = (
     ),
     Guard(
         name="the sky has no density at its poles",
-        file="kernels/environment.py",
+        file="kernels/lights/environment.py",
         prevents="a division by the sine of an angle of zero",
         changes=(("    if place[2] == 0.0:\n        return 0.0\n", ""),),
         tests=(ENDS + "test_the_poles_of_the_sky",),

@@ -10,7 +10,7 @@ FILES = "tests/scenes/test_scene_mesh_files.py::"
 GUARDS = (
     Guard(
         name="scenes are moved to the origin, in double",
-        file="scenes/renderer_space.py",
+        file="scenes/flat/renderer_space.py",
         prevents="a scene far from the origin has the digits that float32 has left there",
         changes=(
             (
@@ -22,7 +22,7 @@ GUARDS = (
     ),
     Guard(
         name="scenes are as large as float32 likes",
-        file="scenes/renderer_space.py",
+        file="scenes/flat/renderer_space.py",
         prevents="in other units corners are other floats, and squares leave float32's range",
         changes=(
             (
@@ -37,14 +37,14 @@ GUARDS = (
     ),
     Guard(
         name="places next to zero are zero",
-        file="scenes/renderer_space.py",
+        file="scenes/flat/renderer_space.py",
         prevents="the sign of a rounding is another in other units",
         changes=(("        moved[np.abs(moved) <= NOTHING] = 0.0\n", ""),),
         tests=("tests/scenes/test_renderer_space.py::test_the_rounding_of_a_difference_is_nothing",),
     ),
     Guard(
         name="triangles that cannot be rendered are dropped",
-        file="scenes/geometry.py",
+        file="scenes/flat/flatten.py",
         prevents="NaN for normals and boxes",
         changes=(
             ("cause = _degenerate_cause(soup.positions)", "cause = np.zeros(len(soup.positions), dtype=np.int8)"),
@@ -53,14 +53,14 @@ GUARDS = (
     ),
     Guard(
         name="duplicates are dropped",
-        file="scenes/geometry.py",
+        file="scenes/flat/flatten.py",
         prevents="surface that nobody sees counts as area, so what lies before it is too dark",
         changes=(("cause[(cause == 0) & _repeated(soup.positions) & (soup.emitter < 0)] = 4", "pass"),),
         tests=(hard("instanced duplicates"),),
     ),
     Guard(
         name="faces name vertices that are there",
-        file="scenes/geometry.py",
+        file="scenes/flat/flatten.py",
         prevents="a traceback, or another vertex counted from the end",
         changes=(
             (
@@ -72,28 +72,28 @@ GUARDS = (
     ),
     Guard(
         name="factors that can be meant",
-        file="scenes/geometry.py",
+        file="scenes/flat/flatten.py",
         prevents="light that grows at every bounce, beyond all numbers",
         changes=(("and not max(value) <= MOST_FACTOR:", "and False:"),),
         tests=(hard("reflectance of 1e30"),),
     ),
     Guard(
         name="a normal that is missing is not interpolated",
-        file="scenes/geometry.py",
+        file="scenes/flat/flatten.py",
         prevents="shading normals that shrink towards a corner",
         changes=(("    normals[~np.any(normals != 0, axis=2).all(axis=1)] = 0.0\n", ""),),
         tests=(FILES + "test_obj_corner_without_normal_makes_its_triangle_flat",),
     ),
     Guard(
         name="areas in double",
-        file="scenes/areas.py",
+        file="scenes/flat/areas.py",
         prevents="lamps of needles have no area, or none that can be trusted",
         changes=(("    p = corners.astype(np.float64)\n", "    p = corners\n"),),
         tests=("tests/scenes/test_areas.py::test_areas_of_needles",),
     ),
     Guard(
         name="no entities in XML",
-        file="scenes/xml_document.py",
+        file="scenes/mitsuba/document.py",
         prevents="a file of a kilobyte that unfolds to gigabytes",
         changes=(("        self.parser.StartDoctypeDeclHandler = self._doctype\n", ""),),
         tests=("tests/scenes/test_scene_mitsuba_xml.py::test_entities_are_refused",),

@@ -44,7 +44,7 @@ def test_its_tests_are_there(guard: Guard, hard_cases: set[str]) -> None:
 
 
 def test_what_is_not_there_is_noticed() -> None:
-    gone = Guard(name="gone", file="kernels/bvh.py", prevents="", changes=(("no such text", ""),), tests=())
+    gone = Guard(name="gone", file="kernels/rays/bvh.py", prevents="", changes=(("no such text", ""),), tests=())
     with pytest.raises(ValueError, match='0 times "no such text"'):
         gone.removed_from("source")
 

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from rooms import quad, scene
 
-from wdpm.cluster import plan
-from wdpm.scenes.bsdfs import Bsdf, Conductor
-from wdpm.scenes.light_sources import Light, SpotLight
-from wdpm.scenes.model import Camera, Material, Mesh, Scene, diffuse
-from wdpm.scenes.transforms import look_at, scaling
+from wdpm.cluster.plan import plan
+from wdpm.scenes.model.bsdfs import Bsdf, Conductor
+from wdpm.scenes.model.lights import Light, SpotLight
+from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene, diffuse
+from wdpm.scenes.model.transforms import look_at, scaling
 
 ALBEDO = 0.5
 INTENSITY = (3.0, 2.0, 1.0)

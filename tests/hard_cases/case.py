@@ -34,9 +34,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from wdpm.api import render_in_process
-from wdpm.image import Image
-from wdpm.kernels.settings import RenderSettings
-from wdpm.scenes.model import Scene
+from wdpm.cluster.settings import RenderSettings
+from wdpm.images.image import Image
+from wdpm.scenes.model.scene import Scene
 
 LEDGER = 1e-5
 """Largest imbalance of the photons' energy, as a share of what was emitted."""

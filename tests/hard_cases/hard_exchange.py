@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from optics import disk_irradiance, polygon_irradiance, sphere_irradiance
 from rooms import GREY, ball, quad, scene, view
 
-from wdpm.scenes.model import Mesh, diffuse
-from wdpm.scenes.primitives import disk, sphere
+from wdpm.scenes.meshes.primitives import disk, sphere
+from wdpm.scenes.model.scene import Mesh, diffuse
 
 Array = NDArray[np.float64]
 UP = np.array([0.0, 1.0, 0.0])

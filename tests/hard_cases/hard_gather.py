@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from placing import moved, on_lattice, scaled
 from rooms import GREY, ball, box, glowing_box, lit_room, quad, scene, view
 
-from wdpm.cluster import plan
-from wdpm.image import Image
-from wdpm.kernels.settings import Indirect, Integrator, RenderSettings
-from wdpm.scenes.bsdfs import BumpMap, Conductor, Dielectric, Diffuse, TwoSided
-from wdpm.scenes.light_sources import Environment
-from wdpm.scenes.mesh_data import MeshData
-from wdpm.scenes.model import Material, Mesh, Scene, diffuse
-from wdpm.scenes.primitives import sphere
-from wdpm.scenes.textures import Bitmap
+from wdpm.cluster.plan import plan
+from wdpm.cluster.settings import Indirect, Integrator, RenderSettings
+from wdpm.images.image import Image
+from wdpm.scenes.meshes.mesh_data import MeshData
+from wdpm.scenes.meshes.primitives import sphere
+from wdpm.scenes.model.bsdfs import BumpMap, Conductor, Dielectric, Diffuse, TwoSided
+from wdpm.scenes.model.lights import Environment
+from wdpm.scenes.model.scene import Material, Mesh, Scene, diffuse
+from wdpm.scenes.model.textures import Bitmap
 
 Array = NDArray[np.float64]
 WAYS = (Indirect.GATHER, Indirect.CACHE)

@@ -12,14 +12,14 @@ from placing import scaled
 from rooms import Array, ball, box, glowing_box, lit_room, quad, scene, triangles, view
 
 from wdpm.api import render_in_process
-from wdpm.kernels import bvh
-from wdpm.kernels.bvh import Bvh, any_hit
+from wdpm.cluster.settings import RenderSettings
 from wdpm.kernels.constants import PAD_SHARE
-from wdpm.kernels.settings import RenderSettings
-from wdpm.scenes.bsdfs import WHITE, Dielectric
+from wdpm.kernels.rays import bvh
+from wdpm.kernels.rays.bvh import Bvh, any_hit
 from wdpm.scenes.errors import SceneError
-from wdpm.scenes.light_sources import Environment, PointLight
-from wdpm.scenes.model import Material, Mesh, diffuse
+from wdpm.scenes.model.bsdfs import WHITE, Dielectric
+from wdpm.scenes.model.lights import Environment, PointLight
+from wdpm.scenes.model.scene import Material, Mesh, diffuse
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from optics import beckmann_albedo, fresnel, masking, slab_transmission
 from rooms import GREY, ball, box, glowing_box, lit_room, quad, scene, view
 
-from wdpm.image import Image
-from wdpm.scenes.bsdfs import (
+from wdpm.images.image import Image
+from wdpm.scenes.errors import SceneError
+from wdpm.scenes.model.bsdfs import (
     WHITE,
     Bsdf,
     Conductor,
@@ -27,11 +28,10 @@ from wdpm.scenes.bsdfs import (
     ThinDielectric,
     TwoSided,
 )
-from wdpm.scenes.errors import SceneError
-from wdpm.scenes.light_sources import Environment, PointLight, SpotLight
-from wdpm.scenes.model import Camera, Material, Mesh, Scene, diffuse
-from wdpm.scenes.textures import Bitmap, Interpolation
-from wdpm.scenes.transforms import look_at
+from wdpm.scenes.model.lights import Environment, PointLight, SpotLight
+from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene, diffuse
+from wdpm.scenes.model.textures import Bitmap, Interpolation
+from wdpm.scenes.model.transforms import look_at
 
 Array = NDArray[np.float64]
 SKY = Environment("sky", np.ones((1, 1, 3), np.float32))

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from optics import reflected_by_half_space
 from rooms import GREY, box, quad, scene
 
-from wdpm.scenes.bsdfs import Diffuse, Null
-from wdpm.scenes.light_sources import DirectionalLight, PointLight
-from wdpm.scenes.model import Camera, Material, Medium, Scene, diffuse
+from wdpm.scenes.model.bsdfs import Diffuse, Null
+from wdpm.scenes.model.lights import DirectionalLight, PointLight
+from wdpm.scenes.model.scene import Camera, Material, Medium, Scene, diffuse
 
 Array = NDArray[np.float64]
 BLACK = diffuse("black", (0.0, 0.0, 0.0))

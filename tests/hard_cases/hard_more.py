@@ -15,9 +15,9 @@ from rooms import box, scene, view
 
 import wdpm
 from wdpm.scenes import atrium
-from wdpm.scenes.bsdfs import Conductor
 from wdpm.scenes.errors import SceneError
-from wdpm.scenes.model import Material, Mesh, Scene
+from wdpm.scenes.model.bsdfs import Conductor
+from wdpm.scenes.model.scene import Material, Mesh, Scene
 
 MESH_FILES = (".obj", ".ply", ".stl", ".glb", ".off")
 

@@ -12,9 +12,10 @@ from case import HardCase, Run
 from rooms import ball, box, effects_room, glowing_box, lit_room, scene, view
 
 from wdpm.api import render_in_process
-from wdpm.kernels import columns, resolve
-from wdpm.kernels.settings import RenderSettings
-from wdpm.scenes.bsdfs import (
+from wdpm.cluster.settings import RenderSettings
+from wdpm.kernels import columns
+from wdpm.kernels.camera import add_samples
+from wdpm.scenes.model.bsdfs import (
     WHITE,
     Blend,
     Bsdf,
@@ -26,8 +27,8 @@ from wdpm.scenes.bsdfs import (
     Principled,
     ThinDielectric,
 )
-from wdpm.scenes.light_sources import Environment
-from wdpm.scenes.model import Material
+from wdpm.scenes.model.lights import Environment
+from wdpm.scenes.model.scene import Material
 
 SKY = Environment("sky", np.ones((1, 1, 3), np.float32))
 METAL = {"eta": (0.0, 0.0, 0.0), "k": (1.0, 1.0, 1.0)}  # reflects everything
@@ -55,7 +56,7 @@ def long_sums(run: Run) -> None:
     values = (rng.random((WAVE, 3)) * 10.0 ** rng.uniform(-4, 2, (WAVE, 1))).astype(np.float32)
     none = np.zeros((WAVE, 3), np.float32)
     slots = columns.upload(
-        resolve.Slots,
+        add_samples.Slots,
         {
             "emission": values,
             "indirect": values[::-1].copy(),
@@ -71,10 +72,10 @@ def long_sums(run: Run) -> None:
         "layer": np.zeros(0, np.int32),
         "radiance": np.zeros((0, 3), np.float32),
     }
-    parts = columns.upload(resolve.Parts, no_parts, "cpu")
-    sums = columns.zeros(resolve.Sums, 1, "cpu")
+    parts = columns.upload(add_samples.Parts, no_parts, "cpu")
+    sums = columns.zeros(add_samples.Sums, 1, "cpu")
     for _ in range(waves):
-        wp.launch(resolve.add_samples, dim=1, inputs=[slots, parts, WAVE, 1, 0, sums], device="cpu")
+        wp.launch(add_samples.add_samples, dim=1, inputs=[slots, parts, WAVE, 1, 0, sums], device="cpu")
     expected = np.array([math.fsum(values[:, c].tolist()) for c in range(3)])
     for name in ("direct", "indirect"):
         total = getattr(sums, name).numpy()[0]

@@ -10,9 +10,9 @@ from partitions import in_renderer, planes, with_tree
 from rooms import effects_room, glowing_box, lit_room
 
 from wdpm.api import render_in_process
-from wdpm.image import Image
-from wdpm.kernels.settings import RenderSettings, Routing
-from wdpm.scenes.model import Scene
+from wdpm.cluster.settings import RenderSettings, Routing
+from wdpm.images.image import Image
+from wdpm.scenes.model.scene import Scene
 
 
 def _settings(full: bool) -> RenderSettings:
@@ -55,7 +55,7 @@ def through_everything(run: Run) -> None:
 
 def through_photons(run: Run) -> None:
     """Planes at coordinates of photons themselves: each has one owner."""
-    from wdpm.cluster import plan
+    from wdpm.cluster.plan import plan
 
     what = lit_room()
     chosen = _settings(run.full)

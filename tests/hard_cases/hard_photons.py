@@ -13,16 +13,16 @@ from case import HardCase, Run
 from numpy.typing import NDArray
 from rooms import GREY, box, glowing_box, lit_room, quad, scene, triangles, view
 
-from wdpm.cluster import plan
-from wdpm.image import Image
-from wdpm.kernels import photon_map
+from wdpm.cluster.plan import plan
+from wdpm.images.image import Image
 from wdpm.kernels.constants import MAX_GATHER_RADIUS, MIN_GATHER_RADIUS
-from wdpm.kernels.gather import gather_kernel
 from wdpm.kernels.launch import Launcher
-from wdpm.scenes.bsdfs import Conductor
-from wdpm.scenes.light_sources import DirectionalLight, PointLight, SpotLight
-from wdpm.scenes.model import Material, Scene, diffuse
-from wdpm.scenes.transforms import look_at
+from wdpm.kernels.photons import photon_map
+from wdpm.kernels.photons.gather import gather_kernel
+from wdpm.scenes.model.bsdfs import Conductor
+from wdpm.scenes.model.lights import DirectionalLight, PointLight, SpotLight
+from wdpm.scenes.model.scene import Material, Scene, diffuse
+from wdpm.scenes.model.transforms import look_at
 
 Array = NDArray[np.float64]
 WIDE = 1e3

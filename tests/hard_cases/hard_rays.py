@@ -11,11 +11,11 @@ from partitions import in_renderer, planes, with_tree
 from rooms import ball, box, glowing_box, lit_room, quad, scene, view
 
 from wdpm.api import render_in_process
-from wdpm.image import Image
-from wdpm.kernels.settings import RenderSettings, Routing
-from wdpm.scenes.bsdfs import Dielectric
-from wdpm.scenes.light_sources import Environment
-from wdpm.scenes.model import Camera, Material, Scene, diffuse
+from wdpm.cluster.settings import RenderSettings, Routing
+from wdpm.images.image import Image
+from wdpm.scenes.model.bsdfs import Dielectric
+from wdpm.scenes.model.lights import Environment
+from wdpm.scenes.model.scene import Camera, Material, Scene, diffuse
 
 SKY = Environment("sky", np.ones((1, 1, 3), np.float32))
 FEW = RenderSettings(photons=1_000, spp=2, all_effects=True)

@@ -17,13 +17,13 @@ from rooms import ball, effects_room, scene, view
 
 import wdpm
 from wdpm.api import render_in_process
-from wdpm.image import Image
+from wdpm.cluster.settings import RenderSettings
+from wdpm.images.image import Image
 from wdpm.kernels.constants import MAX_GATHER_RADIUS, MIN_GATHER_RADIUS
-from wdpm.kernels.settings import RenderSettings
-from wdpm.kernels.target_clusters import cluster_targets
+from wdpm.kernels.lights.target_clusters import cluster_targets
 from wdpm.scenes import atrium, cornell_box
-from wdpm.scenes.geometry import flatten
-from wdpm.scenes.model import Scene
+from wdpm.scenes.flat.flatten import flatten
+from wdpm.scenes.model.scene import Scene
 
 Source = Callable[[], Scene]
 AWAY = np.array([1.0, -0.5, 0.25])

@@ -8,11 +8,11 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wdpm.cluster import plan
+from wdpm.cluster.plan import plan
 from wdpm.cluster.world import TopTree
-from wdpm.scenes.framing import bounding_box
-from wdpm.scenes.geometry import flatten
-from wdpm.scenes.model import Scene
+from wdpm.scenes.flat.flatten import flatten
+from wdpm.scenes.meshes.framing import bounding_box
+from wdpm.scenes.model.scene import Scene
 
 
 @contextmanager

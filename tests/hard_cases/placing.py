@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wdpm.kernels.settings import RenderSettings
-from wdpm.scenes.bsdfs import BumpMap
-from wdpm.scenes.light_sources import Light, PointLight, SpotLight
-from wdpm.scenes.model import Camera, Mesh, Scene
+from wdpm.cluster.settings import RenderSettings
+from wdpm.scenes.model.bsdfs import BumpMap
+from wdpm.scenes.model.lights import Light, PointLight, SpotLight
+from wdpm.scenes.model.scene import Camera, Mesh, Scene
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wdpm.scenes.bsdfs import BumpMap, Conductor, Dielectric, Diffuse, Null, TwoSided
-from wdpm.scenes.light_sources import Light, PointLight, SpotLight
-from wdpm.scenes.model import Camera, Material, Medium, Mesh, Scene, diffuse
-from wdpm.scenes.primitives import cube, sphere
-from wdpm.scenes.textures import RGB, Bitmap
-from wdpm.scenes.transforms import look_at
+from wdpm.scenes.meshes.primitives import cube, sphere
+from wdpm.scenes.model.bsdfs import BumpMap, Conductor, Dielectric, Diffuse, Null, TwoSided
+from wdpm.scenes.model.lights import Light, PointLight, SpotLight
+from wdpm.scenes.model.scene import Camera, Material, Medium, Mesh, Scene, diffuse
+from wdpm.scenes.model.textures import RGB, Bitmap
+from wdpm.scenes.model.transforms import look_at
 
 Array = NDArray[np.float64]
 GREY = (0.5, 0.5, 0.5)

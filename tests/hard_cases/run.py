@@ -25,9 +25,9 @@ import numpy as np
 from case import SECTIONS, Check, HardCase, Outcome, every_case, run_case
 from numpy.typing import NDArray
 
-from wdpm.bench_hard_cases import check_only
-from wdpm.image import encode_srgb8
-from wdpm.image_files import png_bytes
+from wdpm.bench.hard_cases import check_only
+from wdpm.images.channels import encode_srgb8
+from wdpm.images.files import png_bytes
 from wdpm.progress import make_progress
 from wdpm.quiet import quiet_warp
 from wdpm.scenes.errors import SettingsError

@@ -8,7 +8,7 @@ import numpy as np
 
 import wdpm
 from wdpm.scenes import cornell_box
-from wdpm.scenes.model import Camera, Mesh, diffuse
+from wdpm.scenes.model.scene import Camera, Mesh, diffuse
 
 FEW = wdpm.RenderSettings(photons=1000, spp=2)
 

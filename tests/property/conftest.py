@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from wdpm.cluster import plan
+from wdpm.cluster.plan import plan
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from wdpm.api import render_in_process
-from wdpm.image import Image
-from wdpm.kernels.settings import RenderSettings
-from wdpm.scenes.model import Scene
+from wdpm.cluster.settings import RenderSettings
+from wdpm.images.image import Image
+from wdpm.scenes.model.scene import Scene
 
 
 def alone(scene: Scene, chosen: RenderSettings) -> Image:

@@ -9,7 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from wdpm.scenes.bsdfs import (
+from wdpm.scenes.meshes.mesh_data import MeshData
+from wdpm.scenes.meshes.primitives import cube, cylinder, rectangle, sphere
+from wdpm.scenes.model.bsdfs import (
     Blend,
     Bsdf,
     BumpMap,
@@ -25,12 +27,10 @@ from wdpm.scenes.bsdfs import (
     ThinDielectric,
     TwoSided,
 )
-from wdpm.scenes.light_sources import DirectionalLight, Environment, Light, PointLight, SpotLight
-from wdpm.scenes.mesh_data import MeshData
-from wdpm.scenes.model import Camera, FilterKind, Material, Medium, Mesh, PixelFilter, Scene
-from wdpm.scenes.primitives import cube, cylinder, rectangle, sphere
-from wdpm.scenes.textures import RGB, Bitmap, Checkerboard, Interpolation, VertexColors, Wrap
-from wdpm.scenes.transforms import look_at, rotation, scaling, translation
+from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
+from wdpm.scenes.model.scene import Camera, FilterKind, Material, Medium, Mesh, PixelFilter, Scene
+from wdpm.scenes.model.textures import RGB, Bitmap, Checkerboard, Interpolation, VertexColors, Wrap
+from wdpm.scenes.model.transforms import look_at, rotation, scaling, translation
 
 WIDTH, HEIGHT = 16, 12
 

@@ -12,7 +12,8 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from wdpm.scenes.bsdfs import (
+from wdpm.scenes.meshes.primitives import cube
+from wdpm.scenes.model.bsdfs import (
     Blend,
     Bsdf,
     BumpMap,
@@ -28,11 +29,10 @@ from wdpm.scenes.bsdfs import (
     ThinDielectric,
     TwoSided,
 )
-from wdpm.scenes.light_sources import DirectionalLight, Environment, Light, PointLight, SpotLight
-from wdpm.scenes.model import Camera, FilterKind, Material, Medium, Mesh, PixelFilter, Scene, diffuse
-from wdpm.scenes.primitives import cube
-from wdpm.scenes.textures import Bitmap, Checkerboard, Interpolation, Wrap
-from wdpm.scenes.transforms import look_at
+from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
+from wdpm.scenes.model.scene import Camera, FilterKind, Material, Medium, Mesh, PixelFilter, Scene, diffuse
+from wdpm.scenes.model.textures import Bitmap, Checkerboard, Interpolation, Wrap
+from wdpm.scenes.model.transforms import look_at
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,10 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels import cells, medium, photon_map
-from wdpm.kernels.beam import Beams, add_beams, sum_unit
+from wdpm.kernels.materials import medium
+from wdpm.kernels.photons import photon_map
+from wdpm.kernels.photons.beam import Beams, add_beams, sum_unit
+from wdpm.kernels.rays import cells
 from wdpm.scenes.errors import SettingsError
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

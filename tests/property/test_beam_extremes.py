@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from test_beam import SIGMA_T, G, Photons, Stretches, add, sums, unit_vectors, upload
 
-from wdpm.kernels.beam import sum_unit
+from wdpm.kernels.photons.beam import sum_unit
 
 BEAMS = 4000
 

@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels.directions import around, cosine_hemisphere, triangle_weights, uniform_cone, uniform_sphere
+from wdpm.kernels.maths.directions import around, cosine_hemisphere, triangle_weights, uniform_cone, uniform_sphere
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

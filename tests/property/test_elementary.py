@@ -11,7 +11,7 @@ import warp as wp
 from numpy.typing import NDArray
 from scipy import special
 
-from wdpm.kernels.elementary import (
+from wdpm.kernels.maths.elementary import (
     acos_of,
     atan2_of,
     erf_of,

@@ -7,14 +7,15 @@ import pytest
 import warp as wp
 from test_texture import looked_up
 
-from wdpm.kernels import environment, medium
-from wdpm.kernels.directions import cosine_hemisphere, uniform_cone, uniform_sphere
-from wdpm.kernels.environment import Environment, _linear, environment_pdf
-from wdpm.kernels.fresnel import fresnel_metal
-from wdpm.kernels.medium import Media, free_path
-from wdpm.kernels.microfacet import held_alpha, sample_visible_normal
-from wdpm.kernels.shading_frames import bend, plain_frame, uv_frame
-from wdpm.scenes.textures import Bitmap, Interpolation
+from wdpm.kernels.lights import environment
+from wdpm.kernels.lights.environment import Environment, _linear, environment_pdf
+from wdpm.kernels.materials import medium
+from wdpm.kernels.materials.frames import bend, plain_frame, uv_frame
+from wdpm.kernels.materials.fresnel import fresnel_metal
+from wdpm.kernels.materials.medium import Media, free_path
+from wdpm.kernels.materials.microfacet import held_alpha, sample_visible_normal
+from wdpm.kernels.maths.directions import cosine_hemisphere, uniform_cone, uniform_sphere
+from wdpm.scenes.model.textures import Bitmap, Interpolation
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

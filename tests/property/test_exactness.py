@@ -16,19 +16,19 @@ from numpy.typing import NDArray
 from random_scenes import scenes
 
 from wdpm.api import render_in_process
-from wdpm.cluster import plan
 from wdpm.cluster.batch import Arrays, Kind, concatenate
-from wdpm.cluster.photon_store import PhotonStore
+from wdpm.cluster.plan import plan
+from wdpm.cluster.settings import RenderSettings, Routing
+from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.world import TopTree
-from wdpm.image import Image
-from wdpm.kernels.cells import cell_boxes
+from wdpm.images.image import Image
 from wdpm.kernels.constants import PAD_SHARE
-from wdpm.kernels.settings import RenderSettings, Routing
-from wdpm.report import EnergyLedger
-from wdpm.scenes.builtin import cornell_box
-from wdpm.scenes.geometry import flatten
-from wdpm.scenes.model import Scene, diffuse
-from wdpm.scenes.transforms import look_at
+from wdpm.kernels.rays.cells import cell_boxes
+from wdpm.report.report import EnergyLedger
+from wdpm.scenes.builtin.names import cornell_box
+from wdpm.scenes.flat.flatten import flatten
+from wdpm.scenes.model.scene import Scene, diffuse
+from wdpm.scenes.model.transforms import look_at
 
 pytestmark = pytest.mark.usefixtures("small_pilot")
 
@@ -106,10 +106,10 @@ def test_every_setting_gives_the_same_bits(cornell_alone: Image, change: dict[st
 
 
 def test_waves_and_full_photon_regions_change_no_bit(monkeypatch: pytest.MonkeyPatch, cornell_alone: Image) -> None:
-    monkeypatch.setattr("wdpm.cluster.home.WAVE_SAMPLES", 100)  # a bucket's samples in many waves of one
-    monkeypatch.setattr("wdpm.cluster.cell.DEPOSITS_A_PATH", 1)  # photons must wait for room
-    monkeypatch.setattr("wdpm.cluster.gathering.GATHER_GRAIN", 1)  # many chunks for many threads
-    monkeypatch.setattr("wdpm.cluster.gathering.GATHER_RUN", 3)
+    monkeypatch.setattr("wdpm.cluster.work.bucket_home.WAVE_SAMPLES", 100)  # a bucket's samples in many waves of one
+    monkeypatch.setattr("wdpm.cluster.work.cell.DEPOSITS_A_PATH", 1)  # photons must wait for room
+    monkeypatch.setattr("wdpm.cluster.work.gathers.GATHER_GRAIN", 1)  # many chunks for many threads
+    monkeypatch.setattr("wdpm.cluster.work.gathers.GATHER_RUN", 3)
     assert same_bits(render_in_process(CORNELL, FEW, workers=2, cells=4, threads=3), cornell_alone)
 
 
@@ -118,7 +118,7 @@ def test_photons_that_wait_for_room_change_no_bit(monkeypatch: pytest.MonkeyPatc
 
     The pilot then finds its photons in another order, and more of them than it asks for their density.
     """
-    monkeypatch.setattr("wdpm.cluster.cell.DEPOSITS_A_PATH", 1)
+    monkeypatch.setattr("wdpm.cluster.work.cell.DEPOSITS_A_PATH", 1)
     bright = replace(CORNELL, materials=tuple(diffuse(m.name, (0.95, 0.9, 0.9), True) for m in CORNELL.materials))
     reference = alone(bright, FEW)
     for threads in (2, 3, 4):

@@ -18,15 +18,15 @@ from test_exactness import give_tree
 import wdpm
 from wdpm.api import render_in_process
 from wdpm.cluster.batch import Batch
-from wdpm.cluster.cell import Cell
-from wdpm.cluster.effects import features_of
-from wdpm.cluster.replica import with_camera
-from wdpm.image import Image
+from wdpm.cluster.plan.effects import features_of
+from wdpm.cluster.settings import RenderSettings, Routing
+from wdpm.cluster.work.cell import Cell
+from wdpm.cluster.work.replica import with_camera
+from wdpm.images.image import Image
 from wdpm.kernels.features import ALL
-from wdpm.kernels.settings import RenderSettings, Routing
-from wdpm.report import EnergyLedger
-from wdpm.scenes.geometry import flatten
-from wdpm.scenes.model import Scene
+from wdpm.report.report import EnergyLedger
+from wdpm.scenes.flat.flatten import flatten
+from wdpm.scenes.model.scene import Scene
 
 pytestmark = pytest.mark.usefixtures("small_pilot")
 
@@ -133,10 +133,10 @@ def test_every_setting_gives_the_same_bits(change: dict[str, Any]) -> None:
 def test_small_waves_and_full_photon_regions_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = CASES["everything"].scene
     expected = alone(scene, FEW)
-    monkeypatch.setattr("wdpm.cluster.home.WAVE_SAMPLES", 50)
-    monkeypatch.setattr("wdpm.cluster.cell.DEPOSITS_A_PATH", 1)
-    monkeypatch.setattr("wdpm.cluster.gathering.GATHER_GRAIN", 1)
-    monkeypatch.setattr("wdpm.cluster.gathering.GATHER_RUN", 3)
+    monkeypatch.setattr("wdpm.cluster.work.bucket_home.WAVE_SAMPLES", 50)
+    monkeypatch.setattr("wdpm.cluster.work.cell.DEPOSITS_A_PATH", 1)
+    monkeypatch.setattr("wdpm.cluster.work.gathers.GATHER_GRAIN", 1)
+    monkeypatch.setattr("wdpm.cluster.work.gathers.GATHER_RUN", 3)
     assert same_bits(render_in_process(scene, FEW, workers=2, cells=4, threads=3), expected)
 
 

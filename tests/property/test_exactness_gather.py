@@ -17,19 +17,20 @@ from random_scenes import scenes, scenes_with_effects
 
 import wdpm
 from wdpm.api import render_in_process
-from wdpm.cluster import master, plan
 from wdpm.cluster.batch import Batch, Kind
-from wdpm.cluster.cell import Cell
-from wdpm.cluster.checks import check_batch
 from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.master import machine
+from wdpm.cluster.messages.checks import check_batch
+from wdpm.cluster.plan import plan
 from wdpm.cluster.records import CachePlan, Records, equal
-from wdpm.cluster.worker import Worker
-from wdpm.image import Image
-from wdpm.kernels.settings import Indirect, RenderSettings, Routing
-from wdpm.report import EnergyLedger
+from wdpm.cluster.settings import Indirect, RenderSettings, Routing
+from wdpm.cluster.work.cell import Cell
+from wdpm.cluster.work.worker import Worker
+from wdpm.images.image import Image
+from wdpm.report.report import EnergyLedger
 from wdpm.scenes import cornell_box
-from wdpm.scenes.bsdfs import Diffuse, TwoSided
-from wdpm.scenes.model import Scene
+from wdpm.scenes.model.bsdfs import Diffuse, TwoSided
+from wdpm.scenes.model.scene import Scene
 
 FEW = RenderSettings(
     indirect=Indirect.GATHER,
@@ -78,7 +79,7 @@ def _small_plans(small_pilot: None) -> Iterator[None]:  # noqa: ARG001
 @pytest.fixture
 def tasks_of_few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rounds of several tasks, as large images have them."""
-    monkeypatch.setattr(master, "ClusterSettings", lambda: ClusterSettings(record_task_least=37, record_task_most=37))
+    monkeypatch.setattr(machine, "ClusterSettings", lambda: ClusterSettings(record_task_least=37, record_task_most=37))
 
 
 @pytest.fixture(params=list(SCENES))
@@ -202,10 +203,10 @@ def test_every_setting_gives_the_same_bits(way: Indirect, change: dict[str, Any]
 
 def test_small_waves_and_launches_change_no_bit(way: Indirect, monkeypatch: pytest.MonkeyPatch) -> None:
     expected = reference("everything", way)
-    monkeypatch.setattr("wdpm.cluster.home.WAVE_SAMPLES", 50)
-    monkeypatch.setattr("wdpm.cluster.record_home._GRAIN", 1)
-    monkeypatch.setattr("wdpm.cluster.photon_store.GATHER_GRAIN", 1)
-    monkeypatch.setattr("wdpm.cluster.photon_store.GATHER_RUN", 3)
+    monkeypatch.setattr("wdpm.cluster.work.bucket_home.WAVE_SAMPLES", 50)
+    monkeypatch.setattr("wdpm.cluster.work.record_home._GRAIN", 1)
+    monkeypatch.setattr("wdpm.cluster.work.photon_store.GATHER_GRAIN", 1)
+    monkeypatch.setattr("wdpm.cluster.work.photon_store.GATHER_RUN", 3)
     chosen = replace(FEW, indirect=way)
     assert same_bits(render_in_process(SCENES["everything"], chosen, workers=2, cells=4, threads=3), expected)
 

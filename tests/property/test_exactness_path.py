@@ -16,13 +16,13 @@ from random_scenes import scenes_with_effects
 import wdpm
 from wdpm.api import render_in_process
 from wdpm.cluster.batch import Batch, Kind
-from wdpm.cluster.cell import Cell
-from wdpm.cluster.checks import check_batch
-from wdpm.image import Image
-from wdpm.kernels.settings import Integrator, RenderSettings, Routing
+from wdpm.cluster.messages.checks import check_batch
+from wdpm.cluster.settings import Integrator, RenderSettings, Routing
+from wdpm.cluster.work.cell import Cell
+from wdpm.images.image import Image
 from wdpm.scenes import cornell_box
-from wdpm.scenes.light_sources import Environment
-from wdpm.scenes.model import Medium, Scene
+from wdpm.scenes.model.lights import Environment
+from wdpm.scenes.model.scene import Medium, Scene
 
 PATH = RenderSettings(integrator=Integrator.PATH, spp=3, light_samples=2, all_effects=True)
 
@@ -103,7 +103,7 @@ def test_kernels_for_few_effects_give_the_same_bits(name: str) -> None:
 
 def test_small_waves_change_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
     expected = alone(SCENES["everything"], PATH)
-    monkeypatch.setattr("wdpm.cluster.home.WAVE_SAMPLES", 50)
+    monkeypatch.setattr("wdpm.cluster.work.bucket_home.WAVE_SAMPLES", 50)
     assert same_bits(render_in_process(SCENES["everything"], PATH, workers=2, cells=4, threads=3), expected)
 
 

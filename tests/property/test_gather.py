@@ -14,8 +14,7 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wdpm import bench_gather
-from wdpm.kernels import exact_sum, gather, photon_map
+from wdpm.bench import gather as bench_gather
 from wdpm.kernels.constants import (
     ADJOINT_BOUND,
     COINCIDENT_SHARE2,
@@ -25,6 +24,8 @@ from wdpm.kernels.constants import (
     MIN_ARRIVAL_COS,
     NORMAL_COS,
 )
+from wdpm.kernels.maths import exact_sum
+from wdpm.kernels.photons import gather, photon_map
 from wdpm.scenes.errors import SettingsError, WdpmError
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

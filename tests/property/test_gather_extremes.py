@@ -7,10 +7,10 @@ import pytest
 import warp as wp
 from test_gather import F32, Photons, Queries, gather_all
 
-from wdpm.kernels import photon_map
 from wdpm.kernels.constants import ADJOINT_BOUND
-from wdpm.kernels.gather import box_distance2, distance2_to
-from wdpm.kernels.photon_map import PhotonMap
+from wdpm.kernels.photons import photon_map
+from wdpm.kernels.photons.gather import box_distance2, distance2_to
+from wdpm.kernels.photons.photon_map import PhotonMap
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -12,9 +12,9 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wdpm import bench_gather
-from wdpm.kernels import irradiance_points
+from wdpm.bench import gather
 from wdpm.kernels.constants import FLATTENING, NORMAL_COS
+from wdpm.kernels.irradiance import at_photons
 from wdpm.scenes.errors import SettingsError, WdpmError
 
 F32 = np.float32
@@ -35,7 +35,7 @@ class Points:
         return Points(*(column[which] for column in vars(self).values()))
 
     def build(self) -> Any:
-        return irradiance_points.build(**vars(self))
+        return at_photons.build(**vars(self))
 
 
 @dataclass
@@ -61,7 +61,7 @@ def read(points: Any, x: Array, n: Array, reach: float, chunk: int = 1 << 30) ->
     for offset in reversed(range(0, count, chunk)):
         dim = min(chunk, count - offset)
         arguments = [points, *inputs, reach, offset, *outputs]
-        wp.launch(irradiance_points.read_irradiance, dim=dim, inputs=arguments, device="cpu")
+        wp.launch(at_photons.read_irradiance, dim=dim, inputs=arguments, device="cpu")
     return Answers(*(out.numpy() for out in outputs))
 
 
@@ -158,7 +158,7 @@ def read_one(position: list[list[float]], normal: list[list[float]], ids: list[i
     count = len(ids)
     value = np.arange(count, dtype=F32)[:, None] * np.ones((1, 3), F32)
     radius = np.full(count, 0.5, F32)
-    tree = irradiance_points.build(
+    tree = at_photons.build(
         np.array(position).reshape(-1, 3), value, np.array(normal).reshape(-1, 3), radius, np.array(ids, np.int64)
     )
     return read(tree, np.zeros((1, 3), F32), AXES[2:3], reach)
@@ -205,7 +205,7 @@ def test_a_share_is_picked_whatever_ids_have_in_common(step: int) -> None:
     """Within six standard deviations of a binomial count, in every eighth of the ids."""
     ids = np.arange(80_000, dtype=np.int64) * step
     for share in (0.05, 0.25, 0.5):
-        picked = irradiance_points.chosen(ids, share).reshape(8, -1)
+        picked = at_photons.chosen(ids, share).reshape(8, -1)
         spread = np.sqrt(picked.shape[1] * share * (1 - share))
         assert np.abs(picked.sum(axis=1) - picked.shape[1] * share).max() < 6 * spread
 
@@ -214,30 +214,30 @@ def test_a_share_is_picked_whatever_ids_have_in_common(step: int) -> None:
 @given(st.lists(st.integers(-(2**63), 2**63 - 1), min_size=1, unique=True), st.floats(1e-3, 1), st.floats(1e-3, 1))
 def test_a_photon_is_picked_by_its_id_alone(ids: list[int], share: float, other: float) -> None:
     column = np.array(ids, np.int64)
-    picked = irradiance_points.chosen(column, share)
-    np.testing.assert_array_equal(picked[::-1], irradiance_points.chosen(column[::-1], share))
-    np.testing.assert_array_equal(picked[:1], irradiance_points.chosen(column[:1], share))
-    fewer, more = (irradiance_points.chosen(column, s) for s in sorted([share, other]))
+    picked = at_photons.chosen(column, share)
+    np.testing.assert_array_equal(picked[::-1], at_photons.chosen(column[::-1], share))
+    np.testing.assert_array_equal(picked[:1], at_photons.chosen(column[:1], share))
+    fewer, more = (at_photons.chosen(column, s) for s in sorted([share, other]))
     assert not (fewer & ~more).any()
-    assert irradiance_points.chosen(column, 1.0).all()
+    assert at_photons.chosen(column, 1.0).all()
 
 
 @pytest.mark.parametrize("share", [0.0, -0.5, 1.5, float("nan")])
 def test_a_share_out_of_range_is_an_error(share: float) -> None:
     with pytest.raises(SettingsError, match="share of photons"):
-        irradiance_points.chosen(np.arange(3, dtype=np.int64), share)
+        at_photons.chosen(np.arange(3, dtype=np.int64), share)
 
 
 def test_bad_points_are_errors() -> None:
     ones = np.ones((3, 3), F32)
     with pytest.raises(WdpmError, match="photon id 5 comes twice"):
-        irradiance_points.build(ones, ones, ones, np.ones(3), np.array([5, 5, 6]))
+        at_photons.build(ones, ones, ones, np.ones(3), np.array([5, 5, 6]))
     with pytest.raises(WdpmError, match=r"shape \(2, 3\), expected \(3, 3\)"):
-        irradiance_points.build(ones, ones, ones, np.ones(2), np.array([4, 5, 6]))
+        at_photons.build(ones, ones, ones, np.ones(2), np.array([4, 5, 6]))
 
 
 def test_bench_compares_reads() -> None:
-    rows = bench_gather.measure_nearest_point(point_count=500, reach=1.0, resolution=8, rounds=1)
+    rows = gather.measure_nearest_point(point_count=500, reach=1.0, resolution=8, rounds=1)
     assert [row.work for row in rows] == [
         "irradiance of the nearest of 500 points, coherent",
         "irradiance of the nearest of 500 points, incoherent",

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from wdpm.cluster.partition import deal, rows_of_cells
-from wdpm.cluster.plan import cells_of
+from wdpm.cluster.plan.plan import cells_of
 from wdpm.cluster.world import TopTree
-from wdpm.kernels.cells import cell_boxes
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.overlap import triangles_in_boxes
+from wdpm.kernels.rays.cells import cell_boxes
+from wdpm.kernels.rays.overlap import triangles_in_boxes
 
 Array = NDArray[np.float64]
 LATTICE = np.linspace(-1, 1, 9)

@@ -25,7 +25,7 @@ def test_the_cell_of_a_rounded_hit_holds_its_triangle(axis: int) -> None:
     holds = np.zeros((COUNT, 2), bool)
     for cell, rows in enumerate(held):
         holds[rows, cell] = True
-    # As kernels.surface.position_at does: in double, rounded once.
+    # As kernels.materials.surface.position_at does: in double, rounded once.
     u = rng.random(COUNT).astype(np.float32)
     v = np.nextafter((1.0 - u.astype(np.float64)).astype(np.float32), np.float32(2))
     b, c = u.astype(np.float64)[:, None], v.astype(np.float64)[:, None]

@@ -10,10 +10,10 @@ import pytest
 
 import wdpm
 from wdpm.api import render_in_process
-from wdpm.image import Image
-from wdpm.kernels.settings import RenderSettings, Routing
-from wdpm.passes import PassRenderer, spread_samples
-from wdpm.replaying import Replayer
+from wdpm.cluster.settings import RenderSettings, Routing
+from wdpm.images.image import Image
+from wdpm.rendering.passes import PassRenderer, spread_samples
+from wdpm.replaying.run import Replayer
 from wdpm.scenes import cornell_box
 
 pytestmark = pytest.mark.usefixtures("small_pilot")

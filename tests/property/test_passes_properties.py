@@ -13,11 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wdpm.cluster.session import SessionResult
+from wdpm.cluster.settings import RenderSettings
 from wdpm.cluster.task import PhotonsTraced
-from wdpm.kernels.settings import RenderSettings
-from wdpm.pass_average import PassAverage, merged
-from wdpm.pass_plan import plans_for
-from wdpm.passes import PassPlan, PassResult, spread_samples
+from wdpm.rendering.pass_average import PassAverage, merged
+from wdpm.rendering.pass_plan import PassResult, plans_for
+from wdpm.rendering.passes import PassPlan, spread_samples
 from wdpm.scenes.errors import SettingsError
 
 LAYERS = {"beauty": 3, "direct": 3, "indirect": 3, "depth": 1, "cell": 1}
@@ -36,7 +36,7 @@ PLANNED: Any = SimpleNamespace(
 def no_world(monkeypatch: pytest.MonkeyPatch) -> None:
     """The radius of a pass is all that an average asks the world for."""
     plan = SimpleNamespace(global_map=SimpleNamespace(radius=0.5))
-    monkeypatch.setattr("wdpm.pass_average.photon_plan", lambda *_: plan)
+    monkeypatch.setattr("wdpm.rendering.pass_average.photon_plan", lambda *_: plan)
 
 
 def made_up(plan: PassPlan, seed: int, slaves: int) -> PassResult:

@@ -7,13 +7,13 @@ import pytest
 import warp as wp
 
 from wdpm.api import render_in_process
+from wdpm.cluster.settings import RenderSettings
 from wdpm.kernels.constants import ADJOINT_BOUND
-from wdpm.kernels.photon_paths import adjoint_factor
-from wdpm.kernels.settings import RenderSettings
-from wdpm.kernels.surface import Surface
-from wdpm.scenes.light_sources import PointLight
-from wdpm.scenes.model import Camera, Mesh, Scene, diffuse
-from wdpm.scenes.transforms import look_at
+from wdpm.kernels.materials.surface import Surface
+from wdpm.kernels.photons.paths import adjoint_factor
+from wdpm.scenes.model.lights import PointLight
+from wdpm.scenes.model.scene import Camera, Mesh, Scene, diffuse
+from wdpm.scenes.model.transforms import look_at
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

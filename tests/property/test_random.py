@@ -7,8 +7,8 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels import random as kernel_random
-from wdpm.kernels.random import (
+from wdpm.kernels.maths import random as kernel_random
+from wdpm.kernels.maths.random import (
     PURPOSE_EMISSION,
     PURPOSE_LIGHT,
     PURPOSE_PIXEL,

@@ -10,15 +10,16 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels import materials, surface, texture
 from wdpm.kernels.features import ALL
-from wdpm.kernels.materials import Materials
-from wdpm.kernels.surface import Surfaces, leave, make_surface, position_at
-from wdpm.kernels.texture import Textures
+from wdpm.kernels.materials import resolve, surface, texture
+from wdpm.kernels.materials.resolve import Materials
+from wdpm.kernels.materials.surface import Surfaces, leave, make_surface, position_at
+from wdpm.kernels.materials.texture import Textures
 from wdpm.scenes import cornell_box
-from wdpm.scenes.bsdfs import Conductor
-from wdpm.scenes.geometry import Triangles, flatten
-from wdpm.scenes.model import Material
+from wdpm.scenes.flat.arrays import Triangles
+from wdpm.scenes.flat.flatten import flatten
+from wdpm.scenes.model.bsdfs import Conductor
+from wdpm.scenes.model.scene import Material
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -140,7 +141,7 @@ def seen(triangles: Triangles, towards: Wide, weights: tuple[Any, Any]) -> list[
     metal = Material("brushed", Conductor(alpha_u=0.1, alpha_v=0.3))
     box = cornell_box()
     flat = flatten(replace(box, materials=(metal, *box.materials[1:])))
-    table = materials.upload(flat.materials, "cpu")
+    table = resolve.upload(flat.materials, "cpu")
     textures = texture.upload(flat.textures, "cpu")
     count = len(towards)
     outputs = [vectors(None, count) for _ in range(3)]

@@ -9,10 +9,10 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels import texture
 from wdpm.kernels.features import ALL, Features
-from wdpm.kernels.texture import Textures, make_textures
-from wdpm.scenes.textures import Bitmap, Checkerboard, Interpolation, Texture, VertexColors, Wrap
+from wdpm.kernels.materials import texture
+from wdpm.kernels.materials.texture import Textures, make_textures
+from wdpm.scenes.model.textures import Bitmap, Checkerboard, Interpolation, Texture, VertexColors, Wrap
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

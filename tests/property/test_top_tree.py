@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from wdpm.cluster.plan import photons_in_cells
-from wdpm.cluster.top_tree import build_top_tree
+from wdpm.cluster.plan.plan import photons_in_cells
+from wdpm.cluster.plan.top_tree import build_top_tree
 from wdpm.cluster.world import TopTree
-from wdpm.kernels import cells as kernel_cells
-from wdpm.kernels.cells import Cells, cell_boxes, cell_of, entry_of, inverse_direction, next_cell
 from wdpm.kernels.constants import PAD_SHARE
+from wdpm.kernels.rays import cells as kernel_cells
+from wdpm.kernels.rays.cells import Cells, cell_boxes, cell_of, entry_of, inverse_direction, next_cell
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -12,10 +12,10 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wdpm import bench_traversal
-from wdpm.kernels import bvh, bvh_build
-from wdpm.kernels.bvh import Bvh, Hit, any_hit, closest_hit, no_hit
-from wdpm.kernels.triangle import NO_HIT, intersect_triangle, make_ray
+from wdpm.bench import traversal
+from wdpm.kernels.rays import bvh, bvh_build
+from wdpm.kernels.rays.bvh import Bvh, Hit, any_hit, closest_hit, no_hit
+from wdpm.kernels.rays.triangle import NO_HIT, intersect_triangle, make_ray
 from wdpm.scenes.errors import WdpmError
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -138,7 +138,7 @@ def make_triangles(seed: int, kind: str) -> Array:
         x, y = np.meshgrid(np.arange(side + 1), np.arange(side + 1))
         z = rng.integers(0, 3, x.shape) * rng.choice([0.0, 0.25])
         points = np.stack([x * 4 / side - 2, y * 4 / side - 2, z], axis=-1)[..., rng.permutation(3)]
-        triangles = bench_traversal._grid_triangles(points)
+        triangles = traversal._grid_triangles(points)
     elif kind == "needles":
         tip = rng.uniform(-2, 2, (count, 3))
         thick = 10.0 ** rng.uniform(-9, -2, (count, 1))
@@ -309,7 +309,7 @@ def box_mesh(side: int) -> Array:
     x, y = np.meshgrid(cuts, cuts)
     square = np.stack([x, y], axis=-1)
     faces = [np.insert(square, axis, z, axis=-1) for axis in range(3) for z in (-1.0, 1.0)]
-    return np.concatenate([bench_traversal._grid_triangles(face) for face in faces]).astype(F32)
+    return np.concatenate([traversal._grid_triangles(face) for face in faces]).astype(F32)
 
 
 def ball_mesh(side: int) -> Array:
@@ -326,7 +326,7 @@ def cut_up_box() -> Array:
         for side, count in ((-1.0, 5), (1.0, 8)):
             cuts = np.linspace(-1.0, 1.0, count + axis)
             x, y = np.meshgrid(cuts, cuts)
-            soup.append(bench_traversal._grid_triangles(np.insert(np.stack([x, y], axis=-1), axis, side, axis=-1)))
+            soup.append(traversal._grid_triangles(np.insert(np.stack([x, y], axis=-1), axis, side, axis=-1)))
     return np.concatenate(soup).astype(F32)
 
 
@@ -509,7 +509,7 @@ def test_bad_arguments(positions: Array, ids: Array, pad: float, message: str) -
 
 def test_benchmark_measures_both_kinds_of_rays() -> None:
     pytest.importorskip("embreex")
-    rows = bench_traversal.measure(rays=400, seconds=0.0)
+    rows = traversal.measure(rays=400, seconds=0.0)
     assert [(row.work.split(" in ")[0], row.work.split(", ")[-1]) for row in rows] == [
         ("closest hit", "coherent"),
         ("any hit", "coherent"),
@@ -522,4 +522,4 @@ def test_benchmark_measures_both_kinds_of_rays() -> None:
 def test_benchmark_without_embreex_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "embreex", None)
     with pytest.raises(WdpmError, match="pip install"):
-        bench_traversal.measure(rays=4)
+        traversal.measure(rays=4)

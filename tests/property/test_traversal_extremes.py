@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 from test_traversal import F32, Array, assert_same_bits, occluded, trace, trace_all, tree_of, vectors
 
-from wdpm.kernels.triangle import make_ray
+from wdpm.kernels.rays.triangle import make_ray
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

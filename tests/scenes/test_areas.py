@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from wdpm.scenes.areas import triangle_areas, triangle_normals
+from wdpm.scenes.flat.areas import triangle_areas, triangle_normals
 
 
 def test_areas_of_needles() -> None:

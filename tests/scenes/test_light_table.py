@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from wdpm.scenes.errors import SceneError
-from wdpm.scenes.geometry import Triangles
-from wdpm.scenes.light_sources import DirectionalLight, Environment, Light, PointLight, SpotLight
-from wdpm.scenes.light_table import LightTable, tabulate_lights
-from wdpm.scenes.material_table import NO_MEDIUM, SAME_MEDIUM
-from wdpm.scenes.model import Mesh
-from wdpm.scenes.textures import Bitmap, Checkerboard, Texture, VertexColors
+from wdpm.scenes.flat.arrays import Triangles
+from wdpm.scenes.flat.light_table import LightTable, tabulate_lights
+from wdpm.scenes.flat.material_table import NO_MEDIUM, SAME_MEDIUM
+from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
+from wdpm.scenes.model.scene import Mesh
+from wdpm.scenes.model.textures import Bitmap, Checkerboard, Texture, VertexColors
 
 CORNERS = np.array([[[0, 0, 1], [1, 0, 1], [0, 1, 1]], [[0, 0, 2], [0, 1, 2], [2, 0, 2]]], np.float32)
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from wdpm.scenes import load
-from wdpm.scenes.metals import METALS
-from wdpm.scenes.refraction_indices import INDICES
+from wdpm.scenes.mitsuba.metals import METALS
+from wdpm.scenes.mitsuba.refraction_indices import INDICES
 
 LAMP = '<shape type="rectangle"><emitter type="area"/></shape>'
 DIFFUSE = '<bsdf type="diffuse"/>'

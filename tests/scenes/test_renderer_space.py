@@ -10,17 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wdpm.api import render_in_process
-from wdpm.kernels.settings import RenderSettings
+from wdpm.cluster.settings import RenderSettings
 from wdpm.scenes import cornell_box
-from wdpm.scenes.bsdfs import GREY, BumpMap, Diffuse, Mask, TwoSided
 from wdpm.scenes.errors import SceneError
-from wdpm.scenes.framing import bounding_box
-from wdpm.scenes.geometry import DUPLICATE, flatten
-from wdpm.scenes.light_sources import DirectionalLight, Environment, PointLight, SpotLight
-from wdpm.scenes.model import Camera, Material, Medium, Mesh, Scene
-from wdpm.scenes.renderer_space import RendererSpace, renderer_space
-from wdpm.scenes.textures import Bitmap
-from wdpm.scenes.transforms import look_at, rotation, scaling, translation
+from wdpm.scenes.flat.flatten import DUPLICATE, flatten
+from wdpm.scenes.flat.renderer_space import RendererSpace, renderer_space
+from wdpm.scenes.meshes.framing import bounding_box
+from wdpm.scenes.model.bsdfs import GREY, BumpMap, Diffuse, Mask, TwoSided
+from wdpm.scenes.model.lights import DirectionalLight, Environment, PointLight, SpotLight
+from wdpm.scenes.model.scene import Camera, Material, Medium, Mesh, Scene
+from wdpm.scenes.model.textures import Bitmap
+from wdpm.scenes.model.transforms import look_at, rotation, scaling, translation
 
 BOX = Mesh("box", np.array([[2.0, 10, 0], [6, 10, 0], [2, 12, 1]]), np.array([[0, 1, 2]]), None, None, 0)
 SPACE = renderer_space([BOX])

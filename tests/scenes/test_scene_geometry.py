@@ -11,12 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import wdpm.scenes
-from wdpm.scenes import Mesh, Scene, SceneError, atrium, cornell_box, flatten, load, primitives
-from wdpm.scenes.builtin import parse_count
-from wdpm.scenes.checks import check_scene
-from wdpm.scenes.mesh_data import MeshData, vertex_normals
-from wdpm.scenes.model import diffuse
-from wdpm.scenes.transforms import apply_to_normals, look_at, rotation
+from wdpm.scenes import Mesh, Scene, SceneError, atrium, cornell_box, flatten, load
+from wdpm.scenes.builtin.names import parse_count
+from wdpm.scenes.meshes import primitives
+from wdpm.scenes.meshes.mesh_data import MeshData, vertex_normals
+from wdpm.scenes.model.checks import check_scene
+from wdpm.scenes.model.scene import diffuse
+from wdpm.scenes.model.transforms import apply_to_normals, look_at, rotation
 
 finite = st.floats(-100, 100)
 vectors = st.tuples(finite, finite, finite).filter(lambda v: np.linalg.norm(v) > 1e-3)

@@ -14,13 +14,13 @@ import OpenEXR
 import pytest
 from numpy.typing import NDArray
 
-from wdpm.scenes import sky
 from wdpm.scenes.errors import SceneError
-from wdpm.scenes.gltf import read_gltf
-from wdpm.scenes.light_sources import DirectionalLight, Environment, PointLight, SpotLight
-from wdpm.scenes.mitsuba_xml import read_mitsuba
-from wdpm.scenes.model import Scene
-from wdpm.scenes.textures import Bitmap, Checkerboard
+from wdpm.scenes.gltf.read import read_gltf
+from wdpm.scenes.mitsuba import sky
+from wdpm.scenes.mitsuba.read import read_mitsuba
+from wdpm.scenes.model.lights import DirectionalLight, Environment, PointLight, SpotLight
+from wdpm.scenes.model.scene import Scene
+from wdpm.scenes.model.textures import Bitmap, Checkerboard
 
 FLOOR = '<shape type="rectangle"/>'
 

@@ -31,8 +31,8 @@ from wdpm.scenes import (
     VertexColors,
     load,
 )
-from wdpm.scenes.bsdfs import textures_of, transmits, uses_uvs, vertex_attributes
-from wdpm.scenes.metals import METALS
+from wdpm.scenes.mitsuba.metals import METALS
+from wdpm.scenes.model.bsdfs import textures_of, transmits, uses_uvs, vertex_attributes
 
 LAMP = (
     '<shape type="rectangle"><emitter type="area"><rgb name="radiance" value="1 2 3"/></emitter>'

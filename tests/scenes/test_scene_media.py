@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wdpm.scenes import primitives
 from wdpm.scenes.errors import SceneError
-from wdpm.scenes.mesh_data import MeshData
-from wdpm.scenes.mitsuba_media import open_edges
-from wdpm.scenes.mitsuba_xml import read_mitsuba
-from wdpm.scenes.model import Mesh, Scene
+from wdpm.scenes.meshes import primitives
+from wdpm.scenes.meshes.mesh_data import MeshData
+from wdpm.scenes.mitsuba.media import open_edges
+from wdpm.scenes.mitsuba.read import read_mitsuba
+from wdpm.scenes.model.scene import Mesh, Scene
 
 LIGHT_AND_CAMERA = '<emitter type="constant"/><sensor type="perspective"/>'
 FOG = '<medium type="homogeneous" id="fog"/>'

@@ -23,8 +23,8 @@ from wdpm.scenes import (
     flatten,
     load,
 )
-from wdpm.scenes.bsdfs import walk
-from wdpm.scenes.textures import Color
+from wdpm.scenes.model.bsdfs import walk
+from wdpm.scenes.model.textures import Color
 
 LAMP = (
     '<shape type="rectangle"><emitter type="area"><rgb name="radiance" value="1 2 3"/></emitter>'

@@ -25,7 +25,7 @@ from wdpm.scenes import (
     Wrap,
     load,
 )
-from wdpm.scenes.textures import VertexColors
+from wdpm.scenes.model.textures import VertexColors
 
 QUAD = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\n"
 

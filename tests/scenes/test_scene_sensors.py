@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from wdpm.scenes.errors import SceneError
-from wdpm.scenes.gltf import read_gltf
-from wdpm.scenes.mitsuba_xml import read_mitsuba
-from wdpm.scenes.model import Scene
+from wdpm.scenes.gltf.read import read_gltf
+from wdpm.scenes.mitsuba.read import read_mitsuba
+from wdpm.scenes.model.scene import Scene
 
 LIT_FLOOR = '<shape type="rectangle"/><emitter type="constant"/>'
 

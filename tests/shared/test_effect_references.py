@@ -11,8 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 import wdpm
-from wdpm.image import load as load_image
-from wdpm.kernels.settings import RenderSettings
+from wdpm.cluster.settings import RenderSettings
+from wdpm.images.image import load as load_image
 from wdpm.scenes.load import load
 
 pytestmark = pytest.mark.shared

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 import wdpm
 from wdpm.api import render_in_process
-from wdpm.image import Image
-from wdpm.image import load as load_image
-from wdpm.kernels.settings import RenderSettings, Routing
+from wdpm.cluster.settings import RenderSettings, Routing
+from wdpm.images.image import Image
+from wdpm.images.image import load as load_image
 from wdpm.scenes.load import load
-from wdpm.scenes.model import Scene
+from wdpm.scenes.model.scene import Scene
 
 pytestmark = pytest.mark.shared
 

@@ -1,0 +1,1 @@
+"""The master: a state machine that hands out work and puts the film together. It touches no socket and no clock."""

@@ -1,0 +1,137 @@
+"""What happens to a master, and what it wants done: the vocabulary between `master` and its shells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from wdpm.cluster.messages import protocol
+from wdpm.cluster.session import Session, SessionResult
+from wdpm.scenes.flat.arrays import Triangles
+
+# Events.
+
+
+@dataclass(frozen=True)
+class Tick:
+    """Time has passed; comes several times a heartbeat."""
+
+
+@dataclass(frozen=True)
+class SlaveSaid:
+    """`identity` names the connection."""
+
+    identity: bytes
+    message: protocol.FromSlave
+
+
+@dataclass(frozen=True)
+class Unreadable:
+    """A message that breaks the protocol came."""
+
+    identity: bytes
+    reason: str
+
+
+@dataclass(frozen=True)
+class SlaveLost:
+    """A slave's connection or process is gone."""
+
+    identity: bytes
+    reason: str
+
+
+@dataclass(frozen=True)
+class ProcessEnded:
+    """A slave's process, which was started here, has ended."""
+
+    process: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class Begin:
+    """Render a session as soon as all slaves have joined."""
+
+    session: Session
+
+
+@dataclass(frozen=True)
+class PartitionMade:
+    """The answer to MakePartition."""
+
+    cell: int
+    triangles: Triangles
+
+
+@dataclass(frozen=True)
+class Close:
+    """End the cluster: all is done, or the person wants to stop."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class Abort:
+    """End the cluster: something failed here."""
+
+    reason: str
+
+
+Event = Tick | SlaveSaid | Unreadable | SlaveLost | ProcessEnded | Begin | PartitionMade | Close | Abort
+
+
+# Instructions.
+
+
+@dataclass(frozen=True)
+class Send:
+    """Send a message to a slave."""
+
+    identity: bytes
+    message: protocol.FromMaster
+
+
+@dataclass(frozen=True)
+class MakePartition:
+    """Find the triangles of a cell, which may take long."""
+
+    cell: int
+
+
+@dataclass(frozen=True)
+class Started:
+    """A phase began; `total` units of work."""
+
+    phase: str
+    total: int
+
+
+@dataclass(frozen=True)
+class Advanced:
+    """Units of the phase's work are done."""
+
+    amount: int
+
+
+@dataclass(frozen=True)
+class Noted:
+    """A line for the person."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Finished:
+    """The session is rendered."""
+
+    result: SessionResult
+
+
+@dataclass(frozen=True)
+class Broken:
+    """The cluster has ended because of an error."""
+
+    reason: str
+
+
+Instruction = Send | MakePartition | Started | Advanced | Noted | Finished | Broken

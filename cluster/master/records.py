@@ -1,0 +1,75 @@
+"""The rounds in which a view's irradiance records are made: of each round without knowledge of each other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.master.record_clamp import clamped
+from wdpm.cluster.records import Records, candidates, check_records, equal, joined
+from wdpm.cluster.task import RecordsMade, RecordTask
+from wdpm.cluster.world import View
+
+
+class RecordRounds:
+    """The rounds of a view, one after another.
+
+    Args:
+        given: records of the view that are there already, if any: then no round is made.
+
+    Attributes:
+        records: of all rounds that have ended.
+    """
+
+    def __init__(self, view: View, given: Records) -> None:
+        self._view = view
+        self._round = view.cache.rounds if len(given) else 0
+        self._made: list[RecordsMade] = []
+        self.records = given
+
+    @property
+    def finished(self) -> bool:
+        """Whether no round is left."""
+        return self._round >= self._view.cache.rounds
+
+    @property
+    def rays(self) -> int:
+        """Gather rays that were shot."""
+        return sum(made.rays for made in self._made)
+
+    @property
+    def total(self) -> int:
+        """Candidates of all rounds."""
+        return sum(self._candidates(number) for number in range(self._view.cache.rounds))
+
+    def tasks(self, slaves: int, settings: ClusterSettings, first_number: int) -> list[RecordTask]:
+        """The tasks of the round that is next."""
+        count = self._candidates(self._round)
+        tasks = settings.record_tasks * slaves if slaves > 1 else 1
+        size = min(max(-(-count // tasks), settings.record_task_least), settings.record_task_most)
+        return [
+            RecordTask(first_number + index, self._round, start, min(start + size, count))
+            for index, start in enumerate(range(0, count, size))
+        ]
+
+    def put(self, task: RecordTask, result: RecordsMade) -> None:
+        """Keep a task's records."""
+        check_records(result.records, task.round, task.start, task.stop)
+        self._made.append(result)
+
+    def holds(self, task: RecordTask, result: RecordsMade) -> bool:
+        """Whether a task's records are there, with the same bits."""
+        return any(made.number == task.number and equal(made.records, result.records) for made in self._made)
+
+    def end_round(self) -> None:
+        """All tasks of the round are done."""
+        self._round += 1
+        self.records = joined([made.records for made in self._made])
+
+    def shared(self) -> Records:
+        """The records as slaves use them."""
+        return replace(self.records, radius=clamped(self.records.position, self.records.radius))
+
+    def _candidates(self, number: int) -> int:
+        camera = self._view.camera
+        return len(candidates(camera.width, camera.height, self._view.cache, number))

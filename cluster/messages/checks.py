@@ -1,0 +1,347 @@
+"""What type hints cannot say about a message: lengths that belong together, and ranges.
+
+A kernel trusts the arrays it is given, so whatever comes over the wire is checked here first: no index that travels may
+point outside.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.cluster.batch import Batch, Kind
+from wdpm.cluster.messages import protocol
+from wdpm.cluster.records import CachePlan, Records
+from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, RecordTask
+from wdpm.cluster.world import Emission, IrradiancePlan, MapPlan, PhotonPlan, TopTree, View, World
+from wdpm.kernels.limits import CHAIN_LIMIT, MAPS, MAX_K
+from wdpm.scenes.errors import ProtocolError
+from wdpm.scenes.flat.arrays import Media, Triangles
+from wdpm.scenes.flat.light_table import LightTable
+from wdpm.scenes.flat.material_table import NORMAL_MAP, SAME_MEDIUM, SLOTS, MaterialTable
+from wdpm.scenes.model.scene import Camera
+from wdpm.scenes.model.textures import Bitmap, Checkerboard
+
+Shape = tuple[int | str, ...]
+
+SHAPES: dict[type, dict[str, Shape]] = {
+    TopTree: {"axis": ("inner nodes",), "split": ("inner nodes",)},
+    MaterialTable: {
+        "kind": ("nodes",),
+        "child": ("nodes", 2),
+        "distribution": ("nodes",),
+        "value": ("nodes", SLOTS, 3),
+        "texture": ("nodes", SLOTS),
+        "medium": ("nodes", 2),
+    },
+    LightTable: {
+        "emitter_radiance": ("emitters", 3),
+        "emitter_texture": ("emitters",),
+        "prim": ("triangles",),
+        "corners": ("triangles", 3, 3),
+        "uvs": ("triangles", 3, 2),
+        "colors": ("colored", 3, 3),
+        "emitter": ("triangles",),
+        "point_position": ("points", 3),
+        "point_intensity": ("points", 3),
+        "spot_position": ("spots", 3),
+        "spot_axes": ("spots", 3, 3),
+        "spot_intensity": ("spots", 3),
+        "spot_cosines": ("spots", 2),
+        "spot_falloff": ("spots", 2),
+        "spot_texture": ("spots",),
+        "spot_spread": ("spots",),
+        "directional_direction": ("directionals", 3),
+        "directional_irradiance": ("directionals", 3),
+        "environment_pixels": ("height", "width", 3),
+        "environment_axes": (3, 3),
+        "medium": ("lights",),
+        "power": ("elements",),
+        "light": ("elements",),
+    },
+    Media: {"sigma_t": ("media", 3), "albedo": ("media", 3), "g": ("media",)},
+    Emission: {
+        "share": ("elements",),
+        "caustic_share": ("elements",),
+        "target_center": ("targets", 3),
+        "target_radius": ("targets",),
+    },
+    Checkerboard: {"to_uv": (3, 3)},
+    Bitmap: {"pixels": ("height", "width", 3), "to_uv": (3, 3)},
+    Camera: {"to_world": (4, 4)},
+    Records: {
+        "number": ("records",),
+        "position": ("records", 3),
+        "normal": ("records", 3),
+        "irradiance": ("records", 3),
+        "rotation": ("records", 3, 3),
+        "translation": ("records", 3, 3),
+        "radius": ("records",),
+    },
+    Triangles: {
+        "ids": ("triangles",),
+        "positions": ("triangles", 3, 3),
+        "normals": ("triangles", 3, 3),
+        "uvs": ("triangles", 3, 2),
+        "material": ("triangles",),
+        "emitter": ("triangles",),
+        "colors": ("colored", 3, 3),
+    },
+}
+"""Shapes of arrays by class and field. A name stands for any length, the same wherever it occurs in one object."""
+
+LAST_KIND = NORMAL_MAP
+"""Of the nodes of a MaterialTable."""
+
+LARGEST_HEMISPHERE = 1 << 16
+"""Gather rays of an irradiance record."""
+
+LARGEST_SIDE = 1 << 20
+"""Pixels of an image's or a bucket's side."""
+
+
+def check(value: Any, where: str) -> None:
+    """Raise ProtocolError unless a dataclass that came over the wire holds together."""
+    shapes = SHAPES.get(type(value))
+    if shapes is not None:
+        _check_shapes(value, shapes, where)
+    ranges = _RANGES.get(type(value))
+    if ranges is not None:
+        ranges(value, where)
+
+
+def check_triangles(triangles: Triangles, world: World, where: str) -> None:
+    """Raise ProtocolError unless triangles are in order and name only materials and emitters that the world has."""
+    if np.any(triangles.ids[1:] <= triangles.ids[:-1]):
+        raise ProtocolError(f"{where}: triangles are not in the order of their numbers")
+    _indices(triangles.material, 0, len(world.materials), f"{where}: material")
+    _indices(triangles.emitter, -1, len(world.lights.emitter_radiance), f"{where}: emitter")
+    colored = len(triangles.colors)
+    _require(colored in (0, len(triangles)), where, f"colours of {colored} triangles; there are {len(triangles)}")
+
+
+def check_batch(batch: Batch, world: World) -> None:
+    """Raise ProtocolError unless every index in a batch of a peer is one that kernels can use.
+
+    Slots are for the home to check, which knows how many it has.
+    """
+    media = len(world.media.g)
+    # Final hits are looked up among the cell's triangles; only in a medium do photons and paths land on none.
+    final = batch.kind in (Kind.SHADE, Kind.SITE, Kind.PANE) or (batch.kind in (Kind.LANDED, Kind.VERTEX) and not media)
+    cells, lights, any_number = world.top_tree.cells, len(world.lights.names), 2**63 - 1
+    ranges = {
+        "prim": (0 if final else -1, any_number),
+        "owner": (-1, cells),
+        "cell": (-1, cells),
+        "light": (0, lights),
+        "pixel": (0, any_number),
+        "sample": (0, any_number),
+        "path": (0, any_number),
+        "bounce": (0, CHAIN_LIMIT + 1 if batch.kind in (Kind.PATH, Kind.VERTEX) else any_number),
+        "edges": (0, any_number),
+        "diffuse": (-(2**31), any_number),
+        "place": (0, any_number),
+        "map": (0, MAPS),
+        "front": (0, 2),
+        "medium": (-1, media),
+        "id": (0, any_number),
+    }
+    for name in batch.arrays.keys() & ranges.keys():
+        least, end = ranges[name]
+        array: NDArray[Any] = batch.arrays[name]
+        _indices(array, least, end, f"{batch.kind.value}.{name}")
+
+
+def _check_shapes(value: Any, shapes: dict[str, Shape], where: str) -> None:
+    lengths: dict[str, int] = {}
+    for field, expected in shapes.items():
+        shape = getattr(value, field).shape
+        if len(shape) != len(expected):
+            raise ProtocolError(f"{where}.{field} has shape {shape}; expected {_in_words(expected)}")
+        for length, name in zip(shape, expected, strict=True):
+            if length != (name if isinstance(name, int) else lengths.setdefault(name, length)):
+                raise ProtocolError(f"{where}.{field} has shape {shape}; expected {_in_words(expected)}: {lengths}")
+
+
+def _in_words(shape: Shape) -> str:
+    return "[" + ", ".join(str(length) for length in shape) + "]"
+
+
+def _require(condition: bool, where: str, what: str) -> None:
+    if not condition:
+        raise ProtocolError(f"{where}: {what}")
+
+
+def _indices(array: NDArray[np.int32], least: int, end: int, where: str) -> None:
+    if len(array) and not (array.min() >= least and array.max() < end):
+        raise ProtocolError(f"{where} is {array.min()} to {array.max()}; expected {least} to {end - 1}")
+
+
+def _positive(value: float) -> bool:
+    return math.isfinite(value) and value > 0
+
+
+def _top_tree(tree: TopTree, where: str) -> None:
+    _require(tree.cells & (tree.cells - 1) == 0, where, f"{tree.cells} cells; expected a power of two")
+    _indices(tree.axis, 0, 3, f"{where}.axis")
+
+
+def _lights(lights: LightTable, where: str) -> None:
+    environments = int(lights.environment_pixels.size > 0)
+    singles = len(lights.point_position) + len(lights.spot_position) + len(lights.directional_direction)
+    elements = len(lights.corners) + singles + environments
+    _require(len(lights.power) == elements, where, f"power of {len(lights.power)} elements; there are {elements}")
+    _require(len(lights.medium) == len(lights.names), where, "a medium for each light was expected")
+    _indices(lights.light, 0, len(lights.names), f"{where}.light")
+    _indices(lights.emitter, 0, len(lights.emitter_radiance), f"{where}.emitter")
+    colored = len(lights.colors)
+    _require(colored in (0, len(lights.prim)), where, f"colours of {colored} triangles")
+    _require(not np.any(lights.prim[1:] <= lights.prim[:-1]), where, "triangles are not in the order of their numbers")
+
+
+def _materials(table: MaterialTable, where: str) -> None:
+    """Children come after their parents, so no walk through a tree is endless."""
+    nodes = np.arange(len(table))[:, None]
+    inner = table.child >= 0
+    _indices(table.child.ravel(), -1, len(table), f"{where}.child")
+    _require(bool((table.child > nodes)[inner].all()), where, "a node inside another comes before it")
+    _indices(table.distribution, 0, 2, f"{where}.distribution")
+    _indices(table.kind, 0, LAST_KIND + 1, f"{where}.kind")
+
+
+def _world(world: World, where: str) -> None:
+    _indices(world.materials.texture.ravel(), -1, len(world.textures), f"{where}.materials.texture")
+    _indices(world.materials.medium.ravel(), SAME_MEDIUM, len(world.media.g), f"{where}.materials.medium")
+    _indices(world.lights.emitter_texture, -1, len(world.textures), f"{where}.lights.emitter_texture")
+    _indices(world.lights.spot_texture, -1, len(world.textures), f"{where}.lights.spot_texture")
+    _indices(world.lights.medium, -1, len(world.media.g), f"{where}.lights.medium")
+    elements = len(world.lights.power)
+    _require(len(world.emission.share) == elements, where, f"shares of {elements} light elements were expected")
+    _require(0 <= world.seed < 2**32, where, f"seed {world.seed}")
+    _require(world.max_depth is None or world.max_depth >= 1, where, f"max_depth {world.max_depth}")
+    _require(math.isfinite(world.extent) and _positive(world.volume_unit), where, f"extent {world.extent}")
+    _require(_positive(world.unit), where, f"unit {world.unit}")
+
+
+def _map_plan(plan: MapPlan, where: str) -> None:
+    lengths = _positive(plan.radius) and math.isfinite(plan.band) and plan.band >= 0
+    _require(min(plan.paths, plan.point_set) >= 0 and lengths, where, f"{plan} is no plan of a map")
+
+
+def _irradiance_plan(plan: IrradiancePlan, where: str) -> None:
+    right = plan.share >= 0 and 1 <= plan.k <= MAX_K and math.isfinite(plan.reach) and plan.reach >= 0
+    _require(right, where, f"{plan} is no plan of irradiance")
+
+
+def _photon_plan(plan: PhotonPlan, where: str) -> None:
+    _require(0 <= plan.seed < 2**32, where, f"seed {plan.seed}")
+    _require(_positive(plan.volume_unit), where, f"volume_unit {plan.volume_unit}")
+
+
+def _view(view: View, where: str) -> None:
+    counts = (view.spp, view.light_samples, view.k, view.bucket, view.volume_samples)
+    _require(min(counts) >= 1 and max(counts) < 2**31, where, f"spp, light_samples, k, bucket are {counts}")
+    _require(min(view.k, view.caustic_k) >= 1 and max(view.k, view.caustic_k) <= MAX_K, where, f"k is {view.k}")
+    last = view.first_sample + view.spp
+    _require(view.first_sample >= 0 and last < 2**31, where, f"samples {view.first_sample} to {last - 1}")
+    _require(0 <= view.seed < 2**32, where, f"seed {view.seed}")
+    _require(view.max_depth is None or view.max_depth >= 1, where, f"max_depth {view.max_depth}")
+
+
+def _camera(camera: Camera, where: str) -> None:
+    size = (camera.width, camera.height)
+    _require(all(1 <= side <= LARGEST_SIDE for side in size), where, f"an image of {size} pixels")
+    _require(bool(np.isfinite(camera.to_world).all()), where, "to_world is not finite")
+
+
+def _bitmap(bitmap: Bitmap, where: str) -> None:
+    _require(bitmap.pixels.size > 0, where, f"texture {bitmap.name} has no pixels")
+
+
+def _bucket_task(task: BucketTask, where: str) -> None:
+    inside = 0 <= task.x0 < task.x1 <= LARGEST_SIDE and 0 <= task.y0 < task.y1 <= LARGEST_SIDE
+    _require(task.number >= 0 and inside, where, f"{task} is no bucket")
+
+
+def _photon_task(task: PhotonTask, where: str) -> None:
+    _require(task.number >= 0 and 0 <= task.start < task.stop, where, f"{task} is no range of paths")
+
+
+def _photons_traced(result: PhotonsTraced, where: str) -> None:
+    _require(result.paths >= 0 and math.isfinite(result.emitted), where, f"{result} is no result")
+
+
+def _bucket_rendered(result: BucketRendered, where: str) -> None:
+    _require(len(result.layers) > 0, where, "a bucket without layers")
+
+
+def _records(records: Records, where: str) -> None:
+    finite = all(bool(np.isfinite(column).all()) for column in vars(records).values())
+    _require(finite and bool((records.radius > 0).all()), where, "records that are not finite, or reach nowhere")
+
+
+def _record_task(task: RecordTask, where: str) -> None:
+    _require(task.round >= 0 and 0 <= task.start < task.stop, where, f"{task} is no range of candidates")
+
+
+def _cache_plan(plan: CachePlan, where: str) -> None:
+    whole = 0 <= plan.rounds <= 32 and 1 <= plan.spacing <= LARGEST_SIDE and plan.rows >= 1 and plan.columns >= 1
+    whole = whole and 0 <= plan.left < plan.spacing and 0 <= plan.top < plan.spacing
+    lengths = (
+        _positive(plan.error)
+        and _positive(plan.clearance)
+        and _positive(plan.least)
+        and _positive(plan.most)
+        and math.isfinite(plan.wanted)
+    )
+    _require(
+        whole and lengths and math.prod(plan.strata(0)) <= LARGEST_HEMISPHERE, where, f"{plan} is no plan of a cache"
+    )
+
+
+def _batch(batch: Batch, where: str) -> None:
+    _require(batch.credit >= 0, where, f"credit {batch.credit}")
+    batch.check()
+
+
+def _partition(message: protocol.Partition, where: str) -> None:
+    _require(0 <= message.part < message.parts, where, f"part {message.part} of {message.parts}")
+
+
+def _hello(hello: protocol.Hello, where: str) -> None:
+    _require(len(hello.versions) <= 64, where, f"{len(hello.versions)} versions")
+    _require(min(hello.threads, hello.memory, hello.process) >= 0, where, "a negative count")
+
+
+def _welcome(welcome: protocol.Welcome, where: str) -> None:
+    times = _positive(welcome.heartbeat_s) and _positive(welcome.liveness_s)
+    _require(welcome.number >= 0 and times, where, f"{welcome} makes no sense")
+
+
+_RANGES: dict[type, Callable[[Any, str], None]] = {
+    TopTree: _top_tree,
+    LightTable: _lights,
+    MaterialTable: _materials,
+    MapPlan: _map_plan,
+    World: _world,
+    IrradiancePlan: _irradiance_plan,
+    PhotonPlan: _photon_plan,
+    View: _view,
+    Camera: _camera,
+    Bitmap: _bitmap,
+    Records: _records,
+    RecordTask: _record_task,
+    CachePlan: _cache_plan,
+    BucketTask: _bucket_task,
+    PhotonTask: _photon_task,
+    PhotonsTraced: _photons_traced,
+    BucketRendered: _bucket_rendered,
+    Batch: _batch,
+    protocol.Partition: _partition,
+    protocol.Hello: _hello,
+    protocol.Welcome: _welcome,
+}

@@ -1,0 +1,310 @@
+"""Every message of the cluster. docs/protocol.md describes them in words; `wire` turns them into frames.
+
+`PROTOCOL` grows by one with every change that an older process would not understand.
+
+Every message that belongs to a render carries the epoch. It grows by one whenever the cells get new holders; a message
+of an older epoch is dropped, since what it speaks of is gone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from wdpm.cluster.batch import Batch
+from wdpm.cluster.records import Records
+from wdpm.cluster.task import Task, TaskResult
+from wdpm.cluster.world import PhotonPlan, View, World
+from wdpm.scenes.flat.arrays import Triangles
+
+PROTOCOL = 3
+
+
+# From a slave to the master.
+
+
+@dataclass(frozen=True)
+class Hello:
+    """A slave asks to join.
+
+    Attributes:
+        versions: what the image's bits depend on, by name; must equal the master's.
+        host: name of the machine; process: its process number there; for messages.
+        threads: cores that it computes with.
+        memory: main memory of the machine [bytes].
+        peers: endpoint where its peers reach it.
+    """
+
+    versions: dict[str, str]
+    host: str
+    process: int
+    threads: int
+    memory: int
+    peers: str
+
+
+@dataclass(frozen=True)
+class PartitionReceived:
+    """All parts of a cell have arrived: the master may send another."""
+
+    epoch: int
+    cell: int
+
+
+@dataclass(frozen=True)
+class Ready:
+    """The cells are built and the kernels are compiled."""
+
+    epoch: int
+
+
+@dataclass(frozen=True)
+class TaskDone:
+    """A task whose home this slave is has ended."""
+
+    epoch: int
+    result: TaskResult
+
+
+@dataclass(frozen=True)
+class MapsBuilt:
+    """All ghosts have arrived, and the photon maps of all cells are built."""
+
+    epoch: int
+
+
+@dataclass(frozen=True)
+class RecordsTaken:
+    """The slave has the irradiance records that it was sent last."""
+
+    epoch: int
+
+
+@dataclass(frozen=True)
+class ViewSet:
+    """The slave can take batches of this view's buckets."""
+
+    epoch: int
+
+
+@dataclass(frozen=True)
+class PhotonsForgotten:
+    """The slave holds no photons any more."""
+
+    epoch: int
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """What the slave held and did, by name."""
+
+    epoch: int
+    values: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class PeerGone:
+    """The connection to a peer has broken; what travelled on it is lost."""
+
+    number: int
+
+
+@dataclass(frozen=True)
+class Note:
+    """A line for the person at the master."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Failed:
+    """The slave cannot go on."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Goodbye:
+    """The slave leaves."""
+
+    reason: str
+
+
+# From the master to a slave.
+
+
+@dataclass(frozen=True)
+class Welcome:
+    """The slave is in.
+
+    Attributes:
+        number: its number, from 0.
+        cluster: name of this cluster, which peers show each other.
+        heartbeat_s: send something at least this often [s].
+        liveness_s: silence that counts as death [s].
+    """
+
+    number: int
+    cluster: str
+    heartbeat_s: float
+    liveness_s: float
+
+
+@dataclass(frozen=True)
+class Refuse:
+    """The slave cannot join, and should not try again."""
+
+    reason: str
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A new world; the slave's cells follow as Partitions.
+
+    Attributes:
+        holders: cell -> number of the slave that holds it.
+        peers: number of a slave -> its endpoint for peers.
+    """
+
+    epoch: int
+    world: World
+    holders: tuple[int, ...]
+    peers: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Partition:
+    """Triangles of a cell, or one part of them; parts follow each other in the order of the triangles' numbers.
+
+    Attributes:
+        part: from 0 to parts - 1.
+    """
+
+    epoch: int
+    cell: int
+    part: int
+    parts: int
+    triangles: Triangles
+
+
+@dataclass(frozen=True)
+class DoTask:
+    """The slave becomes the home of a task."""
+
+    epoch: int
+    task: Task
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """All photons have landed: send ghosts to the peers, and build the maps when theirs have come."""
+
+    epoch: int
+
+
+@dataclass(frozen=True)
+class Look:
+    """The view of the buckets that follow."""
+
+    epoch: int
+    view: View
+
+
+@dataclass(frozen=True)
+class ShareRecords:
+    """The irradiance records of all rounds so far, in place of those sent before, for what follows."""
+
+    epoch: int
+    records: Records
+
+
+@dataclass(frozen=True)
+class ForgetPhotons:
+    """Photons will be traced again, by another plan: those of the next pass, say."""
+
+    epoch: int
+    plan: PhotonPlan
+
+
+@dataclass(frozen=True)
+class AskStatistics:
+    """Answer with Statistics."""
+
+    epoch: int
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Leave the cluster and end."""
+
+    reason: str
+
+
+# Both ways.
+
+
+@dataclass(frozen=True)
+class Heartbeat:
+    """The sender lives."""
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """The receiver of the last message could not use it."""
+
+    reason: str
+
+
+# Between slaves.
+
+
+@dataclass(frozen=True)
+class PeerHello:
+    """The first message to a peer: who speaks, and of which cluster."""
+
+    cluster: str
+    number: int
+
+
+@dataclass(frozen=True)
+class PeerBatch:
+    """A batch for a cell or a home of the receiver."""
+
+    epoch: int
+    batch: Batch
+
+
+FromSlave = (
+    Hello
+    | PartitionReceived
+    | Ready
+    | TaskDone
+    | MapsBuilt
+    | ViewSet
+    | RecordsTaken
+    | PhotonsForgotten
+    | Statistics
+    | PeerGone
+    | Note
+    | Failed
+    | Goodbye
+    | Heartbeat
+    | Rejected
+)
+FromMaster = (
+    Welcome
+    | Refuse
+    | Setup
+    | Partition
+    | DoTask
+    | Exchange
+    | Look
+    | ShareRecords
+    | ForgetPhotons
+    | AskStatistics
+    | Stop
+    | Heartbeat
+    | Rejected
+)
+FromPeer = PeerHello | PeerBatch
+Message = FromSlave | FromMaster | FromPeer

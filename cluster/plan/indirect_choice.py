@@ -1,0 +1,56 @@
+"""Where indirect light comes from when nobody says: `--indirect auto`.
+
+Final gathering with the irradiance cache is the least error for the time on Lambertian surfaces, once there are samples
+enough to repay the gather rays of the records. Where light is scattered by media, or most diffuse surfaces have a coat
+or bumps, which no record serves, the photon map is read where the camera path meets it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from wdpm.cluster.plan.effects import calls_for_media
+from wdpm.cluster.settings import Indirect, Integrator, RenderSettings
+from wdpm.scenes.flat.areas import triangle_areas
+from wdpm.scenes.flat.flatten import FlatScene
+from wdpm.scenes.flat.material_sides import gathering_sides, lambertian_sides
+
+SAMPLES_TO_REPAY = 1 << 17
+"""Camera samples of a pass: below, the some hundred thousand gather rays of records cost more than they save."""
+
+LAMBERTIAN_SHARE = 0.5
+"""Of the area that is diffuse at all."""
+
+
+def choose_indirect(flat: FlatScene, settings: RenderSettings) -> tuple[RenderSettings, str | None]:
+    """Settings that leave nothing open, and in words what was chosen and why; None where there was no choice."""
+    if settings.indirect is not Indirect.AUTO:
+        return settings, None
+    how, why = _choice(flat, settings)
+    said = None if why is None else f"indirect light: {how.value}, since {why}"
+    return replace(settings, indirect=how), said
+
+
+def _choice(flat: FlatScene, settings: RenderSettings) -> tuple[Indirect, str | None]:
+    if settings.integrator is Integrator.PATH or not settings.photons or "indirect" in settings.without:
+        return Indirect.MAP, None
+    if calls_for_media(flat):
+        return Indirect.MAP, "the scene has media"
+    samples = flat.camera.width * flat.camera.height * settings.spp // settings.passes
+    if samples < SAMPLES_TO_REPAY:
+        return Indirect.MAP, f"{samples:,} samples are too few to repay gathering (from {SAMPLES_TO_REPAY:,} on)"
+    share = _lambertian_share(flat)
+    if share < LAMBERTIAN_SHARE:
+        return Indirect.MAP, f"{1 - share:.0%} of the diffuse surface has a coat or bumps"
+    return Indirect.CACHE, f"{share:.0%} of the diffuse surface is Lambertian"
+
+
+def _lambertian_share(flat: FlatScene) -> float:
+    """Of the area on which photons are stored, that which irradiance records serve."""
+    area = triangle_areas(flat.triangles.positions)
+    material = flat.triangles.material
+    diffuse = area[gathering_sides(flat.materials)[material] != 0].sum(dtype=np.float64)
+    served = area[lambertian_sides(flat.materials)[material] != 0].sum(dtype=np.float64)
+    return float(served / diffuse) if diffuse > 0 else 0.0

@@ -1,0 +1,192 @@
+"""What a person may choose about a render, with the defaults."""
+
+from __future__ import annotations
+
+import math
+import operator
+from dataclasses import dataclass
+from enum import Enum
+
+from wdpm.kernels.limits import MAX_K
+from wdpm.scenes.errors import SettingsError
+
+EFFECTS_TO_LEAVE_OUT = ("indirect", "caustics", "media", "lens", "bump")
+
+MAP_EFFECTS = frozenset({"indirect", "caustics"})
+"""Those of them that come by photon maps alone: path tracing cannot leave them out."""
+"""What --without takes: light of the global map, of the caustic map, media, depth of field, bent normals."""
+
+
+MOST_SHADOW_RAYS = 4
+"""Of a camera sample, where nobody says how many."""
+
+CHANGE_NO_BIT = ("bucket", "routing", "all_effects", "strict")
+"""Settings that change no bit of an image."""
+
+
+class Routing(Enum):
+    """How camera rays find their nearest hit among several cells. Both give the same bits."""
+
+    FORWARD = "forward"
+    """Only the first cell starts a ray; a miss travels on to the next cell with its best hit."""
+    MERGE = "merge"
+    """The paper's way: every cell on a ray's way works at once, and the home merges the hits, nearest first."""
+
+
+class Integrator(Enum):
+    """How light is found."""
+
+    PHOTONS = "photons"
+    """Direct light by path tracing, indirect light from photon maps."""
+    PATH = "path"
+    """Everything by path tracing, without bias and without photons: the reference that others are held against."""
+
+
+class Indirect(Enum):
+    """Where the indirect light of diffuse surfaces comes from, with photons."""
+
+    AUTO = "auto"
+    """One of the others, as it suits the scene and the number of samples; the report says which and why."""
+    MAP = "map"
+    """The photon map, where the camera path meets the surface."""
+    GATHER = "gather"
+    """One ray a sample, and the photon map where it arrives (final gathering)."""
+    CACHE = "cache"
+    """Final gathering at some places, and interpolation between them (irradiance caching)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RenderSettings:
+    """Settings of a render.
+
+    Attributes:
+        photons: photons to be stored in the map; a fixed pilot turns this into a number of paths.
+        k: photons that a gather looks for.
+        radius: largest gather radius, in scene units; None derives it from the scene and the pilot.
+        spp: samples a pixel.
+        light_samples: shadow rays from what a camera sample sees; None for as many as the lights are worth. Vertices
+            further on have one.
+        max_depth: longest light path in edges (1: emitted light only, 2: direct light, ...); None for no limit.
+        passes: renders of the same scene, each with photons of its own and a part of the samples, and narrower than
+            the one before; the image is their mean. Photons are those of each pass.
+        seed: of all random numbers.
+        bucket: side of a bucket in pixels; None derives it from the image, spp and slaves. Changes no bit of the image.
+        caustic_photons: photons to be stored in the caustic map of a scene that calls for one.
+        caustic_k: photons that a gather of the caustic map looks for.
+        caustic_radius: its largest gather radius, in scene units; None derives it from the pilot.
+        volume_photons: photons to be stored in the volume map of a scene with participating media.
+        volume_samples: samples a pixel, at most, that look for light in media on behalf of all.
+        volume_radius: of beams through media, in scene units; None derives it from the pilot.
+        integrator: how light is found.
+        indirect: where the indirect light of diffuse surfaces comes from.
+        all_effects: compile all effects in, whatever the scene calls for. Changes no bit of the image.
+        strict: the first guard that acts ends the render with an error (work/guards.py). Changes no bit of the image.
+        without: effects that are left out knowingly, of EFFECTS_TO_LEAVE_OUT.
+        routing: how camera rays find their nearest hit among cells. Changes no bit of the image.
+        band: width of the overlap band as a share of the gather radius. Below 1 the image is approximate,
+            and `inexact` must say so.
+        inexact: permits band < 1 (the paper's approximation).
+    """
+
+    photons: int = 250_000
+    k: int = 50
+    radius: float | None = None
+    spp: int = 16
+    light_samples: int | None = None
+    max_depth: int | None = None
+    passes: int = 1
+    seed: int = 0
+    bucket: int | None = None
+    routing: Routing = Routing.FORWARD
+    caustic_photons: int = 250_000
+    caustic_k: int = 50
+    caustic_radius: float | None = None
+    volume_photons: int = 250_000
+    volume_samples: int = 4
+    volume_radius: float | None = None
+    integrator: Integrator = Integrator.PHOTONS
+    indirect: Indirect = Indirect.AUTO
+    all_effects: bool = False
+    strict: bool = False
+    without: tuple[str, ...] = ()
+    band: float = 1.0
+    inexact: bool = False
+
+    @property
+    def gathers(self) -> bool:
+        """Whether indirect light comes by final gathering."""
+        wanted = self.integrator is Integrator.PHOTONS and self.photons > 0 and "indirect" not in self.without
+        return wanted and self.indirect in (Indirect.GATHER, Indirect.CACHE)
+
+    def __post_init__(self) -> None:
+        self._make_plain()
+        _at_least("photons", self.photons, 0)
+        _at_least("caustic_photons", self.caustic_photons, 0)
+        _at_least("volume_photons", self.volume_photons, 0)
+        _at_least("volume_samples", self.volume_samples, 1)
+        for name in ("k", "caustic_k"):
+            value = getattr(self, name)
+            _at_least(name, value, 1)
+            if value > MAX_K:
+                raise SettingsError(f"{name} is {value}; expected at most {MAX_K}: use more photons, not a larger k")
+        _at_least("spp", self.spp, 1)
+        _at_least("passes", self.passes, 1)
+        for name in ("bucket", "light_samples"):
+            if getattr(self, name) is not None:
+                _at_least(name, getattr(self, name), 1)
+        if self.max_depth is not None:
+            _at_least("max_depth", self.max_depth, 1)
+        if not 0 <= self.seed < 2**32:
+            raise SettingsError(f"seed is {self.seed}; expected an integer from 0 to 4294967295")
+        shadow_rays = self.spp * (self.light_samples or MOST_SHADOW_RAYS)
+        if shadow_rays >= 2**31:
+            raise SettingsError(f"spp x light_samples is {shadow_rays}; expected less than 2^31")
+        if max(self.photons, self.caustic_photons, self.volume_photons) >= 2**31:
+            raise SettingsError(f"photons is {self.photons}; a map holds fewer than 2^31: use several passes")
+        for name in ("radius", "caustic_radius", "volume_radius"):
+            length = getattr(self, name)
+            if length is not None and not (math.isfinite(length) and length > 0):
+                raise SettingsError(f"{name} is {length}; expected a positive length in scene units")
+        for effect in self.without:
+            if effect not in EFFECTS_TO_LEAVE_OUT:
+                raise SettingsError(f"without names {effect!r}; expected some of {', '.join(EFFECTS_TO_LEAVE_OUT)}")
+        if self.integrator is Integrator.PATH and (maps := MAP_EFFECTS.intersection(self.without)):
+            raise SettingsError(
+                f"without {', '.join(sorted(maps))} leaves out photon maps, and integrator path has none; "
+                "for direct light alone use max_depth 2"
+            )
+        if not (math.isfinite(self.band) and self.band >= 0):
+            raise SettingsError(f"band is {self.band}; expected a share of the gather radius, 0 or more")
+        if self.band < 1 and not self.inexact:
+            raise SettingsError(
+                f"band is {self.band}, narrower than the gather radius: some gathers would miss photons; "
+                "use --inexact to accept that, or leave --band out"
+            )
+
+    def _make_plain(self) -> None:
+        """Numbers of numpy become Python's: settings go into reports and over the wire."""
+        whole = (
+            "photons",
+            "k",
+            "caustic_photons",
+            "caustic_k",
+            "volume_photons",
+            "volume_samples",
+            "spp",
+            "passes",
+            "seed",
+        )
+        for name in (*whole, "bucket", "light_samples", "max_depth"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, operator.index(value))
+        object.__setattr__(self, "band", float(self.band))
+        for name in ("radius", "caustic_radius", "volume_radius"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, float(getattr(self, name)))
+        object.__setattr__(self, "without", tuple(self.without))
+
+
+def _at_least(name: str, value: int, least: int) -> None:
+    if value < least:
+        raise SettingsError(f"{name} is {value}; expected an integer of at least {least}")

@@ -1,0 +1,142 @@
+"""What happens to a slave, and what it wants done: the vocabulary between `slave` and its shells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from wdpm.cluster.messages import protocol
+from wdpm.cluster.slave.jobs import Job, Outcome
+
+# Events.
+
+
+@dataclass(frozen=True)
+class Start:
+    """The socket to the master is open for the first time."""
+
+
+@dataclass(frozen=True)
+class Tick:
+    """Time has passed; comes several times a heartbeat."""
+
+
+@dataclass(frozen=True)
+class MasterSaid:
+    """A message of the master came."""
+
+    message: protocol.FromMaster
+
+
+@dataclass(frozen=True)
+class PeerSaid:
+    """`identity` names the connection, not the slave: a PeerHello tells which that is."""
+
+    identity: bytes
+    message: protocol.FromPeer
+
+
+@dataclass(frozen=True)
+class Unreadable:
+    """A message that breaks the protocol came, from the master (identity None) or over a peer connection."""
+
+    identity: bytes | None
+    reason: str
+
+
+@dataclass(frozen=True)
+class Computed:
+    """The job that ran is done."""
+
+    outcome: Outcome
+
+
+@dataclass(frozen=True)
+class ComputeFailed:
+    """The worker raised; `text` says what."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class PeerLost:
+    """The connection to a peer is gone."""
+
+    number: int
+
+
+@dataclass(frozen=True)
+class MasterLost:
+    """The connection to the master is gone."""
+
+
+@dataclass(frozen=True)
+class Leave:
+    """Someone here wants the slave to end: Ctrl-C, or the process that started it has died."""
+
+    reason: str
+
+
+Event = Start | Tick | MasterSaid | PeerSaid | Unreadable | Computed | ComputeFailed | PeerLost | MasterLost | Leave
+
+
+# Instructions.
+
+
+@dataclass(frozen=True)
+class ToMaster:
+    """Send a message to the master."""
+
+    message: protocol.FromSlave
+
+
+@dataclass(frozen=True)
+class ToPeer:
+    """Send a message to a peer."""
+
+    number: int
+    message: protocol.FromPeer
+
+
+@dataclass(frozen=True)
+class AnswerStranger:
+    """Tell the other end of a peer connection why its message was dropped."""
+
+    identity: bytes
+    message: protocol.Rejected
+
+
+@dataclass(frozen=True)
+class ConnectPeers:
+    """Open a connection to each peer but oneself."""
+
+    number: int
+    peers: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Run:
+    """Have the worker do a job; its Outcome is due before another Run comes."""
+
+    job: Job
+
+
+@dataclass(frozen=True)
+class Reconnect:
+    """Open a fresh socket to the master; what waits in the old one is thrown away."""
+
+
+@dataclass(frozen=True)
+class Tell:
+    """A line for the person at the slave."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Exit:
+    """End the process; `error` says why if that is a failure."""
+
+    error: str | None
+
+
+Instruction = ToMaster | ToPeer | AnswerStranger | ConnectPeers | Run | Reconnect | Tell | Exit

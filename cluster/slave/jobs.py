@@ -1,0 +1,177 @@
+"""What a slave has its worker do: each job is one call. The state machine orders jobs; a shell runs them.
+
+Sockets run jobs on a thread of their own, so that heartbeats go on during long kernels; the memory transport runs them
+in line. Either way there is one job at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from wdpm.cluster.batch import Batch
+from wdpm.cluster.records import NO_RECORDS, Records
+from wdpm.cluster.task import Task, TaskResult
+from wdpm.cluster.world import PhotonPlan, View, World
+from wdpm.scenes.flat.arrays import Triangles
+
+
+class Outbox(Protocol):
+    """What a step of a worker leaves behind."""
+
+    @property
+    def batches(self) -> Sequence[Batch]:
+        """For other workers."""
+
+    @property
+    def results(self) -> Sequence[TaskResult]:
+        """For the master."""
+
+
+class Worker(Protocol):
+    """The compute object that a slave drives; `worker.Worker` is the real one, tests bring their own."""
+
+    def set_view(self, view: View) -> None: ...
+
+    def start(self, task: Task) -> Outbox: ...
+
+    def handle(self, batch: Batch) -> Outbox: ...
+
+    def exchange(self) -> Sequence[Batch]: ...
+
+    def ghosts_expected(self) -> int: ...
+
+    def build_maps(self) -> None: ...
+
+    def statistics(self) -> dict[str, Any]: ...
+
+    def take_records(self, records: Records) -> None: ...
+
+    def plan_photons(self, plan: PhotonPlan) -> None: ...
+
+
+WorkerFactory = Callable[[int, World, Mapping[int, Triangles], Sequence[int]], Worker]
+"""(number, world, cell -> triangles, cell -> number of its holder) -> worker."""
+
+
+@dataclass(frozen=True)
+class Build:
+    """Make the worker; may compile kernels."""
+
+    number: int
+    world: World
+    partition: Mapping[int, Triangles]
+    holders: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class SetView:
+    view: View
+
+
+@dataclass(frozen=True)
+class StartTask:
+    task: Task
+
+
+@dataclass(frozen=True)
+class HandleBatch:
+    batch: Batch
+
+
+@dataclass(frozen=True)
+class MakeGhosts:
+    """Send copies of photons to the neighbours' overlap bands."""
+
+
+@dataclass(frozen=True)
+class BuildMaps:
+    pass
+
+
+@dataclass(frozen=True)
+class TakeRecords:
+    """Have these irradiance records, in place of those before."""
+
+    records: Records
+
+
+@dataclass(frozen=True)
+class Forget:
+    """Let go of all photons; those to come are traced by this plan."""
+
+    plan: PhotonPlan
+
+
+@dataclass(frozen=True)
+class ReadStatistics:
+    pass
+
+
+Job = Build | SetView | StartTask | HandleBatch | MakeGhosts | BuildMaps | TakeRecords | Forget | ReadStatistics
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a job left behind.
+
+    Attributes:
+        batches: for other workers, or for this one.
+        results: for the master.
+        ghosts_expected: after MakeGhosts: GHOSTS batches to handle before the maps can be built.
+        statistics: after ReadStatistics.
+    """
+
+    job: Job
+    batches: Sequence[Batch] = ()
+    results: Sequence[TaskResult] = ()
+    ghosts_expected: int = 0
+    statistics: Mapping[str, Any] | None = None
+
+
+class Compute:
+    """Runs jobs, one at a time.
+
+    Args:
+        make_worker: makes the compute object of a world.
+    """
+
+    def __init__(self, make_worker: WorkerFactory) -> None:
+        self._make_worker = make_worker
+        self._worker: Worker | None = None
+
+    def run(self, job: Job) -> Outcome:
+        """Run a job and return what it left behind; raises what the worker raises."""
+        if isinstance(job, Build):
+            self._worker = None  # frees the world before, so that the two are never in memory together
+            self._worker = self._make_worker(job.number, job.world, job.partition, job.holders)
+            # The job is not kept: it would keep triangles that the worker may have let go.
+            return Outcome(Build(job.number, job.world, {}, job.holders))
+        if self._worker is None:
+            raise AssertionError(f"{type(job).__name__} before Build")
+        return self._run(self._worker, job)
+
+    def _run(self, worker: Worker, job: Job) -> Outcome:
+        match job:
+            case StartTask(task):
+                outbox = worker.start(task)
+                return Outcome(job, outbox.batches, outbox.results)
+            case HandleBatch(batch):
+                outbox = worker.handle(batch)
+                return Outcome(job, outbox.batches, outbox.results)
+            case SetView(view):
+                worker.set_view(view)
+            case MakeGhosts():
+                return Outcome(job, worker.exchange(), ghosts_expected=worker.ghosts_expected())
+            case BuildMaps():
+                worker.build_maps()
+            case TakeRecords(records):
+                worker.take_records(records)
+                # The job is not kept: the worker keeps those that reach its cells.
+                return Outcome(TakeRecords(NO_RECORDS))
+            case Forget(plan):
+                worker.plan_photons(plan)
+            case ReadStatistics():
+                return Outcome(job, statistics=worker.statistics())
+        return Outcome(job)

@@ -1,0 +1,1 @@
+"""How messages travel: through memory, or through ZeroMQ between processes and machines."""

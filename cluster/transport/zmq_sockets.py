@@ -1,0 +1,115 @@
+"""What the shells of master and slave share: making sockets, sending and receiving messages on them."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import zmq
+
+from wdpm.cluster.messages import packing
+from wdpm.scenes.errors import ProtocolError
+
+Socket = zmq.Socket[bytes]
+
+POLL_MS = 100
+"""Longest sleep of an event loop: several a heartbeat."""
+
+TURN_MESSAGES = 64
+"""Messages taken from one socket before the others get their turn."""
+
+LINGER_MS = 1000
+"""How long a closing socket tries to get rid of its last words (Stop, Failed)."""
+
+STOP_CONNECTING = -1
+"""Value of RECONNECT_IVL. ZeroMQ would mend a broken connection without a word, and messages would be missing."""
+
+
+def make_socket(context: zmq.Context[Socket], kind: int) -> Socket:
+    """A socket with the settings that all sockets of the cluster share."""
+    socket = context.socket(kind)
+    # No high-water mark: a full queue would drop messages (ROUTER) or block the loop that empties the other's queue
+    # (DEALER). What is in flight is bounded by the number of tasks instead.
+    socket.sndhwm = socket.rcvhwm = 0
+    socket.maxmsgsize = packing.FRAME_BYTES  # of one frame; a longer one closes the connection before it is read
+    socket.linger = LINGER_MS
+    socket.reconnect_ivl = STOP_CONNECTING
+    return socket
+
+
+def bind(socket: Socket, address: str) -> str:
+    """Listen at a resolved address (port * for a free one); returns the address with its port."""
+    socket.ipv6 = "[" in address
+    socket.bind(address)
+    return _bound_to(socket)
+
+
+def connect(socket: Socket, address: str) -> None:
+    """Connect to a resolved address."""
+    socket.ipv6 = "[" in address
+    socket.connect(address)
+
+
+def _bound_to(socket: Socket) -> str:
+    endpoint = socket.getsockopt(zmq.LAST_ENDPOINT)
+    if not isinstance(endpoint, bytes):
+        raise AssertionError(f"ZeroMQ tells the endpoint {endpoint!r}")
+    return endpoint.rstrip(b"\0").decode()
+
+
+def send(socket: Socket, message: Any, identity: bytes | None = None) -> None:
+    """Send a message, arrays without a copy; zmq.ZMQError if the other end is gone."""
+    frames = packing.encode(message)
+    if identity is not None:
+        frames.insert(0, identity)
+    socket.send_multipart(frames, flags=zmq.NOBLOCK, copy=False)
+
+
+def receive(socket: Socket) -> list[memoryview] | None:
+    """The frames of the next message, or None; those of a ROUTER begin with the identity."""
+    try:
+        frames = socket.recv_multipart(flags=zmq.NOBLOCK, copy=False)
+    except zmq.Again:
+        return None
+    return [frame.buffer for frame in frames]
+
+
+def read(frames: Sequence[memoryview], expected: Mapping[str, type]) -> Any:
+    """The message of some frames, or the ProtocolError that says what is wrong with it."""
+    try:
+        return packing.decode(frames, expected)
+    except ProtocolError as error:
+        return error
+
+
+class Mailbox:
+    """Hands objects to the thread that polls `fd`, from any other thread.
+
+    A pipe rings, not a ZeroMQ socket: a thread that hangs in a long kernel may be left behind with it, and would keep
+    a ZeroMQ context from ending.
+    """
+
+    def __init__(self) -> None:
+        self.fd, self._bell = os.pipe()
+        os.set_blocking(self.fd, False)
+        self._items: deque[Any] = deque()
+
+    def put(self, item: Any) -> None:
+        """Called by another thread."""
+        self._items.append(item)
+        os.write(self._bell, b".")
+
+    def take(self) -> list[Any]:
+        """Called by the polling thread: all that has come, in order."""
+        try:
+            rings = len(os.read(self.fd, TURN_MESSAGES))
+        except BlockingIOError:
+            return []
+        return [self._items.popleft() for _ in range(rings)]
+
+    def close(self) -> None:
+        """Once no thread uses it any more."""
+        os.close(self.fd)
+        os.close(self._bell)

@@ -1,0 +1,1 @@
+"""What a slave computes: light in its cells, and the homes of its tasks."""

@@ -1,0 +1,281 @@
+"""Where a task's results come together: fixed slots, added in a fixed order once all credit is back.
+
+A home never waits and never polls. It starts its task with some credit; every batch that follows carries a share, and
+returns it at its end. When all of it is home, nothing of the task is left in flight anywhere (Mattern 1989).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.cluster import parts
+from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, concatenate, take
+from wdpm.cluster.layers import layers_of
+from wdpm.cluster.settings import Routing
+from wdpm.cluster.task import BucketRendered, BucketTask
+from wdpm.cluster.work.guards import BEAMS_CLAMPED, VOLUME, Guards
+from wdpm.cluster.work.misses import missed_light, no_hits
+from wdpm.cluster.work.replica import Replica
+from wdpm.cluster.world import View
+from wdpm.kernels import columns
+from wdpm.kernels.camera import add_samples
+from wdpm.kernels.camera import rays as cr
+from wdpm.scenes.errors import ProtocolError
+
+WAVE_SAMPLES = 1 << 16
+"""Samples of a bucket that are under way at once: bounds memory, changes no bit."""
+
+
+class BucketHome:
+    """A bucket: all samples of its pixels, in waves.
+
+    Args:
+        guards: of camera samples whose fate is settled at home.
+        samples: which of each pixel's samples; None for all.
+    """
+
+    def __init__(
+        self,
+        task: BucketTask,
+        number: int,
+        replica: Replica,
+        view: View,
+        guards: Guards,
+        samples: range | None = None,
+    ) -> None:
+        self.task = task
+        self._number = number
+        self._replica = replica
+        self._view = view
+        self._guards = guards
+        every = range(view.first_sample, view.first_sample + view.spp)
+        self._samples = every if samples is None else samples
+        width, height = task.x1 - task.x0, task.y1 - task.y0
+        self._shape = (height, width)
+        x = np.arange(task.x0, task.x1, dtype=np.int32)
+        y = np.arange(task.y0, task.y1, dtype=np.int32)
+        self._pixels = (y[:, None] * np.int32(view.camera.width) + x[None, :]).reshape(-1)
+        self._samples_a_wave = max(1, min(len(self._samples), WAVE_SAMPLES // len(self._pixels)))
+        self._first = self._samples.start
+        self._sums = columns.zeros(add_samples.Sums, len(self._pixels), replica.launcher.device)
+        self._cell = np.full(len(self._pixels), -1, np.int32)
+        self._credit = 0
+        self._slots: dict[str, NDArray[Any]] = {}
+        self._rays: Arrays = {}
+        self._probing = False
+        self._later: list[Arrays] = []
+
+    def begin(self) -> Iterator[Batch]:
+        """Start the next wave of samples."""
+        count = min(self._samples_a_wave, self._samples.stop - self._first)
+        sample = np.arange(self._first, self._first + count, dtype=np.int32)
+        total = len(self._pixels) * count
+        rays: dict[str, NDArray[Any]] = {
+            "slot": np.arange(total, dtype=np.int32),
+            "pixel": np.repeat(self._pixels, count),
+            "sample": np.tile(sample, len(self._pixels)),
+        }
+        self._rays = rays
+        self._slots = _empty_slots(total, self._view.light_samples)
+        if self._view.routing is Routing.MERGE:
+            yield from self._begin_merge(rays)
+        else:
+            yield from self._begin_forward(rays)
+
+    def _begin_forward(self, start: dict[str, NDArray[Any]]) -> Iterator[Batch]:
+        """Each ray sets out in the first cell on its way."""
+        replica, device = self._replica, self._replica.launcher.device
+        total = len(start["slot"])
+        arrays: Arrays = {**start, **no_hits(total, self._view)}
+        destination = np.zeros(total, np.int32)
+        if replica.world.top_tree.cells > 1:
+            first = wp.empty(total, dtype=wp.int32, device=device)
+            rays = columns.upload(cr.Rays, arrays, device)
+            replica.launcher(replica.kernels.first_camera_cells, total, [replica.camera, replica.cells, rays], [first])
+            destination = first.numpy()
+        unit = parts.credit_of_camera_ray(self._view.light_samples)
+        self._credit = int(np.count_nonzero(destination >= 0)) * unit
+        for cell, rows in by_destination(destination, destination >= 0):
+            yield self._batch(Kind.CAMERA, cell, len(rows) * unit, take(arrays, rows))
+
+    def _begin_merge(self, rays: dict[str, NDArray[Any]]) -> Iterator[Batch]:
+        """Each ray sets out in all cells that it touches; their hits are merged here."""
+        replica, device = self._replica, self._replica.launcher.device
+        total = len(rays["slot"])
+        touched_array = wp.zeros((total, replica.world.top_tree.cells), dtype=wp.uint8, device=device)
+        full = columns.upload(cr.Rays, {**rays, **no_hits(total, self._view)}, device)
+        replica.launcher(
+            replica.kernels.mark_touched_cells, total, [replica.camera, replica.cells, full], [touched_array]
+        )
+        touched = touched_array.numpy().astype(bool)
+        cells = np.flatnonzero(touched.any(axis=0))
+        self._probing = True
+        self._credit = len(cells)
+        self._rays = {**rays, **no_hits(total, self._view)}
+        for cell in cells:
+            yield self._batch(Kind.PROBE, int(cell), 1, take(rays, np.flatnonzero(touched[:, cell])))
+
+    def receive(self, batch: Batch) -> Iterator[Batch]:
+        """Put what came home into its slots; start the next wave when this one is complete."""
+        arrays = batch.arrays
+        if "slot" in arrays:
+            self._check_slots(batch)
+        if batch.kind is Kind.PROBED:
+            self._merge(arrays)
+        elif batch.kind is Kind.SAMPLES:
+            self._fill(arrays, ("emission", "indirect", "depth", "normal", "albedo", "cell"))
+        elif batch.kind is Kind.LIT:
+            self._add_parts(arrays)
+        elif batch.kind is not Kind.ENDED:
+            raise ProtocolError(f"a {batch.kind.value} batch came home to bucket {self.task.number}")
+        self._credit -= batch.credit
+        if self._credit == 0:
+            if self._probing:
+                self._probing = False
+                yield from self._shade_merged()
+            if self._credit == 0:
+                self._finish_wave()
+                if self._first < self._samples.stop:
+                    yield from self.begin()
+
+    def _fill(self, arrays: Arrays, names: Iterable[str]) -> None:
+        """Put samples into their slots; where all come at once and in order, they are the slots."""
+        slot = arrays["slot"]
+        whole = len(slot) == len(self._slots["depth"]) and np.array_equal(slot, self._rays["slot"])
+        for name in names:
+            if whole:
+                self._slots[name] = arrays[name]
+            else:
+                self._slots[name][slot] = arrays[name]
+
+    def _add_parts(self, arrays: Arrays) -> None:
+        """Direct light at the first surface has slots of its own; all other parts wait to be put in order."""
+        shots = self._view.light_samples
+        place = arrays["place"]
+        first = place < shots
+        if first.all():
+            self._slots["direct"][arrays["slot"] * np.int32(shots) + place] = arrays["radiance"]
+            return
+        self._slots["direct"][(arrays["slot"] * np.int32(shots) + place)[first]] = arrays["radiance"][first]
+        later = take(arrays, np.flatnonzero(~first))
+        if self._guards.strict:
+            self._demand_finite(later)
+        self._later.append(later)
+
+    def _demand_finite(self, lit: Arrays) -> None:
+        """Raise GuardError about light that is not finite: of beams, whose samples only the home knows."""
+        bad = np.flatnonzero(~np.isfinite(lit["radiance"]).all(axis=1))
+        if len(bad):
+            slot = lit["slot"][bad]
+            whose = {
+                "pixel": self._rays["pixel"][slot],
+                "sample": self._rays["sample"][slot],
+                "bounce": parts.bounce_of(lit["place"][bad], self._view.light_samples),
+            }
+            clamped = np.isnan(lit["radiance"][bad]).any()
+            self._guards.act(BEAMS_CLAMPED if clamped else VOLUME, np.arange(len(bad)), whose)
+
+    def _merge(self, found: Arrays) -> None:
+        """Nearest first; of equally near hits the smaller triangle number (exactness contract, item 2)."""
+        slot = found["slot"]
+        t, prim = self._rays["t"][slot], self._rays["prim"][slot]
+        nearer = (prim < 0) | (found["t"] < t) | ((found["t"] == t) & (found["prim"] < prim))
+        for name in ("t", "prim", "u", "v", "owner"):
+            self._rays[name][slot[nearer]] = found[name][nearer]
+
+    def _shade_merged(self) -> Iterator[Batch]:
+        """Send the merged hits to the cells that contain them, and rays that have met nothing to what lies beyond."""
+        unit = parts.credit_of_camera_ray(self._view.light_samples)
+        hit = self._rays["prim"] >= 0
+        self._credit = len(hit) * unit
+        for cell, rows in by_destination(self._rays["owner"].astype(np.int32), hit):
+            yield self._batch(Kind.SHADE, cell, len(rows) * unit, take(self._rays, rows))
+        missed = np.flatnonzero(~hit)
+        if len(missed):
+            cause = self._batch(Kind.CAMERA, -1, 0, {})
+            rest = take(self._rays, missed)
+            yield from missed_light(self._replica, self._guards, cause, -1, rest, len(missed) * unit)
+
+    def _finish_wave(self) -> None:
+        """Add the wave's samples to the pixels' sums, in the order of their numbers."""
+        launcher, shots = self._replica.launcher, self._view.light_samples
+        count = len(self._slots["depth"]) // len(self._pixels)
+        slots = columns.upload(add_samples.Slots, self._slots, launcher.device)
+        later = columns.upload(add_samples.Parts, self._parts_in_order(), launcher.device)
+        launcher(add_samples.add_samples, len(self._pixels), [slots, later, count, shots], [self._sums])
+        self._later = []
+        if self._first == self._samples.start:
+            self._cell = self._slots["cell"].reshape(-1, count)[:, 0].copy()
+        self._first += count
+        self._slots = {}
+        self._rays = {}
+
+    def _parts_in_order(self) -> Arrays:
+        """All parts beyond the first surface, by slot and place, and where those of each slot begin."""
+        together = concatenate(self._later, Kind.LIT)
+        order = np.lexsort((together["place"], together["slot"]))
+        slot = together["slot"][order]
+        samples = len(self._slots["depth"])
+        return {
+            "begin": np.searchsorted(slot, np.arange(samples + 1)).astype(np.int32),
+            "layer": parts.layer_of(together["place"][order], self._view.light_samples),
+            "radiance": together["radiance"][order],
+        }
+
+    def sums(self) -> dict[str, NDArray[Any]]:
+        """What the samples that are in add up to, float64, shape [pixels, 3] or [pixels], and how many of them hit."""
+        names = ("direct", "indirect", "caustic", "volume", "normal", "albedo", "depth", "hits")
+        return columns.download(self._sums, names)
+
+    def result(self) -> BucketRendered | None:
+        """The bucket's pixels once all samples are in."""
+        if self._credit > 0 or self._first < self._samples.stop:
+            return None
+        sums = self.sums()
+        share = 1.0 / len(self._samples)
+        hits = np.maximum(sums["hits"], 1)
+        flat = {
+            "beauty": (((sums["direct"] + sums["indirect"]) + sums["caustic"]) + sums["volume"]) * share,
+            "direct": sums["direct"] * share,
+            "indirect": sums["indirect"] * share,
+            "caustic": sums["caustic"] * share,
+            "volume": sums["volume"] * share,
+            "depth": sums["depth"] / hits * self._replica.world.unit,
+            "normal": sums["normal"] * share,
+            "albedo": sums["albedo"] * share,
+            "cell": self._cell,
+        }
+        layers = {
+            name: np.ascontiguousarray(layer.reshape(*self._shape, *layer.shape[1:]), np.float32)
+            for name, layer in flat.items()
+            if name in layers_of(self._replica.world, self._view)
+        }
+        return BucketRendered(self.task.number, self.task.x0, self.task.y0, layers)
+
+    def _batch(self, kind: Kind, cell: int, credit: int, arrays: Arrays) -> Batch:
+        return Batch(kind, self.task.number, self._number, cell, credit, arrays)
+
+    def _check_slots(self, batch: Batch) -> None:
+        """Slots come over the wire: none may point outside."""
+        size, slot = len(self._slots["depth"]), batch.arrays["slot"]
+        if len(slot) and (slot.min() < 0 or slot.max() >= size):
+            raise ProtocolError(f"a {batch.kind.value} batch has a slot outside 0 .. {size - 1}")
+        if batch.kind is Kind.LIT and len(slot) and batch.arrays["place"].min() < 0:
+            raise ProtocolError("a lit batch has a place below 0")
+
+
+def _empty_slots(samples: int, light_samples: int) -> dict[str, NDArray[Any]]:
+    return {
+        "emission": np.zeros((samples, 3), np.float32),
+        "indirect": np.zeros((samples, 3), np.float32),
+        "depth": np.full(samples, -1.0, np.float32),
+        "normal": np.zeros((samples, 3), np.float32),
+        "albedo": np.zeros((samples, 3), np.float32),
+        "cell": np.full(samples, -1, np.int32),
+        "direct": np.zeros((samples * light_samples, 3), np.float32),
+    }

@@ -1,0 +1,480 @@
+"""Camera samples in one cell: what their rays hit, how that is lit, and where their paths go on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.cluster import parts
+from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
+from wdpm.cluster.work import guards
+from wdpm.cluster.work.beams import beam_light, next_beam_cells, start_beams
+from wdpm.cluster.work.final_gather import Actions, FinalGather
+from wdpm.cluster.work.gathers import Gathering
+from wdpm.cluster.work.misses import missed_light, no_hits, start_paths
+from wdpm.cluster.work.photon_store import PhotonStore
+from wdpm.cluster.work.replica import Replica
+from wdpm.cluster.world import View
+from wdpm.kernels import columns
+from wdpm.kernels.camera import rays as cr
+from wdpm.kernels.camera import shadow_rays as sr
+from wdpm.kernels.camera import vertices as sh
+from wdpm.kernels.materials.surface import Surfaces
+from wdpm.kernels.materials.types import DIFFUSE
+from wdpm.kernels.photons import beam
+from wdpm.kernels.photons.paths import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
+from wdpm.kernels.rays.bvh import Bvh
+from wdpm.scenes.errors import ProtocolError
+
+SHOTS_LATER = 1
+"""Shadow rays of vertices beyond the first: what is seen there is one of many samples already."""
+
+
+@dataclass
+class CameraCounters:
+    """What camera samples did in a cell, for the report.
+
+    Attributes:
+        vertices: of camera paths beyond their first surface.
+        beams: stretches of medium.
+    """
+
+    vertices: int = 0
+    beams: int = 0
+
+
+@dataclass(eq=False)
+class Shaded:
+    """What a kernel of shading.py leaves behind: structures of arrays on the device."""
+
+    seen: Any
+    queries: Any
+    coats: Any
+    shots: Any
+    paths: Any
+    stretches: Any
+
+
+class CameraLight:
+    """Light along camera paths, in one cell.
+
+    Args:
+        cell: number of the cell.
+        scene: its triangles' tree and surfaces on the device.
+        store: its photons.
+    """
+
+    def __init__(self, cell: int, tree: Bvh, surfaces: Surfaces, store: PhotonStore, replica: Replica) -> None:
+        self._cell = cell
+        self._bvh = tree
+        self._surfaces = surfaces
+        self._store = store
+        self._replica = replica
+        self.guards = guards.Guards(replica)
+        self.gathering = Gathering(cell, store, replica, self.guards)
+        self.final_gather = FinalGather(surfaces, store, replica)
+        self.counters = CameraCounters()
+
+    def begin_view(self) -> None:
+        """Count anew."""
+        self.counters = CameraCounters()
+        self.guards.counts.clear()
+        self.gathering.begin_view()
+        self.final_gather.begin_view()
+
+    # Rays from the camera
+
+    def visit_camera(self, batch: Batch) -> Iterator[Batch]:
+        """Intersect camera rays; forward those that may find a nearer hit elsewhere."""
+        rays, onward = self._intersect(batch.arrays)
+        unit = parts.credit_of_camera_ray(self._view.light_samples)
+        for cell, rows in by_destination(onward, onward >= 0):
+            yield self._batch(batch, Kind.CAMERA, cell, len(rows) * unit, take(rays, rows))
+        final = onward < 0
+        hit = rays["prim"] >= 0
+        for cell, rows in by_destination(rays["owner"], final & hit):
+            yield self._batch(batch, Kind.SHADE, cell, len(rows) * unit, take(rays, rows))
+        missed = np.flatnonzero(final & ~hit)
+        if len(missed):
+            rest = take(rays, missed)
+            yield from missed_light(self._replica, self.guards, batch, self._cell, rest, len(missed) * unit)
+
+    def probe(self, batch: Batch) -> Iterator[Batch]:
+        """Intersect camera rays with this cell alone, and tell the home what was hit."""
+        rays, _ = self._intersect({**batch.arrays, **no_hits(len(batch), self._view)})
+        found = np.flatnonzero(rays["prim"] >= 0)
+        yield self._batch(
+            batch, Kind.PROBED, self._cell, batch.credit, {name: rays[name][found] for name in SCHEMAS[Kind.PROBED]}
+        )
+
+    def visit_scouts(self, batch: Batch) -> Iterator[Batch]:
+        """As visit_camera, for rays that look for places of irradiance records. Each carries a credit of one."""
+        rays, onward = self._intersect(batch.arrays)
+        hit = rays["prim"] >= 0
+        for cell, rows in by_destination(onward, onward >= 0):
+            yield self._batch(batch, Kind.SCOUT, cell, len(rows), take(rays, rows))
+        for cell, rows in by_destination(rays["owner"], (onward < 0) & hit):
+            yield self._batch(batch, Kind.SITE, cell, len(rows), take(rays, rows))
+        missed = np.count_nonzero((onward < 0) & ~hit)
+        if missed:
+            yield self._batch(batch, Kind.ENDED, self._cell, int(missed), {})
+
+    def survey(self, batch: Batch) -> Iterator[Batch]:
+        """Tell the home where among the final hits of scouts a record is wanted."""
+        rays = columns.upload(cr.Rays, batch.arrays, self._replica.launcher.device)
+        paths = start_paths(self._replica, rays, len(batch))
+        sites = self.final_gather.sites(paths, batch.arrays["slot"])
+        yield self._batch(batch, Kind.SITES, self._cell, len(batch), sites)
+
+    def _intersect(self, arrays: Arrays) -> tuple[Arrays, NDArray[np.int32]]:
+        """Camera rays with their best hits refined by this cell, and the cell that each visits next or -1."""
+        replica, count = self._replica, len(arrays["slot"])
+        rays = columns.upload(cr.Rays, arrays, replica.launcher.device)
+        onward = self._integers(count)
+        inputs = [self._bvh, self._surfaces, replica.cells, replica.camera, rays, self._cell]
+        replica.launcher(replica.kernels.visit_camera_rays, count, inputs, [onward])
+        return columns.download(rays, SCHEMAS[Kind.CAMERA]), onward.numpy()
+
+    def shade_camera(self, batch: Batch) -> Iterator[Batch]:
+        """Light final hits of camera rays in this cell."""
+        kernels, device = self._replica.kernels, self._replica.launcher.device
+        rays = columns.upload(cr.Rays, batch.arrays, device)
+        if kernels.shade_vertices is None:
+            yield from self._shade_hits(batch, kernels.shade_camera_hits, rays, None)
+            return
+        paths = start_paths(self._replica, rays, len(batch))
+        actions = self._decide(paths, {**batch.arrays, "diffuse": np.zeros(len(batch), np.int32)})
+        ends = np.zeros(len(batch), np.bool_)
+        if actions is not None and kernels.shade_camera_hits is not None:
+            ends = actions.codes == int(sh.CACHED)
+        if not ends.any():
+            yield from self._shade_hits(batch, kernels.shade_vertices, paths, actions)
+            return
+        unit = parts.credit_of_camera_ray(self._view.light_samples)
+        for kernel, struct, items, chosen in (
+            (kernels.shade_camera_hits, cr.Rays, rays, ends),
+            (kernels.shade_vertices, cr.Paths, paths, ~ends),
+        ):
+            rows = np.flatnonzero(chosen)
+            if len(rows):
+                some = self._batch(batch, Kind.SHADE, self._cell, len(rows) * unit, take(batch.arrays, rows))
+                few = items if len(rows) == len(batch) else columns.chosen(struct, items, rows, device)
+                yield from self._shade_hits(some, kernel, few, None if actions is None else actions.take(rows))
+
+    def _shade_hits(
+        self, batch: Batch, kernel: wp.Kernel | None, items: Any, actions: Actions | None
+    ) -> Iterator[Batch]:
+        """Light some final hits of camera rays.
+
+        Args:
+            kernel: kernels.variants shade_camera_hits or shade_vertices.
+            items: the hits, as that kernel takes them.
+        """
+        shaded = self._shade(kernel, items, len(batch), self._view.light_samples, actions)
+        follows = list(self._send_on(batch, shaded))
+        samples = {
+            "slot": batch.arrays["slot"],
+            "indirect": self._indirect(shaded, batch.arrays, actions),
+            "cell": np.full(len(batch), self._cell, np.int32),
+            **columns.download(shaded.seen, ("emission", "depth", "normal", "albedo")),
+        }
+        for name, cause in (("emission", guards.EMISSION), ("indirect", guards.INDIRECT)):
+            samples[name] = self.guards.blacken(samples[name], cause, batch.arrays)
+        follows += self._first_caustics(batch, shaded)
+        yield self._batch(batch, Kind.SAMPLES, self._cell, rest_of(batch.credit, follows), samples)
+        yield from follows
+
+    def _first_caustics(self, batch: Batch, shaded: Shaded) -> list[Batch]:
+        """Light of the caustic map at the first surface, in scenes that have one: a part like those further on."""
+        if self._replica.world.caustic_map.paths == 0:
+            return []
+        radiance = self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats, batch.arrays)
+        none = np.zeros(len(batch), np.int32)
+        arrays = {**batch.arrays, "bounce": none, "diffuse": none}
+        return [self._batch(batch, Kind.LIT, self._cell, len(batch), self._part(arrays, parts.CAUSTIC, radiance))]
+
+    # Paths beyond their first surface
+
+    def visit_paths(self, batch: Batch) -> Iterator[Batch]:
+        """Intersect rays of paths; forward those that may find a nearer hit elsewhere."""
+        replica, count = self._replica, len(batch)
+        rays = columns.upload(cr.Paths, batch.arrays, replica.launcher.device)
+        array = self._integers(count)
+        replica.launcher(cr.visit_paths, count, [self._bvh, self._surfaces, replica.cells, rays, self._cell], [array])
+        onward, paths = array.numpy(), columns.download(rays, SCHEMAS[Kind.PATH])
+        hit = paths["prim"] >= 0
+        yield from self._send_paths(batch, Kind.PATH, paths, onward, onward >= 0)
+        yield from self._send_paths(batch, Kind.VERTEX, paths, paths["owner"], (onward < 0) & hit)
+        missed = np.flatnonzero((onward < 0) & ~hit)
+        if len(missed):
+            rest = take(paths, missed)
+            credit = parts.credit_of(rest["bounce"], self._view.light_samples)
+            yield from missed_light(replica, self.guards, batch, self._cell, rest, credit)
+
+    def shade_vertices(self, batch: Batch) -> Iterator[Batch]:
+        """Light final hits of paths in this cell."""
+        arrays = batch.arrays
+        self.counters.vertices += len(batch)
+        rays = columns.upload(cr.Paths, arrays, self._replica.launcher.device)
+        actions = self._decide(rays, arrays)
+        shaded = self._shade(self._replica.kernels.shade_vertices, rays, len(batch), SHOTS_LATER, actions)
+        follows = list(self._send_on(batch, shaded))
+        # Where the map is read, it holds caustics too.
+        among = None if actions is None else actions.codes != int(sh.READ_MAP)
+        reaches = () if actions is None else actions.reaches(arrays, self._view.light_samples)
+        seen = {
+            parts.EMISSION: shaded.seen.emission.numpy(),
+            parts.INDIRECT: self._indirect(shaded, arrays, actions),
+            parts.CAUSTIC: self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats, arrays, among),
+        }
+        lit = concatenate([*(self._part(arrays, part, light) for part, light in seen.items()), *reaches], Kind.LIT)
+        yield self._batch(batch, Kind.LIT, self._cell, rest_of(batch.credit, follows), lit)
+        yield from follows
+
+    def _decide(self, paths: Any, arrays: Arrays) -> Actions | None:
+        """What the diffuse part of each vertex does, in views that leave a choice."""
+        return self.final_gather.decide(paths, arrays) if self._view.way == int(sh.GATHER_WAY) else None
+
+    def _indirect(self, shaded: Shaded, arrays: Arrays, actions: Actions | None) -> NDArray[np.float32]:
+        """Indirect light that is told at the vertices themselves, by photons or by what was computed from them."""
+        if actions is None:
+            return self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays)
+        lambertian = np.ones(len(actions.codes), np.bool_)
+        if self._replica.world.features.coated:
+            lambertian = shaded.coats.bsdf.numpy()["kind"] == int(DIFFUSE)
+        # What other surfaces reflect depends on where the light comes from, and where paths may only be so long it is
+        # photons that know how long theirs are: these vertices ask the photons themselves.
+        asks = (actions.codes == int(sh.READ_MAP)) & (~lambertian | (self._view.max_depth is not None))
+        radiance = actions.lambertian(shaded.queries.weight.numpy(), lambertian & ~asks)
+        if asks.any():
+            radiance += self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays, asks)
+        return radiance
+
+    def _part(self, arrays: Arrays, part: int, radiance: NDArray[np.float32]) -> Arrays:
+        """One part of each vertex, where it is not black."""
+        radiance = self.guards.blacken(radiance, _CAUSE[part], arrays)
+        rows = np.flatnonzero(radiance.any(axis=1))
+        place = parts.place_of(arrays["bounce"][rows], arrays["diffuse"][rows], part, self._view.light_samples)
+        return {"slot": arrays["slot"][rows], "place": place, "radiance": radiance[rows]}
+
+    def _shade(self, kernel: wp.Kernel | None, rays: Any, count: int, shots: int, actions: Actions | None) -> Shaded:
+        """Run a kernel that shades vertices.
+
+        Args:
+            shots: shadow rays of each vertex.
+            actions: of each vertex (kernels.camera.shading); None where the view's way needs none.
+        """
+        if kernel is None:
+            raise ProtocolError("a camera path goes on in a scene where none does")
+        replica, view = self._replica, self._view
+        features, device = replica.world.features, replica.launcher.device
+        shaded = Shaded(
+            columns.empty(sh.Seen, count, device),
+            columns.empty(sh.Queries, count, device),
+            columns.empty(sh.Coats, count if features.coated else 0, device),
+            columns.empty(sh.Shots, count * shots, device),
+            columns.empty(cr.Paths, 0 if kernel is replica.kernels.shade_camera_hits else count, device),
+            columns.empty(sh.Stretches, count if features.media else 0, device),
+        )
+        scene = [self._surfaces, replica.materials, replica.textures, replica.media, replica.lights, replica.camera]
+        scalars: list[Any] = [view.light_samples, view.max_depth or 0]
+        if kernel is not replica.kernels.shade_camera_hits:
+            codes = np.zeros(0, np.int32) if actions is None else actions.codes
+            scalars += [shots, view.way, wp.array(codes, dtype=wp.int32, device=device)]
+        outputs = [shaded.seen, shaded.queries, shaded.coats, shaded.shots, shaded.paths, shaded.stretches]
+        replica.launcher(kernel, count, [*scene, rays, *scalars], outputs)
+        if replica.observer is not None:
+            replica.observer.shaded(self._surfaces, rays, shaded.shots, shaded.paths)
+        return shaded
+
+    def _send_on(self, cause: Batch, shaded: Shaded) -> Iterator[Batch]:
+        """Everything that vertices start: shadow rays, paths that go on, stretches of medium."""
+        features = self._replica.world.features
+        yield from self._start_shadows(cause, shaded.shots)
+        if len(shaded.paths.slot):
+            yield from self._start_paths(cause, shaded.paths)
+        if features.media:
+            yield from start_beams(self._replica, cause, shaded.stretches)
+
+    def _start_paths(self, cause: Batch, going_on: Any) -> Iterator[Batch]:
+        replica = self._replica
+        paths = columns.download(going_on, SCHEMAS[Kind.PATH])
+        paths["throughput"] = self.guards.blacken(paths["throughput"], guards.THROUGHPUT, cause.arrays)
+        # The kernel ends them all there; hardly any has not been ended by Russian roulette long before.
+        self.guards.act(guards.PATHS_CUT, np.flatnonzero(paths["bounce"] >= parts.LAST_BOUNCE), cause.arrays)
+        carrying = np.flatnonzero(paths["throughput"].any(axis=1))
+        if not len(carrying):
+            return
+        paths = take(paths, carrying)
+        first = self._integers(len(paths["slot"]))
+        rays = columns.upload(cr.Paths, paths, replica.launcher.device)
+        replica.launcher(cr.first_path_cells, len(paths["slot"]), [replica.cells, rays], [first])
+        yield from self._send_paths(cause, Kind.PATH, paths, first.numpy(), first.numpy() >= 0)
+
+    def _send_paths(
+        self, cause: Batch, kind: Kind, paths: Arrays, destination: NDArray[np.int32], chosen: NDArray[np.bool_]
+    ) -> Iterator[Batch]:
+        for cell, rows in by_destination(destination, chosen):
+            sent = take(paths, rows)
+            yield self._batch(cause, kind, cell, parts.credit_of(sent["bounce"], self._view.light_samples), sent)
+
+    # Shadow rays
+
+    def _start_shadows(self, cause: Batch, shots: Any) -> Iterator[Batch]:
+        """Send shadow segments to the first cell on their way; those that carry nothing end here."""
+        replica = self._replica
+        arrays = columns.download(shots, SCHEMAS[Kind.SHADOW])
+        each = len(shots.slot) // len(cause)
+        arrays["radiance"] = self.guards.blacken(arrays["radiance"], guards.DIRECT, cause.arrays, each)
+        count = len(arrays["slot"])
+        if replica.world.top_tree.cells == 1 and not replica.world.features.walks:
+            yield self._batch(cause, Kind.SHADOW, self._cell, count, arrays)
+            return
+        segments = columns.upload(sr.Segments, arrays, replica.launcher.device)
+        first = self._integers(count)
+        replica.launcher(sr.first_shadow_cells, count, [replica.cells, segments], [first])
+        if replica.world.features.walks:
+            medium = shots.medium.numpy() if replica.world.features.media else np.full(count, -1, np.int32)
+            arrays = {**arrays, "medium": medium, **no_blockers(count)}
+            yield from self._send_shadows(cause, Kind.WALK, arrays, first.numpy())
+        else:
+            yield from self._send_shadows(cause, Kind.SHADOW, arrays, first.numpy())
+
+    def visit_shadows(self, batch: Batch) -> Iterator[Batch]:
+        """Look for blockers."""
+        replica = self._replica
+        segments = columns.upload(sr.Segments, batch.arrays, replica.launcher.device)
+        array = self._integers(len(batch))
+        inputs = [self._bvh, replica.cells, segments, self._cell]
+        replica.launcher(sr.visit_shadow_segments, len(batch), inputs, [array])
+        onward = array.numpy()
+        yield from self._send_shadows(batch, Kind.SHADOW, batch.arrays, onward)
+        yield from self._end_shadows(batch, batch.arrays, onward)
+
+    def visit_walks(self, batch: Batch) -> Iterator[Batch]:
+        """Look for the next surface on the way of segments that may pass through some."""
+        replica = self._replica
+        walks = columns.upload(sr.Walks, batch.arrays, replica.launcher.device)
+        array = self._integers(len(batch))
+        inputs = [self._bvh, self._surfaces, replica.media, replica.cells, walks, self._cell]
+        replica.launcher(sr.visit_walks, len(batch), inputs, [array])
+        arrays, onward = columns.download(walks, SCHEMAS[Kind.WALK]), array.numpy()
+        yield from self._send_shadows(batch, Kind.WALK, arrays, onward)
+        met = (onward < 0) & (arrays["prim"] >= 0)
+        yield from self._send_shadows(batch, Kind.PANE, arrays, np.where(met, arrays["owner"], -1))
+        yield from self._end_shadows(batch, arrays, np.where(met, 0, onward))
+
+    def pass_panes(self, batch: Batch) -> Iterator[Batch]:
+        """Take segments through the surface that they have met, if it lets light pass."""
+        replica = self._replica
+        kernel = replica.kernels.pass_panes
+        if kernel is None:
+            raise ProtocolError("a shadow ray passes a surface in a scene where none does")
+        walks = columns.upload(sr.Walks, batch.arrays, replica.launcher.device)
+        array = self._integers(len(batch))
+        scene = [self._surfaces, replica.materials, replica.textures, replica.media, replica.cells, walks]
+        replica.launcher(kernel, len(batch), scene, [array])
+        arrays, onward = columns.download(walks, SCHEMAS[Kind.PANE]), array.numpy()
+        yield from self._send_shadows(batch, Kind.WALK, arrays, onward)
+        yield from self._end_shadows(batch, arrays, onward)
+
+    def _send_shadows(
+        self, cause: Batch, kind: Kind, arrays: Arrays, destination: NDArray[np.int32]
+    ) -> Iterator[Batch]:
+        for cell, rows in by_destination(destination, destination >= 0):
+            yield self._batch(cause, kind, cell, len(rows), take(arrays, rows))
+
+    def _end_shadows(self, cause: Batch, arrays: Arrays, onward: NDArray[np.int32]) -> Iterator[Batch]:
+        """Bring home what arrived, and the credit of what did not."""
+        clear = np.flatnonzero(onward == sr.SHADOW_CLEAR)
+        if len(clear):
+            lit = {name: arrays[name][clear] for name in SCHEMAS[Kind.LIT]}
+            yield self._batch(cause, Kind.LIT, self._cell, len(clear), lit)
+        blocked = int(np.count_nonzero(onward == sr.SHADOW_BLOCKED))
+        if blocked:
+            yield self._batch(cause, Kind.ENDED, self._cell, blocked, {})
+
+    # Media
+
+    def visit_beams(self, batch: Batch) -> Iterator[Batch]:
+        """Add what this cell's volume photons scatter into stretches of camera rays."""
+        replica, world, device = self._replica, self._replica.world, self._replica.launcher.device
+        built = self._store.maps[VOLUME_MAP]
+        count = len(batch)
+        self.counters.beams += count
+        clamped = np.zeros(count, np.int32)
+        beams = columns.upload(beam.Beams, {**batch.arrays, "clamped": clamped}, device)
+        if built is not None:
+            plan = world.volume_map
+            inputs = [built.tree, replica.media, replica.cells, beams, self._cell, plan.radius, world.volume_unit]
+            replica.launcher(beam.add_beams, count, inputs, [])
+            clamped = beams.clamped.numpy()
+        arrays = {**batch.arrays, **columns.download(beams, ("red", "green", "blue"))}
+        arrays["radiance"] = self._told_of(arrays["radiance"], clamped)
+        onward = next_beam_cells(replica, arrays, self._cell)
+        for cell, rows in by_destination(onward, onward >= 0):
+            yield self._batch(batch, Kind.BEAM, cell, len(rows), take(arrays, rows))
+        ended = np.flatnonzero(onward < 0)
+        if len(ended):
+            lit = self._end_beams(take(arrays, ended))
+            yield self._batch(batch, Kind.LIT, self._cell, len(ended), lit)
+
+    def _told_of(self, throughput: NDArray[np.float32], clamped: NDArray[np.int32]) -> NDArray[np.float32]:
+        """Count what was clamped. Whose beam it is only the home knows: in a strict render a NaN tells it."""
+        if not clamped.any():
+            return throughput
+        if not self.guards.strict:
+            self.guards.act(guards.BEAMS_CLAMPED, np.flatnonzero(clamped), {}, int(clamped.sum()))
+            return throughput
+        return np.where((clamped > 0)[:, None], np.float32(np.nan), throughput)
+
+    def _end_beams(self, arrays: Arrays) -> Arrays:
+        """What beams bring home; in a strict render that which is not finite, too, for the home to tell whose it is."""
+        with np.errstate(over="ignore"):
+            lit = dict(beam_light(self._replica, arrays))
+        if not self.guards.strict:
+            lit["radiance"] = self.guards.blacken(lit["radiance"], guards.VOLUME, lit)
+        return lit
+
+    # Odds and ends
+
+    @property
+    def _view(self) -> View:
+        if self._replica.view is None:
+            raise ValueError("a camera batch came before a view was set")
+        return self._replica.view
+
+    def _integers(self, count: int) -> Any:
+        return wp.empty(count, dtype=wp.int32, device=self._replica.launcher.device)
+
+    def _batch(self, cause: Batch, kind: Kind, cell: int, credit: int, arrays: Arrays) -> Batch:
+        """What follows from a batch: the same task, the same home."""
+        return Batch(kind, cause.task, cause.home, cell, credit, arrays)
+
+
+_CAUSE = {
+    parts.EMISSION: guards.EMISSION,
+    parts.INDIRECT: guards.INDIRECT,
+    parts.CAUSTIC: guards.CAUSTIC,
+}
+
+
+def rest_of(credit: int, follows: Sequence[Batch]) -> int:
+    """What is left of a batch's credit for its result."""
+    return credit - sum(batch.credit for batch in follows)
+
+
+def no_blockers(count: int) -> dict[str, NDArray[Any]]:
+    """Best hits of shadow segments that have met nothing yet."""
+    return {
+        "t": np.full(count, np.float32(sr.SEGMENT_END)),
+        "prim": np.full(count, -1, np.int32),
+        "u": np.zeros(count, np.float32),
+        "v": np.zeros(count, np.float32),
+        "owner": np.full(count, -1, np.int32),
+    }

@@ -1,0 +1,178 @@
+"""All light transport in one partition: batches in, batches out; no socket, no file, no clock.
+
+A cell holds the triangles that overlap it, the photons that landed in it, and the ghosts of its band. Whatever leaves
+it says where it goes: rays to other cells, results to the home of their task.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, take
+from wdpm.cluster.work.camera_paths import CameraCounters, CameraLight
+from wdpm.cluster.work.final_gather import FinalGatherCounters
+from wdpm.cluster.work.gathers import GatherCounters
+from wdpm.cluster.work.guards import PHOTONS_CUT, added
+from wdpm.cluster.work.photon_store import DEPOSITS_A_PATH, PhotonStore
+from wdpm.cluster.work.replica import Replica
+from wdpm.kernels import columns
+from wdpm.kernels.camera.vertices import PATH_WAY
+from wdpm.kernels.materials import surface
+from wdpm.kernels.photons import paths as pp
+from wdpm.kernels.rays import bvh
+from wdpm.kernels.rays.triangle import NO_HIT
+from wdpm.scenes.errors import ProtocolError
+from wdpm.scenes.flat.arrays import Triangles
+
+_NEEDS_SURFACE = (Kind.SHADE, Kind.SITE, Kind.VERTEX, Kind.PANE)
+
+
+class Cell:
+    """One partition of the scene.
+
+    Args:
+        number: which leaf of the top tree it is.
+        triangles: those that overlap the cell.
+        replica: what every worker has a copy of.
+
+    Attributes:
+        store: its photons.
+        energy: what became of the photons' power here: absorbed, escaped, cut off [W x paths].
+    """
+
+    def __init__(self, number: int, triangles: Triangles, replica: Replica) -> None:
+        self.number = number
+        self.replica = replica
+        self.triangle_count = len(triangles)
+        device = replica.launcher.device
+        self._bvh = bvh.build(triangles.positions, triangles.ids, replica.pad, device)
+        self._surfaces = surface.upload(triangles, replica.world.extent, device)
+        self.store = PhotonStore(number, self._surfaces, replica)
+        self._light = CameraLight(number, self._bvh, self._surfaces, self.store, replica)
+        self.energy = np.zeros(3)
+        self._actions = {
+            Kind.CAMERA: self._light.visit_camera,
+            Kind.PROBE: self._light.probe,
+            Kind.SHADE: self._light.shade_camera,
+            Kind.SCOUT: self._light.visit_scouts,
+            Kind.SITE: self._light.survey,
+            Kind.PATH: self._light.visit_paths,
+            Kind.VERTEX: self._light.shade_vertices,
+            Kind.SHADOW: self._light.visit_shadows,
+            Kind.WALK: self._light.visit_walks,
+            Kind.PANE: self._light.pass_panes,
+            Kind.BEAM: self._light.visit_beams,
+            Kind.PHOTON: self._trace,
+            Kind.LANDED: self._trace,
+        }
+
+    def advance(self, batch: Batch) -> Iterator[Batch]:
+        """Do what a batch asks for, and yield what follows from it."""
+        self._check(batch)
+        if batch.kind in (Kind.GHOSTS, Kind.POINTS):
+            self.store.add_ghosts(batch)
+        elif batch.kind in self._actions:
+            yield from self._actions[batch.kind](batch)
+        else:
+            raise ValueError(f"{batch.kind} is not for a cell")
+
+    def _check(self, batch: Batch) -> None:
+        """Raise ProtocolError if a batch asks for what this cell or this scene does not have."""
+        needs = batch.kind in _NEEDS_SURFACE
+        if batch.kind in (Kind.LANDED, Kind.VERTEX):  # in a medium, some land on no surface
+            landed = batch.arrays["prim"] >= 0
+            needs = bool(landed.any())
+            view = self.replica.view
+            if batch.kind is Kind.VERTEX and not landed.all() and (view is None or view.way != int(PATH_WAY)):
+                raise ProtocolError(f"a vertex batch came for cell {self.number} with paths that have hit nothing")
+        if needs and not self.triangle_count:
+            raise ProtocolError(f"a {batch.kind.value} batch came for cell {self.number}, which holds no triangle")
+
+    @property
+    def counters(self) -> CameraCounters:
+        """What camera samples did here."""
+        return self._light.counters
+
+    @property
+    def gathers(self) -> GatherCounters:
+        """What gathers did here."""
+        return self._light.gathering.counters
+
+    @property
+    def final_gather(self) -> FinalGatherCounters:
+        """What final gathering did here."""
+        return self._light.final_gather.counters
+
+    @property
+    def guards(self) -> dict[str, int]:
+        """What guards did here, by cause: to camera samples of the view, and to photons."""
+        return added([self._light.guards.counts, self.store.guards.counts])
+
+    def begin_view(self) -> None:
+        """Count anew what is counted for each view."""
+        self._light.begin_view()
+
+    def forget_photons(self) -> None:
+        """Let go of all photons and what was counted about them."""
+        self.store.forget()
+        self.energy[:] = 0
+
+    def _trace(self, batch: Batch) -> Iterator[Batch]:
+        """Follow photons until each has left the cell or ended. Each carries a credit of one."""
+        arrays, landed = batch.arrays, batch.kind is Kind.LANDED
+        ended = 0
+        while True:
+            flown, status, destination = self._launch_trace(arrays, landed)
+            ended += int(np.count_nonzero(status == pp.ENDED))
+            self._count_cut(flown, status)
+            for kind, code in ((Kind.PHOTON, pp.TRAVELS), (Kind.LANDED, pp.LANDS)):
+                for cell, rows in by_destination(destination, status == code):
+                    yield Batch(kind, batch.task, batch.home, cell, len(rows), take(flown, rows))
+            waiting = np.flatnonzero(status == pp.WAITS)
+            if not len(waiting):
+                break
+            arrays, landed = take(flown, waiting), True
+        if ended:
+            yield Batch(Kind.ENDED, batch.task, batch.home, self.number, ended, {})
+
+    def _count_cut(self, flown: Arrays, status: NDArray[np.int32]) -> None:
+        """Count the photons that ended at the limit of bounces, and not because they left the scene there."""
+        at_limit = (status == pp.ENDED) & (flown["bounce"] >= pp.BOUNCE_LIMIT)
+        if at_limit.any():
+            left = (flown["prim"] < 0) & (flown["t"] >= np.float32(NO_HIT))
+            cut = take(flown, np.flatnonzero(at_limit & ~left))
+            self.store.guards.act_on_photons(PHOTONS_CUT, cut["path"], cut["bounce"], cut["light"])
+
+    def _launch_trace(self, arrays: Arrays, landed: bool) -> tuple[Arrays, NDArray[np.int32], NDArray[np.int32]]:
+        """One launch over photons in flight; keeps what was stored."""
+        replica, world = self.replica, self.replica.world
+        launcher, device = replica.launcher, replica.launcher.device
+        count = len(arrays["path"])
+        chunks = launcher.chunks(count)
+        capacity = max(size for _, size in chunks) * DEPOSITS_A_PATH
+        flight = columns.upload(pp.Flight, arrays, device)
+        deposits = self.store.room(capacity, len(chunks))
+        status = wp.empty(count, dtype=wp.int32, device=device)
+        destination = wp.empty(count, dtype=wp.int32, device=device)
+        energy = wp.empty((count, 3), dtype=wp.float64, device=device)
+        scene = [self._bvh, self._surfaces, replica.materials, replica.textures, replica.media, replica.cells, flight]
+        scalars = [
+            int(landed),
+            self.number,
+            world.global_map.paths,
+            int(world.irradiance.share > 0),
+            wp.uint32(world.seed),
+            world.max_depth or 0,
+        ]
+        outputs = [deposits, status, destination, energy]
+        launcher.run(
+            replica.kernels.trace_photons,
+            [(size, [*scene, *scalars, chunk, start, *outputs]) for chunk, (start, size) in enumerate(chunks)],
+        )
+        self.energy += energy.numpy().sum(axis=0)
+        self.store.keep(deposits, capacity)
+        return columns.download(flight, SCHEMAS[Kind.PHOTON]), status.numpy(), destination.numpy()

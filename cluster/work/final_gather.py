@@ -1,0 +1,239 @@
+"""Final gathering in one cell: what the diffuse part of each vertex does, and what gather rays read (Jensen 1996).
+
+A camera path that leaves a surface by its diffuse part is a gather ray. Where it arrives, the irradiance of all light
+has been computed ahead at some of the photons (Christensen 1999), and the nearest one is read. A ray that is shorter
+than the radius of that estimate would see it blurred, in corners above all: it goes on for one more bounce instead, as
+does one that finds none within reach, for as long as it takes. With an irradiance cache, gather rays start from its
+records, and elsewhere only where no record is near.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.cluster import parts
+from wdpm.cluster.batch import Arrays
+from wdpm.cluster.records import RAY_SAMPLES
+from wdpm.cluster.work.photon_store import PhotonStore
+from wdpm.cluster.work.replica import Replica
+from wdpm.cluster.world import View
+from wdpm.kernels.camera import vertices as sh
+from wdpm.kernels.constants import INV_PI
+from wdpm.kernels.irradiance.at_photons import read_irradiance
+from wdpm.kernels.irradiance.cache import interpolate
+from wdpm.kernels.irradiance.gather_places import places_of_paths
+from wdpm.kernels.materials.surface import Surfaces
+
+
+@dataclass
+class FinalGatherCounters:
+    """What final gathering did, for the report.
+
+    Attributes:
+        rays: gather rays that arrived on a surface.
+        short: that went on since they were shorter than the estimate's radius.
+        unread: that went on since no irradiance was within reach.
+        interpolated: vertices whose indirect light came from records.
+        uncovered: vertices that a record might have served, had there been one near.
+        read_s, interpolated_s: wall-clock time of reading the map and the cache [s].
+    """
+
+    rays: int = 0
+    short: int = 0
+    unread: int = 0
+    interpolated: int = 0
+    uncovered: int = 0
+    read_s: float = 0.0
+    interpolated_s: float = 0.0
+
+
+@dataclass(eq=False)
+class Places:
+    """Vertices before their materials are looked up (kernels.irradiance.gather_places): arrays on the device."""
+
+    position: Any
+    normal: Any
+    shading_normal: Any
+    length: Any
+    side: Any
+
+
+@dataclass(eq=False)
+class Actions:
+    """What the diffuse parts of some vertices do.
+
+    Attributes:
+        codes: TRACE_ON, READ_MAP or CACHED of kernels.camera.vertices, int32, shape [N].
+        radiance: what a white Lambertian surface reflects there, where the code is not TRACE_ON, float32, shape [N, 3].
+        length: of the rays that arrived [scene units], float32, shape [N].
+    """
+
+    codes: NDArray[np.int32]
+    radiance: NDArray[np.float32]
+    length: NDArray[np.float32]
+
+    def lambertian(self, weight: NDArray[np.float32], among: NDArray[np.bool_]) -> NDArray[np.float32]:
+        """Light that Lambertian surfaces reflect of what was read, float32, shape [N, 3].
+
+        Args:
+            weight: of the vertices' queries.
+            among: the vertices that this is asked of.
+        """
+        reads = among & (self.codes != int(sh.TRACE_ON))
+        return np.where(reads[:, None], weight * self.radiance, np.float32(0.0)).astype(np.float32)
+
+    def take(self, rows: NDArray[np.intp]) -> Actions:
+        """Those of some vertices."""
+        return Actions(self.codes[rows], self.radiance[rows], self.length[rows])
+
+    def reaches(self, arrays: Arrays, light_samples: int) -> Iterator[Arrays]:
+        """How far gather rays of records went, as parts for their homes.
+
+        Args:
+            arrays: of the paths.
+        """
+        rows = np.flatnonzero((arrays["sample"] >= RAY_SAMPLES) & (arrays["bounce"] == 1))
+        if len(rows):
+            how_far = np.zeros((len(rows), 3), np.float32)
+            how_far[:, 0] = self.length[rows]
+            place = parts.place_of(arrays["bounce"][rows], arrays["diffuse"][rows], parts.REACH, light_samples)
+            yield {"slot": arrays["slot"][rows], "place": place, "radiance": how_far}
+
+
+class FinalGather:
+    """Decides about vertices in a cell."""
+
+    def __init__(self, surfaces: Surfaces, store: PhotonStore, replica: Replica) -> None:
+        self._surfaces = surfaces
+        self._store = store
+        self._replica = replica
+        self.counters = FinalGatherCounters()
+
+    def begin_view(self) -> None:
+        """Count anew."""
+        self.counters = FinalGatherCounters()
+
+    def decide(self, paths: Any, arrays: Arrays) -> Actions:
+        """What the diffuse part of each vertex does.
+
+        Args:
+            paths: kernels.camera.rays.Paths with final hits in this cell.
+            arrays: the same.
+        """
+        count = len(arrays["slot"])
+        places = self._places(paths, count)
+        actions = Actions(
+            np.full(count, int(sh.TRACE_ON), np.int32), np.zeros((count, 3), np.float32), places.length.numpy()
+        )
+        arrived = arrays["diffuse"] > 0
+        self._read(places, np.flatnonzero(arrived), arrays["diffuse"], actions)
+        if self._view.max_depth is not None and "edges" in arrays:
+            arrived |= arrays["edges"] > 1  # paths from there are shorter than those of the records' rays
+        self._interpolate(places, np.flatnonzero(~arrived), actions)
+        return actions
+
+    def sites(self, paths: Any, slot: NDArray[np.int32]) -> Arrays:
+        """The final hits where a record is wanted, as cluster.batch.SCHEMAS[Kind.SITES].
+
+        Args:
+            paths: scouts, as kernels.camera.rays.Paths.
+        """
+        places = self._places(paths, len(slot))
+        rows = np.flatnonzero(self._cacheable(places))
+        if self._replica.cache is not None and len(rows):
+            _, weight = self._from_cache(places, rows)
+            rows = rows[weight < np.float32(self._view.cache.wanted)]
+        pixel = np.float32(self._replica.pixel_width)
+        across = np.ones(len(rows), np.float32) if self._view.camera.orthographic else paths.t.numpy()[rows]
+        return {
+            "slot": slot[rows],
+            "position": places.position.numpy()[rows],
+            "normal": places.normal.numpy()[rows],
+            "shading_normal": places.shading_normal.numpy()[rows],
+            "footprint": pixel * across,
+        }
+
+    def _read(self, places: Places, rays: NDArray[np.intp], diffuse: NDArray[np.int32], actions: Actions) -> None:
+        """Decide about gather rays that have arrived.
+
+        Args:
+            diffuse: diffuse scatterings before each vertex.
+        """
+        points, plan = self._store.irradiance, self._replica.world.irradiance
+        self.counters.rays += len(rays)
+        if points is None or not len(rays):
+            self.counters.unread += len(rays)
+            return
+        launcher, device = self._replica.launcher, self._replica.launcher.device
+        outputs = [wp.empty(len(rays), dtype=t, device=device) for t in (wp.vec3, wp.float32, wp.bool)]
+        began = time.perf_counter()
+        at = self._some(rays, places.position, places.normal)
+        launcher(read_irradiance, len(rays), [points, *at, plan.reach], outputs)
+        self.counters.read_s += time.perf_counter() - began
+        value, radius, found = (output.numpy() for output in outputs)
+        near = found.astype(bool)
+        long = (actions.length[rays] >= radius) | (diffuse[rays] > 1)
+        self.counters.unread += int(np.count_nonzero(~near))
+        self.counters.short += int(np.count_nonzero(near & ~long))
+        reads = near & long
+        actions.codes[rays[reads]] = int(sh.READ_MAP)
+        actions.radiance[rays[reads]] = value[reads]
+
+    def _interpolate(self, places: Places, rows: NDArray[np.intp], actions: Actions) -> None:
+        """Decide about vertices that camera paths reach without a diffuse scattering."""
+        if self._replica.cache is None or not len(rows):
+            return
+        rows = rows[self._cacheable(places)[rows]]
+        if not len(rows):
+            return
+        irradiance, weight = self._from_cache(places, rows)
+        covered = weight > 0
+        self.counters.interpolated += int(np.count_nonzero(covered))
+        self.counters.uncovered += int(np.count_nonzero(~covered))
+        actions.codes[rows[covered]] = int(sh.CACHED)
+        actions.radiance[rows[covered]] = irradiance[covered] * np.float32(INV_PI)
+
+    def _from_cache(self, places: Places, rows: NDArray[np.intp]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Irradiance and the weight of the records that tell it, float32, shapes [rows, 3] and [rows]."""
+        launcher, device = self._replica.launcher, self._replica.launcher.device
+        outputs = [wp.empty(len(rows), dtype=t, device=device) for t in (wp.vec3, wp.float32, wp.int32)]
+        began = time.perf_counter()
+        at = self._some(rows, places.position, places.shading_normal)
+        launcher(interpolate, len(rows), [self._replica.cache, *at], outputs)
+        self.counters.interpolated_s += time.perf_counter() - began
+        return outputs[0].numpy(), outputs[1].numpy()
+
+    def _cacheable(self, places: Places) -> NDArray[np.bool_]:
+        """Where the diffuse part is Lambertian, on the seen side."""
+        material, front = np.divmod(places.side.numpy(), 2)
+        seen: NDArray[np.bool_] = (self._replica.lambertian_sides[material] & (2 - front)) != 0
+        return seen
+
+    def _some(self, rows: NDArray[np.intp], *columns: Any) -> list[Any]:
+        """Some rows of arrays of vectors."""
+        device = self._replica.launcher.device
+        if len(rows) == len(columns[0]):
+            return list(columns)
+        return [wp.array(column.numpy()[rows], dtype=wp.vec3, device=device) for column in columns]
+
+    def _places(self, paths: Any, count: int) -> Places:
+        device = self._replica.launcher.device
+        places = Places(
+            *(wp.empty(count, dtype=t, device=device) for t in (wp.vec3, wp.vec3, wp.vec3, wp.float32, wp.int32))
+        )
+        outputs = [places.position, places.normal, places.shading_normal, places.length, places.side]
+        self._replica.launcher(places_of_paths, count, [self._surfaces, paths], outputs)
+        return places
+
+    @property
+    def _view(self) -> View:
+        if self._replica.view is None:
+            raise ValueError("a camera path came before a view was set")
+        return self._replica.view

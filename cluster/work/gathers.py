@@ -1,0 +1,159 @@
+"""Gathers of camera samples in one cell."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.cluster.batch import Arrays, take
+from wdpm.cluster.work.guards import COINCIDENT, Guards
+from wdpm.cluster.work.photon_store import GATHER_GRAIN, GATHER_RUN, BuiltMap, PhotonStore
+from wdpm.cluster.work.replica import Replica
+from wdpm.cluster.world import MapPlan
+from wdpm.kernels import columns
+from wdpm.kernels.camera.vertices import Coats, Queries
+from wdpm.kernels.constants import MIN_GATHER_RADIUS
+from wdpm.kernels.photons.gather import gather_kernel
+from wdpm.kernels.photons.paths import CAUSTIC_MAP
+from wdpm.kernels.photons.surface_points import reflect_gathered
+from wdpm.kernels.rays import cells
+
+COINCIDENT_WITHIN = 2.0**-20
+"""Share of the largest radius: where more than k photons lie as near as this to a gather that found no radius, they lie
+in one place, and its radius is not that of a photon which happens to be just so far away."""
+
+
+@dataclass
+class GatherCounters:
+    """What gathers did, for the report; `seconds` is wall-clock time."""
+
+    gathers: int = 0
+    truncated: int = 0
+    left_band: int = 0
+    seconds: float = 0.0
+
+
+class Gathering:
+    """Asks the photons of one cell.
+
+    Args:
+        cell: number of the cell.
+        guards: of camera samples.
+    """
+
+    def __init__(self, cell: int, store: PhotonStore, replica: Replica, guards: Guards) -> None:
+        self._cell = cell
+        self._store = store
+        self._replica = replica
+        self._guards = guards
+        self.counters = GatherCounters()
+
+    def begin_view(self) -> None:
+        """Count anew."""
+        self.counters = GatherCounters()
+
+    def reflected(
+        self, number: int, queries: Any, coats: Any, rays: Arrays, among: NDArray[np.bool_] | None = None
+    ) -> NDArray[np.float32]:
+        """Radiance reflected of the photons of a map about each query, float32, shape [queries, 3].
+
+        Args:
+            number: of the map.
+            queries, coats: kernels.camera.vertices.Queries and Coats.
+            rays: what came to the places of the queries.
+            among: which of the queries ask; None for all that want photons.
+        """
+        replica, count = self._replica, len(queries.weight)
+        radiance = np.zeros((count, 3), np.float32)
+        if self._store.maps[number] is None or replica.view is None:
+            return radiance
+        wants = queries.weight.numpy().max(axis=1) > 0
+        wanted = np.flatnonzero(wants if among is None else wants & among)
+        if len(wanted) == count or (replica.observer is not None and among is None):
+            return self._reflected(number, queries, coats, rays)
+        if len(wanted):  # glass and mirrors gather nothing
+            device = replica.launcher.device
+            few = columns.chosen(Queries, queries, wanted, device)
+            few_coats = columns.chosen(Coats, coats, wanted, device) if replica.world.features.coated else coats
+            radiance[wanted] = self._reflected(number, few, few_coats, take(rays, wanted))
+        return radiance
+
+    def _reflected(self, number: int, queries: Any, coats: Any, rays: Arrays) -> NDArray[np.float32]:
+        """As `reflected`, for every query that is given."""
+        replica, device = self._replica, self._replica.launcher.device
+        count = len(queries.weight)
+        plan, built = replica.world.maps[number], self._store.maps[number]
+        if built is None or replica.view is None:
+            raise AssertionError(f"map {number} is not there")
+        radiance = wp.empty(count, dtype=wp.vec3, device=device)
+        irradiance = wp.empty(count, dtype=wp.vec3, device=device)
+        used = wp.empty(count, dtype=wp.int32, device=device)
+        radius = wp.empty(count, dtype=wp.float32, device=device)
+        truncated = wp.empty(count, dtype=wp.bool, device=device)
+        k = replica.view.caustic_k if number == CAUSTIC_MAP else replica.view.k
+        began = time.perf_counter()
+        self._gather(built, plan, queries, coats, k, [GATHER_RUN, irradiance, used, radius, truncated])
+        self.counters.seconds += time.perf_counter() - began
+        places = [self._store.points[number], queries.position, queries.front_normal, queries.clearance]
+        found = [queries.weight, irradiance, radius, plan.point_area, plan.radius, 1.0 / plan.paths]
+        replica.launcher(reflect_gathered, count, [*places, *found], [radiance])
+        self._count(built, plan, queries, k, radius.numpy(), truncated.numpy(), rays)
+        if replica.observer is not None:
+            replica.observer.gathered(number, queries, used, radius, truncated)
+        return np.asarray(radiance.numpy())
+
+    def _gather(self, built: BuiltMap, plan: MapPlan, queries: Any, coats: Any, k: int, outputs: list[Any]) -> None:
+        replica, view = self._replica, self._replica.view
+        features, kernel = replica.world.features, replica.kernels.gather_glossy
+        runs = -(-len(queries.weight) // GATHER_RUN)
+        depth = 0 if view is None else view.max_depth or 0
+        if kernel is not None and (features.coated or depth):
+            inputs = [built.tree, built.edges, queries, coats, k, plan.radius, depth]
+            replica.launcher(kernel, runs, inputs, outputs, grain=GATHER_GRAIN)
+        else:
+            places = [queries.position, queries.normal, queries.shading_normal]
+            inputs = [built.tree, *places, k, plan.radius]
+            replica.launcher(gather_kernel, runs, inputs, outputs, grain=GATHER_GRAIN)
+
+    def _in_one_place(
+        self, built: BuiltMap, plan: MapPlan, queries: Any, k: int, rows: NDArray[np.intp]
+    ) -> NDArray[np.bool_]:
+        """Which of some queries have more than k photons next to themselves, shape [rows]."""
+        launcher, count = self._replica.launcher, len(rows)
+        places = [
+            wp.array(column.numpy()[rows], dtype=wp.vec3, device=launcher.device)
+            for column in (queries.position, queries.normal, queries.shading_normal)
+        ]
+        near = max(plan.radius * COINCIDENT_WITHIN, MIN_GATHER_RADIUS)
+        outputs = [wp.empty(count, dtype=t, device=launcher.device) for t in (wp.vec3, wp.int32, wp.float32, wp.bool)]
+        launcher(gather_kernel, count, [built.tree, *places, k, near], [1, *outputs])
+        return ~np.asarray(outputs[3].numpy(), np.bool_)
+
+    def _count(
+        self,
+        built: BuiltMap,
+        plan: MapPlan,
+        queries: Any,
+        k: int,
+        radius: NDArray[np.float32],
+        truncated: NDArray[np.bool_],
+        rays: Arrays,
+    ) -> None:
+        wanted = queries.weight.numpy().max(axis=1) > 0
+        self.counters.gathers += int(np.count_nonzero(wanted))
+        self.counters.truncated += int(np.count_nonzero(truncated & wanted))
+        # A gather of more than k that yet reports the largest radius has no radius of its own (gather.nearest).
+        doubtful = np.flatnonzero(~truncated & (radius == np.float32(plan.radius)) & wanted)
+        if len(doubtful):
+            self._guards.act(COINCIDENT, doubtful[self._in_one_place(built, plan, queries, k, doubtful)], rays)
+        if plan.band < plan.radius:
+            tree = self._replica.world.top_tree
+            low, high = cells.cell_boxes(tree.axis, tree.split)
+            position = queries.position.numpy()
+            margin = np.minimum(position - low[self._cell], high[self._cell] - position).min(axis=1)
+            self.counters.left_band += int(np.count_nonzero((radius > margin + plan.band) & wanted))

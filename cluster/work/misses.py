@@ -1,0 +1,95 @@
+"""Rays of camera paths that meet no surface: what comes from beyond the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.cluster import parts
+from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, take
+from wdpm.cluster.work.beams import start_beams
+from wdpm.cluster.work.guards import EMISSION, Guards
+from wdpm.cluster.work.replica import Replica
+from wdpm.cluster.world import View
+from wdpm.kernels import columns
+from wdpm.kernels.camera import rays as cr
+from wdpm.kernels.camera import vertices as sh
+
+
+def no_hits(count: int, view: View) -> dict[str, NDArray[Any]]:
+    """Best hits of camera rays that have met nothing yet."""
+    return {
+        # As camera_ray computes it: the difference of two float32, rounded once.
+        "t": np.full(count, np.float32(view.camera.far_clip) - np.float32(view.camera.near_clip)),
+        "prim": np.full(count, -1, np.int32),
+        "u": np.zeros(count, np.float32),
+        "v": np.zeros(count, np.float32),
+        "owner": np.full(count, -1, np.int32),
+    }
+
+
+def start_paths(replica: Replica, rays: Any, count: int) -> Any:
+    """Camera rays (kernels.camera.rays.Rays) as the beginnings of paths (Paths)."""
+    paths = columns.empty(cr.Paths, count, replica.launcher.device)
+    replica.launcher(replica.kernels.start_paths, count, [replica.camera, rays], [paths])
+    return paths
+
+
+def missed_light(
+    replica: Replica, guards: Guards, cause: Batch, cell: int, rays: Arrays, credit: int
+) -> Iterator[Batch]:
+    """What rays that meet nothing bring home: light of the environment, and of the medium that they are in.
+
+    In path tracing some of them collide in their medium: those are vertices of the cell that contains the collision.
+
+    Args:
+        guards: of camera samples.
+        cause: the batch that they came with.
+        cell: the cell where that became clear.
+        rays: CAMERA rays, or rays of a PATH.
+        credit: theirs.
+    """
+    view, features = replica.view, replica.world.features
+    if view is None or not features.misses:
+        yield Batch(Kind.ENDED, cause.task, cause.home, cell, credit, {})
+        return
+    device, count = replica.launcher.device, len(rays["slot"])
+    radiance = wp.empty(count, dtype=wp.vec3, device=device)
+    stretches = columns.empty(sh.Stretches, count if features.media else 0, device)
+    later = "bounce" in rays
+    items = columns.upload(cr.Paths if later else cr.Rays, rays, device)
+    paths = items if later else start_paths(replica, items, count)
+    collision = wp.empty(count, dtype=wp.int32, device=device)
+    inputs = [replica.media, replica.lights, replica.cells, replica.camera, paths, view.light_samples, view.way]
+    replica.launcher(replica.kernels.path_misses, count, inputs, [radiance, collision, stretches])
+    follows = list(start_beams(replica, cause, stretches)) if features.media else []
+    into = collision.numpy()
+    if (into >= 0).any():
+        follows += _collisions(cause, columns.download(paths, SCHEMAS[Kind.VERTEX]), into, view.light_samples)
+    left = credit - sum(batch.credit for batch in follows)
+    if not left:  # all collide
+        yield from follows
+        return
+    light = guards.blacken(radiance.numpy(), EMISSION, rays)
+    rows = np.flatnonzero(light.any(axis=1))
+    none = np.zeros(len(rows), np.int32)
+    bounce, diffuse = (rays["bounce"][rows], rays["diffuse"][rows]) if later else (none, none)
+    lit = {
+        "slot": rays["slot"][rows],
+        "place": parts.place_of(bounce, diffuse, parts.EMISSION, view.light_samples),
+        "radiance": light[rows],
+    }
+    yield Batch(Kind.LIT, cause.task, cause.home, cell, left, lit)
+    yield from follows
+
+
+def _collisions(cause: Batch, paths: Arrays, into: NDArray[np.int32], light_samples: int) -> Iterator[Batch]:
+    """Paths that collide in their medium on their way out of the scene, by the cell that contains the collision."""
+    for cell, rows in by_destination(into, into >= 0):
+        sent = take(paths, rows)
+        credit = parts.credit_of(sent["bounce"], light_samples)
+        yield Batch(Kind.VERTEX, cause.task, cause.home, cell, credit, sent)

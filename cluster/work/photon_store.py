@@ -1,0 +1,305 @@
+"""The photons of a cell: its own, copies of its neighbours' in its band, and the maps that are made of them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, concatenate, take
+from wdpm.cluster.partition import rows_near
+from wdpm.cluster.work.guards import PHOTON, Guards
+from wdpm.cluster.work.replica import Replica
+from wdpm.cluster.world import MapPlan
+from wdpm.kernels import columns
+from wdpm.kernels.irradiance import at_photons
+from wdpm.kernels.limits import MAPS
+from wdpm.kernels.materials.surface import Surfaces
+from wdpm.kernels.photons import paths as pp
+from wdpm.kernels.photons import photon_map
+from wdpm.kernels.photons.gather_at_photons import gather_at_photons
+from wdpm.kernels.photons.surface_points import reflect_gathered, spread
+from wdpm.kernels.rays import cells
+from wdpm.scenes.flat.areas import triangle_areas
+
+DEPOSITS_A_PATH = 6
+"""Room for photons, a path, in one launch. What finds none waits for the next launch."""
+
+
+GATHER_RUN = 32
+"""Gathers that one Warp thread makes one after another: enough to profit from its last radius, and to share out."""
+
+GATHER_GRAIN = 32
+"""Runs of gathers that are worth a launch of their own."""
+
+SURFACE_MAPS = (int(pp.GLOBAL_MAP), int(pp.CAUSTIC_MAP))
+"""Those whose gathers divide by a measured area."""
+
+
+@dataclass
+class PhotonCounters:
+    """What was stored, for the report.
+
+    Attributes:
+        by_light: photons that each light has in each map, shape [MAPS, lights].
+        flux_by_light: their flux, mean of RGB [W x paths], shape [MAPS, lights].
+    """
+
+    by_light: NDArray[np.int64]
+    flux_by_light: NDArray[np.float64]
+
+
+@dataclass(eq=False)
+class BuiltMap:
+    """A map that gathers may read.
+
+    Attributes:
+        edges: of the photons' paths, in the order of their numbers.
+    """
+
+    tree: Any
+    edges: Any
+
+
+class PhotonStore:
+    """Photons of one cell.
+
+    Args:
+        cell: number of the cell.
+        surfaces: its triangles on the device.
+    """
+
+    def __init__(self, cell: int, surfaces: Surfaces, replica: Replica) -> None:
+        self._cell = cell
+        self._surfaces = surfaces
+        self._replica = replica
+        self._own: list[Arrays] = []
+        self._ghosts: list[Arrays] = []
+        self._deposits: Any = None
+        self._own_points: Arrays = {}
+        self._ghost_points: list[Arrays] = []
+        self.maps: list[BuiltMap | None] = [None] * MAPS
+        self.points: list[Any] = [None] * MAPS
+        self.irradiance: Any = None
+        self.irradiance_count = 0
+        self.irradiance_s = 0.0
+        self.count = np.zeros(MAPS, np.int64)
+        self.ghost_count = np.zeros(MAPS, np.int64)
+        number = len(replica.world.lights.names)
+        self.guards = Guards(replica)
+        self.counters = PhotonCounters(np.zeros((MAPS, number), np.int64), np.zeros((MAPS, number)))
+
+    def room(self, capacity: int, chunks: int) -> Any:
+        """Room for photons, used again from launch to launch: fresh memory costs as much as the photons in it."""
+        device = self._replica.launcher.device
+        if self._deposits is None or len(self._deposits.id) < capacity * chunks:
+            self._deposits = _empty_deposits(capacity * chunks, device)
+        self._deposits.capacity = capacity
+        self._deposits.count = wp.zeros(chunks, dtype=wp.int32, device=device)
+        return self._deposits
+
+    def keep(self, deposits: Any, capacity: int) -> None:
+        """Take stored photons out of the regions of a launch."""
+        names = SCHEMAS[Kind.GHOSTS]
+        regions = columns.download(deposits, [*names, "light"])
+        for chunk, asked in enumerate(deposits.count.numpy()):
+            kept = min(int(asked), capacity)
+            if kept:
+                region = slice(chunk * capacity, chunk * capacity + kept)
+                photons = {name: regions[name][region].copy() for name in names}
+                light = regions["light"][region].copy()
+                finite = np.isfinite(photons["flux"]).all(axis=1)
+                if not finite.all():
+                    bad, number = np.flatnonzero(~finite), photons["id"]
+                    bounce = number[bad] & ((1 << pp.BOUNCE_BITS) - 1)
+                    self.guards.act_on_photons(PHOTON, number[bad] >> pp.BOUNCE_BITS, bounce, light[bad])
+                    photons, light = take(photons, np.flatnonzero(finite)), light[finite]
+                self._own.append(photons)
+                self._count(photons, light)
+
+    def _count(self, photons: Arrays, light: NDArray[np.int32]) -> None:
+        number = self.counters.by_light.shape[1]
+        key = photons["map"].astype(np.int64) * number + light
+        counted = np.bincount(key, minlength=MAPS * number).reshape(MAPS, number)
+        self.counters.by_light += counted
+        self.count += counted.sum(axis=1)
+        flux = photons["flux"].mean(axis=1, dtype=np.float64)
+        self.counters.flux_by_light += np.bincount(key, flux, MAPS * number).reshape(MAPS, number)
+
+    def so_far(self) -> Arrays:
+        """The photons stored so far; only before the maps are built."""
+        return concatenate(self._own, Kind.GHOSTS)
+
+    def add_ghosts(self, batch: Batch) -> None:
+        """Take in copies of a neighbour's photons, or of its surface points."""
+        if batch.kind is Kind.POINTS:
+            self._ghost_points.append(batch.arrays)
+        else:
+            self._ghosts.append(batch.arrays)
+            self.ghost_count += np.bincount(batch.arrays["map"], minlength=MAPS)
+
+    def ghosts(self) -> Iterator[Batch]:
+        """For every other cell, the photons and surface points that lie in its band: two batches, even if empty."""
+        replica, world = self._replica, self._replica.world
+        low, high = cells.cell_boxes(world.top_tree.axis, world.top_tree.split)
+        self._own_points = self._spread_points()
+        photons = concatenate(self._own, Kind.GHOSTS)
+        self._own = [photons]
+        copied = [(Kind.GHOSTS, _ByMap(photons)), (Kind.POINTS, _ByMap(self._own_points))]
+        # Distances are rounded, and photons lie a rounding off their surfaces: pad covers both.
+        bands = [plan.band + replica.pad if plan.paths else 0.0 for plan in world.maps]
+        for cell in range(len(low)):
+            if cell != self._cell:
+                for kind, places in copied:
+                    rows = places.near(low[cell], high[cell], bands)
+                    yield Batch(kind, -1, replica.worker, cell, 0, take(places.arrays, rows))
+
+    def _spread_points(self) -> Arrays:
+        """The surface points that lie in this cell: for each map as many as suit it."""
+        replica, surfaces = self._replica, self._surfaces
+        ids, area = surfaces.ids.numpy(), triangle_areas(surfaces.corners.numpy())
+        parts: list[Arrays] = []
+        for number in SURFACE_MAPS:
+            plan = replica.world.maps[number]
+            if plan.paths and plan.read:
+                position, normal = spread(
+                    surfaces, replica.cells, self._cell, ids, area, plan.point_area, replica.launcher, plan.point_set
+                )
+                parts.append({"map": np.full(len(position), number, np.int32), "position": position, "normal": normal})
+        return concatenate(parts, Kind.POINTS)
+
+    def build(self) -> None:
+        """Build the trees of photons and of surface points, own and ghosts, and let go of what they are built from."""
+        photons = concatenate([*self._own, *self._ghosts], Kind.GHOSTS)
+        self._own, self._ghosts, self._deposits = [], [], None
+        for number, plan in enumerate(self._replica.world.maps):
+            self.maps[number] = self._built(photons, number, plan)
+        points = concatenate([self._own_points, *self._ghost_points], Kind.POINTS)
+        self._own_points, self._ghost_points = {}, []
+        for number in SURFACE_MAPS:
+            self.points[number] = self._tree_of_points(take(points, np.flatnonzero(points["map"] == number)))
+        if self._replica.world.irradiance.share and self.maps[pp.GLOBAL_MAP] is not None:
+            self._compute_irradiance(take(photons, np.flatnonzero(photons["map"] == int(pp.GLOBAL_MAP))))
+
+    def _compute_irradiance(self, photons: Arrays) -> None:
+        """Estimate what reaches the surface at some photons, own ones and all that gather rays of this cell may read.
+
+        The photons about a ghost within reach are all here, since the band is that much wider than the radius: its
+        estimate is the same, bit for bit, as in the cell that owns it.
+        """
+        began = time.perf_counter()
+        replica, world = self._replica, self._replica.world
+        plan, launcher = world.global_map, replica.launcher
+        low, high = cells.cell_boxes(world.top_tree.axis, world.top_tree.split)
+        near = rows_near(photons["position"], low[self._cell], high[self._cell], world.irradiance.reach + replica.pad)
+        ids = np.sort(photons["id"])
+        photons = take(photons, near[at_photons.chosen(photons["id"][near], world.irradiance.share)])
+        # Neighbours one after another: the search for one begins with the radius of the one before.
+        order = np.lexsort(_along(photons["position"], plan.radius))
+        photons = {name: column[order] for name, column in photons.items()}
+        count, device = len(photons["id"]), launcher.device
+        facing = np.where(photons["front"][:, None] == 1, photons["normal"], -photons["normal"])
+        position, normal, front = (
+            wp.array(a, dtype=wp.vec3, device=device) for a in (photons["position"], photons["normal"], facing)
+        )
+        rank = wp.array(np.searchsorted(ids, photons["id"]), dtype=wp.int32, device=device)
+        irradiance = wp.empty(count, dtype=wp.vec3, device=device)
+        radius = wp.empty(count, dtype=wp.float32, device=device)
+        search = [world.irradiance.k, plan.radius, world.irradiance.share, world.irradiance.reach]
+        inputs = [self.maps[pp.GLOBAL_MAP].tree, rank, position, normal, *search]
+        runs = -(-count // GATHER_RUN)
+        launcher(gather_at_photons, runs, inputs, [GATHER_RUN, irradiance, radius], grain=GATHER_GRAIN)
+        radiance = wp.empty(count, dtype=wp.vec3, device=device)
+        white, no_clearance = wp.full(count, wp.vec3(1.0), dtype=wp.vec3, device=device), wp.zeros(count, device=device)
+        places = [self.points[pp.GLOBAL_MAP], position, front, no_clearance]
+        found = [white, irradiance, radius, plan.point_area, plan.radius, 1.0 / plan.paths]
+        launcher(reflect_gathered, count, [*places, *found], [radiance])
+        self.irradiance_count = count
+        self.irradiance = at_photons.build(
+            photons["position"],
+            radiance.numpy(),
+            photons["normal"],
+            radius.numpy(),
+            photons["id"],
+            device,
+            launcher.build_launcher(),
+        )
+        self.irradiance_s = time.perf_counter() - began
+
+    def _tree_of_points(self, points: Arrays) -> Any:
+        none, order = np.zeros_like(points["position"]), np.arange(len(points["map"]), dtype=np.int64)
+        launcher = self._replica.launcher
+        return photon_map.build(
+            points["position"], none, points["normal"], none, order, launcher.device, launcher.build_launcher()
+        )
+
+    def _built(self, photons: Arrays, number: int, plan: MapPlan) -> BuiltMap | None:
+        if plan.paths == 0 or not plan.read:
+            return None
+        launcher = self._replica.launcher
+        chosen = take(photons, np.flatnonzero(photons["map"] == number))
+        tree = photon_map.build(
+            chosen["position"],
+            chosen["flux"],
+            chosen["normal"],  # of volume photons: (medium, 0, 0)
+            chosen["direction"],
+            chosen["id"],
+            launcher.device,
+            launcher.build_launcher(),
+        )
+        edges = np.ascontiguousarray(chosen["edges"][np.argsort(chosen["id"])])
+        return BuiltMap(tree, wp.array(edges, dtype=wp.int32, device=launcher.device))
+
+    def forget(self) -> None:
+        """Let go of all photons and what was counted about them."""
+        self._own, self._ghosts = [], []
+        self._own_points, self._ghost_points, self.points = {}, [], [None] * MAPS
+        self.maps = [None] * MAPS
+        self.irradiance, self.irradiance_count, self.irradiance_s = None, 0, 0.0
+        self.count[:] = 0
+        self.ghost_count[:] = 0
+        self.counters.by_light[:] = 0
+        self.counters.flux_by_light[:] = 0.0
+        self.guards.counts.clear()
+
+
+def _along(position: NDArray[np.float32], step: float) -> tuple[NDArray[np.float32], ...]:
+    """Keys that sort places along a line through slabs of a width, ties as they come."""
+    slabs = np.floor(position[:, 1:] / np.float32(step))
+    return position[:, 0], slabs[:, 0], slabs[:, 1]
+
+
+def _empty_deposits(total: int, device: str) -> Any:
+    deposits = pp.Deposits()
+    deposits.id = wp.empty(total, dtype=wp.int64, device=device)
+    for name in ("edges", "front", "map", "light"):
+        setattr(deposits, name, wp.empty(total, dtype=wp.int32, device=device))
+    for name in ("position", "flux", "normal", "direction"):
+        setattr(deposits, name, wp.empty(total, dtype=wp.vec3, device=device))
+    return deposits
+
+
+class _ByMap:
+    """Places by the map that they belong to.
+
+    Args:
+        arrays: with "map" and "position".
+    """
+
+    def __init__(self, arrays: Arrays) -> None:
+        self.arrays = arrays
+        self._rows = [np.flatnonzero(arrays["map"] == number) for number in range(MAPS)]
+        self._places = [arrays["position"][rows] for rows in self._rows]
+
+    def near(self, low: NDArray[np.float32], high: NDArray[np.float32], bands: Sequence[float]) -> NDArray[np.intp]:
+        """Rows of those in a box, or no further from it than the band of their map, ascending."""
+        chosen = [
+            rows[rows_near(place, low, high, band)]
+            for rows, place, band in zip(self._rows, self._places, bands, strict=True)
+        ]
+        return np.sort(np.concatenate(chosen))

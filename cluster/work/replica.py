@@ -1,0 +1,130 @@
+"""A worker's copy of what every process has, on its device."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.cluster.records import NO_RECORDS, Records
+from wdpm.cluster.world import View, World
+from wdpm.kernels.camera import camera
+from wdpm.kernels.compile import compile_kernels
+from wdpm.kernels.constants import PAD_SHARE
+from wdpm.kernels.features import ALL, Features
+from wdpm.kernels.irradiance import record_tree
+from wdpm.kernels.launch import Launcher
+from wdpm.kernels.lights import lights
+from wdpm.kernels.materials import medium, resolve, texture
+from wdpm.kernels.rays import cells
+from wdpm.kernels.variants import Variants, make_variants
+from wdpm.scenes.flat.material_sides import lambertian_sides
+from wdpm.scenes.model.scene import Camera
+
+
+class Observer(Protocol):
+    """Who looks over a worker's shoulder. What it is shown changes with the next launch: it copies what it keeps."""
+
+    def shaded(self, surfaces: Any, rays: Any, shots: Any, paths: Any) -> None:
+        """Vertices on surfaces of a cell were shaded.
+
+        Args:
+            rays: kernels.camera.rays.Rays or Paths that came.
+            shots, paths: kernels.camera.vertices.Shots and Paths that go on; no paths in scenes where none does.
+        """
+
+    def gathered(self, number: int, queries: Any, count: Any, radius: Any, truncated: Any) -> None:
+        """The vertices that were shaded last asked a map.
+
+        Args:
+            number: of the map.
+            queries: kernels.camera.vertices.Queries; count, radius, truncated: as gather_kernel gives them, one a
+                vertex.
+        """
+
+
+@dataclass(eq=False)
+class Replica:
+    """A worker's copy of the World, on its device, and the View of the moment.
+
+    Attributes:
+        worker: its number.
+        paths_by_light: photon paths that its homes have started, by pass (global, caustic) and light.
+        observer: is shown what happens at the vertices of camera paths, for replays; None in a render.
+    """
+
+    world: World
+    launcher: Launcher
+    worker: int
+    view: View | None = None
+    camera: Any = None
+    observer: Observer | None = None
+    kernels: Variants = field(init=False)
+    paths_by_light: NDArray[np.int64] = field(init=False)
+    cells: Any = field(init=False)
+    lights: Any = field(init=False)
+    cumulative: Any = field(init=False)
+    caustic_cumulative: Any = field(init=False)
+    targets: Any = field(init=False)
+    resolve: Any = field(init=False)
+    textures: Any = field(init=False)
+    media: Any = field(init=False)
+    records: Records = field(init=False)
+    cache: Any = field(init=False, default=None)
+    lambertian_sides: NDArray[np.int32] = field(init=False)
+
+    def __post_init__(self) -> None:
+        world, device = self.world, self.launcher.device
+        tree, media = world.top_tree, world.media
+        compile_kernels(device, world.features)
+        self.kernels = make_variants(world.features)
+        self.paths_by_light = np.zeros((2, len(world.lights.names)), np.int64)
+        self.cells = cells.upload(tree.axis, tree.split, self.pad, device)
+        self.textures = texture.upload(world.textures, device)
+        self.materials = resolve.upload(world.materials, device)
+        self.media = medium.upload(media.sigma_t, media.albedo, media.g, device)
+        self.lights = lights.upload(world.lights, world.extent, device)
+        self.lambertian_sides = lambertian_sides(world.materials)
+        self.records = NO_RECORDS
+        self.share_out()
+
+    def share_out(self) -> None:
+        """How photons are shared out among the lights, and where the caustic pass aims, as the World says."""
+        emission, device = self.world.emission, self.launcher.device
+        self.cumulative = lights.upload_shares(emission.share, device)
+        self.caustic_cumulative = lights.upload_shares(emission.caustic_share, device)
+        self.targets = lights.upload_targets(emission.target_center, emission.target_radius, device)
+
+    @property
+    def pad(self) -> float:
+        """How far boxes are grown (constants.PAD_SHARE)."""
+        return self.world.extent * PAD_SHARE
+
+    @property
+    def pixel_width(self) -> float:
+        """Width of a pixel at distance 1 along the camera's axis; anywhere, of an orthographic camera."""
+        return 2.0 * float(wp.length(self.camera.right)) / self.camera.whole_width
+
+    def take_records(self, records: Records) -> None:
+        """Have these irradiance records in place of those before."""
+        self.records = records
+        self.cache = record_tree.build(vars(self.records), self.launcher.device)
+
+    def set_view(self, view: View) -> None:
+        """Look through another camera, without irradiance records at first."""
+        self.view = view
+        self.records, self.cache = NO_RECORDS, None
+        features = with_camera(self.world.features, view.camera)
+        compile_kernels(self.launcher.device, features)
+        self.kernels = make_variants(features)
+        self.camera = camera.upload(view.camera, view.seed, self.launcher.device)
+
+
+def with_camera(features: Features, view: Camera) -> Features:
+    """The features of a scene seen through a camera."""
+    if features == ALL:
+        return features
+    return replace(features, lens=view.aperture_radius > 0, orthographic=view.orthographic)

@@ -1,0 +1,263 @@
+"""What a slave computes: its cells, and the homes of the tasks that it was handed. No input or output of its own.
+
+Batches between its own cells and homes never leave it. All others are put in the outbox, for whoever moves them.
+"""
+
+from __future__ import annotations
+
+import resource
+import sys
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from wdpm.cluster.batch import TO_HOME, Batch, Kind
+from wdpm.cluster.queues import Queues
+from wdpm.cluster.records import Records, take_near
+from wdpm.cluster.task import BucketTask, PhotonTask, RecordTask, Task, TaskResult
+from wdpm.cluster.work.bucket_home import BucketHome
+from wdpm.cluster.work.cell import Cell
+from wdpm.cluster.work.final_gather import FinalGatherCounters
+from wdpm.cluster.work.guards import Guards, added
+from wdpm.cluster.work.photon_home import PhotonHome
+from wdpm.cluster.work.record_home import RecordHome
+from wdpm.cluster.work.replica import Replica
+from wdpm.cluster.world import PhotonPlan, View, World
+from wdpm.kernels.launch import Launcher
+from wdpm.kernels.rays.cells import cell_boxes
+from wdpm.scenes.errors import ProtocolError
+from wdpm.scenes.flat.arrays import Triangles
+
+Home = PhotonHome | RecordHome | BucketHome
+
+RAYS = frozenset(set(Kind) - TO_HOME - {Kind.GHOSTS, Kind.POINTS})
+
+
+@dataclass
+class Outbox:
+    """What leaves a worker: batches for other workers, and results of tasks for the master."""
+
+    batches: list[Batch] = field(default_factory=list)
+    results: list[TaskResult] = field(default_factory=list)
+
+
+class Worker:
+    """Cells and homes of one slave.
+
+    Args:
+        number: the slave's number.
+        partition: the triangles of each of its cells.
+        holders: number of the worker that holds each cell.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        world: World,
+        partition: Mapping[int, Triangles],
+        holders: Sequence[int],
+        launcher: Launcher,
+    ) -> None:
+        self.number = number
+        self.holders = tuple(holders)
+        self.replica = Replica(world, launcher, number)
+        self.cells = {cell: Cell(cell, triangles, self.replica) for cell, triangles in sorted(partition.items())}
+        self._guards = Guards(self.replica)  # of its homes
+        self._homes: dict[int, Home] = {}
+        self._traffic = dict.fromkeys(("rays_in", "rays_out", "bytes_in", "bytes_out"), 0)
+        self._busy = 0.0
+        self._photon_traffic = dict(self._traffic)  # what they were when the maps were built
+        self._photon_busy = 0.0
+
+    def set_view(self, view: View) -> None:
+        """Look through a camera; before buckets are started. What is counted for each view begins anew."""
+        self.replica.set_view(view)
+        self._traffic, self._busy = dict(self._photon_traffic), self._photon_busy
+        self._guards.counts.clear()
+        for cell in self.cells.values():
+            cell.begin_view()
+
+    def adopt(self, world: World) -> None:
+        """Go on with the same scene under another photon plan, without any photons."""
+        self.forget_photons()
+        self.replica.world = world
+        self.replica.share_out()
+
+    def plan_photons(self, plan: PhotonPlan) -> None:
+        """Let go of all photons, before others are traced by this plan."""
+        self.forget_photons()
+        self.replica.world = self.replica.world.with_photons(plan)
+
+    def start(self, task: Task) -> Outbox:
+        """Become a task's home."""
+        began = time.perf_counter()
+        home: Home
+        if isinstance(task, PhotonTask):
+            home = PhotonHome(task, self.number, self.replica)
+        elif isinstance(task, BucketTask) and self.replica.view is not None:
+            home = BucketHome(task, self.number, self.replica, self.replica.view, self._guards)
+        elif isinstance(task, RecordTask) and self.replica.view is not None:
+            home = RecordHome(task, self.number, self.replica, self.replica.view)
+        else:
+            raise ProtocolError(f"task {task.number} came before a view was set")
+        self._homes[task.number] = home
+        outbox = Outbox()
+        self._start(home.begin(), outbox)
+        self._finish(task.number, outbox)
+        self._busy += time.perf_counter() - began
+        return outbox
+
+    def handle(self, batch: Batch) -> Outbox:
+        """Take in a batch that another worker sent."""
+        began = time.perf_counter()
+        self._traffic["bytes_in"] += batch.nbytes
+        if batch.kind in RAYS:
+            self._traffic["rays_in"] += len(batch)
+        outbox = Outbox()
+        self._run([batch], outbox)
+        self._busy += time.perf_counter() - began
+        return outbox
+
+    def take_records(self, records: Records) -> None:
+        """Have these irradiance records, as far as they reach a cell of this worker, in place of those before."""
+        began = time.perf_counter()
+        tree, pad = self.replica.world.top_tree, self.replica.pad
+        low, high = cell_boxes(tree.axis, tree.split)
+        self.replica.take_records(take_near(records, [(low[cell] - pad, high[cell] + pad) for cell in self.cells]))
+        self._busy += time.perf_counter() - began
+
+    def exchange(self) -> list[Batch]:
+        """Ghosts and surface points of each own cell for every cell of another worker; between own cells at once."""
+        began = time.perf_counter()
+        outbox = Outbox()
+        for cell in self.cells.values():
+            self._start(cell.store.ghosts(), outbox)
+        self._busy += time.perf_counter() - began
+        return outbox.batches
+
+    def ghosts_expected(self) -> int:
+        """Batches of ghosts and of surface points that other workers send to this one."""
+        return 2 * len(self.cells) * (len(self.holders) - len(self.cells))
+
+    def build_maps(self) -> None:
+        """Build the photon maps of all cells."""
+        began = time.perf_counter()
+        for cell in self.cells.values():
+            cell.store.build()
+        self._busy += time.perf_counter() - began
+        self._photon_traffic, self._photon_busy = dict(self._traffic), self._busy
+
+    def forget_photons(self) -> None:
+        """Let go of all photons, before they are traced again."""
+        for cell in self.cells.values():
+            cell.forget_photons()
+        self.replica.paths_by_light[:] = 0
+        self._traffic = dict.fromkeys(self._traffic, 0)
+        self._busy = 0.0
+
+    def statistics(self) -> dict[str, Any]:
+        """What this worker holds and has done."""
+        cells = self.cells.values()
+        return {
+            "cells": list(self.cells),
+            "triangles": sum(cell.triangle_count for cell in cells),
+            "photons": _whole(np.sum([cell.store.count for cell in cells], axis=0)),
+            "ghosts": _whole(np.sum([cell.store.ghost_count for cell in cells], axis=0)),
+            "paths_by_light": [_whole(row) for row in self.replica.paths_by_light],
+            "flux_by_light": [
+                [float(x) for x in row] for row in np.sum([cell.store.counters.flux_by_light for cell in cells], axis=0)
+            ],
+            "stored_by_light": [
+                _whole(row) for row in np.sum([cell.store.counters.by_light for cell in cells], axis=0)
+            ],
+            "energy": [float(share) for share in np.sum([cell.energy for cell in cells], axis=0)],
+            "gathers": sum(cell.gathers.gathers for cell in cells),
+            "gathers_truncated": sum(cell.gathers.truncated for cell in cells),
+            "gathers_left_band": sum(cell.gathers.left_band for cell in cells),
+            "gathers_s": sum(cell.gathers.seconds for cell in cells),
+            **{
+                f"final_gather_{field.name}": sum(getattr(cell.final_gather, field.name) for cell in cells)
+                for field in fields(FinalGatherCounters)
+            },
+            "irradiance_points": sum(cell.store.irradiance_count for cell in cells),
+            "irradiance_s": sum(cell.store.irradiance_s for cell in cells),
+            "records": len(self.replica.records),
+            "vertices": sum(cell.counters.vertices for cell in cells),
+            "beams": sum(cell.counters.beams for cell in cells),
+            "guards": added([*(cell.guards for cell in cells), self._guards.counts]),
+            "busy_s": self._busy,
+            "peak_memory_bytes": peak_memory(),
+            **self._traffic,
+        }
+
+    def _run(self, batches: Iterable[Batch], outbox: Outbox) -> None:
+        """Work off batches, and what follows from them, until only work for other workers is left.
+
+        Rays for one cell are collected until nothing else is to be done, and the fullest cell goes first: few large
+        launches in place of many small ones. The order changes no bit.
+        """
+        waiting = Queues()
+        leaving = Queues()
+        waiting.extend(batches)
+        while waiting:
+            batch = waiting.pop()
+            if batch.kind in TO_HOME:
+                follows = self._home_of(batch).receive(batch)
+            else:
+                follows = self._cell_of(batch).advance(batch)
+            for following in follows:
+                (waiting if self._destination(following) == self.number else leaving).add(following)
+            if batch.kind in TO_HOME:
+                self._finish(batch.task, outbox)
+        while leaving:
+            self._send(leaving.pop(), outbox)
+
+    def _start(self, batches: Iterable[Batch], outbox: Outbox) -> None:
+        """Send new batches on their way, and work off those that stay here."""
+        own = []
+        for batch in batches:
+            if self._destination(batch) == self.number:
+                own.append(batch)
+            else:
+                self._send(batch, outbox)
+        self._run(own, outbox)
+
+    def _home_of(self, batch: Batch) -> Home:
+        home = self._homes.get(batch.task)
+        if home is None:
+            raise ProtocolError(f"a {batch.kind.value} batch came home to task {batch.task}, which is unknown here")
+        return home
+
+    def _cell_of(self, batch: Batch) -> Cell:
+        if batch.cell not in self.cells:
+            raise ProtocolError(f"a {batch.kind.value} batch came for cell {batch.cell}, which is not held here")
+        return self.cells[batch.cell]
+
+    def _finish(self, task: int, outbox: Outbox) -> None:
+        home = self._homes.get(task)
+        result = None if home is None else home.result()
+        if result is not None:
+            del self._homes[task]
+            outbox.results.append(result)
+
+    def _destination(self, batch: Batch) -> int:
+        return batch.home if batch.kind in TO_HOME else self.holders[batch.cell]
+
+    def _send(self, batch: Batch, outbox: Outbox) -> None:
+        self._traffic["bytes_out"] += batch.nbytes
+        if batch.kind in RAYS:
+            self._traffic["rays_out"] += len(batch)
+        outbox.batches.append(batch)
+
+
+def _whole(counts: Iterable[int]) -> list[int]:
+    return [int(count) for count in counts]
+
+
+def peak_memory() -> int:
+    """Most memory that this process has had in use [bytes]."""
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else peak * 1024

@@ -1,0 +1,163 @@
+"""Vertices of camera paths in participating media, for path tracing: Kajiya & Von Herzen 1984, Raab et al. 2008.
+
+A path in a medium flies freely (medium.py). Where it collides before it meets a surface, or where it meets none, the
+medium scatters: direct light by shadow rays, over the phase function, and one ray that goes on by it, weighted against
+each other like those of a surface. Free paths are those of one channel, chosen by what the path carries of each (the
+history of a path counts: Kutz et al. 2017): the sum of its channels then never grows, however often it is weighted.
+
+The collision is a function of the path and of the surface that it would have met: so whoever holds the path finds the
+same, and no ray is cut short on its way through the cells.
+"""
+
+from __future__ import annotations
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from wdpm.kernels.camera.rays import Paths
+from wdpm.kernels.camera.vertices import Orders, Shots, Vertex, carry_on, numbers_2d, place_of, scattered_again
+from wdpm.kernels.constants import COLLISION_MARGIN, ROULETTE_FROM_OF_PATHS, SURVIVAL_MOST_IN_MEDIUM
+from wdpm.kernels.features import Features
+from wdpm.kernels.lights.lights import Lights, make_lights
+from wdpm.kernels.materials.medium import (
+    DistanceSample,
+    Media,
+    channel_of,
+    free_path_of,
+    pass_weight_by,
+    phase_sample,
+    phase_value,
+    scatter_weight_by,
+    transmittance,
+)
+from wdpm.kernels.materials.texture import Textures
+from wdpm.kernels.maths.random import PURPOSE_LIGHT, PURPOSE_MEDIUM, sample_1d, sample_2d_fine, stream_of
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+# Dimensions of a vertex's random numbers, of a purpose of their own.
+_CHANNEL = wp.constant(0)
+_DISTANCE = wp.constant(1)
+_DIMENSIONS = wp.constant(2)
+
+
+@wp.func
+def length_to(lights: Lights, p: Vertex) -> wp.float32:
+    """Distance from a path's last vertex to the surface that it meets; beyond the scene if it meets none."""
+    if p.prim < 0:
+        return lights.far_away
+    return p.t * wp.length(p.direction)
+
+
+@wp.func
+def _number(seed: wp.uint32, p: Vertex, dimension: wp.int32) -> wp.float32:
+    stream = stream_of(seed, PURPOSE_MEDIUM, p.item, _DIMENSIONS * p.bounce + dimension)
+    return wp.float32(sample_1d(wp.uint32(p.sample), stream))
+
+
+@wp.func
+def flight_of(media: Media, lights: Lights, p: Vertex, seed: wp.uint32) -> DistanceSample:
+    """Whether a path collides in the medium that it is in before it meets a surface, and where.
+
+    A medium that scatters nothing takes its share without a choice: there is nothing to be found at a collision. One
+    nearer to the surface than COLLISION_MARGIN is left out, as for photons: its vertex might be rounded through it.
+    """
+    length = length_to(lights, p)
+    s = DistanceSample()
+    s.t = length
+    s.weight = wp.vec3(1.0)
+    if p.medium >= 0:
+        if wp.max(media.albedo[p.medium]) <= 0.0:
+            s.weight = transmittance(media, p.medium, length)
+        else:
+            share = p.throughput / (p.throughput[0] + p.throughput[1] + p.throughput[2])
+            channel = channel_of(share, _number(seed, p, _CHANNEL))
+            free = free_path_of(media.sigma_t[p.medium][channel], _number(seed, p, _DISTANCE))
+            if free + COLLISION_MARGIN * lights.offset_min < length:
+                s.t = free
+                s.scatters = 1
+                s.weight = scatter_weight_by(media, p.medium, free, share)
+            else:
+                s.weight = pass_weight_by(media, p.medium, length, share)
+    return s
+
+
+@wp.func
+def collision_at(p: Vertex, flight: DistanceSample) -> wp.vec3:
+    """Where a path collides."""
+    return p.origin + wp.normalize(p.direction) * flight.t
+
+
+@functools.cache
+def make_medium_vertices(features: Features) -> SimpleNamespace:
+    """Function `shade_medium`."""
+    sample_direct = make_lights(features).sample_direct
+
+    @wp.func
+    def shade_medium(
+        media: Media,
+        lights: Lights,
+        textures: Textures,
+        p: Vertex,
+        flight: DistanceSample,
+        orders: Orders,
+        shots_out: Shots,
+        paths_out: Paths,
+    ) -> None:
+        """Shadow rays and the ray that goes on from a collision.
+
+        Args:
+            flight: that led there.
+        """
+        max_depth = orders.max_depth
+        position = collision_at(p, flight)
+        arrives = wp.normalize(p.direction)
+        g = media.g[p.medium]
+        scattered = wp.cw_mul(wp.cw_mul(p.throughput, flight.weight), media.albedo[p.medium])
+        diffuse = wp.where(p.diffuse == 0, -1, scattered_again(p.diffuse))
+        lit = lights.count > 0 and (max_depth == 0 or p.edges + 1 <= max_depth)
+        for j in range(orders.shots):
+            row = orders.i * orders.shots + j
+            radiance = wp.vec3(0.0)
+            if lit:
+                index = wp.uint32(p.sample) * wp.uint32(orders.shots) + wp.uint32(j)
+                point = sample_2d_fine(index, stream_of(orders.seed, PURPOSE_LIGHT, p.item, p.bounce))
+                found = sample_direct(lights, textures, position, point)
+                if found.pdf > 0.0:
+                    phase = phase_value(g, wp.dot(arrives, found.direction))
+                    weight = phase / (found.pdf * wp.float32(orders.shots))
+                    if found.delta == 0:
+                        weight = weight * (found.pdf / (found.pdf + phase))
+                    radiance = wp.cw_mul(scattered, found.radiance) * weight
+                shots_out.origin[row] = position
+                shots_out.direction[row] = found.end - position
+            shots_out.slot[row] = p.slot
+            shots_out.place[row] = place_of(p.bounce, diffuse, orders.light_samples, j)
+            shots_out.radiance[row] = radiance
+            shots_out.medium[row] = p.medium
+
+        direction = phase_sample(g, arrives, numbers_2d(orders.seed, p))
+        carries = wp.vec3(0.0)
+        if max_depth == 0 or p.edges + 1 <= max_depth:
+            carries = scattered
+        pdf = phase_value(g, wp.dot(arrives, direction))
+        carry_on(
+            p,
+            carries,
+            position,
+            direction,
+            position,
+            pdf,
+            p.edges + 1,
+            diffuse,
+            p.medium,
+            ROULETTE_FROM_OF_PATHS,
+            SURVIVAL_MOST_IN_MEDIUM,
+            orders.seed,
+            orders.i,
+            paths_out,
+        )
+
+    return SimpleNamespace(shade_medium=shade_medium)

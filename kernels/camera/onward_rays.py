@@ -1,0 +1,146 @@
+"""The ray that goes on from a vertex on a surface: by one of its parts, or straight through."""
+
+from __future__ import annotations
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from wdpm.kernels.camera.rays import Paths
+from wdpm.kernels.camera.vertices import (
+    GATHER_WAY,
+    LOBE,
+    PATH_WAY,
+    Orders,
+    Vertex,
+    carry_on,
+    number_1d,
+    numbers_2d,
+    scattered_again,
+)
+from wdpm.kernels.constants import (
+    INV_PI,
+    PI,
+    ROULETTE_FROM,
+    ROULETTE_FROM_OF_GATHERS,
+    ROULETTE_FROM_OF_PATHS,
+    SURVIVAL_MOST,
+)
+from wdpm.kernels.features import Features
+from wdpm.kernels.materials.bsdf import cosine_direction, make_bsdf
+from wdpm.kernels.materials.resolve import Materials, medium_beyond
+from wdpm.kernels.materials.surface import Surface, bump_shading, leave, to_world
+from wdpm.kernels.materials.types import BLACK, DIFFUSE, NULL, RADIANCE
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+_BELOW_ONE = wp.constant(wp.float32(1 - 2.0**-24))
+
+
+@functools.cache
+def make_onward_rays(features: Features) -> SimpleNamespace:
+    """Function `go_on`."""
+    bsdf = make_bsdf(features)
+    eval_diffuse = bsdf.eval_diffuse
+    sample_glossy = bsdf.sample_glossy
+
+    @wp.func
+    def go_on(
+        materials: Materials,
+        s: Surface,
+        p: Vertex,
+        w_from: wp.vec3,
+        diffuse_share: wp.float32,
+        orders: Orders,
+        paths_out: Paths,
+    ) -> None:
+        """The ray that goes on by one part, or straight through; a throughput of zero where none does.
+
+        Args:
+            diffuse_share: probability of the diffuse part.
+        """
+        max_depth = orders.max_depth
+        seed = orders.seed
+        carries = wp.vec3(0.0)
+        direction = p.direction
+        leaves = s.normal
+        pdf = p.pdf
+        anchor = p.anchor
+        edges = p.edges
+        diffuse = p.diffuse
+        medium = p.medium
+        straight = wp.int32(0)
+        u_lobe = wp.float32(0.0)
+        if wp.static(features.glossy):
+            u_lobe = number_1d(seed, p, LOBE)
+        if wp.static(features.passing):
+            if s.bsdf.kind == NULL:
+                straight = 1
+                carries = p.throughput
+                leaves = -s.normal
+                medium = medium_beyond(materials, s.material, s.front, medium)
+        by_diffuse = wp.bool(False)
+        if wp.static(features.traced):
+            by_diffuse = straight == 0 and diffuse_share > 0.0 and (u_lobe < diffuse_share or diffuse_share == 1.0)
+            if by_diffuse:
+                w_to = cosine_direction(numbers_2d(seed, p))
+                direction = to_world(s, w_to)
+                pdf = diffuse_share * (w_to[2] * INV_PI)
+                anchor = s.position
+                edges += 1
+                diffuse = wp.where(diffuse == 0, 1, scattered_again(diffuse))
+                if wp.dot(leaves, direction) > 0.0 and (max_depth == 0 or edges <= max_depth):
+                    carries = wp.cw_mul(p.throughput, eval_diffuse(s.bsdf, w_from, w_to) * (PI / diffuse_share))
+                    if wp.static(features.bent):
+                        carries = carries * bump_shading(s, direction)
+        if wp.static(features.glossy):
+            if straight == 0 and not by_diffuse and s.bsdf.kind != DIFFUSE and s.bsdf.kind != BLACK:
+                u = numbers_2d(seed, p)
+                rest = wp.float32(1.0)
+                if wp.static(features.traced):
+                    if diffuse_share > 0.0:
+                        rest = 1.0 - diffuse_share
+                        u_lobe = wp.min((u_lobe - diffuse_share) / rest, _BELOW_ONE)
+                sampled = sample_glossy(s.bsdf, w_from, u_lobe, u, RADIANCE)
+                if sampled.crosses == 1:
+                    leaves = -s.normal
+                    medium = medium_beyond(materials, s.material, s.front, medium)
+                if sampled.straight == 1:
+                    carries = wp.cw_mul(p.throughput, sampled.weight) / rest
+                else:
+                    direction = to_world(s, sampled.to)
+                    pdf = rest * sampled.pdf
+                    anchor = s.position
+                    edges += 1
+                    diffuse = scattered_again(diffuse)
+                    if wp.dot(leaves, direction) > 0.0 and (max_depth == 0 or edges <= max_depth):
+                        carries = wp.cw_mul(p.throughput, sampled.weight) / rest
+                        if wp.static(features.bent):
+                            carries = carries * bump_shading(s, direction)
+        origin = leave(s.position, leaves, orders.offset_min)
+        i = orders.i
+        roulette_from = wp.int32(ROULETTE_FROM)
+        if wp.static(features.traced):
+            if orders.way == PATH_WAY:
+                roulette_from = ROULETTE_FROM_OF_PATHS
+            if orders.way == GATHER_WAY and by_diffuse and p.diffuse > 0:
+                roulette_from = ROULETTE_FROM_OF_GATHERS
+        carry_on(
+            p,
+            carries,
+            origin,
+            direction,
+            anchor,
+            pdf,
+            edges,
+            diffuse,
+            medium,
+            roulette_from,
+            SURVIVAL_MOST,
+            seed,
+            i,
+            paths_out,
+        )
+
+    return SimpleNamespace(go_on=go_on)

@@ -1,0 +1,68 @@
+"""What a vertex on a surface asks of the photon map: where photons are wanted, and what they count for."""
+
+from __future__ import annotations
+
+import functools
+from types import SimpleNamespace
+
+import warp as wp
+
+from wdpm.kernels.camera.vertices import PATH_WAY, Coats, Orders, Queries, Vertex
+from wdpm.kernels.features import Features
+from wdpm.kernels.materials.bsdf import make_bsdf
+from wdpm.kernels.materials.surface import Surface, Surfaces, clearance
+from wdpm.kernels.materials.types import DIFFUSE, NULL
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+
+@functools.cache
+def make_photon_queries(features: Features) -> SimpleNamespace:
+    """Function `query`."""
+    has_diffuse = make_bsdf(features).has_diffuse
+
+    @wp.func
+    def query(
+        surfaces: Surfaces,
+        s: Surface,
+        p: Vertex,
+        w_from: wp.vec3,
+        orders: Orders,
+        queries_out: Queries,
+        coats_out: Coats,
+    ) -> wp.vec3:
+        """Where photons are wanted, and for what. Returns the albedo of the surface, for its layer."""
+        i = orders.i
+        albedo = wp.vec3(0.0)
+        weight = wp.vec3(0.0)
+        if w_from[2] > 0.0 and has_diffuse(s.bsdf):
+            albedo = s.bsdf.color
+            weight = p.throughput
+            if s.bsdf.kind == DIFFUSE:
+                weight = wp.cw_mul(p.throughput, albedo)
+        elif s.bsdf.kind != NULL and s.bsdf.kind != DIFFUSE:
+            albedo = s.bsdf.specular
+        if wp.static(features.traced):
+            if orders.way == PATH_WAY:
+                weight = wp.vec3(0.0)
+        queries_out.position[i] = s.position
+        queries_out.normal[i] = s.normal
+        queries_out.shading_normal[i] = s.shading_normal
+        queries_out.front_normal[i] = s.normal
+        if s.front == 0:
+            queries_out.front_normal[i] = -s.normal
+        queries_out.clearance[i] = clearance(surfaces, p.prim, s.position)
+        queries_out.weight[i] = weight
+        queries_out.edges[i] = p.edges
+        if wp.static(features.bent):
+            coats_out.unbent[i] = s.unbent
+            coats_out.bumps2[i] = s.bumps2
+        if wp.static(features.coated):
+            coats_out.bsdf[i] = s.bsdf
+            coats_out.s[i] = s.s
+            coats_out.t[i] = s.t
+            coats_out.n[i] = s.n
+            coats_out.w_from[i] = w_from
+        return albedo
+
+    return SimpleNamespace(query=query)

@@ -1,0 +1,228 @@
+"""The choice of a light for a place: an element by the light tree, and a point on it; and the density of what it chose.
+
+Points of a glowing triangle are even over its area. Close to a lamp a few of them would have nearly all of its light:
+the squared distance to them may be arbitrarily small, and the variance has no bound. So the points of a lamp that is
+near are even over the solid angle in which it is seen (spherical_triangle), and what arrives by them differs by the
+cosine at the place alone.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from wdpm.kernels.lights.elements import Lights, choose_element, probability_of, rest_of_choice
+from wdpm.kernels.lights.tree import BELOW_ONE, DISTANT, NOTHING, chance_of_leaf, chance_of_start, find_leaf
+from wdpm.kernels.maths.directions import triangle_weights
+from wdpm.kernels.maths.random import rounded_down
+from wdpm.kernels.maths.spherical_triangle import direction_in_triangle, solid_angle, weights_seen
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+NEAR2 = wp.constant(wp.float32(2.25))
+"""Square of the distance up to which a lamp is near, in radii of its sphere: beyond, no point of it is closer than half
+a radius, and none further than five times as far as another."""
+
+LEAST_ANGLE = wp.constant(wp.float64(1e-5))
+"""Solid angle from which on it is used [sr]. A lamp that is near and seen under less is seen edge-on, lights hardly
+anything, and its solid angle is known to few digits."""
+
+_HALF = wp.constant(wp.float64(0.5))
+_ONE = wp.constant(wp.float64(1.0))
+_ZERO = wp.constant(wp.float64(0.0))
+
+
+@wp.struct
+class ElementChoice:
+    """An element and its probability; -1 and 0 where none sends light to the place.
+
+    Attributes:
+        solid_angle: of the triangle, where its point is even over that [sr]; 0 where it is even over the area.
+        u: a point of the unit square: what the choice left of the random numbers, as good as fresh ones.
+        weights: of corners 1 and 2: the point's place on a triangle.
+    """
+
+    element: wp.int32
+    probability: wp.float32
+    solid_angle: wp.float32
+    u: wp.vec2
+    weights: wp.vec2
+
+
+@wp.struct
+class LeafSeen:
+    """The one or two triangles of a leaf as seen from a place that is near.
+
+    Attributes:
+        near: 0 where points are to be even over the area; then nothing else is set.
+        first, last: solid angles [sr].
+        share: probability of the first triangle in its leaf: by solid angle, and by how strongly it shines.
+    """
+
+    near: wp.int32
+    first: wp.float64
+    last: wp.float64
+    share: wp.float64
+
+
+@wp.func
+def _corner(lights: Lights, element: wp.int32, corner: wp.int32, position: wp.vec3) -> wp.vec3d:
+    """A corner of a glowing triangle as seen from a place."""
+    return wp.vec3d(lights.corners[element, corner]) - wp.vec3d(position)
+
+
+@wp.func
+def _angle(lights: Lights, element: wp.int32, position: wp.vec3) -> wp.float64:
+    return solid_angle(
+        _corner(lights, element, 0, position),
+        _corner(lights, element, 1, position),
+        _corner(lights, element, 2, position),
+    )
+
+
+@wp.func
+def leaf_seen(lights: Lights, leaf: wp.int32, position: wp.vec3) -> LeafSeen:
+    """How a leaf is seen from a place."""
+    seen = LeafSeen()
+    node = lights.tree.nodes[leaf]
+    if node.first < lights.triangles and wp.length_sq(position - node.center) < NEAR2 * node.radius2:
+        seen.share = _ONE
+        seen.first = _angle(lights, node.first, position)
+        if node.last > node.first:
+            seen.last = _angle(lights, node.last, position)
+            one = seen.first * lights.tree.within[node.first] / wp.float64(lights.area[node.first])
+            other = seen.last * lights.tree.within[node.last] / wp.float64(lights.area[node.last])
+            if one + other > _ZERO:
+                seen.share = one / (one + other)
+        if seen.first + seen.last > LEAST_ANGLE:
+            seen.near = 1
+    return seen
+
+
+@wp.func
+def _choose_seen(
+    lights: Lights, first: wp.int32, last: wp.int32, seen: LeafSeen, position: wp.vec3, u: wp.vec2d
+) -> ElementChoice:
+    """A point of a leaf that is near, even over the solid angle; its probability is that within the leaf."""
+    c = ElementChoice()
+    c.element = first
+    share = seen.share
+    angle = seen.first
+    left = u[0]
+    if left < share:
+        left = wp.min(left / share, BELOW_ONE)
+    else:
+        left = wp.min((left - share) / (_ONE - share), BELOW_ONE)
+        c.element = last
+        share = _ONE - share
+        angle = seen.last
+    c.probability = wp.float32(share)
+    c.solid_angle = wp.float32(angle)
+    p0 = _corner(lights, c.element, 0, position)
+    p1 = _corner(lights, c.element, 1, position)
+    p2 = _corner(lights, c.element, 2, position)
+    c.weights = weights_seen(p0, p1, p2, direction_in_triangle(p0, p1, p2, angle, wp.vec2d(left, u[1])))
+    return c
+
+
+@wp.func
+def choose_light(lights: Lights, position: wp.vec3, u: wp.vec2d) -> ElementChoice:
+    """An element that may light a place, chosen by what it may send there (light_tree), and a point on it.
+
+    The first number chooses, and what is left of it goes into the point: points that are stratified in the unit square
+    are stratified over all lights together.
+
+    Args:
+        u: point of the unit square.
+    """
+    c = ElementChoice()
+    c.element = -1
+    leaf = find_leaf(lights.tree, position, u[0])
+    left = leaf.u
+    if leaf.node == DISTANT:
+        distant = choose_element(lights.distant, lights.count - lights.first_directional, leaf.u)
+        c.element = lights.first_directional + distant
+        c.probability = leaf.probability * probability_of(lights.distant, distant)
+        left = rest_of_choice(lights.distant, distant, leaf.u)
+    elif leaf.node != NOTHING:
+        c.element = lights.tree.nodes[leaf.node].first
+        last = lights.tree.nodes[leaf.node].last
+        seen = leaf_seen(lights, leaf.node, position)
+        if seen.near == 1:
+            c = _choose_seen(lights, c.element, last, seen, position, wp.vec2d(leaf.u, u[1]))
+            c.probability = c.probability * leaf.probability
+            return c
+        c.probability = leaf.probability
+        if last > c.element:
+            share = lights.tree.within[c.element]
+            if share == _HALF:
+                across = wp.vec2(rounded_down(left), rounded_down(u[1]))
+                if across[0] + across[1] > 1.0:
+                    across = wp.vec2(1.0 - across[0], 1.0 - across[1])
+                    c.element = last
+                c.probability = c.probability * 0.5
+                c.weights = turned(across, lights.tree.apex[c.element])
+                return c
+            if left < share:
+                left = wp.min(left / share, BELOW_ONE)
+            else:
+                left = wp.min((left - share) / (_ONE - share), BELOW_ONE)
+                c.element = last
+            c.probability = c.probability * wp.float32(lights.tree.within[c.element])
+    c.u = wp.vec2(rounded_down(left), rounded_down(u[1]))
+    c.weights = triangle_weights(c.u)
+    return c
+
+
+@wp.func
+def turned(across: wp.vec2, apex: wp.int32) -> wp.vec2:
+    """Weights of corners 1 and 2 from those of the two corners that follow the apex.
+
+    With them the unit square covers a parallelogram evenly and without a seam: one half of it lies on the one
+    triangle, with its apex at (0, 0), the other on the other, with its apex at (1, 1).
+    """
+    weights = across
+    if apex == 1:
+        weights = wp.vec2(1.0 - across[0] - across[1], across[0])
+    elif apex == 2:
+        weights = wp.vec2(across[1], 1.0 - across[0] - across[1])
+    return weights
+
+
+@wp.func
+def chance_of_light(lights: Lights, element: wp.int32, position: wp.vec3) -> ElementChoice:
+    """Probability with which choose_light chooses an element for a place, and how it does so: no u, no weights."""
+    c = ElementChoice()
+    c.element = element
+    if element >= lights.first_directional:
+        distant = element - lights.first_directional
+        c.probability = chance_of_start(lights.tree, DISTANT, position) * probability_of(lights.distant, distant)
+        return c
+    leaf = lights.tree.leaf[element]
+    if leaf < 0:
+        return c
+    c.probability = chance_of_leaf(lights.tree, leaf, position)
+    seen = leaf_seen(lights, leaf, position)
+    if seen.near == 0:
+        c.probability = c.probability * wp.float32(lights.tree.within[element])
+        return c
+    share = seen.share
+    angle = seen.first
+    if element != lights.tree.nodes[leaf].first:
+        share = _ONE - share
+        angle = seen.last
+    c.probability = c.probability * wp.float32(share)
+    c.solid_angle = wp.float32(angle)
+    return c
+
+
+@wp.func
+def pdf_on_triangle(lights: Lights, c: ElementChoice, distance2: wp.float32, cosine: wp.float32) -> wp.float32:
+    """pdf_solid_angle about the place of a point on the glowing triangle that was chosen, or may be.
+
+    Args:
+        distance2: squared distance to the point.
+        cosine: between the triangle's normal and the way from the point to the place, above 0.
+    """
+    if c.solid_angle > 0.0:
+        return c.probability / c.solid_angle
+    return distance2 * (c.probability / lights.area[c.element]) / cosine

@@ -1,0 +1,1 @@
+"""Materials: from a hit to a scattering function, and how light scatters there and in media."""

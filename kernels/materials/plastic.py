@@ -1,0 +1,153 @@
+"""Plastic: a diffuse base under a dielectric coat, smooth (alpha exactly 0) or rough.
+
+Same parameters as Mitsuba 3's `plastic` and `roughplastic`. Only the front scatters. The glossy part is the coat's
+reflection; the diffuse part is light that crosses the coat, is scattered by the base (and again, by what the coat
+reflects back inside) and crosses it once more:
+
+    f = T(w_from) T(w_to) / (pi eta²) * color / (1 - R),    R = internal reflectance (times color where nonlinear)
+
+What depends on the material only is computed when a scene is loaded (plastic_coat.py) and takes the place of
+what plastic has no use for: eta[1] is the internal reflectance, (transmittance, k) are the coefficients c0 to c5 of a
+rough coat's T. Roughness is isotropic: alpha[0].
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from types import SimpleNamespace
+
+import warp as wp
+
+from wdpm.kernels.constants import INV_PI
+from wdpm.kernels.features import Features
+from wdpm.kernels.materials.fresnel import fresnel_dielectric, reflect
+from wdpm.kernels.materials.microfacet import (
+    held_alpha,
+    is_smooth,
+    masking,
+    masking_over_cos,
+    normal_density,
+    sample_visible_normal,
+)
+from wdpm.kernels.materials.types import Bsdf, BsdfSample
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+# Static conditions prune only where they stand alone; all materials' functions take the same arguments.
+# ruff: noqa: ARG001
+
+
+@wp.func
+def _step(x: wp.float32, width: wp.float32) -> wp.float32:
+    """From 0 to 1 around x = 0."""
+    return 0.5 + 0.5 * x / wp.sqrt(x * x + width * width)
+
+
+@wp.func
+def rough_transmittance(b: Bsdf, mu: wp.float32) -> wp.float32:
+    """Share of light from outside at a cosine mu > 0 that a rough coat lets through: plastic_coat.py's fit."""
+    eta = b.eta[0]
+    alpha = held_alpha(b.alpha)[0]
+    c = b.transmittance
+    d = b.k
+    value = wp.float32(0.0)
+    if eta >= 1.0:
+        p = mu / (mu + alpha)
+        q = mu / (mu + 2.0 * alpha)
+        a2 = alpha * alpha
+        nu = wp.sqrt((mu * mu + a2) / (1.0 + a2))
+        through = 1.0 - fresnel_dielectric(nu, eta).reflectance
+        value = c[0] + q * (c[1] + q * c[2]) + through * (d[0] + p * (d[1] + p * d[2]))
+    else:
+        width = alpha * eta
+        x = mu - wp.sqrt(1.0 - eta * eta)
+        middle = _step(x, width)
+        value = c[0] * (1.0 - fresnel_dielectric(mu, eta).reflectance) + middle * (c[1] + c[2] * mu)
+        value = value + d[0] * _step(x, 3.0 * width) + d[1] * _step(x - width, width) + d[2] * _step(x + width, width)
+    return wp.clamp(value, 0.0, 1.0)
+
+
+@cache
+def make_plastic(features: Features) -> SimpleNamespace:
+    """`eval_diffuse`, `probability_diffuse` and the glossy functions of PLASTIC; see bsdf.py."""
+
+    @wp.func
+    def transmittance(b: Bsdf, mu: wp.float32) -> wp.float32:
+        """T of the page's head."""
+        if wp.static(features.rough):
+            if not is_smooth(b.alpha):
+                return rough_transmittance(b, mu)
+        return 1.0 - fresnel_dielectric(mu, b.eta[0]).reflectance
+
+    @wp.func
+    def eval_diffuse(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.vec3:
+        if w_from[2] <= 0.0 or w_to[2] <= 0.0:
+            return wp.vec3(0.0)
+        through = transmittance(b, w_from[2]) * transmittance(b, w_to[2])
+        inside = b.eta[1]
+        scale = through * INV_PI / (b.eta[0] * b.eta[0])
+        if b.nonlinear == 0:
+            return b.color * (scale / (1.0 - inside))
+        return wp.cw_div(b.color * scale, wp.vec3(1.0) - b.color * inside)
+
+    @wp.func
+    def probability_diffuse(b: Bsdf, w_from: wp.vec3) -> wp.float32:
+        """By the parts' reflectances: T times the mean of color against 1 - T times that of specular."""
+        if w_from[2] <= 0.0:
+            return 0.0
+        through = transmittance(b, w_from[2])
+        diffuse = through * (b.color[0] + b.color[1] + b.color[2])
+        glossy = (1.0 - through) * (b.specular[0] + b.specular[1] + b.specular[2])
+        if diffuse + glossy > 0.0:
+            return diffuse / (diffuse + glossy)
+        return 0.0
+
+    @wp.func
+    def eval_glossy(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3, mode: wp.int32) -> wp.vec3:
+        if wp.static(features.rough):
+            if w_from[2] > 0.0 and w_to[2] > 0.0 and not is_smooth(b.alpha):
+                alpha = held_alpha(b.alpha)
+                m = wp.normalize(w_from + w_to)
+                density = normal_density(b.distribution, alpha, m) * masking_over_cos(b.distribution, alpha, w_from)
+                reflectance = fresnel_dielectric(wp.dot(w_from, m), b.eta[0]).reflectance
+                return b.specular * (0.25 * density * reflectance * masking(b.distribution, alpha, w_to))
+        return wp.vec3(0.0)
+
+    @wp.func
+    def pdf_glossy(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.float32:
+        if wp.static(features.rough):
+            if w_from[2] > 0.0 and w_to[2] > 0.0 and not is_smooth(b.alpha):
+                alpha = held_alpha(b.alpha)
+                density = normal_density(b.distribution, alpha, wp.normalize(w_from + w_to))
+                return 0.25 * density * masking_over_cos(b.distribution, alpha, w_from)
+        return 0.0
+
+    @wp.func
+    def sample_glossy(b: Bsdf, w_from: wp.vec3, u_lobe: wp.float32, u: wp.vec2, mode: wp.int32) -> BsdfSample:
+        s = BsdfSample()
+        if w_from[2] <= 0.0:
+            return s
+        if wp.static(features.rough):
+            if not is_smooth(b.alpha):
+                alpha = held_alpha(b.alpha)
+                m = sample_visible_normal(b.distribution, alpha, w_from, u)
+                to = reflect(w_from, m)
+                if to[2] > 0.0:
+                    density = normal_density(b.distribution, alpha, m)
+                    reflectance = fresnel_dielectric(wp.dot(w_from, m), b.eta[0]).reflectance
+                    s.to = to
+                    s.weight = b.specular * (reflectance * masking(b.distribution, alpha, to))
+                    s.pdf = 0.25 * density * masking_over_cos(b.distribution, alpha, w_from)
+                return s
+        s.to = wp.vec3(-w_from[0], -w_from[1], w_from[2])
+        s.weight = b.specular * fresnel_dielectric(w_from[2], b.eta[0]).reflectance
+        s.delta = 1
+        return s
+
+    return SimpleNamespace(
+        eval_diffuse=eval_diffuse,
+        probability_diffuse=probability_diffuse,
+        eval_glossy=eval_glossy,
+        pdf_glossy=pdf_glossy,
+        sample_glossy=sample_glossy,
+    )

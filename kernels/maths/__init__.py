@@ -1,0 +1,1 @@
+"""Mathematics with the same bits everywhere: functions, random numbers, directions, exact sums."""

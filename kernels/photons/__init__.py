@@ -1,0 +1,1 @@
+"""Photons: their paths, the tree that stores them, and gathers from it."""

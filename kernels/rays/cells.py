@@ -1,0 +1,111 @@
+"""The way of a ray through the cells: which cell comes next, and which one owns a point.
+
+A ray visits the cells whose boxes it meets in the order of (entry, cell number), and stops before a cell whose entry
+lies beyond its best hit. The order is a function of the ray and the top tree alone, so a ray needs no memory of where
+it has been but the cell it is in, and every process computes the same next step.
+
+Nothing is missed: cell boxes are grown by `pad`, as are the triangles' when they are assigned to cells. A triangle's
+hit point is known to a few roundings, far less than `pad`; the cell that contains it holds the triangle, the ray's
+interval in that cell's grown box contains t, so its entry is not beyond t.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.kernels.rays.triangle import EXIT_SCALE, inverse_component
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+FAR_AWAY = 3.0e37
+"""Stands for the infinite faces of outermost cells: finite, so that slab arithmetic stays free of NaN."""
+
+
+@wp.struct
+class Cells:
+    """The top tree on a device, in heap order, and the boxes of its leaves grown by `pad`."""
+
+    count: wp.int32
+    axis: wp.array[wp.int32]
+    split: wp.array[wp.float32]
+    low: wp.array[wp.vec3]
+    high: wp.array[wp.vec3]
+
+
+def cell_boxes(axis: NDArray[np.int32], split: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Lower and upper corners of the cells, float32, shape [cells, 3] each; outermost faces at +-FAR_AWAY."""
+    nodes = 2 * len(axis) + 1
+    low = np.full((nodes, 3), -FAR_AWAY, np.float32)
+    high = np.full((nodes, 3), FAR_AWAY, np.float32)
+    for node in range(len(axis)):
+        for child, bound, tighter in ((2 * node + 1, high, np.minimum), (2 * node + 2, low, np.maximum)):
+            low[child], high[child] = low[node], high[node]
+            # A plane outside of its node leaves one child all of it and the other nothing.
+            bound[child, axis[node]] = tighter(bound[child, axis[node]], split[node])
+    return low[len(axis) :], high[len(axis) :]
+
+
+def upload(axis: NDArray[np.int32], split: NDArray[np.float32], pad: float, device: str) -> Cells:
+    """The top tree on a device."""
+    low, high = cell_boxes(axis, split)
+    cells = Cells()
+    cells.count = len(low)
+    cells.axis = wp.array(axis, dtype=wp.int32, device=device)
+    cells.split = wp.array(split, dtype=wp.float32, device=device)
+    cells.low = wp.array(low - np.float32(pad), dtype=wp.vec3, device=device)
+    cells.high = wp.array(high + np.float32(pad), dtype=wp.vec3, device=device)
+    return cells
+
+
+@wp.func
+def inverse_direction(direction: wp.vec3) -> wp.vec3:
+    """1 / direction for slab arithmetic, as in the triangles' tree."""
+    return wp.vec3(inverse_component(direction[0]), inverse_component(direction[1]), inverse_component(direction[2]))
+
+
+@wp.func
+def cell_of(cells: Cells, point: wp.vec3) -> wp.int32:
+    """The cell that contains a point."""
+    inner = cells.count - 1
+    node = wp.int32(0)
+    while node < inner:
+        if point[cells.axis[node]] < cells.split[node]:
+            node = 2 * node + 1
+        else:
+            node = 2 * node + 2
+    return node - inner
+
+
+@wp.func
+def entry_of(cells: Cells, cell: wp.int32, origin: wp.vec3, inverse: wp.vec3, t_max: wp.float32) -> wp.float32:
+    """Where a ray enters a cell's grown box, at least 0; -1 if it doesn't before t_max."""
+    a = wp.cw_mul(cells.low[cell] - origin, inverse)
+    b = wp.cw_mul(cells.high[cell] - origin, inverse)
+    near = wp.min(a, b)
+    far = wp.max(a, b)
+    enter = wp.max(wp.max(near[0], near[1]), wp.max(near[2], 0.0))
+    leave = wp.min(far[0], wp.min(far[1], far[2])) * EXIT_SCALE
+    if enter > leave or enter > t_max:
+        enter = -1.0
+    return enter
+
+
+@wp.func
+def next_cell(cells: Cells, origin: wp.vec3, direction: wp.vec3, t_max: wp.float32, current: wp.int32) -> wp.int32:
+    """The cell that a ray visits after `current` (-1: before the first), or -1 when none is left."""
+    if cells.count == 1:
+        return -1 - current  # the only cell, once: 0 after -1, -1 after 0
+    inverse = inverse_direction(direction)
+    after = wp.float32(-1.0)
+    if current >= 0:
+        after = wp.max(entry_of(cells, current, origin, inverse, 3.4e38), 0.0)
+    found = wp.int32(-1)
+    entry = wp.float32(3.4e38)
+    for cell in range(cells.count):
+        e = entry_of(cells, cell, origin, inverse, t_max)
+        if e >= 0.0 and (e > after or (e == after and cell > current)) and e < entry:
+            entry = e
+            found = cell
+    return found

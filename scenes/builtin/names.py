@@ -1,0 +1,35 @@
+"""The scenes that come with wdpm, by the names that the command line knows."""
+
+from __future__ import annotations
+
+import re
+
+from wdpm.scenes.builtin.atrium import DEFAULT_TRIANGLES, atrium
+from wdpm.scenes.builtin.cornell_box import cornell_box
+from wdpm.scenes.errors import SceneError
+from wdpm.scenes.model.scene import Scene
+
+BUILT_IN_NAMES = ("cornell-box", "atrium")
+_SUFFIXES = {"": 1, "k": 1_000, "m": 1_000_000}
+
+
+def load_built_in(name: str, size: tuple[int, int] | None = None) -> Scene:
+    """A built-in scene: "cornell-box", "atrium" or "atrium:N" with a number of triangles such as 50000, 50k or 2M.
+
+    Raises:
+        SceneError: no such scene, or N is not a number in range.
+    """
+    scene, colon, parameter = name.partition(":")
+    if scene == "cornell-box" and not colon:
+        return cornell_box(size)
+    if scene == "atrium":
+        return atrium(parse_count(parameter) if colon else DEFAULT_TRIANGLES, size)
+    raise SceneError(f'no built-in scene "{name}"; there are cornell-box, atrium and atrium:N (such as atrium:2M)')
+
+
+def parse_count(text: str) -> int:
+    """A whole number, with k for thousands or M for millions: "50k", "2M", "1.5M"."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)([km]?)", text.strip().lower())
+    if match is None:
+        raise SceneError(f'"{text}" is not a number of triangles; expected something like 50000, 50k or 2M')
+    return round(float(match[1]) * _SUFFIXES[match[2]])

@@ -1,0 +1,1 @@
+"""A scene as flat tables: what kernels read and every slave derives."""

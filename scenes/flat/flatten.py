@@ -1,0 +1,290 @@
+"""A scene as flat arrays: what kernels read and what travels to slaves.
+
+Triangles carry their own vertices (a soup): a cell then holds just what it owns, a leaf's triangles lie one after
+another in memory, and no index can point outside a partition.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.scenes.errors import SceneError
+from wdpm.scenes.flat.arrays import Media, Triangles
+from wdpm.scenes.flat.light_table import LightTable, tabulate_lights
+from wdpm.scenes.flat.material_coats import with_coats
+from wdpm.scenes.flat.material_table import NO_MEDIUM, SAME_MEDIUM, Boundary, MaterialTable, tabulate
+from wdpm.scenes.flat.renderer_space import RendererSpace, renderer_space
+from wdpm.scenes.model.bsdfs import walk
+from wdpm.scenes.model.lights import Light, SpotLight
+from wdpm.scenes.model.scene import Camera, Material, Medium, Mesh, Scene
+from wdpm.scenes.model.textures import Bitmap, Checkerboard, Texture, VertexColors
+from wdpm.scenes.model.transforms import normalized
+
+
+@dataclass(frozen=True, eq=False)
+class FlatScene:
+    """A scene as arrays, in the renderer's space (renderer_space): the middle of its bounding box is the origin.
+
+    Attributes:
+        triangles: numbered in the order of the meshes, without the dropped ones.
+        materials: its first rows are what Triangles.material names.
+        material_names: of those first rows.
+        textures: each once.
+        lights: all that emits.
+        camera: moved like the scene.
+        center: what was subtracted from the scene's coordinates, float64, shape [3].
+        unit: by what lengths were divided then. Lengths here times this are the scene's, fluxes times its square.
+        extent: largest absolute coordinate of any vertex, light with a place or the camera.
+        dropped: number of triangles left out, by cause.
+    """
+
+    triangles: Triangles
+    materials: MaterialTable
+    material_names: tuple[str, ...]
+    textures: tuple[Texture, ...]
+    lights: LightTable
+    media: Media
+    camera: Camera
+    center: NDArray[np.float64]
+    unit: float
+    extent: float
+    dropped: dict[str, int]
+
+
+NON_FINITE, ZERO_AREA, NO_NORMAL = "not finite", "zero area", "no normal in single precision"
+DUPLICATE = "the same as another, which hides it"
+
+
+def flatten(scene: Scene) -> FlatScene:
+    """Turns a scene into arrays.
+
+    Coordinates are moved and divided in double precision before they are rounded, see renderer_space.
+
+    Raises:
+        SceneError: an index out of range, or no triangle is left.
+    """
+    space = renderer_space(scene.meshes)
+    lights = [space.light(light) for light in scene.lights]
+    emitters = [mesh for mesh in scene.meshes if _glows(mesh)]
+    emitter_index = {id(mesh): index for index, mesh in enumerate(emitters)}
+    rows = _Rows(scene, [space.material(material) for material in scene.materials])
+    parts = [_soup(mesh, space, rows.of(mesh), emitter_index.get(id(mesh), -1)) for mesh in scene.meshes]
+    triangles, dropped = _without_degenerate(_joined(_with_colors(scene.meshes, parts)))
+    if len(triangles) == 0:
+        raise SceneError(f"no triangle of the scene can be rendered: {_listed(dropped)}")
+    camera = space.camera(scene.camera)
+    _check_factors(scene.materials)
+    materials, textures = tabulate(rows.boundaries)
+    materials = with_coats(materials)
+    textures, emitter_texture = _with_emission(textures, emitters, lights)
+    sides = materials.medium[triangles.material] if scene.media else None
+    table = tabulate_lights(emitters, triangles, emitter_texture, textures, lights, sides)
+    places: list[NDArray[np.floating]] = [triangles.positions, table.point_position, table.spot_position]
+    places.append(camera.to_world[:3, 3])
+    return FlatScene(
+        triangles=triangles,
+        materials=materials,
+        material_names=rows.names,
+        textures=textures,
+        lights=table,
+        media=_media([space.medium(medium) for medium in scene.media]),
+        camera=camera,
+        center=space.center,
+        unit=space.unit,
+        extent=max(float(np.abs(place).max(initial=0.0)) for place in places),
+        dropped=dropped,
+    )
+
+
+MOST_FACTOR = 1e6
+"""Largest factor of a material that is rendered: beyond 1 light grows at every bounce, and soon beyond all numbers."""
+
+
+def _check_factors(materials: Sequence[Material]) -> None:
+    """Raise SceneError where a material's factor cannot be meant: loaders allow none above 1."""
+    for material in materials:
+        for node in walk(material.bsdf):
+            for name in ("reflectance", "diffuse_reflectance", "specular_reflectance", "specular_transmittance"):
+                value = getattr(node, name, None)
+                if isinstance(value, tuple) and not max(value) <= MOST_FACTOR:
+                    raise SceneError(f'material "{material.name}": {name} is {max(value):g}; expected at most 1')
+
+
+class _Rows:
+    """Rows of the material table: a material that bounds several pairs of media has as many rows."""
+
+    def __init__(self, scene: Scene, materials: Sequence[Material]) -> None:
+        self._scene = scene
+        self._materials = materials
+        self._row: dict[tuple[int, int, int], int] = {}
+        self.boundaries: list[Boundary] = []
+        self._names: list[str] = []
+        for number in range(len(materials)):
+            self._add(number, SAME_MEDIUM, SAME_MEDIUM)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(self._names)
+
+    def of(self, mesh: Mesh) -> int:
+        """The row of a mesh's material between its media."""
+        count = len(self._materials)
+        if not 0 <= mesh.material < count:
+            raise SceneError(f'mesh "{mesh.name}": there is no material {mesh.material} (there are {count})')
+        if not mesh.bounds:
+            return mesh.material
+        media = [NO_MEDIUM if medium is None else medium for medium in (mesh.interior, mesh.exterior)]
+        if not all(NO_MEDIUM <= medium < len(self._scene.media) for medium in media):
+            raise SceneError(f'mesh "{mesh.name}": it names a medium out of range (there are {len(self._scene.media)})')
+        inside, outside = media
+        row = self._row.get((mesh.material, inside, outside))
+        return self._add(mesh.material, inside, outside) if row is None else row
+
+    def _add(self, number: int, inside: int, outside: int) -> int:
+        material = self._materials[number]
+        self._row[number, inside, outside] = len(self.boundaries)
+        self.boundaries.append((material.bsdf, inside, outside))
+        self._names.append(material.name)
+        return len(self.boundaries) - 1
+
+
+def _media(media: Sequence[Medium]) -> Media:
+    return Media(
+        np.array([medium.sigma_t for medium in media], np.float32).reshape(-1, 3),
+        np.array([medium.albedo for medium in media], np.float32).reshape(-1, 3),
+        np.array([medium.g for medium in media], np.float32),
+    )
+
+
+def _glows(mesh: Mesh) -> bool:
+    emission = mesh.emission
+    if emission is None or not len(mesh.faces):
+        return False
+    return isinstance(emission, Bitmap | Checkerboard | VertexColors) or max(emission) > 0
+
+
+def _with_emission(
+    textures: tuple[Texture, ...], emitters: Sequence[Mesh], lights: Sequence[Light]
+) -> tuple[tuple[Texture, ...], NDArray[np.int32]]:
+    """The textures of materials and of lights, and which one each emitter has."""
+    joined = list(textures)
+    number = {id(texture): index for index, texture in enumerate(joined)}
+    chosen = np.full(len(emitters), -1, np.int32)
+    for row, mesh in enumerate(emitters):
+        if isinstance(mesh.emission, Bitmap | Checkerboard | VertexColors):
+            if id(mesh.emission) not in number:
+                number[id(mesh.emission)] = len(joined)
+                joined.append(mesh.emission)
+            chosen[row] = number[id(mesh.emission)]
+    for light in lights:
+        if isinstance(light, SpotLight) and light.texture is not None and id(light.texture) not in number:
+            number[id(light.texture)] = len(joined)
+            joined.append(light.texture)
+    return tuple(joined), chosen
+
+
+def _with_colors(meshes: Sequence[Mesh], parts: Sequence[Triangles]) -> list[Triangles]:
+    """Vertex colours at the corners of all triangles, white where a mesh has none; none if no mesh has any."""
+    if all(mesh.colors is None for mesh in meshes):
+        return list(parts)
+    colored = []
+    for mesh, part in zip(meshes, parts, strict=True):
+        corners = np.ones((len(part), 3, 3), np.float32)
+        if mesh.colors is not None:
+            corners[:] = mesh.colors.astype(np.float32)[mesh.faces]
+        colored.append(replace(part, colors=corners))
+    return colored
+
+
+def _soup(mesh: Mesh, space: RendererSpace, material: int, emitter: int) -> Triangles:
+    """A mesh's triangles with their own corners; ids are given later."""
+    count = len(mesh.faces)
+    if count and not (mesh.faces.min() >= 0 and mesh.faces.max() < len(mesh.vertices)):
+        raise SceneError(f'mesh "{mesh.name}": a face names a vertex out of range (there are {len(mesh.vertices)})')
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is dropped as such
+        positions = space.place(mesh.vertices).astype(np.float32)[mesh.faces]
+    return Triangles(
+        np.zeros(count, dtype=np.int32),
+        positions,
+        _corner_normals(mesh),
+        np.zeros((count, 3, 2), dtype=np.float32) if mesh.uvs is None else mesh.uvs.astype(np.float32)[mesh.faces],
+        np.full(count, material, dtype=np.int32),
+        np.full(count, emitter, dtype=np.int32),
+        np.zeros((0, 3, 3), dtype=np.float32),
+    )
+
+
+def _corner_normals(mesh: Mesh) -> NDArray[np.float32]:
+    if mesh.normals is None:
+        return np.zeros((len(mesh.faces), 3, 3), dtype=np.float32)
+    normals = normalized(mesh.normals).astype(np.float32)[mesh.faces]
+    # a normal that is missing at one corner cannot be interpolated: the triangle is flat
+    normals[~np.any(normals != 0, axis=2).all(axis=1)] = 0.0
+    return normals
+
+
+def _joined(parts: Sequence[Triangles]) -> Triangles:
+    names = [attribute.name for attribute in fields(Triangles)]
+    return Triangles(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
+
+
+def _without_degenerate(soup: Triangles) -> tuple[Triangles, dict[str, int]]:
+    """Drops triangles that have no area, or that no ray could find, and numbers the others."""
+    cause = _degenerate_cause(soup.positions)
+    cause[(cause == 0) & _repeated(soup.positions) & (soup.emitter < 0)] = 4
+    dropped = {
+        name: int(np.sum(cause == code))
+        for code, name in enumerate((NON_FINITE, ZERO_AREA, NO_NORMAL, DUPLICATE), start=1)
+    }
+    kept = soup if not cause.any() else soup.take(np.flatnonzero(cause == 0))
+    numbered = replace(kept, ids=np.arange(len(kept), dtype=np.int32))
+    return numbered, {name: count for name, count in dropped.items() if count}
+
+
+def _repeated(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Triangles with the very corners of an earlier one, in whatever order, shape [T].
+
+    Of surfaces in one place the first is seen, so these are never; but their area would count as surface.
+    """
+    bits = (positions + np.float32(0.0)).view(np.uint32).astype(np.uint64)  # -0 and 0 are the same place
+    corner = (bits[..., 0] * _MIX[0]) ^ (bits[..., 1] * _MIX[1]) ^ (bits[..., 2] * _MIX[2])
+    corner = (corner ^ (corner >> np.uint64(29))) * _MIX[3]
+    key = corner.sum(axis=1, dtype=np.uint64)
+    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
+    earlier = first[inverse]
+    repeated = earlier != np.arange(len(key))
+    rows = np.flatnonzero(repeated)
+    for row in rows:  # few, if any: keys that are alike by chance must not drop anything
+        same = {tuple(c) for c in positions[row].tolist()} == {tuple(c) for c in positions[earlier[row]].tolist()}
+        repeated[row] = same
+    return repeated
+
+
+_MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0xD6E8FEB86659FD93], np.uint64)
+"""Odd numbers without pattern, for keys of places."""
+
+
+def _degenerate_cause(positions: NDArray[np.float32]) -> NDArray[np.int8]:
+    """Why triangles are dropped, shape [T]: 0 not, 1 not finite, 2 zero area, 3 no normal in single precision."""
+    cause = np.zeros(len(positions), dtype=np.int8)
+    with np.errstate(invalid="ignore", over="ignore", under="ignore"):
+        cross = np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])
+        square = np.sum(cross * cross, axis=1)
+    # nearly all have a normal in single precision, and the exact test is needed for the rest only
+    cause[~(np.isfinite(square) & (square > 0))] = 3
+    doubtful = np.flatnonzero(cause)
+    corners = positions[doubtful].astype(np.float64)
+    finite = np.isfinite(corners).all(axis=(1, 2))
+    with np.errstate(invalid="ignore"):
+        exact = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    cause[doubtful[finite & ~exact.any(axis=1)]] = 2
+    cause[doubtful[~finite]] = 1
+    return cause
+
+
+def _listed(dropped: dict[str, int]) -> str:
+    return ", ".join(f"{count} dropped ({name})" for name, count in dropped.items())

@@ -1,0 +1,70 @@
+"""Which sides of a material photons are stored on: those where a diffuse part may be gathered."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.scenes.flat import material_table as mt
+from wdpm.scenes.flat.material_table import MaterialTable
+
+FRONT: Final = 1
+BACK: Final = 2
+BOTH: Final = FRONT | BACK
+
+
+def gathering_sides(table: MaterialTable) -> NDArray[np.int32]:
+    """FRONT and BACK bits of every node, int32, shape [N].
+
+    A surface whose diffuse part is black, whatever the textures, stores nothing: nobody would ask.
+    """
+    sides = np.zeros(len(table), np.int32)
+    for node in reversed(range(len(table))):  # children come after their parents
+        sides[node] = _sides_of(table, node, sides)
+    return sides
+
+
+def lambertian_sides(table: MaterialTable) -> NDArray[np.int32]:
+    """FRONT and BACK bits of every node, int32, shape [N]: sides whose diffuse part, if any, is Lambertian and unbent.
+
+    What such a side reflects of its irradiance does not depend on where the light came from.
+    """
+    other = np.zeros(len(table), np.int32)
+    sides = gathering_sides(table)
+    for node in reversed(range(len(table))):
+        kind = int(table.kind[node])
+        own = sides[node] if kind in (mt.PLASTIC, mt.PRINCIPLED, mt.BUMP_MAP, mt.NORMAL_MAP) else 0
+        other[node] = own | _sides_of(table, node, other) if kind in _INNER else own
+    return sides & ~other
+
+
+_INNER: Final = (mt.TWO_SIDED, mt.BLEND, mt.MASK, mt.BUMP_MAP, mt.NORMAL_MAP)
+
+
+def _sides_of(table: MaterialTable, node: int, sides: NDArray[np.int32]) -> int:
+    kind, child = int(table.kind[node]), table.child[node]
+    if kind == mt.TWO_SIDED:
+        return (int(sides[child[0]]) & FRONT) | (BACK if sides[child[1]] & FRONT else 0)
+    if kind == mt.BLEND:
+        return int(sides[child[0]] | sides[child[1]])
+    if kind in (mt.MASK, mt.BUMP_MAP, mt.NORMAL_MAP):
+        return int(sides[child[0]])
+    if kind == mt.DIFFUSE:
+        return FRONT if _some(table, node, 0) else 0
+    if kind == mt.PLASTIC:
+        return FRONT if _some(table, node, 1) else 0
+    if kind == mt.PRINCIPLED:
+        return FRONT if not _one(table, node, 4) and not _one(table, node, 5) else 0
+    return 0
+
+
+def _some(table: MaterialTable, node: int, slot: int) -> bool:
+    """Whether a parameter may be above zero."""
+    return bool(table.value[node, slot].max() > 0)
+
+
+def _one(table: MaterialTable, node: int, slot: int) -> bool:
+    """Whether a parameter is 1 everywhere."""
+    return bool(table.texture[node, slot] < 0 and table.value[node, slot, 0] >= 1)

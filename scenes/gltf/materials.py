@@ -1,0 +1,267 @@
+"""Materials of glTF 2.0 as scattering functions.
+
+Source: Khronos Group, "glTF 2.0 Specification", section 3.9 and appendix B, and the extensions in
+`MATERIAL_EXTENSIONS`. Metallic-roughness is a `principled` material. What is see-through by KHR_materials_transmission
+is a thin pane, as the extension wants it, and refracts only with KHR_materials_volume.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from wdpm.scenes.gltf.container import GltfFile
+from wdpm.scenes.gltf.textures import BLUE as BLUE_CHANNEL
+from wdpm.scenes.gltf.textures import GREEN, RED, GltfTextures
+from wdpm.scenes.model.bsdfs import WHITE, Blend, Bsdf, Diffuse, Mask, NormalMap, Principled, ThinDielectric, TwoSided
+from wdpm.scenes.model.scene import Material
+from wdpm.scenes.model.textures import RGB, Bitmap, Color, Number, VertexColors
+
+COLOR_ATTRIBUTE: Final = "COLOR_0"
+
+MATERIAL_EXTENSIONS: Final = frozenset(
+    (
+        "KHR_materials_clearcoat",
+        "KHR_materials_emissive_strength",
+        "KHR_materials_ior",
+        "KHR_materials_specular",
+        "KHR_materials_transmission",
+        "KHR_materials_unlit",
+        "KHR_materials_volume",
+    )
+)
+"""Extensions of materials that are read here; a file that requires others cannot be read."""
+
+
+@dataclass(frozen=True, eq=False)
+class GltfMaterial:
+    """A material with what does not fit into `Material`.
+
+    Attributes:
+        emission: radiance, or None.
+        uv_set: which TEXCOORD_n its textures use.
+        vertex_tint: the factor that the mesh's vertex colours (COLOR_0) must be multiplied by, where the material reads
+            them; else None.
+    """
+
+    material: Material
+    emission: Color | None
+    uv_set: int
+    vertex_tint: RGB | None = None
+
+
+class GltfMaterials:
+    """Reads materials on demand; None is glTF's default material."""
+
+    def __init__(self, gltf: GltfFile, warnings: list[str]) -> None:
+        self._gltf = gltf
+        self._warnings = warnings
+        self._textures = GltfTextures(gltf, warnings)
+        self._found: dict[tuple[int | None, bool], int] = {}
+        self.materials: list[GltfMaterial] = []
+
+    def read(self, index: int | None, *, colored: bool = False) -> int:
+        """The position in `materials` of a material of the file.
+
+        Args:
+            colored: whether the mesh has vertex colours (COLOR_0), which then tint the material.
+        """
+        key = index, colored
+        if key not in self._found:
+            owner = {"name": "default"} if index is None else self._gltf.item("materials", index)
+            converter = _Converter(self._gltf, self._textures, self._warnings, owner, f"material {index}")
+            self._found[key] = len(self.materials)
+            self.materials.append(converter.convert(colored=colored))
+        return self._found[key]
+
+
+class _Converter:
+    """One material."""
+
+    def __init__(
+        self, gltf: GltfFile, textures: GltfTextures, warnings: list[str], owner: dict[str, Any], fallback: str
+    ) -> None:
+        self._gltf = gltf
+        self._textures = textures
+        self._warnings = warnings
+        self._owner = owner
+        self._name: str = gltf.get(owner, "name", str, fallback)
+        self._pbr: dict[str, Any] = gltf.get(owner, "pbrMetallicRoughness", dict, {})
+        self._extensions: dict[str, Any] = gltf.get(owner, "extensions", dict, {})
+        self._uv_set: int | None = None
+
+    def convert(self, *, colored: bool) -> GltfMaterial:
+        factor = self._base_factor()
+        tint = (factor[0], factor[1], factor[2]) if colored and "baseColorTexture" not in self._pbr else None
+        if colored and tint is None:
+            self._warn("its base colour is a texture, so vertex colours are ignored")
+        base: Color = self._base_color(factor) if tint is None else VertexColors(COLOR_ATTRIBUTE)
+        bsdf = self._with_opacity(self._scattering(base), factor[3])
+        emission = self._emission()
+        self._warn_about_rest()
+        return GltfMaterial(Material(self._name, bsdf), emission, self._uv_set or 0, tint)
+
+    def _warn(self, message: str) -> None:
+        self._warnings.append(f'material "{self._name}": {message}')
+
+    def _extension(self, name: str) -> dict[str, Any]:
+        values: dict[str, Any] = self._gltf.get(self._extensions, name, dict, {})
+        return values
+
+    def _share(self, owner: dict[str, Any], key: str, default: float) -> float:
+        value = self._gltf.number(owner, key, default)
+        if not 0.0 <= value <= 1.0:
+            raise self._gltf.error(f'material "{self._name}": {key} must lie between 0 and 1, got {value:g}')
+        return value
+
+    def _base_factor(self) -> list[float]:
+        factor = self._gltf.numbers(self._pbr, "baseColorFactor", [1.0, 1.0, 1.0, 1.0])
+        if not all(0.0 <= channel <= 1.0 for channel in factor):
+            raise self._gltf.error(f'material "{self._name}": baseColorFactor must lie between 0 and 1, got {factor}')
+        return factor
+
+    def _base_color(self, factor: list[float]) -> Color:
+        colour = factor[0], factor[1], factor[2]
+        info = self._info(self._pbr, "baseColorTexture")
+        return colour if info is None else self._textures.color(info, colour, self._name)
+
+    def _info(self, owner: dict[str, Any], key: str) -> dict[str, Any] | None:
+        """The object that names a texture; all textures of a material share one set of texture coordinates."""
+        if key not in owner:
+            return None
+        info: dict[str, Any] = self._gltf.get(owner, key, dict, {})
+        uv_set = self._textures.uv_set(info)
+        if self._uv_set is None:
+            self._uv_set = uv_set
+        elif uv_set != self._uv_set:
+            self._warn(f"{key} uses TEXCOORD_{uv_set}: TEXCOORD_{self._uv_set} is used instead, as for the others")
+        return info
+
+    def _number(self, owner: dict[str, Any], factor: str, default: float, texture: str, channel: int) -> Number:
+        """A factor times a channel of a texture."""
+        value = self._share(owner, factor, default)
+        info = self._info(owner, texture)
+        return value if info is None or value == 0.0 else self._textures.channel(info, channel, value, self._name)
+
+    def _scattering(self, base: Color) -> Bsdf:
+        double_sided: bool = self._gltf.get(self._owner, "doubleSided", bool, False)
+        bent = self._bending()
+        if "KHR_materials_unlit" in self._extensions:
+            self._warn("unlit: it is lit like any diffuse surface")
+            surface: Bsdf = Diffuse(base)
+            return TwoSided(surface) if double_sided else surface
+        eta = self._eta()
+        transmission = self._extension("KHR_materials_transmission")
+        weight = self._number(transmission, "transmissionFactor", 0.0, "transmissionTexture", RED)
+        if weight != 0.0 and self._is_solid():
+            return bent(self._principled(base, eta, weight))
+        surface = bent(self._principled(base, eta, 0.0))
+        surface = TwoSided(surface) if double_sided else surface
+        if weight == 0.0:
+            return surface
+        if self._share(self._pbr, "roughnessFactor", 1.0) > 0.0:
+            self._warn("what a thin pane lets through is not blurred by its roughness")
+        return Blend(surface, ThinDielectric(eta, WHITE, base), weight)
+
+    def _principled(self, base: Color, eta: float, spec_trans: Number) -> Principled:
+        roughness = self._number(self._pbr, "roughnessFactor", 1.0, "metallicRoughnessTexture", GREEN)
+        metallic = self._number(self._pbr, "metallicFactor", 1.0, "metallicRoughnessTexture", BLUE_CHANNEL)
+        principled = Principled(base, roughness, metallic=metallic, spec_trans=spec_trans, eta=eta)
+        if "KHR_materials_clearcoat" not in self._extensions:
+            return principled
+        coat = self._extension("KHR_materials_clearcoat")
+        clearcoat = self._number(coat, "clearcoatFactor", 0.0, "clearcoatTexture", RED)
+        if clearcoat != 0.0:
+            self._warn("its clear coat is Disney's, of a quarter of the strength")
+        gloss = _clearcoat_gloss(self._share(coat, "clearcoatRoughnessFactor", 0.0))
+        return replace(principled, clearcoat=clearcoat, clearcoat_gloss=gloss)
+
+    def _eta(self) -> float:
+        """The index of refraction, with what KHR_materials_specular does to the reflection at normal incidence."""
+        ior = self._gltf.number(self._extension("KHR_materials_ior"), "ior", 1.5)
+        if ior < 1.0:
+            if ior == 0.0:  # the extension's way to say: everything is reflected
+                self._warn("an index of refraction of 0 is not supported: 1.5 is used")
+                ior = 1.5
+            else:
+                raise self._gltf.error(f'material "{self._name}": ior must be 0 or at least 1, got {ior:g}')
+        specular = self._extension("KHR_materials_specular")
+        if self._gltf.numbers(specular, "specularColorFactor", [1.0, 1.0, 1.0]) != [1.0, 1.0, 1.0]:
+            self._warn("specularColorFactor is ignored")
+        share = self._share(specular, "specularFactor", 1.0)
+        if share == 1.0:
+            return ior
+        root = math.sqrt(share) * (ior - 1.0) / (ior + 1.0)
+        return (1.0 + root) / (1.0 - root)
+
+    def _is_solid(self) -> bool:
+        volume = self._extension("KHR_materials_volume")
+        if not self._gltf.number(volume, "thicknessFactor", 0.0) > 0.0:
+            return False
+        if "attenuationDistance" in volume:
+            self._warn("the volume's attenuation is ignored")
+        return True
+
+    def _bending(self) -> Callable[[Bsdf], Bsdf]:
+        info = self._info(self._owner, "normalTexture")
+        if info is None:
+            return lambda bsdf: bsdf
+        normals = self._textures.normals(info, self._name)
+        return lambda bsdf: NormalMap(bsdf, normals)
+
+    def _with_opacity(self, bsdf: Bsdf, factor: float) -> Bsdf:
+        mode = self._gltf.get(self._owner, "alphaMode", str, "OPAQUE")
+        if mode == "OPAQUE":
+            return bsdf
+        if mode not in ("MASK", "BLEND"):
+            raise self._gltf.error(f'broken glTF: alphaMode "{mode}"')
+        cutoff = self._gltf.number(self._owner, "alphaCutoff", 0.5) if mode == "MASK" else None
+        info = self._info(self._pbr, "baseColorTexture")
+        bitmap = None if info is None else self._textures.alpha(info, self._name)
+        if bitmap is None:
+            opacity = factor if cutoff is None else float(factor >= cutoff)
+            return bsdf if opacity == 1.0 else Mask(bsdf, opacity)
+        pixels = bitmap.pixels * np.float32(factor)
+        if cutoff is not None:
+            pixels = (pixels >= np.float32(cutoff)).astype(np.float32)
+        return bsdf if pixels.min() == 1.0 else Mask(bsdf, replace(bitmap, pixels=pixels))
+
+    def _emission(self) -> RGB | Bitmap | None:
+        factor = np.array(self._gltf.numbers(self._owner, "emissiveFactor", [0.0, 0.0, 0.0]))
+        strength = self._extension("KHR_materials_emissive_strength")
+        factor = factor * self._gltf.number(strength, "emissiveStrength", 1.0)
+        if factor.min() < 0:
+            raise self._gltf.error(f'material "{self._name}": emission must not be negative')
+        if factor.max() == 0:
+            return None
+        colour = float(factor[0]), float(factor[1]), float(factor[2])
+        info = self._info(self._owner, "emissiveTexture")
+        if info is None:
+            return colour
+        bitmap = self._textures.color(info, colour, self._name)
+        return bitmap if bitmap.pixels.max() > 0 else None
+
+    def _warn_about_rest(self) -> None:
+        if "occlusionTexture" in self._owner:
+            self._warn("its occlusion texture is ignored: occlusion is computed")
+        unknown = sorted(key for key in self._extensions if key not in MATERIAL_EXTENSIONS)
+        if unknown:
+            self._warn(f"{', '.join(unknown)} ignored")
+        textures = {
+            "KHR_materials_clearcoat": ("clearcoatRoughnessTexture", "clearcoatNormalTexture"),
+            "KHR_materials_specular": ("specularTexture", "specularColorTexture"),
+            "KHR_materials_volume": ("thicknessTexture",),
+        }
+        for extension, keys in textures.items():
+            for key in keys:
+                if key in self._extension(extension):
+                    self._warn(f"{key} is ignored")
+
+
+def _clearcoat_gloss(roughness: float) -> float:
+    """The gloss whose microfacets are as rough as glTF's: alpha = roughness², between 0.1 (gloss 0) and 0.001 (1)."""
+    return min(max((0.1 - roughness * roughness) / (0.1 - 0.001), 0.0), 1.0)

@@ -1,0 +1,247 @@
+"""Reads glTF 2.0 scenes (.gltf and .glb): triangles, nodes, materials, emission, cameras and lights.
+
+Format: Khronos Group, "glTF 2.0 Specification", and the extensions KHR_lights_punctual,
+KHR_materials_emissive_strength and KHR_texture_transform. Lengths are metres. Photometric values are taken over as they
+are: one candela becomes one W/sr and one nit one W/(m² sr), so emissive surfaces and lights keep their ratio, and the
+picture is in candelas per square metre; likewise one lux of a directional light becomes one W/m².
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.scenes.gltf.container import GltfFile
+from wdpm.scenes.gltf.lights import read_gltf_camera, read_gltf_light
+from wdpm.scenes.gltf.materials import COLOR_ATTRIBUTE, MATERIAL_EXTENSIONS, GltfMaterials
+from wdpm.scenes.meshes.framing import framed_scene, framing_camera
+from wdpm.scenes.meshes.mesh_data import MeshData
+from wdpm.scenes.model.lights import Light, PointLight
+from wdpm.scenes.model.scene import Camera, Mesh, Scene
+from wdpm.scenes.model.textures import RGB
+from wdpm.scenes.model.transforms import Matrix
+
+_EXTENSIONS = MATERIAL_EXTENSIONS | {"KHR_lights_punctual", "KHR_texture_transform", "KHR_mesh_quantization"}
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+
+
+def read_gltf(file: Path, size: tuple[int, int] | None = None) -> Scene:
+    """Reads the file's default scene. What it lacks, camera or light, is added as for a bare mesh.
+
+    Args:
+        size: width and height in pixels; by default 512 high with the camera's aspect ratio.
+
+    Raises:
+        SceneError: broken or truncated, or in need of an extension or a kind of light that is not supported.
+    """
+    return _Reader(GltfFile(file)).read(size)
+
+
+class _Reader:
+    def __init__(self, gltf: GltfFile) -> None:
+        self.gltf = gltf
+        self.warnings: list[str] = []
+        self.materials = GltfMaterials(gltf, self.warnings)
+        self.meshes: list[Mesh] = []
+        self.lights: list[Light] = []
+        self.cameras: list[tuple[str, dict[str, Any], Matrix]] = []
+
+    def read(self, size: tuple[int, int] | None) -> Scene:
+        self._check_extensions()
+        for name, node, to_world in self._nodes():
+            self._read_node(name, node, to_world)
+        name = self.gltf.file.stem
+        materials = [entry.material for entry in self.materials.materials]
+        if not self.meshes:
+            raise self.gltf.error("the scene is empty: it has no triangles")
+        if self.lights:
+            self.warnings.append(
+                "lights: 1 candela is taken as 1 W/sr and 1 lux as 1 W/m², "
+                "like 1 nit of emissive surfaces as 1 W/(m² sr)"
+            )
+        if not self.cameras and not self.lights:
+            return framed_scene(name, self.meshes, materials, size=size, warnings=self.warnings)
+        if not self.cameras:
+            self.warnings.append("no camera in the file: it frames the bounding box")
+            camera = framing_camera(self.meshes, size)
+        else:
+            camera = self._read_camera(size)
+            if not self.lights and all(mesh.emission is None for mesh in self.meshes):
+                return self._lit(name, materials, camera)
+        return Scene(
+            name, tuple(self.meshes), tuple(materials), tuple(self.lights), camera, warnings=tuple(self.warnings)
+        )
+
+    def _lit(self, name: str, materials: list[Any], camera: Camera) -> Scene:
+        """A scene that has a camera but no light: a lamp at the camera, so that what it sees is lit."""
+        position = camera.to_world[:3, 3]
+        distance = np.mean([np.linalg.norm(mesh.vertices.mean(axis=0) - position) for mesh in self.meshes])
+        strength = math.pi * float(distance) ** 2  # irradiance pi at that distance
+        light = PointLight("headlamp", (position[0], position[1], position[2]), (strength, strength, strength))
+        self.warnings.append("no lights in the file: a point light at the camera is added")
+        return Scene(name, tuple(self.meshes), tuple(materials), (light,), camera, warnings=tuple(self.warnings))
+
+    def _check_extensions(self) -> None:
+        required = self.gltf.get(self.gltf.json, "extensionsRequired", list, [])
+        missing = [str(name) for name in required if name not in _EXTENSIONS]
+        if missing:
+            raise self.gltf.error(f"needs extensions that are not supported: {', '.join(missing)}")
+
+    def _nodes(self) -> Iterator[tuple[str, dict[str, Any], Matrix]]:
+        """All nodes of the default scene with their transform to world space."""
+        stack: list[tuple[Any, Matrix]] = [(root, np.eye(4)) for root in reversed(self._roots())]
+        visited: set[int] = set()
+        while stack:
+            index, parent = stack.pop()
+            node = self.gltf.item("nodes", index)
+            if index in visited:
+                raise self.gltf.error(f"broken glTF: nodes[{index}] has two parents or is its own ancestor")
+            visited.add(index)
+            to_world = parent @ self._local(node, index)
+            yield self.gltf.get(node, "name", str, f"node {index}"), node, to_world
+            children = self.gltf.get(node, "children", list, [])
+            stack.extend((child, to_world) for child in reversed(children))
+
+    def _roots(self) -> list[Any]:
+        if self.gltf.count("scenes"):
+            return list(self.gltf.get(self.gltf.item("scenes", self.gltf.json.get("scene", 0)), "nodes", list, []))
+        nodes = [self.gltf.item("nodes", index) for index in range(self.gltf.count("nodes"))]
+        children = {
+            child for node in nodes for child in self.gltf.get(node, "children", list, []) if isinstance(child, int)
+        }
+        return [index for index in range(len(nodes)) if index not in children]
+
+    def _local(self, node: dict[str, Any], index: Any) -> Matrix:
+        if "matrix" in node:
+            matrix = np.array(self.gltf.numbers(node, "matrix", [0.0] * 16)).reshape(4, 4).T  # columns first
+            if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
+                raise self.gltf.error(f"broken glTF: nodes[{index}].matrix is not affine")
+            return matrix
+        x, y, z, w = self.gltf.numbers(node, "rotation", [0.0, 0.0, 0.0, 1.0])
+        length = math.sqrt(x * x + y * y + z * z + w * w)
+        if not length > 0:
+            raise self.gltf.error(f"broken glTF: nodes[{index}].rotation is zero")
+        matrix = np.eye(4)
+        matrix[:3, :3] = _rotation(x / length, y / length, z / length, w / length)
+        matrix[:3, :3] *= np.array(self.gltf.numbers(node, "scale", [1.0, 1.0, 1.0]))
+        matrix[:3, 3] = self.gltf.numbers(node, "translation", [0.0, 0.0, 0.0])
+        return matrix
+
+    def _read_node(self, name: str, node: dict[str, Any], to_world: Matrix) -> None:
+        if "mesh" in node:
+            mesh = self.gltf.item("meshes", node["mesh"])
+            if "skin" in node:
+                self._warn_once(f'mesh "{name}": skinning is ignored, it stands as modelled')
+            for primitive in self.gltf.get(mesh, "primitives", list, []):
+                if not isinstance(primitive, dict):
+                    raise self.gltf.error("broken glTF: a primitive is not an object")
+                self._read_primitive(name, primitive, to_world)
+        if "camera" in node:
+            self.cameras.append((name, self.gltf.item("cameras", node["camera"]), to_world))
+        extensions = self.gltf.get(node, "extensions", dict, {})
+        if "KHR_lights_punctual" in extensions:
+            index = self.gltf.get(extensions, "KHR_lights_punctual", dict, {}).get("light")
+            self.lights.append(read_gltf_light(self.gltf, name, index, to_world, self.warnings))
+
+    def _warn_once(self, message: str) -> None:
+        if message not in self.warnings:
+            self.warnings.append(message)
+
+    def _read_primitive(self, name: str, primitive: dict[str, Any], to_world: Matrix) -> None:
+        mode = self.gltf.get(primitive, "mode", int, _TRIANGLES)
+        if mode in (0, 1, 2, 3):
+            self._warn_once(f'mesh "{name}": points and lines are ignored')
+            return
+        attributes = self.gltf.get(primitive, "attributes", dict, {})
+        if "POSITION" not in attributes:
+            self._warn_once(f'mesh "{name}": a primitive without positions is ignored')
+            return
+        if "targets" in primitive:
+            self._warn_once(f'mesh "{name}": morph targets are ignored')
+        number = self.materials.read(primitive.get("material"), colored=COLOR_ATTRIBUTE in attributes)
+        entry = self.materials.materials[number]
+        vertices = self.gltf.accessor(attributes["POSITION"]).astype(np.float64)
+        if vertices.shape[1] != 3:
+            raise self.gltf.error(f"broken glTF: POSITION has {vertices.shape[1]} components, expected 3")
+        data = MeshData(
+            vertices,
+            self._faces(primitive, mode, len(vertices), name),
+            self._attribute(attributes, "NORMAL", 3, len(vertices)),
+            self._attribute(attributes, f"TEXCOORD_{entry.uv_set}", 2, len(vertices)),
+        )
+        data = self._placed(data, to_world, name)
+        colors = None if entry.vertex_tint is None else self._colors(attributes, entry.vertex_tint, len(vertices))
+        self.meshes.append(
+            Mesh(name, data.vertices, data.faces, data.normals, data.uvs, number, entry.emission, colors)
+        )
+
+    def _placed(self, data: MeshData, to_world: Matrix, name: str) -> MeshData:
+        try:
+            moved = data.transformed(to_world)
+        except ValueError as error:
+            raise self.gltf.error(f'node "{name}": {error}') from error
+        # glTF wants the front kept when a node mirrors; MeshData keeps it only where normals say which side it is
+        mirrored = np.linalg.det(to_world[:3, :3]) < 0
+        return moved.flipped() if mirrored and data.normals is None else moved
+
+    def _colors(self, attributes: dict[str, Any], tint: RGB, count: int) -> NDArray[np.float64]:
+        """Vertex colours times their material's base colour; a fourth component, of opacity, is ignored."""
+        values = self.gltf.accessor(attributes[COLOR_ATTRIBUTE]).astype(np.float64)
+        if values.shape[1] not in (3, 4) or len(values) != count:
+            raise self.gltf.error(
+                f"broken glTF: {COLOR_ATTRIBUTE} has shape {values.shape}, expected ({count}, 3 or 4)"
+            )
+        if not (values.min(initial=0.0) >= 0.0 and values.max(initial=0.0) <= 1.0):
+            self._warn_once(f"{COLOR_ATTRIBUTE}: values outside 0 to 1 are clamped")
+        return np.clip(values[:, :3], 0.0, 1.0) * np.array(tint)
+
+    def _attribute(self, attributes: dict[str, Any], key: str, width: int, count: int) -> NDArray[np.float64] | None:
+        if key not in attributes:
+            return None
+        values = self.gltf.accessor(attributes[key]).astype(np.float64)
+        if values.shape[1] != width or len(values) != count:
+            raise self.gltf.error(f"broken glTF: {key} has shape {values.shape}, expected ({count}, {width})")
+        return values
+
+    def _faces(self, primitive: dict[str, Any], mode: int, vertex_count: int, name: str) -> NDArray[np.int64]:
+        if "indices" in primitive:
+            indices = self.gltf.accessor(primitive["indices"]).astype(np.int64).reshape(-1)
+        else:
+            indices = np.arange(vertex_count)
+        if len(indices) and not 0 <= indices.min() <= indices.max() < vertex_count:
+            raise self.gltf.error(f'mesh "{name}": an index is out of range (there are {vertex_count} vertices)')
+        if mode == _TRIANGLES:
+            if len(indices) % 3:
+                raise self.gltf.error(f'mesh "{name}": {len(indices)} indices do not make whole triangles')
+            return indices.reshape(-1, 3)
+        if mode in (_STRIP, _FAN) and len(indices) < 3:
+            return np.zeros((0, 3), dtype=np.int64)
+        if mode == _STRIP:
+            strip = np.stack([indices[:-2], indices[1:-1], indices[2:]], axis=1)
+            strip[1::2] = strip[1::2, [1, 0, 2]]  # every other triangle of a strip is the other way round
+            return strip
+        if mode == _FAN:
+            return np.stack([np.full(len(indices) - 2, indices[0]), indices[1:-1], indices[2:]], axis=1)
+        raise self.gltf.error(f'mesh "{name}": primitives of mode {mode} do not exist')
+
+    def _read_camera(self, size: tuple[int, int] | None) -> Camera:
+        name, camera, to_world = self.cameras[0]
+        for other, _, _ in self.cameras[1:]:
+            self.warnings.append(f'the file has {len(self.cameras)} cameras: "{other}" is ignored, the first is used')
+        return read_gltf_camera(self.gltf, name, camera, to_world, size)
+
+
+def _rotation(x: float, y: float, z: float, w: float) -> NDArray[np.float64]:
+    """The matrix of a unit quaternion."""
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )

@@ -1,0 +1,129 @@
+"""Reads image files as textures."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import imageio.v3 as imageio
+import numpy as np
+import OpenEXR
+from numpy.typing import NDArray
+
+from wdpm.scenes.errors import ImageError, SceneError
+from wdpm.scenes.images.hdr import decode_hdr
+from wdpm.scenes.images.pfm import decode_pfm
+
+_FLOAT_FORMATS = {".hdr": decode_hdr, ".rgbe": decode_hdr, ".pfm": decode_pfm}
+
+
+def read_texture(file: Path, *, raw: bool) -> NDArray[np.float32]:
+    """The pixels of an image file.
+
+    Args:
+        raw: leave the numbers as they are; otherwise 8 and 16-bit files are decoded from sRGB. EXR, HDR and PFM are
+            linear.
+
+    Returns:
+        linear RGB, shape [height, width, 3]; alpha is dropped and grey is spread over three channels.
+    """
+    if not file.is_file():
+        raise SceneError("image file not found", file)
+    if file.suffix.lower() == ".exr":
+        return _checked(_read_exr(file), file)
+    if file.suffix.lower() in _FLOAT_FORMATS:
+        return _checked(_read_float(file), file)
+    return _decode(_read_any(file.read_bytes(), str(file), file.suffix), str(file), raw=raw)
+
+
+def decode_texture(data: bytes, name: str, *, raw: bool) -> NDArray[np.float32]:
+    """Like `read_texture`, for a PNG or JPEG file that lies in memory."""
+    return _decode(_read_any(data, name, None), name, raw=raw)
+
+
+def read_alpha(file: Path) -> NDArray[np.float32] | None:
+    """The alpha channel of an image file as grey, shape [height, width, 3]; None without one, or for floats."""
+    if not file.is_file():
+        raise SceneError("image file not found", file)
+    if file.suffix.lower() in (".exr", *_FLOAT_FORMATS):
+        return None
+    return _alpha(_read_any(file.read_bytes(), str(file), file.suffix), str(file))
+
+
+def decode_alpha(data: bytes, name: str) -> NDArray[np.float32] | None:
+    """Like `read_alpha`, for a PNG or JPEG file that lies in memory."""
+    return _alpha(_read_any(data, name, None), name)
+
+
+def _alpha(pixels: NDArray[Any], name: str) -> NDArray[np.float32] | None:
+    if pixels.ndim != 3 or pixels.shape[2] not in (2, 4):
+        return None
+    return _decode(pixels[:, :, -1], name, raw=True)
+
+
+def _read_any(data: bytes, name: str, suffix: str | None) -> NDArray[Any]:
+    try:
+        return np.asarray(
+            imageio.imread(io.BytesIO(data), index=0, **({} if suffix is None else {"extension": suffix}))
+        )
+    except Exception as error:  # imageio and its plugins promise no exception types
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise SceneError(f"cannot be read as an image: {reason}", name) from error
+
+
+def _decode(pixels: NDArray[Any], name: str, *, raw: bool) -> NDArray[np.float32]:
+    if pixels.dtype == np.bool_:
+        pixels = pixels.astype(np.uint8) * np.uint8(255)
+    if np.issubdtype(pixels.dtype, np.integer):
+        values = pixels.astype(np.float32) / np.float32(np.iinfo(pixels.dtype).max)
+        rgb = _rgb(values, name)
+        return _checked(rgb if raw else srgb_to_linear(rgb), name)
+    return _checked(_rgb(pixels.astype(np.float32), name), name)
+
+
+def _rgb(values: NDArray[np.float32], name: str) -> NDArray[np.float32]:
+    if values.ndim == 2:
+        values = values[:, :, None]
+    if values.ndim != 3 or values.shape[2] not in (1, 2, 3, 4):
+        raise SceneError(f"expected an image of 1 to 4 channels, got an array of shape {values.shape}", name)
+    colour = values[:, :, :3] if values.shape[2] >= 3 else np.repeat(values[:, :, :1], 3, axis=2)
+    return np.ascontiguousarray(colour)
+
+
+def srgb_to_linear(values: NDArray[Any]) -> NDArray[Any]:
+    """Decodes sRGB (IEC 61966-2-1), in the precision that it is given."""
+    real = values.dtype.type
+    low = values / real(12.92)
+    high = ((values + real(0.055)) / real(1.055)) ** real(2.4)
+    return np.where(values <= real(0.04045), low, high).astype(values.dtype)
+
+
+def _checked(pixels: NDArray[np.float32], name: str | Path) -> NDArray[np.float32]:
+    if pixels.shape[0] * pixels.shape[1] == 0:
+        raise SceneError("the image has no pixels", name)
+    if not np.isfinite(pixels).all():
+        y, x = np.argwhere(~np.isfinite(pixels).all(axis=2))[0]
+        raise SceneError(f"pixel ({x}, {y}) is not finite", name)
+    return pixels
+
+
+def _read_exr(file: Path) -> NDArray[np.float32]:
+    try:
+        with OpenEXR.File(str(file), separate_channels=True) as image:
+            channels = {
+                name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in image.channels().items()
+            }
+    except Exception as error:  # OpenEXR raises RuntimeError and others
+        raise SceneError(f"cannot be read as EXR: {str(error).splitlines()[0]}", file) from error
+    for names in (("R", "G", "B"), ("Y", "Y", "Y")):
+        if all(name in channels for name in names):
+            return np.stack([channels[name] for name in names], axis=2)
+    raise SceneError(f"EXR without channels R, G, B or Y (it has {', '.join(channels)})", file)
+
+
+def _read_float(file: Path) -> NDArray[np.float32]:
+    try:
+        return _FLOAT_FORMATS[file.suffix.lower()](file.read_bytes(), file.name)
+    except ImageError as error:
+        raise SceneError(str(error), file) from error

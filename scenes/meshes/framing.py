@@ -1,0 +1,134 @@
+"""A camera and lights for scenes that come without: all of it in view, from the front and a little above."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.scenes.errors import SceneError
+from wdpm.scenes.meshes.primitives import rectangle
+from wdpm.scenes.model.bsdfs import BLACK, GREY
+from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene, diffuse
+from wdpm.scenes.model.textures import RGB
+from wdpm.scenes.model.transforms import look_at, rotation, scaling, translation
+
+FRAMING_FOV = 35.0  # degrees; a portrait lens, little perspective distortion
+FRAMING_DIRECTION = (0.55, 0.4, 1.0)  # from the scene's middle to the camera: front, right side and top are seen
+DEFAULT_SIZE = (512, 512)
+
+# all in units of the bounding sphere's radius
+FLOOR_SIZE = 8.0  # half its side: its edge is out of sight
+LAMP_SIZE = 1.0  # half its side: large enough for soft shadows
+LAMP_DISTANCE = 4.0
+
+# Direction from the scene's middle, and radiance. A lamp's irradiance there is about radiance * (2 / 4)²; the two
+# together give about 1.5 pi there, so grey that faces them is about as bright as paper in a photograph.
+_LAMPS: dict[str, tuple[tuple[float, float, float], RGB]] = {
+    "key lamp": ((-0.7, 1.0, 0.8), (14.5, 14.0, 13.2)),
+    "fill lamp": ((1.0, 0.7, 0.5), (4.4, 4.7, 5.3)),
+}
+
+
+def glows(mesh: Mesh) -> bool:
+    """Whether a mesh emits light; a textured one is taken to."""
+    return mesh.emission is not None and (not isinstance(mesh.emission, tuple) or max(mesh.emission) > 0)
+
+
+def bounding_box(meshes: Sequence[Mesh]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lowest and highest coordinates of the finite vertices that faces use, each of shape [3].
+
+    Raises:
+        SceneError: there are no triangles.
+    """
+    used = [_used_vertices(mesh) for mesh in meshes]
+    used = [vertices for vertices in used if len(vertices)]
+    if not used:
+        raise SceneError("the scene is empty: it has no triangles")
+    return np.min([v.min(axis=0) for v in used], axis=0), np.max([v.max(axis=0) for v in used], axis=0)
+
+
+def _used_vertices(mesh: Mesh) -> NDArray[np.float64]:
+    in_use = np.zeros(len(mesh.vertices), dtype=np.bool_)
+    in_use[mesh.faces[(mesh.faces >= 0) & (mesh.faces < len(mesh.vertices))]] = True
+    return mesh.vertices[in_use & np.isfinite(mesh.vertices).all(axis=1)]
+
+
+def framing_camera(
+    meshes: Sequence[Mesh],
+    size: tuple[int, int] | None = None,
+    direction: tuple[float, float, float] = FRAMING_DIRECTION,
+) -> Camera:
+    """A camera that sees the bounding sphere of the bounding box in full; +y is up.
+
+    Args:
+        direction: from the scene's middle to the camera.
+    """
+    low, high = bounding_box(meshes)
+    width, height = size or DEFAULT_SIZE
+    centre, radius = (low + high) / 2.0, bounding_radius(low, high)
+    half_x = math.radians(FRAMING_FOV) / 2.0
+    half_y = math.atan(math.tan(half_x) * height / width)
+    distance = radius / math.sin(min(half_x, half_y))
+    position = centre + distance * np.array(direction) / np.linalg.norm(direction)
+    to_world = look_at(position, centre, (0.0, 1.0, 0.0))
+    # tied to the distance rather than fixed, so that tiny and huge models are not cut off
+    return Camera(to_world, FRAMING_FOV, width, height, near_clip=1e-4 * distance, far_clip=1e3 * distance)
+
+
+def bounding_radius(low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
+    """Half the diagonal of a bounding box; 1 for a single point, so that something can be framed."""
+    radius = float(np.linalg.norm(high - low)) / 2.0
+    return radius if radius > 0 else 1.0
+
+
+def framed_scene(
+    name: str,
+    meshes: Sequence[Mesh],
+    materials: Sequence[Material],
+    *,
+    size: tuple[int, int] | None,
+    warnings: Sequence[str],
+) -> Scene:
+    """A scene of meshes that came without a camera: framed, and on a floor under two soft lamps if nothing in it glows.
+
+    What is added is said in Scene.warnings.
+    """
+    low, high = bounding_box(meshes)
+    if any(glows(mesh) for mesh in meshes):
+        # lamps of its own: most likely a room that is open to the front
+        camera = framing_camera(meshes, size, direction=(0.0, 0.0, 1.0))
+        note = "no camera in the file: it looks along -z at the whole bounding box"
+        return Scene(name, tuple(meshes), tuple(materials), (), camera, warnings=(*warnings, note))
+    camera = framing_camera(meshes, size)
+    stage, stage_materials = stage_for(low, high, first_material=len(materials))
+    note = "no camera and no lights in the file: framed from the front, put on a grey floor and lit by two soft lamps"
+    return Scene(name, (*meshes, *stage), (*materials, *stage_materials), (), camera, warnings=(*warnings, note))
+
+
+def stage_for(
+    low: NDArray[np.float64], high: NDArray[np.float64], *, first_material: int
+) -> tuple[tuple[Mesh, ...], tuple[Material, ...]]:
+    """A floor and two lamps around a bounding box, with their materials.
+
+    Args:
+        first_material: the number that the first of the materials will have in the scene.
+    """
+    centre, radius = (low + high) / 2.0, bounding_radius(low, high)
+    # a little below, so that a model with a flat underside does not flicker between its bottom and the floor
+    ground = (centre[0], low[1] - 1e-3 * radius, centre[2])
+    floor = translation(ground) @ rotation((1.0, 0.0, 0.0), -90.0) @ scaling([FLOOR_SIZE * radius] * 3)
+    meshes = [_rectangle("floor", floor, first_material, None)]
+    for name, (direction, radiance) in _LAMPS.items():
+        position = centre + LAMP_DISTANCE * radius * np.array(direction) / np.linalg.norm(direction)
+        place = look_at(position, centre, (0.0, 1.0, 0.0)) @ scaling([LAMP_SIZE * radius] * 3)
+        meshes.append(_rectangle(name, place, first_material + 1, radiance))
+    materials = (diffuse("floor", GREY, twosided=True), diffuse("lamp", BLACK))
+    return tuple(meshes), materials
+
+
+def _rectangle(name: str, to_world: NDArray[np.float64], material: int, emission: RGB | None) -> Mesh:
+    mesh = rectangle().transformed(to_world)
+    return Mesh(name, mesh.vertices, mesh.faces, None, mesh.uvs, material, emission)

@@ -1,0 +1,149 @@
+"""A mesh file's content before it gets a material and a place, and what can be done with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.scenes.model.transforms import Matrix, apply_to_normals, apply_to_points, normalized
+
+COSINE_OF_FLAT = 0.9945
+"""Of 6 degrees."""
+
+
+@dataclass(frozen=True, eq=False)
+class VertexAttribute:
+    """What a mesh file says about its vertices besides their geometry.
+
+    Attributes:
+        values: float64, shape [V, C]; whole numbers of a file as shares of their type's largest.
+        coded: whether they are most likely meant for the screen (sRGB), if they are colours.
+    """
+
+    values: NDArray[np.float64]
+    coded: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class MeshData:
+    """Indexed triangles.
+
+    Attributes:
+        vertices: float64, shape [V, 3].
+        faces: int64, shape [F, 3], counter-clockwise seen from the front.
+        normals: unit vertex normals, float64, shape [V, 3], or None.
+        uvs: texture coordinates, float64, shape [V, 2], or None.
+        attributes: others by name, as Mitsuba calls them: "vertex_color", ...
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    normals: NDArray[np.float64] | None = None
+    uvs: NDArray[np.float64] | None = None
+    attributes: Mapping[str, VertexAttribute] = field(default_factory=dict)
+
+    def transformed(self, matrix: Matrix) -> MeshData:
+        """The mesh mapped by an affine matrix.
+
+        A mirroring matrix turns the corners' order around. Where there are normals they say which side is the front,
+        so the order is put back to agree with them; a mesh without normals changes sides, as in Mitsuba.
+
+        Raises:
+            ValueError: the matrix has no inverse.
+        """
+        normals = None if self.normals is None else apply_to_normals(matrix, self.normals)
+        mirrored = np.linalg.det(matrix[:3, :3]) < 0
+        faces = self.faces[:, ::-1] if mirrored and normals is not None else self.faces
+        return replace(self, vertices=apply_to_points(matrix, self.vertices), faces=faces, normals=normals)
+
+    def flipped(self) -> MeshData:
+        """The mesh with front and back exchanged."""
+        return replace(self, faces=self.faces[:, ::-1], normals=None if self.normals is None else -self.normals)
+
+    def flat(self) -> MeshData:
+        """The mesh without vertex normals."""
+        return replace(self, normals=None)
+
+    def has_placeholder_normals(self) -> bool:
+        """Whether the vertex normals are all the same although the surface is not flat: some exporters write such.
+
+        It is flat where faces with less than a hundredth of its area lean from the normal by more than 6 degrees.
+        """
+        if self.normals is None or not len(self.faces) or np.abs(self.normals - self.normals[0]).max() > 1e-6:
+            return False
+        corners = self.vertices[self.faces]
+        facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area = np.linalg.norm(facing, axis=1)
+        leaning = np.abs(facing @ self.normals[0]) < COSINE_OF_FLAT * area
+        return bool(area[leaning].sum() > 0.01 * area.sum())
+
+    def smooth(self) -> MeshData:
+        """The mesh with its own normals, or with computed ones where it has none."""
+        return self if self.normals is not None else replace(self, normals=vertex_normals(self.vertices, self.faces))
+
+
+def vertex_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Normals of the faces around a vertex, weighted by the angle each face has there, shape [V, 3].
+
+    "Computing Vertex Normals from Polygonal Facets", Thürmer & Wüthrich 1998; Mitsuba uses the same weights. A vertex
+    without a proper face gets a zero row.
+    """
+    corners = vertices[faces]
+    face_normals = normalized(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    sums = np.zeros_like(vertices)
+    for corner in range(3):
+        towards = normalized(corners[:, (corner + 1) % 3] - corners[:, corner])
+        back = normalized(corners[:, (corner + 2) % 3] - corners[:, corner])
+        angle = np.arccos(np.clip(np.sum(towards * back, axis=1), -1.0, 1.0))
+        weighted = face_normals * angle[:, None]
+        for axis in range(3):
+            sums[:, axis] += np.bincount(faces[:, corner], weights=weighted[:, axis], minlength=len(vertices))
+    return normalized(sums)
+
+
+def merge_corners(*columns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Makes one vertex of every distinct combination of indices.
+
+    Args:
+        columns: for every corner its index of position, texture coordinate, normal, ...; each of shape [N].
+
+    Returns:
+        first: for every vertex a corner that has its combination, shape [V], in order of first appearance.
+        corner_vertex: for every corner its vertex, shape [N].
+    """
+    code = np.zeros(len(columns[0]), dtype=np.int64)
+    size = 1  # codes are below it
+    for column in columns:
+        low, high = int(column.min(initial=0)), int(column.max(initial=0))
+        if size * (high - low + 1) >= 1 << 62:  # the product of all ranges would overflow
+            _, code = np.unique(code, return_inverse=True)
+            size = len(code)
+        code = code * (high - low + 1) + (column - low)
+        size *= high - low + 1
+    _, first, inverse = np.unique(code, return_index=True, return_inverse=True)
+    order = np.argsort(first, kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return first[order], rank[inverse]
+
+
+def triangulate_fans(
+    counts: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Cuts polygons into fans around their first corner.
+
+    Args:
+        counts: corners of each polygon (at least 3), whose corners lie one after another, shape [P].
+
+    Returns:
+        corners: positions in the list of all corners, shape [T, 3].
+        polygon: the polygon that each triangle is of, shape [T].
+    """
+    polygon = np.repeat(np.arange(len(counts)), counts - 2)
+    start = np.concatenate([[0], np.cumsum(counts)[:-1]])[polygon] if len(counts) else polygon
+    first_triangle = np.concatenate([[0], np.cumsum(counts - 2)[:-1]])[polygon] if len(counts) else polygon
+    step = np.arange(len(polygon)) - first_triangle
+    return np.stack([start, start + step + 1, start + step + 2], axis=1).astype(np.int64), polygon

@@ -1,0 +1,1 @@
+"""Reading Mitsuba's XML, of version 3 and of the old ones."""

@@ -1,0 +1,186 @@
+"""Mitsuba's emitter plugins as lights.
+
+What Mitsuba takes its emission from by wavelength is taken in linear sRGB. `sampling_weight` is ignored everywhere:
+lights are chosen by what they are good for.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wdpm.scenes.images.read import read_texture
+from wdpm.scenes.mitsuba.daylight import DAYLIGHT_PLUGINS, read_daylight
+from wdpm.scenes.mitsuba.media import MediaReader
+from wdpm.scenes.mitsuba.plugin import Plugin
+from wdpm.scenes.mitsuba.textures import TextureReader
+from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
+from wdpm.scenes.model.textures import RGB, Bitmap, Color
+from wdpm.scenes.model.transforms import Matrix, normalized
+
+WHITE: RGB = (1.0, 1.0, 1.0)
+
+
+class EmitterReader:
+    """Turns emitter plugins into lights.
+
+    Args:
+        textures: reads nested textures.
+        media: reads the media around emitters.
+        old_axes: whether the file is older than Mitsuba 1, for plugins whose zenith has moved since.
+        warnings: receives what is ignored.
+    """
+
+    def __init__(self, textures: TextureReader, media: MediaReader, *, old_axes: bool, warnings: list[str]) -> None:
+        self._textures = textures
+        self._media = media
+        self._old_axes = old_axes
+        self._warnings = warnings
+        self._environment: Plugin | None = None
+
+    def read_area(self, plugin: Plugin) -> Color:
+        """The radiance of the shape that an emitter is nested in."""
+        if plugin.type != "area":
+            raise plugin.error(f'a shape takes an emitter "area", not "{plugin.type}"')
+        # before 0.6 it was called intensity
+        name = "intensity" if plugin.has("intensity") else "radiance"
+        radiance = self._textures.take_color(plugin, name, WHITE, emission=True)
+        self._finish(plugin)
+        return radiance
+
+    def read(self, plugin: Plugin) -> Light:
+        """A light that belongs to no shape."""
+        match plugin.type:
+            case "area":
+                raise plugin.error('emitter "area" must be nested in a shape')
+            case "point":
+                return self._read_point(plugin)
+            case "spot":
+                return self._read_spot(plugin)
+            case "directional":
+                return self._read_directional(plugin)
+        self._check_only(plugin)
+        if plugin.type == "constant":
+            radiance = read_emission(plugin, "radiance")
+            plugin.ignore("to_world")  # alike from everywhere
+            environment = Environment(plugin.name, np.array(radiance, np.float32).reshape(1, 1, 3))
+        elif plugin.type in DAYLIGHT_PLUGINS:
+            environment = read_daylight(plugin, old_axes=self._old_axes, warnings=self._warnings)
+        else:
+            environment = self._read_envmap(plugin)
+        self._finish(plugin)
+        return environment
+
+    def _check_only(self, plugin: Plugin) -> None:
+        if self._environment is not None:
+            raise plugin.error(
+                f"{plugin}: a scene takes one environment, and line {self._environment.line} has {self._environment}"
+            )
+        self._environment = plugin
+
+    @staticmethod
+    def _finish(plugin: Plugin) -> None:
+        plugin.ignore("sampling_weight")
+        plugin.finish()
+
+    def _read_point(self, plugin: Plugin) -> PointLight:
+        to_world = plugin.take_transform("to_world")
+        if to_world is not None and plugin.has("position"):
+            raise plugin.value_error("position", "and to_world cannot both be given")
+        position = plugin.take_point("position", (0.0, 0.0, 0.0))
+        if to_world is not None:
+            position = float(to_world[0, 3]), float(to_world[1, 3]), float(to_world[2, 3])
+        light = PointLight(plugin.name, position, read_emission(plugin, "intensity"), self._media.read_around(plugin))
+        self._finish(plugin)
+        return light
+
+    def _read_spot(self, plugin: Plugin) -> SpotLight:
+        to_world = take_rotation(plugin)
+        intensity = read_emission(plugin, "intensity")
+        cutoff_error = plugin.value_error("cutoff_angle", "must lie between 0 and 180 degrees")
+        cutoff = plugin.take_float("cutoff_angle", 20.0)
+        if not 0.0 < cutoff <= 180.0:
+            raise cutoff_error
+        beam_error = plugin.value_error("beam_width", f"must lie between 0 and cutoff_angle ({cutoff:g} degrees)")
+        beam = plugin.take_float("beam_width", cutoff * 3.0 / 4.0)
+        if not 0.0 <= beam <= cutoff:
+            raise beam_error
+        light = SpotLight(
+            plugin.name, to_world, intensity, cutoff, beam, self._read_pattern(plugin), self._media.read_around(plugin)
+        )
+        self._finish(plugin)
+        return light
+
+    def _read_pattern(self, plugin: Plugin) -> Bitmap | None:
+        nested = plugin.take_one("texture", "texture")
+        if nested is None:
+            return None
+        texture = self._textures.read(nested)
+        if not isinstance(texture, Bitmap):
+            raise nested.error(f'{plugin}: "texture" must be a bitmap, not a {nested.type}')
+        return texture
+
+    def _read_directional(self, plugin: Plugin) -> DirectionalLight:
+        if plugin.has("direction") and plugin.has("to_world"):
+            raise plugin.value_error("direction", "and to_world cannot both be given")
+        error = plugin.value_error("direction", "is zero")
+        given = plugin.take_point("direction", (0.0, 0.0, 1.0))
+        to_world = plugin.take_transform("to_world")
+        along = np.array(given) if to_world is None else to_world[:3, 2]
+        if not np.linalg.norm(along) > 0:
+            raise error
+        x, y, z = (float(axis) for axis in normalized(along[None])[0])
+        light = DirectionalLight(plugin.name, (x, y, z), read_emission(plugin, "irradiance"))
+        self._finish(plugin)
+        return light
+
+    def _read_envmap(self, plugin: Plugin) -> Environment:
+        at = plugin.value_error("filename", "")
+        file = plugin.take_file()
+        scale_error = plugin.value_error("scale", "must not be negative")
+        scale = plugin.take_float("scale", 1.0)
+        if scale < 0.0:
+            raise scale_error
+        to_world = take_rotation(plugin)
+        plugin.ignore("mis_compensation", "cache", "gamma")  # change neither the light nor its directions
+        pixels = read_texture(file, raw=False)
+        if min(pixels.shape[:2]) < 2:
+            shape = f"{pixels.shape[1]}x{pixels.shape[0]}"
+            raise type(at)(f"{plugin}: an environment map has at least 2x2 pixels, got {shape}", at.file, at.line)
+        if pixels.min() < 0.0:
+            self._warnings.append(f"line {plugin.line}: {plugin}: negative pixels of {file.name} are taken as black")
+        return Environment(plugin.name, np.maximum(pixels, 0.0) * np.float32(scale), to_world)
+
+
+def read_emission(plugin: Plugin, name: str) -> RGB:
+    """What an emitter emits, as one colour; white by default.
+
+    Raises:
+        SceneError: it is negative, or a texture.
+    """
+    for texture in plugin.take_nested("texture", name):
+        raise texture.error(f'{plugin}: "{name}" cannot be a texture; give an <rgb>')
+    error = plugin.value_error(name, "must not be negative")
+    value = plugin.take_colour(name, WHITE, emission=True)
+    if min(value) < 0:
+        raise error
+    return value
+
+
+def take_rotation(plugin: Plugin) -> Matrix:
+    """The parameter to_world of what can be turned and mirrored; the same scale on all axes is dropped.
+
+    Raises:
+        SceneError: it shears, or scales axes differently.
+    """
+    error = plugin.value_error("to_world", "must be a rotation: it may not stretch or shear")
+    matrix = plugin.take_transform("to_world")
+    if matrix is None:
+        return np.eye(4)
+    lengths = np.linalg.norm(matrix[:3, :3], axis=0)
+    if not lengths.min() > 0.0:
+        raise error
+    turned = matrix.copy()
+    turned[:3, :3] /= lengths.mean()
+    if not np.allclose(turned[:3, :3].T @ turned[:3, :3], np.eye(3), atol=2e-3):
+        raise error
+    return turned

@@ -1,0 +1,350 @@
+"""Typed access to what a Mitsuba plugin is given, with an error for everything that nobody asked for."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from wdpm.scenes.errors import SceneError, did_you_mean
+from wdpm.scenes.mitsuba.document import Document, Element
+from wdpm.scenes.mitsuba.supported import SUPPORTED, is_known
+from wdpm.scenes.model import transforms
+from wdpm.scenes.model.textures import RGB
+from wdpm.scenes.model.transforms import Matrix
+
+VALUE_TAGS = {"integer", "float", "string", "boolean", "vector", "point", "rgb", "srgb", "spectrum", "transform"}
+OBJECT_TAGS = {"shape", "bsdf", "texture", "emitter", "medium", "phase", "volume"}
+OBJECT_TAGS |= {"sensor", "sampler", "film", "rfilter", "integrator"}
+FOREIGN_TAGS = {"subsurface", "animation", "blackbody", "random", "luminaire", "camera"}
+STRUCTURE_TAGS = {"ref"}
+
+# Mitsuba 3 makes the emission of a constant spectrum the colour of equal-energy white in linear sRGB
+# (its rgb variants; measured from version 3.9). A reflectance stays the plain number.
+EQUAL_ENERGY_WHITE = (1.20479, 0.948291, 0.908916)
+
+
+def snake_case(name: str) -> str:
+    """Mitsuba 0.6's camelCase as Mitsuba 3's snake_case."""
+    return re.sub(r"(?<=[a-z0-9])([A-Z])", r"_\1", name).lower()
+
+
+def numbers(text: str, at: Element) -> list[float]:
+    """Numbers between spaces and commas; each must be finite."""
+    try:
+        values = [float(token) for token in text.replace(",", " ").split()]
+    except ValueError:
+        raise at.error(f'<{at.tag}>: expected numbers, got "{text}"') from None
+    if not all(map(math.isfinite, values)):
+        raise at.error(f'<{at.tag}>: expected finite numbers, got "{text}"')
+    return values
+
+
+class Plugin:
+    """One plugin of a scene: its type, its parameters and the plugins nested in it.
+
+    Every `take_...` marks what it takes; `finish` complains about the rest. Names are Mitsuba 3's; 0.6's spellings
+    are translated.
+    """
+
+    def __init__(self, element: Element, document: Document) -> None:
+        self.element = element
+        self.document = document
+        self.category = element.tag
+        self.type = element.attribute("type")
+        self.id = element.attributes.get("id")
+        self.line = element.line
+        self.known_names: set[str] = set()
+        self._values: dict[str, Element] = {}
+        self._nested: list[tuple[str, Element]] = []
+        for child in element.children:
+            self._sort_in(child)
+        self._check_supported()
+
+    def _sort_in(self, child: Element) -> None:
+        if child.tag in VALUE_TAGS:
+            name = snake_case(child.attribute("name"))
+            if name in self._values:
+                raise child.error(
+                    f'{self}: parameter "{name}" is given twice (first in line {self._values[name].line})'
+                )
+            self._values[name] = child
+        elif child.tag == "ref":
+            self._nested.append((snake_case(child.attributes.get("name", "")), self.document.referenced(child)))
+        elif child.tag in OBJECT_TAGS:
+            self._nested.append((snake_case(child.attributes.get("name", "")), child))
+        elif child.tag in FOREIGN_TAGS:
+            raise child.error(f"{self}: <{child.tag}> is not supported yet")
+        else:
+            raise unknown_tag(child)
+
+    def _check_supported(self) -> None:
+        supported = SUPPORTED[self.category]
+        if self.type in supported:
+            return
+        what = f'{self.category} plugin "{self.type}"'
+        if is_known(self.category, self.type):
+            raise self.error(f"{what} is not supported yet; supported: {', '.join(supported)}")
+        raise self.error(f"unknown {what}{did_you_mean(self.type, supported)} (supported: {', '.join(supported)})")
+
+    def __str__(self) -> str:
+        return f'{self.category} "{self.type}"'
+
+    @property
+    def name(self) -> str:
+        """For messages and reports: the id, or type and line."""
+        return self.id or f"{self.type} (line {self.line})"
+
+    def error(self, message: str) -> SceneError:
+        return self.element.error(message)
+
+    def has(self, name: str) -> bool:
+        """Whether the parameter is given; does not take it."""
+        return name in self._values
+
+    def has_nested(self, category: str, name: str) -> bool:
+        """Whether a plugin of this category is nested under this name; does not take it."""
+        return any(given == name and element.tag == category for given, element in self._nested)
+
+    def at(self, name: str) -> Element:
+        """Where a parameter is given, for messages; the plugin itself where it is not. Ask before taking it."""
+        return self._values.get(name, self.element)
+
+    def value_error(self, name: str, message: str) -> SceneError:
+        """An error that points at a parameter, or at the plugin where the parameter is not given."""
+        return self._values.get(name, self.element).error(f'{self}: "{name}" {message}')
+
+    def _take(self, name: str, tags: Sequence[str]) -> Element | None:
+        self.known_names.add(name)
+        element = self._values.pop(name, None)
+        if element is not None and element.tag not in tags:
+            raise element.error(f'{self}: "{name}" must be a <{"> or <".join(tags)}>, not a <{element.tag}>')
+        return element
+
+    def take_float(self, name: str, default: float) -> float:
+        element = self._take(name, ("float", "integer"))
+        if element is None:
+            return default
+        values = numbers(element.attribute("value"), element)
+        if len(values) != 1:
+            raise element.error(f'{self}: "{name}" must be one number, got "{element.attribute("value")}"')
+        return values[0]
+
+    def take_positive(self, name: str, default: float) -> float:
+        element = self._values.get(name, self.element)
+        value = self.take_float(name, default)
+        if not value > 0:
+            raise element.error(f'{self}: "{name}" must be greater than 0, got {value:g}')
+        return value
+
+    def take_int(self, name: str, default: int) -> int:
+        element = self._take(name, ("integer",))
+        if element is None:
+            return default
+        try:
+            return int(element.attribute("value"))
+        except ValueError:
+            text = element.attribute("value")
+            raise element.error(f'{self}: "{name}" must be a whole number, got "{text}"') from None
+
+    def take_bool(self, name: str, default: bool) -> bool:
+        element = self._take(name, ("boolean",))
+        if element is None:
+            return default
+        value = element.attribute("value").lower()
+        if value not in ("true", "false"):
+            raise element.error(f'{self}: "{name}" must be "true" or "false", got "{value}"')
+        return value == "true"
+
+    def take_string(self, name: str, default: str | None = None) -> str:
+        element = self._take(name, ("string",))
+        if element is not None:
+            return element.attribute("value")
+        if default is None:
+            raise self.error(f'{self}: the parameter "{name}" is missing')
+        return default
+
+    def take_choice(self, name: str, default: str, options: Sequence[str]) -> str:
+        element = self._values.get(name, self.element)
+        value = self.take_string(name, default)
+        if value not in options:
+            raise element.error(f'{self}: "{name}" must be one of {", ".join(options)}, got "{value}"')
+        return value
+
+    def take_file(self, name: str = "filename") -> Path:
+        element = self._values.get(name, self.element)
+        return self.document.resolve_file(self.take_string(name), element)
+
+    def take_point(self, name: str, default: tuple[float, float, float]) -> tuple[float, float, float]:
+        element = self._take(name, ("point", "vector"))
+        return default if element is None else xyz(element, 0.0)
+
+    def take_transform(self, name: str) -> Matrix | None:
+        element = self._take(name, ("transform",))
+        return None if element is None else read_transform(element)
+
+    def take_colour(self, name: str, default: RGB, *, emission: bool) -> RGB:
+        """A colour as linear sRGB.
+
+        Args:
+            emission: whether a constant <spectrum> is a light's; Mitsuba treats the two differently.
+        """
+        element = self._take(name, ("rgb", "srgb", "spectrum", "float", "integer"))
+        return default if element is None else read_colour(element, emission=emission)
+
+    def ignore(self, *names: str) -> list[str]:
+        """Takes parameters that change nothing here; returns those that were given."""
+        self.known_names.update(names)
+        return [name for name in names if self._values.pop(name, None) is not None]
+
+    def ignore_values(self) -> list[str]:
+        """Takes all parameters; returns their names."""
+        return self.ignore(*self._values)
+
+    def take_nested(self, category: str, name: str | None = None) -> list[Plugin]:
+        """The nested plugins of a category, in document order; only those of this parameter name if one is given."""
+        if name is not None:
+            self.known_names.add(name)
+        taken = [pair for pair in self._nested if pair[1].tag == category and name in (None, pair[0])]
+        self._nested = [pair for pair in self._nested if pair not in taken]
+        return [Plugin(element, self.document) for _, element in taken]
+
+    def take_one(self, category: str, name: str | None = None) -> Plugin | None:
+        """The nested plugin of a category, if there is one; more than one is an error."""
+        found = self.take_nested(category, name)
+        if len(found) > 1:
+            raise found[1].error(f"{self} takes one {category}, got {len(found)}")
+        return found[0] if found else None
+
+    def finish(self) -> None:
+        """Raises SceneError if anything is left that nothing took."""
+        for name, element in self._values.items():
+            hint = did_you_mean(name, self.known_names) or f" (known: {', '.join(sorted(self.known_names))})"
+            raise element.error(f'{self}: unknown parameter "{name}"{hint}')
+        for name, element in self._nested:
+            label = f' named "{name}"' if name else ""
+            hint = did_you_mean(name, self.known_names) if name else ""
+            raise element.error(f"{self} takes no nested {element.tag}{label}{hint}")
+
+
+def unknown_tag(element: Element) -> SceneError:
+    """The error for an element that Mitsuba does not know."""
+    known = VALUE_TAGS | OBJECT_TAGS | STRUCTURE_TAGS | FOREIGN_TAGS | {"default", "include", "alias", "path"}
+    return element.error(f"unknown element <{element.tag}>{did_you_mean(element.tag, known)}")
+
+
+def xyz(element: Element, missing: float) -> tuple[float, float, float]:
+    """A vector as `value="x y z"`, `value="all"` or `x= y= z=`; axes that are not given have the value `missing`."""
+    if "value" in element.attributes:
+        values = numbers(element.attributes["value"], element)
+        if len(values) == 1:
+            values *= 3
+    else:
+        values = [_number(element, axis, missing) for axis in "xyz"]
+    if len(values) != 3:
+        raise element.error(f"<{element.tag}>: expected three numbers, got {len(values)}")
+    return values[0], values[1], values[2]
+
+
+def _number(element: Element, attribute: str, missing: float) -> float:
+    values = numbers(element.attributes.get(attribute, str(missing)), element)
+    if len(values) != 1:
+        raise element.error(f'<{element.tag}>: "{attribute}" must be one number')
+    return values[0]
+
+
+def _triple(element: Element, attribute: str) -> list[float]:
+    values = numbers(element.attribute(attribute), element)
+    if len(values) != 3:
+        raise element.error(f'<{element.tag}>: "{attribute}" must be three numbers, got {len(values)}')
+    return values
+
+
+def read_transform(element: Element) -> Matrix:
+    """The product of a <transform>'s children; the first is applied first."""
+    matrix = np.eye(4)
+    for child in element.children:
+        try:
+            matrix = _one_transform(child) @ matrix
+        except ValueError as error:
+            raise child.error(f"<{child.tag}>: {error}") from error
+    return matrix
+
+
+def _one_transform(child: Element) -> Matrix:
+    match child.tag.lower():  # 0.6 wrote lookAt
+        case "translate":
+            return transforms.translation(xyz(child, 0.0))
+        case "scale":
+            return transforms.scaling(xyz(child, 1.0))
+        case "rotate":
+            return transforms.rotation(xyz(child, 0.0), _number(child, "angle", 0.0))
+        case "lookat":
+            return transforms.look_at(_triple(child, "origin"), _triple(child, "target"), _up(child))
+        case "matrix":
+            return _matrix(child)
+    raise child.error(
+        f"<transform>: unknown element <{child.tag}>"
+        + did_you_mean(child.tag, ["translate", "scale", "rotate", "lookat", "matrix"])
+    )
+
+
+def _up(child: Element) -> list[float]:
+    if "up" in child.attributes:
+        return _triple(child, "up")
+    # any direction that is not the line of sight
+    forward = np.subtract(_triple(child, "target"), _triple(child, "origin"))
+    return [float(axis == np.argmin(np.abs(forward))) for axis in range(3)]
+
+
+def _matrix(child: Element) -> Matrix:
+    values = np.array(numbers(child.attribute("value"), child))
+    if len(values) == 9:
+        matrix = np.eye(4)
+        matrix[:3, :3] = values.reshape(3, 3)
+    elif len(values) == 16:
+        matrix = values.reshape(4, 4)
+    else:
+        raise child.error(f"<matrix>: expected 16 or 9 numbers, got {len(values)}")
+    if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
+        raise child.error('<matrix>: the last row must be "0 0 0 1"; projective transforms are not supported')
+    return matrix
+
+
+def read_colour(element: Element, *, emission: bool) -> RGB:
+    """The value of <rgb>, <srgb>, <spectrum> or <float> as linear sRGB."""
+    text = element.attribute("value") if "value" in element.attributes else ""
+    if not text:
+        raise element.error(f"<{element.tag}>: only colours given by value=... are supported")
+    if element.tag == "spectrum" and ":" in text:
+        raise element.error("<spectrum>: spectra by wavelength are not supported; give an <rgb>")
+    if text.startswith("#"):
+        colour = _hexadecimal(element, text)
+    else:
+        colour = xyz(element, 0.0)
+    if element.tag == "srgb":
+        decoded = srgb_to_linear(np.array(colour))
+        return float(decoded[0]), float(decoded[1]), float(decoded[2])
+    if element.tag == "spectrum" and emission and len(numbers(text, element)) == 1:
+        return (
+            colour[0] * EQUAL_ENERGY_WHITE[0],
+            colour[1] * EQUAL_ENERGY_WHITE[1],
+            colour[2] * EQUAL_ENERGY_WHITE[2],
+        )
+    return colour
+
+
+def _hexadecimal(element: Element, text: str) -> RGB:
+    if element.tag != "srgb":
+        raise element.error(f'<{element.tag}>: "{text}" is a colour on screen (sRGB); write <srgb ... value="{text}"/>')
+    if not re.fullmatch(r"#[0-9a-fA-F]{6}", text):
+        raise element.error(f'<srgb>: expected "#rrggbb", got "{text}"')
+    return int(text[1:3], 16) / 255.0, int(text[3:5], 16) / 255.0, int(text[5:7], 16) / 255.0
+
+
+def srgb_to_linear(values: np.ndarray) -> np.ndarray:
+    """Decodes sRGB (IEC 61966-2-1); negative values stay linear."""
+    return np.where(values <= 0.04045, values / 12.92, ((np.maximum(values, 0.04045) + 0.055) / 1.055) ** 2.4)

@@ -1,0 +1,179 @@
+"""Reads Mitsuba 3 scene files; the spellings of Mitsuba 0.6 are accepted.
+
+Format: Mitsuba 3 documentation, "Scene XML file format". What is not supported yet is an error that names file and
+line; what cannot change the image is ignored, and what might is listed in Scene.warnings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.scenes.meshes.framing import framing_camera
+from wdpm.scenes.meshes.mesh_data import MeshData
+from wdpm.scenes.meshes.vertex_attributes import colors_of
+from wdpm.scenes.mitsuba.document import Document, Element, read_document
+from wdpm.scenes.mitsuba.emitters import EmitterReader
+from wdpm.scenes.mitsuba.materials import MaterialReader
+from wdpm.scenes.mitsuba.media import MediaReader
+from wdpm.scenes.mitsuba.plugin import OBJECT_TAGS, VALUE_TAGS, Plugin, unknown_tag
+from wdpm.scenes.mitsuba.sensor import Size, read_integrator, read_sensor
+from wdpm.scenes.mitsuba.shapes import ShapeReader, Use
+from wdpm.scenes.model.bsdfs import (
+    Blend,
+    BumpMap,
+    Diffuse,
+    Mask,
+    NormalMap,
+    Null,
+    TwoSided,
+    uses_uvs,
+    vertex_attributes,
+    walk,
+)
+from wdpm.scenes.model.lights import Light
+from wdpm.scenes.model.scene import Camera, Mesh, Scene
+from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color
+
+
+def read_mitsuba(file: Path, defines: Mapping[str, str], size: Size | None = None) -> Scene:
+    """Reads a scene file.
+
+    Args:
+        defines: values of the file's `$name` parameters.
+        size: width and height in pixels that replace the film's.
+
+    Raises:
+        SceneError: with file and line.
+    """
+    return _SceneReader(read_document(file, defines), file).read(size)
+
+
+class _SceneReader:
+    def __init__(self, document: Document, file: Path) -> None:
+        self.document = document
+        self.file = file
+        self.warnings: list[str] = []
+        self.materials = MaterialReader(self.warnings)
+        self.media = MediaReader(self.warnings)
+        self.emitters = EmitterReader(
+            self.materials.textures, self.media, old_axes=_is_old(document), warnings=self.warnings
+        )
+        self.shapes = ShapeReader(_count_spheres(document), self.warnings)
+        self.meshes: list[Mesh] = []
+        self.lights: list[Light] = []
+        self.sensors: list[Plugin] = []
+        self.integrators: list[Plugin] = []
+
+    def read(self, size: Size | None) -> Scene:
+        for element in self.document.root.children:
+            self._read_top_level(element)
+        max_depth = None
+        for integrator in self.integrators[:1]:
+            max_depth = read_integrator(integrator, self.warnings)
+        for extra in self.integrators[1:]:
+            raise extra.error("the scene has more than one integrator")
+        camera, samples = self._camera(size)
+        return Scene(
+            self.file.parent.name if self.file.stem == "scene" else self.file.stem,
+            tuple(self.meshes),
+            tuple(self.materials.materials),
+            tuple(self.lights),
+            camera,
+            samples,
+            max_depth,
+            tuple(self.warnings),
+            tuple(self.media.media),
+        )
+
+    def _read_top_level(self, element: Element) -> None:
+        if element.tag == "ref":
+            element = self.document.referenced(element)
+        match element.tag:
+            case "shape":
+                self._read_shape(Plugin(element, self.document))
+            case "emitter":
+                self.lights.append(self.emitters.read(Plugin(element, self.document)))
+            case "sensor":
+                self.sensors.append(Plugin(element, self.document))
+            case "integrator":
+                self.integrators.append(Plugin(element, self.document))
+            case "bsdf" | "texture" | "medium" | "phase" | "volume" if "id" in element.attributes:
+                pass  # read when a shape refers to it, so what no shape uses may be unsupported
+            case "bsdf" | "texture" | "medium" | "phase" | "volume":
+                self.warnings.append(f"line {element.line}: <{element.tag}> without id: nothing can use it")
+            case "subsurface":
+                raise element.error(f"<{element.tag}> is not supported yet")
+            case tag if tag in VALUE_TAGS | OBJECT_TAGS:
+                raise element.error(f"<{tag}> does not belong directly into <scene>")
+            case _:
+                raise unknown_tag(element)
+
+    def _read_shape(self, plugin: Plugin) -> None:
+        emitter = plugin.take_one("emitter")
+        emission = None if emitter is None else self.emitters.read_area(emitter)
+        material = self.materials.read(plugin.take_one("bsdf"), emits=emitter is not None)
+        inside, outside, bounds = self.media.read_sides(plugin)
+        mesh = self.shapes.read(plugin, Use(self._is_fine(material), emitter is not None))
+        plugin.finish()
+        self._warn_without_uvs(plugin, mesh, material, emission)
+        colors = self._vertex_colors(plugin, mesh, material, emission)
+        if bounds:
+            self.media.warn_if_open(plugin, mesh)
+        self.meshes.append(
+            Mesh(
+                plugin.name,
+                mesh.vertices,
+                mesh.faces,
+                mesh.normals,
+                mesh.uvs,
+                material,
+                emission,
+                colors,
+                inside,
+                outside,
+                bounds,
+            )
+        )
+
+    def _is_fine(self, material: int) -> bool:
+        """Whether a material shows its surroundings, so that a curved surface must not show its facets."""
+        dull = Diffuse | Null | TwoSided | Mask | Blend | BumpMap | NormalMap
+        return not all(isinstance(node, dull) for node in walk(self.materials.materials[material].bsdf))
+
+    def _vertex_colors(
+        self, plugin: Plugin, mesh: MeshData, material: int, emission: Color | None
+    ) -> NDArray[np.float64] | None:
+        try:
+            return colors_of(mesh, vertex_attributes(self.materials.materials[material].bsdf, emission))
+        except ValueError as error:
+            raise plugin.error(f"shape {plugin.name}: {error}") from error
+
+    def _warn_without_uvs(self, plugin: Plugin, mesh: MeshData, material: int, emission: Color | None) -> None:
+        used = uses_uvs(self.materials.materials[material].bsdf) or isinstance(emission, Bitmap | Checkerboard)
+        if mesh.uvs is None and used:
+            self.warnings.append(f"shape {plugin.name} has a texture but no texture coordinates: (0, 0) is used")
+
+    def _camera(self, size: Size | None) -> tuple[Camera, int | None]:
+        if not self.sensors:
+            self.warnings.append("the scene has no sensor: the camera frames its bounding box")
+            return framing_camera(self.meshes, size), None
+        for other in self.sensors[1:]:
+            self.warnings.append(
+                f"the scene has {len(self.sensors)} sensors: {other.name} is ignored, the first is used"
+            )
+        return read_sensor(self.sensors[0], size, self.media.read_around, self.warnings)
+
+
+def _is_old(document: Document) -> bool:
+    """Whether a file says that it is for a version before Mitsuba 1."""
+    return document.root.attributes.get("version", "").startswith("0.")
+
+
+def _count_spheres(document: Document) -> int:
+    return sum(
+        element.tag == "shape" and element.attributes.get("type") == "sphere" for element in document.root.children
+    )

@@ -1,0 +1,176 @@
+"""Mitsuba's texture plugins, and the parameters that take either a value or a texture."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.scenes.images.read import read_texture
+from wdpm.scenes.mitsuba.document import Element
+from wdpm.scenes.mitsuba.plugin import Plugin
+from wdpm.scenes.model import transforms
+from wdpm.scenes.model.textures import (
+    RGB,
+    Bitmap,
+    Checkerboard,
+    Color,
+    Interpolation,
+    Number,
+    Texture,
+    VertexColors,
+    Wrap,
+)
+
+LUMINANCE: Final = (0.212671, 0.715160, 0.072169)
+"""Weights of linear sRGB; how Mitsuba makes one number of a colour."""
+
+_VERTEX, _FACE = "vertex_", "face_"
+_UPWARDS = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
+
+
+class TextureReader:
+    """Reads textures; plugins that say the same share one texture, and files are read once."""
+
+    def __init__(self, warnings: list[str]) -> None:
+        self._warnings = warnings
+        self._by_element: dict[Element, Texture] = {}
+        self._bitmaps: dict[tuple[object, ...], Bitmap] = {}
+        self._exchanged: dict[Checkerboard, Checkerboard] = {}
+        self._pixels: dict[tuple[Path, bool], NDArray[np.float32]] = {}
+
+    def read(self, plugin: Plugin) -> Texture:
+        """The texture that a plugin describes.
+
+        Raises:
+            SceneError: with file and line.
+        """
+        if plugin.element not in self._by_element:
+            self._by_element[plugin.element] = self._read_new(plugin)
+        return self._by_element[plugin.element]
+
+    def _read_new(self, plugin: Plugin) -> Texture:
+        match plugin.type:
+            case "bitmap":
+                return self._bitmap(plugin)
+            case "checkerboard":
+                return _checkerboard(plugin)
+        return _vertex_colors(plugin)
+
+    def take_color(
+        self, plugin: Plugin, name: str, default: RGB, *, most: float = np.inf, emission: bool = False
+    ) -> Color:
+        """A parameter that is a colour or a texture.
+
+        Args:
+            most: the largest value that a channel may have; none may be negative.
+            emission: whether it is a light's (see `read_colour`).
+        """
+        texture = self.take_texture(plugin, name)
+        if texture is not None:
+            return texture
+        at = plugin.at(name)
+        colour = plugin.take_colour(name, default, emission=emission)
+        if not all(0.0 <= channel <= most for channel in colour):
+            shown = " ".join(f"{channel:g}" for channel in colour)
+            allowed = f"lie between 0 and {most:g}" if most < np.inf else "not be negative"
+            raise at.error(f'{plugin}: "{name}" must {allowed}, got {shown}')
+        return colour
+
+    def take_number(self, plugin: Plugin, name: str, default: float, *, most: float = np.inf) -> Number:
+        """A parameter that is a number or a texture; of a colour its luminance, as in Mitsuba."""
+        value = self.take_color(plugin, name, (default, default, default), most=most)
+        if isinstance(value, Checkerboard):
+            # Mitsuba 3.9 reads a checkerboard's numbers from the other squares than its colours (eval_1 and eval)
+            return self._exchanged.setdefault(value, replace(value, color0=value.color1, color1=value.color0))
+        if isinstance(value, Texture):
+            return value
+        # equal channels must give just their value, whatever rounding does to the weights' sum
+        return value[0] if len(set(value)) == 1 else float(np.dot(value, LUMINANCE))
+
+    def take_texture(self, plugin: Plugin, name: str | None = None) -> Texture | None:
+        """The nested texture of this parameter name, or under any name, if there is one."""
+        found = plugin.take_one("texture", name)
+        if found is not None and name is not None and plugin.has(name):
+            raise plugin.value_error(name, "is given twice: as a value and as a texture")
+        return None if found is None else self.read(found)
+
+    def _bitmap(self, plugin: Plugin) -> Bitmap:
+        file = plugin.take_file().resolve()
+        raw = plugin.take_bool("raw", False)
+        wrap = Wrap(plugin.take_choice("wrap_mode", "repeat", [mode.value for mode in Wrap]))
+        interpolation = self._filter(plugin)
+        to_uv = _UPWARDS @ _planar(plugin)  # Mitsuba's images begin at the top with v = 0
+        _check_gamma(plugin)
+        plugin.ignore("cache", "max_anisotropy", "accel", "format")  # change speed and memory only
+        plugin.finish()
+        key = file, raw, wrap, interpolation, to_uv.tobytes()
+        if key not in self._bitmaps:
+            if (file, raw) not in self._pixels:
+                self._pixels[file, raw] = read_texture(file, raw=raw)
+            self._bitmaps[key] = Bitmap(file.name, self._pixels[file, raw], wrap, interpolation, to_uv)
+        return self._bitmaps[key]
+
+    def _filter(self, plugin: Plugin) -> Interpolation:
+        name = plugin.take_choice("filter_type", "bilinear", ["bilinear", "nearest", "trilinear", "ewa"])
+        if name in ("trilinear", "ewa"):  # 0.6
+            self._warnings.append(f'texture {plugin.name}: filter "{name}" is replaced by "bilinear"')
+            return Interpolation.BILINEAR
+        return Interpolation(name)
+
+
+def _check_gamma(plugin: Plugin) -> None:
+    error = plugin.value_error("gamma", "other than -1 (by the file's type) is not supported; use raw for linear data")
+    if plugin.take_float("gamma", -1.0) != -1.0:
+        raise error
+
+
+def _checkerboard(plugin: Plugin) -> Checkerboard:
+    colors = [_plain_color(plugin, "color0", 0.4), _plain_color(plugin, "color1", 0.2)]
+    to_uv = _planar(plugin)
+    plugin.finish()
+    return Checkerboard(plugin.name, colors[0], colors[1], to_uv)
+
+
+def _plain_color(plugin: Plugin, name: str, default: float) -> RGB:
+    for inner in plugin.take_nested("texture", name):
+        raise inner.error(f'{plugin}: a texture as "{name}" is not supported; give an <rgb>')
+    at = plugin.at(name)
+    colour = plugin.take_colour(name, (default, default, default), emission=False)
+    if min(colour) < 0:
+        raise at.error(f'{plugin}: "{name}" must not be negative')
+    return colour
+
+
+def _vertex_colors(plugin: Plugin) -> VertexColors:
+    if plugin.type == "vertexcolors":  # 0.6
+        plugin.finish()
+        return VertexColors("vertex_color")
+    at = plugin.at("name")
+    name = plugin.take_string("name")
+    if name.startswith(_FACE):
+        raise at.error(f'{plugin}: attributes of faces ("{name}") are not supported; use one of vertices')
+    if not name.startswith(_VERTEX):
+        raise at.error(f'{plugin}: "name" must begin with "{_VERTEX}" or "{_FACE}", got "{name}"')
+    at = plugin.at("scale")
+    scale = plugin.take_float("scale", 1.0)
+    if scale < 0:
+        raise at.error(f'{plugin}: "scale" must not be negative, got {scale:g}')
+    plugin.finish()
+    return VertexColors(name, scale)
+
+
+def _planar(plugin: Plugin) -> NDArray[np.float64]:
+    """The plugin's map of texture coordinates, shape [3, 3]."""
+    given = plugin.take_transform("to_uv")
+    matrix = np.eye(4) if given is None else given
+    scale = [plugin.take_float("uscale", 1.0), plugin.take_float("vscale", 1.0), 1.0]  # 0.6
+    offset = [plugin.take_float("uoffset", 0.0), plugin.take_float("voffset", 0.0), 0.0]
+    matrix = transforms.translation(offset) @ transforms.scaling(scale) @ matrix
+    planar = np.eye(3)
+    planar[:2, :2] = matrix[:2, :2]
+    planar[:2, 2] = matrix[:2, 3]
+    return planar

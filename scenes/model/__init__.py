@@ -1,0 +1,1 @@
+"""The data classes that a loader fills: what a scene is made of."""

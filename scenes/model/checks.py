@@ -1,0 +1,155 @@
+"""What every scene must satisfy before it is rendered, whichever loader it came from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from wdpm.scenes.errors import SceneError
+from wdpm.scenes.model.bsdfs import vertex_attributes, walk
+from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
+from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene
+from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color, Texture
+
+
+def check_scene(scene: Scene, file: Path | None = None) -> Scene:
+    """Returns the scene, or says what is wrong with it.
+
+    Raises:
+        SceneError: no triangles, no light, a size below 1, non-finite values, indices out of range.
+    """
+    for material in scene.materials:
+        _check_material(material, file)
+    for mesh in scene.meshes:
+        _check_mesh(mesh, len(scene.materials), file)
+        _check_looks(mesh, scene.materials[mesh.material], file)
+        for medium in (mesh.interior, mesh.exterior):
+            _check_medium(medium, f'mesh "{mesh.name}"', scene, file)
+    if sum(len(mesh.faces) for mesh in scene.meshes) == 0:
+        raise SceneError("the scene is empty: it has no triangles", file)
+    _check_lights(scene, file)
+    _check_camera(scene.camera, file)
+    _check_medium(scene.camera.medium, "the camera", scene, file)
+    return scene
+
+
+def _check_material(material: Material, file: Path | None) -> None:
+    for node in walk(material.bsdf):
+        for parameter in fields(node):
+            value = getattr(node, parameter.name)
+            if not _is_sound(value):
+                shown = value.name if isinstance(value, Texture) else value
+                kind = type(node).__name__
+                message = f'material "{material.name}": {kind}.{parameter.name} is negative or not finite: {shown}'
+                raise SceneError(message, file)
+
+
+def _is_sound(value: object) -> bool:
+    """Whether a parameter is finite and not negative; names and nested functions are."""
+    if isinstance(value, Bitmap):
+        return bool(np.isfinite(value.pixels).all())
+    if isinstance(value, Checkerboard):
+        return _all_sound((*value.color0, *value.color1))
+    if isinstance(value, tuple):
+        return _all_sound(value)
+    # a bump map may be turned inside out
+    return not isinstance(value, float) or math.isfinite(value)
+
+
+def _all_sound(values: Iterable[float]) -> bool:
+    return all(math.isfinite(value) and value >= 0 for value in values)
+
+
+def _check_mesh(mesh: Mesh, material_count: int, file: Path | None) -> None:
+    attributes = (
+        ("vertex", mesh.vertices),
+        ("normal", mesh.normals),
+        ("texture coordinate", mesh.uvs),
+        ("colour", mesh.colors),
+    )
+    for what, values in attributes:
+        if values is None:
+            continue
+        if what != "vertex" and len(values) != len(mesh.vertices):
+            raise SceneError(f'mesh "{mesh.name}": {len(values)} {what}s for {len(mesh.vertices)} vertices', file)
+        finite = np.isfinite(values).all(axis=1)
+        if not finite.all():
+            first = int(np.argmin(finite))
+            bad = f"{what} {first} is ({', '.join(f'{x:g}' for x in values[first])})"
+            raise SceneError(f'mesh "{mesh.name}": {bad}, {int(np.sum(~finite))} not finite in all', file)
+    if len(mesh.faces) and not (mesh.faces.min() >= 0 and mesh.faces.max() < len(mesh.vertices)):
+        outside = (mesh.faces < 0) | (mesh.faces >= len(mesh.vertices))
+        face = int(np.argmax(outside.any(axis=1)))
+        raise SceneError(
+            f'mesh "{mesh.name}": face {face} names a vertex out of range (there are {len(mesh.vertices)})', file
+        )
+    if not 0 <= mesh.material < material_count:
+        raise SceneError(f'mesh "{mesh.name}": there is no material {mesh.material} (there are {material_count})', file)
+    if not _emits_soundly(mesh.emission):
+        raise SceneError(f'mesh "{mesh.name}": emission {mesh.emission} is negative or not finite', file)
+
+
+def _emits_soundly(emission: Color | None) -> bool:
+    if isinstance(emission, Bitmap):
+        return bool(np.isfinite(emission.pixels).all() and emission.pixels.min(initial=0.0) >= 0)
+    return emission is None or _is_sound(emission)
+
+
+def _check_looks(mesh: Mesh, material: Material, file: Path | None) -> None:
+    read = vertex_attributes(material.bsdf, mesh.emission)
+    if read and mesh.colors is None:
+        names = ", ".join(sorted(read))
+        raise SceneError(f'mesh "{mesh.name}": it has no vertex colours, but what it is made of reads {names}', file)
+
+
+def _check_medium(medium: int | None, owner: str, scene: Scene, file: Path | None) -> None:
+    if medium is not None and not 0 <= medium < len(scene.media):
+        raise SceneError(f"{owner}: there is no medium {medium} (there are {len(scene.media)})", file)
+
+
+def _check_lights(scene: Scene, file: Path | None) -> None:
+    for light in scene.lights:
+        place, strength = _of_light(light)
+        if not (np.isfinite(place).all() and np.isfinite(strength).all() and strength.min(initial=0.0) >= 0):
+            raise SceneError(f'light "{light.name}": its place or strength is negative or not finite', file)
+        if isinstance(light, PointLight | SpotLight):
+            _check_medium(light.medium, f'light "{light.name}"', scene, file)
+    glowing = any(len(mesh.faces) and _is_bright(mesh.emission) for mesh in scene.meshes)
+    if not glowing and not any(_of_light(light)[1].max(initial=0.0) > 0 for light in scene.lights):
+        raise SceneError("the scene has no light: nothing would be seen; add an area or a point emitter", file)
+
+
+def _of_light(light: Light) -> tuple[np.ndarray, np.ndarray]:
+    """The numbers that say where a light is, and those that say how bright it is."""
+    match light:
+        case PointLight():
+            return np.array(light.position), np.array(light.intensity)
+        case SpotLight():
+            return light.to_world, np.array(light.intensity)
+        case DirectionalLight():
+            return np.array(light.direction), np.array(light.irradiance)
+        case Environment():
+            return light.to_world, light.pixels
+
+
+def _is_bright(emission: Color | None) -> bool:
+    if isinstance(emission, Bitmap):
+        return bool(emission.pixels.max(initial=0.0) > 0)
+    if isinstance(emission, Checkerboard):
+        return max(*emission.color0, *emission.color1) > 0
+    return emission is not None and (not isinstance(emission, tuple) or max(emission) > 0)
+
+
+def _check_camera(camera: Camera, file: Path | None) -> None:
+    if camera.width < 1 or camera.height < 1:
+        raise SceneError(f"the image size is {camera.width}x{camera.height}; both must be at least 1", file)
+    if not np.isfinite(camera.to_world).all():
+        raise SceneError("the camera's transform is not finite", file)
+    if not camera.orthographic and not 0 < camera.fov_x < 180:
+        raise SceneError(f"the field of view is {camera.fov_x:g} degrees; expected between 0 and 180", file)
+    if not (camera.aperture_radius >= 0 and camera.focus_distance > 0):
+        raise SceneError("the lens needs a radius that is not negative and a focus distance greater than 0", file)

@@ -1,0 +1,344 @@
+"""`wdpm bench peers`: what is tried, what is confirmed and what is said of it, at the least size; never a time."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from wdpm.bench import peers
+from wdpm.bench.mitsuba import Cost
+from wdpm.bench.peers_figures import Bounds, PeerFigures, Reached, Try
+from wdpm.bench.peers_grid import FAMILIES, Family, Member
+from wdpm.bench.peers_guess import guesses
+from wdpm.bench.peers_law import ErrorLaw, Point
+from wdpm.cli import bench, main
+from wdpm.cluster.settings import Indirect, RenderSettings
+from wdpm.images.image import Image
+from wdpm.progress import SilentProgress
+from wdpm.scenes.errors import SettingsError, WdpmError
+
+SCENE_XML = """\
+<scene version="3.0.0">
+  <sensor type="perspective">
+    <float name="fov" value="40"/>
+    <transform name="to_world"><lookat origin="0,0,5" target="0,0,0" up="0,1,0"/></transform>
+    <film type="hdrfilm"><rfilter type="box"/></film>
+  </sensor>
+  <shape type="rectangle">
+    <transform name="to_world"><scale value="3"/><translate z="-1"/></transform>
+    <bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf></bsdf>
+  </shape>
+  <shape type="rectangle">
+    <transform name="to_world"><rotate y="1" angle="180"/><scale value="0.4"/><translate x="1.2" z="1"/></transform>
+    <emitter type="area"><rgb name="radiance" value="9"/></emitter>
+  </shape>
+</scene>
+"""
+
+FEW = Family("few", (100, 400), (1, 2))
+
+
+def grey(value: float) -> np.ndarray:
+    return np.full((6, 8, 3), value, np.float32)
+
+
+@pytest.fixture
+def scene_file(tmp_path: Path) -> Path:
+    """A lit wall, and a grey reference of 8x6 beside it."""
+    (tmp_path / "scene.xml").write_text(SCENE_XML)
+    Image({"beauty": grey(1.0)}).save(tmp_path / "reference.exr")
+    return tmp_path / "scene.xml"
+
+
+class FakeMitsuba:
+    """Renders grey images: relMSE 1 / samples against a reference of 1."""
+
+    version = "0"
+    asked: list[int]
+
+    def __init__(self, _: Any) -> None:
+        FakeMitsuba.asked = []
+
+    def __enter__(self) -> FakeMitsuba:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def render(self, spp: int, seed: int) -> tuple[np.ndarray, float]:
+        pixels, cost = self.render_with_cost(spp, seed)
+        return pixels, cost.wall_s
+
+    def render_with_cost(self, spp: int, seed: int) -> tuple[np.ndarray, Cost]:
+        FakeMitsuba.asked.append(seed)
+        return off_by(1 / spp), Cost(spp / 4, spp / 2)
+
+
+def off_by(rel_mse: float) -> np.ndarray:
+    return grey(1.0 + (1.01 * rel_mse) ** 0.5)
+
+
+class Fakes:
+    """wdpm with errors and times that the settings name; what was rendered is kept."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, unlucky: tuple[int, int] | None = None) -> None:
+        self.rendered: list[RenderSettings] = []
+        self._now = 0.0
+        self._unlucky = unlucky
+        monkeypatch.setattr(peers, "MitsubaProcess", FakeMitsuba)
+        monkeypatch.setattr(peers.api, "render", self.render)
+        monkeypatch.setattr(peers.time, "perf_counter", lambda: self._now)
+        monkeypatch.setattr(peers.time, "process_time", lambda: 2 * self._now)
+        monkeypatch.setattr(peers, "find_spec", lambda name: name)
+
+    def render(self, _: Any, settings: RenderSettings, *, threads: int | None) -> Image:
+        assert threads == 2
+        self.rendered.append(settings)
+        self._now += settings.spp * settings.photons / 100
+        error = 10 / (settings.spp * settings.photons)
+        if (settings.spp, settings.photons) == self._unlucky and settings.seed:
+            error *= 100
+        return Image({"beauty": off_by(error)})
+
+    def measure(self, scene_file: Path, bounds: Bounds, *families: Family) -> PeerFigures:
+        reference = scene_file.with_name("reference.exr")
+        return peers.measure(scene_file, reference, bounds, SilentProgress(), families=families or (FEW,), threads=2)
+
+
+# ---- the grid -----------------------------------------------------------------------------------------------------
+
+
+def test_every_member_is_a_choice_of_settings() -> None:
+    members = [member for family in FAMILIES for member in family.members()]
+    assert len({member.name for member in members}) == len(members)
+    for member in members:
+        settings = member.settings(7, 5)
+        assert (settings.photons, settings.spp, settings.seed, settings.max_depth) == (
+            member.photons,
+            member.spp,
+            7,
+            5,
+        )
+        assert settings.spp >= settings.passes
+    assert {member.settings(0, None).indirect for member in members} == {Indirect.MAP, Indirect.GATHER, Indirect.CACHE}
+
+
+def test_members_come_after_those_with_less_work() -> None:
+    for family in FAMILIES:
+        members = list(family.members())
+        for i, later in enumerate(members):
+            assert not any(earlier.adds_to(later) for earlier in members[:i])
+    assert Member(FEW, 400, 2).adds_to(Member(FEW, 400, 1))
+    assert not Member(FEW, 100, 2).adds_to(Member(FEW, 400, 1))
+    assert not Member(Family("other", (100, 400), (1, 2)), 400, 2).adds_to(Member(FEW, 100, 1))
+
+
+# ---- Mitsuba's law ------------------------------------------------------------------------------------------------
+
+
+def test_a_law_of_one_over_samples() -> None:
+    law = ErrorLaw(tuple(Point(n, 0.5 / n, Cost(n / 10, n / 5)) for n in (8, 32, 128)))
+    assert law.constant == pytest.approx(0.5)
+    assert law.slope == pytest.approx(-1)
+    answer = law.to(0.01)
+    assert answer.spp == pytest.approx(50)
+    assert (answer.cost.wall_s, answer.cost.cpu_s) == pytest.approx((5, 10))
+    assert not answer.extrapolated
+    assert law.to(0.001).extrapolated
+    assert law.to(0.1).extrapolated
+    assert law.to(9.0).spp == 1  # there is no image with less
+    assert law.to(0.01, Point(16, 0.5, Cost(16.0, 32.0))).cost == Cost(pytest.approx(50), pytest.approx(100))
+
+
+def test_a_single_number_of_samples_has_no_slope() -> None:
+    point = Point(8, 0.1, Cost(1, 1))
+    assert ErrorLaw((point, point)).slope is None
+    assert ErrorLaw((point,)).constant == pytest.approx(0.8)
+
+
+def test_an_image_without_error_takes_one_sample() -> None:
+    law = ErrorLaw((Point(8, 0.0, Cost(1, 1)), Point(32, 0.0, Cost(4, 4))))
+    assert law.slope is None
+    assert law.to(0.01).spp == 1
+
+
+# ---- guesses ------------------------------------------------------------------------------------------------------
+
+
+def test_a_guess_lies_between_what_misses_and_what_reaches() -> None:
+    many = Family("many", (100, 400), (4, 64))
+    tries = [
+        Try(Member(many, 100, 4), 0.16, Cost(1.0, 2.0)),
+        Try(Member(many, 100, 64), 0.01, Cost(16.0, 32.0)),
+        Try(Member(many, 400, 4), 0.03, Cost(4.0, 8.0)),
+        Try(Member(FEW, 100, 1), 0.9, Cost(0.1, 0.2)),
+    ]
+    between, grid = guesses(tries, 0.04)
+    assert between.member == Member(many, 100, 17)  # 16, and a margin
+    assert between.cpu_s == pytest.approx(8)
+    assert between.enough_spp == 64
+    assert (grid.member, grid.cpu_s) == (Member(many, 400, 4), 8.0)
+    assert [guess.member for guess in guesses(tries, 0.01)] == [Member(many, 100, 64)]
+    assert not list(guesses(tries, 0.001))
+
+
+# ---- measuring ----------------------------------------------------------------------------------------------------
+
+
+def test_the_least_that_reaches_an_error_is_confirmed(scene_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fakes = Fakes(monkeypatch)
+    figures = fakes.measure(scene_file, Bounds((0.02, 0.2), rounds=3))
+    assert [each.bound for each in figures.reached] == [0.2, 0.02]  # falling
+    loose, tight = figures.reached
+    assert loose.wdpm is not None
+    assert tight.wdpm is not None
+    assert (loose.wdpm.member, tight.wdpm.member) == (Member(FEW, 100, 1), Member(FEW, 400, 2))
+    assert loose.wdpm.error == pytest.approx(0.1, rel=1e-4)
+    assert loose.wdpm.cost == Cost(pytest.approx(1), pytest.approx(2))
+    assert loose.ratio == Cost(pytest.approx(1 / (5 / 4)), pytest.approx(2 / (5 / 2)))
+    assert tight.ratio == Cost(pytest.approx(8 / (50 / 4)), pytest.approx(16 / (50 / 2)))
+    seeds = [settings.seed for settings in fakes.rendered]
+    assert seeds == [peers.WARM_SEED, 0, 0, 0, 0, 1, 2, 3, 1, 2, 3]
+    assert len(FakeMitsuba.asked) == len(set(FakeMitsuba.asked)) == 1 + 3 + 6  # warm, 8 to 128, turns
+    assert figures.law.constant == pytest.approx(1, rel=1e-3)
+
+
+def test_a_lucky_render_does_not_count(scene_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    figures = Fakes(monkeypatch, unlucky=(1, 100)).measure(scene_file, Bounds((0.2,)))
+    chosen = figures.reached[0].wdpm
+    assert chosen is not None
+    assert chosen.member == Member(FEW, 100, 2)
+    assert figures.tries[0].error < 0.2
+
+
+def test_what_is_slower_than_enough_is_not_tried(scene_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    figures = Fakes(monkeypatch).measure(scene_file, Bounds((0.2,)))
+    assert [each.member for each in figures.tries] == [Member(FEW, 100, 1)]
+    assert figures.skipped == (Member(FEW, 400, 1), Member(FEW, 100, 2), Member(FEW, 400, 2))
+
+
+def test_what_takes_too_long_is_not_tried(scene_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    figures = Fakes(monkeypatch).measure(scene_file, Bounds((1e-9,), limit_s=3))
+    assert [each.member for each in figures.tries] == [Member(FEW, 100, 1), Member(FEW, 400, 1), Member(FEW, 100, 2)]
+    assert figures.skipped == (Member(FEW, 400, 2),)
+    assert {point.spp for point in figures.law.points} == {8}
+    assert figures.reached[0].wdpm is None
+    assert figures.reached[0].ratio is None
+    assert figures.reached[0].mitsuba.extrapolated
+
+
+def test_a_way_that_the_scene_does_not_take_is_told(scene_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fakes = Fakes(monkeypatch)
+
+    def refuse(scene: Any, settings: RenderSettings, **options: Any) -> Image:
+        if settings.indirect is Indirect.CACHE:
+            raise SettingsError("no cache here")
+        return fakes.render(scene, settings, **options)
+
+    monkeypatch.setattr(peers.api, "render", refuse)
+    figures = fakes.measure(scene_file, Bounds((0.02,)), Family("c", (100,), (1, 2), indirect=Indirect.CACHE), FEW)
+    assert figures.refused == {"c": "no cache here"}
+    assert "c: not rendered: no cache here" in figures.grid().notes
+    assert len(figures.tries) == 4
+
+
+def test_only_the_region_counts(scene_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    reference = np.concatenate([grey(1.0)[:3], grey(50.0)[3:]])
+    Image({"beauty": reference}).save(scene_file.with_name("reference.exr"))
+    figures = Fakes(monkeypatch).measure(scene_file, Bounds((0.2,), (0, 0, 8, 3)))
+    assert figures.reached[0].wdpm is not None
+    assert "of pixels (0, 0, 8, 3)" in figures.grid().notes[0]
+
+
+def test_the_table_and_the_json(scene_file: Path) -> None:
+    law = ErrorLaw((Point(8, 0.125, Cost(2.0, 4.0)), Point(32, 0.03125, Cost(8.0, 16.0))))
+    chosen = Try(Member(FEW, 400, 2), 0.042, Cost(1.0, 1.6))
+    figures = PeerFigures(
+        scene_file,
+        scene_file.with_name("reference.exr"),
+        (8, 6),
+        2,
+        Bounds((0.05, 0.005)),
+        "3",
+        (chosen,),
+        (),
+        {},
+        law,
+        (Reached(0.05, chosen, law.to(0.05)), Reached(0.005, None, law.to(0.005))),
+    )
+    grid = figures.grid()
+    reached, missed = grid.rows
+    assert reached == (
+        *("0.05", "few, 2 samples, 0k photons", "0.0420", "1.00 s", "1.60 s"),
+        *("20 samples", "5.00 s", "10.0 s", "0.20", "0.16"),
+    )
+    assert missed == ("0.005", "-", "-", "-", "-", "200 samples*", "50.0 s*", "1 min 40 s*", "-", "-")
+    assert grid.notes[-1] == "-: nothing tried reaches it; the best has 0.0420 (few, 2 samples, 0k photons)."
+    written = json.loads(json.dumps(figures.to_dict(), allow_nan=False))
+    assert written["reached"][0]["ratio"] == {"wall_s": pytest.approx(0.2), "cpu_s": pytest.approx(0.16)}
+    assert written["reached"][1]["wdpm"] is None
+    assert written["tries"][0]["indirect"] == "map"
+    assert written["mitsuba"]["slope"] == pytest.approx(-1)
+
+
+def test_both_for_real(scene_file: Path, tmp_path: Path) -> None:
+    pytest.importorskip("mitsuba")
+    bounds = Bounds((1e9,), rounds=1)
+    try:
+        figures = peers.measure(
+            scene_file, tmp_path / "reference.exr", bounds, SilentProgress(), families=(Family("few", (500,), (4,)),)
+        )
+    except WdpmError as error:
+        if "llvm" not in str(error).lower():
+            raise
+        pytest.skip(f"Mitsuba has no LLVM here: {error}")
+    chosen = figures.reached[0].wdpm
+    assert chosen is not None
+    assert chosen.cost.cpu_s > 0
+    assert figures.law.points[-1].cost.cpu_s > 0
+    # The wall is as bright for both: they are equally far from a grey image.
+    assert chosen.error == pytest.approx(figures.law.points[-1].error, rel=0.2)
+
+
+# ---- command line -------------------------------------------------------------------------------------------------
+
+
+def test_errors_are_a_list() -> None:
+    assert bench.relative_errors("0.05,0.01") == (0.05, 0.01)
+    assert Bounds((0.01, 0.05, 0.01)).errors == (0.05, 0.01)
+
+
+def test_peers_bench_says_what_is_wrong(
+    scene_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def error_of(*arguments: str) -> str:
+        assert main.main(["bench", "peers", *arguments]) == 2
+        return [line for line in capsys.readouterr().err.splitlines() if line.startswith("wdpm: error: ")][-1]
+
+    monkeypatch.setattr(peers, "find_spec", lambda name: name)
+    here = str(scene_file)
+    other = tmp_path / "other"
+    other.mkdir()
+    assert "give --reference FILE" in error_of(here, str(other / "scene.xml"))
+    assert "expected a Mitsuba scene" in error_of("cornell-box", "--reference", str(tmp_path / "reference.exr"))
+    assert "no such file" in error_of(str(other / "scene.xml"), "--reference", str(tmp_path / "reference.exr"))
+    assert "--reference is of one scene, and there are 2" in error_of(here, here, "--reference", "x.exr")
+    assert "expected a positive relMSE" in error_of(here, "--errors", "0.1,-1")
+    assert "region 0,0,9,9 is empty or not within the image of 8x6" in error_of(here, "--region", "0,0,9,9")
+    Image({"beauty": grey(np.nan)}).save(other / "reference.exr")
+    assert "144 values are not finite" in error_of(here, "--reference", str(other / "reference.exr"))
+    monkeypatch.setattr(peers, "find_spec", lambda _: None)
+    assert "Mitsuba 3 is not installed: pip install 'wdpm[peers]'" in error_of(here)
+
+
+def test_all_scenes_are_looked_at_before_the_first_is_rendered(
+    scene_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fakes = Fakes(monkeypatch)
+    assert main.main(["bench", "peers", str(scene_file), str(tmp_path / "missing" / "scene.xml")]) == 2
+    assert "missing" in capsys.readouterr().err
+    assert not fakes.rendered

@@ -1,0 +1,484 @@
+"""The command line: what is typed reaches what computes, and every mistake is one line and exit code 2."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import PIL.Image
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from wdpm import values
+from wdpm.cli import main
+from wdpm.cli import options as cli_options
+from wdpm.cli.interrupts import no_lost_interrupts
+from wdpm.cluster.settings import RenderSettings, Routing
+from wdpm.images.image import Image, load
+from wdpm.report.report import Report, from_json
+from wdpm.scenes.errors import SceneError
+from wdpm.scenes.model.scene import Camera, Scene
+
+COMMANDS = [module.__name__.removeprefix("wdpm.cli_") for module in main.COMMANDS]
+
+
+def run(arguments: list[str]) -> int:
+    """Like main, with the exit of argparse as a return value."""
+    try:
+        return main.main(arguments)
+    except SystemExit as stop:
+        return int(stop.code or 0)
+
+
+def scene(samples: int | None = None, max_depth: int | None = None) -> Scene:
+    return Scene("a scene", (), (), (), Camera(np.eye(4), 40.0), samples, max_depth)
+
+
+class Renderer:
+    """Stands for the loader and for wdpm.api: remembers what it was asked for and gives a small image."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        from wdpm import api, clusters
+        from wdpm.cli import result
+
+        self.scene = scene()
+        self.pixels = np.full((2, 3, 3), 0.5, dtype=np.float32)
+        self.loaded: dict[str, Any] = {}
+        self.rendered: dict[str, Any] = {}
+        monkeypatch.setattr(result, "load_scene", self.load)
+        monkeypatch.setattr(api, "render", self.render)
+        monkeypatch.setattr(clusters, "render_as_master", self.render)
+
+    def load(self, name: str, **options: Any) -> Scene:
+        self.loaded = {"scene": name, **options}
+        return self.scene
+
+    def render(self, source: Callable[[], Scene], settings: RenderSettings, **options: Any) -> Image:
+        self.rendered = {"scene": source(), "settings": settings, **options}
+        return self.image()
+
+    def image(self) -> Image:
+        return Image({"beauty": self.pixels}, {"report": Report(phases={"render": 1.5}).to_dict()})
+
+
+@pytest.fixture
+def renderer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Renderer:
+    monkeypatch.chdir(tmp_path)
+    return Renderer(monkeypatch)
+
+
+# ---- values -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "number"), [("0", 0), ("250k", 250_000), ("1M", 10**6), ("2.5M", 2_500_000), ("1.5k", 1500), ("1g", 10**9)]
+)
+def test_counts(text: str, number: int) -> None:
+    assert values.count(text) == number
+
+
+@given(st.integers(0, 10**7))
+def test_counts_are_exact(thousandths: int) -> None:
+    assert values.count(f"{thousandths // 1000}.{thousandths % 1000:03d}k") == thousandths
+
+
+@pytest.mark.parametrize(
+    ("parse", "text"),
+    [
+        *((values.count, text) for text in ("", "-1", "1.5", "1.0001k", "k", "1e6", "1 000", "12kk", "nan")),
+        *((values.positive_count, text) for text in ("0", "0k")),
+        *((values.size, text) for text in ("512", "0x512", "512x0", "-1x5", "5x5x5", "axb", "5.5x5")),
+        *((values.memory, text) for text in ("8", "0G", "8.5G", "G", "8GB")),
+        *((values.address, text) for text in ("localhost:1", "tcp://h", "tcp://h:0", "tcp://h:65536", "tcp://:1")),
+        *((values.address, text) for text in ("udp://h:1", "tcp://a b:1", "tcp://h:1/x", "tcp://::1:5")),
+        *((values.device, text) for text in ("gpu", "cuda:", "cuda:x", "")),
+        *((values.definition, text) for text in ("a", "=1", "")),
+        *((values.region, text) for text in ("1,2,3", "a,b,c,d", "-1,0,1,1")),
+        (values.length, "wide"),
+    ],
+)
+def test_bad_values_say_what_is_expected(parse: Any, text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match=r"expected|must be|is not a number"):
+        parse(text)
+
+
+def test_good_values() -> None:
+    assert values.size("640x480") == (640, 480)
+    assert values.memory("8G") == 8 * 2**30
+    assert values.address("tcp://[::1]:7117") == "tcp://[::1]:7117"
+    assert values.address("tcp://render-1.example.org:7117") == "tcp://render-1.example.org:7117"
+    assert values.definition("path=a=b") == ("path", "a=b")
+    assert values.definition("empty=") == ("empty", "")
+    assert values.device("cuda:1") == "cuda:1"
+    assert values.region("1,2,30,40") == (1, 2, 30, 40)
+
+
+# ---- help and mistakes --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_every_command_has_examples(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run([command, "--help"]) == 0
+    text = capsys.readouterr().out
+    assert f"  wdpm {command} " in text.split("examples:")[1]
+    assert "None" not in text
+
+
+def test_the_first_page_lists_every_command(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["--help"]) == 0
+    text = capsys.readouterr().out
+    assert all(f"\n    {command} " in text for command in COMMANDS)
+    assert run([]) == 2
+    assert capsys.readouterr().err == text
+
+
+def test_help_needs_nothing_that_computes() -> None:
+    code = (
+        "import sys\n"
+        "from wdpm.cli.main import main\n"
+        "try: main(['render', '--help'])\n"
+        "except SystemExit: pass\n"
+        "print(sorted({'warp', 'zmq', 'rich'} & set(sys.modules)), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr == "[]\n"
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("wdpm ")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["paint"],
+        ["render"],
+        ["render", "x", "--colour", "red"],
+        ["render", "x", "--phot", "10"],  # no abbreviations
+        ["render", "x", "--size", "0x512"],
+        ["render", "x", "--photons", "lots"],
+        ["render", "x", "--spp", "0"],
+        ["render", "x", "--routing", "scenic"],
+        ["render", "x", "-D", "spp"],
+        ["master", "x"],
+        ["master", "x", "--slaves", "0"],
+        ["master", "x", "--slaves", "2", "--keys", "k", "--insecure"],
+        ["slave", "localhost"],
+        ["slave", "tcp://localhost:7117", "--memory", "8"],
+        ["bench", "everything"],
+        ["compare", "a.exr"],
+    ],
+)
+def test_a_mistyped_line_is_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("wdpm: error: ")
+    assert err.count("\n") == 1
+
+
+def test_errors_and_interruption_have_their_exit_codes(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def raises(error: BaseException) -> Any:
+        def command(_: argparse.Namespace) -> int:
+            raise error
+
+        return command
+
+    monkeypatch.setattr(main.cli_compare, "run", raises(SceneError("no lamp", "a.xml", 3)))
+    assert run(["compare", "a", "b"]) == 2
+    assert capsys.readouterr().err == "wdpm: error: a.xml:3: no lamp\n"
+    monkeypatch.setattr(main.cli_compare, "run", raises(KeyboardInterrupt()))
+    assert run(["compare", "a", "b"]) == 130
+    assert capsys.readouterr().err == "wdpm: interrupted\n"
+
+
+class Interrupted:
+    """As an array of Warp's is when Ctrl-C finds Python in its destructor."""
+
+    def __del__(self) -> None:
+        raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("lasts", [True, False])
+def test_an_interrupt_in_a_destructor_ends_a_command(
+    lasts: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def command(_: argparse.Namespace) -> int:
+        Interrupted()
+        if lasts:
+            time.sleep(100.0)
+        return 0
+
+    monkeypatch.setattr(main.cli_compare, "run", command)
+    assert run(["compare", "a", "b"]) == 130
+    assert capsys.readouterr().err == "wdpm: interrupted\n"
+
+
+def test_other_exceptions_in_destructors_go_where_they_went(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Faulty:
+        def __del__(self) -> None:
+            raise ValueError("of a fault")
+
+    told: list[str] = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda unraisable: told.append(str(unraisable.exc_value)))
+    before = sys.unraisablehook
+    with no_lost_interrupts():
+        Faulty()
+    assert told == ["of a fault"]
+    assert sys.unraisablehook is before
+
+
+# ---- render and master --------------------------------------------------------------------------------------------
+
+
+def test_every_setting_has_an_option_and_none_is_unknown() -> None:
+    assert {option.field for option in cli_options.SETTING_OPTIONS} == {f.name for f in fields(RenderSettings)}
+
+
+def test_defaults_are_those_of_the_settings(renderer: Renderer) -> None:
+    assert run(["render", "cornell-box", "--quiet"]) == 0
+    assert renderer.rendered["settings"] == RenderSettings()
+    assert renderer.rendered["slaves"] == 0
+    assert renderer.rendered["device"] == "cpu"
+    assert renderer.rendered["threads"] == cli_options.available_cores()
+    assert renderer.loaded == {"scene": "cornell-box", "defines": {}, "size": None}
+    assert load("cornell-box.exr").shape == (2, 3)
+
+
+def test_every_option_arrives(renderer: Renderer) -> None:
+    line = (
+        "render a.xml --photons 1M --k 80 --radius 0.5 --spp 64 --light-samples 4 --max-depth 7 --seed 3 --bucket 16 "
+        "--routing merge --band 0.5 --inexact --slaves 4 --threads 3 --device cuda:0 -D a=1 -D b=x --size 64x32 -q"
+    )
+    assert run(line.split()) == 0
+    assert renderer.rendered["settings"] == RenderSettings(
+        photons=1_000_000,
+        k=80,
+        radius=0.5,
+        spp=64,
+        light_samples=4,
+        max_depth=7,
+        seed=3,
+        bucket=16,
+        routing=Routing.MERGE,
+        band=0.5,
+        inexact=True,
+    )
+    assert {name: renderer.rendered[name] for name in ("slaves", "threads", "device")} == {
+        "slaves": 4,
+        "threads": 3,
+        "device": "cuda:0",
+    }
+    assert renderer.loaded == {"scene": "a.xml", "defines": {"a": "1", "b": "x"}, "size": (64, 32)}
+
+
+def test_what_the_scene_asks_for_lies_between_default_and_option(renderer: Renderer) -> None:
+    renderer.scene = scene(samples=128, max_depth=5)
+    run(["render", "a.xml", "-q"])
+    assert (renderer.rendered["settings"].spp, renderer.rendered["settings"].max_depth) == (128, 5)
+    run(["render", "a.xml", "-q", "--spp", "2", "--max-depth", "9"])
+    assert (renderer.rendered["settings"].spp, renderer.rendered["settings"].max_depth) == (2, 9)
+
+
+def test_several_outputs_and_the_report(renderer: Renderer, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["render", "a.xml", "-o", "a.exr", "-o", "a.png", "--report", "a.json"]) == 0
+    assert np.array_equal(load("a.exr").pixels, renderer.pixels)
+    assert load("a.png").shape == (2, 3)
+    report = from_json(Path("a.json").read_text())
+    assert list(report.phases) == ["load", "render"]
+    assert load("a.exr").metadata["report"] == report.to_dict()
+    out, err = capsys.readouterr()
+    assert out.startswith("wrote a.exr\nwrote a.png\n")
+    assert "0 gathers left the band" in out
+    assert err.startswith("load ...\n")
+
+
+def test_quiet_is_quiet(renderer: Renderer, capsys: pytest.CaptureFixture[str]) -> None:  # noqa: ARG001
+    assert run(["render", "a.xml", "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["-o", "a.bmp"], "unknown extension '.bmp'"),
+        (["-o", "a.exr", "-o", "nowhere/a.png"], "there is no folder nowhere"),
+        (["--report", "a.txt"], "unknown extension '.txt': must be one of .json"),
+        (["--save-cache", "nowhere/records"], "there is no folder nowhere"),
+        (["--save-cache", "."], "is a folder"),
+        (
+            ["--save-cache", "b.exr", "-o", "a.exr", "-o", "./b.exr"],
+            "cannot hold both the image and irradiance records",
+        ),
+        (["--load-cache", "a.exr"], "cannot hold both the image and irradiance records"),
+        (["--save-cache", "a.json", "--report", "a.json"], "cannot hold both the report and irradiance records"),
+        (["--band", "0.5"], "use --inexact"),
+        (["--radius", "-1"], "radius is -1.0"),
+    ],
+)
+def test_what_cannot_work_is_told_before_the_scene_is_read(
+    options: list[str], message: str, renderer: Renderer, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["render", "a.xml", *options]) == 2
+    assert message in capsys.readouterr().err
+    assert renderer.loaded == {}
+
+
+def test_a_picture_that_cannot_be_written_does_not_cost_the_others(
+    renderer: Renderer, capsys: pytest.CaptureFixture[str]
+) -> None:
+    renderer.pixels = np.full((2, 3, 3), np.nan, dtype=np.float32)
+    assert run(["render", "a.xml", "-q", "-o", "a.png", "-o", "a.exr"]) == 2
+    assert capsys.readouterr().err.startswith("wdpm: error: a.png: 6 pixels are NaN")
+    assert load("a.exr").shape == (2, 3)
+
+
+def test_records_that_cannot_be_written_cost_neither_image_nor_report(
+    renderer: Renderer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from wdpm import api
+    from wdpm.rendering.cache_file import CacheNotWrittenError
+
+    def failing(*_: Any, **__: Any) -> Image:
+        raise CacheNotWrittenError("a.rec: cannot be written", renderer.image())
+
+    monkeypatch.setattr(api, "render", failing)
+    assert run(["render", "a.xml", "-q", "-o", "a.exr", "--report", "a.json", "--save-cache", "a.rec"]) == 2
+    assert capsys.readouterr().err == "wdpm: error: a.rec: cannot be written\n"
+    assert load("a.exr").shape == (2, 3)
+    assert from_json(Path("a.json").read_text()).phases["render"] == 1.5
+
+
+def test_a_picture_that_cannot_be_written_does_not_cost_the_report(
+    renderer: Renderer, capsys: pytest.CaptureFixture[str]
+) -> None:
+    renderer.pixels = np.full((2, 3, 3), np.nan, dtype=np.float32)
+    assert run(["render", "a.xml", "-q", "-o", "a.png", "-o", "b.png", "--report", "a.json"]) == 2
+    err = capsys.readouterr().err
+    assert err.count("pixels are NaN") == 2
+    assert err.count("\n") == 1
+    assert Path("a.json").exists()
+
+
+def test_the_master_gets_its_options(renderer: Renderer) -> None:
+    line = "master a.xml -q --slaves 3 --bind tcp://10.0.0.1:7000 --keys folder --spp 2"
+    assert run(line.split()) == 0
+    asked = {name: renderer.rendered[name] for name in ("bind", "slaves", "keys", "insecure")}
+    assert asked == {"bind": "tcp://10.0.0.1:7000", "slaves": 3, "keys": Path("folder"), "insecure": False}
+    assert renderer.rendered["settings"].spp == 2
+
+
+def test_the_slave_gets_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
+    from wdpm import clusters
+    from wdpm.cluster.transport.zmq_slave import PATIENCE_S
+
+    asked: dict[str, Any] = {}
+    monkeypatch.setattr(clusters, "serve_as_slave", lambda address, **options: asked.update(address=address, **options))
+    assert run(["slave", "tcp://10.0.0.1:7000", "--threads", "2", "--memory", "8G", "--insecure"]) == 0
+    assert asked == {
+        "address": "tcp://10.0.0.1:7000",
+        "threads": 2,
+        "device": "cpu",
+        "memory": 8 * 2**30,
+        "keys": None,
+        "insecure": True,
+        "patience": PATIENCE_S,
+        "life_line": False,
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "output"),
+    [
+        ("scenes/hall.xml", "hall.exr"),
+        ("atrium:2M", "atrium.exr"),
+        ("cornell-box", "cornell-box.exr"),
+        ("a.b.ply", "a.b.exr"),
+    ],
+)
+def test_the_default_output(name: str, output: str) -> None:
+    from wdpm.cli.result import default_output
+
+    assert default_output(name) == Path(output)
+
+
+# ---- compare ------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def two_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name, value in (("a.exr", 1.0), ("b.exr", 2.0)):
+        Image({"beauty": np.full((4, 5, 3), value, dtype=np.float32)}).save(name)
+
+
+@pytest.mark.usefixtures("two_images")
+def test_compare_prints_and_draws(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["compare", "a.exr", "b.exr", "-o", "d.png"]) == 0
+    assert "differ in 20 pixels" in capsys.readouterr().out
+    with PIL.Image.open("d.png") as picture:
+        assert picture.size == (256, 38)
+    assert run(["compare", "a.exr", "b.exr", "--json", "--region", "0,0,2,2"]) == 0
+    assert json.loads(capsys.readouterr().out)["differing_pixels"] == 4
+
+
+@pytest.mark.usefixtures("two_images")
+def test_compare_equal_is_for_scripts() -> None:
+    assert run(["compare", "a.exr", "b.exr", "--equal"]) == 1
+    assert run(["compare", "a.exr", "a.exr", "--equal"]) == 0
+
+
+@pytest.mark.usefixtures("two_images")
+def test_compare_reports_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, message in (
+        (["a.exr", "c.exr"], "c.exr: no such file"),
+        (["a.exr", "b.exr", "-o", "d.jpg"], "must be one of .png"),
+        (["a.exr", "b.exr", "--region", "0,0,9,9"], "not within the image of 5x4"),
+    ):
+        assert run(["compare", *arguments]) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert message in err
+        assert err.count("\n") == 1
+
+
+@pytest.mark.usefixtures("two_images")
+def test_compare_takes_no_option_that_it_would_ignore(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["compare", "a.exr", "b.exr", "--signed"]) == 2
+    assert "give -o FILE.png, too" in capsys.readouterr().err
+    assert run(["compare", "a.exr", "b.exr", "--signed", "-o", "d.png"]) == 0
+
+
+@pytest.mark.usefixtures("two_images")
+def test_a_reader_that_leaves_is_no_error() -> None:
+    command = [sys.executable, "-m", "wdpm", "compare", "a.exr", "b.exr"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == 1
+
+
+# ---- keys ---------------------------------------------------------------------------------------------------------
+
+
+def test_keys_are_made_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "keys"
+    assert run(["keys", str(folder)]) == 0
+    written = [line.removeprefix("wrote ") for line in capsys.readouterr().out.splitlines()]
+    assert sorted(written) == sorted(str(path) for path in folder.iterdir())
+    assert run(["keys", str(folder)]) == 2
+    assert "exists already" in capsys.readouterr().err

@@ -1,0 +1,143 @@
+"""`wdpm render --passes`: files beside the image, going on after an interruption, and what a person is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from wdpm.cli import main
+from wdpm.cli.passes import journal_of
+from wdpm.images.image import load
+from wdpm.progress import SilentProgress
+from wdpm.rendering import passes
+from wdpm.rendering.pass_progress import PassProgress
+from wdpm.rendering.passes import PassPlan, PassRenderer
+from wdpm.report.report import from_dict
+from wdpm.scenes.errors import ClusterError
+
+SMALL = ["--size", "16x12", "--photons", "1000", "--k", "20", "--spp", "6", "--passes", "3", "-q"]
+
+
+def render(output: Path, *more: str) -> int:
+    return main.main(["render", "cornell-box", *SMALL, "-o", str(output), *more])
+
+
+def fail_at(monkeypatch: pytest.MonkeyPatch, number: int, error: BaseException) -> None:
+    """Have pass `number` fail."""
+    whole = PassRenderer.render
+
+    def failing(self: PassRenderer, plan: PassPlan) -> Any:
+        if plan.number == number:
+            raise error
+        return whole(self, plan)
+
+    monkeypatch.setattr(passes.PassRenderer, "render", failing)
+
+
+def test_the_image_has_error_layers_and_leaves_no_journal(tmp_path: Path) -> None:
+    output = tmp_path / "box.exr"
+    assert render(output, "--passes", "4") == 0
+    image = load(output)
+    assert {"noise", "bias"} <= image.layers.keys()
+    assert image.metadata["settings"]["passes"] == 4
+    report = from_dict(image.metadata["report"])
+    assert report.error is not None
+    assert len(report.passes) == 4
+    assert not journal_of(output).exists()
+
+
+@pytest.mark.parametrize(
+    ("error", "code"), [(KeyboardInterrupt(), 130), (ClusterError("slave 1 (here, process 7) is lost"), 2)]
+)
+def test_an_interrupted_render_says_how_to_go_on(
+    error: BaseException,
+    code: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    output, whole = tmp_path / "box.exr", tmp_path / "whole.exr"
+    with monkeypatch.context() as patched:
+        fail_at(patched, 2, error)
+        assert render(output) == code
+    told = capsys.readouterr().err
+    assert f"{journal_of(output)} keeps the passes so far; the same command with --resume goes on" in told
+    assert not output.exists()
+    assert render(output, "--resume") == 0
+    assert render(whole) == 0
+    assert load(output).digest() == load(whole).digest()
+    assert not journal_of(output).exists()
+
+
+def test_passes_that_are_kept_can_be_added_to(tmp_path: Path) -> None:
+    output, whole = tmp_path / "box.exr", tmp_path / "whole.exr"
+    assert render(output, "--keep-passes") == 0
+    assert journal_of(output).exists()
+    assert render(output, "--passes", "5", "--spp", "10", "--resume") == 0
+    assert not journal_of(output).exists()
+    assert render(whole, "--passes", "5", "--spp", "10") == 0
+    assert load(output).digest() == load(whole).digest()
+
+
+def test_an_image_that_cannot_be_written_costs_no_pass(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "box.exr"
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("wdpm.images.files.write_whole", full)
+        assert render(output) == 2
+    assert "no space left on device" in capsys.readouterr().err
+    assert render(output, "--resume") == 0
+    assert load(output).metadata["settings"]["passes"] == 3
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--passes", "9"], "passes is 9, more than spp, which is 6; each pass needs a sample of its own"),
+        (["--resume"], "so there is no interrupted render to resume"),
+        (["--passes", "0"], "--passes"),
+    ],
+)
+def test_mistakes_are_one_line(
+    more: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        code = render(tmp_path / "box.exr", *more)
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    told = capsys.readouterr().err
+    assert code == 2
+    assert message in told
+    assert len([line for line in told.splitlines() if line.startswith("wdpm")]) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_progress_is_one_phase_over_all_passes() -> None:
+    told: list[tuple[str, object]] = []
+
+    class Recorder(SilentProgress):
+        def start(self, phase: str, total: int | None = None) -> None:
+            told.append((phase, total))
+
+        def advance(self, amount: int = 1) -> None:
+            told.append(("advance", amount))
+
+    progress = PassProgress(Recorder(), buckets=2, passes=3)
+    progress.start("partition", 1)
+    progress.advance(1)
+    for _ in range(3):
+        progress.start("photons", 100)
+        progress.advance(100)
+        progress.start("map", 1)
+        progress.start("render", 2)
+        progress.advance(1)
+        progress.advance(1)
+    assert [entry for entry in told if entry[0] != "advance"] == [("partition", 1), ("passes", 6)]
+    assert sum(int(str(amount)) for name, amount in told if name == "advance") == 1 + 6

@@ -1,0 +1,273 @@
+"""Asking for an error or a time, end to end, on a small image."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import wdpm
+from wdpm.accuracy.predict import predict
+from wdpm.cli.goal import EXIT_NOT_REACHED
+from wdpm.cli.main import main
+from wdpm.cluster.settings import Indirect, Integrator, RenderSettings
+from wdpm.goal.gauge import Estimate
+from wdpm.goal.goal import Goal
+from wdpm.goal.outcome import Ending, outcome_of
+from wdpm.goal.pilot import Pilot, Workplace
+from wdpm.goal.plan import Course
+from wdpm.goal.render import Interrupted, render_until
+from wdpm.goal.trial import Trial
+from wdpm.images.comparison import compare
+from wdpm.images.image import load as load_image
+from wdpm.progress import SilentProgress
+from wdpm.rendering.pass_plan import PassPlan, PassResult
+from wdpm.rendering.pass_progress import PassProgress
+from wdpm.rendering.passes import PassRenderer
+from wdpm.report.report import ErrorFigure
+from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.model.scene import Scene
+
+SMALL = ["cornell-box", "--size", "16x16", "--threads", "2"]
+FEW = {"photons": 20_000, "caustic_photons": 0, "volume_photons": 0}
+FEW_OPTIONS = ["--photons", "20000"]
+
+
+def exit_code(words: list[str]) -> object:
+    """What a shell sees, whoever finds the mistake: the parser exits by itself."""
+    try:
+        return main(words)
+    except SystemExit as end:
+        return end.code
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    scene = wdpm.load("cornell-box")
+    return replace(scene, camera=replace(scene.camera, width=16, height=16))
+
+
+def test_an_error_is_reached_and_the_command_told_repeats_the_image(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "asked.exr"
+    assert main(["render", *SMALL, *FEW_OPTIONS, "--until-error", "0.3", "-o", str(file)]) == 0
+    said = capsys.readouterr().out
+    asked = load_image(file).metadata["asked"]
+    assert asked["reached"]
+    assert asked["estimate"]["high"] <= 0.3
+    command = said.split("to repeat it to the bit: ")[1].splitlines()[0]
+    again = tmp_path / "again.exr"
+    words = shlex.split(command)
+    assert words[:2] == ["wdpm", "render"]
+    assert main([*words[1:], "-q", "-o", str(again)]) == 0
+    assert main(["compare", str(file), str(again), "--equal", "--flip", "none"]) == 0
+
+
+def test_the_image_is_within_the_error(scene: Scene) -> None:
+    image = render_until(scene, Goal(0.1), threads=2, **FEW)
+    truth = wdpm.render(scene, spp=1024, integrator=Integrator.PATH, seed=99, threads=2)
+    assert compare(image, truth).rel_mse <= 0.1
+    assert image.metadata["settings"]["photons"] == 20_000  # what was given is kept
+
+
+def test_a_time_that_is_too_short_for_the_error_gives_an_image_and_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, report = tmp_path / "asked.exr", tmp_path / "report.json"
+    asking = ["--until-error", "1e-7", "--time-budget", "1s"]
+    code = main(["render", *SMALL, *FEW_OPTIONS, *asking, "-q", "-o", str(file), "--report", str(report)])
+    assert code == EXIT_NOT_REACHED
+    assert "NOT REACHED" in capsys.readouterr().err
+    asked = load_image(file).metadata["asked"]
+    assert asked["ending"] == "out of time"
+    assert not asked["reached"]
+    told = json.loads(report.read_text())
+    assert told["settings"]["passes"] == asked["passes"]
+    assert told["asked"] == asked
+
+
+def test_an_error_out_of_reach_ends_with_the_best_there_is(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("wdpm.goal.plan.MOST_PASSES", 8)
+    monkeypatch.setattr("wdpm.goal.witness.MOST_SPP", 8)
+    image = render_until(scene, Goal(1e-6), threads=2, indirect=Indirect.MAP, **FEW)
+    asked = image.metadata["asked"]
+    assert not asked["reached"]
+    assert asked["ending"] == "done"
+    assert asked["estimate"]["value"] > 1e-6
+    assert any("NOT REACHED" in line for line in asked["lines"])
+
+
+def test_a_time_alone_gives_an_image(scene: Scene) -> None:
+    image = wdpm.render(scene, time_budget=2.0, threads=2, **FEW)
+    asked = image.metadata["asked"]
+    assert asked["reached"]
+    assert asked["passes"] == image.metadata["settings"]["passes"] >= 1
+
+
+def test_what_is_not_reached_says_what_would_help() -> None:
+    """Noise calls for samples, bias for photons; and time may just be up."""
+    trial = Trial(RenderSettings(passes=4, spp=4), 0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
+    course = Course(trial.settings, trial, 1.0, 0.1, 0.1)
+    times = {"seconds": 1.0, "pilot_seconds": 1.0, "compile_seconds": 0.0}
+
+    def said(noise: float, bias: float, ending: Ending) -> str:
+        parts = [ErrorFigure(value, value, value) for value in (noise, bias, noise + bias)]
+        return outcome_of(Goal(0.01), course, Estimate(*parts), 4, times, ending).lines()[-1]
+
+    assert "mostly noise: some 9 times the samples" in said(0.085, 0.001, Ending.DONE)
+    assert "mostly bias" in said(0.001, 0.085, Ending.DONE)
+    assert "time was up" in said(0.085, 0.001, Ending.OUT_OF_TIME)
+    assert "INTERRUPTED" in said(0.085, 0.001, Ending.INTERRUPTED)
+
+
+def test_bias_that_only_noise_suggests_does_not_keep_the_pilot_at_work(scene: Scene) -> None:
+    """A trial whose bias is not known from its noise: passes are rendered rather than trials of ever more photons."""
+    pilot = Pilot(scene, RenderSettings(), frozenset(), Workplace(SilentProgress(), threads=2))
+    hidden = Trial(RenderSettings(indirect=Indirect.MAP), 0.1, 0.01, 0.01, 1e-4, 1e-2, bias=0.5, likely_bias=0.0)
+    pilot.trials = [hidden]
+    course, reached = pilot.best(Goal(0.001))
+    assert reached
+    assert course.trial is hidden
+    pilot.trials = [replace(hidden, likely_bias=0.4)]
+    assert not pilot.best(Goal(1e-9))[1]
+
+
+@pytest.fixture
+def ctrl_c(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """Someone presses Ctrl-C in the fourth pass."""
+    render = PassRenderer.render
+
+    def interrupted(renderer: PassRenderer, plan: PassPlan) -> PassResult:
+        if isinstance(renderer.progress, PassProgress) and plan.number == 3:
+            raise KeyboardInterrupt
+        return render(renderer, plan)
+
+    monkeypatch.setattr(PassRenderer, "render", interrupted)
+    return monkeypatch
+
+
+def test_ctrl_c_hands_over_the_image_so_far(scene: Scene, ctrl_c: pytest.MonkeyPatch) -> None:
+    with pytest.raises(Interrupted) as caught:
+        render_until(scene, Goal(0.01), threads=2, **FEW)
+    image = caught.value.image
+    asked = image.metadata["asked"]
+    assert asked["ending"] == "interrupted"
+    assert asked["passes"] == 3
+    ctrl_c.undo()
+    settings = image.metadata["settings"]
+    again = wdpm.render(scene, threads=2, spp=settings["spp"], passes=3, indirect=Indirect(settings["indirect"]), **FEW)
+    assert image.layers["beauty"].tobytes() == again.layers["beauty"].tobytes()
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_ctrl_c_writes_the_image_so_far(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "asked.exr"
+    assert main(["render", *SMALL, *FEW_OPTIONS, "--until-error", "0.01", "-o", str(file)]) == 130
+    assert load_image(file).metadata["asked"]["passes"] == 3
+    said = capsys.readouterr()
+    assert "INTERRUPTED: the image is the best so far" in said.out
+    assert "interrupted" in said.err
+
+
+def test_what_comes_by_photon_maps_alone_may_be_left_out(scene: Scene) -> None:
+    """There is no witness then: paths cannot leave it out."""
+    image = render_until(scene, Goal(0.5), threads=2, without=("indirect",), **FEW)
+    assert image.metadata["asked"]["reached"]
+
+
+def test_passes_of_the_pilot_count(scene: Scene) -> None:
+    pilot = Pilot(scene, RenderSettings(**FEW), frozenset(FEW), Workplace(SilentProgress(), threads=2))
+    pilot.run(Goal(0.3))
+    course, reached = pilot.best(Goal(0.3))
+    assert reached
+    first = pilot.trials[0]
+    assert {plan.number for plan in first.results} == {0, 1}
+    assert first.sample_noise > 0 < first.sample_cost
+    assert course.samples >= 1
+
+
+def test_slaves_render_the_same_image(scene: Scene) -> None:
+    image = render_until(scene, Goal(0.3), slaves=2, threads=2, **FEW)
+    settings = image.metadata["settings"]
+    kept = {name: settings[name] for name in ("spp", "passes", "photons", "caustic_photons", "volume_photons")}
+    again = wdpm.render(scene, threads=2, indirect=Indirect(settings["indirect"]), **kept)
+    assert image.layers["beauty"].tobytes() == again.layers["beauty"].tobytes()
+
+
+def test_predictions_cost_more_for_less_error(scene: Scene) -> None:
+    found = predict(scene, Workplace(SilentProgress(), threads=2), targets=(0.5, 0.3), **FEW)
+    large, small = found.courses[0.5], found.courses[0.3]
+    assert large is not None
+    assert small is not None
+    assert large.seconds <= small.seconds
+    assert found.pilot_seconds > 0
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--until-error", "0"], "positive"),
+        (["--until-error", "-1"], "positive"),
+        (["--until-error", "nan"], "positive"),
+        (["--until-error", "small"], "not a number"),
+        (["--until-error", "0.1", "--metric", "flip"], "flip"),
+        (["--metric", "rmse"], "--until-error"),
+        (["--time-budget", "soon"], "not a time"),
+        (["--time-budget", "0s"], "not a time"),
+        (["--time-budget", "0.1"], "at least 1 s"),
+        (["--until-error", "0.1", "--passes", "4"], "--passes"),
+        (["--time-budget", "10s", "--spp", "4"], "--spp"),
+        (["--until-error", "0.1", "--resume"], "--resume"),
+        (["--until-error", "0.1", "--replay", "1,1,1"], "--replay"),
+        (["--until-error", "0.1", "--save-cache", "c"], "irradiance records of its own; leave --save-cache out"),
+        (["--time-budget", "9s", "--load-cache", "c"], "irradiance records of its own; leave --load-cache out"),
+        (["--until-error", "0.1", "--strict"], "a guard that acts on some that are not chosen"),
+    ],
+)
+def test_bad_options_are_one_clear_error(
+    options: list[str], said: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file = tmp_path / "image.exr"
+    assert exit_code(["render", *SMALL, *options, "-o", str(file)]) == 2
+    assert said in capsys.readouterr().err
+    assert not file.exists()
+
+
+def test_a_goal_and_settings_contradict_each_other(scene: Scene) -> None:
+    with pytest.raises(SettingsError, match="settings"):
+        wdpm.render(scene, RenderSettings(), until_error=0.1)
+    with pytest.raises(SettingsError, match="spp"):
+        wdpm.render(scene, until_error=0.1, spp=4)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"metric": "foo"}, "give until_error, too"),
+        ({"metric": "rmse"}, "give until_error, too"),
+        ({"until_error": 0.1, "metric": "foo"}, "metric is 'foo'"),
+        ({"until_error": "x"}, "until_error is 'x'; expected a number"),
+        ({"until_error": True}, "until_error is True"),
+        ({"time_budget": "10s"}, "time_budget is '10s'; expected a number of seconds"),
+        ({"until_error": 0.1, "save_cache": Path("c")}, "leave save_cache out"),
+        ({"until_error": 0.1, "load_cache": Path("c")}, "leave load_cache out"),
+        ({"until_error": 0.1, "journal": Path("j")}, "leave journal out"),
+        ({"time_budget": 2.0, "strict": True}, "time_budget tries settings out"),
+    ],
+)
+def test_bad_arguments_are_one_clear_error(arguments: dict[str, Any], said: str) -> None:
+    def load() -> Scene:
+        raise AssertionError("too late")
+
+    with pytest.raises(SettingsError, match=said):
+        wdpm.render(load, **arguments)
+
+
+def test_predictions_take_no_sweep(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["accuracy", "cornell-box", "--predict", "--sweep", "spp=1,2"]) == 2
+    assert "--sweep" in capsys.readouterr().err

@@ -1,0 +1,149 @@
+"""The house: what is installed, and that imports run one way, wdpm -> cluster -> kernels -> scenes."""
+
+from __future__ import annotations
+
+import ast
+import tomllib
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import wdpm
+
+ROOT = Path(__file__).resolve().parents[2]
+ROOMS = ("scenes", "kernels", "cluster", "wdpm")  # each may import those before it
+
+# Packages that a room has no business with: the loaders run where no Warp is, and kernels know no sockets.
+FORBIDDEN = {
+    "scenes": {"warp", "zmq", "msgpack", "rich"},
+    "kernels": {"zmq", "msgpack", "rich", "OpenEXR", "imageio", "trimesh"},
+    "cluster": {"rich", "OpenEXR", "imageio"},
+    "wdpm": set(),
+}
+UNPICKLERS = {"pickle", "cPickle", "cloudpickle", "dill", "marshal", "shelve", "joblib"}
+
+
+def pyproject() -> dict:
+    return tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def sources(room: str) -> list[Path]:
+    return sorted((ROOT / room).rglob("*.py"))
+
+
+ALL_SOURCES = [(room, path) for room in ROOMS for path in sources(room)]
+EVERY_SOURCE = pytest.mark.parametrize(
+    ("room", "path"), ALL_SOURCES, ids=[path.relative_to(ROOT).as_posix() for _, path in ALL_SOURCES]
+)
+
+
+def imported_names(source: str, room: str) -> set[str]:
+    """Full dotted names of everything that a file of `room` imports, at its top or within functions."""
+    package = "wdpm" if room == "wdpm" else f"wdpm.{room}"
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                above = package.split(".")[: len(package.split(".")) - node.level + 1]
+                base = ".".join([*above, *([node.module] if node.module else [])])
+            names.update(f"{base}.{alias.name}" for alias in node.names)
+    return names
+
+
+def room_of(name: str) -> str | None:
+    """The room that a dotted name lies in; None for other packages."""
+    parts = name.split(".")
+    if parts[0] != "wdpm":
+        return None
+    return parts[1] if len(parts) > 1 and parts[1] in ROOMS else "wdpm"
+
+
+def wrong_imports(source: str, room: str) -> list[str]:
+    """Names that a file of `room` must not import."""
+    above = ROOMS[ROOMS.index(room) + 1 :]
+    return sorted(
+        name
+        for name in imported_names(source, room)
+        if room_of(name) in above
+        or name.split(".")[0] in FORBIDDEN[room] | UNPICKLERS | {"kernels", "cluster", "scenes"}
+    )
+
+
+@EVERY_SOURCE
+def test_imports_run_one_way(room: str, path: Path) -> None:
+    assert wrong_imports(path.read_text(), room) == []
+
+
+@pytest.mark.parametrize(
+    ("room", "line"),
+    [
+        ("scenes", "import warp as wp"),
+        ("scenes", "from wdpm.kernels import bvh"),
+        ("scenes", "from ..kernels import bvh"),
+        ("kernels", "from wdpm import cluster"),
+        ("kernels", "import zmq"),
+        ("cluster", "def f():\n    from wdpm.cli.main import main"),
+        ("cluster", "from .. import api"),
+        ("wdpm", "import pickle"),
+        ("wdpm", "from kernels import bvh"),
+    ],
+)
+def test_a_wrong_import_is_noticed(room: str, line: str) -> None:
+    assert len(wrong_imports(line, room)) == 1
+
+
+def test_right_imports_pass() -> None:
+    assert wrong_imports("from . import task\nfrom wdpm.scenes.errors import WdpmError\nimport zmq", "cluster") == []
+
+
+@EVERY_SOURCE
+def test_nothing_is_unpickled_by_numpy(room: str, path: Path) -> None:  # noqa: ARG001
+    calls = [node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.Call)]
+    allowed = [
+        k for call in calls for k in call.keywords if k.arg == "allow_pickle" and ast.unparse(k.value) != "False"
+    ]
+    assert allowed == []
+
+
+def test_every_package_is_listed() -> None:
+    setuptools = pyproject()["tool"]["setuptools"]
+    folders = [path.parent.relative_to(ROOT) for room in ROOMS for path in (ROOT / room).rglob("__init__.py")]
+    in_tree = {".".join(folder.parts if folder.parts[0] == "wdpm" else ("wdpm", *folder.parts)) for folder in folders}
+    assert setuptools["package-dir"] == {"wdpm" if room == "wdpm" else f"wdpm.{room}": room for room in ROOMS}
+    assert setuptools["packages"] == sorted(in_tree)
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_every_folder_is_a_package(room: str) -> None:
+    """One without __init__.py would be missing from wheels."""
+    assert [path for path in sources(room) if not (path.parent / "__init__.py").exists()] == []
+
+
+def test_no_package_hides_a_public_name() -> None:
+    """Importing wdpm.render, the package, would put it in the place of wdpm.render, the function."""
+    packages = {path.parent.name for path in ROOT.glob("wdpm/*/__init__.py")}
+    assert packages & set(wdpm.__all__) == {"scenes"}
+
+
+@pytest.mark.parametrize("room", ["scenes", "kernels", "cluster"])
+def test_the_links_for_people_and_type_checkers(room: str) -> None:
+    link = ROOT / "wdpm" / room
+    assert link.is_symlink()
+    assert link.readlink() == Path("..") / room
+
+
+def test_the_command_exists() -> None:
+    module, function = pyproject()["project"]["scripts"]["wdpm"].split(":")
+    assert callable(getattr(import_module(module), function))
+
+
+def test_the_licence_is_the_one_declared() -> None:
+    assert pyproject()["project"]["license"] == "Apache-2.0"
+    text = (ROOT / "LICENSE").read_text()
+    assert "Apache License" in text
+    assert "Version 2.0, January 2004" in text
+    assert "END OF TERMS AND CONDITIONS" in text

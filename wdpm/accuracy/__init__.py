@@ -1,0 +1,1 @@
+"""What an error costs in time, on a scene and a machine: sweeps, figures and their page."""

@@ -1,0 +1,244 @@
+"""`wdpm bench peers`: time to an error, of wdpm and of Mitsuba 3's path tracer, in one run.
+
+wdpm: every member of a fixed grid of settings (bench_peers_grid) is rendered once. From these follows, for each error,
+which settings and how many samples should reach it in the least time (bench_peers_guess); that is rendered with other
+seeds, and the figures are of these renders alone: a render that was lucky is not what is shown. They go by turns with
+renders of Mitsuba that take about as long, which set its speed; how many samples it needs is bench_peers_law. Both are
+warm, with the same longest path.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+
+from wdpm import api
+from wdpm.bench.mitsuba import WARM_SEED, Cost, MitsubaProcess, Setup
+from wdpm.bench.peers_figures import Bounds, Confirmed, PeerFigures, Reached, Try
+from wdpm.bench.peers_grid import FAMILIES, Family, Member
+from wdpm.bench.peers_guess import guesses
+from wdpm.bench.peers_law import ErrorLaw, Point
+from wdpm.cluster.settings import RenderSettings
+from wdpm.devices import available_cores
+from wdpm.images.comparison import compare
+from wdpm.images.image import Image
+from wdpm.images.image import load as load_image
+from wdpm.progress import Progress
+from wdpm.scenes.errors import ImageError, SceneError, SettingsError, WdpmError
+from wdpm.scenes.load import load
+from wdpm.scenes.model.scene import Scene
+
+MITSUBA_SPP = 8
+MITSUBA_STEP = 4
+"""Mitsuba's samples: 8, 32, 128, ... Powers of two share a compiled kernel."""
+
+SPP_STEP = 1.2
+OVERSHOOT = 2
+"""A guess of samples that turns out to be too few is raised by a fifth, again and again, up to twice what the grid's
+render had; then the next best guess is tried."""
+
+TURN_SEED = 2**16
+"""Seeds of the renders by turns are above it, so that none is that of another number of samples."""
+
+
+def default_reference(scene_file: Path) -> Path:
+    """`reference.exr` beside the scene. Raises ImageError where there is none."""
+    reference = scene_file.with_name("reference.exr")
+    if not reference.is_file():
+        raise ImageError(f"{scene_file}: there is no {reference} to measure errors against: give --reference FILE")
+    return reference
+
+
+def check(scene_file: Path, reference_file: Path, bounds: Bounds) -> None:
+    """Whether a scene can be measured, before any is. Raises as `measure` does."""
+    if scene_file.suffix.lower() != ".xml":
+        raise SceneError(f"'{scene_file}' cannot be rendered by both: expected a Mitsuba scene, a file SCENE.xml")
+    if not scene_file.is_file():
+        raise SceneError(f"'{scene_file}': no such file")
+    if find_spec("mitsuba") is None:
+        raise WdpmError("bench peers: Mitsuba 3 is not installed: pip install 'wdpm[peers]'")
+    reference = load_image(reference_file)
+    broken = compare(reference, reference, bounds.region).nonfinite_b
+    if broken:
+        raise ImageError(f"{reference_file}: {broken:,} values are not finite, and no error can be measured there")
+
+
+def measure(
+    scene_file: Path,
+    reference_file: Path,
+    bounds: Bounds,
+    progress: Progress,
+    *,
+    families: Sequence[Family] = FAMILIES,
+    threads: int | None = None,
+) -> PeerFigures:
+    """Time to errors on a scene, at the size of its reference.
+
+    Raises:
+        SceneError: not a Mitsuba scene, or it cannot be loaded.
+        ImageError: the reference cannot be read, or the region lies outside.
+        WdpmError: Mitsuba is not installed, or fails.
+    """
+    check(scene_file, reference_file, bounds)
+    reference = load_image(reference_file)
+    height, width = reference.shape
+    progress.start(f"load {scene_file.parent.name}")
+    scene = load(scene_file, size=(width, height))
+    setup = Setup(scene_file, width, height, RenderSettings(max_depth=scene.max_depth), threads=threads)
+    with MitsubaProcess(setup) as mitsuba:
+        bench = _Bench(scene, reference, bounds, mitsuba, progress, threads)
+        bench.measure_mitsuba()
+        bench.sweep(families)
+        chosen = [(bound, bench.least_to(bound)) for bound in bench.each_bound()]
+    law = ErrorLaw(tuple(bench.points))
+    reached = [
+        Reached(bound, None, law.to(bound)) if ours is None else Reached(bound, ours.wdpm, law.to(bound, ours.speed))
+        for bound, ours in chosen
+    ]
+    return PeerFigures(
+        scene_file,
+        reference_file,
+        (width, height),
+        threads or available_cores(),
+        bounds,
+        mitsuba.version,
+        tuple(bench.tries),
+        tuple(bench.skipped),
+        bench.refused,
+        law,
+        tuple(reached),
+    )
+
+
+class _Bench:
+    """Both on one scene: what was tried, and what came out."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        reference: Image,
+        bounds: Bounds,
+        mitsuba: MitsubaProcess,
+        progress: Progress,
+        threads: int | None,
+    ) -> None:
+        self.tries: list[Try] = []
+        self.skipped: list[Member] = []
+        self.refused: dict[str, str] = {}
+        self.points: list[Point] = []
+        self._bounds = bounds
+        self._progress = progress
+        self._scene = scene
+        self._reference = reference
+        self._mitsuba = mitsuba
+        self._threads = threads
+        self._confirmed: dict[Member, Confirmed] = {}
+        self._limit_cpu_s = bounds.limit_s * (threads or available_cores())
+        # What reaches the smallest error reaches all, so nothing slower is of use.
+        self._enough_s = math.inf
+
+    def measure_mitsuba(self) -> None:
+        """At more and more samples, until the smallest error is reached or the next would take too long."""
+        self._progress.start("Mitsuba")
+        self._mitsuba.render(MITSUBA_SPP, WARM_SEED)
+        spp = MITSUBA_SPP
+        while True:
+            point = self._render_mitsuba(spp, seed=spp)
+            self._progress.note(f"Mitsuba: {spp} samples have an error of {point.error:.4g}")
+            reached = point.error <= self._bounds.errors[-1]
+            if reached or point.cost.cpu_s * MITSUBA_STEP > self._limit_cpu_s:
+                return
+            spp *= MITSUBA_STEP
+
+    def sweep(self, families: Sequence[Family]) -> None:
+        """Render all members that may be the fastest to some error."""
+        # Little work first, of all families: so what needs a lot of it is known to be slower before it is tried.
+        members = sorted(
+            (member for family in families for member in family.members()), key=lambda each: (each.spp, each.photons)
+        )
+        self._progress.start("wdpm's settings", len(members))
+        for member in members:
+            if member.family.name not in self.refused:
+                self._try(member)
+            self._progress.advance()
+
+    def each_bound(self) -> Iterator[float]:
+        """The errors asked for, with progress."""
+        self._progress.start("confirm", len(self._bounds.errors))
+        for bound in self._bounds.errors:
+            yield bound
+            self._progress.advance()
+
+    def least_to(self, bound: float) -> Confirmed | None:
+        """The least that reaches an error, also with other seeds."""
+        for guess in sorted(guesses(self.tries, bound), key=lambda each: each.cpu_s):
+            member, cpu_s = guess.member, guess.cpu_s
+            while member.spp <= OVERSHOOT * guess.enough_spp:
+                confirmed = self._confirm(member, cpu_s)
+                if confirmed.wdpm.error <= bound:
+                    return confirmed
+                member, cpu_s = replace(member, spp=math.ceil(SPP_STEP * member.spp)), SPP_STEP * cpu_s
+        return None
+
+    def _try(self, member: Member) -> None:
+        for less in (each for each in self.tries if member.adds_to(each.member)):
+            if less.cost.cpu_s > self._limit_cpu_s or less.cost.cpu_s >= self._enough_s:
+                self.skipped.append(member)
+                return
+        try:
+            if not any(each.member.family == member.family for each in self.tries):
+                self._render(Member(member.family, min(member.photons, 1000), member.family.passes), WARM_SEED)
+            done = self._render(member, 0)
+        except SettingsError as error:
+            self.refused[member.family.name] = str(error)
+            return
+        self.tries.append(done)
+        smallest = self._bounds.errors[-1]
+        if done.error > smallest or done.cost.cpu_s >= self._enough_s:
+            return
+        if self._confirm(member, done.cost.cpu_s).wdpm.error <= smallest:
+            self._enough_s = done.cost.cpu_s
+
+    def _confirm(self, member: Member, cpu_s: float) -> Confirmed:
+        if member not in self._confirmed:
+            spp = self._spp_in(cpu_s)
+            ours, theirs = [], []
+            for seed in range(1, self._bounds.rounds + 1):
+                ours.append(self._render(member, seed))
+                theirs.append(self._render_mitsuba(spp, TURN_SEED + len(self.points)))
+            cost = Cost(
+                statistics.median(each.cost.wall_s for each in ours),
+                statistics.median(each.cost.cpu_s for each in ours),
+            )
+            error = statistics.fmean(each.error for each in ours)
+            self._confirmed[member] = Confirmed(Try(member, error, cost), tuple(theirs))
+        return self._confirmed[member]
+
+    def _spp_in(self, cpu_s: float) -> int:
+        """Samples of Mitsuba in about that time, of those that share a kernel."""
+        longest = ErrorLaw(tuple(self.points)).longest
+        spp = MITSUBA_SPP
+        while spp < longest.spp and longest.cost.cpu_s * spp / longest.spp < cpu_s:
+            spp *= 2
+        return spp
+
+    def _render(self, member: Member, seed: int) -> Try:
+        settings = member.settings(seed, self._scene.max_depth)
+        began, cpu_began = time.perf_counter(), time.process_time()
+        image = api.render(self._scene, settings, threads=self._threads)
+        cost = Cost(time.perf_counter() - began, time.process_time() - cpu_began)
+        return Try(member, self._error_of(image), cost)
+
+    def _render_mitsuba(self, spp: int, seed: int) -> Point:
+        pixels, cost = self._mitsuba.render_with_cost(spp, seed)
+        point = Point(spp, self._error_of(Image({"beauty": pixels})), cost)
+        self.points.append(point)
+        return point
+
+    def _error_of(self, image: Image) -> float:
+        return compare(image, self._reference, self._bounds.region).rel_mse

@@ -1,0 +1,79 @@
+"""The settings that `wdpm bench peers` tries: the same for every scene, so that none is tuned to one.
+
+A family is a way to find indirect light; its members differ in how much work they put in. More work of the same kind
+takes longer, so a member that only adds work to one that was too slow already is not tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from wdpm.cluster.settings import Indirect, Integrator, RenderSettings
+
+
+@dataclass(frozen=True)
+class Family:
+    """Settings that differ in work alone.
+
+    Attributes:
+        name: for people.
+        photons: to be stored in each map, of each pass.
+        spp: samples a pixel.
+        passes, indirect, integrator: what all members have, see RenderSettings.
+    """
+
+    name: str
+    photons: tuple[int, ...]
+    spp: tuple[int, ...]
+    passes: int = 1
+    indirect: Indirect = Indirect.MAP
+    integrator: Integrator = Integrator.PHOTONS
+
+    def members(self) -> Iterator[Member]:
+        """All of them, each after those with less work."""
+        for spp in self.spp:
+            for photons in self.photons:
+                yield Member(self, photons, spp)
+
+
+@dataclass(frozen=True)
+class Member:
+    """One choice of settings."""
+
+    family: Family
+    photons: int
+    spp: int
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        photons = f", {self.photons // 1000}k photons" if self.photons else ""
+        return f"{self.family.name}, {self.spp} samples{photons}"
+
+    def settings(self, seed: int, max_depth: int | None) -> RenderSettings:
+        """For a render; the maps of caustics and media get as many photons as the global one."""
+        return RenderSettings(
+            photons=self.photons,
+            caustic_photons=self.photons,
+            volume_photons=self.photons,
+            spp=self.spp,
+            passes=self.family.passes,
+            indirect=self.family.indirect,
+            integrator=self.family.integrator,
+            seed=seed,
+            max_depth=max_depth,
+        )
+
+    def adds_to(self, other: Member) -> bool:
+        """Whether this is the other, with more work or as much."""
+        return self.family == other.family and self.photons >= other.photons and self.spp >= other.spp
+
+
+FAMILIES = (
+    Family("map", (20_000, 100_000, 500_000), (2, 8, 32)),
+    Family("map in 8 passes", (20_000, 100_000), (8, 32, 128), passes=8),
+    Family("gather", (20_000, 100_000), (2, 8, 32, 128), indirect=Indirect.GATHER),
+    Family("cache", (20_000, 100_000), (2, 8, 32, 128), indirect=Indirect.CACHE),
+    Family("path", (0,), (8, 32, 128), integrator=Integrator.PATH),
+)

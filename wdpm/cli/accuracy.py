@@ -1,0 +1,155 @@
+"""`wdpm accuracy`: what an error costs in time, knob by knob."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from pathlib import Path
+from typing import Any
+
+from wdpm import values
+from wdpm.accuracy import knobs
+from wdpm.cli import options
+
+_EXAMPLES = """\
+examples:
+  wdpm accuracy scene.xml
+  wdpm accuracy scene.xml --size 256x256 --reference reference.exr
+  wdpm accuracy scene.xml --sweep photons=50k..4M --sweep k=20,50,120 --sweep spp=4..256:4
+  wdpm accuracy scene.xml --sweep radius=0.25x..2x --sweep passes=1,4,16 --spp 16
+  wdpm accuracy scene.xml --sweep band=0..1 --sweep slaves=0,2,4
+  wdpm accuracy scene.xml --predict
+An interrupted sweep goes on where it stopped when the same command is given again."""
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command to the parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "accuracy",
+        help="what an error costs in time, on this scene and machine",
+        description="Turn one knob of a render at a time, with several seeds, and tell what each setting costs and how "
+        "far it is from a reference: noise and bias apart. Writes a page, index.html, with plots, images and the "
+        "command of every point, and points.csv and points.json. Settings given here are the base around which knobs "
+        "are turned.",
+        epilog=_EXAMPLES,
+    )
+    options.add_scene_options(parser)
+    sweep = parser.add_argument_group("sweep")
+    sweep.add_argument(
+        "--sweep",
+        type=knobs.parse_sweep,
+        action="append",
+        default=[],
+        metavar="KNOB=VALUES",
+        help="values of one knob: a list (20,50,120), a range (50k..4M), or one with its number of steps (50k..4M:7); "
+        "radii also as factors (0.5x..2x). Knobs: "
+        + ", ".join(knob.option for knob in knobs.KNOBS)
+        + " (default: within the budget, all that the scene has a use for, but for "
+        + ", ".join(knob.option for knob in knobs.KNOBS if not knob.by_default)
+        + ")",
+    )
+    sweep.add_argument(
+        "--seeds",
+        type=values.positive_count,
+        metavar="N",
+        help="seeds of each point, 3 or more (default: 3)",
+    )
+    sweep.add_argument(
+        "--budget",
+        type=duration,
+        metavar="TIME",
+        help="what the default sweep may take, like 90s or 5m; two fifths are for the reference (default: 5m)",
+    )
+    sweep.add_argument(
+        "--reference",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="image to compare with; given twice, two independent ones, which tell their own noise (default: path "
+        "tracing of our own)",
+    )
+    sweep.add_argument(
+        "--reference-time",
+        type=duration,
+        metavar="TIME",
+        help="for the reference of our own (default: two fifths of the budget)",
+    )
+    sweep.add_argument(
+        "--clock",
+        choices=knobs.CLOCKS,
+        metavar="WHICH",
+        help="what counts as the time of a point: wall, or cpu (all cores together), which other work on the machine "
+        "disturbs less (default: wall)",
+    )
+    sweep.add_argument(
+        "--trim",
+        type=values.length,
+        metavar="SHARE",
+        help="leave this share of the pixels, those that make up the most of the errors of all points, out of them, "
+        "like 0.001 (default: 0)",
+    )
+    sweep.add_argument(
+        "-o", "--output", type=Path, metavar="FOLDER", help="folder of the results (default: accuracy-SCENE)"
+    )
+    sweep.add_argument(
+        "--predict",
+        action="store_true",
+        help="no sweep: only tell, after a short pilot, what relMSE 0.1 to 0.005 would cost with --until-error",
+    )
+    sweep.add_argument("-q", "--quiet", action="store_true", help="show no progress")
+    options.add_setting_options(parser)
+    options.add_machine_options(parser)
+    parser.add_argument_group("cluster").add_argument(
+        "--slaves", type=values.count, metavar="N", help="slave processes of the base (default: 0)"
+    )
+    return parser
+
+
+def run(args: argparse.Namespace) -> int:
+    """Measure, write the results and print them; returns the exit code."""
+    if args.predict:
+        from wdpm.cli.predict import predict_and_print
+
+        return predict_and_print(args)
+    from rich.console import Console
+
+    from wdpm.accuracy.run import Request, measure
+    from wdpm.accuracy.table import print_accuracy
+    from wdpm.cli.result import default_output
+    from wdpm.progress import make_progress
+    from wdpm.quiet import quiet_warp
+
+    quiet_warp()
+    folder = args.output or Path(f"accuracy-{default_output(args.scene).stem}")
+    # None is what was not typed (--predict must know); Request has the defaults.
+    typed = {name: getattr(args, name) for name in ("slaves", "seeds", "budget", "reference_time", "clock", "trim")}
+    request = Request(
+        scene=args.scene,
+        definitions=tuple(args.definitions),
+        size=args.size,
+        chosen=options.chosen_settings(args),
+        sweeps=tuple(args.sweep),
+        references=tuple(args.reference),
+        threads=args.threads,
+        device=args.device,
+        folder=folder,
+        **{name: value for name, value in typed.items() if value is not None},
+    )
+    progress = make_progress(args.quiet)
+    try:
+        found = measure(request, progress)
+    finally:
+        progress.finish()
+    print_accuracy(found, Console())
+    print(f"wrote {folder / 'index.html'}, points.csv and points.json, and all images")
+    return 0
+
+
+def duration(text: str) -> float:
+    """`90`, `90s`, `5m` or `1.5h`, in seconds."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)(s|m|h)?", text)
+    seconds = float(match[1]) * {"s": 1, "m": 60, "h": 3600}[match[2] or "s"] if match else 0.0
+    if seconds <= 0:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a time: expected seconds, or one with s, m or h, like 5m")
+    return seconds

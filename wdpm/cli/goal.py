@@ -1,0 +1,136 @@
+"""Options that ask for an error or a time in place of settings, and what is said about what came of it."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shlex
+import sys
+from collections.abc import Callable
+from dataclasses import fields
+from enum import Enum
+from typing import Any
+
+from wdpm import values
+from wdpm.cli.options import SETTING_OPTIONS, chosen_settings
+from wdpm.cluster.settings import RenderSettings
+from wdpm.scenes.errors import SettingsError
+
+EXIT_NOT_REACHED = 3
+"""The image is written, but its error is larger than was asked for."""
+
+METRICS = ("relmse", "rmse")
+
+
+def add_until_options(parser: argparse.ArgumentParser) -> None:
+    """--until-error, --metric and --time-budget."""
+    group = parser.add_argument_group("asking for an error or a time, in place of settings (docs/accuracy.md)")
+    group.add_argument(
+        "--until-error",
+        type=values.length,
+        metavar="E",
+        help="measure the scene in a short pilot, pick settings, and render until the estimated error is E, or less, "
+        f"in 9 of 10 cases; settings given are kept. Exit code {EXIT_NOT_REACHED} if it is not reached",
+    )
+    group.add_argument(
+        "--metric", choices=METRICS, default=None, help="of the error, as `wdpm compare` has it (default: relmse)"
+    )
+    group.add_argument(
+        "--time-budget",
+        type=duration,
+        metavar="TIME",
+        help="be done, with an image on disk, after so long, like 90, 60s or 2m, counted from the start of wdpm",
+    )
+
+
+def duration(text: str) -> float:
+    """`90`, `90s`, `5m` or `1.5h`, in seconds."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)(s|m|h)?", text)
+    seconds = float(match[1]) * {"s": 1, "m": 60, "h": 3600}[match[2] or "s"] if match else 0.0
+    if seconds <= 0:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a time: expected seconds, or one with s, m or h, like 5m")
+    return seconds
+
+
+def asks_for_a_goal(args: argparse.Namespace) -> bool:
+    """Whether an error or a time is asked for. Raises SettingsError for options that contradict each other."""
+    if args.until_error is None and args.time_budget is None:
+        if args.metric is not None:
+            raise SettingsError("--metric says what an error is measured with: give --until-error, too")
+        return False
+    asked = "--until-error" if args.until_error is not None else "--time-budget"
+    from wdpm.goal.checks import refuse_beside_goal
+
+    refuse_beside_goal(asked, vars(args), lambda name: f"--{name.replace('_', '-')}")
+    return True
+
+
+def render_to_goal(args: argparse.Namespace, slaves: int, listen: Callable[[], Any] | None = None) -> int:
+    """Render and write what `args` asks for; returns the exit code.
+
+    Args:
+        slaves: processes to start here.
+        listen: makes the cluster of a master, a context manager; None without one.
+    """
+    from wdpm.cli.result import render_and_write
+    from wdpm.goal.clock import process_age
+    from wdpm.goal.goal import goal_of
+    from wdpm.goal.outcome import Ending
+    from wdpm.goal.render import OUTCOME, Interrupted, render_until
+
+    goal = goal_of(args.until_error, args.metric or METRICS[0], args.time_budget)
+    chosen = chosen_settings(args)
+    asked: list[Any] = []
+
+    def render(source: Any, _settings: RenderSettings, progress: Any) -> Any:
+        common = {"progress": progress, "used": process_age(), **chosen}
+        try:
+            if listen is None:
+                image = render_until(source, goal, slaves=slaves, threads=args.threads, device=args.device, **common)
+            else:
+                with listen() as cluster:
+                    image = render_until(source, goal, cluster=cluster, **common)
+        except Interrupted as stop:
+            image = stop.image  # minutes of passes are worth writing, whoever got tired of them
+        asked.append((image.metadata[OUTCOME], image.metadata["settings"]))
+        return image
+
+    code = render_and_write(args, render)
+    outcome, settings = asked[0]
+    if not args.quiet:
+        for line in outcome["lines"]:
+            print(line)
+        print(f"to repeat it to the bit: {command(args, settings)}")
+    elif not outcome["reached"]:
+        print(f"wdpm: {outcome['lines'][-1]}", file=sys.stderr)
+    if outcome["ending"] == Ending.INTERRUPTED.value:
+        raise KeyboardInterrupt
+    return code if outcome["reached"] else EXIT_NOT_REACHED
+
+
+def command(args: argparse.Namespace, settings: dict[str, Any]) -> str:
+    """The command that renders the same image with settings in place of a goal.
+
+    Args:
+        settings: of the image, as its metadata has them.
+    """
+    words = ["wdpm", "render", args.scene]
+    for name, value in args.definitions:
+        words += ["-D", f"{name}={value}"]
+    if args.size is not None:
+        words += ["--size", f"{args.size[0]}x{args.size[1]}"]
+    defaults = {field.name: field.default for field in fields(RenderSettings)}
+    given = chosen_settings(args)
+    for option in SETTING_OPTIONS:
+        value, default = settings[option.field], defaults[option.field]
+        default = default.value if isinstance(default, Enum) else default
+        if value == default and option.field not in given and option.field not in ("spp", "max_depth"):
+            continue
+        flag = "--" + option.field.replace("_", "-")
+        if option.parse is None:
+            words += [flag] if value else []
+        elif isinstance(value, list | tuple):
+            words += [flag, ",".join(value)] if value else []
+        elif value is not None:
+            words += [flag, str(value)]
+    return shlex.join(words)

@@ -1,0 +1,51 @@
+"""`wdpm inspect`: what is in a scene, which effects it calls for, and what each slave would hold of it."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from wdpm import values
+from wdpm.cli import options
+
+_EXAMPLES = """\
+examples:
+  wdpm inspect scene.xml
+  wdpm inspect scene.xml --without caustics --json
+  wdpm inspect atrium:2M --slaves 8"""
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command to the parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "inspect",
+        help="what is in a scene",
+        description="Load a scene as a render with these settings would, and show what is in it, what was mended, "
+        "which effects it calls for, because of what, and what that switches on, and what each slave would hold.",
+        epilog=_EXAMPLES,
+    )
+    options.add_scene_options(parser)
+    parser.add_argument(
+        "--slaves", type=values.positive_count, default=4, metavar="N", help="slaves to divide it among (default: 4)"
+    )
+    options.add_setting_options(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
+    return parser
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print the inspection; returns the exit code."""
+    from rich.console import Console
+
+    from wdpm.inspection.inspect import inspect
+    from wdpm.quiet import quiet_warp
+    from wdpm.scenes.load import load as load_scene
+
+    quiet_warp()
+    scene = load_scene(args.scene, defines=dict(args.definitions), size=args.size)
+    inspection = inspect(scene, slaves=args.slaves, **options.chosen_settings(args))
+    if args.json:
+        print(inspection.to_json())
+    else:
+        inspection.print(Console())
+    return 0

@@ -1,0 +1,120 @@
+"""The command line. Each command is a file of its own, cli_<command>.py, with add_parser(subparsers) and run(args).
+
+Only run() imports what computes, so that help and errors of the command line come at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import textwrap
+from collections.abc import Sequence
+from importlib import metadata
+from typing import Any, NoReturn
+
+from wdpm.cli import accuracy, bench, check, compare, inspect, keys, master, render, slave
+from wdpm.cli.interrupts import no_lost_interrupts
+from wdpm.scenes.errors import WdpmError
+
+COMMANDS = (
+    render,
+    master,
+    slave,
+    inspect,
+    check,
+    compare,
+    accuracy,
+    bench,
+    keys,
+)
+
+EXIT_BAD_INPUT = 2
+EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+
+_EXAMPLES = """\
+examples:
+  wdpm render cornell-box -o box.exr -o box.png
+  wdpm render scene.xml --slaves 4 --photons 1M --spp 64
+  wdpm compare a.exr b.exr -o difference.png
+
+wdpm COMMAND --help says more."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code: 0, 1 (compare --equal, check), 2 for bad input, 3, 130 when interrupted.
+
+    3: the image is there, but not as good as --until-error asked for (cli_until).
+    """
+    arguments = sys.argv[1:] if argv is None else argv
+    parser = make_parser()
+    if not arguments:
+        parser.print_help(sys.stderr)
+        return EXIT_BAD_INPUT
+    args = parser.parse_args(arguments)
+    try:
+        with no_lost_interrupts():
+            code: int = args.run(args)
+            sys.stdout.flush()
+    except WdpmError as error:
+        print(f"wdpm: error: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except KeyboardInterrupt:
+        print("wdpm: interrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        # The reader of a pipe has left, as `| head` does. Python would complain once more when it flushes at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    return code
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of all commands."""
+    parser = _Parser(
+        prog="wdpm",
+        description="Global illumination by photon mapping, on one machine or on a cluster, to the same bits.",
+        epilog=_EXAMPLES,
+        formatter_class=_Help,
+    )
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
+    subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for command in COMMANDS:
+        subparser = command.add_parser(subparsers)
+        subparser.formatter_class = _Help
+        subparser.set_defaults(run=command.run)
+    return parser
+
+
+class _Parser(argparse.ArgumentParser):
+    """Takes no abbreviated options, which would break when options are added, and gives one line for an error."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**{"allow_abbrev": False, **options})
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(EXIT_BAD_INPUT, f"wdpm: error: {message} (see {self.prog} --help)\n")
+
+
+class _Help(argparse.RawDescriptionHelpFormatter):
+    """Wraps the description, leaves the examples as they are, and makes room for the longest option."""
+
+    def __init__(self, prog: str, **options: Any) -> None:
+        super().__init__(prog, **{"max_help_position": 28, **options})
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        if "\n" in text:
+            return super()._fill_text(text, width, indent)
+        return textwrap.fill(text, width, initial_indent=indent, subsequent_indent=indent)
+
+
+class _Version(argparse.Action):
+    """Looks the version up only when it is asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        try:
+            version = metadata.version("wdpm")
+        except metadata.PackageNotFoundError:
+            version = "(a checkout that is not installed)"
+        print(f"wdpm {version}")
+        parser.exit()

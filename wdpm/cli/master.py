@@ -1,0 +1,76 @@
+"""`wdpm master`: render a scene with slaves that people start on other machines."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from wdpm import values
+from wdpm.cli import options
+from wdpm.cli.goal import add_until_options, asks_for_a_goal, render_to_goal
+from wdpm.cli.passes import add_pass_options, kept_passes
+
+_EXAMPLES = """\
+examples:
+  on one machine:
+    wdpm master scene.xml -o scene.exr --slaves 2
+    wdpm slave tcp://127.0.0.1:7117        (in two other terminals)
+  on several, with the folder of `wdpm keys cluster-keys` copied to each:
+    wdpm master scene.xml --bind tcp://192.168.1.10:7117 --slaves 4 --keys cluster-keys
+    wdpm slave tcp://192.168.1.10:7117 --keys cluster-keys"""
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command to the parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "master",
+        help="render a scene with slaves on other machines",
+        description="Wait for slaves, hand out the scene and the work, and write the image. The master itself computes "
+        "no light.",
+        epilog=_EXAMPLES,
+    )
+    options.add_scene_options(parser)
+    options.add_output_options(parser)
+    options.add_setting_options(parser)
+    add_pass_options(parser)
+    add_until_options(parser)
+    options.add_cache_options(parser)
+    cluster = parser.add_argument_group("cluster")
+    cluster.add_argument(
+        "--bind",
+        type=values.address,
+        default="tcp://127.0.0.1:7117",
+        metavar="tcp://HOST:PORT",
+        help="address to listen on (default: tcp://127.0.0.1:7117, this machine only)",
+    )
+    cluster.add_argument("--slaves", type=values.positive_count, required=True, metavar="N", help="slaves to wait for")
+    options.add_security_options(parser)
+    return parser
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve, render and write; returns the exit code."""
+    from wdpm.cli.result import first_output, render_and_write
+    from wdpm.clusters import Cluster, render_as_master
+
+    if asks_for_a_goal(args):
+        return render_to_goal(
+            args, 0, lambda: Cluster.listen(args.bind, args.slaves, keys=args.keys, insecure=args.insecure)
+        )
+
+    with kept_passes(args, first_output(args)) as journal:
+        return render_and_write(
+            args,
+            lambda source, settings, progress: render_as_master(
+                source,
+                settings,
+                bind=args.bind,
+                slaves=args.slaves,
+                keys=args.keys,
+                insecure=args.insecure,
+                progress=progress,
+                save_cache=args.save_cache,
+                load_cache=args.load_cache,
+                **journal,
+            ),
+        )

@@ -1,0 +1,248 @@
+"""Options that several commands share. An option of the render settings is one row of SETTING_OPTIONS."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from wdpm import values
+from wdpm.cluster.settings import EFFECTS_TO_LEAVE_OUT, Indirect, Integrator, RenderSettings, Routing
+from wdpm.devices import available_cores
+
+
+@dataclass(frozen=True)
+class SettingOption:
+    """One option of the command line that sets the field of RenderSettings of the same name.
+
+    Attributes:
+        field: of RenderSettings; `light_samples` becomes `--light-samples`.
+        group: heading in the help.
+        text: help, without the default.
+        parse: from text; None makes it a flag.
+        metavar: name of the value in the help.
+        default: the default in words, where it is not simply the field's.
+    """
+
+    field: str
+    group: str
+    text: str
+    parse: Callable[[str], Any] | None = values.positive_count
+    metavar: str = "N"
+    default: str | None = None
+
+
+_QUALITY = "image quality"
+_MAPS = "maps that only some scenes call for"
+_WORK = "how the work is done (changes no bit of the image)"
+_APPROXIMATION = "approximation"
+
+SETTING_OPTIONS = (
+    SettingOption("spp", _QUALITY, "samples a pixel", default="the scene's, or 16"),
+    SettingOption("photons", _QUALITY, "photons to be stored in the map", values.count),
+    SettingOption("k", _QUALITY, "photons that an estimate looks for"),
+    SettingOption(
+        "radius",
+        _QUALITY,
+        "largest gather radius, in scene units",
+        values.length,
+        "LENGTH",
+        default="from the scene",
+    ),
+    SettingOption("caustic_photons", _MAPS, "photons to be stored in the caustic map", values.count),
+    SettingOption("caustic_k", _MAPS, "photons that an estimate from the caustic map looks for"),
+    SettingOption(
+        "caustic_radius",
+        _MAPS,
+        "largest gather radius of the caustic map, in scene units",
+        values.length,
+        "LENGTH",
+        default="from the scene",
+    ),
+    SettingOption("volume_photons", _MAPS, "photons to be stored in participating media", values.count),
+    SettingOption(
+        "volume_radius",
+        _MAPS,
+        "reach of camera rays for photons in media, in scene units",
+        values.length,
+        "LENGTH",
+        default="from the scene",
+    ),
+    SettingOption("volume_samples", _MAPS, "samples a pixel, at most, that look for light in media"),
+    SettingOption(
+        "integrator", _QUALITY, "photons, or path: unbiased path tracing, to compare with", Integrator, "HOW"
+    ),
+    SettingOption(
+        "indirect",
+        _QUALITY,
+        "where diffuse surfaces get indirect light from: auto, map (photons there), gather (photons where one ray more "
+        "arrives) or cache (gathering at some places, interpolated)",
+        Indirect,
+        "HOW",
+    ),
+    SettingOption(
+        "light_samples",
+        _QUALITY,
+        "shadow rays from what a sample sees",
+        values.count,
+        default="4; 1 with one light that has no extent, and with path",
+    ),
+    SettingOption(
+        "passes",
+        _QUALITY,
+        "passes that the samples are spread over; each has photons of its own, and a narrower radius than the last",
+    ),
+    SettingOption(
+        "max_depth",
+        _QUALITY,
+        "longest light path in edges: 1 emitted light, 2 direct light, ...",
+        default="the scene's, or no limit",
+    ),
+    SettingOption("seed", _QUALITY, "seed of all random numbers", values.count),
+    SettingOption(
+        "bucket",
+        _WORK,
+        "side of a bucket, the unit of work, in pixels",
+        values.count,
+        default="32 to 128, by samples and slaves",
+    ),
+    SettingOption("all_effects", _WORK, "compile all effects in, whether the scene calls for them or not", None),
+    SettingOption(
+        "strict", _WORK, "end with an error where light would be lost or an estimate made coarser: see --replay", None
+    ),
+    SettingOption("routing", _WORK, "how camera rays find their way among cells: forward or merge", Routing, "HOW"),
+    SettingOption(
+        "without",
+        _APPROXIMATION,
+        f"leave effects out, separated by commas: {', '.join(EFFECTS_TO_LEAVE_OUT)}",
+        values.names,
+        "EFFECTS",
+        default="none",
+    ),
+    SettingOption(
+        "band",
+        _APPROXIMATION,
+        "width of the overlap band as a share of the gather radius; below 1 needs --inexact",
+        values.length,
+        "SHARE",
+    ),
+    SettingOption(
+        "inexact", _APPROXIMATION, "accept gathers that miss photons beyond the band; they are counted", None
+    ),
+)
+
+
+def add_setting_options(parser: argparse.ArgumentParser) -> None:
+    """Add every row of SETTING_OPTIONS, under its heading."""
+    defaults = {field.name: field.default for field in fields(RenderSettings)}
+    groups: dict[str, Any] = {}
+    for option in SETTING_OPTIONS:
+        group = groups.setdefault(option.group, None) or parser.add_argument_group(option.group)
+        groups[option.group] = group
+        flag = "--" + option.field.replace("_", "-")
+        if option.parse is None:
+            group.add_argument(flag, action="store_true", default=None, help=option.text)
+            continue
+        default = option.default or _in_words(defaults[option.field])
+        kind = option.parse if not isinstance(option.parse, type) else _enum_parser(option.parse)
+        group.add_argument(flag, type=kind, metavar=option.metavar, help=f"{option.text} (default: {default})")
+
+
+def chosen_settings(args: argparse.Namespace) -> dict[str, Any]:
+    """The settings that were given on the command line, by field of RenderSettings."""
+    given = {option.field: getattr(args, option.field) for option in SETTING_OPTIONS}
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def add_scene_options(parser: argparse.ArgumentParser) -> None:
+    """SCENE, -D and --size."""
+    parser.add_argument(
+        "scene",
+        metavar="SCENE",
+        help="Mitsuba XML, glTF, OBJ, PLY, STL or OFF file, or a built-in scene: cornell-box, atrium:200k",
+    )
+    group = parser.add_argument_group("scene")
+    group.add_argument(
+        "-D",
+        dest="definitions",
+        type=values.definition,
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="value of $NAME in a Mitsuba file; may be given several times",
+    )
+    group.add_argument("--size", type=values.size, metavar="WxH", help="size of the image (default: the scene's)")
+
+
+def add_output_options(parser: argparse.ArgumentParser) -> None:
+    """-o, --report and --quiet."""
+    group = parser.add_argument_group("output")
+    group.add_argument(
+        "-o",
+        "--output",
+        action="append",
+        default=[],
+        type=Path,
+        metavar="FILE",
+        help="image to write: .exr (all layers, settings and report), .png, .hdr, .pfm or .npy; may be given several "
+        "times (default: SCENE.exr in this folder)",
+    )
+    group.add_argument("--report", type=Path, metavar="FILE.json", help="also write the report as JSON")
+    group.add_argument("-q", "--quiet", action="store_true", help="show neither progress nor report")
+
+
+def add_cache_options(parser: argparse.ArgumentParser) -> None:
+    """--save-cache and --load-cache."""
+    group = parser.add_argument_group("irradiance cache (with --indirect cache)")
+    group.add_argument(
+        "--save-cache", type=Path, metavar="FILE", help="write the view's irradiance records, for other views"
+    )
+    group.add_argument(
+        "--load-cache", type=Path, metavar="FILE", help="use the irradiance records of another view; make none"
+    )
+
+
+def add_machine_options(parser: argparse.ArgumentParser) -> None:
+    """--threads and --device."""
+    group = parser.add_argument_group("machine")
+    group.add_argument(
+        "--threads",
+        type=values.positive_count,
+        default=available_cores(),
+        metavar="N",
+        help="threads of each process that computes (default: all cores)",
+    )
+    group.add_argument(
+        "--device", type=values.device, default="cpu", metavar="NAME", help="cpu or cuda:N (default: cpu)"
+    )
+
+
+def add_security_options(parser: argparse.ArgumentParser) -> None:
+    """--keys or --insecure."""
+    group = parser.add_argument_group("security (needed beyond this machine)")
+    either = group.add_mutually_exclusive_group()
+    either.add_argument("--keys", type=Path, metavar="FOLDER", help="CURVE keys of the cluster, made by wdpm keys")
+    either.add_argument(
+        "--insecure",
+        action="store_true",
+        help="neither encrypt nor authenticate: whoever reaches the port can take part",
+    )
+
+
+def _enum_parser(kind: type) -> Callable[[str], Any]:
+    def parse(text: str) -> Any:
+        names = [member.value for member in kind.__members__.values()]  # type: ignore[attr-defined]
+        if text not in names:
+            raise argparse.ArgumentTypeError(f"'{text}' must be one of {', '.join(names)}")
+        return kind(text)
+
+    return parse
+
+
+def _in_words(default: object) -> str:
+    if isinstance(default, Enum):
+        return str(default.value)
+    return f"{default:,}".replace(",000", "k") if isinstance(default, int) else f"{default}"

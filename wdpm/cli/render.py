@@ -1,0 +1,87 @@
+"""`wdpm render`: render a scene here, alone or with a local cluster."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from wdpm import values
+from wdpm.cli import options
+from wdpm.cli.goal import add_until_options, asks_for_a_goal, render_to_goal
+from wdpm.cli.passes import add_pass_options, kept_passes
+
+_EXAMPLES = """\
+examples:
+  wdpm render cornell-box
+  wdpm render scene.xml -o scene.exr -o scene.png --size 512x512 --spp 64 --photons 1M
+  wdpm render scene.xml --slaves 4 --report report.json
+  wdpm render scene.xml -D resx=256 -D resy=256
+  wdpm render scene.xml --passes 16 --spp 256
+  wdpm render scene.xml --passes 32 --spp 512 --resume
+  wdpm render scene.xml --until-error 0.02
+  wdpm render scene.xml --time-budget 60s
+  wdpm render scene.xml --strict
+  wdpm render scene.xml --replay 10,7,3"""
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command to the parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "render",
+        help="render a scene on this machine",
+        description="Render a scene on this machine: in this process, or with --slaves by a cluster of processes. "
+        "The image is the same, bit for bit.",
+        epilog=_EXAMPLES,
+    )
+    options.add_scene_options(parser)
+    options.add_output_options(parser)
+    options.add_setting_options(parser)
+    add_pass_options(parser)
+    add_until_options(parser)
+    options.add_cache_options(parser)
+    options.add_machine_options(parser)
+    debugging = parser.add_argument_group("debugging")
+    debugging.add_argument(
+        "--replay",
+        type=values.sample,
+        metavar="X,Y,SAMPLE",
+        help="in place of an image, trace one sample of one pixel, all counted from 0 and the upper left, with the "
+        "same settings, and print what happens at each vertex of its path",
+    )
+    cluster = parser.add_argument_group("cluster")
+    cluster.add_argument(
+        "--slaves",
+        type=values.count,
+        default=0,
+        metavar="N",
+        help="slave processes to start; 0 renders in this one (default: 0)",
+    )
+    return parser
+
+
+def run(args: argparse.Namespace) -> int:
+    """Render and write, or replay a sample; returns the exit code."""
+    if asks_for_a_goal(args):
+        return render_to_goal(args, args.slaves)
+    if args.replay is not None:
+        from wdpm.cli.replay import replay_and_print
+
+        return replay_and_print(args)
+    from wdpm import api
+    from wdpm.cli.result import first_output, render_and_write
+
+    with kept_passes(args, first_output(args)) as journal:
+        return render_and_write(
+            args,
+            lambda source, settings, progress: api.render(
+                source,
+                settings,
+                slaves=args.slaves,
+                threads=args.threads,
+                device=args.device,
+                progress=progress,
+                save_cache=args.save_cache,
+                load_cache=args.load_cache,
+                **journal,
+            ),
+        )

@@ -1,0 +1,115 @@
+"""What the commands that make an image have in common: checks first, then load, render, write, report."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+
+from wdpm.cli.options import chosen_settings
+from wdpm.cluster.settings import RenderSettings
+from wdpm.goal.render import OUTCOME
+from wdpm.images.files import check_apart, check_output_path, check_place, write_bytes
+from wdpm.images.image import Image
+from wdpm.progress import Progress, make_progress
+from wdpm.quiet import quiet_warp
+from wdpm.rendering.cache_file import CacheNotWrittenError
+from wdpm.rendering.scene_settings import settings_for
+from wdpm.report import report
+from wdpm.scenes.errors import ImageError
+from wdpm.scenes.load import load as load_scene
+from wdpm.scenes.model.scene import Scene
+
+Renderer = Callable[[Callable[[], Scene], RenderSettings, Progress], Image]
+
+
+def render_and_write(args: argparse.Namespace, render: Renderer) -> int:
+    """Load `args.scene`, have it rendered, write every output and the report; returns the exit code.
+
+    Whatever can be found wrong before the render is found before it.
+    """
+    outputs = _checked_outputs(args)
+    chosen = chosen_settings(args)
+    RenderSettings(**chosen)  # a value out of range is an error before the scene is read
+    quiet_warp()
+    progress = make_progress(args.quiet)
+    failed: list[ImageError] = []
+    try:
+        progress.start("load")
+        began = time.perf_counter()
+        scene = load_scene(args.scene, defines=dict(args.definitions), size=args.size)
+        load_s = time.perf_counter() - began
+        settings = settings_for(scene, **chosen)
+        handed_over = [scene]
+        del scene  # a master lets go of what it has sent to its slaves, and so must we
+        image = render(handed_over.pop, settings, progress)
+    except CacheNotWrittenError as error:
+        image = error.image
+        failed.append(error)
+    finally:
+        progress.finish()
+    image, account = _completed(image, load_s)
+    failed += _write_all(image, account, outputs, args)
+    if failed:
+        raise ImageError("; ".join(map(str, failed)))
+    if not args.quiet:
+        account.print(Console())
+    return 0
+
+
+def first_output(args: argparse.Namespace) -> Path:
+    """The first image that a command is to write."""
+    given: list[Path] = args.output or [default_output(args.scene)]
+    return given[0]
+
+
+def default_output(scene: str) -> Path:
+    """`scenes/hall.xml` gives hall.exr, `atrium:2M` gives atrium.exr, both in the working folder."""
+    path = Path(scene)
+    return Path((path.stem if path.suffix else path.name.partition(":")[0]) + ".exr")
+
+
+def _checked_outputs(args: argparse.Namespace) -> list[Path]:
+    """The images to write. Raises ImageError if one of them, the report or the irradiance records cannot be written."""
+    outputs = [check_output_path(path) for path in args.output or [default_output(args.scene)]]
+    if args.report is not None:
+        check_output_path(args.report, (".json",))
+    if args.save_cache is not None:
+        check_place(args.save_cache)
+    caches = [("irradiance records", path) for path in (args.save_cache, args.load_cache)]
+    check_apart([*(("the image", path) for path in outputs), ("the report", args.report), *caches])
+    return outputs
+
+
+def _completed(image: Image, load_s: float) -> tuple[Image, report.Report]:
+    """An image and its report with what the render could not know: the time of loading, and what came of a goal."""
+    account = report.from_dict(image.metadata["report"])
+    account = replace(account, phases={"load": load_s, **account.phases}, asked=image.metadata.get(OUTCOME))
+    return replace(image, metadata={**image.metadata, "report": account.to_dict()}), account
+
+
+def _write_all(image: Image, account: report.Report, outputs: list[Path], args: argparse.Namespace) -> list[ImageError]:
+    """Write every output, even when one fails: a PNG that cannot be written must not cost the EXR.
+
+    Returns:
+        What went wrong.
+    """
+    errors: list[ImageError] = []
+    for path in outputs:
+        try:
+            image.save(path)
+        except ImageError as error:
+            errors.append(error)
+            continue
+        if not args.quiet:
+            print(f"wrote {path}")
+    if args.report is not None:
+        try:
+            write_bytes(account.to_json().encode(), args.report)
+        except ImageError as error:
+            errors.append(error)
+    return errors

@@ -1,0 +1,58 @@
+"""`wdpm slave`: compute for a master."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from wdpm import values
+from wdpm.cli import options
+
+_EXAMPLES = """\
+examples:
+  wdpm slave tcp://127.0.0.1:7117
+  wdpm slave tcp://192.168.1.10:7117 --keys cluster-keys --threads 8 --memory 16G"""
+
+
+def add_parser(subparsers: Any) -> argparse.ArgumentParser:
+    """Add the command to the parser."""
+    parser: argparse.ArgumentParser = subparsers.add_parser(
+        "slave",
+        help="compute for a master",
+        description="Hold a part of the scene and of the photon map, and compute for the master until it has no more "
+        "work.",
+        epilog=_EXAMPLES,
+    )
+    parser.add_argument("address", type=values.address, metavar="tcp://HOST:PORT", help="address of the master")
+    options.add_machine_options(parser)
+    parser.add_argument(
+        "--memory", type=values.memory, metavar="SIZE", help="most memory to use, like 8G (default: no limit)"
+    )
+    parser.add_argument(
+        "--timeout",
+        type=values.positive_count,
+        default=60,
+        metavar="SECONDS",
+        help="how long to wait for the master's first answer (default: 60)",
+    )
+    # For the process that starts local slaves: end when standard input closes.
+    parser.add_argument("--life-line", action="store_true", help=argparse.SUPPRESS)
+    options.add_security_options(parser)
+    return parser
+
+
+def run(args: argparse.Namespace) -> int:
+    """Work until the master is done; returns the exit code."""
+    from wdpm.clusters import serve_as_slave
+
+    serve_as_slave(
+        args.address,
+        threads=args.threads,
+        device=args.device,
+        memory=args.memory,
+        keys=args.keys,
+        insecure=args.insecure,
+        patience=float(args.timeout),
+        life_line=args.life_line,
+    )
+    return 0

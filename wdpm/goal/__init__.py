@@ -1,0 +1,1 @@
+"""Renders to an error or a time that was asked for."""

@@ -1,0 +1,233 @@
+"""How far the mean of the passes so far is from the truth: an estimate that a render may stop at.
+
+It adds two parts, each with an interval of 80 %, so that the upper end holds in 9 of 10 cases.
+
+**Noise**, from the spread of the passes (error_layers.Batches). A relative error divides by the truth, for which the
+mean stands in; but a pixel that a rare bright sample hit has a large spread and a large mean, which would hide each
+other. So passes are dealt to two halves, and the spread is divided by the geometric mean of the whole and of the darker
+half, so that it is not hidden until both halves have seen such samples. That errs on the large side while they are
+rare, by a factor of up to two. A pixel that is far brighter than all around it is divided by the brightest of these,
+unless both halves have seen it so: then it is no chance, but a lamp as small as the pixel.
+
+**Bias**, from a witness: two independent path-traced images a and b of fewer pixels (until_witness), which are noisy
+but not biased. For the mean image x, (x - a)(x - b) is on average exactly x's squared error, whatever causes it, since
+the noise of a and that of b are independent of each other. What noise does not explain of it is bias. Where caustics
+are seen, paths find their light too rarely to bear witness; there, and where there is no witness, bias is told by how
+the passes change with their radius (error_layers).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.goal.goal import Metric
+from wdpm.goal.witness import Witness, coarser
+from wdpm.rendering.error_layers import (
+    BY_PHOTONS,
+    NORMAL_QUANTILE,
+    Batches,
+    ErrorEstimate,
+    bias_figure,
+    block_sums,
+    chi_square_quantile,
+)
+from wdpm.report.report import ErrorFigure
+
+Values = NDArray[np.float64]
+
+LEAST_PASSES = 2
+"""One in each half."""
+
+ONE_SIDED = 1.2815515655446004
+"""Quantile of a normal distribution at 0.9: what lies above the upper end."""
+
+OUTLIER = 4.0
+"""As many times brighter than all pixels around it, a pixel is taken to owe that to chance."""
+
+CAUSTIC_SHARE = 0.1
+"""Of a pixel's light that comes from the caustic map, where the witness is not heard."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Of an image's error, as weighted mean squares; intervals are of 80 %.
+
+    Attributes:
+        noise, bias: its parts, the bias squared.
+        total: their sum.
+    """
+
+    noise: ErrorFigure
+    bias: ErrorFigure
+    total: ErrorFigure
+
+
+class Gauge:
+    """Takes in pass after pass.
+
+    Args:
+        shape: of the image, (height, width, 3).
+        metric: that the error is measured with.
+        biased: whether light comes from photon maps.
+        witness: to measure bias with; None for the passes' radii alone.
+    """
+
+    def __init__(self, shape: tuple[int, ...], metric: Metric, biased: bool, witness: Witness | None = None) -> None:
+        self.metric = metric
+        self._biased = biased
+        self._witness = witness if biased else None
+        self._halves: list[Values] = [np.zeros(shape), np.zeros(shape)]
+        self._weights = [0.0, 0.0]
+        self._batches = Batches(shape)
+        self._coarse = Batches((0,) if self._witness is None else self._witness.a.shape)
+        self._by_radius = ErrorEstimate(shape, biased)
+        self._caustic: Values = np.zeros(shape)
+        self._passes = 0
+
+    @property
+    def passes(self) -> int:
+        """How many were taken in."""
+        return self._passes
+
+    def add(self, layers: dict[str, NDArray[np.float32]], spp: int, share: float) -> None:
+        """Take in the next pass.
+
+        Args:
+            layers: at least `beauty`, and those of light from photon maps.
+            spp: samples a pixel.
+            share: its squared radius, as a share of the first pass's.
+        """
+        image = layers["beauty"].astype(np.float64)
+        image = np.where(np.isfinite(image), image, 0.0)
+        half = self._passes % 2
+        self._weights[half] += spp
+        self._halves[half] += (image - self._halves[half]) * (spp / self._weights[half])
+        self._batches.add(image, spp)
+        if self._witness is not None:
+            self._coarse.add(coarser(image, self._witness.factor), spp)
+        if self._biased:
+            # Of a surface that no photon map lights there is no such layer.
+            known = layers if any(name in layers for name in BY_PHOTONS) else layers | {"indirect": _black(layers)}
+            self._by_radius.add(known, spp, share)
+            if "caustic" in layers:
+                self._caustic += spp * layers["caustic"].astype(np.float64)
+        self._passes += 1
+
+    def mean(self) -> Values:
+        """Of all passes."""
+        return np.asarray(np.average(self._halves, axis=0, weights=self._weights))
+
+    def estimate(self) -> Estimate | None:
+        """What the passes so far tell; None before there are enough."""
+        if self._passes < LEAST_PASSES:
+            return None
+        mean = self.mean()
+        variance, freedom = variance_of_mean(self._batches)
+        noise = spread_figure(variance * self._weight(mean), freedom)
+        bias = self._bias(mean)
+        return Estimate(noise, bias, _sum(noise, bias))
+
+    def _weight(self, mean: Values) -> Values:
+        """Of a pixel's variance, in place of the truth's."""
+        darker = np.minimum(np.abs(self._halves[0]), np.abs(self._halves[1]))
+        around = brightest_neighbour(mean)
+        by_chance = (mean > OUTLIER * around) & (darker <= OUTLIER * around)
+        return np.where(by_chance, self.metric.weight(around), self.metric.weight(darker, mean))
+
+    def _bias(self, mean: Values) -> ErrorFigure:
+        if not self._biased:
+            return ErrorFigure(0.0, 0.0, 0.0)
+        if self._witness is None:
+            return self._bias_by_radius(np.ones(mean.shape[:2], np.bool_), mean)
+        lit = self._caustic > CAUSTIC_SHARE * sum(self._weights) * np.maximum(mean, 0.0)
+        caustic = np.asarray(lit.any(axis=2))
+        heard = ~self._witness.any_of(caustic)
+        by_witness = self._bias_by_witness(heard, mean)
+        deaf = ~self._witness.finer(heard)
+        return by_witness if not deaf.any() else _sum(by_witness, self._bias_by_radius(deaf, mean))
+
+    def _bias_by_witness(self, heard: NDArray[np.bool_], mean: Values) -> ErrorFigure:
+        """Where `heard`, in pixels of the witness."""
+        witness = self._witness
+        assert witness is not None
+        seen = coarser(mean, witness.factor)
+        weight = self.metric.weight(seen) * heard[..., np.newaxis]
+        noise, _ = variance_of_mean(self._coarse)
+        squared = (seen - witness.a) * (seen - witness.b) - noise
+        return centred_figure(squared * weight)
+
+    def _bias_by_radius(self, where: NDArray[np.bool_], mean: Values) -> ErrorFigure:
+        if not self._by_radius.has_bias:
+            return ErrorFigure(0.0, 0.0, 0.0)
+        weight = self.metric.weight(mean) * where[..., np.newaxis]
+        figure = bias_figure(self._by_radius.squared_bias() * weight)
+        narrower = ONE_SIDED / NORMAL_QUANTILE  # from an interval of 95 % to one of 80 %
+        low, high = figure.value - figure.low, figure.high - figure.value
+        return ErrorFigure(figure.value, figure.value - narrower * low, figure.value + narrower * high)
+
+
+def variance_of_mean(batches: Batches) -> tuple[Values, int]:
+    """Of the mean of all images that batches hold, and its degrees of freedom.
+
+    The batch that is not full counts, too, by its weight: a rare sample in it is in the mean.
+    """
+    means: list[NDArray[Any]] = [*batches.means, *([batches.open_mean] if batches.open_count else [])]
+    weights = [*batches.weights, *([batches.open_weight] if batches.open_count else [])]
+    mean: Values = np.average(means, axis=0, weights=weights)
+    spread = np.zeros(mean.shape)
+    for each, weight in zip(means, weights, strict=True):
+        spread += weight * (each - mean) ** 2
+    freedom = len(means) - 1
+    return spread / (sum(weights) * freedom), freedom
+
+
+def brightest_neighbour(image: Values) -> Values:
+    """The largest value among the eight pixels around each, at least 0, shape [height, width, 3]."""
+    height, width = image.shape[:2]
+    padded = np.pad(image, ((1, 1), (1, 1), (0, 0)))
+    around = [padded[y : y + height, x : x + width] for y in range(3) for x in range(3) if (y, x) != (1, 1)]
+    found: Values = np.maximum.reduce(around)
+    return found
+
+
+def spread_figure(variance: Values, freedom: int) -> ErrorFigure:
+    """The mean of estimated variances over the image, with its interval of 80 %.
+
+    As error_layers.noise_figure: blocks are independent, each spread like a chi-square (Satterthwaite 1946).
+
+    Args:
+        variance: shape [height, width, 3].
+        freedom: degrees of freedom of the estimates.
+    """
+    blocks = block_sums(variance)
+    value = float(blocks.sum())
+    if not value > 0:
+        return ErrorFigure(value, value, value)
+    together = value**2 * (freedom + 2) / float((blocks**2).sum())
+    low, high = (value * together / chi_square_quantile(together, side * ONE_SIDED) for side in (1, -1))
+    return ErrorFigure(value, low, high)
+
+
+def centred_figure(values: Values) -> ErrorFigure:
+    """The mean of values over the image, at least 0, with its interval of 80 % from the spread over blocks."""
+    blocks = block_sums(values)
+    value = float(blocks.sum())
+    half = ONE_SIDED * math.sqrt(float(((blocks - blocks.mean()) ** 2).sum()))
+    return ErrorFigure(max(value, 0.0), max(value - half, 0.0), max(value + half, 0.0))
+
+
+def _sum(one: ErrorFigure, other: ErrorFigure) -> ErrorFigure:
+    """Of two figures whose errors are independent."""
+    value = one.value + other.value
+    low = math.hypot(one.value - one.low, other.value - other.low)
+    high = math.hypot(one.high - one.value, other.high - other.value)
+    return ErrorFigure(value, max(value - low, 0.0), value + high)
+
+
+def _black(layers: dict[str, NDArray[np.float32]]) -> NDArray[Any]:
+    return np.zeros_like(layers["beauty"])

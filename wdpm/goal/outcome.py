@@ -1,0 +1,155 @@
+"""What came of asking for an error or a time: figures, and the reasons for what was chosen."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from enum import Enum
+from typing import Any
+
+from wdpm.cluster.settings import Indirect, Integrator, RenderSettings
+from wdpm.goal.gauge import Estimate
+from wdpm.goal.goal import Goal, Metric
+from wdpm.goal.plan import Course
+from wdpm.report.report import ErrorFigure
+
+_KINDS = {
+    Indirect.AUTO: "as it suits the scene",
+    Indirect.MAP: "photon map",
+    Indirect.GATHER: "final gathering",
+    Indirect.CACHE: "final gathering with an irradiance cache",
+}
+
+
+class Ending(Enum):
+    """What ends the passes of a render that is asked for an error or a time."""
+
+    DONE = "done"
+    """The error was reached, or as many passes were made as could be expected to reach it."""
+    OUT_OF_TIME = "out of time"
+    INTERRUPTED = "interrupted"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Of a render that was asked for an error or a time.
+
+    Attributes:
+        goal: what was asked for.
+        estimate: of the error, in the goal's metric, with an interval of 80 %; None if there were too few passes.
+        noise, bias: parts of the estimate, as mean squares (the weighted ones, for relMSE).
+        reached: whether the upper end of the estimate is within the error asked for; True if none was.
+        ending: what ended it.
+        passes, samples: that were rendered; samples are those of each pass.
+        seconds: of the passes; predicted_seconds: the same, as the pilot told; pilot_seconds: of the pilot.
+        compile_seconds: that went by for compiling.
+        expected: error that the chosen settings were expected to reach, in the goal's metric.
+        why: what was chosen, and for what reason.
+    """
+
+    goal: Goal
+    estimate: ErrorFigure | None
+    noise: float
+    bias: float
+    reached: bool
+    ending: Ending
+    passes: int
+    samples: int
+    seconds: float
+    predicted_seconds: float
+    pilot_seconds: float
+    compile_seconds: float
+    expected: float
+    why: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON has it."""
+        goal = asdict(self.goal) | {"metric": self.goal.metric.value}
+        figures = {name: _finite_or_none(value) for name, value in asdict(self).items()}
+        return figures | {"goal": goal, "ending": self.ending.value, "lines": self.lines()}
+
+    def lines(self) -> list[str]:
+        """For people."""
+        goal, name = self.goal, NAMES[self.goal.metric]
+        found = [f"chose {self.why}"]
+        if self.estimate is None:
+            found.append(f"{name} not known: {self.passes} passes are too few to tell")
+        else:
+            e = self.estimate
+            found.append(
+                f"{name} about {e.value:.3g}, in 9 of 10 cases below {e.high:.3g} "
+                f"(noise {self.noise:.2g}, squared bias {self.bias:.2g}); it stops by this figure, "
+                "which has rare light in mind, not by what the spread of the passes alone tells"
+            )
+        found.append(
+            f"{self.passes} passes of {self.samples} samples in {self.seconds:.1f} s ({self.predicted_seconds:.1f} s "
+            f"predicted), after a pilot of {self.pilot_seconds:.1f} s and {self.compile_seconds:.1f} s of compiling"
+        )
+        if self.ending is Ending.INTERRUPTED:
+            found.append("INTERRUPTED: the image is the best so far")
+        elif not self.reached:
+            found.append(
+                f"NOT REACHED: {name} {goal.error:g} was asked for; {self._obstacle()}. The image is the best so far."
+            )
+        return found
+
+    def _obstacle(self) -> str:
+        """Why the error was not reached, and what may help."""
+        if self.ending is Ending.OUT_OF_TIME:
+            return "time was up"
+        if not self.noise > self.bias:
+            return "what is left is mostly bias, which more passes lessen slowly: try more photons"
+        times = math.ceil(self.noise / max(self.goal.mean_square, 1e-300))
+        if times > 1000:
+            return "what is left is mostly noise, and so small an error is out of reach"
+        return f"what is left is mostly noise: some {max(times, 2)} times the samples would reach it"
+
+
+def _finite_or_none(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+NAMES = {Metric.RELMSE: "relMSE", Metric.RMSE: "RMSE"}
+
+
+def in_metric(metric: Metric, figure: ErrorFigure) -> ErrorFigure:
+    """A figure of mean squares in the metric's own terms."""
+    return ErrorFigure(metric.figure(figure.value), metric.figure(figure.low), metric.figure(figure.high))
+
+
+def outcome_of(
+    goal: Goal, course: Course, estimate: Estimate | None, passes: int, times: dict[str, float], ending: Ending
+) -> Outcome:
+    """From what was measured; `times` are the three of Outcome."""
+    return Outcome(
+        goal=goal,
+        estimate=None if estimate is None else in_metric(goal.metric, estimate.total),
+        noise=math.nan if estimate is None else estimate.noise.value,
+        bias=math.nan if estimate is None else estimate.bias.value,
+        reached=goal.error is None or (estimate is not None and estimate.total.high <= goal.mean_square),
+        ending=ending,
+        passes=passes,
+        samples=course.samples,
+        predicted_seconds=course.seconds,
+        expected=goal.metric.figure(course.error),
+        why=reasons(course),
+        **times,
+    )
+
+
+def kind_in_words(settings: RenderSettings) -> str:
+    """How light is found."""
+    return "path tracing" if settings.integrator is Integrator.PATH else _KINDS[settings.indirect]
+
+
+def reasons(course: Course) -> str:
+    """What was chosen, and why, in words."""
+    settings, trial = course.settings, course.trial
+    kind = kind_in_words(settings)
+    if settings.integrator is Integrator.PHOTONS:
+        kind += f", {settings.photons:,} photons a pass"
+    return (
+        f"{kind}, {course.samples} samples a pass: a pass costs {trial.pass_cost:.2g} s and {trial.sample_cost:.2g} s "
+        f"a sample, with mean squares of noise {trial.pass_noise:.2g} and {trial.sample_noise:.2g} a sample, and "
+        f"squared bias of at most {trial.bias:.2g}"
+    )

@@ -1,0 +1,205 @@
+"""The pilot: trials of a few kinds of passes, until the best of them is one that was tried.
+
+What was not tried yet is guessed from what was. Trials that would cost more than they can save are not made.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from wdpm.cluster.settings import MAP_EFFECTS, Indirect, Integrator, RenderSettings
+from wdpm.clusters import Cluster
+from wdpm.goal.goal import Goal
+from wdpm.goal.plan import FACTORS, Course, nearest, soonest, with_photons
+from wdpm.goal.trial import Clock, Trial, try_out
+from wdpm.goal.witness import Witness, make_witness
+from wdpm.progress import Progress, SilentProgress
+from wdpm.rendering.passes import PassRenderer
+from wdpm.scenes.model.scene import Scene
+
+FIRST_PHOTONS = 1 / 8
+"""Of the first trial, as a share of the photons that a render has by default."""
+
+PHOTON_FIELDS = frozenset({"photons", "caustic_photons", "volume_photons"})
+
+WITNESS_SHARE = 1 / 6
+"""Of the error asked for: the witness's own uncertainty."""
+
+MOST_TRIALS = 5
+
+WORTH = 0.25
+"""A trial may cost this share of what the render is expected to cost without it."""
+
+GUESSED_SAMPLES = 40
+"""What a trial of a kind that was not tried yet costs, in samples of the kind that was."""
+
+PILOT_SHARE = 0.2
+"""Of a time budget, at most."""
+
+LONG_S = 45.0
+"""Of a time budget, from which on kernels of other kinds of passes may be compiled."""
+
+
+@dataclass(frozen=True, eq=False)
+class Workplace:
+    """Where passes are rendered.
+
+    Attributes:
+        cluster: slaves; None for this process.
+        clock: that costs are measured with [s].
+    """
+
+    progress: Progress
+    cluster: Cluster | None = None
+    threads: int | None = None
+    device: str = "cpu"
+    clock: Clock = time.perf_counter
+
+    def renderer(self, scene: Scene, settings: RenderSettings) -> PassRenderer:
+        """One whose phases show as no more than signs of life."""
+        return PassRenderer(
+            scene,
+            settings,
+            cluster=self.cluster,
+            threads=self.threads,
+            device=self.device,
+            progress=_SignsOfLife(self.progress),
+        )
+
+
+class _SignsOfLife(SilentProgress):
+    """Of many small renders that are one phase to a person."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+
+    def advance(self, amount: int = 1) -> None:
+        self._progress.advance(amount)
+
+
+@dataclass(eq=False)
+class Pilot:
+    """What is known of a scene before it is rendered.
+
+    Attributes:
+        settings: with what was chosen; fixed: names of these.
+        witness: of bias; None where nothing is biased, or there was no time.
+        trials: that were made.
+        seconds: that all took, of the workplace's clock, without compiling.
+        compile_seconds: that went by for compiling.
+    """
+
+    scene: Scene
+    settings: RenderSettings
+    fixed: frozenset[str]
+    work: Workplace
+    witness: Witness | None = None
+    trials: list[Trial] = field(default_factory=list)
+    seconds: float = 0.0
+    compile_seconds: float = 0.0
+
+    def best(self, goal: Goal, seconds_left: float = math.inf) -> tuple[Course, bool]:
+        """The course for a goal, and whether it is expected to reach the error.
+
+        Args:
+            seconds_left: for the passes.
+        """
+        candidates = self._candidates()
+        reaching = None if goal.error is None else soonest(candidates, goal.mean_square)
+        if reaching is not None and reaching.seconds <= seconds_left:
+            return reaching, True
+        if math.isfinite(seconds_left):
+            return nearest(candidates, seconds_left), goal.error is None
+        # What the noise of a trial hides may be no bias at all, and more photons would not lessen it: passes tell.
+        hopeful = None if goal.error is None else soonest(candidates, goal.mean_square, likely=True)
+        if hopeful is not None:
+            return hopeful, True
+        # Nothing reaches it: what has the least bias, until noise is small beside it.
+        least = min(candidates, key=lambda trial: trial.likely_bias)
+        fallback = soonest([replace(least, bias=0.0)], max(0.5 * least.likely_bias, goal.mean_square))
+        return fallback or nearest([least], 100 * (least.pass_cost + least.sample_cost)), False
+
+    def run(self, goal: Goal, seconds_left: Callable[[], float] = lambda: math.inf) -> None:
+        """Make the witness and the trials that are worth it.
+
+        Args:
+            seconds_left: until a time budget is used up.
+        """
+        began = self.work.clock()
+        allowed = seconds_left() * PILOT_SHARE
+        by_photons = self.settings.integrator is Integrator.PHOTONS and self.settings.photons > 0
+        # Paths cannot leave out what comes by a photon map: such an image has no witness.
+        whole = not MAP_EFFECTS.intersection(self.settings.without)
+        if by_photons and whole and (goal.error is not None or seconds_left() > LONG_S):
+            wanted = WITNESS_SHARE * goal.mean_square
+            self.witness = make_witness(
+                self.scene, self.settings, goal.metric, wanted, self.work.renderer, 0.5 * allowed
+            )
+        until = seconds_left() - allowed
+        self._try(self._first(), goal, seconds_left)
+        for _ in range(MOST_TRIALS - 1):
+            course, reached = self.best(goal, seconds_left())
+            following = self._next(course, reached, seconds_left())
+            if following is None or seconds_left() < until:
+                break
+            self._try(following, goal, seconds_left)
+        self.seconds = self.work.clock() - began - self.compile_seconds
+
+    def _first(self) -> RenderSettings:
+        settings = self.settings
+        if settings.indirect is Indirect.AUTO:
+            settings = replace(settings, indirect=Indirect.MAP)
+        if PHOTON_FIELDS & self.fixed or settings.integrator is Integrator.PATH:
+            return settings
+        fewer: dict[str, Any] = {name: int(getattr(settings, name) * FIRST_PHOTONS) for name in sorted(PHOTON_FIELDS)}
+        return replace(settings, **fewer)
+
+    def _next(self, course: Course, reached: bool, seconds_left: float) -> RenderSettings | None:
+        """Settings to try next; None if the course is good enough to go."""
+        mine = course.trial
+        if all(mine is not trial for trial in self.trials):
+            cost = mine.start + 3 * (mine.pass_cost + mine.sample_cost)
+            if not reached or cost < WORTH * course.seconds:
+                return mine.settings
+        kinds = self._kinds_left() if seconds_left > LONG_S else ()
+        guess = mine.start + GUESSED_SAMPLES * mine.sample_cost
+        if kinds and (not reached or guess < WORTH * course.seconds):
+            return replace(mine.settings, indirect=kinds[0])
+        return None
+
+    def _kinds_left(self) -> Sequence[Indirect]:
+        if (
+            self.settings.indirect is not Indirect.AUTO
+            or self.settings.integrator is Integrator.PATH
+            or not self.settings.photons
+        ):
+            return ()
+        tried = {trial.settings.indirect for trial in self.trials}
+        return [kind for kind in (Indirect.CACHE, Indirect.GATHER) if kind not in tried]
+
+    def _candidates(self) -> list[Trial]:
+        """All trials, and what they let expect of other numbers of photons."""
+        # Nothing but a witness tells what fewer photons would spoil.
+        free = not (PHOTON_FIELDS & self.fixed) and self.witness is not None
+        found = {trial.settings: trial for trial in self.trials}
+        for trial in self.trials:
+            for factor in FACTORS if free else ():
+                other = with_photons(trial, factor)
+                found.setdefault(other.settings, other)
+        return list(found.values())
+
+    def _try(self, settings: RenderSettings, goal: Goal, seconds_left: Callable[[], float]) -> None:
+        trial = try_out(
+            lambda: self.work.renderer(self.scene, settings),
+            settings,
+            goal.metric,
+            self.witness,
+            self.work.clock,
+            seconds_left,
+        )
+        self.compile_seconds += trial.compile_seconds
+        self.trials.append(trial)

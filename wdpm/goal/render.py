@@ -1,0 +1,193 @@
+"""Renders until an error is reached or a time is up: a pilot, then pass after pass.
+
+The image is that of `--passes N` with the settings that were chosen and with as many passes as it took, to the bit.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from contextlib import ExitStack
+from dataclasses import replace
+from typing import Any
+
+from wdpm.cluster.settings import Integrator
+from wdpm.clusters import Cluster
+from wdpm.goal.clock import Budget
+from wdpm.goal.gauge import LEAST_PASSES, Estimate, Gauge
+from wdpm.goal.goal import Goal
+from wdpm.goal.outcome import Ending, outcome_of
+from wdpm.goal.pilot import Pilot, Workplace
+from wdpm.goal.plan import Course
+from wdpm.goal.trial import Clock
+from wdpm.images.image import Image
+from wdpm.progress import Progress, SilentProgress
+from wdpm.rendering.pass_plan import PassPlan, shrink
+from wdpm.rendering.pass_progress import PassProgress
+from wdpm.rendering.passes import PassAverage, PassRenderer
+from wdpm.rendering.prepare import Source, scene_of
+from wdpm.rendering.scene_settings import settings_for
+from wdpm.scenes.errors import SettingsError
+
+CHOSEN_HERE = frozenset({"passes", "spp"})
+"""Settings that cannot be given beside a goal."""
+
+PATIENCE = 4
+LEAST_FOR_PATIENCE = 32
+"""As many times the passes that were expected are rendered, and as many at least, before an error that the pilot held
+for possible counts as out of reach."""
+
+FIRST_CHECKS = 1.05
+"""The estimate is made after so many times the passes as the last time: it costs as much as a cheap pass does."""
+
+OUTCOME = "asked"
+"""Name of the outcome in an image's metadata."""
+
+WRITING_S = 0.3
+WRITING_S_PER_PIXEL = 1.5e-6
+"""Set aside of a time budget for the mean, its report and its files."""
+
+ENDING_SHARE = 0.25
+"""Of what starting took, that is set aside for the end as well: a machine that is busy is busy then, too."""
+
+SLOWER = 1.1
+"""As many times the slowest pass so far, the next may take."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """Someone pressed Ctrl-C during the passes.
+
+    Attributes:
+        image: the mean of those that were done, with its outcome.
+    """
+
+    def __init__(self, image: Image) -> None:
+        super().__init__()
+        self.image = image
+
+
+def render_until(
+    source: Source,
+    goal: Goal,
+    *,
+    slaves: int = 0,
+    threads: int | None = None,
+    device: str = "cpu",
+    progress: Progress | None = None,
+    cluster: Cluster | None = None,
+    used: float = 0.0,
+    clock: Clock = time.perf_counter,
+    **chosen: Any,
+) -> Image:
+    """Render a scene until its error is small enough, or time is up.
+
+    Args:
+        source: a scene, a file, the name of a built-in scene, or a function that gives a scene.
+        used: of the goal's time before this call [s].
+        clock: that costs are measured with [s]; CPU time, for one, on a machine that does other things, too.
+        chosen: settings that are kept as they are, by name, see RenderSettings; all others are picked.
+        Others are as of PassRenderer.
+
+    Returns:
+        The image; its metadata has what came of it as `asked` (until_outcome.Outcome.to_dict).
+
+    Raises:
+        SceneError, SettingsError, ClusterError: see their messages.
+        Interrupted: Ctrl-C, once a pass is done; it holds the image of the passes so far.
+    """
+    for name in CHOSEN_HERE & set(chosen):
+        raise SettingsError(f"{name} is chosen by what until_error and time_budget ask for; leave one of them out")
+    progress = progress or SilentProgress()
+    budget = Budget(math.inf if goal.seconds is None else goal.seconds, used)
+    with ExitStack() as stack:
+        if slaves and cluster is None:
+            cluster = stack.enter_context(Cluster.local(slaves=slaves, threads=threads, device=device))
+        scene = scene_of(source)
+        pixels = scene.camera.width * scene.camera.height
+        budget.reserve = WRITING_S + WRITING_S_PER_PIXEL * pixels + ENDING_SHARE * used
+        settings = settings_for(scene, **chosen)
+        work = Workplace(progress, cluster, threads, device, clock)
+        pilot = Pilot(scene, settings, frozenset(chosen), work)
+        progress.start("pilot")
+        pilot.run(goal, budget.left)
+        return _render(pilot, goal, budget)
+
+
+def _render(pilot: Pilot, goal: Goal, budget: Budget) -> Image:
+    """Render what the pilot chose."""
+    progress, scene = pilot.work.progress, pilot.scene
+    course, expected = pilot.best(goal, budget.left())
+    progress.note(_promise(course, goal, expected))
+    began = pilot.work.clock()
+    settings = course.settings
+    biased = settings.integrator is Integrator.PHOTONS
+    shape = (scene.camera.height, scene.camera.width, 3)
+    gauge = Gauge(shape, goal.metric, biased, pilot.witness)
+    with pilot.work.renderer(scene, settings) as renderer:
+        renderer.progress = progress
+        average, estimate, ending = _passes(renderer, course, goal, gauge, budget, _most(course, goal, expected))
+        times = {
+            "seconds": pilot.work.clock() - began,
+            "pilot_seconds": pilot.seconds,
+            "compile_seconds": pilot.compile_seconds,
+        }
+        outcome = outcome_of(goal, course, estimate, len(average.plans), times, ending)
+        image = average.image()
+    image = replace(image, metadata={**image.metadata, OUTCOME: outcome.to_dict()})
+    if ending is Ending.INTERRUPTED:
+        raise Interrupted(image)
+    return image
+
+
+def _passes(
+    renderer: PassRenderer, course: Course, goal: Goal, gauge: Gauge, budget: Budget, most: float
+) -> tuple[PassAverage, Estimate | None, Ending]:
+    """Render until the goal is reached, or `most` passes are done, or someone presses Ctrl-C after the first.
+
+    Returns:
+        The mean, the estimate of its error, and what ended it.
+    """
+    average = PassAverage(renderer.prepared)
+    camera, bucket = renderer.prepared.session.view.camera, renderer.prepared.session.view.bucket
+    buckets = -(-camera.width // bucket) * -(-camera.height // bucket)
+    renderer.progress = PassProgress(renderer.progress, buckets, course.passes)
+    samples, estimate, next_check, slowest = course.samples, None, LEAST_PASSES, 0.0
+    number = 0
+    while True:
+        began = time.perf_counter()
+        plan = PassPlan(number, number * samples, samples)
+        try:
+            result = course.trial.results.get(plan) or renderer.render(plan)
+        except KeyboardInterrupt:
+            if not number:
+                raise
+            return average, gauge.estimate(), Ending.INTERRUPTED
+        average.add(result)
+        gauge.add(result.layers, samples, shrink(number))
+        number += 1
+        if goal.error is not None and number >= next_check:
+            estimate = gauge.estimate()
+            next_check = max(number + 1, math.ceil(number * FIRST_CHECKS))
+            if estimate is not None and estimate.total.high <= goal.mean_square:
+                return average, estimate, Ending.DONE
+        if plan not in course.trial.results:
+            slowest = max(time.perf_counter() - began, 0.9 * slowest)
+        out_of_time = budget.left() < SLOWER * slowest
+        if number >= most or out_of_time:
+            return average, gauge.estimate(), Ending.OUT_OF_TIME if out_of_time else Ending.DONE
+
+
+def _most(course: Course, goal: Goal, expected: bool) -> float:
+    """Passes after which the error counts as out of reach."""
+    if goal.error is None or (goal.seconds is not None and not expected):
+        return math.inf  # the time ends it
+    return max(PATIENCE * course.passes, LEAST_FOR_PATIENCE) if expected else course.passes
+
+
+def _promise(course: Course, goal: Goal, expected: bool) -> str:
+    """What is about to be rendered, for the person who waits for it."""
+    figure = goal.metric.figure(course.error)
+    what = f"{course.passes} passes of {course.samples} samples, about {course.seconds:.1f} s, error about {figure:.2g}"
+    if goal.error is None or expected:
+        return f"chose {what}"
+    return f"an error of {goal.error:g} is not expected to be reached; the best found: {what}"

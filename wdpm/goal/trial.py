@@ -1,0 +1,155 @@
+"""Measures, by three cheap renders of few samples, what settings cost and how far their images are off.
+
+Three passes tell the two sources of noise apart: a and b have the same photons and different samples, b and c the same
+samples and different photons.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.cluster.settings import RenderSettings
+from wdpm.goal.gauge import Gauge, centred_figure
+from wdpm.goal.goal import Metric
+from wdpm.goal.witness import Witness, coarser
+from wdpm.rendering.pass_plan import PassPlan, PassResult
+from wdpm.rendering.passes import PassRenderer
+from wdpm.report.report import ErrorFigure
+
+Values = NDArray[np.float64]
+Clock = Callable[[], float]
+
+TRIAL_PLANS = (PassPlan(0, 0, 1), PassPlan(0, 1, 1), PassPlan(1, 1, 1))
+
+
+ROOM = 6.0
+"""Passes that a time budget has to have room for if a trial is to render three."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """What one kind of pass costs and how far it is off.
+
+    Attributes:
+        settings: of the render; passes and samples are still open.
+        start: seconds before the first pass: preparing what the cluster has forgotten by then.
+        pass_cost: seconds of each pass, whatever its samples: photons, maps, irradiance records.
+        sample_cost: seconds of one sample of every pixel.
+        pass_noise: weighted mean square of one pass that samples do not lessen.
+        sample_noise: the same that is divided by the number of samples.
+        record_cost: of pass_cost, the irradiance records of a pass of one sample.
+        rare: by how much the estimate of two samples' noise (until_gauge) lies above the above, for fear of rare
+            bright ones.
+        bias: the squared bias of a pass of the first radius, at most: the upper end of its interval.
+        likely_bias: the same, as estimated, at least 0. Far below `bias` where the noise of so few samples hides it.
+        compile_seconds: that went by for compiling, in none of the above.
+        results: the passes that may be part of the image, if it has one sample a pass.
+    """
+
+    settings: RenderSettings
+    start: float
+    pass_cost: float
+    sample_cost: float
+    pass_noise: float
+    sample_noise: float
+    bias: float
+    rare: float = 0.0
+    compile_seconds: float = 0.0
+    record_cost: float = 0.0
+    likely_bias: float = 0.0
+    results: dict[PassPlan, PassResult] = field(default_factory=dict)
+
+
+def try_out(
+    make: Callable[[], PassRenderer],
+    settings: RenderSettings,
+    metric: Metric,
+    witness: Witness | None,
+    clock: Clock = time.perf_counter,
+    seconds_left: Callable[[], float] = lambda: math.inf,
+) -> Trial:
+    """Render the trial's passes; only the first, if there is no time for others. Then nothing is known of its error.
+
+    Args:
+        make: makes the renderer of the settings.
+        witness: of the bias; None leaves it at 0.
+        clock: seconds, growing.
+        seconds_left: until a time budget is used up.
+    """
+    began = clock()
+    with make() as renderer:
+        compile_seconds = renderer.prepared.seconds.get("compile", 0.0)
+        start = max(clock() - began - compile_seconds, 0.0)
+        results, costs = [], []
+        for plan in TRIAL_PLANS:
+            began = clock()
+            results.append(renderer.render(plan))
+            costs.append(clock() - began)
+            if len(results) == 1 and seconds_left() < ROOM * costs[0]:
+                return Trial(
+                    settings, start, 0.0, costs[0], 0.0, 0.0, 0.0, 0.0, compile_seconds, results={plan: results[0]}
+                )
+    a, b, c = (result.layers["beauty"].astype(np.float64) for result in results)
+    weight = metric.weight((a + b + 2 * c) / 4)
+    sample_cost = costs[1] * _share_of(results[1], "render")
+    bias = ErrorFigure(0.0, 0.0, 0.0) if witness is None else bias_of(a, b, c, metric, witness)
+    return Trial(
+        settings=settings,
+        start=start,
+        pass_cost=max(costs[2] - sample_cost, 0.0),
+        sample_cost=sample_cost,
+        pass_noise=_finite_mean((b - c) ** 2 * weight) / 2,
+        sample_noise=_finite_mean((a - b) ** 2 * weight) / 2,
+        bias=bias.high,
+        likely_bias=min(max(bias.value, 0.0), bias.high),
+        rare=rare_of(results[0], results[2], metric),
+        compile_seconds=compile_seconds,
+        record_cost=costs[2] * _share_of(results[2], "records"),
+        results={TRIAL_PLANS[0]: results[0], TRIAL_PLANS[2]: results[2]},
+    )
+
+
+def bias_of(a: Values, b: Values, c: Values, metric: Metric, witness: Witness) -> ErrorFigure:
+    """Squared bias of a trial's passes, at the pixels of the witness."""
+    a, b, c = (coarser(each, witness.factor) for each in (a, b, c))
+    mean = (a + c) / 2  # other samples and other photons: the two are independent
+    squared = (mean - witness.a) * (mean - witness.b) - (a - c) ** 2 / 4
+    # Where so few samples missed an edge of a lamp, the witness knows how bright it is.
+    bright = np.maximum(np.abs(mean), mean_around((witness.a + witness.b) / 2))
+    return centred_figure(np.nan_to_num(squared * metric.weight(bright)))
+
+
+def mean_around(image: Values) -> Values:
+    """Mean of each pixel and the eight around it, shape [height, width, 3]."""
+    height, width = image.shape[:2]
+    padded = np.pad(image, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    total: Values = np.sum([padded[y : y + height, x : x + width] for y in range(3) for x in range(3)], axis=0)
+    return total / 9.0
+
+
+def rare_of(one: PassResult, other: PassResult, metric: Metric) -> float:
+    """What rare samples add to the estimate of the noise of two passes."""
+    beauty = [result.layers["beauty"] for result in (one, other)]
+    gauge = Gauge(beauty[0].shape, metric, biased=False)
+    for result in (one, other):
+        gauge.add(result.layers, 1, 1.0)
+    estimate = gauge.estimate()
+    a, b = (each.astype(np.float64) for each in beauty)
+    plain = _finite_mean((a - b) ** 2 / 4 * metric.weight((a + b) / 2))
+    return 0.0 if estimate is None else max(estimate.noise.value - plain, 0.0)
+
+
+def _share_of(result: PassResult, phase: str) -> float:
+    """Of a pass's time, what went to a phase."""
+    whole = sum(result.seconds.values())
+    return result.seconds.get(phase, 0.0) / whole if whole > 0 else float(phase == "render")
+
+
+def _finite_mean(values: Values) -> float:
+    return float(np.where(np.isfinite(values), values, 0.0).mean())

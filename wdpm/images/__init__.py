@@ -1,0 +1,1 @@
+"""Images: layers, files, comparison, pictures of differences."""

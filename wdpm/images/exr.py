@@ -1,0 +1,127 @@
+"""OpenEXR files: every layer as channels, 32-bit float, lossless; settings and report in the header.
+
+The header's text attribute `wdpm` holds Image.metadata as JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import Imath  # type: ignore[import-untyped]
+import numpy as np
+import OpenEXR
+from numpy.typing import NDArray
+
+from wdpm.images.channels import LAYER_CHANNELS
+from wdpm.images.image import Image
+from wdpm.scenes.errors import ImageError
+
+_METADATA_ATTRIBUTE = "wdpm"
+
+_MAGIC = b"\x76\x2f\x31\x01"
+
+
+def write_exr(image: Image, path: Path) -> None:
+    """Write all layers; `path` need not end in .exr. Raises ImageError when the metadata is not JSON."""
+    try:
+        metadata = json.dumps(image.metadata, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise ImageError(f"the image's metadata cannot be written as JSON: {error}") from None
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        _METADATA_ATTRIBUTE: metadata,
+    }
+    channels: dict[str, NDArray[np.float32]] = {}
+    for layer, pixels in image.layers.items():
+        names = _channel_names(layer)
+        planes = [pixels] if pixels.ndim == 2 else [pixels[..., i] for i in range(len(names))]
+        channels.update({name: np.ascontiguousarray(plane) for name, plane in zip(names, planes, strict=True)})
+    try:
+        with OpenEXR.File(header, channels) as file:
+            file.write(str(path))
+    except RuntimeError as error:
+        raise OSError(str(error)) from None
+
+
+def read_exr(path: Path) -> Image:
+    """Read the layers that wdpm knows; others are left alone. Half and 32-bit float.
+
+    A file with one channel Y and no R, G, B is grey. Raises ImageError for a broken file or one without colour.
+    """
+    planes, header = _read_planes(path)
+    layers: dict[str, NDArray[np.float32]] = {}
+    for layer in LAYER_CHANNELS:
+        names = _channel_names(layer)
+        if all(name in planes for name in names):
+            stack = [planes[name] for name in names]
+            layers[layer] = stack[0] if len(stack) == 1 else np.stack(stack, axis=-1)
+    if "beauty" not in layers:
+        if "Y" not in planes:
+            raise ImageError(f"{path}: has no channels R, G, B (it has {', '.join(sorted(planes)) or 'none'})")
+        layers["beauty"] = np.stack([planes["Y"]] * 3, axis=-1)
+    return Image(layers, _metadata(header))
+
+
+def _channel_names(layer: str) -> list[str]:
+    prefix = "" if layer == "beauty" else f"{layer}."
+    return [prefix + channel for channel in LAYER_CHANNELS[layer]]
+
+
+def _read_planes(path: Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
+    """The channels of full resolution of the first part, float32 [height, width], by name, and the header."""
+    with path.open("rb") as stream:
+        if stream.read(len(_MAGIC)) != _MAGIC:
+            raise ImageError(f"{path}: not an OpenEXR file")
+    # InputFile, not File: on broken pixels File prints to standard output and goes on without them.
+    with _diverted_stderr() as first_line:
+        try:
+            file = OpenEXR.InputFile(str(path))
+            header: dict[str, Any] = file.header()
+            names = [
+                name for name, channel in header["channels"].items() if channel.xSampling == channel.ySampling == 1
+            ]
+            planes = file.channels(names, Imath.PixelType(Imath.PixelType.FLOAT))
+        except (OSError, RuntimeError, TypeError, ValueError) as error:
+            raise ImageError(f"{path}: not a whole OpenEXR file: {first_line() or error}") from None
+    window = header["dataWindow"]
+    shape = (window.max.y - window.min.y + 1, window.max.x - window.min.x + 1)
+    return {n: np.frombuffer(p, dtype=np.float32).reshape(shape) for n, p in zip(names, planes, strict=True)}, header
+
+
+def _metadata(header: dict[str, Any]) -> dict[str, Any]:
+    """What wdpm put into the header; another program's attribute of that name is none of ours."""
+    try:
+        metadata = json.loads(header[_METADATA_ATTRIBUTE])
+    except (KeyError, TypeError, ValueError):
+        return {}
+    return metadata if isinstance(metadata, dict) else {}
+
+
+@contextmanager
+def _diverted_stderr() -> Iterator[Any]:
+    """Catch what the OpenEXR library prints about broken files, so that it becomes part of our one line.
+
+    The library writes to file descriptor 2 itself and raises an exception that says less. Yields a function that
+    returns the first line it printed, or nothing.
+    """
+    saved = os.dup(2)
+    with tempfile.TemporaryFile() as caught:
+
+        def first_line() -> str:
+            caught.seek(0)
+            line = caught.readline().decode(errors="replace").strip()
+            return line.split(") ", 1)[-1]  # without "path: (EXR_ERR_..."
+
+        os.dup2(caught.fileno(), 2)
+        try:
+            yield first_line
+        finally:
+            os.dup2(saved, 2)
+            os.close(saved)

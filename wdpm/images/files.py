@@ -1,0 +1,174 @@
+"""Image files: which formats there are, and how they are written so that a file is there whole or not at all."""
+
+from __future__ import annotations
+
+import io
+import os
+import uuid
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import imageio.v3 as imageio
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.images.channels import decode_srgb
+from wdpm.images.exr import read_exr, write_exr
+from wdpm.images.image import Image
+from wdpm.images.npy import read_npy, write_npy
+from wdpm.scenes.errors import ImageError
+from wdpm.scenes.images.hdr import decode_hdr, encode_hdr
+from wdpm.scenes.images.pfm import decode_pfm, encode_pfm
+
+_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+
+class _Format(NamedTuple):
+    """How files of one extension are read and written; the writer may get a path without that extension."""
+
+    read: Callable[[Path], Image]
+    write: Callable[[Image, Path], object]
+
+
+def read(path: Path) -> Image:
+    """Read an image file. Raises ImageError for an unknown extension and a missing or broken file."""
+    _check_extension(path, tuple(_FORMATS))
+    if not path.is_file():
+        raise ImageError(f"{path}: no such file" if not path.exists() else f"{path}: not a file")
+    try:
+        if path.stat().st_size == 0:
+            raise ImageError(f"{path}: is empty")
+        return _FORMATS[path.suffix.lower()].read(path)
+    except OSError as error:
+        raise ImageError(f"{path}: cannot be read: {_reason(error)}") from None
+
+
+def write(image: Image, path: Path) -> None:
+    """Write an image file beside its place, then move it there. After an ImageError an older file is as it was."""
+    _check_extension(path, tuple(_FORMATS))
+    try:
+        write_whole(path, lambda temporary: _FORMATS[path.suffix.lower()].write(image, temporary))
+    except OSError as error:
+        raise ImageError(f"{path}: cannot be written: {_reason(error)}") from None
+    except ImageError as error:
+        raise ImageError(f"{path}: {error}") from None
+
+
+def write_bytes(data: bytes, path: Path) -> None:
+    """Write `data` to `path`, whole or not at all. Raises ImageError."""
+    try:
+        write_whole(path, lambda temporary: temporary.write_bytes(data))
+    except OSError as error:
+        raise ImageError(f"{path}: cannot be written: {_reason(error)}") from None
+
+
+def check_output_path(path: str | Path, extensions: tuple[str, ...] | None = None) -> Path:
+    """Find out before a render begins whether its result can be written, so that hours of work are not lost after it.
+
+    Args:
+        path: where the file is to go.
+        extensions: the endings allowed, or None for every image format.
+
+    Raises:
+        ImageError: unknown extension, missing folder, a folder where the file should be, no right to write there.
+    """
+    path = Path(path)
+    _check_extension(path, tuple(_FORMATS) if extensions is None else extensions)
+    check_place(path)
+    return path
+
+
+def check_place(path: Path) -> None:
+    """Find out whether a file of any name can be written; raises ImageError as `check_output_path` does."""
+    if path.is_dir():
+        raise ImageError(f"{path}: is a folder, not a file")
+    if not path.parent.is_dir():
+        raise ImageError(f"{path}: there is no folder {path.parent}: make it first")
+    if path.exists() and not os.access(path, os.W_OK):
+        raise ImageError(f"{path}: is there already and write-protected")
+    probe = _temporary(path)
+    try:
+        probe.touch(exist_ok=False)  # asking for rights is not enough: a full or read-only file system says yes
+        probe.unlink()
+    except OSError as error:
+        raise ImageError(f"{path}: cannot be written: {_reason(error)}") from None
+
+
+def check_apart(uses: Iterable[tuple[str, Path | None]]) -> None:
+    """Raise ImageError if one file is to hold two things.
+
+    Args:
+        uses: what is written or read, and where; None for nowhere. The same thing may be there twice.
+    """
+    seen: dict[Path, str] = {}
+    for what, path in uses:
+        if path is not None and (other := seen.setdefault(path.resolve(), what)) != what:
+            raise ImageError(f"{path}: cannot hold both {other} and {what}; give another name for one of them")
+
+
+def png_bytes(pixels: NDArray[np.uint8]) -> bytes:
+    """8-bit RGB, shape [height, width, 3], as the bytes of a PNG file."""
+    buffer = io.BytesIO()
+    imageio.imwrite(buffer, pixels, extension=".png")
+    return buffer.getvalue()
+
+
+def write_whole(path: Path, write_to: Callable[[Path], object]) -> None:
+    """Have a file written beside its place, then move it there: it is there whole or not at all. Raises OSError."""
+    temporary = _temporary(path)
+    try:
+        write_to(temporary)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _temporary(path: Path) -> Path:
+    # Not tempfile: its files are readable by their owner only, and stay so after the move.
+    return path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}.part")
+
+
+def _reason(error: OSError) -> str:
+    return error.strerror.lower() if error.strerror else str(error)
+
+
+def _check_extension(path: Path, allowed: tuple[str, ...]) -> None:
+    if path.suffix.lower() not in allowed:
+        what = f"unknown extension '{path.suffix}'" if path.suffix else "has no extension"
+        raise ImageError(f"{path}: {what}: must be one of {' '.join(allowed)}")
+
+
+def _read_png(path: Path) -> Image:
+    data = path.read_bytes()
+    # The header is checked by hand, since Pillow turns 16-bit colour into 8-bit without a word.
+    if data[:8] != _PNG_SIGNATURE or len(data) < 26:
+        raise ImageError(f"{path}: not a PNG file")
+    if data[24] == 16 and data[25] != 0:
+        raise ImageError(f"{path}: has 16 bits a channel; only 8-bit colour is read")
+    try:
+        pixels = np.asarray(imageio.imread(data, extension=".png"))
+    except (OSError, SyntaxError, ValueError, EOFError) as error:
+        raise ImageError(f"{path}: broken PNG file: {error}") from None
+    if pixels.ndim == 2:
+        pixels = np.stack([pixels] * 3, axis=-1)
+    elif pixels.shape[2] in (2, 4):
+        if (pixels[..., -1] != np.iinfo(pixels.dtype).max).any():
+            raise ImageError(f"{path}: is partly transparent; only opaque images are read")
+        pixels = pixels[..., :-1] if pixels.shape[2] == 4 else np.repeat(pixels[..., :1], 3, axis=2)
+    return Image({"beauty": decode_srgb(pixels / np.iinfo(pixels.dtype).max)})
+
+
+_FORMATS: Mapping[str, _Format] = {
+    ".exr": _Format(read_exr, write_exr),
+    ".png": _Format(_read_png, lambda image, path: path.write_bytes(png_bytes(image.to_srgb8()))),
+    ".hdr": _Format(
+        lambda path: Image({"beauty": decode_hdr(path.read_bytes(), str(path))}),
+        lambda image, path: path.write_bytes(encode_hdr(image.pixels)),
+    ),
+    ".pfm": _Format(
+        lambda path: Image({"beauty": decode_pfm(path.read_bytes(), str(path))}),
+        lambda image, path: path.write_bytes(encode_pfm(image.pixels)),
+    ),
+    ".npy": _Format(read_npy, write_npy),
+}

@@ -1,0 +1,109 @@
+"""A rendered image: its layers, and what was known when it was made."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.images.channels import LAYER_CHANNELS, PARTITION_LAYER, encode_srgb8
+from wdpm.scenes.errors import ImageError
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """An image with its layers. Row 0 is the top.
+
+    Attributes:
+        layers: float32 arrays of one size, by name: shape [height, width, 3], or [height, width] for `depth` and
+            `cell`. `beauty`, linear RGB radiance [W/(m² sr)], is always there.
+        metadata: what goes into the header of an EXR file, such as `settings` and `report`, as JSON has it.
+
+    Raises:
+        ImageError: a layer is missing, unknown, or of the wrong type or shape.
+    """
+
+    layers: dict[str, NDArray[np.float32]]
+    metadata: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if "beauty" not in self.layers:
+            raise ImageError(f"an image needs a layer 'beauty' (got {', '.join(self.layers) or 'no layer'})")
+        height, width = self.layers["beauty"].shape[:2]
+        for name, layer in self.layers.items():
+            if name not in LAYER_CHANNELS:
+                raise ImageError(f"unknown layer '{name}': must be one of {', '.join(LAYER_CHANNELS)}")
+            expected = (height, width, 3) if len(LAYER_CHANNELS[name]) == 3 else (height, width)
+            if layer.shape != expected or layer.dtype != np.float32:
+                raise ImageError(
+                    f"layer '{name}' must be float32 of shape {expected} (got {layer.dtype} of shape {layer.shape})"
+                )
+        if height == 0 or width == 0:
+            raise ImageError(f"an image needs at least one pixel (got {width}x{height})")
+
+    @property
+    def pixels(self) -> NDArray[np.float32]:
+        """The beauty layer: linear RGB, shape [height, width, 3]."""
+        return self.layers["beauty"]
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width)."""
+        height, width = self.pixels.shape[:2]
+        return height, width
+
+    def to_srgb8(self) -> NDArray[np.uint8]:
+        """The beauty layer as a screen shows it: sRGB, 8 bits, clipped to [0, 1], shape [height, width, 3].
+
+        Raises:
+            ImageError: a pixel is NaN.
+        """
+        bad = int(np.isnan(self.pixels).any(axis=2).sum())
+        if bad:
+            raise ImageError(f"{bad} pixels are NaN and have no colour: save as .exr to find them")
+        return encode_srgb8(self.pixels)
+
+    def digest(self) -> str:
+        """SHA-256 of names, shapes and bytes of all layers but `cell`, in hexadecimal: equal iff every bit of them is.
+
+        `cell` shows which part of a cluster shaded a pixel: it is the one layer that depends on who computed the image.
+        """
+        sha = hashlib.sha256()
+        for name in sorted(self.layers.keys() - {PARTITION_LAYER}):
+            layer = np.ascontiguousarray(self.layers[name], dtype="<f4")
+            sha.update(f"{name} {layer.shape}\n".encode())
+            sha.update(layer.data)
+        return sha.hexdigest()
+
+    def save(self, path: str | Path) -> None:
+        """Write a file of the format that the extension names: .exr (all layers), or .png, .hdr, .pfm, .npy (beauty).
+
+        The file appears whole or not at all.
+
+        Raises:
+            ImageError: unknown extension, a folder that cannot be written, or pixels that the format cannot hold.
+        """
+        from wdpm.images import files
+
+        files.write(self, Path(path))
+
+    def _repr_png_(self) -> bytes:
+        """What a notebook shows."""
+        from wdpm.images import files
+
+        return files.png_bytes(self.to_srgb8())
+
+
+def load(path: str | Path) -> Image:
+    """Read an image file: .exr, .png, .hdr, .pfm or .npy, by this or another program.
+
+    Raises:
+        ImageError: unknown extension, missing or broken file.
+    """
+    from wdpm.images import files
+
+    return files.read(Path(path))

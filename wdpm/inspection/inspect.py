@@ -1,0 +1,167 @@
+"""What is in a scene, which effects it calls for, and what each slave would hold of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from wdpm.cluster.partition import rows_near
+from wdpm.cluster.plan.effects import features_of
+from wdpm.cluster.plan.effects_in_words import Effect, LightUse, missing_effects, plan_of_effects, uses_of_lights
+from wdpm.cluster.plan.indirect_choice import choose_indirect
+from wdpm.cluster.plan.plan import Plan, make_plan
+from wdpm.cluster.work.replica import with_camera
+from wdpm.kernels.compile import compile_kernels
+from wdpm.kernels.launch import Launcher
+from wdpm.kernels.rays.cells import cell_boxes
+from wdpm.kernels.variants import make_variants
+from wdpm.rendering.approximations import approximations, settings_without_effect
+from wdpm.rendering.scene_settings import settings_for
+from wdpm.scenes.flat.flatten import FlatScene, flatten
+from wdpm.scenes.model.left_out import leave_out
+from wdpm.scenes.model.scene import Scene
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+@dataclass(frozen=True)
+class Share:
+    """What one slave would hold.
+
+    Attributes:
+        triangles: as a share of the scene's.
+        photons, ghosts: as shares of all photons, foretold from the pilot's.
+    """
+
+    slave: int
+    cells: int
+    triangles: float
+    photons: float
+    ghosts: float
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """A scene in figures.
+
+    Attributes:
+        extent: largest absolute coordinate after the scene is moved to its centre [scene units].
+        photons: photons to be stored by a render with these settings: in the global, the caustic and the volume map.
+        paths: photon paths that it would shoot: of the global (and volume) pass, and of the caustic pass.
+        radius: largest gather radius of each map [scene units]; 0 for a map that is not made.
+        targets: spheres that photons of the caustic pass are aimed at.
+        modules: kernel modules that its features call for.
+        effects: the plan.
+        lights: how photons are shared out among them.
+        left_out: what the image would lack, knowingly.
+        approximated: what it would only approximate.
+        dropped: triangles that are left out, by cause.
+    """
+
+    name: str
+    meshes: int
+    triangles: int
+    materials: int
+    textures: int
+    media: int
+    size: tuple[int, int]
+    extent: float
+    photons: tuple[int, int, int]
+    paths: tuple[int, int]
+    radius: tuple[float, float, float]
+    targets: int
+    features: tuple[str, ...]
+    modules: int
+    effects: tuple[Effect, ...]
+    lights: tuple[LightUse, ...]
+    slaves: tuple[Share, ...]
+    left_out: tuple[str, ...]
+    approximated: tuple[str, ...]
+    dropped: dict[str, int]
+    warnings: tuple[str, ...]
+
+    def to_json(self) -> str:
+        """All of it as JSON."""
+        return json.dumps(asdict(self), indent=2)
+
+    def print(self, console: Console) -> None:
+        """All of it as tables."""
+        from wdpm.inspection.tables import print_inspection
+
+        print_inspection(self, console)
+
+
+def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:
+    """Look at a scene as a render would.
+
+    Args:
+        slaves: how many to divide it among.
+        chosen: settings of that render by name, see RenderSettings.
+    """
+    settings = settings_for(scene, **chosen)
+    as_it_is = flatten(scene)
+    flat = flatten(leave_out(scene, settings.without)) if settings.without else as_it_is
+    unused = settings_without_effect(settings)
+    settings, _ = choose_indirect(flat, settings)
+    features = with_camera(features_of(flat, settings), flat.camera)
+    compile_kernels("cpu", features)
+    plan = make_plan(flat, settings, slaves, Launcher("cpu"))
+    world = plan.world
+    effects = plan_of_effects(as_it_is, flat, [medium.name for medium in scene.media], world, features, settings)
+    shining = set(world.lights.names)
+    return Inspection(
+        name=scene.name,
+        meshes=len(scene.meshes),
+        triangles=len(flat.triangles),
+        materials=len(scene.materials),
+        textures=len(flat.textures),
+        media=len(scene.media),
+        size=(flat.camera.width, flat.camera.height),
+        extent=flat.extent * flat.unit,
+        photons=_by_map(plan, (settings.photons, settings.caustic_photons, settings.volume_photons)),
+        paths=(world.global_map.paths, world.caustic_map.paths),
+        radius=_by_map(plan, tuple(each.radius * world.unit for each in world.maps)),
+        targets=len(world.emission.target_radius),
+        features=features.names(),
+        modules=len(make_variants(features).modules()),
+        effects=effects,
+        lights=uses_of_lights(
+            world, [mesh.name for mesh in scene.meshes if mesh.emission is not None and mesh.name not in shining]
+        ),
+        slaves=_shares(plan, flat, slaves),
+        left_out=missing_effects(effects, settings),
+        approximated=approximations(scene, world, settings),
+        dropped=flat.dropped,
+        warnings=scene.warnings + unused,
+    )
+
+
+def _by_map(plan: Plan, amounts: tuple[Any, ...]) -> tuple[Any, Any, Any]:
+    """Amounts of the three maps, 0 for one that is not made."""
+    made = [amount if each.paths else 0 for amount, each in zip(amounts, plan.world.maps, strict=True)]
+    return made[0], made[1], made[2]
+
+
+def _shares(plan: Plan, flat: FlatScene, slaves: int) -> tuple[Share, ...]:
+    """What each slave would hold, the photons foretold from the pilot's."""
+    position = plan.pilot_photons  # of all maps
+    band = max((each.band for each in plan.world.maps if each.paths), default=0.0)
+    tree = plan.world.top_tree
+    low, high = cell_boxes(tree.axis, tree.split)
+    triangles, photons, ghosts = np.zeros(slaves), np.zeros(slaves), np.zeros(slaves)
+    for cell, worker in enumerate(plan.holders):
+        inside = np.count_nonzero(np.all((position >= low[cell]) & (position < high[cell]), axis=1))
+        near = len(rows_near(position, low[cell], high[cell], band))
+        triangles[worker] += len(plan.rows[cell]) / len(flat.triangles)
+        photons[worker] += inside / max(len(position), 1)
+        ghosts[worker] += (near - inside) / max(len(position), 1)
+    return tuple(
+        Share(
+            worker, plan.holders.count(worker), float(triangles[worker]), float(photons[worker]), float(ghosts[worker])
+        )
+        for worker in range(slaves)
+    )

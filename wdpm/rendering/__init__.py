@@ -1,0 +1,1 @@
+"""From a scene and settings to an image: preparation, passes, results."""

@@ -1,0 +1,109 @@
+"""What an image only approximates, in words: it goes into the report and the image's header."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from wdpm.cluster.settings import Integrator, RenderSettings
+from wdpm.cluster.world import World
+from wdpm.scenes.model.bsdfs import Bsdf, Conductor, Dielectric, Plastic, Principled, ThinDielectric, walk
+from wdpm.scenes.model.lights import DirectionalLight, PointLight, SpotLight
+from wdpm.scenes.model.scene import Mesh, Scene
+
+RULE = "diffuse parts are gathered, glossy parts are traced, at any roughness"
+"""Which light is found how: one rule, without a threshold (kernels.materials.types)."""
+
+HIDDEN = "light of points, spots and suns without size that comes off smooth mirrors or glass is not found by paths"
+"""What path tracing leaves out (photons find it: the caustic map)."""
+
+NOT_FOR_PATHS = (
+    "photons",
+    "k",
+    "radius",
+    "caustic_photons",
+    "caustic_k",
+    "caustic_radius",
+    "volume_photons",
+    "volume_samples",
+    "volume_radius",
+    "indirect",
+    "band",
+    "inexact",
+)
+"""Settings that path tracing does not look at."""
+
+ROUND_SHARE = 1e-5
+"""Vertices of a tessellated sphere lie on it to this share of its radius."""
+
+LEAST_ROUND_TRIANGLES = 100
+"""A mesh of fewer triangles is not taken for a sphere: the corners of a cube lie on one, too."""
+
+
+_SHINY = (Conductor, Dielectric, ThinDielectric, Plastic, Principled)
+
+
+def approximations(scene: Scene, world: World, settings: RenderSettings) -> tuple[str, ...]:
+    """One line for each approximation of a render, with its figures."""
+    lines = []
+    by_paths = settings.integrator is Integrator.PATH
+    if by_paths and _hides_light(scene):
+        lines.append(HIDDEN)
+    if world.features.goes_on and not by_paths:
+        lines.append(RULE)
+    for words, plan in (("indirect light", world.global_map), ("caustics", world.caustic_map)):
+        if plan.paths:
+            lines.append(f"{words}: averaged over the nearest photons within {plan.radius * world.unit:.4g}")
+    if world.volume_map.paths:
+        radius = world.volume_map.radius * world.unit
+        lines.append(f"light scattered in media: averaged over a fixed radius of {radius:.4g} about rays")
+        if settings.spp > settings.volume_samples:
+            lines.append(f"it is looked for by {settings.volume_samples} of {settings.spp} samples a pixel")
+    spheres = [mesh for mesh in scene.meshes if _is_shiny(scene, mesh) and is_round(mesh)]
+    if spheres:
+        most = max(len(mesh.faces) for mesh in spheres)
+        lines.append(f"spheres that reflect or refract: {len(spheres)}, of up to {most:,} triangles, smooth normals")
+    if settings.band < 1 and not by_paths:
+        lines.append(f"overlap band: {settings.band:g} of the gather radius")
+    return tuple(lines)
+
+
+def settings_without_effect(settings: RenderSettings) -> tuple[str, ...]:
+    """One line about settings that were chosen and that nothing looks at; none where there are none."""
+    if settings.integrator is not Integrator.PATH:
+        return ()
+    plain = RenderSettings()
+    names = [name for name in NOT_FOR_PATHS if getattr(settings, name) != getattr(plain, name)]
+    return (f"no effect with integrator path, which has no photons: {', '.join(names)}",) if names else ()
+
+
+def is_round(mesh: Mesh) -> bool:
+    """Whether a mesh is a tessellated sphere: all vertices equally far from their middle, normals along the radius."""
+    if mesh.normals is None or len(mesh.faces) < LEAST_ROUND_TRIANGLES:
+        return False
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    arm = mesh.vertices - (low + high) / 2.0
+    radius = np.linalg.norm(arm, axis=1)
+    mean = float(radius.mean())
+    if mean == 0 or float(np.abs(radius - mean).max()) > ROUND_SHARE * mean:
+        return False
+    along = np.abs(np.einsum("ij,ij->i", arm, mesh.normals)) / radius
+    return bool(along.min() > 1.0 - ROUND_SHARE)
+
+
+def _hides_light(scene: Scene) -> bool:
+    """Whether some light can reach neither a shadow ray nor a path: from a light without size, off a smooth surface."""
+    if not any(isinstance(light, (PointLight, SpotLight, DirectionalLight)) for light in scene.lights):
+        return False
+    used = {mesh.material for mesh in scene.meshes}
+    return any(_is_smooth(node) for number in used for node in walk(scene.materials[number].bsdf))
+
+
+def _is_smooth(node: Bsdf) -> bool:
+    """Whether light is reflected or refracted in single directions."""
+    if isinstance(node, (Conductor, Dielectric)):
+        return node.alpha_u == 0 and node.alpha_v == 0
+    return isinstance(node, ThinDielectric) or (isinstance(node, Plastic) and node.alpha == 0)
+
+
+def _is_shiny(scene: Scene, mesh: Mesh) -> bool:
+    return any(isinstance(node, _SHINY) for node in walk(scene.materials[mesh.material].bsdf))

@@ -1,0 +1,337 @@
+"""How far the mean of several passes is from the truth, by what the passes themselves tell: noise, and bias.
+
+**Noise** is what another seed would change. The spread of passes tells the variance of their mean, but it tells too
+much: the passes share one sequence of camera samples, which fills the pixel the more evenly the longer it is, so the
+mean is better than independent passes would make it. Batches of passes keep most of that; the variance is told by four
+to seven of them, of more and more passes each.
+
+**Bias** is what more passes of the same radius would not change: the blur of the density estimate. Where light is
+smooth it is proportional to the squared radius (Jensen 2001, section 7; Hachisuka, Jarosz & Jensen 2010, "A progressive
+error estimation framework for photon density estimation", section 4), and that is known of each pass. So the light of
+the photon maps in pass i is fitted by L + b s_i, with s_i the squared radius as a share of the first one's, and the
+mean image is off by b times the mean of s_i. The square of such a fit would be mostly its own noise. So it is fitted
+twice, to the passes of even and of odd numbers, and the product of both is what their noise does not add to.
+
+All of it is kept up with each pass: no pass is held any longer.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.images.comparison import RELATIVE_FLOOR
+from wdpm.report.report import ErrorFigure, ErrorParts, ErrorReport
+
+Values = NDArray[np.float64]
+
+BY_PHOTONS = ("indirect", "caustic", "volume")
+"""Layers whose light comes from photon maps; the rest of an image has no bias."""
+
+BATCHES = 8
+"""So many batches become half as many, of twice as many passes each."""
+
+LEAST_FOR_NOISE = 2
+LEAST_FOR_BIAS = 4
+"""Passes: two for each of both fits."""
+
+BLOCKS = 16
+"""Blocks along the longer side of an image, whose errors count as independent of each other: photons are shared by the
+pixels around them, so pixels are not. A block's own pixels count as one."""
+
+AT_EDGES = 4.0
+"""Where light changes at an edge (a shadow's, a caustic's) bias is proportional to the radius instead of its square,
+and twice what the fit says; squared, four times. The upper end of the interval allows for that."""
+
+NEIGHBOURS = 2.0
+"""Blocks share photons with their neighbours: over seeds, the estimate of the squared bias was found to spread up to
+1.6 times as far as independent blocks would let it."""
+
+NORMAL_QUANTILE = 1.959963984540054
+"""Of 0.975: intervals are of 95 %."""
+
+
+class Batches:
+    """Means of runs of images: at most BATCHES, all of the same number of images, and one that is not full.
+
+    Attributes:
+        size: images of a full batch.
+        means: float32, shape [height, width, 3], of the full batches; weights: of each.
+        open_mean, open_weight, open_count: of the batch that is not full.
+    """
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.size = 1
+        self.means: list[NDArray[np.float32]] = []
+        self.weights: list[float] = []
+        self.open_mean: Values = np.zeros(shape)
+        self.open_weight, self.open_count = 0.0, 0
+
+    def add(self, image: NDArray[Any], weight: float) -> None:
+        """Take in an image."""
+        self.open_weight += weight
+        self.open_count += 1
+        self.open_mean += (image - self.open_mean) * (weight / self.open_weight)
+        if self.open_count == self.size:
+            self.means.append(self.open_mean.astype(np.float32))
+            self.weights.append(self.open_weight)
+            self.open_mean = np.zeros_like(self.open_mean)
+            self.open_weight, self.open_count = 0.0, 0
+        if len(self.means) == BATCHES:
+            self._pair()
+
+    def _pair(self) -> None:
+        """Make one batch of every two."""
+        weights = [a + b for a, b in zip(self.weights[::2], self.weights[1::2], strict=True)]
+        shares = [a / both for a, both in zip(self.weights[::2], weights, strict=True)]
+        pairs = zip(self.means[::2], self.means[1::2], shares, strict=True)
+        self.means = [(a * share + b.astype(np.float64) * (1.0 - share)).astype(np.float32) for a, b, share in pairs]
+        self.weights = weights
+        self.size *= 2
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of `variance`."""
+        return len(self.means) - 1
+
+    def variance(self, weight: float) -> Values:
+        """Of the mean of images of that much weight together, as the spread of the full batches tells it."""
+        mean = np.average(self.means, axis=0, weights=self.weights)
+        spread = np.zeros_like(self.open_mean)
+        for each, its_weight in zip(self.means, self.weights, strict=True):
+            spread += its_weight * (each - mean) ** 2
+        return np.asarray(spread / (weight * self.freedom))
+
+
+class Slope:
+    """Least squares of images against a number, images coming one by one: image = a + b x.
+
+    Attributes:
+        count: of images; weight: the sum of their weights.
+        x: weighted mean of the numbers; spread: weighted sum of squared distances from it.
+        mean: of the images; together: weighted sum of distances of image times distances of x; float64.
+    """
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.count = 0
+        self.weight = self.x = self.spread = 0.0
+        self.mean: Values = np.zeros(shape)
+        self.together: Values = np.zeros(shape)
+
+    def add(self, image: Values, x: float, weight: float) -> None:
+        """Take in an image (West 1979)."""
+        self.count += 1
+        self.weight += weight
+        share, before = weight / self.weight, x - self.x
+        self.x += before * share
+        self.spread += weight * before * (x - self.x)
+        distance = image - self.mean
+        self.mean += distance * share
+        self.together += weight * distance * (x - self.x)
+
+    @property
+    def known(self) -> bool:
+        """Whether there are images enough for a slope."""
+        return self.count >= 2 and self.spread > 0
+
+    def value(self) -> Values:
+        """b."""
+        return self.together / self.spread
+
+
+class ErrorEstimate:
+    """What the passes so far tell about the error of their mean.
+
+    Args:
+        shape: of the image's colour, (height, width, 3).
+        biased: whether it has light from photon maps.
+    """
+
+    def __init__(self, shape: tuple[int, ...], biased: bool) -> None:
+        self.biased = biased
+        self.passes = 0
+        self._weight = 0.0
+        self._mean: Values = np.zeros(shape)
+        self._batches = Batches(shape)
+        self._slopes = tuple(Slope(shape if biased else (0,)) for _ in range(2))
+
+    def add(self, layers: dict[str, NDArray[np.float32]], weight: float, share: float) -> None:
+        """Take in a pass.
+
+        Args:
+            weight: samples a pixel.
+            share: its squared radius, as a share of the first pass's.
+        """
+        self._weight += weight
+        self._mean += (layers["beauty"] - self._mean) * (weight / self._weight)
+        self._batches.add(layers["beauty"], weight)
+        if self.biased:
+            self._slopes[self.passes % 2].add(sum_of_photons(layers), share, weight)
+        self.passes += 1
+
+    @property
+    def has_noise(self) -> bool:
+        return self.passes >= LEAST_FOR_NOISE
+
+    @property
+    def has_bias(self) -> bool:
+        return self.biased and self.passes >= LEAST_FOR_BIAS and all(slope.known for slope in self._slopes)
+
+    def variance(self) -> Values:
+        """Of the mean image, shape [height, width, 3]."""
+        return self._batches.variance(self._weight)
+
+    def bias(self) -> Values:
+        """Of the mean image, signed, shape [height, width, 3]: both fits together."""
+        one, other = self._slopes
+        together = one.spread + other.spread
+        return (one.together + other.together) * (self._mean_share() / together)
+
+    def squared_bias(self) -> Values:
+        """Of the mean image: the product of both fits, which is below zero as often as above where there is no bias."""
+        one, other = self._slopes
+        return one.value() * other.value() * self._mean_share() ** 2
+
+    def _mean_share(self) -> float:
+        one, other = self._slopes
+        return (one.x * one.weight + other.x * other.weight) / (one.weight + other.weight)
+
+    def layers(self) -> dict[str, NDArray[np.float32]]:
+        """`noise`, the standard error of the mean, and `bias`, as far as the passes tell."""
+        found: dict[str, NDArray[np.float32]] = {}
+        if self.has_noise:
+            found["noise"] = np.sqrt(self.variance()).astype(np.float32)
+        if self.has_bias:
+            found["bias"] = self.bias().astype(np.float32)
+        return found
+
+    def report(self) -> ErrorReport | None:
+        """Figures of the whole image; None before there are passes enough."""
+        if not self.has_noise:
+            return None
+        variance = self.variance()
+        # The square of a mean is too large by its variance. Left in, it would hide the error of pixels with rare
+        # bright samples, which are wrong by most where they are brightest.
+        relative = 1.0 / (np.maximum(self._mean**2 - variance, 0.0) + RELATIVE_FLOOR)
+        mse, rel_mse = (self._parts(variance, weight) for weight in (np.ones(()), relative))
+        return ErrorReport(self.passes, mse, rel_mse)
+
+    def _parts(self, variance: Values, weight: Values) -> ErrorParts:
+        noise = noise_figure(variance * weight, self._batches.freedom)
+        bias = self._bias_figure(weight)
+        return ErrorParts(noise, bias, None if bias is None else added_figures(noise, bias))
+
+    def _bias_figure(self, weight: Values) -> ErrorFigure | None:
+        if not self.biased:
+            return ErrorFigure(0.0, 0.0, 0.0)
+        return bias_figure(self.squared_bias() * weight) if self.has_bias else None
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All of its state, by name."""
+        batches = self._batches
+        state: dict[str, NDArray[Any]] = {
+            "mean": self._mean,
+            "open": batches.open_mean,
+            "weights": np.array(batches.weights, np.float64),
+            "numbers": np.array([self.passes, self._weight, batches.size, batches.open_weight, batches.open_count]),
+        }
+        state |= {f"batch.{number}": mean for number, mean in enumerate(batches.means)}
+        for number, slope in enumerate(self._slopes):
+            state |= {f"slope.{number}.mean": slope.mean, f"slope.{number}.together": slope.together}
+            state[f"slope.{number}.numbers"] = np.array([slope.count, slope.weight, slope.x, slope.spread])
+        return state
+
+    def restore(self, state: dict[str, NDArray[Any]]) -> None:
+        """Go on from what `arrays` gave. Raises KeyError or ValueError if that is of another image."""
+        batches = self._batches
+        passes, self._weight, size, batches.open_weight, count = (float(number) for number in state["numbers"])
+        self.passes, batches.size, batches.open_count = int(passes), int(size), int(count)
+        self._mean = same_shape(state["mean"], self._mean)
+        batches.open_mean = same_shape(state["open"], batches.open_mean)
+        batches.weights = [float(weight) for weight in state["weights"]]
+        like = np.empty(self._mean.shape, np.float32)
+        batches.means = [same_shape(state[f"batch.{number}"], like) for number in range(len(batches.weights))]
+        for number, slope in enumerate(self._slopes):
+            slope.mean = same_shape(state[f"slope.{number}.mean"], slope.mean)
+            slope.together = same_shape(state[f"slope.{number}.together"], slope.together)
+            slope.weight, slope.x, slope.spread = (float(each) for each in state[f"slope.{number}.numbers"][1:])
+            slope.count = int(state[f"slope.{number}.numbers"][0])
+
+
+def sum_of_photons(layers: dict[str, NDArray[np.float32]]) -> Values:
+    """The light that comes from photon maps."""
+    return np.sum([layers[name] for name in BY_PHOTONS if name in layers], axis=0, dtype=np.float64)
+
+
+def noise_figure(variance: Values, freedom: int) -> ErrorFigure:
+    """The mean of a variance over the image, with its interval.
+
+    The blocks of the image are independent; the estimate of each is taken to be spread like a chi-square of `freedom`,
+    as if all its pixels were one. Their sum is then about a chi-square again (Satterthwaite 1946).
+
+    Args:
+        variance: estimated, shape [height, width, channels].
+        freedom: degrees of freedom of the estimates.
+    """
+    blocks = block_sums(variance)
+    value = float(blocks.sum())
+    if not value > 0:
+        return ErrorFigure(value, value, value)
+    # The square of such an estimate is too large by 1 + 2 / freedom on average.
+    spread = float((blocks**2).sum()) * 2.0 / (freedom + 2)
+    together = 2.0 * value**2 / spread
+    return ErrorFigure(
+        value,
+        value * together / chi_square_quantile(together, NORMAL_QUANTILE),
+        value * together / chi_square_quantile(together, -NORMAL_QUANTILE),
+    )
+
+
+def bias_figure(squared: Values) -> ErrorFigure:
+    """The mean of a squared bias over the image, with its interval.
+
+    Args:
+        squared: unbiased estimate of the squared bias, shape [height, width, channels]; may be below zero.
+    """
+    blocks = block_sums(squared)
+    value = float(blocks.sum())
+    # The squares of the blocks are their variance, and what is true of them on top.
+    half = NEIGHBOURS * NORMAL_QUANTILE * math.sqrt(float((blocks**2).sum()))
+    return ErrorFigure(max(value, 0.0), max(value - half, 0.0), max(AT_EDGES * value, 0.0) + half)
+
+
+def added_figures(noise: ErrorFigure, bias: ErrorFigure) -> ErrorFigure:
+    """Noise and squared bias together: their estimates are taken to be independent."""
+    value = noise.value + bias.value
+    lower = math.hypot(noise.value - noise.low, bias.value - bias.low)
+    upper = math.hypot(noise.high - noise.value, bias.high - bias.value)
+    return ErrorFigure(value, max(value - lower, 0.0), value + upper)
+
+
+def block_sums(values: Values) -> Values:
+    """Sums over the blocks of an image, of shares of its mean: they add up to that; values that are not finite are 0.
+
+    Args:
+        values: shape [height, width, channels].
+    """
+    height, width = values.shape[:2]
+    side = -(-max(height, width) // BLOCKS)
+    shares = np.where(np.isfinite(values), values, 0.0).sum(axis=2) / max(np.isfinite(values).sum(), 1)
+    rows = np.add.reduceat(shares, np.arange(0, height, side), axis=0)
+    return np.asarray(np.add.reduceat(rows, np.arange(0, width, side), axis=1))
+
+
+def chi_square_quantile(freedom: float, normal: float) -> float:
+    """The quantile of a chi-square where a normal distribution has `normal` (Wilson & Hilferty 1931), above 0."""
+    ninth = 2.0 / (9.0 * freedom)
+    return freedom * max(1.0 - ninth + normal * math.sqrt(ninth), 0.05) ** 3
+
+
+def same_shape(array: NDArray[Any], like: NDArray[Any]) -> NDArray[Any]:
+    """An array that was read, if it is what was written."""
+    if array.shape != like.shape or array.dtype != like.dtype:
+        raise ValueError(f"{array.dtype} {array.shape}; expected {like.dtype} {like.shape}")
+    return array

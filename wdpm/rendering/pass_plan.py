@@ -1,0 +1,217 @@
+"""What one pass of a progressive render does: its samples, its photons, and how far these are gathered.
+
+Each pass is a render of its own, from photons of its own and with a part of the samples; the mean of all passes is the
+image. The radius shrinks from pass to pass, so slowly that the noise of the mean still vanishes, and the blur with it
+(Knaus & Zwicker 2011, "Progressive photon mapping: a probabilistic approach", ACM Transactions on Graphics 30 (3)).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.cluster.records import CachePlan
+from wdpm.cluster.session import Session, SessionResult
+from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.world import MapPlan, PhotonPlan, World
+from wdpm.scenes.errors import SettingsError
+
+ALPHA = 2.0 / 3.0
+"""How slowly the radius shrinks; at 2/3 noise and bias of the mean fall at the same rate (Knaus & Zwicker 2011)."""
+
+SAMPLES_OF_PLAN = 32
+"""Samples a pixel, in one pass, that cluster.plan.CACHE_PLAN is for."""
+
+LEAST_RAYS, MOST_RAYS = 0.125, 4.0
+"""Bounds to a record's gather rays, as a share of that plan's: with fewer, radii and gradients would be noise as well;
+with more, interpolation is further off than the records are."""
+
+LEAST_CLEARANCE = 0.35
+"""Records in corners reach no less far than this share of the way to the nearest thing, however many the samples."""
+
+LEAST_K = 4
+"""Photons that a gather looks for, at least: from there on, the largest radius alone goes on shrinking."""
+
+
+_STEP_LEFT, _STEP_TOP = 19, 11
+"""By which the grid of records' candidates moves from pass to pass, of a spacing that is a power of two: it comes to
+all places of either axis before it comes back."""
+
+
+@dataclass(frozen=True)
+class PassPlan:
+    """One pass.
+
+    Attributes:
+        number: from 0; gives the seed of the photons, and how far they are gathered.
+        first_sample: number of the first of its samples, of each pixel.
+        spp: how many it takes.
+    """
+
+    number: int
+    first_sample: int
+    spp: int
+
+
+def spread_samples(spp: int, passes: int) -> tuple[PassPlan, ...]:
+    """Passes that take the samples of each pixel in turn, as evenly as can be, the earlier ones the odd samples."""
+    ends = [-(-spp * (number + 1) // passes) for number in range(passes)]
+    return tuple(
+        PassPlan(number, start, stop - start)
+        for number, (start, stop) in enumerate(zip([0, *ends[:-1]], ends, strict=True))
+    )
+
+
+def plans_for(settings: RenderSettings, done: tuple[PassPlan, ...] = ()) -> tuple[PassPlan, ...]:
+    """All passes of a render, those that are done included.
+
+    Where the passes asked for would begin with others than were done (a larger --passes spreads the samples thinner),
+    those still to do take as many samples as the first, beyond the ones that are taken.
+
+    Raises:
+        SettingsError: more passes than samples, or fewer than are done.
+    """
+    if len(done) > settings.passes:
+        raise SettingsError(f"passes is {settings.passes}, but {len(done)} are done already; ask for at least as many")
+    if settings.passes <= settings.spp:
+        spread = spread_samples(settings.spp, settings.passes)
+        if spread[: len(done)] == done:
+            return spread
+    if not done:
+        raise SettingsError(
+            f"passes is {settings.passes}, more than spp, which is {settings.spp}; each pass needs a sample of its own"
+        )
+    plans = list(done)
+    for number in range(len(done), settings.passes):
+        plans.append(PassPlan(number, plans[-1].first_sample + plans[-1].spp, done[0].spp))
+    return tuple(plans)
+
+
+def shrink(number: int, alpha: float = ALPHA) -> float:
+    """The squared radius of pass `number`, from 0, as a share of the first one's.
+
+    Knaus & Zwicker 2011: the i-th pass is followed by one whose squared radius is (i + alpha) / (i + 1) of its own.
+    """
+    share = 1.0
+    for i in range(1, number + 1):
+        share *= (i + alpha) / (i + 1)
+    return share
+
+
+def pass_seed(seed: int, number: int) -> int:
+    """Seed of the photons of a pass; that of the first is `seed` itself."""
+    if number == 0:
+        return seed
+    return int.from_bytes(hashlib.sha256(f"photons of pass {number} of seed {seed}".encode()).digest()[:4], "little")
+
+
+def session_of(session: Session, plan: PassPlan) -> Session:
+    """The session that renders one pass.
+
+    Args:
+        session: of the first pass, as `prepare` gives it.
+    """
+    share, view = shrink(plan.number), session.view
+    return replace(
+        session,
+        world=session.world.with_photons(photon_plan(session.world, plan.number)),
+        view=replace(
+            view,
+            first_sample=plan.first_sample,
+            spp=plan.spp,
+            k=smaller_k(view.k, share),
+            caustic_k=smaller_k(view.caustic_k, share),
+            cache=_other_records(worth(view.cache, plan.spp), plan.number),
+        ),
+    )
+
+
+def share_of_rays(spp: int) -> float:
+    """Gather rays of a record in a pass of `spp` samples a pixel, as a share of those of CACHE_PLAN."""
+    return min(max(spp / SAMPLES_OF_PLAN, LEAST_RAYS), MOST_RAYS)
+
+
+def worth(plan: CachePlan, spp: int) -> CachePlan:
+    """The plan of a cache whose records are as good as `spp` samples a pixel are worth.
+
+    What records get wrong is as much a part of the image as the noise of the samples, and takes as long to get rid of.
+    With records that are always alike, few samples would wait for them, and many would end in their noise and blur.
+
+    Args:
+        plan: for SAMPLES_OF_PLAN samples a pixel.
+    """
+    share, finer = spp / SAMPLES_OF_PLAN, math.sqrt(share_of_rays(spp))
+    return replace(
+        plan,
+        rows=max(1, round(plan.rows * finer)),
+        columns=max(3, round(plan.columns * finer)),
+        clearance=min(max(plan.clearance * share**-0.25, LEAST_CLEARANCE), 1.0),
+    )
+
+
+def _other_records(plan: CachePlan, number: int) -> CachePlan:
+    """Irradiance records of a pass: elsewhere than those of other passes, and closer to each other."""
+    shorter = math.sqrt(shrink(number))
+    return replace(
+        plan,
+        error=plan.error * shorter,
+        clearance=plan.clearance * shorter,
+        least=plan.least * shorter,
+        most=plan.most * shorter,
+        left=number * _STEP_LEFT % plan.spacing,
+        top=number * _STEP_TOP % plan.spacing,
+    )
+
+
+def photon_plan(world: World, number: int) -> PhotonPlan:
+    """The photons of pass `number` of a world that is planned for the first pass."""
+    share = shrink(number)
+    if number == 0:
+        return world.photon_plan
+    return PhotonPlan(
+        seed=pass_seed(world.seed, number),
+        global_map=_narrower(world.global_map, share, number),
+        caustic_map=_narrower(world.caustic_map, share, number),
+        volume_map=_narrower(world.volume_map, share, number),
+        # What a photon adds to a ray grows as the disc shrinks. A power of two, so that sums stay exact (beam.py).
+        volume_unit=math.ldexp(world.volume_unit, 1 - math.frexp(share)[1]),
+        irradiance=replace(
+            world.irradiance,
+            k=smaller_k(world.irradiance.k, share),
+            reach=world.irradiance.reach * math.sqrt(share),
+        ),
+    )
+
+
+def smaller_k(k: int, share: float) -> int:
+    """Photons that a gather looks for in `share` of the area: as many fewer, or its radius would not shrink."""
+    return max(round(k * share), min(k, LEAST_K))
+
+
+def _narrower(plan: MapPlan, share: float, number: int) -> MapPlan:
+    """The map of pass `number`, which is gathered from discs of `share` of the area."""
+    shorter = math.sqrt(share)
+    radius = plan.radius * shorter
+    # Points grow denser with the photons of a disc, or the surface's share would be that of an ever larger disc.
+    area = plan.point_area * share
+    return replace(plan, radius=radius, band=plan.band * shorter, point_area=area, point_set=number)
+
+
+@dataclass(frozen=True, eq=False)
+class PassResult:
+    """One pass, rendered.
+
+    Attributes:
+        layers: name of layer -> float32, shape [height, width, 3] or [height, width].
+        seconds: wall-clock time by phase [s]: partition (of the first pass alone), photons, map, render.
+        result: as the cluster gave it.
+    """
+
+    plan: PassPlan
+    layers: dict[str, NDArray[np.float32]]
+    seconds: dict[str, float]
+    result: SessionResult

@@ -1,0 +1,257 @@
+"""From a scene to a session for a cluster; `results` makes an image of what comes of it."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from wdpm.cluster.layers import layers_of
+from wdpm.cluster.plan.effects import features_of
+from wdpm.cluster.plan.effects_in_words import missing_effects, plan_of_effects
+from wdpm.cluster.plan.indirect_choice import choose_indirect
+from wdpm.cluster.plan.light_samples import light_samples_of
+from wdpm.cluster.plan.plan import PILOT_PATHS, Plan, make_plan, view_of
+from wdpm.cluster.session import Session
+from wdpm.cluster.settings import CHANGE_NO_BIT, Integrator, RenderSettings
+from wdpm.cluster.work import guards
+from wdpm.cluster.work.replica import with_camera
+from wdpm.cluster.work.worker import Worker
+from wdpm.cluster.world import MapPlan, PhotonPlan, View, World
+from wdpm.devices import check_device
+from wdpm.images.limits import check_pixels
+from wdpm.kernels.compile import compile_kernels
+from wdpm.kernels.features import Features
+from wdpm.kernels.launch import Launcher
+from wdpm.kernels.variants import make_variants
+from wdpm.progress import Progress
+from wdpm.rendering.approximations import approximations, settings_without_effect
+from wdpm.report.report import (
+    KernelReport,
+)
+from wdpm.scenes.errors import GuardError
+from wdpm.scenes.flat.arrays import Triangles
+from wdpm.scenes.flat.flatten import FlatScene, flatten
+from wdpm.scenes.load import load
+from wdpm.scenes.model.left_out import leave_out
+from wdpm.scenes.model.scene import Scene
+
+Source = Scene | str | Path | Callable[[], Scene]
+"""A scene, or how to get it: a file, a built-in scene's name, or a function that is called once.
+
+Whoever gives a function need not hold the scene while it is rendered, so the master can let go of what it has sent.
+"""
+
+
+@dataclass(eq=False)
+class Prepared:
+    """A scene that is ready to be rendered by a number of workers.
+
+    Attributes:
+        pilot: the worker that flew the pilot, to go on with where there is but one cell.
+        identity: names what the bits of an image depend on, by part: scene, camera, settings. The same for any cluster.
+        triangles: of the whole scene.
+        kernels: what they were compiled for.
+        dropped: triangles of the scene that cannot be rendered.
+        chose: what was chosen where nobody said, and why.
+        left_out: effects that the scene calls for, and that are left out knowingly.
+        approximated: what is only approximated.
+        seconds: by phase.
+        lit_scene: names what irradiance records depend on: the scene without its camera, and its photons.
+    """
+
+    pilot: Worker | None
+    session: Session
+    settings: RenderSettings
+    triangles: int
+    dropped: int
+    kernels: KernelReport
+    chose: tuple[str, ...]
+    left_out: tuple[str, ...]
+    approximated: tuple[str, ...]
+    warnings: tuple[str, ...]
+    seconds: dict[str, float]
+    identity: dict[str, str]
+    lit_scene: str
+
+
+OF_RECORDS = ("seed", "photons", "k", "radius", "max_depth")
+"""Settings that irradiance records depend on."""
+
+NO_PHOTONS = PhotonPlan(0, MapPlan(), MapPlan(), MapPlan(), 1.0)
+"""Stands for any plan of photons: cells can be used again under another."""
+
+
+def scene_of(source: Source) -> Scene:
+    """The scene that a source stands for."""
+    if isinstance(source, Scene):
+        return source
+    return load(source) if isinstance(source, str | Path) else source()
+
+
+def prepare(
+    scene: Scene,
+    settings: RenderSettings,
+    workers: int,
+    launcher: Launcher,
+    progress: Progress,
+    cells: int | None = None,
+) -> Prepared:
+    """Compile what is needed, fly the pilot, and divide the scene.
+
+    Args:
+        workers: how many will share the work; 0 or 1 for one.
+        cells: a power of two, or None for the least that serves the workers.
+
+    Raises:
+        SettingsError: the device is not there, the image has too many pixels, or settings contradict the scene.
+        GuardError: a strict render of a scene with triangles that cannot be rendered.
+    """
+    check_device(launcher.device)
+    check_pixels(scene.camera)
+    seconds = {}
+    flattening = time.perf_counter()
+    flat = flatten(leave_out(scene, settings.without))
+    if settings.strict:
+        _demand_all(flat)
+    unused = settings_without_effect(settings)
+    settings, chose = choose_indirect(flat, settings)
+    settings = replace(settings, light_samples=light_samples_of(flat, settings))
+    features = with_camera(features_of(flat, settings), flat.camera)
+    progress.start("compile")
+    began = time.perf_counter()
+    kernels = _compile(features, settings, launcher.device)
+    seconds["compile"] = time.perf_counter() - began
+
+    progress.start("plan")
+    flattened = began - flattening
+    began = time.perf_counter() - flattened
+    plan = make_plan(flat, settings, workers, launcher, cells)
+    world = replace(plan.world, strict=settings.strict)
+    triangles = _digest(flat.triangles)
+    view = view_of(flat, settings, workers)
+    session = Session(
+        world=world,
+        view=view,
+        partition=_partition(flat.triangles, plan),
+        holders=tuple(plan.holders),
+        digest=_digest(world.with_photons(NO_PHOTONS), triangles, plan.holders),
+        layers=layers_of(plan.world, view),
+    )
+    seconds["partition"] = time.perf_counter() - began
+    dropped = tuple(f"{count} triangles were left out: {cause}" for cause, count in flat.dropped.items())
+    by_photons = settings.integrator is Integrator.PHOTONS and settings.photons > 0
+    if by_photons and not plan.world.global_map.paths:
+        dropped += (f"none of {PILOT_PATHS:,} photon paths stored a photon: there is no indirect light",)
+    left_out = _left_out(scene, flat, plan.world, features, settings)
+    return Prepared(
+        plan.pilot,
+        session,
+        settings,
+        len(flat.triangles),
+        sum(flat.dropped.values()),
+        kernels,
+        () if chose is None else (chose,),
+        left_out,
+        approximations(scene, plan.world, settings),
+        scene.warnings + dropped + unused,
+        seconds,
+        _identity(world, session.view, triangles, settings),
+        _digest(*_lit_scene(world, triangles), *(getattr(settings, name) for name in OF_RECORDS)),
+    )
+
+
+def _demand_all(flat: FlatScene) -> None:
+    """Raise GuardError if triangles were left out."""
+    for cause, count in flat.dropped.items():
+        what = guards.CAUSES[guards.DROPPED]
+        raise GuardError(f"strict: {what}: {count} left out ({cause}); to see which: wdpm check SCENE")
+
+
+def _compile(features: Features, settings: RenderSettings, device: str) -> KernelReport:
+    """Compile what is needed, and tell what that was."""
+    wp.init()
+    before = _cached_modules()
+    compile_kernels(device, features)
+    variants = make_variants(features)
+    kernels = [getattr(variants, each.name) for each in fields(variants)]
+    return KernelReport(
+        features=features.names(),
+        all_effects=settings.all_effects,
+        kernels=sum(kernel is not None for kernel in kernels),
+        modules=len(variants.modules()),
+        compiled=len(_cached_modules() - before),
+    )
+
+
+def _cached_modules() -> set[str]:
+    """Names of the modules in Warp's cache. Other processes may add theirs at the same time."""
+    folder = Path(wp.config.kernel_cache_dir or "")
+    return {path.name for path in folder.iterdir()} if folder.is_dir() else set()
+
+
+def _left_out(
+    scene: Scene, flat: FlatScene, world: World, features: Features, settings: RenderSettings
+) -> tuple[str, ...]:
+    """What the scene calls for and a person did not want; the scene as it is is looked at only if something may be."""
+    if not settings.without and settings.photons and settings.caustic_photons and settings.volume_photons:
+        return ()
+    as_it_is = flatten(scene) if settings.without else flat
+    media = [medium.name for medium in scene.media]
+    return missing_effects(plan_of_effects(as_it_is, flat, media, world, features, settings), settings)
+
+
+def _partition(triangles: Triangles, plan: Plan) -> Callable[[int], Triangles]:
+    """Hands out each cell's triangles once; after the last cell nothing holds the scene's triangles any more."""
+    left = dict(enumerate(plan.rows))
+    source = [triangles]
+
+    def of_cell(cell: int) -> Triangles:
+        part = source[0].take(left.pop(cell))
+        if not left:
+            source.clear()
+        return part
+
+    return of_cell
+
+
+def _digest(*parts: Any) -> str:
+    """Names a value of dataclasses, arrays and scalars by its contents."""
+    digest = hashlib.sha256()
+    for part in parts:
+        _feed(digest, part)
+    return digest.hexdigest()
+
+
+def _lit_scene(world: World, triangles: str) -> list[Any]:
+    """What light depends on, whoever sees it."""
+    return [world.materials, world.textures, world.lights, world.media, world.unit, triangles]
+
+
+def _identity(world: World, view: View, triangles: str, settings: RenderSettings) -> dict[str, str]:
+    """Digests of what the bits of an image depend on; of no setting that changes no bit, nor of spp and passes."""
+    scene = [*_lit_scene(world, triangles), world.extent]
+    chosen = replace(settings, **{name: getattr(RenderSettings(), name) for name in CHANGE_NO_BIT}, spp=1, passes=1)
+    return {"scene": _digest(*scene), "camera": _digest(view.camera), "settings": _digest(chosen)}
+
+
+def _feed(digest: Any, value: Any) -> None:
+    if isinstance(value, np.ndarray):
+        digest.update(f"{value.dtype}{value.shape}".encode())
+        digest.update(np.ascontiguousarray(value).data)
+    elif is_dataclass(value):
+        for attribute in fields(value):
+            digest.update(attribute.name.encode())
+            _feed(digest, getattr(value, attribute.name))
+    elif isinstance(value, list | tuple):
+        digest.update(f"[{len(value)}]".encode())
+        for item in value:
+            _feed(digest, item)
+    else:
+        digest.update(f"{type(value).__name__}:{value!r};".encode())

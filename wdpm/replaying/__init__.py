@@ -1,0 +1,1 @@
+"""One sample of one pixel, told vertex by vertex (`--replay`)."""

@@ -1,0 +1,153 @@
+"""One sample of one pixel, traced again as a render traces it, with all that happens at each vertex of its path.
+
+    replay = wdpm.replay("scene.xml", 10, 7, 3, photons=250_000, spp=16)
+    replay.value, replay.vertices[0].material, replay.vertices[0].direct
+
+The photons are those of the render, and so is every kernel that computes light: `Replay.layers` are, bit for bit, what
+the sample adds to its pixel. It takes the time of the render's photons; the samples of other pixels are not traced.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import replace
+from typing import Any
+
+from wdpm.cluster.batch import TO_HOME, Batch
+from wdpm.cluster.settings import RenderSettings, Routing
+from wdpm.cluster.task import BucketTask, PhotonTask
+from wdpm.cluster.work.bucket_home import BucketHome
+from wdpm.cluster.work.guards import Guards, added
+from wdpm.cluster.work.worker import Worker
+from wdpm.cluster.world import World
+from wdpm.kernels.launch import Launcher
+from wdpm.progress import Progress, SilentProgress
+from wdpm.rendering.pass_plan import PassPlan, plans_for, session_of
+from wdpm.rendering.prepare import Prepared, Source, prepare, scene_of
+from wdpm.rendering.scene_settings import settings_for
+from wdpm.replaying.recorder import Names, Recorder
+from wdpm.replaying.vertices import LAYERS, Replay
+from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.model.scene import Camera, Scene
+
+PATHS_AT_ONCE = 1 << 16
+"""Photon paths that are traced at once: bounds memory, changes no bit."""
+
+
+def replay(
+    source: Source,
+    x: int,
+    y: int,
+    sample: int,
+    settings: RenderSettings | None = None,
+    *,
+    threads: int | None = None,
+    device: str = "cpu",
+    progress: Progress | None = None,
+    **chosen: Any,
+) -> Replay:
+    """Trace one sample of one pixel as a render with these settings does, in one cell in this process.
+
+    Args:
+        source: a scene, a file, the name of a built-in scene, or a function that gives a scene.
+        x, y: the pixel, from the upper left of the image.
+        sample: its number, from 0.
+        settings: all settings; or give single ones by name, see RenderSettings. `strict` is not looked at.
+
+    Raises:
+        SceneError, SettingsError: see their messages; also where there is no such pixel or sample.
+    """
+    scene = scene_of(source)
+    settings = settings or settings_for(scene, **chosen)
+    check_place(scene.camera, settings.spp, x, y, sample)
+    plan = pass_of(settings, sample)
+    return Replayer(scene, settings, plan, threads=threads, device=device, progress=progress).sample(x, y, sample)
+
+
+class Replayer:
+    """Replays any number of samples of a scene, or of one pass of a progressive render; photons are traced once.
+
+    Args:
+        plan: the pass; None for the first.
+        Others are as for `replay`.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        settings: RenderSettings,
+        plan: PassPlan | None = None,
+        *,
+        threads: int | None = None,
+        device: str = "cpu",
+        progress: Progress | None = None,
+    ) -> None:
+        progress = progress or SilentProgress()
+        settings = replace(settings, strict=False, routing=Routing.FORWARD)
+        prepared = prepare(scene, settings, 1, Launcher(device, threads), progress)
+        self._names = Names(scene, prepared.triangles)
+        session = session_of(prepared.session, plan or pass_of(settings, 0))
+        self._view = session.view
+        self._worker = _with_photons(prepared, session.world, progress)
+
+    def sample(self, x: int, y: int, sample: int) -> Replay:
+        """One sample of a pixel; SettingsError if there is none such."""
+        worker, view = self._worker, self._view
+        check_place(view.camera, view.first_sample + view.spp, x, y, sample, view.first_sample)
+        worker.set_view(view)
+        cell, guards = worker.cells[0], Guards(worker.replica)
+        before = cell.guards
+        recorder = Recorder(worker.replica, view)
+        worker.replica.observer = recorder
+        home = BucketHome(BucketTask(0, x, y, x + 1, y + 1), 0, worker.replica, view, guards, range(sample, sample + 1))
+        waiting: deque[Batch] = deque(home.begin())
+        while waiting:
+            batch = waiting.popleft()
+            recorder.saw(batch)
+            waiting.extend(home.receive(batch) if batch.kind in TO_HOME else cell.advance(batch))
+        worker.replica.observer = None
+        if home.result() is None:
+            raise AssertionError(f"sample {sample} of pixel {x},{y} is still under way")
+        sums = home.sums()
+        acted = added([cell.guards, guards.counts])
+        return Replay(
+            x,
+            y,
+            sample,
+            recorder.vertices(self._names),
+            {name: sums[name][0] for name in LAYERS},
+            {cause: count - before.get(cause, 0) for cause, count in acted.items() if count > before.get(cause, 0)},
+        )
+
+
+def pass_of(settings: RenderSettings, sample: int) -> PassPlan:
+    """The pass of a render that takes a sample."""
+    return next(plan for plan in plans_for(settings) if sample < plan.first_sample + plan.spp)
+
+
+def check_place(camera: Camera, spp: int, x: int, y: int, sample: int, first: int = 0) -> None:
+    """Raise SettingsError if an image has no such pixel, or the pixel no such sample."""
+    if not (0 <= x < camera.width and 0 <= y < camera.height):
+        raise SettingsError(
+            f"there is no pixel {x},{y} in an image of {camera.width}x{camera.height}: "
+            f"expected 0,0 to {camera.width - 1},{camera.height - 1}"
+        )
+    if not first <= sample < spp:
+        raise SettingsError(f"there is no sample {sample} of a pixel with {spp}: expected {first} to {spp - 1}")
+
+
+def _with_photons(prepared: Prepared, world: World, progress: Progress) -> Worker:
+    """The worker of the only cell, with its maps built."""
+    worker = prepared.pilot
+    if worker is None:
+        raise AssertionError("a plan for one worker has one cell")
+    worker.adopt(world)
+    progress.start("photons", world.paths)
+    for number, start in enumerate(range(0, world.paths, PATHS_AT_ONCE)):
+        stop = min(start + PATHS_AT_ONCE, world.paths)
+        worker.start(PhotonTask(number, start, stop))
+        progress.advance(stop - start)
+    progress.start("map")
+    worker.exchange()
+    worker.build_maps()
+    return worker

@@ -1,0 +1,265 @@
+"""A report as tables on the terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rich.markup import escape
+from rich.table import Table
+
+from wdpm.report.report import (
+    PHASES,
+    ErrorFigure,
+    ErrorReport,
+    FinalGatherReport,
+    KernelReport,
+    LightPhotons,
+    PassReport,
+    PhotonCounts,
+    Report,
+)
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+LIGHTS_SHOWN = 12
+"""The strongest; JSON has them all."""
+
+_BYTE_UNITS = ("B", "KB", "MB", "GB", "TB")
+
+
+def print_report(report: Report, console: Console) -> None:
+    """Print all that the report holds; what is empty is left out."""
+    console.print(_times(report))
+    for words, counts in _maps(report):
+        if counts.lights and counts.paths:
+            console.print(_lights(words, counts))
+    if report.slaves:
+        console.print(_held(report))
+        console.print(_did(report))
+    console.print()
+    for line in _counts(report):
+        console.print(line, highlight=False)
+    for line in report.approximated:
+        console.print(f"approximated: {escape(line)}", highlight=False)
+    for line in report.chose:
+        console.print(f"chosen: {line}", markup=False)
+    for line in report.left_out:
+        console.print(f"[bold red]LEFT OUT:[/] {escape(line)}", highlight=False)
+    for warning in report.warnings:
+        console.print(f"[yellow]warning:[/] {escape(warning)}", highlight=False)
+
+
+def format_bytes(count: int) -> str:
+    """Bytes for people, in powers of 1024: 12.3 MB."""
+    value = float(count)
+    for unit in _BYTE_UNITS[:-1]:
+        if value < 999.95:
+            return f"{value:.0f} {unit}" if unit == "B" else f"{value:.1f} {unit}"
+        value /= 1024
+    return f"{value:.1f} {_BYTE_UNITS[-1]}"
+
+
+def format_seconds(seconds: float) -> str:
+    """A length of time for people: 0.012 s, 3.4 s, 12 min 03 s, 2 h 05 min."""
+    if seconds < 60:
+        return f"{seconds:.3f} s" if seconds < 0.0995 else f"{seconds:.2f} s" if seconds < 9.995 else f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest:02d} s"
+    return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def _times(report: Report) -> Table:
+    order = [phase for phase in PHASES if phase in report.phases]
+    order += [phase for phase in report.phases if phase not in PHASES]
+    total = sum(report.phases.values())
+    table = _table("Time", "phase", "time", "share")
+    for phase in order:
+        seconds = report.phases[phase]
+        table.add_row(escape(phase), format_seconds(seconds), _percent(seconds, total))
+    table.add_row("total", format_seconds(total), "")
+    return table
+
+
+def _maps(report: Report) -> tuple[tuple[str, PhotonCounts], ...]:
+    return ("global map", report.photons), ("caustic map", report.caustics), ("volume map", report.volume)
+
+
+def _lights(words: str, counts: PhotonCounts) -> Table:
+    """One line a light, strongest first."""
+    table = _table(f"Photons by light: {words}", "light", "power [W]", "paths shot", "stored", "share", "of the flux")
+    strongest = sorted(counts.lights, key=lambda light: -light.flux)
+    shown = strongest if len(strongest) <= LIGHTS_SHOWN + 1 else strongest[:LIGHTS_SHOWN]
+    for light in shown:
+        table.add_row(escape(light.name), *_light_cells((light,), counts))
+    if len(shown) < len(strongest):
+        rest = strongest[LIGHTS_SHOWN:]
+        table.add_row(f"{len(rest):,} more", *_light_cells(rest, counts))
+    return table
+
+
+def _light_cells(lights: Sequence[LightPhotons], counts: PhotonCounts) -> tuple[str, ...]:
+    stored = sum(light.stored for light in lights)
+    uses = [light.use for light in lights if light.use is not None]
+    return (
+        f"{sum(light.flux for light in lights):.4g}",
+        f"{sum(light.paths for light in lights):,}",
+        f"{stored:,}",
+        _percent(stored, counts.stored),
+        f"{sum(uses):.1%}" if uses else "-",
+    )
+
+
+def _held(report: Report) -> Table:
+    title = "Slaves: what they held (shares of the scene's triangles and of all stored photons)"
+    records = ("records",) if any(slave.records for slave in report.slaves) else ()
+    table = _table(title, "slave", "cells", "triangles", "share", "photons", "ghosts", "share", *records)
+    for slave in report.slaves:
+        table.add_row(
+            escape(slave.slave),
+            f"{slave.cells}",
+            f"{slave.triangles:,}",
+            _percent(slave.triangles, report.triangles),
+            f"{slave.photons:,}",
+            f"{slave.ghosts:,}",
+            _percent(slave.photons + slave.ghosts, report.stored),
+            *([f"{slave.records:,}"] if records else []),
+        )
+    return table
+
+
+def _did(report: Report) -> Table:
+    table = _table("Slaves: what they did", "slave", "rays in", "rays out", "received", "sent", "busy", "peak memory")
+    for slave in report.slaves:
+        table.add_row(
+            escape(slave.slave),
+            f"{slave.rays_in:,}",
+            f"{slave.rays_out:,}",
+            format_bytes(slave.bytes_in),
+            format_bytes(slave.bytes_out),
+            format_seconds(slave.busy_s),
+            format_bytes(slave.peak_memory_bytes),
+        )
+    return table
+
+
+def _counts(report: Report) -> list[str]:
+    """One line for each thing that is counted; what is wrong is red."""
+    energy = report.energy
+    lines = [
+        f"{name}: {counts.asked:,} asked for, {counts.paths:,} paths shot, {counts.stored:,} stored"
+        for name, counts in zip(("photons", "caustic photons", "volume photons"), _counted(report), strict=True)
+        if counts.paths or name == "photons"
+    ]
+    lines.append(
+        f"gathers: {report.gathers:,}, {report.gathers_truncated:,} with fewer photons than k, "
+        f"{report.gathers_left_band:,} gathers left the band" + _each(report.gathers_s, report.gathers)
+    )
+    if report.vertices:
+        cut = f"{report.chains_cut:,} paths cut at the limit"
+        cut = f"[bold red]{cut}[/]" if report.chains_cut else cut
+        lines.append(f"camera paths: {report.vertices:,} vertices beyond the first surface, {cut}")
+    if report.final_gather is not None:
+        lines += _final_gather(report.final_gather)
+    if report.beams:
+        clamped = f"{report.beams_clamped:,} contributions clamped"
+        if report.beams_clamped:
+            clamped = f"[bold red]{clamped}: too bright to be added exactly, so light is lost[/]"
+        lines.append(f"beams through media: {report.beams:,}, {clamped}")
+    if report.passes:
+        lines.append(_passes(report.passes))
+    if report.error is not None:
+        lines += _error(report.error)
+    if report.kernels.kernels:
+        lines.append(_kernels(report.kernels))
+    if energy.emitted > 0:
+        shares = ", ".join(
+            f"{_percent(getattr(energy, name), energy.emitted)} {words}"
+            for name, words in (
+                ("absorbed", "absorbed"),
+                ("escaped", "escaped"),
+                ("travelling", "cut at the depth limit"),
+            )
+        )
+        lines.append(f"energy of the photons: {shares}; the ledger closes to {energy.imbalance:.1e}")
+    causes = ", ".join(f"{count:,} {escape(cause)}" for cause, count in report.nonfinite.items() if count)
+    lines.append(f"[red]samples that were not finite: {causes}[/]" if causes else "samples that were not finite: 0")
+    acted = ", ".join(f"{count:,} {escape(cause)}" for cause, count in report.guards.items() if count)
+    lines.append(f"[red]guards: {acted}[/]" if acted else "guards: none acted")
+    return lines
+
+
+def _final_gather(done: FinalGatherReport) -> list[str]:
+    """What gather rays and irradiance records did, and what each cost."""
+    lines = [
+        f"irradiance at photons: {done.points:,}" + _each(done.points_s, done.points),
+        f"gather rays: {done.rays:,}, of which {_percent(done.short, done.rays)} were short and went on, "
+        f"{_percent(done.unread, done.rays)} found no irradiance and went on; reading" + _each(done.read_s, done.rays),
+    ]
+    if done.records:
+        lines.append(
+            f"irradiance records: {done.records:,}, {done.record_rays:,} gather rays"
+            + _each(done.records_s, done.records if done.record_rays else 0)
+        )
+        lines.append(
+            f"interpolations: {done.interpolated:,}"
+            + _each(done.interpolated_s, done.interpolated)
+            + f"; {done.uncovered:,} places that no record reached"
+        )
+    return lines
+
+
+def _each(seconds: float, count: int) -> str:
+    """What one of many cost, to be said after their number; nothing where that is not known."""
+    return f", {1e6 * seconds / count:,.2f} us each" if count and seconds else ""
+
+
+def _passes(passes: Sequence[PassReport]) -> str:
+    seconds = sum(sum(each.seconds.values()) for each in passes)
+    samples = sum(each.spp for each in passes)
+    return (
+        f"passes: {len(passes)}, {samples:,} samples a pixel in all, {format_seconds(seconds / len(passes))} each; "
+        f"gather radius {passes[0].radius:.4g} in the first, {passes[-1].radius:.4g} in the last"
+    )
+
+
+def _error(error: ErrorReport) -> list[str]:
+    """What the passes tell about the error: estimates, each with its interval of 95 %."""
+    return [
+        f"estimated {name}: {_figure(parts.total or parts.noise, root)}"
+        + (f"; noise {_figure(parts.noise, root)}" if parts.total else " by noise")
+        + (f"; bias {_figure(parts.bias, root)}" if parts.bias else "; bias: not known from fewer than 3 passes")
+        for name, parts, root in (("relMSE", error.rel_mse, False), ("RMSE", error.mse, True))
+    ]
+
+
+def _figure(figure: ErrorFigure, root: bool) -> str:
+    value, low, high = (math.sqrt(x) if root else x for x in (figure.value, figure.low, figure.high))
+    return f"{value:.3g} ({low:.3g} to {high:.3g})"
+
+
+def _counted(report: Report) -> tuple[PhotonCounts, ...]:
+    return report.photons, report.caustics, report.volume
+
+
+def _kernels(kernels: KernelReport) -> str:
+    names = ", ".join(kernels.features) or "none but diffuse surfaces"
+    effects = "all" if kernels.all_effects else names
+    made = f"{kernels.compiled} compiled now" if kernels.compiled else "none compiled now"
+    return f"kernels: {kernels.kernels} in {kernels.modules} modules, {made}; effects: {effects}"
+
+
+def _percent(part: float, whole: float) -> str:
+    return f"{part / whole:.1%}" if whole else "-"
+
+
+def _table(title: str, name: str, *numbers: str) -> Table:
+    """A table without lines: a name on the left, which gives way on a narrow terminal, and numbers, which do not."""
+    table = Table(title=f"\n{title}", title_justify="left", title_style="bold", box=None, padding=(0, 2, 0, 0))
+    table.add_column(name, overflow="fold")
+    for number in numbers:
+        table.add_column(number, justify="right", no_wrap=True)
+    return table
