@@ -451,7 +451,7 @@ def test_a_mitsuba_process_that_dies_is_one_line(
     scene_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     program = tmp_path / "peer.py"
-    monkeypatch.setattr(mitsuba.bench_mitsuba_peer, "__file__", str(program))
+    monkeypatch.setattr(mitsuba.mitsuba_peer, "__file__", str(program))
     setup = mitsuba.Setup(scene_file)
     program.write_text("import sys; sys.exit('out of luck')\n")
     with pytest.raises(WdpmError, match="Mitsuba's process ended: out of luck"), mitsuba.MitsubaProcess(setup):

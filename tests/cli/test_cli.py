@@ -28,7 +28,7 @@ from wdpm.report.report import Report, from_json
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.model.scene import Camera, Scene
 
-COMMANDS = [module.__name__.removeprefix("wdpm.cli_") for module in main.COMMANDS]
+COMMANDS = [module.__name__.removeprefix("wdpm.cli.") for module in main.COMMANDS]
 
 
 def run(arguments: list[str]) -> int:
@@ -196,10 +196,10 @@ def test_errors_and_interruption_have_their_exit_codes(
 
         return command
 
-    monkeypatch.setattr(main.cli_compare, "run", raises(SceneError("no lamp", "a.xml", 3)))
+    monkeypatch.setattr(main.compare, "run", raises(SceneError("no lamp", "a.xml", 3)))
     assert run(["compare", "a", "b"]) == 2
     assert capsys.readouterr().err == "wdpm: error: a.xml:3: no lamp\n"
-    monkeypatch.setattr(main.cli_compare, "run", raises(KeyboardInterrupt()))
+    monkeypatch.setattr(main.compare, "run", raises(KeyboardInterrupt()))
     assert run(["compare", "a", "b"]) == 130
     assert capsys.readouterr().err == "wdpm: interrupted\n"
 
@@ -221,7 +221,7 @@ def test_an_interrupt_in_a_destructor_ends_a_command(
             time.sleep(100.0)
         return 0
 
-    monkeypatch.setattr(main.cli_compare, "run", command)
+    monkeypatch.setattr(main.compare, "run", command)
     assert run(["compare", "a", "b"]) == 130
     assert capsys.readouterr().err == "wdpm: interrupted\n"
 

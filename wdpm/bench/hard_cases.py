@@ -119,7 +119,7 @@ def find_suite() -> Path:
     Raises:
         SettingsError: wdpm is installed without its tests.
     """
-    suite = Path(__file__).resolve().parents[1] / SUITE
+    suite = Path(__file__).resolve().parents[2] / SUITE
     if not suite.exists():
         raise SettingsError(
             f"the hard cases lie in {SUITE.parent} of the repository, and this wdpm is installed without it: "

@@ -1,4 +1,4 @@
-"""The command line. Each command is a file of its own, cli_<command>.py, with add_parser(subparsers) and run(args).
+"""The command line. Each command is a file of its own, <command>.py, with add_parser(subparsers) and run(args).
 
 Only run() imports what computes, so that help and errors of the command line come at once.
 """
