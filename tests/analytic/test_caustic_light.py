@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from furnaces import Array, box, quad, rendered, view
+from reflectance import fresnel
 
 from wdpm.cluster.settings import RenderSettings
 from wdpm.cluster.task import PhotonTask
@@ -88,14 +89,6 @@ def test_a_panes_straight_light_is_not_a_caustic_and_its_reflection_is() -> None
     once = fresnel(cosine, 1.5)
     reflected = (2 * once / (1 + once) * cosine / distance2).sum() * (0.6 / 400) ** 2
     np.testing.assert_allclose(flux, np.array(INTENSITY) * reflected, rtol=0.02)
-
-
-def fresnel(cosine: Array, eta: float) -> Array:
-    """Reflectance of an interface for unpolarised light."""
-    inside = np.sqrt(1 - (1 - cosine**2) / eta**2)
-    s = (cosine - eta * inside) / (cosine + eta * inside)
-    p = (inside - eta * cosine) / (inside + eta * cosine)
-    return np.asarray((s**2 + p**2) / 2)
 
 
 def test_a_mirrors_caustic_is_the_light_of_the_lamps_image() -> None:

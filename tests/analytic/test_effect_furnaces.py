@@ -8,47 +8,24 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from furnace_cases import CASES, SKY
 from furnaces import Array, quad, rendered, view
 
 from wdpm.scenes.meshes.mesh_data import MeshData
 from wdpm.scenes.meshes.primitives import cube, sphere
 from wdpm.scenes.model.bsdfs import (
     WHITE,
-    Blend,
     Bsdf,
     Conductor,
-    Dielectric,
     Diffuse,
-    Distribution,
     Mask,
-    Null,
-    Plastic,
-    Principled,
-    ThinDielectric,
     TwoSided,
 )
 from wdpm.scenes.model.lights import Environment
 from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene
 
-SKY = Environment("sky", np.ones((1, 1, 3), np.float32))
 MAPPED_SKY = Environment("sky", np.ones((4, 8, 3), np.float32))
 METAL = {"eta": (0.0, 0.0, 0.0), "k": (1.0, 1.0, 1.0)}  # reflects everything
-
-CASES: dict[str, Bsdf] = {
-    "diffuse": Diffuse(WHITE),
-    "mirror": Conductor(),
-    "glass": Dielectric(1.5),
-    "glass inside out": Dielectric(1 / 1.5),
-    "no glass": Dielectric(1.0),
-    "pane": ThinDielectric(1.5),
-    "nothing": Null(),
-    "rough metal": Conductor(alpha_u=0.05, alpha_v=0.05),
-    "rough metal, GGX": Conductor(alpha_u=0.03, alpha_v=0.01, distribution=Distribution.GGX),
-    "rough glass": Dielectric(1.5, alpha_u=0.05, alpha_v=0.05),
-    "plastic": Plastic(WHITE, eta=1.5, nonlinear=True),
-    "blend": Blend(Diffuse(WHITE), Conductor(), 0.3),
-    "white metal": Principled(WHITE, roughness=0.05, metallic=1.0),
-}
 
 
 def seen(

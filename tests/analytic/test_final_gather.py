@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fog import foggy_furnace
+from furnace_cases import CASES, SKY
 from furnaces import box, quad, rendered, scene, view
-from test_effect_furnaces import CASES, SKY
-from test_path_tracing import assert_alike, furnace, over_seeds, shiny_box
-from test_path_tracing_media import furnace as foggy_furnace
+from path_traced import assert_alike, furnace, over_seeds, shiny_box
 
 from wdpm.cluster.settings import Indirect, Integrator
 from wdpm.scenes import cornell_box

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from furnaces import Array, rendered, view
-from test_path_tracing import furnace
+from path_traced import furnace
 
 from wdpm.cluster.plan import plan
 from wdpm.cluster.records import Records, candidates

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from furnaces import Array, box, quad, rendered, scene, view
-from test_caustic_light import fresnel
+from reflectance import fresnel
 
 from wdpm.scenes.model.bsdfs import Bsdf, Dielectric, Diffuse, Mask, Null, ThinDielectric, TwoSided
 from wdpm.scenes.model.lights import PointLight

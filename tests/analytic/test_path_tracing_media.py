@@ -6,22 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fog import INSIDE, WHITE, foggy, foggy_furnace, single_scattering
 from furnaces import box, quad, rendered, scene, view
-from test_path_tracing import PATH, mean_and_deviation, over_seeds
-from test_volume_light import foggy, single_scattering
+from path_traced import PATH, mean_and_deviation, over_seeds
 
 from wdpm.scenes.model.bsdfs import Null
 from wdpm.scenes.model.lights import Environment
-from wdpm.scenes.model.scene import Camera, Material, Medium, Scene
-
-WHITE = (1.0, 1.0, 1.0)
-INSIDE = replace(view((0, 0, -0.9), (0, 0, 1), 40), medium=0)
-
-
-def furnace(medium: Medium) -> Scene:
-    """A closed box that glows with radiance 1, of albedo 1/2, full of a medium: all radiance is 2 if it is white."""
-    wall = replace(box((1, 1, 1), inside=True, emission=WHITE), interior=0, exterior=0, bounds=True)
-    return replace(scene([wall], INSIDE, (0.5,) * 3), media=(medium,))
+from wdpm.scenes.model.scene import Camera, Material, Medium
 
 
 @pytest.mark.parametrize(
@@ -31,7 +22,7 @@ def furnace(medium: Medium) -> Scene:
 )
 def test_white_fog_in_a_furnace_is_not_seen(sigma_t: tuple[float, float, float], g: float) -> None:
     """What scatters is in equilibrium with the walls, whatever its depth, phase function and colour."""
-    image = rendered(furnace(Medium("milk", sigma_t, WHITE, g)), spp=256, **PATH)
+    image = rendered(foggy_furnace(Medium("milk", sigma_t, WHITE, g)), spp=256, **PATH)
     mean, deviation = mean_and_deviation(image.pixels)
     assert (np.abs(mean - 2.0) <= 4 * deviation).all(), (mean, deviation)
     assert (deviation < 0.05).all()

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-import test_slave
+import slave_driver
 from fake_worker import FakeWorker, Outbox, irradiance_records, make_session, make_view, picture, pixels_of
+from master_driver import EPOCH, SETTINGS, VERSIONS, A, B, Driver, broken, sent, tasks_of
 from numpy.typing import NDArray
-from test_master import EPOCH, SETTINGS, VERSIONS, A, B, Driver, broken, sent, tasks_of
 
 from wdpm.cluster.batch import Batch
 from wdpm.cluster.master import events as m
@@ -300,18 +300,18 @@ def test_records_taken_twice_end_the_render() -> None:
 
 
 def test_a_slave_takes_records_before_it_says_so() -> None:
-    driver = test_slave.Driver().ready()
+    driver = slave_driver.Driver().ready()
     records = irradiance_records(4)
-    [job] = test_slave.jobs(driver.told(p.ShareRecords(test_slave.EPOCH, records)))
+    [job] = slave_driver.jobs(driver.told(p.ShareRecords(slave_driver.EPOCH, records)))
     assert isinstance(job, c.TakeRecords)
     assert job.records is records
     taken = driver.computed(c.TakeRecords(NO_RECORDS))
-    assert test_slave.to_master(taken) == [p.RecordsTaken(test_slave.EPOCH)]
+    assert slave_driver.to_master(taken) == [p.RecordsTaken(slave_driver.EPOCH)]
 
 
 def test_a_slave_drops_records_of_another_epoch() -> None:
-    driver = test_slave.Driver().ready()
-    assert driver.told(p.ShareRecords(test_slave.EPOCH - 1, irradiance_records(4))) == []
+    driver = slave_driver.Driver().ready()
+    assert driver.told(p.ShareRecords(slave_driver.EPOCH - 1, irradiance_records(4))) == []
     assert driver.slave.dropped == {"ShareRecords of another epoch": 1}
 
 

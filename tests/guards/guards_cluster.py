@@ -6,12 +6,12 @@ from guard import Guard
 
 EXACT = "tests/property/test_exactness.py::"
 EFFECTS = "tests/property/test_exactness_effects.py::"
-TREE = "tests/property/test_top_tree.py::"
-PARTITION = "tests/property/test_partition.py::"
+TREE = "tests/kernels/rays/test_top_tree.py::"
+PARTITION = "tests/cluster/plan/test_partition.py::"
 FUZZ = "tests/fuzz/test_fuzz_traversal.py::"
-MASTER = "tests/cluster/test_master.py::"
-SLAVE = "tests/cluster/test_slave.py::"
-WIRE = "tests/cluster/test_wire.py::"
+MASTER = "tests/cluster/master/test_master.py::"
+SLAVE = "tests/cluster/slave/test_slave.py::"
+WIRE = "tests/cluster/messages/test_wire.py::"
 
 GUARDS = (
     Guard(
@@ -45,7 +45,7 @@ GUARDS = (
         file="cluster/partition.py",
         prevents="a ray that a rounding let into a cell does not find there what it can hit",
         changes=(("grow = 2.0 * PAD_SHARE * extent", "grow = 0.0 * PAD_SHARE * extent"),),
-        tests=("tests/property/test_partition_extremes.py::test_the_cell_of_a_rounded_hit_holds_its_triangle",),
+        tests=("tests/cluster/plan/test_partition_extremes.py::test_the_cell_of_a_rounded_hit_holds_its_triangle",),
     ),
     Guard(
         name="boxes of cells near enough for the test's arithmetic",

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from guard import Guard, hard
 
-GATHER = "tests/property/test_gather.py::"
+GATHER = "tests/kernels/photons/test_gather.py::"
 FUZZ = "tests/fuzz/test_fuzz_gather.py::"
-EXTREMES = "tests/property/test_gather_extremes.py::"
-BEAM = "tests/property/test_beam.py::"
-AREA = "tests/analytic/test_surface_area.py::"
+EXTREMES = "tests/kernels/photons/test_gather_extremes.py::"
+BEAM = "tests/kernels/photons/test_beam.py::"
+AREA = "tests/kernels/photons/test_surface_area.py::"
 
 GUARDS = (
     Guard(
@@ -255,7 +255,7 @@ GUARDS = (
         file="kernels/photons/beam.py",
         prevents="float32 rejects photons that double finds within reach",
         changes=(("_LEAF_PAD = wp.constant(2.0**-18)", "_LEAF_PAD = wp.constant(0.0)"),),
-        tests=("tests/property/test_beam_extremes.py::test_every_photon_within_reach_is_found",),
+        tests=("tests/kernels/photons/test_beam_extremes.py::test_every_photon_within_reach_is_found",),
     ),
     Guard(
         name="beams' sums have one unit",

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from guard import Guard, hard
 
-BSDF = "tests/analytic/test_bsdf.py::"
-COATED = "tests/analytic/test_bsdf_coated.py::"
-MATERIALS = "tests/analytic/test_materials.py::"
-MEDIA = "tests/analytic/test_media.py::"
-LIGHTS = "tests/analytic/test_lights.py::"
-EMISSION = "tests/analytic/test_emission.py::"
+BSDF = "tests/kernels/materials/test_bsdf.py::"
+COATED = "tests/kernels/materials/test_bsdf_coated.py::"
+MATERIALS = "tests/kernels/materials/test_materials.py::"
+MEDIA = "tests/kernels/materials/test_media.py::"
+LIGHTS = "tests/kernels/lights/test_lights.py::"
+EMISSION = "tests/kernels/lights/test_emission.py::"
 EXACT = "tests/property/test_exactness.py::"
-ENDS = "tests/property/test_ends_of_ranges.py::"
-SURFACE = "tests/property/test_surface.py::"
+ENDS = "tests/kernels/test_ends_of_ranges.py::"
+SURFACE = "tests/kernels/materials/test_surface.py::"
 SIDES = "tests/property/test_photon_sides.py::"
 STRICT = "tests/rendering/test_strict.py::"
-ELEMENTARY = "tests/property/test_elementary.py::"
+ELEMENTARY = "tests/kernels/maths/test_elementary.py::"
 VOLUME = "tests/analytic/test_volume_light.py::"
 
 GUARDS = (
@@ -123,14 +123,14 @@ GUARDS = (
         file="kernels/photons/paths.py",
         prevents="between perfect mirrors a photon never ends",
         changes=((" or bounce >= BOUNCE_LIMIT:", " or bounce >= 2 * BOUNCE_LIMIT:"),),
-        tests=("tests/house/test_limits.py::test_a_photon_path_has_no_bounce_beyond_the_limit",),
+        tests=("tests/rendering/test_limits.py::test_a_photon_path_has_no_bounce_beyond_the_limit",),
     ),
     Guard(
         name="a limit to vertices",
         file="kernels/camera/vertices.py",
         prevents="between perfect mirrors a camera path has no end, and no credit left",
         changes=(("if p.bounce + 1 >= _CHAIN_LIMIT:", "if False:"),),
-        tests=("tests/house/test_limits.py::test_a_camera_path_has_no_vertex_beyond_the_limit",),
+        tests=("tests/rendering/test_limits.py::test_a_camera_path_has_no_vertex_beyond_the_limit",),
     ),
     Guard(
         name="what is not finite is black, and counted",
@@ -283,7 +283,7 @@ GUARDS = (
         file="kernels/maths/directions.py",
         prevents="0 / 0 for the random point (1/2, 1/2)",
         changes=(("    if y == 0.0:\n        return wp.vec2(0.0, 0.0)\n", ""),),
-        tests=("tests/property/test_directions.py::test_cosine_hemisphere_keeps_strata_together",),
+        tests=("tests/kernels/maths/test_directions.py::test_cosine_hemisphere_keeps_strata_together",),
     ),
     Guard(
         name="random numbers below 1",
@@ -295,7 +295,7 @@ GUARDS = (
                 "return wp.vec2(float(x) * TO_UNIT * 0.00390625, float(y) * TO_UNIT * 0.00390625)",
             ),
         ),
-        tests=("tests/property/test_random.py::test_points_are_a_net",),
+        tests=("tests/kernels/maths/test_random.py::test_points_are_a_net",),
     ),
     Guard(
         name="the brightest patch of the sky is the unit",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from guard import Guard, hard
 
-TRAVERSAL = "tests/property/test_traversal.py::"
-EXTREMES = "tests/property/test_traversal_extremes.py::"
+TRAVERSAL = "tests/kernels/rays/test_traversal.py::"
+EXTREMES = "tests/kernels/rays/test_traversal_extremes.py::"
 FUZZ = "tests/fuzz/test_fuzz_traversal.py::"
 
 GUARDS = (

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from digests import alone, same_bits
+from given_tree import give_tree
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -17,10 +18,8 @@ from random_scenes import scenes
 
 from wdpm.api import render_in_process
 from wdpm.cluster.batch import Arrays, Kind, concatenate
-from wdpm.cluster.plan import plan
 from wdpm.cluster.settings import RenderSettings, Routing
 from wdpm.cluster.work.photon_store import PhotonStore
-from wdpm.cluster.world import TopTree
 from wdpm.images.image import Image
 from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.rays.cells import cell_boxes
@@ -175,12 +174,6 @@ def test_random_scenes_have_the_same_bits_in_any_partition(
 
 
 # Split planes that go through everything
-
-
-def give_tree(monkeypatch: pytest.MonkeyPatch, axis: list[int], split: list[float]) -> None:
-    """Have the next renders use this top tree, in the renderer's coordinates."""
-    tree = TopTree(np.array(axis, np.int32), np.array(split, np.float32))
-    monkeypatch.setattr(plan, "build_top_tree", lambda *_: tree)
 
 
 def eight_cells_through(point: NDArray[Any]) -> tuple[list[int], list[float]]:

@@ -10,10 +10,10 @@ import effect_scenes
 import numpy as np
 import pytest
 from digests import alone, same_bits
+from given_tree import give_tree
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_scenes import scenes_with_effects
-from test_exactness import give_tree
 
 import wdpm
 from wdpm.api import render_in_process

@@ -10,29 +10,26 @@ from typing import Any
 
 import numpy as np
 import pytest
+from one_cell import FEW, one, ready
 
 import wdpm
 from wdpm.api import render_in_process
 from wdpm.cli import main
 from wdpm.cluster.batch import SCHEMAS, Batch, Kind
 from wdpm.cluster.plan import plan
-from wdpm.cluster.settings import RenderSettings, Routing
+from wdpm.cluster.settings import Routing
 from wdpm.cluster.task import BucketTask
 from wdpm.cluster.work import guards
 from wdpm.cluster.work.bucket_home import BucketHome
 from wdpm.cluster.work.guards import Guards
 from wdpm.cluster.work.worker import Worker
 from wdpm.images.image import Image
-from wdpm.kernels.launch import Launcher
 from wdpm.kernels.limits import CHAIN_LIMIT
 from wdpm.kernels.photons.paths import BOUNCE_LIMIT
-from wdpm.progress import SilentProgress
-from wdpm.rendering.prepare import prepare
 from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import ClusterError, GuardError
 from wdpm.scenes.model.scene import Camera, Medium, Mesh, Scene, diffuse
 
-FEW = RenderSettings(photons=500, volume_photons=500, spp=2, all_effects=True)
 STRICT = replace(FEW, strict=True)
 PLACE = re.compile(r"pixel (\d+),(\d+), sample (\d+), vertex (\d+); .* --replay (\d+,\d+,\d+)")
 
@@ -83,23 +80,6 @@ def with_a_needle(scene: Scene) -> Scene:
 def acted(image: Image) -> dict[str, int]:
     counts: dict[str, int] = image.metadata["report"]["guards"]
     return counts
-
-
-def ready(scene: Scene, settings: RenderSettings) -> Worker:
-    """A worker with the only cell, in which no photon has been traced."""
-    prepared = prepare(scene, settings, 1, Launcher("cpu", 1), SilentProgress())
-    assert prepared.pilot is not None
-    prepared.pilot.adopt(prepared.session.world)
-    prepared.pilot.set_view(prepared.session.view)
-    return prepared.pilot
-
-
-def one(kind: Kind, **values: Any) -> Batch:
-    """A batch of one item: zeros, but for some values."""
-    arrays = {name: np.zeros((1, *shape), dtype) for name, (dtype, shape) in SCHEMAS[kind].items()}
-    for name, value in values.items():
-        arrays[name][0] = value
-    return Batch(kind, 0, 0, 0, 10_000, arrays)
 
 
 def do(worker: Worker, batch: Batch) -> dict[str, int]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 from numpy.typing import NDArray
-from test_strict import FEW, ready
+from one_cell import FEW, ready
 
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.task import BucketTask

@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 import zmq
 from fake_worker import FakeWorker, arrays, make_session, make_view, picture
+from slow_slaves import AGREED, PROGRAMS, slow_slave
 
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.cluster_settings import ClusterSettings
@@ -36,10 +37,8 @@ from wdpm.scenes.errors import ClusterError
 
 pytestmark = pytest.mark.sockets
 
-HERE = Path(__file__).parent
 ANY_PORT = "tcp://127.0.0.1:0"
 SMALL = ClusterSettings(photon_task_paths=64, part_triangles=3)
-AGREED = {"code": "1"}
 
 
 def make_master(slaves: int, **options: Any) -> SocketMaster:
@@ -67,11 +66,6 @@ class SlaveThread(threading.Thread):
         self.join(10.0)
         assert not self.is_alive()
         return self.error
-
-
-def slow_slave(delay: float, *options: str) -> Callable[[str], Sequence[str]]:
-    """Command line of a slave process that takes some seconds a task."""
-    return lambda endpoint: [sys.executable, str(HERE / "slave_process.py"), endpoint, str(delay), *options]
 
 
 def is_running(process: int) -> bool:
@@ -298,7 +292,7 @@ def test_a_program_that_does_not_exist_cannot_be_started() -> None:
 def master_process(*options: str) -> Iterator[tuple[subprocess.Popen[str], list[int]]]:
     """A master process in the middle of a render, and its slaves' process numbers."""
     with subprocess.Popen(
-        [sys.executable, str(HERE / "master_process.py"), *options],
+        [sys.executable, str(PROGRAMS / "master_process.py"), *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from test_strict import FEW, one, ready
+from one_cell import FEW, one, ready
 
 from wdpm.cluster.batch import Kind
 from wdpm.kernels.limits import CHAIN_LIMIT

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import warp as wp
-from test_traversal import F32, Array, assert_same_bits, occluded, trace, trace_all, tree_of, vectors
+from traversal_rig import F32, Array, assert_same_bits, occluded, trace, trace_all, tree_of, vectors
 
 from wdpm.kernels.rays.triangle import make_ray
 

@@ -16,7 +16,7 @@ from wdpm.cluster.messages import packing, protocol
 from wdpm.scenes.flat.arrays import Media, Triangles
 from wdpm.scenes.flat.material_table import MaterialTable
 
-PAGE = (Path(__file__).parents[2] / "docs" / "protocol.md").read_text()
+PAGE = (Path(__file__).parents[3] / "docs" / "protocol.md").read_text()
 
 
 def table(heading: str) -> dict[str, list[str]]:

@@ -6,72 +6,17 @@ from typing import Any
 
 import pytest
 from fake_worker import arrays, make_view, make_world, triangles
+from slave_driver import EPOCH, HELLO, HOLDERS, PEER, PEERS, WELCOME, Driver, jobs, part, setup, to_master
 
 from wdpm.cluster.batch import Batch, Kind
-from wdpm.cluster.cluster_settings import ClusterSettings
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.slave import events as s
 from wdpm.cluster.slave import jobs as c
-from wdpm.cluster.slave.machine import Slave
 from wdpm.cluster.task import PhotonsTraced, PhotonTask
-from wdpm.scenes.flat.arrays import Triangles
-
-HELLO = p.Hello({}, "host", 1, 1, 0, "tcp://here:1")
-WELCOME = p.Welcome(1, "cluster", 1.0, 10.0)
-PEERS = ("tcp://a:1", "tcp://b:1", "tcp://c:1")
-HOLDERS = (0, 1, 2, 1)
-EPOCH = 3
-PEER = b"peer"
-
-
-class Driver:
-    """Feeds a slave, number 1 of 3, which holds cells 1 and 3 of 4."""
-
-    def __init__(self, patience: float = 60.0) -> None:
-        self.slave = Slave(HELLO, "tcp://master:1", patience, ClusterSettings())
-        self.now = 0.0
-
-    def __call__(self, event: s.Event) -> list[s.Instruction]:
-        self.now += 0.001
-        return self.slave.handle(event, self.now)
-
-    def told(self, *messages: p.FromMaster) -> list[s.Instruction]:
-        return [instruction for message in messages for instruction in self(s.MasterSaid(message))]
-
-    def peer(self, message: p.FromPeer, identity: bytes = PEER) -> list[s.Instruction]:
-        return self(s.PeerSaid(identity, message))
-
-    def computed(self, job: c.Job, *batches: Batch, **others: Any) -> list[s.Instruction]:
-        return self(s.Computed(c.Outcome(job, batches, **others)))
-
-    def ready(self) -> Driver:
-        """As far as Ready; a peer has said hello."""
-        self(s.Start())
-        out = self.told(WELCOME, setup(), part(1), part(3))
-        [build] = jobs(out)
-        assert to_master(self.computed(build)) == [p.Ready(EPOCH)]
-        self.peer(p.PeerHello("cluster", 0))
-        return self
-
-
-def setup(epoch: int = EPOCH, holders: tuple[int, ...] = HOLDERS, peers: tuple[str, ...] = PEERS) -> p.Setup:
-    return p.Setup(epoch, make_world(4), holders, peers)
-
-
-def part(cell: int, index: int = 0, parts: int = 1, held: Triangles | None = None, epoch: int = EPOCH) -> p.Partition:
-    return p.Partition(epoch, cell, index, parts, triangles(2, 10 * cell + 2 * index) if held is None else held)
 
 
 def batch(kind: Kind, cell: int = 1, home: int = 1) -> Batch:
     return Batch(kind, 5, home, cell, 1, arrays(kind, 1))
-
-
-def jobs(instructions: list[s.Instruction]) -> list[c.Job]:
-    return [i.job for i in instructions if isinstance(i, s.Run)]
-
-
-def to_master(instructions: list[s.Instruction]) -> list[Any]:
-    return [i.message for i in instructions if isinstance(i, s.ToMaster)]
 
 
 def error_of(instructions: list[s.Instruction]) -> str:

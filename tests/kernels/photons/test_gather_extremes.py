@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import warp as wp
-from test_gather import F32, Photons, Queries, gather_all
+from gather_rig import F32, Photons, Queries, gather_all
 
 from wdpm.kernels.constants import ADJOINT_BOUND
 from wdpm.kernels.photons import photon_map

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from light_rig import Array, Photons, Rows, emitted, square, table_of
-from test_lights import KINDS, POINT, SPOT, SUN, sky
+from light_rig import KINDS, POINT, SPOT, SUN, Array, Photons, Rows, emitted, sky, square, table_of
 
 from wdpm.kernels.lights.target_clusters import MOST_TARGETS, cluster_targets
 from wdpm.scenes.model.lights import Environment, Light, SpotLight

@@ -8,31 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from light_rig import Array, direct, irradiance, numbers, square, table_of, without_power
+from light_rig import KINDS, POINT, SPOT, SUN, Array, direct, irradiance, numbers, sky, square, table_of, without_power
 
-from wdpm.kernels.features import Features
 from wdpm.kernels.lights.tree import EVEN
 from wdpm.scenes.flat.light_table import LightTable
 from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
 from wdpm.scenes.model.textures import Bitmap, Interpolation
-from wdpm.scenes.model.transforms import look_at
 
 COUNT = 1 << 15
 ORIGIN = (0.0, 0.0, 0.0)
 # Standard errors that an estimate may be off by: a probability below 1e-6; seeds are fixed.
 ERRORS = 5.0
-
-POINT = PointLight("point", (1.0, 2.0, 2.0), (1.0, 2.0, 3.0))
-SPOT = SpotLight("spot", look_at((1, -1, 3), (0, 0.2, 0), (0, 1, 0)), (4.0, 5.0, 6.0), 30.0, 20.0)
-SUN = DirectionalLight("sun", (0.6, 0.0, -0.8), (1.0, 0.5, 0.25))
-
-
-def sky(height: int = 9, width: int = 16, seed: int = 0) -> Environment:
-    """A map with a spot a thousand times as bright as the rest, turned and tilted."""
-    pixels = np.random.default_rng(seed).uniform(0.0, 1.0, (height, width, 3)).astype(np.float32)
-    pixels[height // 4, width // 2] = 1000.0
-    pixels[height // 2, : width // 4] = 0.0
-    return Environment("sky", pixels, look_at((0, 0, 0), (1, 2, 3), (0, 0, 1)))
 
 
 def square_irradiance(side: float, height: float) -> float:
@@ -302,15 +288,6 @@ def test_a_thousand_lights() -> None:
     assert_estimates(irradiance(ways), expected)
     # A lamp is chosen by what it sends: its estimate is within reach of the mean, not a thousandth of it.
     assert np.all(irradiance(ways)[1][:2] < 0.01 * expected[:2])
-
-
-KINDS: dict[str, tuple[list[Light], Features]] = {
-    "none": ([], Features()),
-    "points": ([POINT], Features(points=True)),
-    "spots": ([SPOT], Features(spots=True)),
-    "directionals": ([SUN], Features(directionals=True)),
-    "environment": ([sky()], Features(environment=True)),
-}
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -7,7 +7,7 @@ import signal
 import sys
 
 from fake_worker import make_session, make_view
-from test_sockets import AGREED, slow_slave
+from slow_slaves import AGREED, slow_slave
 
 from wdpm.cluster.transport.local import LocalSlaves
 from wdpm.cluster.transport.zmq_master import SocketMaster

@@ -17,9 +17,10 @@ from wdpm.kernels.materials import texture
 from wdpm.kernels.materials.texture import Textures
 from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.light_table import LightTable, tabulate_lights
-from wdpm.scenes.model.lights import Light
+from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
 from wdpm.scenes.model.scene import Mesh
 from wdpm.scenes.model.textures import RGB, Texture
+from wdpm.scenes.model.transforms import look_at
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -254,3 +255,25 @@ def without_power(table: LightTable, elements: Sequence[int]) -> LightTable:
     power = table.power.copy()
     power[list(elements)] = 0.0
     return replace(table, power=power)
+
+
+POINT = PointLight("point", (1.0, 2.0, 2.0), (1.0, 2.0, 3.0))
+SPOT = SpotLight("spot", look_at((1, -1, 3), (0, 0.2, 0), (0, 1, 0)), (4.0, 5.0, 6.0), 30.0, 20.0)
+SUN = DirectionalLight("sun", (0.6, 0.0, -0.8), (1.0, 0.5, 0.25))
+
+
+def sky(height: int = 9, width: int = 16, seed: int = 0) -> Environment:
+    """A map with a spot a thousand times as bright as the rest, turned and tilted."""
+    pixels = np.random.default_rng(seed).uniform(0.0, 1.0, (height, width, 3)).astype(np.float32)
+    pixels[height // 4, width // 2] = 1000.0
+    pixels[height // 2, : width // 4] = 0.0
+    return Environment("sky", pixels, look_at((0, 0, 0), (1, 2, 3), (0, 0, 1)))
+
+
+KINDS: dict[str, tuple[list[Light], Features]] = {
+    "none": ([], Features()),
+    "points": ([POINT], Features(points=True)),
+    "spots": ([SPOT], Features(spots=True)),
+    "directionals": ([SUN], Features(directionals=True)),
+    "environment": ([sky()], Features(environment=True)),
+}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_beam import SIGMA_T, G, Photons, Stretches, add, sums, unit_vectors, upload
+from beam_rig import SIGMA_T, G, Photons, Stretches, add, sums, unit_vectors, upload
 
 from wdpm.kernels.photons.beam import sum_unit
 

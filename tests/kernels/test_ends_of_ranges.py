@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import warp as wp
-from test_texture import looked_up
+from texture_lookup import looked_up
 
 from wdpm.kernels.lights import environment
 from wdpm.kernels.lights.environment import Environment, _linear, environment_pdf
