@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from wdpm.cluster.world import View, World
-from wdpm.kernels.camera.vertices import PATH_WAY
+from wdpm.kernels.camera.diffuse_light import DiffuseLight
 
 LAYERS: Mapping[str, int] = {
     "beauty": 3,
@@ -23,6 +23,6 @@ LAYERS: Mapping[str, int] = {
 
 def layers_of(world: World, view: View) -> dict[str, int]:
     """The layers that images of a world have: those of light that nothing brings are left out."""
-    traced = view.way == int(PATH_WAY) and len(world.media.g) > 0
+    traced = view.diffuse_light is DiffuseLight.PATHS and len(world.media.g) > 0
     absent = {"caustic": world.caustic_map.paths == 0, "volume": world.volume_map.paths == 0 and not traced}
     return {name: channels for name, channels in LAYERS.items() if not absent.get(name, False)}

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.records import NO_CACHE, CachePlan
 from wdpm.cluster.settings import Routing
+from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.features import Features
 from wdpm.scenes.flat.arrays import Media
 from wdpm.scenes.flat.light_table import LightTable
@@ -172,7 +173,7 @@ class View:
 
     Attributes:
         first_sample: number of the first of the `spp` samples of each pixel.
-        way: what the diffuse parts of surfaces do: kernels.camera.shading.
+        diffuse_light: where the indirect light of diffuse parts comes from.
         cache: how irradiance records are made.
     """
 
@@ -186,6 +187,6 @@ class View:
     volume_samples: int
     bucket: int
     routing: Routing
-    way: int = 0
+    diffuse_light: DiffuseLight = DiffuseLight.PHOTON_MAP
     first_sample: int = 0
     cache: CachePlan = NO_CACHE

@@ -283,10 +283,10 @@ def _unpack(hint: Any, value: Any, where: str, frames: _Frames) -> Any:
     if isinstance(hint, type) and is_dataclass(hint):
         return _unpack_dataclass(hint, value, where, frames)
     if isinstance(hint, type) and issubclass(hint, Enum):
-        try:
-            return hint(value)
-        except (ValueError, TypeError):
-            raise ProtocolError(f"{where} is {value!r}; expected one of {[m.value for m in hint]}") from None
+        for member in hint:
+            if type(member.value) is type(value) and member.value == value:  # True is no 1 here
+                return member
+        raise ProtocolError(f"{where} is {value!r}; expected one of {[m.value for m in hint]}")
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin is tuple:
         items = _tuple_hints(arguments, value, where)

@@ -28,7 +28,7 @@ from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.photon_home import set_out
 from wdpm.cluster.work.worker import Worker
 from wdpm.cluster.world import IrradiancePlan, MapPlan, TopTree, View, World
-from wdpm.kernels.camera.vertices import GATHER_WAY, MAP_WAY, PATH_WAY
+from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.limits import MAPS
@@ -230,7 +230,7 @@ def view_of(flat: FlatScene, settings: RenderSettings, workers: int) -> View:
         caustic_k=settings.caustic_k,
         volume_samples=settings.volume_samples,
         bucket=settings.bucket or _bucket(flat, settings, max(workers, 1)),
-        way=_way(settings),
+        diffuse_light=_diffuse_light(settings),
         cache=_cache_plan(settings, flat.camera),
         routing=settings.routing,
     )
@@ -254,11 +254,10 @@ def _bucket(flat: FlatScene, settings: RenderSettings, workers: int) -> int:
     return side
 
 
-def _way(settings: RenderSettings) -> int:
-    """What the diffuse parts of surfaces do: kernels.camera.shading."""
+def _diffuse_light(settings: RenderSettings) -> DiffuseLight:
     if settings.integrator is Integrator.PATH:
-        return int(PATH_WAY)
-    return int(GATHER_WAY if settings.gathers else MAP_WAY)
+        return DiffuseLight.PATHS
+    return DiffuseLight.FINAL_GATHER if settings.gathers else DiffuseLight.PHOTON_MAP
 
 
 def _cache_plan(settings: RenderSettings, camera: Camera) -> CachePlan:

@@ -24,6 +24,7 @@ from wdpm.kernels import columns
 from wdpm.kernels.camera import rays as cr
 from wdpm.kernels.camera import shadow_rays as sr
 from wdpm.kernels.camera import vertices as sh
+from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.materials.surface import Surfaces
 from wdpm.kernels.materials.types import DIFFUSE
 from wdpm.kernels.photons import beam
@@ -238,7 +239,8 @@ class CameraLight:
 
     def _decide(self, paths: Any, arrays: Arrays) -> Actions | None:
         """What the diffuse part of each vertex does, in views that leave a choice."""
-        return self.final_gather.decide(paths, arrays) if self._view.way == int(sh.GATHER_WAY) else None
+        gathers = self._view.diffuse_light is DiffuseLight.FINAL_GATHER
+        return self.final_gather.decide(paths, arrays) if gathers else None
 
     def _indirect(self, shaded: Shaded, arrays: Arrays, actions: Actions | None) -> NDArray[np.float32]:
         """Indirect light that is told at the vertices themselves, by photons or by what was computed from them."""
@@ -267,7 +269,7 @@ class CameraLight:
 
         Args:
             shots: shadow rays of each vertex.
-            actions: of each vertex (kernels.camera.shading); None where the view's way needs none.
+            actions: of each vertex (kernels.camera.shading); None where the view's diffuse light needs none.
         """
         if kernel is None:
             raise ProtocolError("a camera path goes on in a scene where none does")
@@ -285,7 +287,7 @@ class CameraLight:
         scalars: list[Any] = [view.light_samples, view.max_depth or 0]
         if kernel is not replica.kernels.shade_camera_hits:
             codes = np.zeros(0, np.int32) if actions is None else actions.codes
-            scalars += [shots, view.way, wp.array(codes, dtype=wp.int32, device=device)]
+            scalars += [shots, int(view.diffuse_light), wp.array(codes, dtype=wp.int32, device=device)]
         outputs = [shaded.seen, shaded.queries, shaded.coats, shaded.shots, shaded.paths, shaded.stretches]
         replica.launcher(kernel, count, [*scene, rays, *scalars], outputs)
         if replica.observer is not None:

@@ -20,7 +20,7 @@ from wdpm.cluster.work.guards import PHOTONS_CUT, added
 from wdpm.cluster.work.photon_store import DEPOSITS_A_PATH, PhotonStore
 from wdpm.cluster.work.replica import Replica
 from wdpm.kernels import columns
-from wdpm.kernels.camera.vertices import PATH_WAY
+from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.materials import surface
 from wdpm.kernels.photons import paths as pp
 from wdpm.kernels.rays import bvh
@@ -87,7 +87,8 @@ class Cell:
             landed = batch.arrays["prim"] >= 0
             needs = bool(landed.any())
             view = self.replica.view
-            if batch.kind is Kind.VERTEX and not landed.all() and (view is None or view.way != int(PATH_WAY)):
+            collides = view is not None and view.diffuse_light is DiffuseLight.PATHS
+            if batch.kind is Kind.VERTEX and not landed.all() and not collides:
                 raise ProtocolError(f"a vertex batch came for cell {self.number} with paths that have hit nothing")
         if needs and not self.triangle_count:
             raise ProtocolError(f"a {batch.kind.value} batch came for cell {self.number}, which holds no triangle")

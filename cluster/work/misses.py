@@ -64,7 +64,8 @@ def missed_light(
     items = columns.upload(cr.Paths if later else cr.Rays, rays, device)
     paths = items if later else start_paths(replica, items, count)
     collision = wp.empty(count, dtype=wp.int32, device=device)
-    inputs = [replica.media, replica.lights, replica.cells, replica.camera, paths, view.light_samples, view.way]
+    scalars = [view.light_samples, int(view.diffuse_light)]
+    inputs = [replica.media, replica.lights, replica.cells, replica.camera, paths, *scalars]
     replica.launcher(replica.kernels.path_misses, count, inputs, [radiance, collision, stretches])
     follows = list(start_beams(replica, cause, stretches)) if features.media else []
     into = collision.numpy()

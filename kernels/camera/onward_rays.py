@@ -9,9 +9,9 @@ import warp as wp
 
 from wdpm.kernels.camera.rays import Paths
 from wdpm.kernels.camera.vertices import (
-    GATHER_WAY,
+    BY_FINAL_GATHER,
+    BY_PATHS,
     LOBE,
-    PATH_WAY,
     Orders,
     Vertex,
     carry_on,
@@ -122,9 +122,9 @@ def make_onward_rays(features: Features) -> SimpleNamespace:
         i = orders.i
         roulette_from = wp.int32(ROULETTE_FROM)
         if wp.static(features.traced):
-            if orders.way == PATH_WAY:
+            if orders.diffuse_light == BY_PATHS:
                 roulette_from = ROULETTE_FROM_OF_PATHS
-            if orders.way == GATHER_WAY and by_diffuse and p.diffuse > 0:
+            if orders.diffuse_light == BY_FINAL_GATHER and by_diffuse and p.diffuse > 0:
                 roulette_from = ROULETTE_FROM_OF_GATHERS
         carry_on(
             p,

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from wdpm.kernels.camera.vertices import PATH_WAY, Coats, Orders, Queries, Vertex
+from wdpm.kernels.camera.vertices import BY_PATHS, Coats, Orders, Queries, Vertex
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials.bsdf import make_bsdf
 from wdpm.kernels.materials.surface import Surface, Surfaces, clearance
@@ -43,7 +43,7 @@ def make_photon_queries(features: Features) -> SimpleNamespace:
         elif s.bsdf.kind != NULL and s.bsdf.kind != DIFFUSE:
             albedo = s.bsdf.specular
         if wp.static(features.traced):
-            if orders.way == PATH_WAY:
+            if orders.diffuse_light == BY_PATHS:
                 weight = wp.vec3(0.0)
         queries_out.position[i] = s.position
         queries_out.normal[i] = s.normal

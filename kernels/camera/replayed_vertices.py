@@ -12,7 +12,7 @@ import warp as wp
 from wdpm.kernels.camera.camera import CameraView
 from wdpm.kernels.camera.medium_vertices import collision_at, flight_of
 from wdpm.kernels.camera.rays import Paths
-from wdpm.kernels.camera.vertices import CHOICE, PATH_WAY, camera_path, number_1d
+from wdpm.kernels.camera.vertices import BY_PATHS, CHOICE, camera_path, number_1d
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights.lights import Lights, make_lights
 from wdpm.kernels.materials.medium import DistanceSample, Media
@@ -40,7 +40,7 @@ def make_look(features: Features) -> wp.Kernel:
         camera: CameraView,
         paths: Paths,
         shots: wp.int32,
-        way: wp.int32,
+        diffuse_light: wp.int32,
         offset: wp.int32,
         surface_out: wp.array[Surface],
         flight_out: wp.array[DistanceSample],
@@ -50,8 +50,8 @@ def make_look(features: Features) -> wp.Kernel:
 
         Args:
             shots: shadow rays of each vertex.
-            way: kernels.camera.vertices.
-            flight_out: in PATH_WAY, whether the path collides in a medium before the surface, and where.
+            diffuse_light: BY_MAP, BY_PATHS or BY_FINAL_GATHER.
+            flight_out: in BY_PATHS, whether the path collides in a medium before the surface, and where.
             light_out: light of shadow ray j of vertex i at i * shots + j; -1 for none.
         """
         i = offset + wp.tid()
@@ -66,7 +66,7 @@ def make_look(features: Features) -> wp.Kernel:
         position = s.position
         flight = DistanceSample()
         if wp.static(features.media and features.traced):
-            if way == PATH_WAY:
+            if diffuse_light == BY_PATHS:
                 flight = flight_of(media, lights, p, camera.seed)
                 if flight.scatters == 1:
                     position = collision_at(p, flight)

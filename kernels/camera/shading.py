@@ -2,16 +2,16 @@
 
 At every vertex: what the surface emits; direct light by shadow rays, over the surface's diffuse and glossy parts; a
 query for photons where there is a diffuse part; and one ray that goes on (surface_vertices). What the diffuse part does
-is the *way*:
+is told by `diffuse_light` (DiffuseLight):
 
-* MAP_WAY: it is never traced on. Photons are gathered where the camera path meets it, and the ray goes on by the glossy
+* BY_MAP: it is never traced on. Photons are gathered where the camera path meets it, and the ray goes on by the glossy
   part, so each light path is counted once (photon_paths: which photons are stored).
-* PATH_WAY: it is traced on like the glossy part, one of the two at each vertex, and no photon is asked: path tracing.
+* BY_PATHS: it is traced on like the glossy part, one of the two at each vertex, and no photon is asked: path tracing.
   Media scatter paths too (medium_vertices).
-* GATHER_WAY: it is traced on once. Where such a ray arrives, the photon map is read, which then holds photons of direct
-  light too (final gathering, Jensen 1996): `Action` says what each vertex does. Caustics are still gathered where the
-  camera path or a short gather ray meets the surface, so what a gather ray finds of lamps, be it by glossy surfaces,
-  does not count again.
+* BY_FINAL_GATHER: it is traced on once. Where such a ray arrives, the photon map is read, which then holds photons of
+  direct light too (final gathering, Jensen 1996): `Action` says what each vertex does. Caustics are still gathered
+  where the camera path or a short gather ray meets the surface, so what a gather ray finds of lamps, be it by glossy
+  surfaces, does not count again.
 
 Light that is found both by shadow rays and by the ray that goes on counts by both, weighted by multiple importance
 sampling with the balance heuristic (Veach & Guibas 1995), for each part of a surface by itself.
@@ -29,9 +29,9 @@ from wdpm.kernels.camera.medium_vertices import collision_at, flight_of, length_
 from wdpm.kernels.camera.rays import Paths, Rays
 from wdpm.kernels.camera.surface_vertices import make_surface_vertices
 from wdpm.kernels.camera.vertices import (
-    GATHER_WAY,
-    MAP_WAY,
-    PATH_WAY,
+    BY_FINAL_GATHER,
+    BY_MAP,
+    BY_PATHS,
     TRACE_ON,
     Coats,
     Orders,
@@ -105,17 +105,17 @@ def make_shading(features: Features) -> SimpleNamespace:
         paths_out: Paths,
         stretches_out: Stretches,
     ) -> None:
-        """A vertex on a surface, or, in PATH_WAY, in the medium before it."""
+        """A vertex on a surface, or, in BY_PATHS, in the medium before it."""
         reached = wp.bool(True)
         if wp.static(features.media):
             throughput = p.throughput
             length = length_to(lights, p)
             stretch(p, length, orders.light_samples, orders.i, stretches_out)
-            if orders.way != PATH_WAY:
+            if orders.diffuse_light != BY_PATHS:
                 if p.medium >= 0:
                     throughput = wp.cw_mul(throughput, transmittance(media, p.medium, length))
             if wp.static(features.traced):
-                if orders.way == PATH_WAY:
+                if orders.diffuse_light == BY_PATHS:
                     flight = flight_of(media, lights, p, orders.seed)
                     throughput = wp.cw_mul(throughput, flight.weight)
                     if flight.scatters == 1:
@@ -187,7 +187,7 @@ def make_shading(features: Features) -> SimpleNamespace:
             media,
             lights,
             camera_vertex(camera, rays, i),
-            orders_of(camera, surfaces.offset_min, light_samples, light_samples, max_depth, MAP_WAY, TRACE_ON, i),
+            orders_of(camera, surfaces.offset_min, light_samples, light_samples, max_depth, BY_MAP, TRACE_ON, i),
             seen_out,
             queries_out,
             coats_out,
@@ -208,7 +208,7 @@ def make_shading(features: Features) -> SimpleNamespace:
         light_samples: wp.int32,
         max_depth: wp.int32,
         shots: wp.int32,
-        way: wp.int32,
+        diffuse_light: wp.int32,
         actions: wp.array[wp.int32],
         offset: wp.int32,
         seen_out: Seen,
@@ -223,13 +223,13 @@ def make_shading(features: Features) -> SimpleNamespace:
         Args:
             light_samples: shadow segments of what the camera sees.
             shots: shadow segments of each of these vertices; segment j of vertex i is number i * shots + j.
-            way: what the diffuse parts of surfaces do: MAP_WAY, PATH_WAY or GATHER_WAY.
-            actions: in GATHER_WAY, what the diffuse part of each vertex does.
+            diffuse_light: BY_MAP, BY_PATHS or BY_FINAL_GATHER.
+            actions: in BY_FINAL_GATHER, what the diffuse part of each vertex does.
         """
         i = offset + wp.tid()
         action = wp.int32(TRACE_ON)
         if wp.static(features.traced):
-            if way == GATHER_WAY:
+            if diffuse_light == BY_FINAL_GATHER:
                 action = actions[i]
         shade(
             surfaces,
@@ -238,7 +238,7 @@ def make_shading(features: Features) -> SimpleNamespace:
             media,
             lights,
             camera_path(camera, paths, i),
-            orders_of(camera, surfaces.offset_min, light_samples, shots, max_depth, way, action, i),
+            orders_of(camera, surfaces.offset_min, light_samples, shots, max_depth, diffuse_light, action, i),
             seen_out,
             queries_out,
             coats_out,
@@ -253,7 +253,7 @@ def make_shading(features: Features) -> SimpleNamespace:
         lights: Lights,
         p: Vertex,
         light_samples: wp.int32,
-        way: wp.int32,
+        diffuse_light: wp.int32,
         i: wp.int32,
         stretches_out: Stretches,
     ) -> wp.vec3:
@@ -267,13 +267,13 @@ def make_shading(features: Features) -> SimpleNamespace:
                     by_light = pdf_environment(lights, p.anchor, unit)
                     radiance = radiance * (p.pdf / (p.pdf + by_light))
             if wp.static(features.traced):
-                if way == GATHER_WAY and p.diffuse > 0:
+                if diffuse_light == BY_FINAL_GATHER and p.diffuse > 0:
                     radiance = wp.vec3(0.0)
             radiance = wp.cw_mul(p.throughput, radiance)
         if wp.static(features.media):
             length = length_to(lights, p)
             stretch(p, length, light_samples, i, stretches_out)
-            if way != PATH_WAY:
+            if diffuse_light != BY_PATHS:
                 if p.medium >= 0:
                     radiance = wp.cw_mul(radiance, transmittance(media, p.medium, length))
         return radiance
@@ -286,7 +286,7 @@ def make_shading(features: Features) -> SimpleNamespace:
         camera: CameraView,
         paths: Paths,
         light_samples: wp.int32,
-        way: wp.int32,
+        diffuse_light: wp.int32,
         offset: wp.int32,
         radiance_out: wp.array[wp.vec3],
         collision_out: wp.array[wp.int32],
@@ -295,14 +295,14 @@ def make_shading(features: Features) -> SimpleNamespace:
         """Rays of camera paths that meet no surface.
 
         Args:
-            collision_out: in PATH_WAY, the cell in which each path collides in its medium, -1 where it does not.
+            collision_out: in BY_PATHS, the cell in which each path collides in its medium, -1 where it does not.
         """
         i = offset + wp.tid()
         p = camera_path(camera, paths, i)
-        radiance = escaped(media, lights, p, light_samples, way, i, stretches_out)
+        radiance = escaped(media, lights, p, light_samples, diffuse_light, i, stretches_out)
         collision = wp.int32(-1)
         if wp.static(features.media and features.traced):
-            if way == PATH_WAY:
+            if diffuse_light == BY_PATHS:
                 flight = flight_of(media, lights, p, camera.seed)
                 radiance = wp.cw_mul(radiance, flight.weight)
                 if flight.scatters == 1:

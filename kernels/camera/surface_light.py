@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import warp as wp
 
-from wdpm.kernels.camera.vertices import GATHER_WAY, PATH_WAY, Orders, Shots, Vertex, place_of
+from wdpm.kernels.camera.vertices import BY_FINAL_GATHER, BY_PATHS, Orders, Shots, Vertex, place_of
 from wdpm.kernels.constants import INV_PI
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights.lights import Lights, make_lights
@@ -86,11 +86,11 @@ def make_surface_light(features: Features) -> SimpleNamespace:
             if reflects:
                 scattering = eval_diffuse(s.bsdf, w_from, w_to) * wp.abs(w_to[2])
                 if wp.static(features.traced):
-                    if orders.way == PATH_WAY and found.delta == 0:
+                    if orders.diffuse_light == BY_PATHS and found.delta == 0:
                         by_diffuse = diffuse_share * (wp.max(w_to[2], 0.0) * INV_PI)
                         scattering = scattering * (found.pdf / (found.pdf + by_diffuse))
             if wp.static(features.glossy):
-                if (reflects or crosses) and (orders.way != GATHER_WAY or p.diffuse == 0):
+                if (reflects or crosses) and (orders.diffuse_light != BY_FINAL_GATHER or p.diffuse == 0):
                     glossy = eval_glossy(s.bsdf, w_from, w_to, RADIANCE)
                     if wp.max(glossy) > 0.0:
                         if found.delta == 0:

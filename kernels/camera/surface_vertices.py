@@ -1,6 +1,7 @@
 """Vertices of camera paths on surfaces: what each shows, is lit by, asks of the photon map, and where its path goes on.
 
-The counterpart in media is medium_vertices. What the diffuse part of a surface does is up to the way: see shading.
+The counterpart in media is medium_vertices. What the diffuse part of a surface does is up to
+`diffuse_light`: see shading.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ from wdpm.kernels.camera.photon_queries import make_photon_queries
 from wdpm.kernels.camera.rays import Paths
 from wdpm.kernels.camera.surface_light import make_surface_light
 from wdpm.kernels.camera.vertices import (
+    BY_FINAL_GATHER,
+    BY_PATHS,
     CHOICE,
-    GATHER_WAY,
-    PATH_WAY,
     READ_MAP,
     TRACE_ON,
     Coats,
@@ -84,9 +85,11 @@ def make_surface_vertices(features: Features) -> SimpleNamespace:
         shines = orders.max_depth == 0 or p.edges <= orders.max_depth
         lit = lights.count > 0 and (orders.max_depth == 0 or p.edges + 1 <= orders.max_depth)
         if wp.static(features.traced):
-            if orders.way == PATH_WAY or (orders.way == GATHER_WAY and orders.action == TRACE_ON):
+            if orders.diffuse_light == BY_PATHS or (
+                orders.diffuse_light == BY_FINAL_GATHER and orders.action == TRACE_ON
+            ):
                 diffuse_share = probability_diffuse(s.bsdf, w_from)
-            if orders.way == GATHER_WAY and p.diffuse > 0:
+            if orders.diffuse_light == BY_FINAL_GATHER and p.diffuse > 0:
                 shines = False
                 lit = lit and orders.action != READ_MAP
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warp as wp
 
 from wdpm.kernels.camera.camera import CameraView, whole_pixel
+from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.camera.rays import Paths
 from wdpm.kernels.constants import ROULETTE_FROM, SURVIVAL_MOST
 from wdpm.kernels.limits import CHAIN_LIMIT
@@ -23,12 +24,12 @@ CHOICE = wp.constant(2)
 ROULETTE = wp.constant(3)
 DIMENSIONS = wp.constant(4)
 
-# What the diffuse parts of surfaces do.
-MAP_WAY = wp.constant(0)
-PATH_WAY = wp.constant(1)
-GATHER_WAY = wp.constant(2)
+# Where indirect light of diffuse parts comes from.
+BY_MAP = wp.constant(int(DiffuseLight.PHOTON_MAP))
+BY_PATHS = wp.constant(int(DiffuseLight.PATHS))
+BY_FINAL_GATHER = wp.constant(int(DiffuseLight.FINAL_GATHER))
 
-# What the diffuse part of one vertex does in GATHER_WAY.
+# What the diffuse part of one vertex does in BY_FINAL_GATHER.
 TRACE_ON = wp.constant(0)
 """A ray goes on by it."""
 READ_MAP = wp.constant(1)
@@ -164,8 +165,8 @@ class Orders:
         light_samples: shadow segments of what the camera sees: places are counted by them.
         shots: shadow segments of each vertex of the launch; segment j is number i * shots + j.
         max_depth: longest path in edges; 0 for no limit.
-        way: what the diffuse parts of surfaces do: MAP_WAY, PATH_WAY or GATHER_WAY.
-        action: in GATHER_WAY, what the diffuse part of this vertex does.
+        diffuse_light: BY_MAP, BY_PATHS or BY_FINAL_GATHER.
+        action: in BY_FINAL_GATHER, what the diffuse part of this vertex does.
         eye: where depths are measured from.
         offset_min: least distance at which rays leave a surface.
     """
@@ -174,7 +175,7 @@ class Orders:
     light_samples: wp.int32
     shots: wp.int32
     max_depth: wp.int32
-    way: wp.int32
+    diffuse_light: wp.int32
     action: wp.int32
     seed: wp.uint32
     eye: wp.vec3
@@ -188,7 +189,7 @@ def orders_of(
     light_samples: wp.int32,
     shots: wp.int32,
     max_depth: wp.int32,
-    way: wp.int32,
+    diffuse_light: wp.int32,
     action: wp.int32,
     i: wp.int32,
 ) -> Orders:
@@ -198,7 +199,7 @@ def orders_of(
     orders.light_samples = light_samples
     orders.shots = shots
     orders.max_depth = max_depth
-    orders.way = way
+    orders.diffuse_light = diffuse_light
     orders.action = action
     orders.seed = camera.seed
     orders.eye = camera.eye

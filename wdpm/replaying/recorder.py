@@ -95,7 +95,7 @@ class Recorder:
         flight = wp.empty(1, dtype=DistanceSample, device=device)
         light = wp.empty(count, dtype=wp.int32, device=device)
         scene = [surfaces, replica.materials, replica.textures, replica.media, replica.lights, replica.camera]
-        inputs = [*scene, arriving, count, self._view.way]
+        inputs = [*scene, arriving, count, int(self._view.diffuse_light)]
         replica.launcher(make_look(replica.world.features), 1, inputs, [surface, flight, light])
         goes_on = replica.world.features.goes_on
         self._vertices.append(

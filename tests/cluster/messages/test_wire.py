@@ -18,7 +18,7 @@ from wdpm.cluster.batch import SCHEMAS, Batch, Kind
 from wdpm.cluster.messages import packing
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.task import BucketTask, PhotonsTraced, PhotonTask, RecordsMade, RecordTask
-from wdpm.cluster.world import IrradiancePlan, MapPlan, TopTree
+from wdpm.cluster.world import IrradiancePlan, MapPlan, TopTree, View
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.light_table import LightTable
 from wdpm.scenes.flat.material_table import MaterialTable
@@ -276,6 +276,16 @@ def test_what_does_not_hold_together_is_refused(message: Any, reason: str | None
     else:
         with pytest.raises(ProtocolError, match=reason):
             packing.decode(frames, ALL)
+
+
+@pytest.mark.parametrize("number", [3, -1, True, 1.0, "paths", None])
+def test_numbers_of_no_diffuse_light_are_refused(number: Any) -> None:
+    (frame, *others) = packing.encode(p.Look(1, make_view()))
+    told = msgpack.unpackb(frame)
+    place = [field.name for field in dataclasses.fields(View)].index("diffuse_light")
+    told[3][1][place] = number
+    with pytest.raises(ProtocolError, match=r"diffuse_light is .* expected one of \[0, 1, 2\]"):
+        packing.decode([msgpack.packb(told), *others], ALL)
 
 
 @pytest.mark.parametrize(
