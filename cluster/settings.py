@@ -7,17 +7,17 @@ import operator
 from dataclasses import dataclass
 from enum import Enum
 
+from wdpm.cluster.plan.integrators.algorithm import Algorithm
+from wdpm.cluster.plan.integrators.indirect import Indirect as Indirect
+from wdpm.cluster.plan.integrators.registry import Integrator as Integrator
+from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.limits import MAX_K
 from wdpm.scenes.errors import SettingsError
 
 EFFECTS_TO_LEAVE_OUT = ("indirect", "caustics", "media", "lens", "bump")
-
-MAP_EFFECTS = frozenset({"indirect", "caustics"})
-"""Those of them that come by photon maps alone: path tracing cannot leave them out."""
 """What --without takes: light of the global map, of the caustic map, media, depth of field, bent normals."""
 
-
-MOST_SHADOW_RAYS = 4
+MOST_SHADOW_RAYS = max(integrator.algorithm.shadow_rays for integrator in Integrator)
 """Of a camera sample, where nobody says how many."""
 
 CHANGE_NO_BIT = ("bucket", "routing", "all_effects", "strict")
@@ -31,28 +31,6 @@ class Routing(Enum):
     """Only the first cell starts a ray; a miss travels on to the next cell with its best hit."""
     MERGE = "merge"
     """The paper's way: every cell on a ray's way works at once, and the home merges the hits, nearest first."""
-
-
-class Integrator(Enum):
-    """How light is found."""
-
-    PHOTONS = "photons"
-    """Direct light by path tracing, indirect light from photon maps."""
-    PATH = "path"
-    """Everything by path tracing, without bias and without photons: the reference that others are held against."""
-
-
-class Indirect(Enum):
-    """Where the indirect light of diffuse surfaces comes from, with photons."""
-
-    AUTO = "auto"
-    """One of the others, as it suits the scene and the number of samples; the report says which and why."""
-    MAP = "map"
-    """The photon map, where the camera path meets the surface."""
-    GATHER = "gather"
-    """One ray a sample, and the photon map where it arrives (final gathering)."""
-    CACHE = "cache"
-    """Final gathering at some places, and interpolation between them (irradiance caching)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,10 +91,14 @@ class RenderSettings:
     inexact: bool = False
 
     @property
-    def gathers(self) -> bool:
+    def algorithm(self) -> Algorithm:
+        """The integrator's: it is asked for all that depends on which integrator it is."""
+        return self.integrator.algorithm
+
+    @property
+    def final_gathers(self) -> bool:
         """Whether indirect light comes by final gathering."""
-        wanted = self.integrator is Integrator.PHOTONS and self.photons > 0 and "indirect" not in self.without
-        return wanted and self.indirect in (Indirect.GATHER, Indirect.CACHE)
+        return self.algorithm.diffuse_light(self) is DiffuseLight.FINAL_GATHER
 
     def __post_init__(self) -> None:
         self._make_plain()
@@ -150,11 +132,7 @@ class RenderSettings:
         for effect in self.without:
             if effect not in EFFECTS_TO_LEAVE_OUT:
                 raise SettingsError(f"without names {effect!r}; expected some of {', '.join(EFFECTS_TO_LEAVE_OUT)}")
-        if self.integrator is Integrator.PATH and (maps := MAP_EFFECTS.intersection(self.without)):
-            raise SettingsError(
-                f"without {', '.join(sorted(maps))} leaves out photon maps, and integrator path has none; "
-                "for direct light alone use max_depth 2"
-            )
+        self.algorithm.check(self)
         if not (math.isfinite(self.band) and self.band >= 0):
             raise SettingsError(f"band is {self.band}; expected a share of the gather radius, 0 or more")
         if self.band < 1 and not self.inexact:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from wdpm.cluster.settings import Integrator, RenderSettings
+from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.features import ALL, Features
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.material_facts import MaterialFacts, facts
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, VertexColors
+
+if TYPE_CHECKING:
+    from wdpm.cluster.settings import RenderSettings
 
 _FROM_MATERIALS = (
     "conductor",
@@ -47,7 +52,7 @@ def features_of(flat: FlatScene, settings: RenderSettings) -> Features:
         environment=lights.environment_pixels.size > 0,
         textured_lights=len(glow) > 0,
         media=calls_for_media(flat),
-        traced=settings.integrator is Integrator.PATH or settings.gathers,
+        traced=settings.algorithm.diffuse_light(settings) is not DiffuseLight.PHOTON_MAP,
     )
 
 
@@ -60,8 +65,7 @@ def calls_for_media(flat: FlatScene) -> bool:
 
 def calls_for_caustics(flat: FlatScene, features: Features, settings: RenderSettings) -> bool:
     """Whether light may reach a diffuse surface by way of glossy ones alone."""
-    wanted = settings.integrator is Integrator.PHOTONS and settings.caustic_photons > 0
-    if not wanted or "caustics" in settings.without or not features.glossy:
+    if not settings.algorithm.maps(settings).caustic or not features.glossy:
         return False
     found = [fact for _, fact in used_materials(flat)]
     return any(fact.glossy for fact in found) and any(fact.diffuse for fact in found)

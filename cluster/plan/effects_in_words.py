@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.plan.effects import used_materials
-from wdpm.cluster.settings import Integrator, RenderSettings
+from wdpm.cluster.settings import RenderSettings
 from wdpm.cluster.world import World
 from wdpm.kernels.features import Features
 from wdpm.scenes.flat.flatten import FlatScene
@@ -132,7 +132,7 @@ def plan_of_effects(
         world: what was decided for `asked`.
         features: what the kernels are compiled for, the camera's included.
     """
-    causes = {**causes_of(flat, media), "traced": _settings_that_trace(settings)}
+    causes = {**causes_of(flat, media), "traced": settings.algorithm.traced_by(settings)}
     without = {WITHOUT[name] for name in settings.without}  # they may be compiled in all the same
     of_features = [
         Effect(name, words, bool(causes[name]), getattr(features, name) and name not in without, causes[name], switches)
@@ -165,16 +165,9 @@ def causes_of(flat: FlatScene, media: Sequence[str] = ()) -> dict[str, tuple[str
     return causes
 
 
-def _settings_that_trace(settings: RenderSettings) -> tuple[str, ...]:
-    """Settings that ask for camera paths beyond diffuse scatterings."""
-    if settings.integrator is Integrator.PATH:
-        return ("--integrator path",)
-    return () if not settings.gathers else (f"--indirect {settings.indirect.value}",)
-
-
 def _maps(flat: FlatScene, causes: dict[str, tuple[str, ...]], world: World, settings: RenderSettings) -> list[Effect]:
     """The photon maps, and how their photons are sent out."""
-    by_photons = settings.integrator is Integrator.PHOTONS
+    by_photons = settings.algorithm.shoots_photons
     shines = by_photons and bool(flat.lights.power.sum() > 0)
     diffuse, glossy = causes["diffuse"], causes["glossy"]
     indirect, caustics = shines and bool(diffuse), shines and bool(diffuse) and bool(glossy)
@@ -234,7 +227,7 @@ def _rays(
     """Rays that only some scenes need."""
     elements = len(flat.lights.power)
     going_on = _joined(causes["glossy"], causes["passing"], causes["traced"])
-    by_photons = settings.integrator is Integrator.PHOTONS
+    by_photons = settings.algorithm.shoots_photons
     asking = _joined(causes["plastic"], causes["principled"], causes["bent"], going_on if settings.max_depth else ())
     asking = asking if by_photons else ()
     walking = _joined(causes["passing"], causes["media"])

@@ -8,14 +8,18 @@ or bumps, which no record serves, the photon map is read where the camera path m
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from wdpm.cluster.plan.effects import calls_for_media
-from wdpm.cluster.settings import Indirect, Integrator, RenderSettings
+from wdpm.cluster.plan.integrators.indirect import Indirect
 from wdpm.scenes.flat.areas import triangle_areas
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.material_sides import gathering_sides, lambertian_sides
+
+if TYPE_CHECKING:
+    from wdpm.cluster.settings import RenderSettings
 
 SAMPLES_TO_REPAY = 1 << 17
 """Camera samples of a pass: below, the some hundred thousand gather rays of records cost more than they save."""
@@ -34,7 +38,7 @@ def choose_indirect(flat: FlatScene, settings: RenderSettings) -> tuple[RenderSe
 
 
 def _choice(flat: FlatScene, settings: RenderSettings) -> tuple[Indirect, str | None]:
-    if settings.integrator is Integrator.PATH or not settings.photons or "indirect" in settings.without:
+    if not settings.algorithm.maps(settings).indirect:
         return Indirect.MAP, None
     if calls_for_media(flat):
         return Indirect.MAP, "the scene has media"

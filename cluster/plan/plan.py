@@ -22,13 +22,12 @@ from wdpm.cluster.plan.light_samples import light_samples_of
 from wdpm.cluster.plan.light_shares import pilot_emission, shared_out
 from wdpm.cluster.plan.top_tree import build_top_tree
 from wdpm.cluster.records import NO_CACHE, CachePlan
-from wdpm.cluster.settings import Indirect, Integrator, RenderSettings
+from wdpm.cluster.settings import RenderSettings
 from wdpm.cluster.task import PhotonTask
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.photon_home import set_out
 from wdpm.cluster.work.worker import Worker
 from wdpm.cluster.world import IrradiancePlan, MapPlan, TopTree, View, World
-from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.limits import MAPS
@@ -190,9 +189,9 @@ def _flux_by_light(pilot: Worker, photons: Sequence[Arrays]) -> NDArray[np.float
 def _pilot_world(flat: FlatScene, features: Features, settings: RenderSettings) -> World:
     """One cell, and as many paths of each pass as the pilot has."""
     shines = bool(len(flat.lights.power)) and flat.lights.power.sum() > 0
-    by_photons = settings.integrator is Integrator.PHOTONS
-    indirect = by_photons and settings.photons > 0 and "indirect" not in settings.without
-    paths = PILOT_PATHS if shines and by_photons and (indirect or calls_for_media(flat)) else 0
+    algorithm, media = settings.algorithm, calls_for_media(flat)
+    wanted = algorithm.maps(settings)
+    paths = PILOT_PATHS if shines and (wanted.indirect or (media and algorithm.shoots_photons)) else 0
     caustic = PILOT_PATHS if shines and calls_for_caustics(flat, features, settings) else 0
     return World(
         features=features,
@@ -205,12 +204,12 @@ def _pilot_world(flat: FlatScene, features: Features, settings: RenderSettings) 
         seed=settings.seed,
         max_depth=settings.max_depth,
         emission=pilot_emission(flat, aimed=caustic > 0),
-        global_map=MapPlan(paths, read=indirect),
+        global_map=MapPlan(paths, read=wanted.indirect),
         caustic_map=MapPlan(caustic),
-        volume_map=MapPlan(paths if by_photons and calls_for_media(flat) and settings.volume_photons else 0),
+        volume_map=MapPlan(paths if media and wanted.volume else 0),
         volume_unit=1.0,
         unit=flat.unit,
-        irradiance=IrradiancePlan(IRRADIANCE_SHARE if settings.gathers else 0.0),
+        irradiance=IrradiancePlan(IRRADIANCE_SHARE if settings.final_gathers else 0.0),
     )
 
 
@@ -230,7 +229,7 @@ def view_of(flat: FlatScene, settings: RenderSettings, workers: int) -> View:
         caustic_k=settings.caustic_k,
         volume_samples=settings.volume_samples,
         bucket=settings.bucket or _bucket(flat, settings, max(workers, 1)),
-        diffuse_light=_diffuse_light(settings),
+        diffuse_light=settings.algorithm.diffuse_light(settings),
         cache=_cache_plan(settings, flat.camera),
         routing=settings.routing,
     )
@@ -254,14 +253,8 @@ def _bucket(flat: FlatScene, settings: RenderSettings, workers: int) -> int:
     return side
 
 
-def _diffuse_light(settings: RenderSettings) -> DiffuseLight:
-    if settings.integrator is Integrator.PATH:
-        return DiffuseLight.PATHS
-    return DiffuseLight.FINAL_GATHER if settings.gathers else DiffuseLight.PHOTON_MAP
-
-
 def _cache_plan(settings: RenderSettings, camera: Camera) -> CachePlan:
-    if not settings.gathers or settings.indirect is not Indirect.CACHE:
+    if not settings.algorithm.has_irradiance_cache(settings):
         return NO_CACHE
     side = max(camera.width, camera.height)
     least = min(CACHE_PLAN.least, max(1.0, RECORD_LEAST * side))
@@ -269,7 +262,7 @@ def _cache_plan(settings: RenderSettings, camera: Camera) -> CachePlan:
 
 
 def _irradiance_plan(settings: RenderSettings, plans: Sequence[MapPlan]) -> IrradiancePlan:
-    if not settings.gathers or not plans[GLOBAL_MAP].paths:
+    if not settings.final_gathers or not plans[GLOBAL_MAP].paths:
         return IrradiancePlan()
     return IrradiancePlan(IRRADIANCE_SHARE, settings.k, IRRADIANCE_REACH * plans[GLOBAL_MAP].radius)
 

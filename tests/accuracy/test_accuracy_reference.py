@@ -11,7 +11,8 @@ import pytest
 from wdpm.accuracy.knobs import parse_sweep
 from wdpm.accuracy.reference import STATE, trace_reference
 from wdpm.accuracy.run import Request, measure
-from wdpm.cluster.settings import EFFECTS_TO_LEAVE_OUT, MAP_EFFECTS, Integrator, RenderSettings
+from wdpm.cluster.plan.integrators.registry import REFERENCE
+from wdpm.cluster.settings import EFFECTS_TO_LEAVE_OUT, RenderSettings
 from wdpm.images.image import Image, load
 from wdpm.progress import SilentProgress
 from wdpm.scenes.errors import ImageError, SettingsError
@@ -41,10 +42,10 @@ def test_path_tracing_refuses_just_what_its_reference_shows_all_the_same() -> No
     refused = set()
     for effect in EFFECTS_TO_LEAVE_OUT:
         try:
-            RenderSettings(integrator=Integrator.PATH, without=(effect,))
+            RenderSettings(integrator=REFERENCE, without=(effect,))
         except SettingsError:
             refused.add(effect)
-    assert refused == MAP_EFFECTS
+    assert refused == REFERENCE.algorithm.cannot_leave_out
 
 
 def fake(settings: RenderSettings) -> Image:

@@ -16,13 +16,14 @@ from wdpm.bench import effects_scenes as scenes
 from wdpm.cli import main
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import FEATURES, WITHOUT, Effect, causes_of
+from wdpm.cluster.plan.integrators.photons import RULE
 from wdpm.cluster.settings import EFFECTS_TO_LEAVE_OUT, RenderSettings
 from wdpm.cluster.work.replica import with_camera
 from wdpm.images.image import load as load_image
 from wdpm.inspection.inspect import Inspection, inspect
 from wdpm.inspection.tables import LIGHTS_SHOWN
 from wdpm.kernels.features import Features
-from wdpm.rendering.approximations import RULE, is_round
+from wdpm.rendering.approximations import is_round
 from wdpm.scenes.builtin.cornell_box import cornell_box
 from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.model.bsdfs import Conductor

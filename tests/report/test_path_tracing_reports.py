@@ -10,10 +10,12 @@ from furnaces import box, scene, view
 
 from wdpm.api import render_in_process
 from wdpm.cli import main
+from wdpm.cluster.plan.integrators.path import HIDDEN
+from wdpm.cluster.plan.integrators.photons import RULE
 from wdpm.cluster.settings import Integrator, RenderSettings
 from wdpm.images.image import Image
 from wdpm.inspection.inspect import inspect
-from wdpm.rendering.approximations import HIDDEN, NOT_FOR_PATHS, RULE, settings_without_effect
+from wdpm.rendering.approximations import settings_without_effect
 from wdpm.replaying.run import Replayer
 from wdpm.replaying.vertices import LAYERS
 from wdpm.scenes import cornell_box
@@ -45,8 +47,9 @@ def foggy_room() -> Scene:
 
 def test_every_setting_is_looked_at_or_named() -> None:
     every = {field.name for field in fields(RenderSettings)}
-    assert every - set(NOT_FOR_PATHS) - FOR_PATHS == {"strict", "without"}
-    assert set(NOT_FOR_PATHS) <= every
+    ignored = set(Integrator.PATH.algorithm.ignored)
+    assert every - ignored - FOR_PATHS == {"strict", "without"}
+    assert ignored <= every
 
 
 def test_settings_without_effect_are_named() -> None:

@@ -10,7 +10,7 @@ from wdpm.accuracy.facts import Facts
 from wdpm.accuracy.knobs import KNOBS, Knob, Sweep, Value, make_sweep, photons_of, rounded
 from wdpm.accuracy.points import BAND_SLAVES, Point, Points, plan_points
 from wdpm.accuracy.store import Record
-from wdpm.cluster.settings import Indirect, Integrator, RenderSettings
+from wdpm.cluster.settings import Indirect, RenderSettings
 from wdpm.kernels.limits import MAX_K
 
 DEFAULT_BUDGET_S = 300.0
@@ -207,8 +207,8 @@ def left_out_in_words(points: Points, idle: Mapping[str, str]) -> list[str]:
 
 def _base_in_words(chosen: RenderSettings) -> str:
     samples = f"{chosen.spp} sample{'s' if chosen.spp > 1 else ''}"
-    if chosen.integrator is Integrator.PATH:
-        return f"path tracing, {samples}"
+    if not chosen.algorithm.shoots_photons:
+        return f"{chosen.algorithm.words}, {samples}"
     return f"{chosen.photons:,} photons, k {chosen.k}, {samples}"
 
 

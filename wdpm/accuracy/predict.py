@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from wdpm.cluster.settings import Integrator
 from wdpm.goal.goal import Goal, Metric
-from wdpm.goal.outcome import NAMES, kind_in_words
+from wdpm.goal.outcome import NAMES
 from wdpm.goal.pilot import Pilot, Workplace
 from wdpm.goal.plan import Course
 from wdpm.rendering.scene_settings import settings_for
@@ -44,9 +43,9 @@ class Predictions:
                 table.add_row(f"{error:g}", "out of reach", "", "", "", "")
                 continue
             settings = course.settings
-            photons = f"{settings.photons:,}" if settings.integrator is Integrator.PHOTONS else "none"
+            photons = f"{settings.photons:,}" if settings.algorithm.shoots_photons else "none"
             counts = (f"{course.passes:,}", f"{course.samples:,}", photons)
-            table.add_row(f"{error:g}", format_seconds(course.seconds), *counts, kind_in_words(settings))
+            table.add_row(f"{error:g}", format_seconds(course.seconds), *counts, settings.algorithm.in_words(settings))
         console.print(table)
         console.print(
             f"Predicted by a pilot of {self.pilot_seconds:.1f} s ({self.compile_seconds:.1f} s of compiling besides), "

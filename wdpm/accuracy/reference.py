@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.accuracy.error import Truth
-from wdpm.cluster.settings import MAP_EFFECTS, Integrator, RenderSettings
+from wdpm.cluster.plan.integrators.registry import REFERENCE
+from wdpm.cluster.settings import RenderSettings
 from wdpm.images.image import Image, load
 from wdpm.progress import Progress
 from wdpm.rendering.array_file import read_arrays, write_arrays
@@ -156,10 +157,10 @@ class _State:
 def traced_settings(settings: RenderSettings) -> RenderSettings:
     """Settings of a reference of our own: path tracing.
 
-    It shows the light of photon maps that are left out (MAP_EFFECTS): to leave it out is bias of the renders.
+    It shows the light of photon maps that are left out, as it must: to leave it out is bias of the renders.
     """
-    without = tuple(effect for effect in settings.without if effect not in MAP_EFFECTS)
-    return replace(settings, integrator=Integrator.PATH, without=without, passes=1, band=1.0, inexact=False)
+    without = tuple(effect for effect in settings.without if effect not in REFERENCE.algorithm.cannot_leave_out)
+    return replace(settings, integrator=REFERENCE, without=without, passes=1, band=1.0, inexact=False)
 
 
 def _path(settings: RenderSettings, spp: int, name: str) -> RenderSettings:

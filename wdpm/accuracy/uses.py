@@ -7,10 +7,9 @@ from dataclasses import replace
 
 from wdpm.accuracy.knobs import KNOBS, MAPS, Sweep, photons_of
 from wdpm.cluster.plan.effects import calls_for_caustics, calls_for_media, features_of
-from wdpm.cluster.plan.light_samples import light_samples_of
-from wdpm.cluster.settings import Integrator, RenderSettings
+from wdpm.cluster.plan.light_samples import worth_several_rays
+from wdpm.cluster.settings import RenderSettings
 from wdpm.cluster.world import World
-from wdpm.rendering.approximations import NOT_FOR_PATHS
 from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.flat.flatten import FlatScene
 
@@ -21,6 +20,8 @@ _OF_ANY_RENDER = ("spp", "slaves")
 
 _LEFT_OUT_BY = {"global": "indirect", "caustic": "caustics", "volume": "media"}
 """What --without calls the light of each map."""
+
+ONE_SMALL_LIGHT = "the only light has no extent, so that all shadow rays of a place are the same"
 
 
 def refuse_idle(sweeps: Sequence[Sweep], idle: Mapping[str, str]) -> None:
@@ -45,9 +46,11 @@ def idle_by_settings(settings: RenderSettings) -> dict[str, str]:
     """
     if settings.max_depth == 1:
         return _but_any_render("with --max-depth 1 nothing but lamps is seen")
-    if settings.integrator is Integrator.PATH:
-        unread = [name for name in _NAMES if name in NOT_FOR_PATHS]
-        return dict.fromkeys((*unread, "passes"), "--integrator path has no photons")
+    algorithm = settings.algorithm
+    if not algorithm.shoots_photons:
+        unread = [name for name in _NAMES if name in algorithm.ignored]
+        # Passes differ by their photons alone.
+        return dict.fromkeys((*unread, "passes"), f"--integrator {algorithm.name} {algorithm.why_ignored}")
     idle: dict[str, str] = {}
     for kind in MAPS:
         count, effect = photons_of(kind), _LEFT_OUT_BY[kind]
@@ -76,17 +79,10 @@ def idle_knobs(flat: FlatScene, world: World, settings: RenderSettings) -> dict[
     """
     if not flat.lights.power.sum() > 0:
         return _but_any_render("nothing in the scene shines")
-    idle = _idle_by_lights(flat, settings)
-    if settings.integrator is Integrator.PHOTONS:
+    idle = {} if worth_several_rays(flat) else {"light_samples": ONE_SMALL_LIGHT}
+    if settings.algorithm.shoots_photons:
         idle |= _idle_by_maps(flat, world, settings)
     return idle | idle_by_settings(settings)
-
-
-def _idle_by_lights(flat: FlatScene, settings: RenderSettings) -> dict[str, str]:
-    left_open = replace(settings, light_samples=None, integrator=Integrator.PHOTONS)
-    if light_samples_of(flat, left_open) > 1:
-        return {}
-    return {"light_samples": "the only light has no extent, so that all shadow rays of a place are the same"}
 
 
 def _idle_by_maps(flat: FlatScene, world: World, settings: RenderSettings) -> dict[str, str]:

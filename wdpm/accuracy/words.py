@@ -165,7 +165,8 @@ def _where_from(found: Accuracy) -> str:
     settings = base.settings
     samples = _counted(settings["spp"], "sample")
     photons = f"{_counted(settings['photons'], 'photon')}, k {settings['k']} and "
-    at = f"At the base, {'' if settings['integrator'] == Integrator.PATH.value else photons}{samples},"
+    by_photons = Integrator(settings["integrator"]).algorithm.shoots_photons
+    at = f"At the base, {photons if by_photons else ''}{samples},"
     text = f"{at} relMSE is {split.error.value:.2g} in {base.seconds:.1f} s{_of_cpu(found)}"
     if not split.error.value > 0:
         return text + ": no error that these seeds and this reference can show."

@@ -20,7 +20,8 @@ import numpy as np
 
 from wdpm import api
 from wdpm.bench.mitsuba import WARM_SEED, Cost
-from wdpm.cluster.settings import Indirect, Integrator, RenderSettings
+from wdpm.cluster.plan.integrators.registry import REFERENCE
+from wdpm.cluster.settings import Indirect, RenderSettings
 from wdpm.devices import available_cores
 from wdpm.images.comparison import Region, compare, region_slices
 from wdpm.images.image import Image
@@ -281,9 +282,7 @@ def _check_reference(reference: Image, region: Region | None, words: str) -> Non
 
 
 def _reference_settings(scene: Scene, sweep: Sweep) -> RenderSettings:
-    return RenderSettings(
-        integrator=Integrator.PATH, spp=sweep.reference_spp, seed=REFERENCE_SEED, max_depth=scene.max_depth
-    )
+    return RenderSettings(integrator=REFERENCE, spp=sweep.reference_spp, seed=REFERENCE_SEED, max_depth=scene.max_depth)
 
 
 def _turn(scene: Scene, settings: RenderSettings, reference: Image, region: Region | None, render: Renderer) -> _Turn:

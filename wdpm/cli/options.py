@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from wdpm import values
-from wdpm.cluster.settings import EFFECTS_TO_LEAVE_OUT, Indirect, Integrator, RenderSettings, Routing
+from wdpm.cluster.settings import EFFECTS_TO_LEAVE_OUT, MOST_SHADOW_RAYS, Indirect, Integrator, RenderSettings, Routing
 from wdpm.devices import available_cores
 
 
@@ -22,7 +22,7 @@ class SettingOption:
         field: of RenderSettings; `light_samples` becomes `--light-samples`.
         group: heading in the help.
         text: help, without the default.
-        parse: from text; None makes it a flag.
+        parse: from text, or the enumeration of the choices; None makes it a flag.
         metavar: name of the value in the help.
         default: the default in words, where it is not simply the field's.
     """
@@ -30,7 +30,7 @@ class SettingOption:
     field: str
     group: str
     text: str
-    parse: Callable[[str], Any] | None = values.positive_count
+    parse: Callable[[str], Any] | type[Enum] | None = values.positive_count
     metavar: str = "N"
     default: str | None = None
 
@@ -39,6 +39,10 @@ _QUALITY = "image quality"
 _MAPS = "maps that only some scenes call for"
 _WORK = "how the work is done (changes no bit of the image)"
 _APPROXIMATION = "approximation"
+
+_ALGORITHMS = [each.algorithm for each in Integrator]
+_ONE_SHADOW_RAY = [each.name for each in _ALGORITHMS if each.shadow_rays == 1]
+_INTEGRATORS = ", or ".join(each.option_help for each in _ALGORITHMS)
 
 SETTING_OPTIONS = (
     SettingOption("spp", _QUALITY, "samples a pixel", default="the scene's, or 16"),
@@ -72,9 +76,7 @@ SETTING_OPTIONS = (
         default="from the scene",
     ),
     SettingOption("volume_samples", _MAPS, "samples a pixel, at most, that look for light in media"),
-    SettingOption(
-        "integrator", _QUALITY, "photons, or path: unbiased path tracing, to compare with", Integrator, "HOW"
-    ),
+    SettingOption("integrator", _QUALITY, _INTEGRATORS, Integrator, "HOW"),
     SettingOption(
         "indirect",
         _QUALITY,
@@ -88,7 +90,7 @@ SETTING_OPTIONS = (
         _QUALITY,
         "shadow rays from what a sample sees",
         values.count,
-        default="4; 1 with one light that has no extent, and with path",
+        default=f"{MOST_SHADOW_RAYS}; 1 with one light that has no extent, and with {', '.join(_ONE_SHADOW_RAY)}",
     ),
     SettingOption(
         "passes",

@@ -7,18 +7,10 @@ from dataclasses import asdict, dataclass
 from enum import Enum
 from typing import Any
 
-from wdpm.cluster.settings import Indirect, Integrator, RenderSettings
 from wdpm.goal.gauge import Estimate
 from wdpm.goal.goal import Goal, Metric
 from wdpm.goal.plan import Course
 from wdpm.report.report import ErrorFigure
-
-_KINDS = {
-    Indirect.AUTO: "as it suits the scene",
-    Indirect.MAP: "photon map",
-    Indirect.GATHER: "final gathering",
-    Indirect.CACHE: "final gathering with an irradiance cache",
-}
 
 
 class Ending(Enum):
@@ -137,16 +129,11 @@ def outcome_of(
     )
 
 
-def kind_in_words(settings: RenderSettings) -> str:
-    """How light is found."""
-    return "path tracing" if settings.integrator is Integrator.PATH else _KINDS[settings.indirect]
-
-
 def reasons(course: Course) -> str:
     """What was chosen, and why, in words."""
     settings, trial = course.settings, course.trial
-    kind = kind_in_words(settings)
-    if settings.integrator is Integrator.PHOTONS:
+    kind = settings.algorithm.in_words(settings)
+    if settings.algorithm.shoots_photons:
         kind += f", {settings.photons:,} photons a pass"
     return (
         f"{kind}, {course.samples} samples a pass: a pass costs {trial.pass_cost:.2g} s and {trial.sample_cost:.2g} s "

@@ -11,7 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from wdpm.cluster.settings import MAP_EFFECTS, Indirect, Integrator, RenderSettings
+from wdpm.cluster.plan.integrators.registry import REFERENCE
+from wdpm.cluster.settings import Indirect, RenderSettings
 from wdpm.clusters import Cluster
 from wdpm.goal.goal import Goal
 from wdpm.goal.plan import FACTORS, Course, nearest, soonest, with_photons
@@ -131,9 +132,9 @@ class Pilot:
         """
         began = self.work.clock()
         allowed = seconds_left() * PILOT_SHARE
-        by_photons = self.settings.integrator is Integrator.PHOTONS and self.settings.photons > 0
+        by_photons = self.settings.algorithm.shoots_photons and self.settings.photons > 0
         # Paths cannot leave out what comes by a photon map: such an image has no witness.
-        whole = not MAP_EFFECTS.intersection(self.settings.without)
+        whole = not REFERENCE.algorithm.cannot_leave_out.intersection(self.settings.without)
         if by_photons and whole and (goal.error is not None or seconds_left() > LONG_S):
             wanted = WITNESS_SHARE * goal.mean_square
             self.witness = make_witness(
@@ -150,10 +151,9 @@ class Pilot:
         self.seconds = self.work.clock() - began - self.compile_seconds
 
     def _first(self) -> RenderSettings:
-        settings = self.settings
-        if settings.indirect is Indirect.AUTO:
-            settings = replace(settings, indirect=Indirect.MAP)
-        if PHOTON_FIELDS & self.fixed or settings.integrator is Integrator.PATH:
+        algorithm = self.settings.algorithm
+        settings = replace(self.settings, indirect=algorithm.kinds_to_try(self.settings)[0])
+        if PHOTON_FIELDS & self.fixed or not algorithm.shoots_photons:
             return settings
         fewer: dict[str, Any] = {name: int(getattr(settings, name) * FIRST_PHOTONS) for name in sorted(PHOTON_FIELDS)}
         return replace(settings, **fewer)
@@ -172,14 +172,8 @@ class Pilot:
         return None
 
     def _kinds_left(self) -> Sequence[Indirect]:
-        if (
-            self.settings.indirect is not Indirect.AUTO
-            or self.settings.integrator is Integrator.PATH
-            or not self.settings.photons
-        ):
-            return ()
         tried = {trial.settings.indirect for trial in self.trials}
-        return [kind for kind in (Indirect.CACHE, Indirect.GATHER) if kind not in tried]
+        return [kind for kind in self.settings.algorithm.kinds_to_try(self.settings) if kind not in tried]
 
     def _candidates(self) -> list[Trial]:
         """All trials, and what they let expect of other numbers of photons."""

@@ -26,7 +26,7 @@ from functools import cache
 
 import numpy as np
 
-from wdpm.cluster.settings import Integrator, RenderSettings
+from wdpm.cluster.settings import RenderSettings
 from wdpm.goal.gauge import LEAST_PASSES
 from wdpm.goal.trial import Trial
 from wdpm.rendering.pass_plan import ALPHA, PassPlan, share_of_rays
@@ -126,7 +126,7 @@ def _rays(samples: int) -> float:
 def course(trial: Trial, passes: int, samples: int, *, likely: bool = False) -> Course:
     """What is expected of so many passes, by the model above; of the likely bias, not of the most that it may be."""
     inverse, mean = _shares(passes)
-    biased = trial.settings.integrator is Integrator.PHOTONS
+    biased = trial.settings.algorithm.biased
     kept = sum(PassPlan(number, number * samples, samples) in trial.results for number in range(min(passes, 2)))
     total = passes * samples
     by_samples = stratified(total) * trial.sample_noise / total + trial.rare * (2 / total) ** RARE_POWER

@@ -11,7 +11,6 @@ from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
 
-from wdpm.cluster.settings import Integrator
 from wdpm.clusters import Cluster
 from wdpm.goal.clock import Budget
 from wdpm.goal.gauge import LEAST_PASSES, Estimate, Gauge
@@ -120,7 +119,7 @@ def _render(pilot: Pilot, goal: Goal, budget: Budget) -> Image:
     progress.note(_promise(course, goal, expected))
     began = pilot.work.clock()
     settings = course.settings
-    biased = settings.integrator is Integrator.PHOTONS
+    biased = settings.algorithm.biased
     shape = (scene.camera.height, scene.camera.width, 3)
     gauge = Gauge(shape, goal.metric, biased, pilot.witness)
     with pilot.work.renderer(scene, settings) as renderer:

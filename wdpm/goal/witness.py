@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.cluster.settings import Integrator, RenderSettings
+from wdpm.cluster.plan.integrators.registry import REFERENCE
+from wdpm.cluster.settings import RenderSettings
 from wdpm.goal.goal import Metric
 from wdpm.rendering.pass_plan import PassPlan
 from wdpm.rendering.passes import PassRenderer
@@ -122,7 +123,7 @@ def _beauty(renderer: PassRenderer, plan: PassPlan) -> Values:
 def path_settings(settings: RenderSettings, name: str) -> RenderSettings:
     """Of a path-traced image with random numbers of its own."""
     digest = hashlib.sha256(f"witness {name} of seed {settings.seed}".encode()).digest()
-    return replace(settings, integrator=Integrator.PATH, seed=int.from_bytes(digest[:4], "little"))
+    return replace(settings, integrator=REFERENCE, seed=int.from_bytes(digest[:4], "little"))
 
 
 def _times_more(one: Values, other: Values, metric: Metric, wanted: float) -> float:

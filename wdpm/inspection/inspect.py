@@ -11,7 +11,6 @@ import numpy as np
 from wdpm.cluster.partition import rows_near
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import Effect, LightUse, missing_effects, plan_of_effects, uses_of_lights
-from wdpm.cluster.plan.indirect_choice import choose_indirect
 from wdpm.cluster.plan.plan import Plan, make_plan
 from wdpm.cluster.work.replica import with_camera
 from wdpm.kernels.compile import compile_kernels
@@ -106,7 +105,7 @@ def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:
     as_it_is = flatten(scene)
     flat = flatten(leave_out(scene, settings.without)) if settings.without else as_it_is
     unused = settings_without_effect(settings)
-    settings, _ = choose_indirect(flat, settings)
+    settings, _ = settings.algorithm.choose(flat, settings)
     features = with_camera(features_of(flat, settings), flat.camera)
     compile_kernels("cpu", features)
     plan = make_plan(flat, settings, slaves, Launcher("cpu"))

@@ -4,33 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from wdpm.cluster.settings import Integrator, RenderSettings
+from wdpm.cluster.settings import RenderSettings
 from wdpm.cluster.world import World
-from wdpm.scenes.model.bsdfs import Bsdf, Conductor, Dielectric, Plastic, Principled, ThinDielectric, walk
-from wdpm.scenes.model.lights import DirectionalLight, PointLight, SpotLight
+from wdpm.scenes.model.bsdfs import Conductor, Dielectric, Plastic, Principled, ThinDielectric, walk
 from wdpm.scenes.model.scene import Mesh, Scene
-
-RULE = "diffuse parts are gathered, glossy parts are traced, at any roughness"
-"""Which light is found how: one rule, without a threshold (kernels.materials.types)."""
-
-HIDDEN = "light of points, spots and suns without size that comes off smooth mirrors or glass is not found by paths"
-"""What path tracing leaves out (photons find it: the caustic map)."""
-
-NOT_FOR_PATHS = (
-    "photons",
-    "k",
-    "radius",
-    "caustic_photons",
-    "caustic_k",
-    "caustic_radius",
-    "volume_photons",
-    "volume_samples",
-    "volume_radius",
-    "indirect",
-    "band",
-    "inexact",
-)
-"""Settings that path tracing does not look at."""
 
 ROUND_SHARE = 1e-5
 """Vertices of a tessellated sphere lie on it to this share of its radius."""
@@ -44,12 +21,8 @@ _SHINY = (Conductor, Dielectric, ThinDielectric, Plastic, Principled)
 
 def approximations(scene: Scene, world: World, settings: RenderSettings) -> tuple[str, ...]:
     """One line for each approximation of a render, with its figures."""
-    lines = []
-    by_paths = settings.integrator is Integrator.PATH
-    if by_paths and _hides_light(scene):
-        lines.append(HIDDEN)
-    if world.features.goes_on and not by_paths:
-        lines.append(RULE)
+    algorithm = settings.algorithm
+    lines = [*algorithm.approximations(scene, world)]
     for words, plan in (("indirect light", world.global_map), ("caustics", world.caustic_map)):
         if plan.paths:
             lines.append(f"{words}: averaged over the nearest photons within {plan.radius * world.unit:.4g}")
@@ -62,18 +35,18 @@ def approximations(scene: Scene, world: World, settings: RenderSettings) -> tupl
     if spheres:
         most = max(len(mesh.faces) for mesh in spheres)
         lines.append(f"spheres that reflect or refract: {len(spheres)}, of up to {most:,} triangles, smooth normals")
-    if settings.band < 1 and not by_paths:
+    if settings.band < 1 and "band" not in algorithm.ignored:
         lines.append(f"overlap band: {settings.band:g} of the gather radius")
     return tuple(lines)
 
 
 def settings_without_effect(settings: RenderSettings) -> tuple[str, ...]:
     """One line about settings that were chosen and that nothing looks at; none where there are none."""
-    if settings.integrator is not Integrator.PATH:
+    plain, algorithm = RenderSettings(), settings.algorithm
+    names = [name for name in algorithm.ignored if getattr(settings, name) != getattr(plain, name)]
+    if not names:
         return ()
-    plain = RenderSettings()
-    names = [name for name in NOT_FOR_PATHS if getattr(settings, name) != getattr(plain, name)]
-    return (f"no effect with integrator path, which has no photons: {', '.join(names)}",) if names else ()
+    return (f"no effect with integrator {algorithm.name}, which {algorithm.why_ignored}: {', '.join(names)}",)
 
 
 def is_round(mesh: Mesh) -> bool:
@@ -88,21 +61,6 @@ def is_round(mesh: Mesh) -> bool:
         return False
     along = np.abs(np.einsum("ij,ij->i", arm, mesh.normals)) / radius
     return bool(along.min() > 1.0 - ROUND_SHARE)
-
-
-def _hides_light(scene: Scene) -> bool:
-    """Whether some light can reach neither a shadow ray nor a path: from a light without size, off a smooth surface."""
-    if not any(isinstance(light, (PointLight, SpotLight, DirectionalLight)) for light in scene.lights):
-        return False
-    used = {mesh.material for mesh in scene.meshes}
-    return any(_is_smooth(node) for number in used for node in walk(scene.materials[number].bsdf))
-
-
-def _is_smooth(node: Bsdf) -> bool:
-    """Whether light is reflected or refracted in single directions."""
-    if isinstance(node, (Conductor, Dielectric)):
-        return node.alpha_u == 0 and node.alpha_v == 0
-    return isinstance(node, ThinDielectric) or (isinstance(node, Plastic) and node.alpha == 0)
 
 
 def _is_shiny(scene: Scene, mesh: Mesh) -> bool:

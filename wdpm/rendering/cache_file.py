@@ -14,7 +14,7 @@ import numpy as np
 
 from wdpm.cluster.messages.checks import check
 from wdpm.cluster.records import Records
-from wdpm.cluster.settings import Indirect, Integrator, RenderSettings
+from wdpm.cluster.settings import RenderSettings
 from wdpm.images.files import check_place
 from wdpm.images.image import Image
 from wdpm.rendering.array_file import BrokenArraysError, read_arrays, write_arrays
@@ -58,14 +58,16 @@ def check_wanted(files: CacheFiles, settings: RenderSettings) -> None:
     option = "--save-cache" if files.save is not None else "--load-cache"
     if files == NO_CACHE_FILES:
         return
-    if settings.integrator is Integrator.PATH:
+    algorithm = settings.algorithm
+    if not algorithm.shoots_photons:
         raise SettingsError(
-            f"{option}: path tracing has no irradiance cache; leave {option} out, or render with --integrator photons"
+            f"{option}: {algorithm.words} has no irradiance cache; leave {option} out, or render with --integrator "
+            "photons"
         )
     if not settings.photons or "indirect" in settings.without:
         why = "--photons 0" if not settings.photons else "--without indirect"
         raise SettingsError(f"{option}: {why} leaves nothing for an irradiance cache; leave one of them out")
-    if settings.indirect is not Indirect.CACHE:
+    if not algorithm.has_irradiance_cache(settings):
         raise SettingsError(
             f"{option}: there is no irradiance cache, since indirect light comes by {settings.indirect.value}; "
             "ask for one by --indirect cache"

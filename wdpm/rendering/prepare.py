@@ -15,11 +15,10 @@ import warp as wp
 from wdpm.cluster.layers import layers_of
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import missing_effects, plan_of_effects
-from wdpm.cluster.plan.indirect_choice import choose_indirect
 from wdpm.cluster.plan.light_samples import light_samples_of
 from wdpm.cluster.plan.plan import PILOT_PATHS, Plan, make_plan, view_of
 from wdpm.cluster.session import Session
-from wdpm.cluster.settings import CHANGE_NO_BIT, Integrator, RenderSettings
+from wdpm.cluster.settings import CHANGE_NO_BIT, RenderSettings
 from wdpm.cluster.work import guards
 from wdpm.cluster.work.replica import with_camera
 from wdpm.cluster.work.worker import Worker
@@ -121,7 +120,7 @@ def prepare(
     if settings.strict:
         _demand_all(flat)
     unused = settings_without_effect(settings)
-    settings, chose = choose_indirect(flat, settings)
+    settings, chose = settings.algorithm.choose(flat, settings)
     settings = replace(settings, light_samples=light_samples_of(flat, settings))
     features = with_camera(features_of(flat, settings), flat.camera)
     progress.start("compile")
@@ -146,7 +145,7 @@ def prepare(
     )
     seconds["partition"] = time.perf_counter() - began
     dropped = tuple(f"{count} triangles were left out: {cause}" for cause, count in flat.dropped.items())
-    by_photons = settings.integrator is Integrator.PHOTONS and settings.photons > 0
+    by_photons = settings.algorithm.shoots_photons and settings.photons > 0
     if by_photons and not plan.world.global_map.paths:
         dropped += (f"none of {PILOT_PATHS:,} photon paths stored a photon: there is no indirect light",)
     left_out = _left_out(scene, flat, plan.world, features, settings)

@@ -158,7 +158,7 @@ def _slave_report(number: int, slave: dict[str, Any]) -> SlaveReport:
 
 def _final_gather(prepared: Prepared, result: SessionResult) -> FinalGatherReport | None:
     """What final gathering did; None where there is none."""
-    if not prepared.settings.gathers:
+    if not prepared.settings.final_gathers:
         return None
 
     def total(name: str) -> Any:

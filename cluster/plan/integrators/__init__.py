@@ -1,0 +1,1 @@
+"""Integrators: each is one object, an Algorithm, that says all that others have to know of it."""

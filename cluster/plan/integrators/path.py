@@ -1,0 +1,95 @@
+"""Path tracing: everything by paths from the camera, without bias and without photons."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from wdpm.cluster.plan.integrators.algorithm import Algorithm, WantedMaps
+from wdpm.cluster.plan.integrators.indirect import Indirect
+from wdpm.kernels.camera.diffuse_light import DiffuseLight
+from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.model.bsdfs import Bsdf, Conductor, Dielectric, Plastic, ThinDielectric, walk
+from wdpm.scenes.model.lights import DirectionalLight, PointLight, SpotLight
+
+if TYPE_CHECKING:
+    from wdpm.cluster.settings import RenderSettings
+    from wdpm.cluster.world import World
+    from wdpm.scenes.flat.flatten import FlatScene
+    from wdpm.scenes.model.scene import Scene
+
+HIDDEN = "light of points, spots and suns without size that comes off smooth mirrors or glass is not found by paths"
+"""What path tracing leaves out (photons find it: the caustic map)."""
+
+
+class PathTracing(Algorithm):
+    """Everything by path tracing: the reference that others are held against."""
+
+    name = "path"
+    words = "path tracing"
+    option_help = "path: unbiased path tracing, to compare with"
+    shoots_photons = False
+    biased = False
+    shadow_rays = 1  # time is better spent on whole paths
+    ignored = (
+        "photons",
+        "k",
+        "radius",
+        "caustic_photons",
+        "caustic_k",
+        "caustic_radius",
+        "volume_photons",
+        "volume_samples",
+        "volume_radius",
+        "indirect",
+        "band",
+        "inexact",
+    )
+    why_ignored = "has no photons"
+    cannot_leave_out = frozenset({"indirect", "caustics"})  # they come by photon maps alone
+
+    def check(self, settings: RenderSettings) -> None:
+        if maps := self.cannot_leave_out.intersection(settings.without):
+            raise SettingsError(
+                f"without {', '.join(sorted(maps))} leaves out photon maps, and integrator {self.name} has none; "
+                "for direct light alone use max_depth 2"
+            )
+
+    def choose(self, flat: FlatScene, settings: RenderSettings) -> tuple[RenderSettings, str | None]:
+        return replace(settings, indirect=self.kinds_to_try(settings)[0]), None
+
+    def maps(self, settings: RenderSettings) -> WantedMaps:
+        return WantedMaps()
+
+    def diffuse_light(self, settings: RenderSettings) -> DiffuseLight:
+        return DiffuseLight.PATHS
+
+    def has_irradiance_cache(self, settings: RenderSettings) -> bool:
+        return False
+
+    def traced_by(self, settings: RenderSettings) -> tuple[str, ...]:
+        return (f"--integrator {self.name}",)
+
+    def in_words(self, settings: RenderSettings) -> str:
+        return self.words
+
+    def approximations(self, scene: Scene, world: World) -> tuple[str, ...]:
+        return (HIDDEN,) if _hides_light(scene) else ()
+
+    def kinds_to_try(self, settings: RenderSettings) -> tuple[Indirect, ...]:
+        return (Indirect.MAP if settings.indirect is Indirect.AUTO else settings.indirect,)
+
+
+def _hides_light(scene: Scene) -> bool:
+    """Whether some light can reach neither a shadow ray nor a path: from a light without size, off a smooth surface."""
+    if not any(isinstance(light, (PointLight, SpotLight, DirectionalLight)) for light in scene.lights):
+        return False
+    used = {mesh.material for mesh in scene.meshes}
+    return any(_is_smooth(node) for number in used for node in walk(scene.materials[number].bsdf))
+
+
+def _is_smooth(node: Bsdf) -> bool:
+    """Whether light is reflected or refracted in single directions."""
+    if isinstance(node, (Conductor, Dielectric)):
+        return node.alpha_u == 0 and node.alpha_v == 0
+    return isinstance(node, ThinDielectric) or (isinstance(node, Plastic) and node.alpha == 0)
