@@ -111,7 +111,7 @@ _PHOTON: Schema = {
     "path": ("<i8", ()),
     "bounce": ("<i4", ()),
     "edges": ("<i4", ()),
-    "state": ("<i4", ()),  # which parts of surfaces scattered it: kernels.photons.paths
+    "state": ("<i4", ()),  # which parts of surfaces scattered it: kernels.photons.flight
     "medium": ("<i4", ()),
     "light": ("<i4", ()),
     "origin": ("<f4", (3,)),
@@ -124,7 +124,7 @@ _STORED: Schema = {
     "id": ("<i8", ()),
     "edges": ("<i4", ()),  # of its path from the light
     "front": ("<i4", ()),  # 1 where it landed on the front of the surface
-    "map": ("<i4", ()),  # kernels.photons.paths
+    "map": ("<i4", ()),  # kernels.photons.deposits
     "position": ("<f4", (3,)),
     "flux": ("<f4", (3,)),
     "normal": ("<f4", (3,)),

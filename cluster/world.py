@@ -149,7 +149,7 @@ class World:
 
     @property
     def maps(self) -> tuple[MapPlan, MapPlan, MapPlan]:
-        """By the numbers of kernels.photons.paths."""
+        """By the numbers of kernels.photons.deposits."""
         return self.global_map, self.caustic_map, self.volume_map
 
     @property

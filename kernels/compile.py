@@ -9,7 +9,7 @@ import warp as wp
 from wdpm.kernels.camera import add_samples, rays, shadow_rays
 from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance import at_photons, cache, gather_places, record_rays, records
-from wdpm.kernels.photons import beam, gather, gather_at_photons, paths, photon_map, surface_points
+from wdpm.kernels.photons import beam, departure, gather, gather_at_photons, photon_map, surface_points
 from wdpm.kernels.rays import bvh, bvh_build, overlap
 from wdpm.kernels.variants import make_variants
 
@@ -25,7 +25,7 @@ COMMON = (
     records,
     overlap,
     photon_map,
-    paths,
+    departure,
     record_rays,
     add_samples,
     shadow_rays,

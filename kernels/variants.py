@@ -12,7 +12,8 @@ from wdpm.kernels.camera.rays import make_camera_rays
 from wdpm.kernels.camera.shading import make_shading
 from wdpm.kernels.camera.shadow_rays import make_shadow_walk
 from wdpm.kernels.features import Features
-from wdpm.kernels.photons.paths import make_emit_photons, make_trace_photons
+from wdpm.kernels.photons.departure import make_emit_photons
+from wdpm.kernels.photons.paths import make_trace_photons
 
 MATERIALS = ("conductor", "dielectric", "thin_dielectric", "plastic", "principled", "rough", "blend", "passing", "bent")
 TEXTURES = ("bitmaps", "checkerboards", "vertex_colors")

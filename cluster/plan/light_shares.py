@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.world import Emission, World
 from wdpm.kernels.lights.target_clusters import cluster_targets
-from wdpm.kernels.photons.paths import CAUSTIC_MAP, GLOBAL_MAP
+from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.light_table import LightTable
 from wdpm.scenes.flat.material_facts import facts

@@ -33,8 +33,9 @@ from wdpm.kernels.launch import Launcher
 from wdpm.kernels.limits import MAPS
 from wdpm.kernels.photons import photon_map
 from wdpm.kernels.photons.beam import sum_unit
+from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
+from wdpm.kernels.photons.flight import BOUNCE_BITS
 from wdpm.kernels.photons.gather import check_settings, gather_kernel
-from wdpm.kernels.photons.paths import BOUNCE_BITS, CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
 from wdpm.scenes.flat.areas import triangle_areas
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.model.scene import Camera

@@ -28,7 +28,7 @@ from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.materials.surface import Surfaces
 from wdpm.kernels.materials.types import DIFFUSE
 from wdpm.kernels.photons import beam
-from wdpm.kernels.photons.paths import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
+from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
 from wdpm.kernels.rays.bvh import Bvh
 from wdpm.scenes.errors import ProtocolError
 

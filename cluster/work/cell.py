@@ -22,7 +22,8 @@ from wdpm.cluster.work.replica import Replica
 from wdpm.kernels import columns
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.materials import surface
-from wdpm.kernels.photons import paths as pp
+from wdpm.kernels.photons import flight as pf
+from wdpm.kernels.photons.paths import Fates, TraceOrders, TraceScene
 from wdpm.kernels.rays import bvh
 from wdpm.kernels.rays.triangle import NO_HIT
 from wdpm.scenes.errors import ProtocolError
@@ -128,12 +129,12 @@ class Cell:
         ended = 0
         while True:
             flown, status, destination = self._launch_trace(arrays, landed)
-            ended += int(np.count_nonzero(status == pp.ENDED))
+            ended += int(np.count_nonzero(status == pf.ENDED))
             self._count_cut(flown, status)
-            for kind, code in ((Kind.PHOTON, pp.TRAVELS), (Kind.LANDED, pp.LANDS)):
+            for kind, code in ((Kind.PHOTON, pf.TRAVELS), (Kind.LANDED, pf.LANDS)):
                 for cell, rows in by_destination(destination, status == code):
                     yield Batch(kind, batch.task, batch.home, cell, len(rows), take(flown, rows))
-            waiting = np.flatnonzero(status == pp.WAITS)
+            waiting = np.flatnonzero(status == pf.WAITS)
             if not len(waiting):
                 break
             arrays, landed = take(flown, waiting), True
@@ -142,7 +143,7 @@ class Cell:
 
     def _count_cut(self, flown: Arrays, status: NDArray[np.int32]) -> None:
         """Count the photons that ended at the limit of bounces, and not because they left the scene there."""
-        at_limit = (status == pp.ENDED) & (flown["bounce"] >= pp.BOUNCE_LIMIT)
+        at_limit = (status == pf.ENDED) & (flown["bounce"] >= pf.BOUNCE_LIMIT)
         if at_limit.any():
             left = (flown["prim"] < 0) & (flown["t"] >= np.float32(NO_HIT))
             cut = take(flown, np.flatnonzero(at_limit & ~left))
@@ -155,25 +156,34 @@ class Cell:
         count = len(arrays["path"])
         chunks = launcher.chunks(count)
         capacity = max(size for _, size in chunks) * DEPOSITS_A_PATH
-        flight = columns.upload(pp.Flight, arrays, device)
+        flight = columns.upload(pf.Flight, arrays, device)
         deposits = self.store.room(capacity, len(chunks))
-        status = wp.empty(count, dtype=wp.int32, device=device)
-        destination = wp.empty(count, dtype=wp.int32, device=device)
-        energy = wp.empty((count, 3), dtype=wp.float64, device=device)
-        scene = [self._bvh, self._surfaces, replica.materials, replica.textures, replica.media, replica.cells, flight]
-        scalars = [
-            int(landed),
-            self.number,
-            world.global_map.paths,
-            int(world.irradiance.share > 0),
-            wp.uint32(world.seed),
-            world.max_depth or 0,
-        ]
-        outputs = [deposits, status, destination, energy]
+        fates = Fates()
+        fates.status = wp.empty(count, dtype=wp.int32, device=device)
+        fates.next_cell = wp.empty(count, dtype=wp.int32, device=device)
+        fates.energy = wp.empty((count, 3), dtype=wp.float64, device=device)
+        orders = TraceOrders()
+        orders.landed = int(landed)
+        orders.own_cell = self.number
+        orders.global_paths = world.global_map.paths
+        orders.stores_direct = int(world.irradiance.share > 0)
+        orders.seed = wp.uint32(world.seed)
+        orders.max_depth = world.max_depth or 0
+        scene = self._trace_scene()
         launcher.run(
             replica.kernels.trace_photons,
-            [(size, [*scene, *scalars, chunk, start, *outputs]) for chunk, (start, size) in enumerate(chunks)],
+            [
+                (size, [scene, orders, flight, chunk, start, deposits, fates])
+                for chunk, (start, size) in enumerate(chunks)
+            ],
         )
-        self.energy += energy.numpy().sum(axis=0)
+        self.energy += fates.energy.numpy().sum(axis=0)
         self.store.keep(deposits, capacity)
-        return columns.download(flight, SCHEMAS[Kind.PHOTON]), status.numpy(), destination.numpy()
+        return columns.download(flight, SCHEMAS[Kind.PHOTON]), fates.status.numpy(), fates.next_cell.numpy()
+
+    def _trace_scene(self) -> TraceScene:
+        """What photons need of this cell."""
+        scene, replica = TraceScene(), self.replica
+        scene.bvh, scene.surfaces, scene.cells = self._bvh, self._surfaces, replica.cells
+        scene.materials, scene.textures, scene.media = replica.materials, replica.textures, replica.media
+        return scene

@@ -18,8 +18,8 @@ from wdpm.cluster.world import MapPlan
 from wdpm.kernels import columns
 from wdpm.kernels.camera.vertices import Coats, Queries
 from wdpm.kernels.constants import MIN_GATHER_RADIUS
+from wdpm.kernels.photons.deposits import CAUSTIC_MAP
 from wdpm.kernels.photons.gather import gather_kernel
-from wdpm.kernels.photons.paths import CAUSTIC_MAP
 from wdpm.kernels.photons.surface_points import reflect_gathered
 from wdpm.kernels.rays import cells
 

@@ -12,18 +12,22 @@ from wdpm.cluster.batch import SCHEMAS, Batch, Kind, by_destination, take
 from wdpm.cluster.task import PhotonsTraced, PhotonTask
 from wdpm.cluster.work.replica import Replica
 from wdpm.kernels import columns
-from wdpm.kernels.photons import paths as pp
+from wdpm.kernels.photons.departure import EmitOrders, EmitScene, first_cells
+from wdpm.kernels.photons.flight import Flight
 from wdpm.scenes.errors import ProtocolError
 
 
 def set_out(replica: Replica, start: int, stop: int) -> Any:
-    """The photon paths start to stop - 1 as they leave the lights: kernels.photons.paths.Flight."""
+    """The photon paths start to stop - 1 as they leave the lights: kernels.photons.flight.Flight."""
     world, count = replica.world, stop - start
-    flight = columns.empty(pp.Flight, count, replica.launcher.device)
-    scene = [replica.lights, replica.textures, replica.media, replica.cells, replica.targets]
-    shares = [replica.cumulative, replica.caustic_cumulative]
-    scalars = [start, world.global_map.paths, wp.uint32(world.seed)]
-    replica.launcher(replica.kernels.emit_photons, count, [*scene, *shares, *scalars], [flight])
+    flight = columns.empty(Flight, count, replica.launcher.device)
+    scene = EmitScene()
+    scene.lights, scene.textures, scene.media = replica.lights, replica.textures, replica.media
+    scene.cells, scene.targets = replica.cells, replica.targets
+    scene.cumulative, scene.caustic_cumulative = replica.cumulative, replica.caustic_cumulative
+    orders = EmitOrders()
+    orders.first, orders.global_paths, orders.seed = start, world.global_map.paths, wp.uint32(world.seed)
+    replica.launcher(replica.kernels.emit_photons, count, [scene, orders], [flight])
     return flight
 
 
@@ -43,7 +47,7 @@ class PhotonHome:
         flight = set_out(replica, self.task.start, self.task.stop)
         count = self.task.stop - self.task.start
         first = wp.empty(count, dtype=wp.int32, device=replica.launcher.device)
-        replica.launcher(pp.first_cells, count, [replica.cells, flight], [first])
+        replica.launcher(first_cells, count, [replica.cells, flight], [first])
         arrays = columns.download(flight, SCHEMAS[Kind.PHOTON])
         aimed = arrays["path"] >= world.global_map.paths
         self._emitted = float(arrays["flux"][~aimed].sum(dtype=np.float64)) / 3.0

@@ -20,8 +20,9 @@ from wdpm.kernels import columns
 from wdpm.kernels.irradiance import at_photons
 from wdpm.kernels.limits import MAPS
 from wdpm.kernels.materials.surface import Surfaces
-from wdpm.kernels.photons import paths as pp
 from wdpm.kernels.photons import photon_map
+from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, Deposits
+from wdpm.kernels.photons.flight import BOUNCE_BITS
 from wdpm.kernels.photons.gather_at_photons import gather_at_photons
 from wdpm.kernels.photons.surface_points import reflect_gathered, spread
 from wdpm.kernels.rays import cells
@@ -37,7 +38,7 @@ GATHER_RUN = 32
 GATHER_GRAIN = 32
 """Runs of gathers that are worth a launch of their own."""
 
-SURFACE_MAPS = (int(pp.GLOBAL_MAP), int(pp.CAUSTIC_MAP))
+SURFACE_MAPS = (int(GLOBAL_MAP), int(CAUSTIC_MAP))
 """Those whose gathers divide by a measured area."""
 
 
@@ -116,8 +117,8 @@ class PhotonStore:
                 finite = np.isfinite(photons["flux"]).all(axis=1)
                 if not finite.all():
                     bad, number = np.flatnonzero(~finite), photons["id"]
-                    bounce = number[bad] & ((1 << pp.BOUNCE_BITS) - 1)
-                    self.guards.act_on_photons(PHOTON, number[bad] >> pp.BOUNCE_BITS, bounce, light[bad])
+                    bounce = number[bad] & ((1 << BOUNCE_BITS) - 1)
+                    self.guards.act_on_photons(PHOTON, number[bad] >> BOUNCE_BITS, bounce, light[bad])
                     photons, light = take(photons, np.flatnonzero(finite)), light[finite]
                 self._own.append(photons)
                 self._count(photons, light)
@@ -183,8 +184,8 @@ class PhotonStore:
         self._own_points, self._ghost_points = {}, []
         for number in SURFACE_MAPS:
             self.points[number] = self._tree_of_points(take(points, np.flatnonzero(points["map"] == number)))
-        if self._replica.world.irradiance.share and self.maps[pp.GLOBAL_MAP] is not None:
-            self._compute_irradiance(take(photons, np.flatnonzero(photons["map"] == int(pp.GLOBAL_MAP))))
+        if self._replica.world.irradiance.share and self.maps[GLOBAL_MAP] is not None:
+            self._compute_irradiance(take(photons, np.flatnonzero(photons["map"] == int(GLOBAL_MAP))))
 
     def _compute_irradiance(self, photons: Arrays) -> None:
         """Estimate what reaches the surface at some photons, own ones and all that gather rays of this cell may read.
@@ -211,12 +212,12 @@ class PhotonStore:
         irradiance = wp.empty(count, dtype=wp.vec3, device=device)
         radius = wp.empty(count, dtype=wp.float32, device=device)
         search = [world.irradiance.k, plan.radius, world.irradiance.share, world.irradiance.reach]
-        inputs = [self.maps[pp.GLOBAL_MAP].tree, rank, position, normal, *search]
+        inputs = [self.maps[GLOBAL_MAP].tree, rank, position, normal, *search]
         runs = -(-count // GATHER_RUN)
         launcher(gather_at_photons, runs, inputs, [GATHER_RUN, irradiance, radius], grain=GATHER_GRAIN)
         radiance = wp.empty(count, dtype=wp.vec3, device=device)
         white, no_clearance = wp.full(count, wp.vec3(1.0), dtype=wp.vec3, device=device), wp.zeros(count, device=device)
-        places = [self.points[pp.GLOBAL_MAP], position, front, no_clearance]
+        places = [self.points[GLOBAL_MAP], position, front, no_clearance]
         found = [white, irradiance, radius, plan.point_area, plan.radius, 1.0 / plan.paths]
         launcher(reflect_gathered, count, [*places, *found], [radiance])
         self.irradiance_count = count
@@ -275,7 +276,7 @@ def _along(position: NDArray[np.float32], step: float) -> tuple[NDArray[np.float
 
 
 def _empty_deposits(total: int, device: str) -> Any:
-    deposits = pp.Deposits()
+    deposits = Deposits()
     deposits.id = wp.empty(total, dtype=wp.int64, device=device)
     for name in ("edges", "front", "map", "light"):
         setattr(deposits, name, wp.empty(total, dtype=wp.int32, device=device))

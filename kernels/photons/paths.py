@@ -1,9 +1,8 @@
-"""Photons: from the lights, from surface to surface and through media, until they are absorbed, escape or leave a cell.
+"""Photons: from surface to surface and through media, until they are absorbed, escape or leave a cell.
 
-A path has one ray in flight at a time, so its credit is simply one; where a cell's part of it ends, its state says
-why, and the host sends it on.
+A path's credit is simply one; where a cell's part of it ends, its state says why, and the host sends it on.
 
-Which photon is stored where is one rule for all roughnesses (bsdf_types: the *diffuse* and the *glossy* part of a
+Which photon is stored where is one rule for all roughnesses (materials.types: the *diffuse* and the *glossy* part of a
 surface; a medium counts as diffuse). D is a scattering by a diffuse part or a medium, S one by a glossy part:
 
 * at a surface with a diffuse part, after a D on the way: in the global map (L (S|D)* D (S|D)*); where gather rays read
@@ -13,6 +12,9 @@ surface; a medium counts as diffuse). D is a scattering by a diffuse part or a m
 * at every scattering in a medium: in the volume map.
 
 Where light goes straight through a surface (a mask's hole, a medium's boundary, a thin pane), nothing has happened.
+
+A bounce is: `fly` to where its ray ends; `arrive` there, on a surface or in a medium, which scatters some of its flux;
+`store` what a map wants; `go_on`, or be absorbed, by Russian roulette.
 """
 
 from __future__ import annotations
@@ -21,11 +23,10 @@ import functools
 
 import warp as wp
 
-from wdpm.kernels.constants import ADJOINT_BOUND, COLLISION_MARGIN
+from wdpm.kernels.constants import ADJOINT_BOUND
 from wdpm.kernels.features import Features
-from wdpm.kernels.lights.lights import Lights, Targets, make_lights
 from wdpm.kernels.materials.bsdf import make_bsdf
-from wdpm.kernels.materials.medium import Media, free_path, pass_weight, phase_sample, scatter_weight
+from wdpm.kernels.materials.medium import Media, pass_weight, phase_sample, scatter_weight
 from wdpm.kernels.materials.resolve import Materials, medium_beyond
 from wdpm.kernels.materials.surface import (
     Surface,
@@ -40,111 +41,130 @@ from wdpm.kernels.materials.surface import (
 )
 from wdpm.kernels.materials.texture import Textures
 from wdpm.kernels.materials.types import FLUX
-from wdpm.kernels.maths.random import (
-    PURPOSE_CAUSTIC,
-    PURPOSE_EMISSION,
-    PURPOSE_SCATTER,
-    hash_combine,
-    sample_1d,
-    sample_2d,
+from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, NO_MAP, VOLUME_MAP, Deposit, Deposits, store
+from wdpm.kernels.photons.flight import (
+    BOUNCE_LIMIT,
+    BY_DIFFUSE,
+    BY_GLOSSY,
+    CHOICE,
+    DIRECTION,
+    ENDED,
+    LANDS,
+    LOBE,
+    ROULETTE,
+    TRAVELS,
+    WAITS,
+    Flight,
+    Photon,
+    collision,
+    into_medium,
+    load_photon,
+    number_1d,
+    number_2d,
+    store_photon,
+    without_hit,
 )
 from wdpm.kernels.rays.bvh import Bvh, closest_hit
 from wdpm.kernels.rays.cells import Cells, cell_of, next_cell
-from wdpm.kernels.rays.triangle import NO_HIT, Hit
+from wdpm.kernels.rays.triangle import NO_HIT
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# What became of a photon path in a cell.
-ENDED = wp.constant(0)
-TRAVELS = wp.constant(1)
-"""Its ray goes on into another cell."""
-LANDS = wp.constant(2)
-"""Its hit is final, and lies in another cell."""
-WAITS = wp.constant(3)
-"""No room was left to store it; the same cell takes it up again, as landed."""
-
-# Photon maps.
-GLOBAL_MAP = wp.constant(0)
-CAUSTIC_MAP = wp.constant(1)
-VOLUME_MAP = wp.constant(2)
-
-# State of a path: what scattered it so far.
-BY_DIFFUSE = wp.constant(1)
-BY_GLOSSY = wp.constant(2)
-
-BOUNCE_BITS = 16
-"""A photon's number is path * 2^16 + bounce."""
-BOUNCE_LIMIT = wp.constant((1 << BOUNCE_BITS) - 1)
-"""Russian roulette ends a path of albedo 0.999 within 10^4 bounces; this bound only guards closed boxes of albedo 1,
-and what it cuts off is counted in the energy ledger."""
-
 THIRD = wp.constant(wp.float64(1.0 / 3.0))
+
+GOES_ON = wp.constant(-1)
+"""Of a photon whose fate in this cell is not known yet; else ENDED, TRAVELS, LANDS or WAITS."""
 
 # Columns of the energy ledger.
 ABSORBED = wp.constant(0)
 ESCAPED = wp.constant(1)
 CUT = wp.constant(2)
 
-# Dimensions of a bounce's random numbers.
-_DIRECTION = wp.constant(0)
-_ROULETTE = wp.constant(1)
-_LOBE = wp.constant(2)
-_CHOICE = wp.constant(3)
-_CHANNEL = wp.constant(4)
-_FREE_PATH = wp.constant(5)
-_DIMENSIONS = wp.constant(6)
+
+@wp.struct
+class TraceScene:
+    """What photons need of a scene in one cell."""
+
+    bvh: Bvh
+    surfaces: Surfaces
+    materials: Materials
+    textures: Textures
+    media: Media
+    cells: Cells
 
 
 @wp.struct
-class Flight:
-    """Photons in flight, one an item; see cluster.batch.SCHEMAS."""
+class TraceOrders:
+    """How photons are followed.
 
-    path: wp.array[wp.int64]
-    bounce: wp.array[wp.int32]
-    edges: wp.array[wp.int32]
-    state: wp.array[wp.int32]
-    medium: wp.array[wp.int32]
-    light: wp.array[wp.int32]
-    origin: wp.array[wp.vec3]
-    direction: wp.array[wp.vec3]
-    flux: wp.array[wp.vec3]
-    t: wp.array[wp.float32]
-    prim: wp.array[wp.int32]
-    u: wp.array[wp.float32]
-    v: wp.array[wp.float32]
-    owner: wp.array[wp.int32]
-
-
-@wp.struct
-class Deposits:
-    """Room for stored photons: a region of `capacity` for each chunk, and how many it was asked to take."""
-
-    capacity: wp.int32
-    count: wp.array[wp.int32]
-    id: wp.array[wp.int64]
-    edges: wp.array[wp.int32]
-    front: wp.array[wp.int32]
-    map: wp.array[wp.int32]
-    light: wp.array[wp.int32]
-    position: wp.array[wp.vec3]
-    flux: wp.array[wp.vec3]
-    normal: wp.array[wp.vec3]
-    direction: wp.array[wp.vec3]
-
-
-@wp.func
-def path_streams(seed: wp.uint32, purpose: wp.uint32, path: wp.int64) -> wp.uint32:
-    """Base of the streams of a path: those of random.stream_of, for the high half of the path number as the item.
-
-    Numbers of one dimension of all paths form one stream; its items are the low 32 bits of the path number.
+    Attributes:
+        landed: 1 if the photons' hits are final and lie in this cell; 0 if their rays are to be intersected here.
+        own_cell: number of the cell.
+        global_paths: paths from this number on belong to the caustic pass.
+        stores_direct: 1 where the global map holds photons straight from the lights too.
+        max_depth: longest path in edges, camera edge included; 0 for no limit.
     """
-    return hash_combine(hash_combine(purpose, seed), wp.uint32(path >> wp.int64(32)))
+
+    landed: wp.int32
+    own_cell: wp.int32
+    global_paths: wp.int64
+    stores_direct: wp.int32
+    seed: wp.uint32
+    max_depth: wp.int32
 
 
-@wp.func
-def dimension_of(streams: wp.uint32, dimension: wp.int32) -> wp.uint32:
-    """One dimension's stream of a path."""
-    return hash_combine(streams, wp.uint32(dimension))
+@wp.struct
+class Fates:
+    """What became of photons, one an item.
+
+    Attributes:
+        status: ENDED, TRAVELS, LANDS or WAITS.
+        next_cell: where those that travel or land go.
+        energy: what became of the flux of the global pass here, shape [items, 3]: absorbed, escaped, cut off
+            [W x paths].
+    """
+
+    status: wp.array[wp.int32]
+    next_cell: wp.array[wp.int32]
+    energy: wp.array2d[wp.float64]
+
+
+@wp.struct
+class Bounce:
+    """A photon and what one step made of it.
+
+    Attributes:
+        status: GOES_ON or what became of it.
+        destination: the cell that it goes to, where another is known; else -1.
+        lost: its flux, mean of the channels, that was absorbed or escaped by this step [W x paths].
+    """
+
+    photon: Photon
+    status: wp.int32
+    destination: wp.int32
+    lost: wp.float64
+
+
+@wp.struct
+class Arrival:
+    """Where a photon's ray ended, and how it would go on.
+
+    Attributes:
+        deposit: what a map is to hold of it.
+        scattered: flux that goes on, before Russian roulette.
+        goes_to: direction in which it does.
+        leaves: normal of the side on which it leaves; zero in a medium.
+        scatters: 1 where it is scattered, 0 where it goes straight on.
+        state, medium: of the path from there on.
+    """
+
+    deposit: Deposit
+    scattered: wp.vec3
+    goes_to: wp.vec3
+    leaves: wp.vec3
+    scatters: wp.int32
+    state: wp.int32
+    medium: wp.int32
 
 
 @wp.func
@@ -170,331 +190,236 @@ def adjoint_factor(s: Surface, to_source: wp.vec3, away: wp.vec3) -> wp.float32:
 
 
 @wp.func
-def reach_of(free: wp.float32, offset_min: wp.float32) -> wp.float32:
-    """How far a photon's ray looks for surfaces, given its free path: COLLISION_MARGIN further.
-
-    A collision within a rounding of a wall might be rounded onto it, and the next ray start behind it.
-    """
-    return wp.min(free + COLLISION_MARGIN * offset_min, NO_HIT)
+def fly(scene: TraceScene, own_cell: wp.int32, p: Photon) -> Bounce:
+    """Look for where a photon's ray ends: in this cell, in another, or nowhere."""
+    step = Bounce()
+    step.status = GOES_ON
+    found = closest_hit(scene.bvh, p.origin, p.direction, p.hit)
+    if found.prim != p.hit.prim:
+        row = row_of(scene.surfaces, found.prim)
+        p.owner = cell_of(scene.cells, position_at(scene.surfaces, row, found.u, found.v))
+    p.hit = found
+    destination = next_cell(scene.cells, p.origin, p.direction, p.hit.t, own_cell)
+    if destination >= 0:
+        step.status = TRAVELS
+    elif p.hit.prim < 0 and p.hit.t >= NO_HIT:
+        step.lost = mean3(p.flux)
+        step.status = ENDED
+    elif p.owner != own_cell:
+        destination = p.owner
+        step.status = LANDS
+    step.photon = p
+    step.destination = destination
+    return step
 
 
 @wp.func
-def collision(origin: wp.vec3, direction: wp.vec3, reach: wp.float32, offset_min: wp.float32) -> wp.vec3:
-    """Where a photon collides whose ray met no surface."""
-    return origin + direction * wp.max(reach - COLLISION_MARGIN * offset_min, 0.0)
+def arrive_in_medium(scene: TraceScene, p: Photon, caustic: bool) -> Arrival:
+    """At a collision in a medium: stored, and scattered by the phase function."""
+    a = Arrival()
+    media = scene.media
+    arriving = wp.cw_mul(p.flux, scatter_weight(media, p.medium, p.hit.t))
+    arriving = wp.cw_mul(arriving, media.albedo[p.medium])
+    a.deposit.map = NO_MAP
+    a.deposit.front = 1
+    a.deposit.position = collision(p, scene.surfaces.offset_min)
+    a.deposit.flux = arriving
+    a.deposit.normal = wp.vec3(wp.float32(p.medium), 0.0, 0.0)
+    a.deposit.direction = -p.direction
+    if not caustic:
+        a.deposit.map = VOLUME_MAP
+        a.scattered = arriving
+    a.goes_to = phase_sample(media.g[p.medium], p.direction, number_2d(p, DIRECTION))
+    a.scatters = 1
+    a.state = p.state | BY_DIFFUSE
+    a.medium = p.medium
+    return a
 
 
-@wp.kernel
-def first_cells(cells: Cells, flight: Flight, offset: wp.int32, next_cell_out: wp.array[wp.int32]) -> None:
-    """The first cell on the way of each photon that just set out; -1 for one that carries nothing."""
-    i = offset + wp.tid()
-    next_cell_out[i] = -1
-    if wp.max(flight.flux[i]) > 0.0:
-        next_cell_out[i] = next_cell(cells, flight.origin[i], flight.direction[i], flight.t[i], -1)
+@wp.func
+def map_of(state: wp.int32, caustic: bool, stores_direct: wp.int32) -> wp.int32:
+    """The map that holds a photon at a surface that gathers: the rule of the page's head."""
+    if (state & BY_DIFFUSE) != 0 or (stores_direct == 1 and not caustic):
+        return GLOBAL_MAP
+    if caustic and (state & BY_GLOSSY) != 0:
+        return CAUSTIC_MAP
+    return NO_MAP
 
 
-@functools.cache
-def make_emit_photons(features: Features) -> wp.Kernel:
-    """The kernel that starts photon paths."""
-    emit = make_lights(features).emit
+@wp.func
+def go_on(scene: TraceScene, p: Photon, a: Arrival) -> Bounce:
+    """Go on from where it arrived, or be absorbed by Russian roulette: in the mean what is scattered survives."""
+    step = Bounce()
+    step.status = ENDED
+    step.destination = -1
+    step.lost = mean3(p.flux)
+    survival = wp.float32(1.0)
+    if a.scatters == 1:
+        survival = wp.min(1.0, wp.max(a.scattered) / wp.max(p.flux))
+    if float(number_1d(p, ROULETTE)) < survival:
+        flux = a.scattered / survival
+        step.lost = mean3(p.flux) - mean3(flux)
+        p.flux = flux
+        p.origin = a.deposit.position
+        if p.hit.prim >= 0:
+            p.origin = leave(a.deposit.position, a.leaves, scene.surfaces.offset_min)
+        p.direction = a.goes_to
+        p.state = a.state
+        p.medium = a.medium
+        p.edges += a.scatters
+        p.bounce += 1
+        p = without_hit(p)
+        step.status = GOES_ON
+    step.photon = p
+    return step
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
-    def emit_photons(
-        lights: Lights,
-        textures: Textures,
-        media: Media,
-        cells: Cells,
-        targets: Targets,
-        cumulative: wp.array[wp.float64],
-        caustic_cumulative: wp.array[wp.float64],
-        first: wp.int64,
-        global_paths: wp.int64,
-        seed: wp.uint32,
-        offset: wp.int32,
-        flight_out: Flight,
-    ) -> None:
-        """Start the paths first + i: those from `global_paths` on belong to the caustic pass and are aimed."""
-        i = offset + wp.tid()
-        path = first + wp.int64(i)
-        number = path
-        purpose = PURPOSE_EMISSION
-        shares = cumulative
-        aimed = wp.int32(0)
-        if path >= global_paths:
-            number = path - global_paths
-            purpose = PURPOSE_CAUSTIC
-            shares = caustic_cumulative
-            aimed = 1
-        index = wp.uint32(number)
-        streams = path_streams(seed, purpose, number)
-        e = emit(
-            lights,
-            textures,
-            shares,
-            targets,
-            aimed,
-            sample_1d(index, dimension_of(streams, 0)),
-            sample_2d(index, dimension_of(streams, 1)),
-            sample_2d(index, dimension_of(streams, 2)),
-            wp.float32(sample_1d(index, dimension_of(streams, 3))),
-        )
-        flight_out.path[i] = path
-        flight_out.bounce[i] = 0
-        flight_out.edges[i] = 1
-        flight_out.state[i] = 0
-        flight_out.medium[i] = e.medium
-        flight_out.light[i] = e.light
-        flight_out.origin[i] = e.origin
-        flight_out.direction[i] = e.direction
-        flight_out.flux[i] = e.flux
-        flight_out.t[i] = NO_HIT
-        flight_out.prim[i] = -1
-        flight_out.u[i] = 0.0
-        flight_out.v[i] = 0.0
-        flight_out.owner[i] = -1
-        if wp.static(features.media):
-            if e.medium >= 0:
-                scatter = path_streams(seed, PURPOSE_SCATTER, path)
-                free = free_path(
-                    media,
-                    e.medium,
-                    wp.float32(sample_1d(wp.uint32(path), dimension_of(scatter, _CHANNEL))),
-                    wp.float32(sample_1d(wp.uint32(path), dimension_of(scatter, _FREE_PATH))),
-                )
-                reach = reach_of(free, lights.offset_min)
-                flight_out.t[i] = reach
-                flight_out.owner[i] = cell_of(cells, collision(e.origin, e.direction, reach, lights.offset_min))
 
-    return emit_photons
+@wp.func
+def is_cut_off(p: Photon, a: Arrival, max_depth: wp.int32) -> bool:
+    """Whether a path may not go on from where it arrived.
+
+    The next landing makes a path of edges + 1 edges from the light, and one more to the camera.
+    """
+    return (a.scatters == 1 and max_depth > 0 and p.edges + 2 > max_depth) or p.bounce >= BOUNCE_LIMIT
 
 
 @functools.cache
-def make_trace_photons(features: Features) -> wp.Kernel:
-    """The kernel that follows photons."""
+def make_arrive(features: Features) -> wp.Function:
+    """`arrive(scene, orders, photon, caustic) -> Arrival`: where a photon's ray ends in its cell."""
     surface_at = make_surface(features).surface_at
     bsdf = make_bsdf(features)
     sample_all = bsdf.sample_all
     sample_glossy = bsdf.sample_glossy
 
+    @wp.func
+    def arrive_on_surface(scene: TraceScene, orders: TraceOrders, p: Photon, caustic: bool) -> Arrival:
+        """At a hit: stored where it gathers, and scattered by one of the surface's parts."""
+        a = Arrival()
+        to_source = -p.direction  # photons' directions have length 1
+        arriving = p.flux
+        if wp.static(features.media):
+            if p.medium >= 0:
+                arriving = wp.cw_mul(p.flux, pass_weight(scene.media, p.medium, p.hit.t))
+        u_choice = wp.float32(0.0)
+        if wp.static(features.blend or features.passing):
+            u_choice = wp.float32(number_1d(p, CHOICE))
+        hit = p.hit
+        s = surface_at(scene.surfaces, scene.materials, scene.textures, hit.prim, hit.u, hit.v, to_source, u_choice)
+        a.deposit.map = NO_MAP
+        a.deposit.front = s.front
+        a.deposit.position = s.position
+        a.deposit.flux = arriving
+        a.deposit.normal = s.normal
+        a.deposit.direction = to_source
+        if (scene.materials.gathers[s.material] & (2 - s.front)) != 0:
+            a.deposit.map = map_of(p.state, caustic, orders.stores_direct)
+        w_from = to_local(s, to_source)
+        u_lobe = wp.float32(0.0)
+        if wp.static(features.glossy):
+            u_lobe = wp.float32(number_1d(p, LOBE))
+        u = number_2d(p, DIRECTION)
+        sampled = sample_all(s.bsdf, w_from, u_lobe, u, FLUX)
+        if wp.static(features.glossy):
+            if caustic and sampled.straight == 0:
+                sampled = sample_glossy(s.bsdf, w_from, u_lobe, u, FLUX)
+        a.goes_to = p.direction
+        a.leaves = s.normal
+        a.state = p.state
+        a.medium = p.medium
+        if sampled.crosses == 1:
+            a.leaves = -s.normal
+            a.medium = medium_beyond(scene.materials, s.material, s.front, p.medium)
+        a.scattered = wp.cw_mul(arriving, sampled.weight)
+        if sampled.straight == 0:
+            a.goes_to = to_world(s, sampled.to)
+            a.scatters = 1
+            a.state = p.state | (BY_GLOSSY - sampled.diffuse)
+            factor = adjoint_factor(s, to_source, a.goes_to)
+            if wp.dot(a.leaves, a.goes_to) <= 0.0:
+                factor = 0.0
+            if wp.static(features.bent):
+                factor = factor * bump_shading(s, to_source)
+            a.scattered = a.scattered * factor
+        return a
+
+    @wp.func
+    def arrive(scene: TraceScene, orders: TraceOrders, p: Photon, caustic: bool) -> Arrival:
+        if wp.static(features.media):
+            if p.hit.prim < 0:
+                return arrive_in_medium(scene, p, caustic)
+        return arrive_on_surface(scene, orders, p, caustic)
+
+    return arrive
+
+
+@functools.cache
+def make_trace_photons(features: Features) -> wp.Kernel:
+    """The kernel that follows photons."""
+    arrive = make_arrive(features)
+
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def trace_photons(
-        bvh: Bvh,
-        surfaces: Surfaces,
-        materials: Materials,
-        textures: Textures,
-        media: Media,
-        cells: Cells,
+        scene: TraceScene,
+        orders: TraceOrders,
         flight: Flight,
-        landed: wp.int32,
-        own_cell: wp.int32,
-        global_paths: wp.int64,
-        stores_direct: wp.int32,
-        seed: wp.uint32,
-        max_depth: wp.int32,
         chunk: wp.int32,
         offset: wp.int32,
         deposits_out: Deposits,
-        status_out: wp.array[wp.int32],
-        next_cell_out: wp.array[wp.int32],
-        energy_out: wp.array2d[wp.float64],
+        fates_out: Fates,
     ) -> None:
         """Follow photons for as long as they stay in this cell. `flight` is updated in place.
 
         Args:
-            landed: 1 if the photons' hits are final and lie in this cell; 0 if their rays are to be intersected here.
-            global_paths: paths from this number on belong to the caustic pass.
-            stores_direct: 1 where the global map holds photons straight from the lights too.
-            max_depth: longest path in edges, camera edge included; 0 for no limit.
-            energy_out: what became of the flux of the global pass here, float64, shape [items, 3]: absorbed, escaped,
-                cut off [W x paths].
+            chunk: the region of `deposits_out` that this launch fills.
         """
         i = offset + wp.tid()
-        path = flight.path[i]
-        index = wp.uint32(path)
-        bounce = flight.bounce[i]
-        edges = flight.edges[i]
-        state = flight.state[i]
-        medium = flight.medium[i]
-        origin = flight.origin[i]
-        direction = flight.direction[i]
-        flux = flight.flux[i]
-        owner = flight.owner[i]
-        hit = Hit()
-        hit.t = flight.t[i]
-        hit.prim = flight.prim[i]
-        hit.u = flight.u[i]
-        hit.v = flight.v[i]
-        streams = path_streams(seed, PURPOSE_SCATTER, path)
-        caustic = path >= global_paths
-        final = landed == 1
-        status = wp.int32(-1)
+        p = load_photon(flight, i, orders.seed)
+        caustic = p.path >= orders.global_paths
+        final = orders.landed == 1
+        status = wp.int32(GOES_ON)
         destination = wp.int32(-1)
         absorbed = wp.float64(0.0)
         escaped = wp.float64(0.0)
         cut = wp.float64(0.0)
 
-        while status < 0:
+        while status == GOES_ON:
             if not final:
-                found = closest_hit(bvh, origin, direction, hit)
-                if found.prim != hit.prim:
-                    row = row_of(surfaces, found.prim)
-                    owner = cell_of(cells, position_at(surfaces, row, found.u, found.v))
-                hit = found
-                destination = next_cell(cells, origin, direction, hit.t, own_cell)
-                if destination >= 0:
-                    status = TRAVELS
-                elif hit.prim < 0 and hit.t >= NO_HIT:
-                    escaped += mean3(flux)
-                    status = ENDED
-                elif owner != own_cell:
-                    destination = owner
-                    status = LANDS
-            if status < 0:
+                flown = fly(scene, orders.own_cell, p)
+                p = flown.photon
+                status = flown.status
+                destination = flown.destination
+                escaped += flown.lost
+            if status == GOES_ON:
                 final = False
-                to_source = -direction  # photons' directions have length 1
-                first = _DIMENSIONS * bounce
-                arriving = flux
-                position = collision(origin, direction, hit.t, surfaces.offset_min)
-                normal = wp.vec3(0.0)
-                goes_to = direction
-                leaves = wp.vec3(0.0)  # normal of the side on which it leaves; zero in a medium
-                scattered = wp.vec3(0.0)
-                scatters = wp.bool(False)  # other than straight on
-                stores_in = wp.int32(-1)
-                front = wp.int32(1)
-                new_state = state
-                new_medium = medium
-                if wp.static(features.media):
-                    if hit.prim < 0:
-                        arriving = wp.cw_mul(flux, scatter_weight(media, medium, hit.t))
-                        normal = wp.vec3(wp.float32(medium), 0.0, 0.0)
-                        arriving = wp.cw_mul(arriving, media.albedo[medium])
-                        if not caustic:
-                            stores_in = VOLUME_MAP
-                            scattered = arriving
-                        goes_to = phase_sample(
-                            media.g[medium], direction, sample_2d(index, dimension_of(streams, first + _DIRECTION))
-                        )
-                        scatters = True
-                        new_state = state | BY_DIFFUSE
-                    elif medium >= 0:
-                        arriving = wp.cw_mul(flux, pass_weight(media, medium, hit.t))
-                if hit.prim >= 0:
-                    u_choice = wp.float32(0.0)
-                    if wp.static(features.blend or features.passing):
-                        u_choice = wp.float32(sample_1d(index, dimension_of(streams, first + _CHOICE)))
-                    s = surface_at(surfaces, materials, textures, hit.prim, hit.u, hit.v, to_source, u_choice)
-                    position = s.position
-                    normal = s.normal
-                    front = s.front
-                    gathers = (materials.gathers[s.material] & (2 - s.front)) != 0
-                    if gathers:
-                        if (state & BY_DIFFUSE) != 0 or (stores_direct == 1 and not caustic):
-                            stores_in = GLOBAL_MAP
-                        elif caustic and (state & BY_GLOSSY) != 0:
-                            stores_in = CAUSTIC_MAP
-                    w_from = to_local(s, to_source)
-                    u_lobe = wp.float32(0.0)
-                    if wp.static(features.glossy):
-                        u_lobe = wp.float32(sample_1d(index, dimension_of(streams, first + _LOBE)))
-                    u = sample_2d(index, dimension_of(streams, first + _DIRECTION))
-                    sampled = sample_all(s.bsdf, w_from, u_lobe, u, FLUX)
-                    if wp.static(features.glossy):
-                        if caustic and sampled.straight == 0:
-                            sampled = sample_glossy(s.bsdf, w_from, u_lobe, u, FLUX)
-                    leaves = s.normal
-                    if sampled.crosses == 1:
-                        leaves = -s.normal
-                        new_medium = medium_beyond(materials, s.material, s.front, medium)
-                    scattered = wp.cw_mul(arriving, sampled.weight)
-                    if sampled.straight == 0:
-                        goes_to = to_world(s, sampled.to)
-                        scatters = True
-                        new_state = state | (BY_GLOSSY - sampled.diffuse)
-                        factor = adjoint_factor(s, to_source, goes_to)
-                        if wp.dot(leaves, goes_to) <= 0.0:
-                            factor = 0.0
-                        if wp.static(features.bent):
-                            factor = factor * bump_shading(s, to_source)
-                        scattered = scattered * factor
-
-                if stores_in >= 0:
-                    slot = wp.atomic_add(deposits_out.count, chunk, 1)
-                    if slot >= deposits_out.capacity:
+                a = arrive(scene, orders, p, caustic)
+                if a.deposit.map != NO_MAP:
+                    if not store(deposits_out, chunk, p, a.deposit):
                         status = WAITS
-                    else:
-                        slot += chunk * deposits_out.capacity
-                        deposits_out.id[slot] = (path << wp.int64(BOUNCE_BITS)) | wp.int64(bounce)
-                        deposits_out.edges[slot] = edges
-                        deposits_out.front[slot] = front
-                        deposits_out.map[slot] = stores_in
-                        deposits_out.light[slot] = flight.light[i]
-                        deposits_out.position[slot] = position
-                        deposits_out.flux[slot] = arriving
-                        deposits_out.normal[slot] = normal
-                        deposits_out.direction[slot] = to_source
-                if status < 0:
-                    # The next landing makes a path of edges + 1 edges from the light, and one more to the camera.
-                    if (scatters and max_depth > 0 and edges + 2 > max_depth) or bounce >= BOUNCE_LIMIT:
-                        cut += mean3(flux)
+                if status == GOES_ON:
+                    if is_cut_off(p, a, orders.max_depth):
+                        cut += mean3(p.flux)
                         status = ENDED
                     else:
-                        survival = wp.float32(1.0)
-                        if scatters:
-                            survival = wp.min(1.0, wp.max(scattered) / wp.max(flux))
-                        roulette = float(sample_1d(index, dimension_of(streams, first + _ROULETTE)))
-                        if roulette < survival:
-                            scattered = scattered / survival
-                            absorbed += mean3(flux) - mean3(scattered)
-                            flux = scattered
-                            origin = position
-                            if hit.prim >= 0:
-                                origin = leave(position, leaves, surfaces.offset_min)
-                            direction = goes_to
-                            state = new_state
-                            medium = new_medium
-                            edges += wp.int32(scatters)
-                            bounce += 1
-                            hit.t = NO_HIT
-                            hit.prim = -1
-                            owner = -1
+                        gone_on = go_on(scene, p, a)
+                        p = gone_on.photon
+                        status = gone_on.status
+                        absorbed += gone_on.lost
+                        if status == GOES_ON:
                             if wp.static(features.media):
-                                if medium >= 0:
-                                    next_first = _DIMENSIONS * bounce
-                                    free = free_path(
-                                        media,
-                                        medium,
-                                        wp.float32(sample_1d(index, dimension_of(streams, next_first + _CHANNEL))),
-                                        wp.float32(sample_1d(index, dimension_of(streams, next_first + _FREE_PATH))),
-                                    )
-                                    hit.t = reach_of(free, surfaces.offset_min)
-                                    owner = cell_of(cells, collision(origin, direction, hit.t, surfaces.offset_min))
-                            destination = next_cell(cells, origin, direction, hit.t, -1)
-                            if destination != own_cell:
+                                if p.medium >= 0:
+                                    p = into_medium(p, scene.media, scene.cells, scene.surfaces.offset_min)
+                            destination = next_cell(scene.cells, p.origin, p.direction, p.hit.t, -1)
+                            if destination != orders.own_cell:
                                 status = TRAVELS
-                        else:
-                            absorbed += mean3(flux)
-                            status = ENDED
 
-        flight.bounce[i] = bounce
-        flight.edges[i] = edges
-        flight.state[i] = state
-        flight.medium[i] = medium
-        flight.origin[i] = origin
-        flight.direction[i] = direction
-        flight.flux[i] = flux
-        flight.t[i] = hit.t
-        flight.prim[i] = hit.prim
-        flight.u[i] = hit.u
-        flight.v[i] = hit.v
-        flight.owner[i] = owner
-        status_out[i] = status
-        next_cell_out[i] = destination
+        store_photon(flight, i, p)
+        fates_out.status[i] = status
+        fates_out.next_cell[i] = destination
         share = wp.float64(1.0)
         if caustic:
             share = wp.float64(0.0)
-        energy_out[i, ABSORBED] = absorbed * share
-        energy_out[i, ESCAPED] = escaped * share
-        energy_out[i, CUT] = cut * share
+        fates_out.energy[i, ABSORBED] = absorbed * share
+        fates_out.energy[i, ESCAPED] = escaped * share
+        fates_out.energy[i, CUT] = cut * share
 
     return trace_photons

@@ -13,7 +13,7 @@ from reflectance import fresnel
 from wdpm.cluster.settings import RenderSettings
 from wdpm.cluster.task import PhotonTask
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.photons.paths import CAUSTIC_MAP
+from wdpm.kernels.photons.deposits import CAUSTIC_MAP
 from wdpm.progress import SilentProgress
 from wdpm.rendering.prepare import prepare
 from wdpm.scenes.model.bsdfs import Bsdf, Conductor, Dielectric, Diffuse, ThinDielectric

@@ -94,7 +94,7 @@ GUARDS = (
         name="photons leave on the side that they are sent to",
         file="kernels/photons/paths.py",
         prevents="bent normals send photons through walls",
-        changes=(("if wp.dot(leaves, goes_to) <= 0.0:", "if False:"),),
+        changes=(("if wp.dot(a.leaves, a.goes_to) <= 0.0:", "if False:"),),
         tests=(SIDES + "test_a_flat_floor_does_not_light_itself",),
     ),
     Guard(
@@ -122,7 +122,7 @@ GUARDS = (
         name="a limit to bounces",
         file="kernels/photons/paths.py",
         prevents="between perfect mirrors a photon never ends",
-        changes=((" or bounce >= BOUNCE_LIMIT:", " or bounce >= 2 * BOUNCE_LIMIT:"),),
+        changes=((" or p.bounce >= BOUNCE_LIMIT\n", " or p.bounce >= 2 * BOUNCE_LIMIT\n"),),
         tests=("tests/rendering/test_limits.py::test_a_photon_path_has_no_bounce_beyond_the_limit",),
     ),
     Guard(

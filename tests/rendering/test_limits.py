@@ -9,7 +9,7 @@ from one_cell import FEW, one, ready
 
 from wdpm.cluster.batch import Kind
 from wdpm.kernels.limits import CHAIN_LIMIT
-from wdpm.kernels.photons.paths import BOUNCE_LIMIT
+from wdpm.kernels.photons.flight import BOUNCE_LIMIT
 from wdpm.scenes import cornell_box
 from wdpm.scenes.model.bsdfs import Conductor, TwoSided
 from wdpm.scenes.model.scene import Material, Scene

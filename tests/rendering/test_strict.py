@@ -25,7 +25,7 @@ from wdpm.cluster.work.guards import Guards
 from wdpm.cluster.work.worker import Worker
 from wdpm.images.image import Image
 from wdpm.kernels.limits import CHAIN_LIMIT
-from wdpm.kernels.photons.paths import BOUNCE_LIMIT
+from wdpm.kernels.photons.flight import BOUNCE_LIMIT
 from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import ClusterError, GuardError
 from wdpm.scenes.model.scene import Camera, Medium, Mesh, Scene, diffuse

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.session import SessionResult
 from wdpm.cluster.work import guards
 from wdpm.images.image import Image
-from wdpm.kernels.photons.paths import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
+from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
 from wdpm.rendering.prepare import Prepared
 from wdpm.report.report import (
     PACKAGES,

@@ -21,7 +21,7 @@ from wdpm.kernels.camera.replayed_vertices import make_look
 from wdpm.kernels.materials import types
 from wdpm.kernels.materials.medium import DistanceSample
 from wdpm.kernels.materials.surface import Surface
-from wdpm.kernels.photons.paths import CAUSTIC_MAP, GLOBAL_MAP
+from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
 from wdpm.replaying.vertices import Collision, Gather, Hit, Onward, ReplayVertex, ShadowRay
 from wdpm.scenes.model.scene import Scene
 

@@ -1,0 +1,113 @@
+"""Photons as they set out: from the lights, and into the first cell on their way."""
+
+from __future__ import annotations
+
+import functools
+
+import warp as wp
+
+from wdpm.kernels.features import Features
+from wdpm.kernels.lights.lights import Lights, Targets, make_lights
+from wdpm.kernels.materials.medium import Media
+from wdpm.kernels.materials.texture import Textures
+from wdpm.kernels.maths.random import PURPOSE_CAUSTIC, PURPOSE_EMISSION, sample_1d, sample_2d
+from wdpm.kernels.photons.flight import (
+    Flight,
+    dimension_of,
+    into_medium,
+    new_photon,
+    path_streams,
+    store_photon,
+    without_hit,
+)
+from wdpm.kernels.rays.cells import Cells, next_cell
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+
+@wp.struct
+class EmitScene:
+    """What photons need of a scene to set out.
+
+    Attributes:
+        targets: what the caustic pass aims at.
+        cumulative, caustic_cumulative: shares of the light elements up to and with each, by pass.
+    """
+
+    lights: Lights
+    textures: Textures
+    media: Media
+    cells: Cells
+    targets: Targets
+    cumulative: wp.array[wp.float64]
+    caustic_cumulative: wp.array[wp.float64]
+
+
+@wp.struct
+class EmitOrders:
+    """Which paths set out.
+
+    Attributes:
+        first: number of the launch's first path.
+        global_paths: paths from this number on belong to the caustic pass, and are aimed.
+    """
+
+    first: wp.int64
+    global_paths: wp.int64
+    seed: wp.uint32
+
+
+@wp.kernel
+def first_cells(cells: Cells, flight: Flight, offset: wp.int32, next_cell_out: wp.array[wp.int32]) -> None:
+    """The first cell on the way of each photon that just set out; -1 for one that carries nothing."""
+    i = offset + wp.tid()
+    next_cell_out[i] = -1
+    if wp.max(flight.flux[i]) > 0.0:
+        next_cell_out[i] = next_cell(cells, flight.origin[i], flight.direction[i], flight.t[i], -1)
+
+
+@functools.cache
+def make_emit_photons(features: Features) -> wp.Kernel:
+    """The kernel that starts photon paths."""
+    emit = make_lights(features).emit
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    def emit_photons(scene: EmitScene, orders: EmitOrders, offset: wp.int32, flight_out: Flight) -> None:
+        """Start the paths `orders.first` + i."""
+        i = offset + wp.tid()
+        path = orders.first + wp.int64(i)
+        number = path
+        purpose = PURPOSE_EMISSION
+        shares = scene.cumulative
+        aimed = wp.int32(0)
+        if path >= orders.global_paths:
+            number = path - orders.global_paths
+            purpose = PURPOSE_CAUSTIC
+            shares = scene.caustic_cumulative
+            aimed = 1
+        index = wp.uint32(number)
+        streams = path_streams(orders.seed, purpose, number)
+        e = emit(
+            scene.lights,
+            scene.textures,
+            shares,
+            scene.targets,
+            aimed,
+            sample_1d(index, dimension_of(streams, 0)),
+            sample_2d(index, dimension_of(streams, 1)),
+            sample_2d(index, dimension_of(streams, 2)),
+            wp.float32(sample_1d(index, dimension_of(streams, 3))),
+        )
+        p = without_hit(new_photon(path, orders.seed))
+        p.edges = 1
+        p.medium = e.medium
+        p.light = e.light
+        p.origin = e.origin
+        p.direction = e.direction
+        p.flux = e.flux
+        if wp.static(features.media):
+            if e.medium >= 0:
+                p = into_medium(p, scene.media, scene.cells, scene.lights.offset_min)
+        store_photon(flight_out, i, p)
+
+    return emit_photons
