@@ -54,6 +54,7 @@ class Cell:
         self._surfaces = surface.upload(triangles, replica.world.extent, device)
         self.store = PhotonStore(number, self._surfaces, replica)
         self._light = CameraLight(number, self._bvh, self._surfaces, self.store, replica)
+        self._trace_scene = self._trace_scene_of(replica)
         self.energy = np.zeros(3)
         self._actions = {
             Kind.CAMERA: self._light.visit_camera,
@@ -169,11 +170,10 @@ class Cell:
         orders.stores_direct = int(world.irradiance.share > 0)
         orders.seed = wp.uint32(world.seed)
         orders.max_depth = world.max_depth or 0
-        scene = self._trace_scene()
         launcher.run(
             replica.kernels.trace_photons,
             [
-                (size, [scene, orders, flight, chunk, start, deposits, fates])
+                (size, [self._trace_scene, orders, flight, chunk, start, deposits, fates])
                 for chunk, (start, size) in enumerate(chunks)
             ],
         )
@@ -181,9 +181,9 @@ class Cell:
         self.store.keep(deposits, capacity)
         return columns.download(flight, SCHEMAS[Kind.PHOTON]), fates.status.numpy(), fates.next_cell.numpy()
 
-    def _trace_scene(self) -> TraceScene:
+    def _trace_scene_of(self, replica: Replica) -> TraceScene:
         """What photons need of this cell."""
-        scene, replica = TraceScene(), self.replica
+        scene = TraceScene()
         scene.bvh, scene.surfaces, scene.cells = self._bvh, self._surfaces, replica.cells
         scene.materials, scene.textures, scene.media = replica.materials, replica.textures, replica.media
         return scene

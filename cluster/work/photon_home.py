@@ -12,7 +12,7 @@ from wdpm.cluster.batch import SCHEMAS, Batch, Kind, by_destination, take
 from wdpm.cluster.task import PhotonsTraced, PhotonTask
 from wdpm.cluster.work.replica import Replica
 from wdpm.kernels import columns
-from wdpm.kernels.photons.departure import EmitOrders, EmitScene, first_cells
+from wdpm.kernels.photons.departure import EmitOrders, first_cells
 from wdpm.kernels.photons.flight import Flight
 from wdpm.scenes.errors import ProtocolError
 
@@ -21,13 +21,9 @@ def set_out(replica: Replica, start: int, stop: int) -> Any:
     """The photon paths start to stop - 1 as they leave the lights: kernels.photons.flight.Flight."""
     world, count = replica.world, stop - start
     flight = columns.empty(Flight, count, replica.launcher.device)
-    scene = EmitScene()
-    scene.lights, scene.textures, scene.media = replica.lights, replica.textures, replica.media
-    scene.cells, scene.targets = replica.cells, replica.targets
-    scene.cumulative, scene.caustic_cumulative = replica.cumulative, replica.caustic_cumulative
     orders = EmitOrders()
     orders.first, orders.global_paths, orders.seed = start, world.global_map.paths, wp.uint32(world.seed)
-    replica.launcher(replica.kernels.emit_photons, count, [scene, orders], [flight])
+    replica.launcher(replica.kernels.emit_photons, count, [replica.emit_scene, orders], [flight])
     return flight
 
 

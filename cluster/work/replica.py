@@ -19,6 +19,7 @@ from wdpm.kernels.irradiance import record_tree
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.lights import lights
 from wdpm.kernels.materials import medium, resolve, texture
+from wdpm.kernels.photons.departure import EmitScene
 from wdpm.kernels.rays import cells
 from wdpm.kernels.variants import Variants, make_variants
 from wdpm.scenes.flat.material_sides import lambertian_sides
@@ -66,9 +67,7 @@ class Replica:
     paths_by_light: NDArray[np.int64] = field(init=False)
     cells: Any = field(init=False)
     lights: Any = field(init=False)
-    cumulative: Any = field(init=False)
-    caustic_cumulative: Any = field(init=False)
-    targets: Any = field(init=False)
+    emit_scene: EmitScene = field(init=False)
     resolve: Any = field(init=False)
     textures: Any = field(init=False)
     media: Any = field(init=False)
@@ -94,9 +93,12 @@ class Replica:
     def share_out(self) -> None:
         """How photons are shared out among the lights, and where the caustic pass aims, as the World says."""
         emission, device = self.world.emission, self.launcher.device
-        self.cumulative = lights.upload_shares(emission.share, device)
-        self.caustic_cumulative = lights.upload_shares(emission.caustic_share, device)
-        self.targets = lights.upload_targets(emission.target_center, emission.target_radius, device)
+        scene = EmitScene()
+        scene.lights, scene.textures, scene.media, scene.cells = self.lights, self.textures, self.media, self.cells
+        scene.targets = lights.upload_targets(emission.target_center, emission.target_radius, device)
+        scene.cumulative = lights.upload_shares(emission.share, device)
+        scene.caustic_cumulative = lights.upload_shares(emission.caustic_share, device)
+        self.emit_scene = scene
 
     @property
     def pad(self) -> float:

@@ -66,7 +66,7 @@ from wdpm.kernels.photons.flight import (
 )
 from wdpm.kernels.rays.bvh import Bvh, closest_hit
 from wdpm.kernels.rays.cells import Cells, cell_of, next_cell
-from wdpm.kernels.rays.triangle import NO_HIT
+from wdpm.kernels.rays.triangle import NO_HIT, Hit
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -130,19 +130,19 @@ class Fates:
 
 
 @wp.struct
-class Bounce:
-    """A photon and what one step made of it.
+class Leg:
+    """Where a photon's ray ends.
 
     Attributes:
-        status: GOES_ON or what became of it.
-        destination: the cell that it goes to, where another is known; else -1.
-        lost: its flux, mean of the channels, that was absorbed or escaped by this step [W x paths].
+        status: GOES_ON where it ends in this cell, else what became of the photon.
+        destination: the cell that the photon goes to, -1 for none.
+        owner: the cell that the hit, or the collision in a medium, lies in.
     """
 
-    photon: Photon
     status: wp.int32
     destination: wp.int32
-    lost: wp.float64
+    owner: wp.int32
+    hit: Hit
 
 
 @wp.struct
@@ -190,27 +190,24 @@ def adjoint_factor(s: Surface, to_source: wp.vec3, away: wp.vec3) -> wp.float32:
 
 
 @wp.func
-def fly(scene: TraceScene, own_cell: wp.int32, p: Photon) -> Bounce:
+def fly(scene: TraceScene, own_cell: wp.int32, p: Photon) -> Leg:
     """Look for where a photon's ray ends: in this cell, in another, or nowhere."""
-    step = Bounce()
-    step.status = GOES_ON
-    found = closest_hit(scene.bvh, p.origin, p.direction, p.hit)
-    if found.prim != p.hit.prim:
-        row = row_of(scene.surfaces, found.prim)
-        p.owner = cell_of(scene.cells, position_at(scene.surfaces, row, found.u, found.v))
-    p.hit = found
-    destination = next_cell(scene.cells, p.origin, p.direction, p.hit.t, own_cell)
-    if destination >= 0:
-        step.status = TRAVELS
-    elif p.hit.prim < 0 and p.hit.t >= NO_HIT:
-        step.lost = mean3(p.flux)
-        step.status = ENDED
-    elif p.owner != own_cell:
-        destination = p.owner
-        step.status = LANDS
-    step.photon = p
-    step.destination = destination
-    return step
+    leg = Leg()
+    leg.status = GOES_ON
+    leg.owner = p.owner
+    leg.hit = closest_hit(scene.bvh, p.origin, p.direction, p.hit)
+    if leg.hit.prim != p.hit.prim:
+        row = row_of(scene.surfaces, leg.hit.prim)
+        leg.owner = cell_of(scene.cells, position_at(scene.surfaces, row, leg.hit.u, leg.hit.v))
+    leg.destination = next_cell(scene.cells, p.origin, p.direction, leg.hit.t, own_cell)
+    if leg.destination >= 0:
+        leg.status = TRAVELS
+    elif leg.hit.prim < 0 and leg.hit.t >= NO_HIT:
+        leg.status = ENDED
+    elif leg.owner != own_cell:
+        leg.destination = leg.owner
+        leg.status = LANDS
+    return leg
 
 
 @wp.func
@@ -247,31 +244,32 @@ def map_of(state: wp.int32, caustic: bool, stores_direct: wp.int32) -> wp.int32:
 
 
 @wp.func
-def go_on(scene: TraceScene, p: Photon, a: Arrival) -> Bounce:
-    """Go on from where it arrived, or be absorbed by Russian roulette: in the mean what is scattered survives."""
-    step = Bounce()
-    step.status = ENDED
-    step.destination = -1
-    step.lost = mean3(p.flux)
-    survival = wp.float32(1.0)
+def survival_of(p: Photon, a: Arrival) -> wp.float32:
+    """Chance to survive Russian roulette: the largest share of its flux that is scattered. Nothing is played for where
+    light goes straight on."""
     if a.scatters == 1:
-        survival = wp.min(1.0, wp.max(a.scattered) / wp.max(p.flux))
-    if float(number_1d(p, ROULETTE)) < survival:
-        flux = a.scattered / survival
-        step.lost = mean3(p.flux) - mean3(flux)
-        p.flux = flux
-        p.origin = a.deposit.position
-        if p.hit.prim >= 0:
-            p.origin = leave(a.deposit.position, a.leaves, scene.surfaces.offset_min)
-        p.direction = a.goes_to
-        p.state = a.state
-        p.medium = a.medium
-        p.edges += a.scatters
-        p.bounce += 1
-        p = without_hit(p)
-        step.status = GOES_ON
-    step.photon = p
-    return step
+        return wp.min(1.0, wp.max(a.scattered) / wp.max(p.flux))
+    return 1.0
+
+
+@wp.func
+def go_on(p: Photon, a: Arrival, flux: wp.vec3, offset_min: wp.float32) -> Photon:
+    """The photon as it leaves from where it arrived.
+
+    Args:
+        flux: what goes on of it.
+        offset_min: least distance at which rays leave a surface.
+    """
+    p.flux = flux
+    p.origin = a.deposit.position
+    if p.hit.prim >= 0:
+        p.origin = leave(a.deposit.position, a.leaves, offset_min)
+    p.direction = a.goes_to
+    p.state = a.state
+    p.medium = a.medium
+    p.edges += a.scatters
+    p.bounce += 1
+    return without_hit(p)
 
 
 @wp.func
@@ -384,11 +382,13 @@ def make_trace_photons(features: Features) -> wp.Kernel:
 
         while status == GOES_ON:
             if not final:
-                flown = fly(scene, orders.own_cell, p)
-                p = flown.photon
-                status = flown.status
-                destination = flown.destination
-                escaped += flown.lost
+                leg = fly(scene, orders.own_cell, p)
+                p.hit = leg.hit
+                p.owner = leg.owner
+                status = leg.status
+                destination = leg.destination
+                if status == ENDED:
+                    escaped += mean3(p.flux)
             if status == GOES_ON:
                 final = False
                 a = arrive(scene, orders, p, caustic)
@@ -400,17 +400,20 @@ def make_trace_photons(features: Features) -> wp.Kernel:
                         cut += mean3(p.flux)
                         status = ENDED
                     else:
-                        gone_on = go_on(scene, p, a)
-                        p = gone_on.photon
-                        status = gone_on.status
-                        absorbed += gone_on.lost
-                        if status == GOES_ON:
+                        survival = survival_of(p, a)
+                        if float(number_1d(p, ROULETTE)) < survival:
+                            flux = a.scattered / survival
+                            absorbed += mean3(p.flux) - mean3(flux)
+                            p = go_on(p, a, flux, scene.surfaces.offset_min)
                             if wp.static(features.media):
                                 if p.medium >= 0:
                                     p = into_medium(p, scene.media, scene.cells, scene.surfaces.offset_min)
                             destination = next_cell(scene.cells, p.origin, p.direction, p.hit.t, -1)
                             if destination != orders.own_cell:
                                 status = TRAVELS
+                        else:
+                            absorbed += mean3(p.flux)
+                            status = ENDED
 
         store_photon(flight, i, p)
         fates_out.status[i] = status
