@@ -6,7 +6,33 @@ specialised to fewer features gives the same bits as one with all of them, on ev
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from enum import Enum
+from typing import Any
+
+from wdpm.scenes.model.bsdfs import LEAVES
+from wdpm.scenes.model.leaf_kind import LeafKind
+
+
+class Group(Enum):
+    """What kind of thing calls for a feature: kernels are made for the groups that they can tell apart."""
+
+    MATERIALS = "materials"
+    TEXTURES = "textures"
+    LIGHTS = "lights"
+    MEDIA = "media"
+    CAMERAS = "cameras"
+    SETTINGS = "settings"
+
+
+def _effect(group: Group, words: str, switches_on: str) -> Any:
+    """A feature that is off unless something calls for it.
+
+    Args:
+        words: its name for people.
+        switches_on: what it compiles in, for people.
+    """
+    return field(default=False, metadata={"group": group, "words": words, "switches_on": switches_on})
 
 
 @dataclass(frozen=True)
@@ -28,32 +54,46 @@ class Features:
         traced: camera paths go on from diffuse parts too: path tracing, final gathering.
     """
 
-    conductor: bool = False
-    dielectric: bool = False
-    thin_dielectric: bool = False
-    plastic: bool = False
-    principled: bool = False
-    rough: bool = False
-    blend: bool = False
-    passing: bool = False
-    bent: bool = False
-    bitmaps: bool = False
-    checkerboards: bool = False
-    vertex_colors: bool = False
-    points: bool = False
-    spots: bool = False
-    directionals: bool = False
-    environment: bool = False
-    textured_lights: bool = False
-    media: bool = False
-    lens: bool = False
-    orthographic: bool = False
-    traced: bool = False
+    conductor: bool = _effect(Group.MATERIALS, "metals and mirrors", "Fresnel's formulas for metals")
+    dielectric: bool = _effect(Group.MATERIALS, "glass", "refraction and reflection")
+    thin_dielectric: bool = _effect(Group.MATERIALS, "thin panes", "light straight through panes")
+    plastic: bool = _effect(Group.MATERIALS, "plastic", "a diffuse base under a coat")
+    principled: bool = _effect(Group.MATERIALS, "principled", "Disney's lobes")
+    rough: bool = _effect(Group.MATERIALS, "rough microfacets", "sampling of visible normals")
+    blend: bool = _effect(Group.MATERIALS, "blends", "a choice between two at each hit")
+    passing: bool = _effect(Group.MATERIALS, "masks, null boundaries", "light goes on behind them")
+    bent: bool = _effect(Group.MATERIALS, "bump and normal maps", "normals bent at each hit")
+    bitmaps: bool = _effect(Group.TEXTURES, "image textures", "look-ups in images")
+    checkerboards: bool = _effect(Group.TEXTURES, "checkerboards", "checkerboard look-ups")
+    vertex_colors: bool = _effect(Group.TEXTURES, "vertex colours", "colours interpolated at each hit")
+    points: bool = _effect(Group.LIGHTS, "point lights", "their sampling")
+    spots: bool = _effect(Group.LIGHTS, "spot lights", "their cones")
+    directionals: bool = _effect(Group.LIGHTS, "directional lights", "photons and shadow rays from afar")
+    environment: bool = _effect(Group.LIGHTS, "light from all around", "importance sampling of its map")
+    textured_lights: bool = _effect(Group.LIGHTS, "textured lights", "a look-up for each point on a lamp")
+    media: bool = _effect(Group.MEDIA, "participating media", "free paths, transmittance, phase functions")
+    lens: bool = _effect(Group.CAMERAS, "depth of field", "camera rays start on a lens")
+    orthographic: bool = _effect(Group.CAMERAS, "parallel camera rays", "camera rays of one direction")
+    traced: bool = _effect(Group.SETTINGS, "diffuse parts traced on", "camera paths go on by diffuse parts too")
+
+    def compiles(self, kind: LeafKind) -> bool:
+        """Whether kernels have the code of a kind of leaf."""
+        return kind.feature is None or bool(getattr(self, kind.feature))
 
     @property
     def glossy(self) -> bool:
         """Some surface has a part that is traced on, not gathered."""
-        return self.conductor or self.dielectric or self.thin_dielectric or self.plastic or self.principled
+        return any(leaf.KIND.glossy and self.compiles(leaf.KIND) for leaf in LEAVES)
+
+    @property
+    def non_lambertian(self) -> bool:
+        """Some diffuse part is not Lambertian."""
+        return any(not leaf.KIND.lambertian and self.compiles(leaf.KIND) for leaf in LEAVES)
+
+    @property
+    def oriented(self) -> bool:
+        """The looks of some surface may depend on the direction of its tangents."""
+        return self.rough or self.bent or any(leaf.KIND.always_rough and self.compiles(leaf.KIND) for leaf in LEAVES)
 
     @property
     def textures(self) -> bool:
@@ -63,7 +103,7 @@ class Features:
     @property
     def coated(self) -> bool:
         """Some diffuse part is not Lambertian, or lies under bumps: each photon counts by its direction."""
-        return self.plastic or self.principled or self.bent
+        return self.non_lambertian or self.bent
 
     @property
     def goes_on(self) -> bool:
@@ -82,8 +122,22 @@ class Features:
 
     def names(self) -> tuple[str, ...]:
         """The features that are on."""
-        return tuple(field.name for field in fields(self) if getattr(self, field.name))
+        return tuple(feature.name for feature in fields(self) if getattr(self, feature.name))
+
+    def only(self, *groups: Group) -> Features:
+        """The features of some groups; the others are off."""
+        return Features(**{name: getattr(self, name) for name in names_of(*groups)})
 
 
-ALL = Features(**{field.name: True for field in fields(Features)})
+def names_of(*groups: Group) -> tuple[str, ...]:
+    """The features that things of some groups call for, in the order of the fields."""
+    return tuple(feature.name for feature in fields(Features) if feature.metadata["group"] in groups)
+
+
+WORDS: dict[str, tuple[str, str]] = {
+    feature.name: (feature.metadata["words"], feature.metadata["switches_on"]) for feature in fields(Features)
+}
+"""Of every feature: its name for people, and what it switches on."""
+
+ALL = Features(**{feature.name: True for feature in fields(Features)})
 """Everything compiled in."""

@@ -11,14 +11,9 @@ from wdpm.kernels.camera.gather_glossy import make_gather
 from wdpm.kernels.camera.rays import make_camera_rays
 from wdpm.kernels.camera.shading import make_shading
 from wdpm.kernels.camera.shadow_rays import make_shadow_walk
-from wdpm.kernels.features import Features
+from wdpm.kernels.features import Features, Group
 from wdpm.kernels.photons.departure import make_emit_photons
 from wdpm.kernels.photons.paths import make_trace_photons
-
-MATERIALS = ("conductor", "dielectric", "thin_dielectric", "plastic", "principled", "rough", "blend", "passing", "bent")
-TEXTURES = ("bitmaps", "checkerboards", "vertex_colors")
-LIGHTS = ("points", "spots", "directionals", "environment", "textured_lights")
-CAMERAS = ("lens", "orthographic")
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,30 +43,23 @@ class Variants:
         return list({id(kernel.module): kernel.module for kernel in kernels if kernel is not None}.values())
 
 
-def only(features: Features, *groups: tuple[str, ...]) -> Features:
-    """The features of some groups; the others are off."""
-    return Features(**{name: getattr(features, name) for group in groups for name in group})
-
-
 @cache
 def make_variants(features: Features) -> Variants:
     """The kernels for a set of features; nothing is compiled yet."""
-    rays = make_camera_rays(only(features, CAMERAS))
+    rays = make_camera_rays(features.only(Group.CAMERAS))
     shading = make_shading(features)
     ending = replace(features, traced=False)  # where the irradiance cache serves, paths end at diffuse surfaces
-    at_surfaces = only(features, MATERIALS, TEXTURES, ("media",))
+    at_surfaces = features.only(Group.MATERIALS, Group.TEXTURES, Group.MEDIA)
     return Variants(
         first_camera_cells=rays.first_camera_cells,
         mark_touched_cells=rays.mark_touched_cells,
         visit_camera_rays=rays.visit_camera_rays,
         start_paths=rays.start_paths,
         shade_camera_hits=None if ending.goes_on else make_shading(ending).shade_camera_hits,
-        emit_photons=make_emit_photons(only(features, LIGHTS, TEXTURES, ("media",))),
+        emit_photons=make_emit_photons(features.only(Group.LIGHTS, Group.TEXTURES, Group.MEDIA)),
         trace_photons=make_trace_photons(at_surfaces),
         shade_vertices=shading.shade_vertices if features.goes_on else None,
         path_misses=shading.path_misses if features.misses else None,
-        pass_panes=make_shadow_walk(only(features, MATERIALS, TEXTURES, ("media",))).pass_panes
-        if features.walks
-        else None,
-        gather_glossy=make_gather(only(features, MATERIALS)) if features.goes_on or features.coated else None,
+        pass_panes=make_shadow_walk(at_surfaces).pass_panes if features.walks else None,
+        gather_glossy=make_gather(features.only(Group.MATERIALS)) if features.goes_on or features.coated else None,
     )

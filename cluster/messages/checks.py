@@ -22,7 +22,8 @@ from wdpm.kernels.limits import CHAIN_LIMIT, MAPS, MAX_K
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.arrays import Media, Triangles
 from wdpm.scenes.flat.light_table import LightTable
-from wdpm.scenes.flat.material_table import NORMAL_MAP, SAME_MEDIUM, SLOTS, MaterialTable
+from wdpm.scenes.flat.material_table import NORMAL_MAP, SAME_MEDIUM, MaterialTable
+from wdpm.scenes.model.leaf_kind import SLOTS
 from wdpm.scenes.model.scene import Camera
 from wdpm.scenes.model.textures import Bitmap, Checkerboard
 

@@ -9,23 +9,10 @@ import numpy as np
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.features import ALL, Features
 from wdpm.scenes.flat.flatten import FlatScene
-from wdpm.scenes.flat.material_facts import MaterialFacts, facts
-from wdpm.scenes.model.textures import Bitmap, Checkerboard, VertexColors
+from wdpm.scenes.flat.material_facts import FEATURE_OF_TEXTURE, MaterialFacts, facts
 
 if TYPE_CHECKING:
     from wdpm.cluster.settings import RenderSettings
-
-_FROM_MATERIALS = (
-    "conductor",
-    "dielectric",
-    "thin_dielectric",
-    "plastic",
-    "principled",
-    "rough",
-    "blend",
-    "passing",
-    "bent",
-)
 
 
 def used_materials(flat: FlatScene) -> list[tuple[str, MaterialFacts]]:
@@ -41,11 +28,9 @@ def features_of(flat: FlatScene, settings: RenderSettings) -> Features:
         return ALL
     lights, found = flat.lights, [fact for _, fact in used_materials(flat)]
     glow = [flat.textures[number] for number in (*lights.emitter_texture, *lights.spot_texture) if number >= 0]
+    called = {FEATURE_OF_TEXTURE[type(texture)] for texture in glow}.union(*(fact.features for fact in found))
     return Features(
-        **{name: any(getattr(fact, name) for fact in found) for name in _FROM_MATERIALS},
-        bitmaps=any(fact.bitmaps for fact in found) or any(isinstance(texture, Bitmap) for texture in glow),
-        checkerboards=any(fact.checkerboards for fact in found) or any(isinstance(t, Checkerboard) for t in glow),
-        vertex_colors=any(fact.vertex_colors for fact in found) or any(isinstance(t, VertexColors) for t in glow),
+        **dict.fromkeys(called, True),
         points=len(lights.point_position) > 0,
         spots=len(lights.spot_position) > 0,
         directionals=len(lights.directional_direction) > 0,

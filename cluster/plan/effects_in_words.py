@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.plan.effects import used_materials
 from wdpm.cluster.settings import RenderSettings
 from wdpm.cluster.world import World
-from wdpm.kernels.features import Features
+from wdpm.kernels.features import WORDS, Features, Group, names_of
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.light_table import LightTable
 from wdpm.scenes.flat.material_facts import MaterialFacts
@@ -24,38 +24,6 @@ CAMERA = "the camera"
 
 NAMES_SHOWN = 3
 """Of what calls for an effect; the others are counted."""
-
-_OF_MATERIALS = {
-    "conductor": ("metals and mirrors", "Fresnel's formulas for metals"),
-    "dielectric": ("glass", "refraction and reflection"),
-    "thin_dielectric": ("thin panes", "light straight through panes"),
-    "plastic": ("plastic", "a diffuse base under a coat"),
-    "principled": ("principled", "Disney's lobes"),
-    "rough": ("rough microfacets", "sampling of visible normals"),
-    "blend": ("blends", "a choice between two at each hit"),
-    "passing": ("masks, null boundaries", "light goes on behind them"),
-    "bent": ("bump and normal maps", "normals bent at each hit"),
-    "bitmaps": ("image textures", "look-ups in images"),
-    "checkerboards": ("checkerboards", "checkerboard look-ups"),
-    "vertex_colors": ("vertex colours", "colours interpolated at each hit"),
-}
-_OF_LIGHTS = {
-    "points": ("point lights", "their sampling"),
-    "spots": ("spot lights", "their cones"),
-    "directionals": ("directional lights", "photons and shadow rays from afar"),
-    "environment": ("light from all around", "importance sampling of its map"),
-    "textured_lights": ("textured lights", "a look-up for each point on a lamp"),
-}
-_OF_SPACE = {
-    "media": ("participating media", "free paths, transmittance, phase functions"),
-    "lens": ("depth of field", "camera rays start on a lens"),
-    "orthographic": ("parallel camera rays", "camera rays of one direction"),
-}
-_OF_SETTINGS = {
-    "traced": ("diffuse parts traced on", "camera paths go on by diffuse parts too"),
-}
-FEATURES = {**_OF_MATERIALS, **_OF_LIGHTS, **_OF_SPACE, **_OF_SETTINGS}
-"""Every field of kernels.features.Features: its name for people, and what it switches on."""
 
 WITHOUT = {
     "indirect": "global photon map",
@@ -136,7 +104,7 @@ def plan_of_effects(
     without = {WITHOUT[name] for name in settings.without}  # they may be compiled in all the same
     of_features = [
         Effect(name, words, bool(causes[name]), getattr(features, name) and name not in without, causes[name], switches)
-        for name, (words, switches) in FEATURES.items()
+        for name, (words, switches) in WORDS.items()
     ]
     return (*of_features, *_maps(flat, causes, world, settings), *_rays(asked, causes, features, settings))
 
@@ -145,7 +113,9 @@ def causes_of(flat: FlatScene, media: Sequence[str] = ()) -> dict[str, tuple[str
     """What calls for each feature, by the fields of Features, and for "diffuse" and "glossy" materials."""
     found = used_materials(flat)
     lights = flat.lights
-    causes = {name: _materials(found, name) for name in (*_OF_MATERIALS, "diffuse", "glossy")}
+    causes = {
+        name: _materials(found, name) for name in (*names_of(Group.MATERIALS, Group.TEXTURES), "diffuse", "glossy")
+    }
     for kind, name in ((Bitmap, "bitmaps"), (Checkerboard, "checkerboards"), (VertexColors, "vertex_colors")):
         causes[name] += _textured_lights(flat, kind)
     first = len(lights.emitter_radiance)
@@ -325,8 +295,8 @@ def _by_light(lights: LightTable, weight: NDArray[np.float64]) -> NDArray[np.flo
     return np.bincount(lights.light, weight, len(lights.names)).astype(np.float64)
 
 
-def _materials(found: Sequence[tuple[str, MaterialFacts]], attribute: str) -> tuple[str, ...]:
-    return _joined([name for name, fact in found if getattr(fact, attribute)])
+def _materials(found: Sequence[tuple[str, MaterialFacts]], name: str) -> tuple[str, ...]:
+    return _joined([material for material, fact in found if fact.calls_for(name)])
 
 
 def _textured_lights(flat: FlatScene, kind: type[Texture] | tuple[type[Texture], ...]) -> tuple[str, ...]:

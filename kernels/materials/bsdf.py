@@ -1,6 +1,6 @@
 """Scattering functions of all leaf materials: dispatch by kind, compiled for the kinds that a scene has.
 
-What each function takes and gives, here and in the module of each material (bsdf_types.py has directions and modes):
+What each function takes and gives, here and in the module of each material (types.py has directions and modes):
 
 * `eval_diffuse(b, w_from, w_to) -> vec3`: diffuse part of the scattering function [1/sr], without the cosine.
 * `eval_glossy(b, w_from, w_to, mode) -> vec3`: glossy part times |cos(w_to)|; deltas are left out.
@@ -17,34 +17,37 @@ u_lobe is in [0, 1), u in [0, 1]². A sample whose weight is zero ends the path;
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
 from wdpm.kernels.constants import INV_PI, PI
 from wdpm.kernels.features import Features
-from wdpm.kernels.materials.conductor import make_conductor
-from wdpm.kernels.materials.dielectric import make_dielectric, sample_pane
-from wdpm.kernels.materials.plastic import make_plastic
-from wdpm.kernels.materials.principled import make_principled
-from wdpm.kernels.materials.types import (
-    CONDUCTOR,
-    DIELECTRIC,
-    DIFFUSE,
-    NULL,
-    PLASTIC,
-    PRINCIPLED,
-    THIN_DIELECTRIC,
-    Bsdf,
-    BsdfSample,
-)
+from wdpm.kernels.materials.leaf import DiffusePart
+from wdpm.kernels.materials.leaves import leaves_of
+from wdpm.kernels.materials.types import DIFFUSE, Bsdf, BsdfSample
 from wdpm.kernels.maths.directions import concentric_disk
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 _BELOW_ONE = wp.constant(wp.float32(1 - 2.0**-24))
+
+
+@dataclass(frozen=True, eq=False)
+class BsdfCode:
+    """Scattering functions for the leaves of some features: those of the page's head, and `has_diffuse(b) -> bool`."""
+
+    has_diffuse: wp.Function
+    eval_diffuse: wp.Function
+    probability_diffuse: wp.Function
+    eval_glossy: wp.Function
+    pdf_glossy: wp.Function
+    sample_glossy: wp.Function
+    eval_all: wp.Function
+    pdf_all: wp.Function
+    sample_all: wp.Function
 
 
 @wp.func
@@ -54,28 +57,13 @@ def cosine_direction(u: wp.vec2) -> wp.vec3:
     return wp.vec3(d[0], d[1], wp.sqrt(wp.max(0.0, 1.0 - d[0] * d[0] - d[1] * d[1])))
 
 
-@wp.func
-def sample_straight(w_from: wp.vec3) -> BsdfSample:
-    """NULL: on as if there were nothing."""
-    s = BsdfSample()
-    s.to = -w_from
-    s.weight = wp.vec3(1.0)
-    s.delta = 1
-    s.straight = 1
-    s.crosses = 1
-    return s
-
-
 @cache
-def make_bsdf(features: Features) -> SimpleNamespace:
+def make_bsdf(features: Features) -> BsdfCode:
     """All functions of the page's head, for the kinds of materials that features name."""
     diffuse = _make_diffuse(features)
-    glossy = _make_glossy(features)
     eval_diffuse = diffuse.eval_diffuse
     probability_diffuse = diffuse.probability_diffuse
-    eval_glossy = glossy.eval_glossy
-    pdf_glossy = glossy.pdf_glossy
-    sample_glossy = glossy.sample_glossy
+    eval_glossy, pdf_glossy, sample_glossy = _make_glossy(features)
 
     @wp.func
     def eval_all(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3, mode: wp.int32) -> wp.vec3:
@@ -104,7 +92,7 @@ def make_bsdf(features: Features) -> SimpleNamespace:
             s.weight = b.color
             s.pdf = p * (s.to[2] * INV_PI)
             s.diffuse = 1
-            if wp.static(features.plastic or features.principled):
+            if wp.static(features.non_lambertian):
                 if b.kind != DIFFUSE:
                     s.weight = eval_diffuse(b, w_from, s.to) * (PI / p)
                     s.pdf = s.pdf + (1.0 - p) * pdf_glossy(b, w_from, s.to)
@@ -118,125 +106,145 @@ def make_bsdf(features: Features) -> SimpleNamespace:
                     s.pdf = rest * s.pdf + p * (wp.max(s.to[2], 0.0) * INV_PI)
         return s
 
-    return SimpleNamespace(**vars(diffuse), **vars(glossy), eval_all=eval_all, pdf_all=pdf_all, sample_all=sample_all)
+    return BsdfCode(
+        diffuse.has_diffuse,
+        eval_diffuse,
+        probability_diffuse,
+        eval_glossy,
+        pdf_glossy,
+        sample_glossy,
+        eval_all,
+        pdf_all,
+        sample_all,
+    )
 
 
-def _make_diffuse(features: Features) -> SimpleNamespace:
-    """Functions of the diffuse part."""
-    plastic = make_plastic(features)
-    principled = make_principled(features)
-    eval_plastic = plastic.eval_diffuse
-    eval_principled = principled.eval_diffuse
-    probability_plastic = plastic.probability_diffuse
-    probability_principled = principled.probability_diffuse
-
-    @wp.func
-    def has_diffuse(b: Bsdf) -> bool:
-        """Photons are stored here, and gathered."""
-        if b.kind == DIFFUSE:
-            return True
-        if wp.static(features.plastic):
-            if b.kind == PLASTIC:
-                return True
-        if wp.static(features.principled):
-            if b.kind == PRINCIPLED:
-                return b.metallic < 1.0 and b.spec_trans < 1.0
-        return False
+def _make_diffuse(features: Features) -> DiffusePart:
+    """Functions of the diffuse part: each leaf's own, by kind."""
+    has, evaluate, probability = _has_none, _eval_none, _probability_none
+    for leaf in reversed(leaves_of(features)):
+        part = leaf.diffuse
+        if part is not None:
+            has = _has_of(leaf.kind, part.has_diffuse, has)
+            evaluate = _eval_diffuse_of(leaf.kind, part.eval_diffuse, evaluate)
+            probability = _probability_of(leaf.kind, part.probability_diffuse, probability)
 
     @wp.func
     def eval_diffuse(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.vec3:
         if w_from[2] > 0.0 and w_to[2] > 0.0:
-            if b.kind == DIFFUSE:
-                return b.color * INV_PI
-            if wp.static(features.plastic):
-                if b.kind == PLASTIC:
-                    return eval_plastic(b, w_from, w_to)
-            if wp.static(features.principled):
-                if b.kind == PRINCIPLED:
-                    return eval_principled(b, w_from, w_to)
+            return evaluate(b, w_from, w_to)
         return wp.vec3(0.0)
 
     @wp.func
     def probability_diffuse(b: Bsdf, w_from: wp.vec3) -> wp.float32:
         if w_from[2] > 0.0:
-            if b.kind == DIFFUSE:
-                return 1.0
-            if wp.static(features.plastic):
-                if b.kind == PLASTIC:
-                    return probability_plastic(b, w_from)
-            if wp.static(features.principled):
-                if b.kind == PRINCIPLED:
-                    return probability_principled(b, w_from)
+            return probability(b, w_from)
         return 0.0
 
-    return SimpleNamespace(has_diffuse=has_diffuse, eval_diffuse=eval_diffuse, probability_diffuse=probability_diffuse)
+    return DiffusePart(has, eval_diffuse, probability_diffuse)
 
 
-def _make_glossy(features: Features) -> SimpleNamespace:
-    """Functions of the glossy part."""
-    conductor = make_conductor(features)
-    dielectric = make_dielectric(features)
-    plastic = make_plastic(features)
-    principled = make_principled(features)
-    eval_conductor, pdf_conductor = conductor.eval_glossy, conductor.pdf_glossy
-    eval_dielectric, pdf_dielectric = dielectric.eval_glossy, dielectric.pdf_glossy
-    eval_plastic, pdf_plastic = plastic.eval_glossy, plastic.pdf_glossy
-    eval_principled, pdf_principled = principled.eval_glossy, principled.pdf_glossy
-    sample_conductor, sample_dielectric = conductor.sample_glossy, dielectric.sample_glossy
-    sample_plastic, sample_principled = plastic.sample_glossy, principled.sample_glossy
+def _make_glossy(features: Features) -> tuple[wp.Function, wp.Function, wp.Function]:
+    """`eval_glossy`, `pdf_glossy` and `sample_glossy`: each leaf's own, by kind."""
+    evaluate, pdf, sample = _eval_glossy_none, _pdf_none, _sample_none
+    for leaf in reversed(leaves_of(features)):
+        part = leaf.glossy
+        if part is not None:
+            sample = _sample_of(leaf.kind, part.sample_glossy, sample)
+            if part.eval_glossy is not None and part.pdf_glossy is not None:
+                evaluate = _eval_glossy_of(leaf.kind, part.eval_glossy, evaluate)
+                pdf = _pdf_of(leaf.kind, part.pdf_glossy, pdf)
+    return evaluate, pdf, sample
 
+
+# Of a leaf without the part. Each function below is as `others`, with one more kind of leaf.
+
+
+@wp.func
+def _has_none(b: Bsdf) -> bool:
+    return False
+
+
+@wp.func
+def _eval_none(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.vec3:
+    return wp.vec3(0.0)
+
+
+@wp.func
+def _probability_none(b: Bsdf, w_from: wp.vec3) -> wp.float32:
+    return 0.0
+
+
+@wp.func
+def _eval_glossy_none(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3, mode: wp.int32) -> wp.vec3:
+    return wp.vec3(0.0)
+
+
+@wp.func
+def _pdf_none(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.float32:
+    return 0.0
+
+
+@wp.func
+def _sample_none(b: Bsdf, w_from: wp.vec3, u_lobe: wp.float32, u: wp.vec2, mode: wp.int32) -> BsdfSample:
+    return BsdfSample()
+
+
+def _has_of(kind: int, own: wp.Function, others: wp.Function) -> wp.Function:
+    @wp.func
+    def has_diffuse(b: Bsdf) -> bool:
+        if b.kind == kind:
+            return own(b)
+        return others(b)
+
+    return has_diffuse
+
+
+def _eval_diffuse_of(kind: int, own: wp.Function, others: wp.Function) -> wp.Function:
+    @wp.func
+    def eval_diffuse(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.vec3:
+        if b.kind == kind:
+            return own(b, w_from, w_to)
+        return others(b, w_from, w_to)
+
+    return eval_diffuse
+
+
+def _probability_of(kind: int, own: wp.Function, others: wp.Function) -> wp.Function:
+    @wp.func
+    def probability_diffuse(b: Bsdf, w_from: wp.vec3) -> wp.float32:
+        if b.kind == kind:
+            return own(b, w_from)
+        return others(b, w_from)
+
+    return probability_diffuse
+
+
+def _eval_glossy_of(kind: int, own: wp.Function, others: wp.Function) -> wp.Function:
     @wp.func
     def eval_glossy(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3, mode: wp.int32) -> wp.vec3:
-        if wp.static(features.conductor):
-            if b.kind == CONDUCTOR:
-                return eval_conductor(b, w_from, w_to, mode)
-        if wp.static(features.dielectric):
-            if b.kind == DIELECTRIC:
-                return eval_dielectric(b, w_from, w_to, mode)
-        if wp.static(features.plastic):
-            if b.kind == PLASTIC:
-                return eval_plastic(b, w_from, w_to, mode)
-        if wp.static(features.principled):
-            if b.kind == PRINCIPLED:
-                return eval_principled(b, w_from, w_to, mode)
-        return wp.vec3(0.0)
+        if b.kind == kind:
+            return own(b, w_from, w_to, mode)
+        return others(b, w_from, w_to, mode)
 
+    return eval_glossy
+
+
+def _pdf_of(kind: int, own: wp.Function, others: wp.Function) -> wp.Function:
     @wp.func
     def pdf_glossy(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.float32:
-        if wp.static(features.conductor):
-            if b.kind == CONDUCTOR:
-                return pdf_conductor(b, w_from, w_to)
-        if wp.static(features.dielectric):
-            if b.kind == DIELECTRIC:
-                return pdf_dielectric(b, w_from, w_to)
-        if wp.static(features.plastic):
-            if b.kind == PLASTIC:
-                return pdf_plastic(b, w_from, w_to)
-        if wp.static(features.principled):
-            if b.kind == PRINCIPLED:
-                return pdf_principled(b, w_from, w_to)
-        return 0.0
+        if b.kind == kind:
+            return own(b, w_from, w_to)
+        return others(b, w_from, w_to)
 
+    return pdf_glossy
+
+
+def _sample_of(kind: int, own: wp.Function, others: wp.Function) -> wp.Function:
     @wp.func
     def sample_glossy(b: Bsdf, w_from: wp.vec3, u_lobe: wp.float32, u: wp.vec2, mode: wp.int32) -> BsdfSample:
-        if wp.static(features.conductor):
-            if b.kind == CONDUCTOR:
-                return sample_conductor(b, w_from, u_lobe, u, mode)
-        if wp.static(features.dielectric):
-            if b.kind == DIELECTRIC:
-                return sample_dielectric(b, w_from, u_lobe, u, mode)
-        if wp.static(features.thin_dielectric):
-            if b.kind == THIN_DIELECTRIC:
-                return sample_pane(b, w_from, u_lobe)
-        if wp.static(features.plastic):
-            if b.kind == PLASTIC:
-                return sample_plastic(b, w_from, u_lobe, u, mode)
-        if wp.static(features.principled):
-            if b.kind == PRINCIPLED:
-                return sample_principled(b, w_from, u_lobe, u, mode)
-        if wp.static(features.passing):
-            if b.kind == NULL:
-                return sample_straight(w_from)
-        return BsdfSample()
+        if b.kind == kind:
+            return own(b, w_from, u_lobe, u, mode)
+        return others(b, w_from, u_lobe, u, mode)
 
-    return SimpleNamespace(eval_glossy=eval_glossy, pdf_glossy=pdf_glossy, sample_glossy=sample_glossy)
+    return sample_glossy

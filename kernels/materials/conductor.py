@@ -9,12 +9,12 @@ for metals in fresnel.py.
 from __future__ import annotations
 
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials.fresnel import fresnel_metal_channels, reflect
+from wdpm.kernels.materials.leaf import GlossyPart, LeafCode
 from wdpm.kernels.materials.microfacet import (
     held_alpha,
     is_smooth,
@@ -23,14 +23,41 @@ from wdpm.kernels.materials.microfacet import (
     normal_density,
     sample_visible_normal,
 )
+from wdpm.kernels.materials.nodes import Materials, make_parameters
+from wdpm.kernels.materials.texture import Textures
 from wdpm.kernels.materials.types import Bsdf, BsdfSample
+from wdpm.scenes.model.bsdfs import Conductor
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
+CONDUCTOR = wp.constant(Conductor.KIND.number)
+
+_SPECULAR = wp.constant(Conductor.KIND.slots["specular_reflectance"])
+_ETA = wp.constant(Conductor.KIND.slots["eta"])
+_K = wp.constant(Conductor.KIND.slots["k"])
+_ALPHA_U = wp.constant(Conductor.KIND.slots["alpha_u"])
+_ALPHA_V = wp.constant(Conductor.KIND.slots["alpha_v"])
+
 
 @cache
-def make_conductor(features: Features) -> SimpleNamespace:
-    """`eval_glossy`, `pdf_glossy` and `sample_glossy` of CONDUCTOR; see bsdf.py for what they take and give."""
+def make_conductor(features: Features) -> LeafCode:
+    """The code of CONDUCTOR."""
+    value, roughness = make_parameters(features).value, make_parameters(features).roughness
+
+    @wp.func
+    def read(materials: Materials, textures: Textures, node: wp.int32, uv: wp.vec2, color: wp.vec3) -> Bsdf:
+        b = Bsdf()
+        b.kind = CONDUCTOR
+        b.distribution = materials.distribution[node]
+        b.specular = value(materials, textures, node, _SPECULAR, uv, color)
+        b.eta = value(materials, textures, node, _ETA, uv, color)
+        b.k = value(materials, textures, node, _K, uv, color)
+        if wp.static(features.rough):
+            b.alpha = wp.vec2(
+                roughness(materials, textures, node, _ALPHA_U, uv, color),
+                roughness(materials, textures, node, _ALPHA_V, uv, color),
+            )
+        return b
 
     @wp.func
     def eval_glossy(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3, _mode: wp.int32) -> wp.vec3:
@@ -76,4 +103,4 @@ def make_conductor(features: Features) -> SimpleNamespace:
         s.delta = 1
         return s
 
-    return SimpleNamespace(eval_glossy=eval_glossy, pdf_glossy=pdf_glossy, sample_glossy=sample_glossy)
+    return LeafCode(int(CONDUCTOR), read, glossy=GlossyPart(sample_glossy, eval_glossy, pdf_glossy))

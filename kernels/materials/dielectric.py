@@ -1,6 +1,6 @@
-"""Glass and the like: interfaces of dielectrics, smooth and rough, and thin panes. They have no diffuse part.
+"""Glass and the like: interfaces of dielectrics, smooth and rough. They have no diffuse part.
 
-Same parameters as Mitsuba 3's `dielectric`, `roughdielectric` and `thindielectric`. Both sides scatter. Whether a
+Same parameters as Mitsuba 3's `dielectric` and `roughdielectric`. Both sides scatter. Whether a
 direction is reflected or transmitted is chosen by Fresnel's reflectance.
 
 Source: Walter et al. 2007, "Microfacet models for refraction through rough surfaces", equations 20 and 21; for the two
@@ -10,12 +10,12 @@ modes of transport Veach 1997, section 5.2.
 from __future__ import annotations
 
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
 from wdpm.kernels.features import Features
-from wdpm.kernels.materials.fresnel import fresnel_dielectric, pane_reflectance, reflect, refract
+from wdpm.kernels.materials.fresnel import fresnel_dielectric, reflect, refract
+from wdpm.kernels.materials.leaf import GlossyPart, LeafCode
 from wdpm.kernels.materials.microfacet import (
     held_alpha,
     is_smooth,
@@ -24,10 +24,20 @@ from wdpm.kernels.materials.microfacet import (
     normal_density,
     sample_visible_normal,
 )
+from wdpm.kernels.materials.nodes import Materials, make_parameters
+from wdpm.kernels.materials.texture import Textures
 from wdpm.kernels.materials.types import RADIANCE, Bsdf, BsdfSample
+from wdpm.scenes.model.bsdfs import Dielectric
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
+DIELECTRIC = wp.constant(Dielectric.KIND.number)
+
+_SPECULAR = wp.constant(Dielectric.KIND.slots["specular_reflectance"])
+_TRANSMITTANCE = wp.constant(Dielectric.KIND.slots["specular_transmittance"])
+_ETA = wp.constant(Dielectric.KIND.slots["eta"])
+_ALPHA_U = wp.constant(Dielectric.KIND.slots["alpha_u"])
+_ALPHA_V = wp.constant(Dielectric.KIND.slots["alpha_v"])
 
 SPREAD_LEAST = wp.constant(wp.float32(1e-6))
 """Least |eta - 1| alpha of a rough dielectric; one below it counts as smooth.
@@ -154,8 +164,24 @@ def sample_rough(b: Bsdf, w_from: wp.vec3, u_lobe: wp.float32, u: wp.vec2, mode:
 
 
 @cache
-def make_dielectric(features: Features) -> SimpleNamespace:
-    """`eval_glossy`, `pdf_glossy` and `sample_glossy` of DIELECTRIC; see bsdf.py for what they take and give."""
+def make_dielectric(features: Features) -> LeafCode:
+    """The code of DIELECTRIC."""
+    value, roughness = make_parameters(features).value, make_parameters(features).roughness
+
+    @wp.func
+    def read(materials: Materials, textures: Textures, node: wp.int32, uv: wp.vec2, color: wp.vec3) -> Bsdf:
+        b = Bsdf()
+        b.kind = DIELECTRIC
+        b.distribution = materials.distribution[node]
+        b.specular = value(materials, textures, node, _SPECULAR, uv, color)
+        b.transmittance = value(materials, textures, node, _TRANSMITTANCE, uv, color)
+        b.eta = materials.value[node, _ETA]
+        if wp.static(features.rough):
+            b.alpha = wp.vec2(
+                roughness(materials, textures, node, _ALPHA_U, uv, color),
+                roughness(materials, textures, node, _ALPHA_V, uv, color),
+            )
+        return b
 
     @wp.func
     def eval_glossy(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3, mode: wp.int32) -> wp.vec3:
@@ -189,20 +215,4 @@ def make_dielectric(features: Features) -> SimpleNamespace:
                 return sample_rough(b, w_from, u_lobe, u, mode)
         return sample_smooth(b, w_from, u_lobe, mode)
 
-    return SimpleNamespace(eval_glossy=eval_glossy, pdf_glossy=pdf_glossy, sample_glossy=sample_glossy)
-
-
-@wp.func
-def sample_pane(b: Bsdf, w_from: wp.vec3, u_lobe: wp.float32) -> BsdfSample:
-    """A thin pane's mirror direction, or straight on; both delta."""
-    s = BsdfSample()
-    s.delta = 1
-    if u_lobe < pane_reflectance(w_from[2], b.eta[0]):
-        s.to = wp.vec3(-w_from[0], -w_from[1], w_from[2])
-        s.weight = b.specular
-    else:
-        s.to = -w_from
-        s.weight = b.transmittance
-        s.straight = 1
-        s.crosses = 1
-    return s
+    return LeafCode(int(DIELECTRIC), read, glossy=GlossyPart(sample_glossy, eval_glossy, pdf_glossy))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from types import SimpleNamespace
+from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
@@ -36,7 +36,7 @@ class Materials:
         parent: the node that a node is in, -1 for a root.
         straight_end: number of the last way of a root (exclusive) that light takes straight through; those of the root
             before it end where its own start.
-        straight: the nodes that these ways end in: NULL, THIN_DIELECTRIC, or a MASK, for its holes.
+        straight: the nodes that these ways end in: of the kinds material_ways.STRAIGHT; in a MASK, its holes.
     """
 
     kind: wp.array[wp.int32]
@@ -91,14 +91,27 @@ def medium_beyond(materials: Materials, root: wp.int32, front: wp.int32, medium:
     return beyond
 
 
-@functools.cache
-def make_parameters(features: Features) -> SimpleNamespace:
-    """Parameters of nodes at a point, for the textures that features name.
+@dataclass(frozen=True, eq=False)
+class ParameterCode:
+    """Functions that read parameters of nodes at a point.
 
-    * `value(materials, textures, node, slot, uv, color) -> vec3`: a colour.
-    * `number(materials, textures, node, slot, uv, color) -> float`: a number; of a texture, its luminance.
-    * `share(materials, textures, node, uv, color) -> float`: slot 0 in [0, 1], opacity of a MASK or weight of a BLEND.
+    Attributes:
+        value: `(materials, textures, node, slot, uv, color) -> vec3`: a colour.
+        number: `(materials, textures, node, slot, uv, color) -> float`: a number; of a texture, its luminance.
+        roughness: likewise, not below zero.
+        share: `(materials, textures, node, uv, color) -> float`: slot 0 in [0, 1], opacity of a MASK or weight of a
+            BLEND.
     """
+
+    value: wp.Function
+    number: wp.Function
+    roughness: wp.Function
+    share: wp.Function
+
+
+@functools.cache
+def make_parameters(features: Features) -> ParameterCode:
+    """Parameters of nodes at a point, for the textures that features name."""
     lookup = make_textures(features).lookup
 
     @wp.func
@@ -124,7 +137,13 @@ def make_parameters(features: Features) -> SimpleNamespace:
         return found
 
     @wp.func
+    def roughness(
+        materials: Materials, textures: Textures, node: wp.int32, slot: wp.int32, uv: wp.vec2, color: wp.vec3
+    ) -> wp.float32:
+        return wp.max(number(materials, textures, node, slot, uv, color), 0.0)
+
+    @wp.func
     def share(materials: Materials, textures: Textures, node: wp.int32, uv: wp.vec2, color: wp.vec3) -> wp.float32:
         return wp.clamp(number(materials, textures, node, 0, uv, color), 0.0, 1.0)
 
-    return SimpleNamespace(value=value, number=number, share=share)
+    return ParameterCode(value, number, roughness, share)

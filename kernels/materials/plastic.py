@@ -14,13 +14,13 @@ rough coat's T. Roughness is isotropic: alpha[0].
 from __future__ import annotations
 
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
 from wdpm.kernels.constants import INV_PI
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials.fresnel import fresnel_dielectric, reflect
+from wdpm.kernels.materials.leaf import DiffusePart, GlossyPart, LeafCode
 from wdpm.kernels.materials.microfacet import (
     held_alpha,
     is_smooth,
@@ -29,12 +29,26 @@ from wdpm.kernels.materials.microfacet import (
     normal_density,
     sample_visible_normal,
 )
+from wdpm.kernels.materials.nodes import Materials, make_parameters
+from wdpm.kernels.materials.texture import Textures
 from wdpm.kernels.materials.types import Bsdf, BsdfSample
+from wdpm.scenes.flat import material_coats
+from wdpm.scenes.model.bsdfs import Plastic
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Static conditions prune only where they stand alone; all materials' functions take the same arguments.
-# ruff: noqa: ARG001
+# Static conditions prune only where they stand alone;.
+
+PLASTIC = wp.constant(Plastic.KIND.number)
+
+_SPECULAR = wp.constant(Plastic.KIND.slots["specular_reflectance"])
+_DIFFUSE = wp.constant(Plastic.KIND.slots["diffuse_reflectance"])
+_ETA = wp.constant(Plastic.KIND.slots["eta"])
+_ALPHA = wp.constant(Plastic.KIND.slots["alpha"])
+_NONLINEAR = wp.constant(Plastic.KIND.slots["nonlinear"])
+_OUTER = wp.constant(material_coats.OUTER)
+_INNER = wp.constant(material_coats.INNER)
+_INTERNAL = wp.constant(material_coats.INTERNAL)
 
 
 @wp.func
@@ -67,9 +81,31 @@ def rough_transmittance(b: Bsdf, mu: wp.float32) -> wp.float32:
     return wp.clamp(value, 0.0, 1.0)
 
 
+@wp.func
+def has_diffuse(b: Bsdf) -> bool:
+    """Always: its base."""
+    return True
+
+
 @cache
-def make_plastic(features: Features) -> SimpleNamespace:
-    """`eval_diffuse`, `probability_diffuse` and the glossy functions of PLASTIC; see bsdf.py."""
+def make_plastic(features: Features) -> LeafCode:
+    """The code of PLASTIC."""
+    value = make_parameters(features).value
+
+    @wp.func
+    def read(materials: Materials, textures: Textures, node: wp.int32, uv: wp.vec2, color: wp.vec3) -> Bsdf:
+        b = Bsdf()
+        b.kind = PLASTIC
+        b.distribution = materials.distribution[node]
+        b.specular = value(materials, textures, node, _SPECULAR, uv, color)
+        b.color = value(materials, textures, node, _DIFFUSE, uv, color)
+        b.eta = wp.vec3(materials.value[node, _ETA][0], materials.value[node, _INTERNAL][0], 0.0)
+        alpha = materials.value[node, _ALPHA][0]
+        b.alpha = wp.vec2(alpha, alpha)
+        b.nonlinear = wp.int32(materials.value[node, _NONLINEAR][0])
+        b.transmittance = materials.value[node, _OUTER]
+        b.k = materials.value[node, _INNER]
+        return b
 
     @wp.func
     def transmittance(b: Bsdf, mu: wp.float32) -> wp.float32:
@@ -144,10 +180,9 @@ def make_plastic(features: Features) -> SimpleNamespace:
         s.delta = 1
         return s
 
-    return SimpleNamespace(
-        eval_diffuse=eval_diffuse,
-        probability_diffuse=probability_diffuse,
-        eval_glossy=eval_glossy,
-        pdf_glossy=pdf_glossy,
-        sample_glossy=sample_glossy,
+    return LeafCode(
+        int(PLASTIC),
+        read,
+        DiffusePart(has_diffuse, eval_diffuse, probability_diffuse),
+        GlossyPart(sample_glossy, eval_glossy, pdf_glossy),
     )

@@ -20,13 +20,13 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from types import SimpleNamespace
 
 import warp as wp
 
 from wdpm.kernels.constants import INV_PI
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials.fresnel import Interface, fresnel_dielectric, reflect, refract
+from wdpm.kernels.materials.leaf import DiffusePart, GlossyPart, LeafCode
 from wdpm.kernels.materials.microfacet import (
     held_alpha,
     masking,
@@ -34,8 +34,11 @@ from wdpm.kernels.materials.microfacet import (
     normal_density,
     sample_visible_normal,
 )
+from wdpm.kernels.materials.nodes import Materials, make_parameters
+from wdpm.kernels.materials.texture import Textures
 from wdpm.kernels.materials.types import GGX, RADIANCE, Bsdf, BsdfSample
 from wdpm.kernels.maths.elementary import log_of, pow_of, sincos_of
+from wdpm.scenes.model.bsdfs import Principled
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -46,6 +49,22 @@ Directions of float32 are off by 1e-7, and half vectors of transmission by that 
 least alpha.
 """
 
+PRINCIPLED = wp.constant(Principled.KIND.number)
+
+_BASE_COLOR = wp.constant(Principled.KIND.slots["base_color"])
+_ROUGHNESS = wp.constant(Principled.KIND.slots["roughness"])
+_ETA = wp.constant(Principled.KIND.slots["eta"])
+_ANISOTROPIC = wp.constant(Principled.KIND.slots["anisotropic"])
+_METALLIC = wp.constant(Principled.KIND.slots["metallic"])
+_SPEC_TRANS = wp.constant(Principled.KIND.slots["spec_trans"])
+_SPEC_TINT = wp.constant(Principled.KIND.slots["spec_tint"])
+_SHEEN = wp.constant(Principled.KIND.slots["sheen"])
+_SHEEN_TINT = wp.constant(Principled.KIND.slots["sheen_tint"])
+_FLATNESS = wp.constant(Principled.KIND.slots["flatness"])
+_CLEARCOAT = wp.constant(Principled.KIND.slots["clearcoat"])
+_CLEARCOAT_GLOSS = wp.constant(Principled.KIND.slots["clearcoat_gloss"])
+
+_ALPHA_LEAST = wp.constant(wp.float32(1e-3))
 _TWO_PI = wp.constant(wp.float32(2 * math.pi))
 _COAT_ALPHA = wp.constant(wp.vec2(0.25, 0.25))  # of the clearcoat's masking
 _COAT_F0 = wp.constant(wp.float32(0.04))
@@ -355,13 +374,48 @@ def sample_reflected(b: Bsdf, w_from: wp.vec3, m: wp.vec3) -> BsdfSample:
     return s
 
 
+@wp.func
+def principled_alpha(roughness: wp.float32, anisotropic: wp.float32) -> wp.vec2:
+    """Roughness of microfacets along the tangents (Burley 2012, section 5.4)."""
+    squared = roughness * roughness
+    aspect = wp.sqrt(1.0 - 0.9 * wp.clamp(anisotropic, 0.0, 1.0))
+    return wp.vec2(wp.max(squared / aspect, _ALPHA_LEAST), wp.max(squared * aspect, _ALPHA_LEAST))
+
+
+@wp.func
+def has_disney_diffuse(b: Bsdf) -> bool:
+    """Where it is not all metal or glass."""
+    return b.metallic < 1.0 and b.spec_trans < 1.0
+
+
 @cache
-def make_principled(features: Features) -> SimpleNamespace:  # noqa: ARG001 - as all materials; nothing to prune here
-    """`eval_diffuse`, `probability_diffuse` and the glossy functions of PRINCIPLED; see bsdf.py."""
-    return SimpleNamespace(
-        eval_diffuse=eval_disney_diffuse,
-        probability_diffuse=probability_disney_diffuse,
-        eval_glossy=eval_disney_glossy,
-        pdf_glossy=pdf_disney_glossy,
-        sample_glossy=sample_disney_glossy,
+def make_principled(features: Features) -> LeafCode:
+    """The code of PRINCIPLED."""
+    value, number = make_parameters(features).value, make_parameters(features).number
+
+    @wp.func
+    def read(materials: Materials, textures: Textures, node: wp.int32, uv: wp.vec2, color: wp.vec3) -> Bsdf:
+        b = Bsdf()
+        b.kind = PRINCIPLED
+        b.distribution = materials.distribution[node]
+        b.color = value(materials, textures, node, _BASE_COLOR, uv, color)
+        b.specular = b.color  # what a layer of albedo shows of a metal
+        b.roughness = number(materials, textures, node, _ROUGHNESS, uv, color)
+        b.eta = materials.value[node, _ETA]
+        b.alpha = principled_alpha(b.roughness, number(materials, textures, node, _ANISOTROPIC, uv, color))
+        b.metallic = number(materials, textures, node, _METALLIC, uv, color)
+        b.spec_trans = number(materials, textures, node, _SPEC_TRANS, uv, color)
+        b.spec_tint = number(materials, textures, node, _SPEC_TINT, uv, color)
+        b.sheen = number(materials, textures, node, _SHEEN, uv, color)
+        b.sheen_tint = number(materials, textures, node, _SHEEN_TINT, uv, color)
+        b.flatness = number(materials, textures, node, _FLATNESS, uv, color)
+        b.clearcoat = number(materials, textures, node, _CLEARCOAT, uv, color)
+        b.clearcoat_gloss = number(materials, textures, node, _CLEARCOAT_GLOSS, uv, color)
+        return b
+
+    return LeafCode(
+        int(PRINCIPLED),
+        read,
+        DiffusePart(has_disney_diffuse, eval_disney_diffuse, probability_disney_diffuse),
+        GlossyPart(sample_disney_glossy, eval_disney_glossy, pdf_disney_glossy),
     )

@@ -7,7 +7,7 @@ parameters are is read from values and textures. Kernels are compiled for the no
 from __future__ import annotations
 
 import functools
-from types import SimpleNamespace
+from dataclasses import dataclass
 
 import warp as wp
 
@@ -73,14 +73,25 @@ class Resolved:
     bumps2: wp.float32
 
 
-@functools.cache
-def make_materials(features: Features) -> SimpleNamespace:
-    """Functions of materials, for the nodes, leaves and textures that features name.
+@dataclass(frozen=True, eq=False)
+class MaterialCode:
+    """Functions of materials.
 
-    * `resolve(materials, textures, root, uv, color, dp_du, dp_dv, normal, from_front, u_choice, towards) -> Resolved`
-    * `straight_transmittance(materials, textures, root, uv, color, cos_theta) -> vec3`
-    * `opacity_at(materials, textures, root, uv, color) -> float`
+    Attributes:
+        resolve: `(materials, textures, root, uv, color, dp_du, dp_dv, normal, from_front, u_choice, towards) ->
+            Resolved`.
+        straight_transmittance: `(materials, textures, root, uv, color, cos_theta) -> vec3`.
+        opacity_at: `(materials, textures, root, uv, color) -> float`.
     """
+
+    resolve: wp.Function
+    straight_transmittance: wp.Function
+    opacity_at: wp.Function
+
+
+@functools.cache
+def make_materials(features: Features) -> MaterialCode:
+    """Functions of materials, for the nodes, leaves and textures that features name."""
     share = make_parameters(features).share
     leaf_at = make_leaves(features)
     bent_frame = _make_bending(features)
@@ -122,7 +133,7 @@ def make_materials(features: Features) -> SimpleNamespace:
         r.unbent = normal
         frame = Frame()
         follows = wp.int32(0)
-        if wp.static(_may_follow_uv(features)):
+        if wp.static(features.oriented):
             follows = materials.follows_uv[root]
             if follows == 1:
                 frame = uv_frame(normal, dp_du, dp_dv)
@@ -136,7 +147,7 @@ def make_materials(features: Features) -> SimpleNamespace:
                     r.flipped = 1
                     r.n = -r.n
                     r.unbent = -r.unbent
-                    if wp.static(_may_follow_uv(features)):
+                    if wp.static(features.oriented):
                         frame = mirrored(frame)
             if wp.static(features.blend):
                 if kind == BLEND:
@@ -173,12 +184,8 @@ def make_materials(features: Features) -> SimpleNamespace:
         r.t = frame.t
         return r
 
-    return SimpleNamespace(resolve=resolve, **vars(make_straight(features)))
-
-
-def _may_follow_uv(features: Features) -> bool:
-    """Whether any frame may have to follow the texture coordinates."""
-    return features.rough or features.bent or features.principled
+    straight = make_straight(features)
+    return MaterialCode(resolve, straight.straight_transmittance, straight.opacity_at)
 
 
 def _make_bending(features: Features) -> wp.Function:

@@ -3,23 +3,62 @@
 from __future__ import annotations
 
 import functools
-from types import SimpleNamespace
+from dataclasses import dataclass
 
 import warp as wp
 
 from wdpm.kernels.features import Features
-from wdpm.kernels.materials.fresnel import pane_reflectance
+from wdpm.kernels.materials.leaves import leaves_of
 from wdpm.kernels.materials.nodes import BLEND, MASK, Materials, make_parameters
 from wdpm.kernels.materials.texture import Textures
-from wdpm.kernels.materials.types import THIN_DIELECTRIC
+from wdpm.kernels.materials.types import NULL
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
+@dataclass(frozen=True, eq=False)
+class StraightCode:
+    """Functions of what goes straight through materials.
+
+    Attributes:
+        straight_transmittance: `(materials, textures, root, uv, color, cos_theta) -> vec3`.
+        opacity_at: `(materials, textures, root, uv, color) -> float`.
+    """
+
+    straight_transmittance: wp.Function
+    opacity_at: wp.Function
+
+
+@wp.func
+def _all(
+    materials: Materials, textures: Textures, node: wp.int32, uv: wp.vec2, color: wp.vec3, cos_theta: wp.float32
+) -> wp.vec3:
+    """What goes through NULL, and through the holes of a MASK."""
+    return wp.vec3(1.0)
+
+
+def _through(kind: int, straight: wp.Function, others: wp.Function) -> wp.Function:
+    """As `others`, with one more kind of leaf."""
+
+    @wp.func
+    def through(
+        materials: Materials, textures: Textures, node: wp.int32, uv: wp.vec2, color: wp.vec3, cos_theta: wp.float32
+    ) -> wp.vec3:
+        if materials.kind[node] == kind:
+            return straight(materials, textures, node, uv, color, cos_theta)
+        return others(materials, textures, node, uv, color, cos_theta)
+
+    return through
+
+
 @functools.cache
-def make_straight(features: Features) -> SimpleNamespace:
-    """`straight_transmittance` and `opacity_at`; see materials.py."""
-    value, share = make_parameters(features).value, make_parameters(features).share
+def make_straight(features: Features) -> StraightCode:
+    """What goes straight through materials, for the nodes, leaves and textures that features name."""
+    share = make_parameters(features).share
+    through = _all
+    for leaf in reversed(leaves_of(features)):
+        if leaf.straight is not None:
+            through = _through(leaf.kind, leaf.straight, through)
 
     @wp.func
     def share_of(materials: Materials, textures: Textures, node: wp.int32, uv: wp.vec2, color: wp.vec3) -> wp.float32:
@@ -63,11 +102,7 @@ def make_straight(features: Features) -> SimpleNamespace:
             for way in range(start, materials.straight_end[root]):
                 node = materials.straight[way]
                 weight = share_of(materials, textures, node, uv, color)
-                passes = wp.vec3(1.0)
-                if wp.static(features.thin_dielectric):
-                    if materials.kind[node] == THIN_DIELECTRIC:
-                        through = 1.0 - pane_reflectance(cos_theta, materials.value[node, 2][0])
-                        passes = value(materials, textures, node, 1, uv, color) * through
+                passes = through(materials, textures, node, uv, color, cos_theta)
                 total = total + passes * weight
         return total
 
@@ -81,8 +116,8 @@ def make_straight(features: Features) -> SimpleNamespace:
                 start = materials.straight_end[root - 1]
             for way in range(start, materials.straight_end[root]):
                 node = materials.straight[way]
-                if materials.kind[node] != THIN_DIELECTRIC:
+                if materials.kind[node] == NULL or materials.kind[node] == MASK:
                     opacity = opacity - share_of(materials, textures, node, uv, color)
         return wp.max(opacity, 0.0)
 
-    return SimpleNamespace(straight_transmittance=straight_transmittance, opacity_at=opacity_at)
+    return StraightCode(straight_transmittance, opacity_at)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from types import SimpleNamespace
+from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
@@ -178,9 +178,20 @@ def bump_shading(s: Surface, to_light: wp.vec3) -> wp.float32:
     return share
 
 
+@dataclass(frozen=True, eq=False)
+class SurfaceCode:
+    """Functions of surfaces.
+
+    Attributes:
+        surface_at: `(surfaces, materials, textures, prim, u, v, towards, u_choice) -> Surface`.
+    """
+
+    surface_at: wp.Function
+
+
 @functools.cache
-def make_surface(features: Features) -> SimpleNamespace:
-    """Functions for the surface at a hit: `surface_at`."""
+def make_surface(features: Features) -> SurfaceCode:
+    """The surface at a hit."""
     resolve = make_materials(features).resolve
 
     @wp.func
@@ -236,7 +247,7 @@ def make_surface(features: Features) -> SimpleNamespace:
                 s.color = surfaces.colors[row, 0] * a + surfaces.colors[row, 1] * u + surfaces.colors[row, 2] * v
         dp_du = wp.vec3(0.0)
         dp_dv = wp.vec3(0.0)
-        if wp.static(features.rough or features.bent or features.principled):
+        if wp.static(features.oriented):
             m = tangents(surfaces, row)
             edge1 = surfaces.corners[row, 1] - surfaces.corners[row, 0]
             edge2 = surfaces.corners[row, 2] - surfaces.corners[row, 0]
@@ -255,4 +266,4 @@ def make_surface(features: Features) -> SimpleNamespace:
             s.shading_normal = -r.n
         return s
 
-    return SimpleNamespace(surface_at=surface_at)
+    return SurfaceCode(surface_at)

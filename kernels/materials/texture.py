@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from types import SimpleNamespace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -215,13 +215,23 @@ def checkerboard_at(textures: Textures, texture: wp.int32, uv: wp.vec2) -> wp.ve
     return textures.texel[int(texel)]
 
 
-@functools.cache
-def make_textures(features: Features) -> SimpleNamespace:
-    """Lookup for the kinds of textures that features name.
+@dataclass(frozen=True, eq=False)
+class TextureCode:
+    """Functions of textures.
 
-    * `lookup(textures, texture, uv, color) -> vec3`: the texture's value; color is the vertices' colour at the point.
-    * `slope(textures, texture, uv) -> vec2`: derivative of its luminance by u and v; 0 where it is no image.
+    Attributes:
+        lookup: `(textures, texture, uv, color) -> vec3`: the texture's value; color is the vertices' colour at the
+            point.
+        slope: `(textures, texture, uv) -> vec2`: derivative of its luminance by u and v; 0 where it is no image.
     """
+
+    lookup: wp.Function
+    slope: wp.Function
+
+
+@functools.cache
+def make_textures(features: Features) -> TextureCode:
+    """Lookup for the kinds of textures that features name."""
 
     @wp.func
     def lookup(textures: Textures, texture: wp.int32, uv: wp.vec2, color: wp.vec3) -> wp.vec3:
@@ -243,4 +253,4 @@ def make_textures(features: Features) -> SimpleNamespace:
                 return bitmap_slope(textures, texture, uv)
         return wp.vec2(0.0)
 
-    return SimpleNamespace(lookup=lookup, slope=slope)
+    return TextureCode(lookup, slope)

@@ -15,18 +15,16 @@ from __future__ import annotations
 
 import warp as wp
 
+from wdpm.scenes.model import leaf_kind
+from wdpm.scenes.model.bsdfs import Diffuse, Null
+
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-# Kinds of leaves. They are those of scenes.flat.material_table.
-BLACK = wp.constant(0)
+# Kinds of leaves that more than their own code asks about; the others are in their modules.
+BLACK = wp.constant(leaf_kind.BLACK)
 """Absorbs all light: a one-sided material seen from behind."""
-DIFFUSE = wp.constant(1)
-CONDUCTOR = wp.constant(2)
-DIELECTRIC = wp.constant(3)
-THIN_DIELECTRIC = wp.constant(4)
-PLASTIC = wp.constant(5)
-PRINCIPLED = wp.constant(6)
-NULL = wp.constant(7)
+DIFFUSE = wp.constant(Diffuse.KIND.number)
+NULL = wp.constant(Null.KIND.number)
 """Lets all light pass straight on: the boundary of a medium, or a hole that a mask leaves."""
 
 BECKMANN = wp.constant(0)
@@ -43,11 +41,11 @@ class Bsdf:
     """A leaf material at a point, all textures read.
 
     Attributes:
-        kind: one of the kinds above.
+        kind: number of its kind (scenes.model.leaf_kind).
         color: albedo of the diffuse part; base colour of PRINCIPLED.
         specular, transmittance: factors of what is reflected and transmitted by the interface, 1 for a physical one.
         eta, k: CONDUCTOR: complex index of refraction by channel. Others: eta[0] is the index inside over that outside.
-            PLASTIC: eta[1], transmittance and k are the coat's (scenes.flat.plastic_coat, bsdf_plastic).
+            PLASTIC: eta[1], transmittance and k are the coat's (scenes.flat.plastic_coat, materials.plastic).
         alpha: roughness of the microfacet distribution along the tangents; (0, 0) is perfectly smooth.
         distribution: BECKMANN or GGX.
         nonlinear: PLASTIC: 1 where colour shifts by internal scattering are computed.

@@ -7,10 +7,9 @@ from typing import Final
 
 import numpy as np
 
-from wdpm.scenes.flat import material_table as mt
 from wdpm.scenes.flat.material_table import MaterialTable
 from wdpm.scenes.flat.plastic_coat import coat
-from wdpm.scenes.model.bsdfs import Distribution
+from wdpm.scenes.model.bsdfs import Distribution, Plastic
 
 OUTER: Final = 6
 """Slot of c0, c1 and c2 of the coat's transmittance (scenes/flat/plastic_coat.py)."""
@@ -22,13 +21,13 @@ INTERNAL: Final = 8
 
 def with_coats(table: MaterialTable) -> MaterialTable:
     """The table with the coats of its plastics; those that are there stay."""
-    missing = np.nonzero((table.kind == mt.PLASTIC) & (table.value[:, INTERNAL, 1] == 0.0))[0]
+    missing = np.nonzero((table.kind == Plastic.KIND.number) & (table.value[:, INTERNAL, 1] == 0.0))[0]
     if len(missing) == 0:
         return table
-    value = table.value.copy()
+    value, slots = table.value.copy(), Plastic.KIND.slots
     for row in missing:
         distribution = Distribution.GGX if table.distribution[row] == 1 else Distribution.BECKMANN
-        found = coat(float(value[row, 2, 0]), float(value[row, 3, 0]), distribution)
+        found = coat(float(value[row, slots["eta"], 0]), float(value[row, slots["alpha"], 0]), distribution)
         value[row, OUTER] = found.coefficients[:3]
         value[row, INNER] = found.coefficients[3:]
         value[row, INTERNAL] = (found.internal_reflectance, 1.0, 0.0)

@@ -14,37 +14,35 @@ from wdpm.scenes.flat.material_table import MaterialTable
 from wdpm.scenes.flat.material_ways import check_bumps, root_of, roots
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Texture, VertexColors
 
+_OF_NODES: dict[int, str] = {mt.BLEND: "blend", mt.MASK: "passing", mt.BUMP_MAP: "bent", mt.NORMAL_MAP: "bent"}
 
-@dataclass(frozen=True, kw_only=True)
+FEATURE_OF_TEXTURE: dict[type[Texture], str] = {
+    Bitmap: "bitmaps",
+    Checkerboard: "checkerboards",
+    VertexColors: "vertex_colors",
+}
+"""The field of kernels.features.Features that each kind of texture calls for."""
+
+
+@dataclass(frozen=True)
 class MaterialFacts:
-    """What is anywhere in a material's tree. Names that kernels.features.Features has mean the same here.
+    """What is anywhere in a material's tree.
 
     Attributes:
-        rough: a conductor, dielectric or plastic whose roughness is not 0; PRINCIPLED needs no such flag.
-        passing: light may go straight through: a mask, a boundary of media, a thin dielectric.
+        features: fields of kernels.features.Features that it calls for.
         diffuse: photons are stored on it, on one side at least.
+        glossy: it has a part that is traced on, not gathered.
         transmits: some light may get to the other side.
     """
 
-    conductor: bool
-    dielectric: bool
-    thin_dielectric: bool
-    plastic: bool
-    principled: bool
-    rough: bool
-    blend: bool
-    passing: bool
-    bent: bool
-    bitmaps: bool
-    checkerboards: bool
-    vertex_colors: bool
+    features: frozenset[str]
     diffuse: bool
+    glossy: bool
     transmits: bool
 
-    @property
-    def glossy(self) -> bool:
-        """It has a part that is traced on, not gathered."""
-        return self.conductor or self.dielectric or self.thin_dielectric or self.plastic or self.principled
+    def calls_for(self, name: str) -> bool:
+        """Whether it calls for a feature, or is "diffuse" or "glossy"."""
+        return name in self.features or {"diffuse": self.diffuse, "glossy": self.glossy}.get(name, False)
 
 
 def facts(table: MaterialTable, textures: Sequence[Texture]) -> tuple[MaterialFacts, ...]:
@@ -61,29 +59,18 @@ def facts(table: MaterialTable, textures: Sequence[Texture]) -> tuple[MaterialFa
 def _facts_of(
     table: MaterialTable, textures: Sequence[Texture], nodes: NDArray[np.intp], diffuse: bool
 ) -> MaterialFacts:
-    kinds = {int(kind) for kind in table.kind[nodes]}
-    read = [textures[number] for number in np.unique(table.texture[nodes]) if number >= 0]
-    refracts = any(table.kind[node] == mt.PRINCIPLED and table.value[node, 5, 0] > 0.0 for node in nodes)
+    leaves = [leaf for leaf in map(table.leaf, nodes.tolist()) if leaf is not None]
+    holes = bool((table.kind[nodes] == mt.MASK).any())
+    features = {kind.feature for kind, _ in leaves if kind.feature is not None}
+    features |= {"rough" for kind, row in leaves if kind.is_rough(row)}
+    features |= {"passing" for kind, _ in leaves if kind.straight}
+    features |= {_OF_NODES[kind] for kind in table.kind[nodes].tolist() if kind in _OF_NODES}
+    features |= {
+        FEATURE_OF_TEXTURE[type(textures[number])] for number in np.unique(table.texture[nodes]) if number >= 0
+    }
     return MaterialFacts(
-        conductor=mt.CONDUCTOR in kinds,
-        dielectric=mt.DIELECTRIC in kinds,
-        thin_dielectric=mt.THIN_DIELECTRIC in kinds,
-        plastic=mt.PLASTIC in kinds,
-        principled=mt.PRINCIPLED in kinds,
-        rough=any(_is_rough(table, int(node)) for node in nodes),
-        blend=mt.BLEND in kinds,
-        passing=bool(kinds & {mt.MASK, mt.NULL, mt.THIN_DIELECTRIC}),
-        bent=bool(kinds & {mt.BUMP_MAP, mt.NORMAL_MAP}),
-        bitmaps=any(isinstance(texture, Bitmap) for texture in read),
-        checkerboards=any(isinstance(texture, Checkerboard) for texture in read),
-        vertex_colors=any(isinstance(texture, VertexColors) for texture in read),
+        features=frozenset(features),
         diffuse=diffuse,
-        transmits=refracts or bool(kinds & {mt.DIELECTRIC, mt.THIN_DIELECTRIC, mt.NULL, mt.MASK}),
+        glossy=any(kind.glossy for kind, _ in leaves),
+        transmits=holes or any(kind.transmits(row) for kind, row in leaves),
     )
-
-
-def _is_rough(table: MaterialTable, node: int) -> bool:
-    kind, value = int(table.kind[node]), table.value[node]
-    if kind in (mt.CONDUCTOR, mt.DIELECTRIC):
-        return bool(value[3, 0] > 0.0 or value[4, 0] > 0.0)
-    return kind == mt.PLASTIC and bool(value[3, 0] > 0.0)

@@ -34,8 +34,9 @@ def lambertian_sides(table: MaterialTable) -> NDArray[np.int32]:
     other = np.zeros(len(table), np.int32)
     sides = gathering_sides(table)
     for node in reversed(range(len(table))):
-        kind = int(table.kind[node])
-        own = sides[node] if kind in (mt.PLASTIC, mt.PRINCIPLED, mt.BUMP_MAP, mt.NORMAL_MAP) else 0
+        kind, leaf = int(table.kind[node]), table.leaf(node)
+        bent = kind in (mt.BUMP_MAP, mt.NORMAL_MAP)
+        own = sides[node] if bent or (leaf is not None and not leaf[0].lambertian) else 0
         other[node] = own | _sides_of(table, node, other) if kind in _INNER else own
     return sides & ~other
 
@@ -51,20 +52,5 @@ def _sides_of(table: MaterialTable, node: int, sides: NDArray[np.int32]) -> int:
         return int(sides[child[0]] | sides[child[1]])
     if kind in (mt.MASK, mt.BUMP_MAP, mt.NORMAL_MAP):
         return int(sides[child[0]])
-    if kind == mt.DIFFUSE:
-        return FRONT if _some(table, node, 0) else 0
-    if kind == mt.PLASTIC:
-        return FRONT if _some(table, node, 1) else 0
-    if kind == mt.PRINCIPLED:
-        return FRONT if not _one(table, node, 4) and not _one(table, node, 5) else 0
-    return 0
-
-
-def _some(table: MaterialTable, node: int, slot: int) -> bool:
-    """Whether a parameter may be above zero."""
-    return bool(table.value[node, slot].max() > 0)
-
-
-def _one(table: MaterialTable, node: int, slot: int) -> bool:
-    """Whether a parameter is 1 everywhere."""
-    return bool(table.texture[node, slot] < 0 and table.value[node, slot, 0] >= 1)
+    leaf = table.leaf(node)
+    return FRONT if leaf is not None and leaf[0].gathers(leaf[1]) else 0

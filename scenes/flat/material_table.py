@@ -10,32 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.model.bsdfs import (
+    LEAVES,
     Blend,
     Bsdf,
     BumpMap,
-    Conductor,
-    Dielectric,
-    Diffuse,
     Distribution,
+    Leaf,
     Mask,
     NormalMap,
-    Null,
-    Plastic,
-    Principled,
-    ThinDielectric,
     TwoSided,
 )
+from wdpm.scenes.model.leaf_kind import BLACK, SLOTS, LeafKind, Row
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color, Number, Texture, VertexColors
 
-# Kinds of leaves; kernels/materials/types.py has the same numbers.
-BLACK: Final = 0
-DIFFUSE: Final = 1
-CONDUCTOR: Final = 2
-DIELECTRIC: Final = 3
-THIN_DIELECTRIC: Final = 4
-PLASTIC: Final = 5
-PRINCIPLED: Final = 6
-NULL: Final = 7
 # Kinds of inner nodes.
 TWO_SIDED: Final = 16
 """child 0: the front's node, child 1: the back's, seen from behind as if that were its front."""
@@ -44,19 +31,8 @@ BLEND: Final = 18
 BUMP_MAP: Final = 19
 NORMAL_MAP: Final = 20
 
-SLOTS: Final = 12
-"""Parameters of a node. The value of a parameter is value[node, slot] times the texture, if it has one.
-
-slot   DIFFUSE      CONDUCTOR     DIELECTRIC, THIN   PLASTIC         PRINCIPLED        MASK/BLEND  BUMP   NORMAL
-0      reflectance  specular      specular           specular        base_color        opacity/    height normals
-1                   eta           transmittance      diffuse         roughness         weight      (times
-2                   k             eta (r)            eta (r)         eta (r)                       scale)
-3                   alpha_u (r)   alpha_u (r)        alpha (r)       anisotropic
-4                   alpha_v (r)   alpha_v (r)                        metallic
-5                                                    nonlinear (r)   spec_trans
-6 ...                                                coat (3 slots)  spec_tint, sheen, sheen_tint, flatness, clearcoat,
-11                                                                   clearcoat_gloss
-"""
+LEAF_KINDS: Final = {leaf.KIND.number: leaf.KIND for leaf in LEAVES}
+"""Kinds of leaves by their numbers."""
 
 NO_MEDIUM: Final = -1
 
@@ -65,8 +41,11 @@ NO_MEDIUM: Final = -1
 class MaterialTable:
     """All materials. The first rows are the materials that triangles name; nodes inside them follow.
 
+    A leaf's parameters are in the slots of its LeafKind; of an inner node slot 0 is an opacity, a weight, a height
+    (times its scale) or normals.
+
     Attributes:
-        kind: int32, shape [N].
+        kind: of leaves, scenes.model.leaf_kind; of inner nodes, the numbers above; int32, shape [N].
         child: nodes inside, -1 where there are none, int32, shape [N, 2].
         distribution: of microfacets, 0 Beckmann, 1 GGX, int32, shape [N].
         value: float32, shape [N, SLOTS, 3].
@@ -84,6 +63,11 @@ class MaterialTable:
 
     def __len__(self) -> int:
         return len(self.kind)
+
+    def leaf(self, node: int) -> tuple[LeafKind, Row] | None:
+        """The kind of a node that is a leaf, and its row; None for inner nodes and for black."""
+        kind = LEAF_KINDS.get(int(self.kind[node]))
+        return None if kind is None else (kind, kind.row(self.value[node], self.texture[node]))
 
 
 SAME_MEDIUM: Final = -2
@@ -155,66 +139,11 @@ class _Writer:
         self.write(inner, bsdf)
 
 
-def _microfacets(table: _Writer, row: int, distribution: Distribution) -> None:
-    table.distribution[row] = 1 if distribution is Distribution.GGX else 0
-
-
-def _diffuse(table: _Writer, row: int, b: Diffuse) -> None:
-    table.kind[row] = DIFFUSE
-    table.put(row, 0, b.reflectance)
-
-
-def _conductor(table: _Writer, row: int, b: Conductor) -> None:
-    table.kind[row] = CONDUCTOR
-    _microfacets(table, row, b.distribution)
-    for slot, value in enumerate((b.specular_reflectance, b.eta, b.k, b.alpha_u, b.alpha_v)):
-        table.put(row, slot, value)
-
-
-def _dielectric(table: _Writer, row: int, b: Dielectric) -> None:
-    table.kind[row] = DIELECTRIC
-    _microfacets(table, row, b.distribution)
-    for slot, value in enumerate((b.specular_reflectance, b.specular_transmittance, b.eta, b.alpha_u, b.alpha_v)):
-        table.put(row, slot, value)
-
-
-def _thin_dielectric(table: _Writer, row: int, b: ThinDielectric) -> None:
-    table.kind[row] = THIN_DIELECTRIC
-    for slot, value in enumerate((b.specular_reflectance, b.specular_transmittance, b.eta)):
-        table.put(row, slot, value)
-
-
-def _plastic(table: _Writer, row: int, b: Plastic) -> None:
-    table.kind[row] = PLASTIC
-    _microfacets(table, row, b.distribution)
-    for slot, value in enumerate((b.specular_reflectance, b.diffuse_reflectance, b.eta, b.alpha)):
-        table.put(row, slot, value)
-    table.put(row, 5, float(b.nonlinear))
-
-
-def _principled(table: _Writer, row: int, b: Principled) -> None:
-    table.kind[row] = PRINCIPLED
-    table.distribution[row] = 1
-    parameters = (
-        b.base_color,
-        b.roughness,
-        b.eta,
-        b.anisotropic,
-        b.metallic,
-        b.spec_trans,
-        b.spec_tint,
-        b.sheen,
-        b.sheen_tint,
-        b.flatness,
-        b.clearcoat,
-        b.clearcoat_gloss,
-    )
-    for slot, value in enumerate(parameters):
-        table.put(row, slot, value)
-
-
-def _null(table: _Writer, row: int, _b: Null) -> None:
-    table.kind[row] = NULL
+def _leaf(table: _Writer, row: int, b: Leaf) -> None:
+    table.kind[row] = b.KIND.number
+    table.distribution[row] = int(getattr(b, "distribution", None) is Distribution.GGX)
+    for name, slot in b.KIND.slots.items():
+        table.put(row, slot, getattr(b, name))
 
 
 def _two_sided(table: _Writer, row: int, b: TwoSided) -> None:
@@ -252,13 +181,7 @@ def _normal_map(table: _Writer, row: int, b: NormalMap) -> None:
 
 
 _WRITERS: dict[type, Callable[..., None]] = {
-    Diffuse: _diffuse,
-    Conductor: _conductor,
-    Dielectric: _dielectric,
-    ThinDielectric: _thin_dielectric,
-    Plastic: _plastic,
-    Principled: _principled,
-    Null: _null,
+    **dict.fromkeys(LEAVES, _leaf),
     TwoSided: _two_sided,
     Mask: _mask,
     Blend: _blend,

@@ -17,7 +17,8 @@ from wdpm.scenes.model.textures import Texture, VertexColors
 DEPTH_MOST: Final = 16
 """Most nodes that are nested in one another above a leaf."""
 
-_PASSING: Final = (mt.NULL, mt.THIN_DIELECTRIC, mt.MASK)
+STRAIGHT: Final = (*(number for number, kind in mt.LEAF_KINDS.items() if kind.straight), mt.MASK)
+"""Kinds of nodes at which light may go straight through."""
 _BENDING: Final = (mt.BUMP_MAP, mt.NORMAL_MAP)
 
 
@@ -28,7 +29,7 @@ class StraightWays:
     Attributes:
         parent: the node that each node is in, -1 for roots, int32, shape [N].
         end: where each row's nodes end in `node`, int32, shape [N]; they start where those of the row before end.
-        node: NULL, THIN_DIELECTRIC and, for its holes, MASK, int32, shape [W]; in the order of their numbers.
+        node: of the kinds STRAIGHT, int32, shape [W]; in the order of their numbers.
     """
 
     parent: NDArray[np.int32]
@@ -64,7 +65,7 @@ def root_of(table: MaterialTable) -> NDArray[np.int32]:
 def straight_ways(table: MaterialTable) -> StraightWays:
     """The ways that light takes straight through each material; shared sides of a TWO_SIDED count once."""
     root = root_of(table)
-    passing = np.nonzero(np.isin(table.kind, _PASSING))[0]
+    passing = np.nonzero(np.isin(table.kind, STRAIGHT))[0]
     node = passing[np.argsort(root[passing], kind="stable")]
     end = np.cumsum(np.bincount(root[passing], minlength=len(table)))
     return StraightWays(parents(table), end.astype(np.int32), node.astype(np.int32))
@@ -72,11 +73,10 @@ def straight_ways(table: MaterialTable) -> StraightWays:
 
 def follows_uv(table: MaterialTable) -> NDArray[np.bool_]:
     """Whether anything in each node's tree can tell the direction of the tangents, bool, shape [N]."""
-    kind, value, texture = table.kind, table.value[:, :, 0], table.texture
-    two_alphas = (value[:, 3] != value[:, 4]) | (texture[:, 3] != texture[:, 4])
-    found = np.isin(kind, _BENDING)
-    found |= np.isin(kind, (mt.CONDUCTOR, mt.DIELECTRIC)) & two_alphas
-    found |= (kind == mt.PRINCIPLED) & (value[:, 3] != 0.0)
+    found = np.isin(table.kind, _BENDING)
+    for node in range(len(table)):
+        leaf = table.leaf(node)
+        found[node] |= leaf is not None and leaf[0].tells_tangents(leaf[1])
     return _anywhere_inside(table, found)
 
 
@@ -104,7 +104,7 @@ def check_trees(table: MaterialTable) -> None:
     if len(depth) and depth.max() > DEPTH_MOST:
         message = f"material {int(root_of(table)[int(np.argmax(depth))])}: {int(depth.max())} materials are nested"
         raise SceneError(f"{message} in one another; at most {DEPTH_MOST} are supported")
-    passing = _anywhere_inside(table, np.isin(table.kind, _PASSING))
+    passing = _anywhere_inside(table, np.isin(table.kind, STRAIGHT))
     for sides in np.nonzero(table.kind == mt.TWO_SIDED)[0]:
         front, back = table.child[sides]
         if front != back and (passing[front] or passing[back]):

@@ -93,7 +93,7 @@ class RendererSpace:
                     changed[part.name] = new
         if isinstance(bsdf, BumpMap):
             changed["scale"] = bsdf.scale / self.unit
-        return replace(bsdf, **changed) if changed else bsdf  # type: ignore[arg-type]
+        return replace(bsdf, **changed) if changed else bsdf
 
     def _frame(self, to_world: Array) -> Array:
         moved = np.array(to_world, np.float64)

@@ -8,7 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from enum import Enum
+from typing import ClassVar
 
+from wdpm.scenes.model.leaf_kind import LeafKind, always, in_order
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color, Number, Texture, VertexColors
 
 BLACK = (0.0, 0.0, 0.0)
@@ -24,24 +26,69 @@ class Distribution(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class Diffuse:
+class Bsdf:
+    """A scattering function: a leaf, or a node with others inside. What it says of itself leaves out those inside."""
+
+    @property
+    def lets_through(self) -> bool:
+        """Whether any light gets to the other side."""
+        return False
+
+    @property
+    def is_solid(self) -> bool:
+        """Whether light is refracted into what it covers."""
+        return False
+
+    @property
+    def follows_uvs(self) -> bool:
+        """Whether its looks depend on the direction of the tangents."""
+        return False
+
+    @property
+    def is_smooth(self) -> bool:
+        """Whether light is reflected or refracted in single directions."""
+        return False
+
+
+@dataclass(frozen=True, eq=False)
+class Leaf(Bsdf):
+    """A scattering function with none inside. KIND says how it is written down and what it calls for."""
+
+    KIND: ClassVar[LeafKind]
+
+
+@dataclass(frozen=True, eq=False)
+class Diffuse(Leaf):
     """Lambertian reflection; the back is black.
 
     Attributes:
         reflectance: albedo in [0, 1].
     """
 
+    KIND = LeafKind(
+        1, "diffuse", in_order("reflectance"), gathers=lambda row: row.may_shine("reflectance"), glossy=False
+    )
+
     reflectance: Color = GREY
 
 
 @dataclass(frozen=True, eq=False)
-class Conductor:
+class Conductor(Leaf):
     """A metal: smooth where alpha is 0 (`conductor`), else rough (`roughconductor`).
 
     Attributes:
         eta, k: real and imaginary index of refraction; (0, 0, 0) and (1, 1, 1) reflect everything.
         alpha_u, alpha_v: roughness along the tangents.
     """
+
+    KIND = LeafKind(
+        2,
+        "conductor",
+        in_order("specular_reflectance", "eta", "k", "alpha_u", "alpha_v"),
+        feature="conductor",
+        rough=("alpha_u", "alpha_v"),
+        tells_tangents=lambda row: row.differ("alpha_u", "alpha_v"),
+    )
 
     eta: Color = BLACK
     k: Color = WHITE
@@ -50,14 +97,32 @@ class Conductor:
     alpha_v: Number = 0.0
     distribution: Distribution = Distribution.BECKMANN
 
+    @property
+    def follows_uvs(self) -> bool:
+        return self.alpha_u is not self.alpha_v and self.alpha_u != self.alpha_v
+
+    @property
+    def is_smooth(self) -> bool:
+        return self.alpha_u == 0 and self.alpha_v == 0
+
 
 @dataclass(frozen=True, eq=False)
-class Dielectric:
+class Dielectric(Leaf):
     """Glass and the like: smooth where alpha is 0 (`dielectric`), else rough (`roughdielectric`).
 
     Attributes:
         eta: index of refraction inside over that outside.
     """
+
+    KIND = LeafKind(
+        3,
+        "dielectric",
+        in_order("specular_reflectance", "specular_transmittance", "eta", "alpha_u", "alpha_v"),
+        feature="dielectric",
+        rough=("alpha_u", "alpha_v"),
+        transmits=always,
+        tells_tangents=lambda row: row.differ("alpha_u", "alpha_v"),
+    )
 
     eta: float = 1.5046 / 1.000277
     specular_reflectance: Color = WHITE
@@ -66,19 +131,62 @@ class Dielectric:
     alpha_v: Number = 0.0
     distribution: Distribution = Distribution.BECKMANN
 
+    @property
+    def lets_through(self) -> bool:
+        return True
+
+    @property
+    def is_solid(self) -> bool:
+        return True
+
+    @property
+    def follows_uvs(self) -> bool:
+        return self.alpha_u is not self.alpha_v and self.alpha_u != self.alpha_v
+
+    @property
+    def is_smooth(self) -> bool:
+        return self.alpha_u == 0 and self.alpha_v == 0
+
 
 @dataclass(frozen=True, eq=False)
-class ThinDielectric:
+class ThinDielectric(Leaf):
     """A pane whose two sides are one surface (`thindielectric`)."""
+
+    KIND = LeafKind(
+        4,
+        "thin dielectric",
+        in_order("specular_reflectance", "specular_transmittance", "eta"),
+        feature="thin_dielectric",
+        transmits=always,
+        straight=True,
+    )
 
     eta: float = 1.5046 / 1.000277
     specular_reflectance: Color = WHITE
     specular_transmittance: Color = WHITE
 
+    @property
+    def lets_through(self) -> bool:
+        return True
+
+    @property
+    def is_smooth(self) -> bool:
+        return True
+
 
 @dataclass(frozen=True, eq=False)
-class Plastic:
+class Plastic(Leaf):
     """A diffuse base under a dielectric coat: smooth where alpha is 0 (`plastic`), else rough (`roughplastic`)."""
+
+    KIND = LeafKind(
+        5,
+        "plastic",
+        in_order("specular_reflectance", "diffuse_reflectance", "eta", "alpha", "", "nonlinear"),  # then its coat
+        feature="plastic",
+        gathers=lambda row: row.may_shine("diffuse_reflectance"),
+        lambertian=False,
+        rough=("alpha",),
+    )
 
     diffuse_reflectance: Color = GREY
     specular_reflectance: Color = WHITE
@@ -87,14 +195,44 @@ class Plastic:
     alpha: float = 0.0
     distribution: Distribution = Distribution.BECKMANN
 
+    @property
+    def is_smooth(self) -> bool:
+        return self.alpha == 0
+
 
 @dataclass(frozen=True, eq=False)
-class Principled:
+class Principled(Leaf):
     """Disney's material as Mitsuba 3's `principled` has it; glTF's metallic-roughness is a part of it.
 
     Attributes:
         eta: index of refraction inside over that outside; what `specular` stands for is turned into it by the loader.
     """
+
+    KIND = LeafKind(
+        6,
+        "principled",
+        in_order(
+            "base_color",
+            "roughness",
+            "eta",
+            "anisotropic",
+            "metallic",
+            "spec_trans",
+            "spec_tint",
+            "sheen",
+            "sheen_tint",
+            "flatness",
+            "clearcoat",
+            "clearcoat_gloss",
+        ),
+        feature="principled",
+        gathers=lambda row: not row.is_one("metallic") and not row.is_one("spec_trans"),
+        lambertian=False,
+        always_rough=True,
+        transmits=lambda row: row.number("spec_trans") > 0.0,
+        tells_tangents=lambda row: row.number("anisotropic") != 0.0,
+    )
+    distribution: ClassVar[Distribution] = Distribution.GGX
 
     base_color: Color = GREY
     roughness: Number = 0.5
@@ -109,14 +247,32 @@ class Principled:
     clearcoat: Number = 0.0
     clearcoat_gloss: Number = 0.0
 
+    @property
+    def lets_through(self) -> bool:
+        return self.spec_trans != 0
+
+    @property
+    def is_solid(self) -> bool:
+        return self.spec_trans != 0
+
+    @property
+    def follows_uvs(self) -> bool:
+        return self.anisotropic != 0
+
 
 @dataclass(frozen=True, eq=False)
-class Null:
+class Null(Leaf):
     """Lets all light pass: the boundary of a medium."""
 
+    KIND = LeafKind(7, "null", {}, feature="passing", glossy=False, transmits=always, straight=True)
+
+    @property
+    def lets_through(self) -> bool:
+        return True
+
 
 @dataclass(frozen=True, eq=False)
-class TwoSided:
+class TwoSided(Bsdf):
     """The nested material on the front and, seen from behind, on the back (or another one there)."""
 
     front: Bsdf
@@ -124,15 +280,19 @@ class TwoSided:
 
 
 @dataclass(frozen=True, eq=False)
-class Mask:
+class Mask(Bsdf):
     """Lets light pass where `opacity` is below 1."""
 
     nested: Bsdf
     opacity: Number = 0.5
 
+    @property
+    def lets_through(self) -> bool:
+        return True
+
 
 @dataclass(frozen=True, eq=False)
-class Blend:
+class Blend(Bsdf):
     """A share `weight` of `second`, the rest of `first`."""
 
     first: Bsdf
@@ -141,24 +301,32 @@ class Blend:
 
 
 @dataclass(frozen=True, eq=False)
-class BumpMap:
+class BumpMap(Bsdf):
     """Bends the shading normal along the slope of a height texture."""
 
     nested: Bsdf
     height: Texture
     scale: float = 1.0
 
+    @property
+    def follows_uvs(self) -> bool:
+        return True
+
 
 @dataclass(frozen=True, eq=False)
-class NormalMap:
+class NormalMap(Bsdf):
     """Replaces the shading normal by that of a texture, in the tangents' frame: (r, g, b) * 2 - 1."""
 
     nested: Bsdf
     normals: Texture
 
+    @property
+    def follows_uvs(self) -> bool:
+        return True
 
-Leaf = Diffuse | Conductor | Dielectric | ThinDielectric | Plastic | Principled | Null
-Bsdf = Leaf | TwoSided | Mask | Blend | BumpMap | NormalMap
+
+LEAVES: tuple[type[Leaf], ...] = tuple(sorted(Leaf.__subclasses__(), key=lambda leaf: leaf.KIND.number))
+"""All leaves, by the numbers of their kinds."""
 
 
 def nested(bsdf: Bsdf) -> tuple[Bsdf, ...]:
@@ -184,25 +352,12 @@ def uses_uvs(bsdf: Bsdf) -> bool:
     """Whether its looks depend on texture coordinates: by a texture, or by tangents that follow them."""
     if any(isinstance(texture, Bitmap | Checkerboard) for texture in textures_of(bsdf)):
         return True
-    return any(_has_tangents(node) for node in walk(bsdf))
-
-
-def _has_tangents(node: Bsdf) -> bool:
-    if isinstance(node, Conductor | Dielectric):
-        return node.alpha_u is not node.alpha_v and node.alpha_u != node.alpha_v
-    if isinstance(node, Principled):
-        return node.anisotropic != 0
-    return isinstance(node, BumpMap | NormalMap)
+    return any(node.follows_uvs for node in walk(bsdf))
 
 
 def transmits(bsdf: Bsdf) -> bool:
     """Whether any light goes through to the other side."""
-    for node in walk(bsdf):
-        if isinstance(node, Dielectric | ThinDielectric | Null | Mask):
-            return True
-        if isinstance(node, Principled) and node.spec_trans != 0:
-            return True
-    return False
+    return any(node.lets_through for node in walk(bsdf))
 
 
 def vertex_attributes(*values: Bsdf | Color | None) -> set[str]:

@@ -10,10 +10,10 @@ from furnaces import Array, box, hollow_sphere, quad, scene, view
 
 from wdpm.api import render_in_process
 from wdpm.cluster.settings import RenderSettings
+from wdpm.kernels.materials.types import DIFFUSE
 from wdpm.report.report import EnergyLedger
 from wdpm.scenes.builtin.cornell_box import cornell_box
 from wdpm.scenes.flat.flatten import flatten
-from wdpm.scenes.flat.material_table import DIFFUSE
 from wdpm.scenes.model.lights import PointLight
 from wdpm.scenes.model.scene import Scene, diffuse
 from wdpm.scenes.model.textures import RGB

@@ -15,14 +15,14 @@ from wdpm import api
 from wdpm.bench import effects_scenes as scenes
 from wdpm.cli import main
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.effects_in_words import FEATURES, WITHOUT, Effect, causes_of
+from wdpm.cluster.plan.effects_in_words import WITHOUT, Effect, causes_of
 from wdpm.cluster.plan.integrators.photons import RULE
 from wdpm.cluster.settings import EFFECTS_TO_LEAVE_OUT, RenderSettings
 from wdpm.cluster.work.replica import with_camera
 from wdpm.images.image import load as load_image
 from wdpm.inspection.inspect import Inspection, inspect
 from wdpm.inspection.tables import LIGHTS_SHOWN
-from wdpm.kernels.features import Features
+from wdpm.kernels.features import WORDS, Features
 from wdpm.rendering.approximations import is_round
 from wdpm.scenes.builtin.cornell_box import cornell_box
 from wdpm.scenes.flat.flatten import flatten
@@ -45,7 +45,7 @@ def effect(inspection: Inspection, name: str) -> Effect:
 
 
 def test_the_plan_has_every_feature_and_every_effect_that_can_be_left_out() -> None:
-    assert set(FEATURES) == {field.name for field in fields(Features)}
+    assert set(WORDS) == {field.name for field in fields(Features)}
     assert set(WITHOUT) == set(EFFECTS_TO_LEAVE_OUT)
 
 
@@ -54,7 +54,7 @@ def test_what_is_said_to_be_called_for_is_what_kernels_are_compiled_for(name: st
     flat = flatten(scenes.scene_of(name, (8, 8)))
     features = with_camera(features_of(flat, RenderSettings()), flat.camera)
     causes = causes_of(flat, ["fog"])
-    assert {name for name in FEATURES if causes[name]} == set(features.names())
+    assert {name for name in WORDS if causes[name]} == set(features.names())
 
 
 def test_a_plan_names_what_calls_for_an_effect() -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from wdpm.checkup.findings import MOST_PLACES, Finding, Level
 from wdpm.checkup.soup import Ints, Soup
-from wdpm.scenes.model.bsdfs import Bsdf, Dielectric, Principled, ThinDielectric, TwoSided, walk
+from wdpm.scenes.model.bsdfs import Bsdf, ThinDielectric, TwoSided, walk
 from wdpm.scenes.model.scene import Mesh, Scene
 
 
@@ -53,11 +53,7 @@ class Part:
 def is_solid(bsdf: Bsdf) -> bool:
     """Whether light is refracted into what it covers."""
     nodes = tuple(walk(bsdf))
-    if any(isinstance(node, ThinDielectric) for node in nodes):
-        return False
-    return any(
-        isinstance(node, Dielectric) or (isinstance(node, Principled) and node.spec_trans != 0) for node in nodes
-    )
+    return any(node.is_solid for node in nodes) and not any(isinstance(node, ThinDielectric) for node in nodes)
 
 
 def is_two_sided(bsdf: Bsdf) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 
 from wdpm.cluster.settings import RenderSettings
 from wdpm.cluster.world import World
-from wdpm.scenes.model.bsdfs import Conductor, Dielectric, Plastic, Principled, ThinDielectric, walk
+from wdpm.scenes.model.bsdfs import Leaf, walk
 from wdpm.scenes.model.scene import Mesh, Scene
 
 ROUND_SHARE = 1e-5
@@ -14,9 +14,6 @@ ROUND_SHARE = 1e-5
 
 LEAST_ROUND_TRIANGLES = 100
 """A mesh of fewer triangles is not taken for a sphere: the corners of a cube lie on one, too."""
-
-
-_SHINY = (Conductor, Dielectric, ThinDielectric, Plastic, Principled)
 
 
 def approximations(scene: Scene, world: World, settings: RenderSettings) -> tuple[str, ...]:
@@ -64,4 +61,4 @@ def is_round(mesh: Mesh) -> bool:
 
 
 def _is_shiny(scene: Scene, mesh: Mesh) -> bool:
-    return any(isinstance(node, _SHINY) for node in walk(scene.materials[mesh.material].bsdf))
+    return any(isinstance(node, Leaf) and node.KIND.glossy for node in walk(scene.materials[mesh.material].bsdf))

@@ -18,19 +18,18 @@ from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera.replayed_vertices import make_look
-from wdpm.kernels.materials import types
 from wdpm.kernels.materials.medium import DistanceSample
 from wdpm.kernels.materials.surface import Surface
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
 from wdpm.replaying.vertices import Collision, Gather, Hit, Onward, ReplayVertex, ShadowRay
+from wdpm.scenes.flat.material_table import LEAF_KINDS
+from wdpm.scenes.model.leaf_kind import BLACK as BLACK_KIND
 from wdpm.scenes.model.scene import Scene
 
 BLACK = (0.0, 0.0, 0.0)
 
-LEAVES = {
-    int(getattr(types, name)): name.lower().replace("_", " ")
-    for name in ("BLACK", "DIFFUSE", "CONDUCTOR", "DIELECTRIC", "THIN_DIELECTRIC", "PLASTIC", "PRINCIPLED", "NULL")
-}
+LEAVES = {BLACK_KIND: "black"} | {number: kind.name for number, kind in LEAF_KINDS.items()}
+"""Kinds of leaves by their numbers, for people."""
 
 
 class Names:

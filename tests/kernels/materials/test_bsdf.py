@@ -24,18 +24,12 @@ from bsdf_testing import (
 from scipy import stats
 
 from wdpm.kernels.features import Features
-from wdpm.kernels.materials.types import (
-    BLACK,
-    CONDUCTOR,
-    DIELECTRIC,
-    DIFFUSE,
-    FLUX,
-    NULL,
-    PLASTIC,
-    PRINCIPLED,
-    RADIANCE,
-    THIN_DIELECTRIC,
-)
+from wdpm.kernels.materials.conductor import CONDUCTOR
+from wdpm.kernels.materials.dielectric import DIELECTRIC
+from wdpm.kernels.materials.plastic import PLASTIC
+from wdpm.kernels.materials.principled import PRINCIPLED
+from wdpm.kernels.materials.thin_dielectric import THIN_DIELECTRIC
+from wdpm.kernels.materials.types import BLACK, DIFFUSE, FLUX, NULL, RADIANCE
 
 COUNT = 60000
 P_LEAST = 1e-4

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 from bsdf_testing import BECKMANN, GGX, direction, evaluate, material, mitsuba_values, random_directions, sample
 
-from wdpm.kernels.materials.types import CONDUCTOR, DIELECTRIC, DIFFUSE, THIN_DIELECTRIC
+from wdpm.kernels.materials.conductor import CONDUCTOR
+from wdpm.kernels.materials.dielectric import DIELECTRIC
+from wdpm.kernels.materials.thin_dielectric import THIN_DIELECTRIC
+from wdpm.kernels.materials.types import DIFFUSE
 
 NAMES = {BECKMANN: "beckmann", GGX: "ggx"}
 ROUGHNESS = [(0.5, 0.5), (0.1, 0.3), (0.9, 0.05)]

@@ -23,7 +23,9 @@ from bsdf_testing import (
 from scipy import stats
 
 from wdpm.kernels.features import Features
-from wdpm.kernels.materials.types import FLUX, PLASTIC, PRINCIPLED, RADIANCE
+from wdpm.kernels.materials.plastic import PLASTIC
+from wdpm.kernels.materials.principled import PRINCIPLED
+from wdpm.kernels.materials.types import FLUX, RADIANCE
 from wdpm.scenes.flat.plastic_coat import ALPHA_LEAST, coat, diffuse_reflectance, rough_interface, terms
 from wdpm.scenes.model.bsdfs import Distribution
 
