@@ -12,6 +12,7 @@ from typing import Any
 
 from wdpm.scenes.model.bsdfs import LEAVES
 from wdpm.scenes.model.leaf_kind import LeafKind
+from wdpm.scenes.model.lights import DELTA_LIGHTS
 
 
 class Group(Enum):
@@ -94,6 +95,11 @@ class Features:
     def oriented(self) -> bool:
         """The looks of some surface may depend on the direction of its tangents."""
         return self.rough or self.bent or any(leaf.KIND.always_rough and self.compiles(leaf.KIND) for leaf in LEAVES)
+
+    @property
+    def delta_lights(self) -> bool:
+        """There are lights without area."""
+        return any(getattr(self, light.KIND.feature) for light in DELTA_LIGHTS)
 
     @property
     def textures(self) -> bool:

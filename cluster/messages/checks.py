@@ -21,9 +21,10 @@ from wdpm.cluster.world import Emission, IrradiancePlan, MapPlan, PhotonPlan, To
 from wdpm.kernels.limits import CHAIN_LIMIT, MAPS, MAX_K
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.arrays import Media, Triangles
-from wdpm.scenes.flat.light_table import LightTable
+from wdpm.scenes.flat.light_table import LIGHT_KINDS, LightTable
 from wdpm.scenes.flat.material_table import NORMAL_MAP, SAME_MEDIUM, MaterialTable
 from wdpm.scenes.model.leaf_kind import SLOTS
+from wdpm.scenes.model.light_kind import NUMBERS
 from wdpm.scenes.model.scene import Camera
 from wdpm.scenes.model.textures import Bitmap, Checkerboard
 
@@ -47,17 +48,13 @@ SHAPES: dict[type, dict[str, Shape]] = {
         "uvs": ("triangles", 3, 2),
         "colors": ("colored", 3, 3),
         "emitter": ("triangles",),
-        "point_position": ("points", 3),
-        "point_intensity": ("points", 3),
-        "spot_position": ("spots", 3),
-        "spot_axes": ("spots", 3, 3),
-        "spot_intensity": ("spots", 3),
-        "spot_cosines": ("spots", 2),
-        "spot_falloff": ("spots", 2),
-        "spot_texture": ("spots",),
-        "spot_spread": ("spots",),
-        "directional_direction": ("directionals", 3),
-        "directional_irradiance": ("directionals", 3),
+        "delta_kind": ("deltas",),
+        "delta_position": ("deltas", 3),
+        "delta_axes": ("deltas", 3, 3),
+        "delta_color": ("deltas", 3),
+        "delta_cutoff": ("deltas",),
+        "delta_number": ("deltas", NUMBERS),
+        "delta_texture": ("deltas",),
         "environment_pixels": ("height", "width", 3),
         "environment_axes": (3, 3),
         "medium": ("lights",),
@@ -193,8 +190,9 @@ def _top_tree(tree: TopTree, where: str) -> None:
 
 def _lights(lights: LightTable, where: str) -> None:
     environments = int(lights.environment_pixels.size > 0)
-    singles = len(lights.point_position) + len(lights.spot_position) + len(lights.directional_direction)
-    elements = len(lights.corners) + singles + environments
+    known = bool(np.isin(lights.delta_kind, list(LIGHT_KINDS)).all())
+    _require(known and not np.any(np.diff(lights.delta_kind) < 0), where, "unknown kinds of lights, or not in order")
+    elements = len(lights.corners) + len(lights.delta_kind) + environments
     _require(len(lights.power) == elements, where, f"power of {len(lights.power)} elements; there are {elements}")
     _require(len(lights.medium) == len(lights.names), where, "a medium for each light was expected")
     _indices(lights.light, 0, len(lights.names), f"{where}.light")
@@ -218,7 +216,7 @@ def _world(world: World, where: str) -> None:
     _indices(world.materials.texture.ravel(), -1, len(world.textures), f"{where}.materials.texture")
     _indices(world.materials.medium.ravel(), SAME_MEDIUM, len(world.media.g), f"{where}.materials.medium")
     _indices(world.lights.emitter_texture, -1, len(world.textures), f"{where}.lights.emitter_texture")
-    _indices(world.lights.spot_texture, -1, len(world.textures), f"{where}.lights.spot_texture")
+    _indices(world.lights.delta_texture, -1, len(world.textures), f"{where}.lights.delta_texture")
     _indices(world.lights.medium, -1, len(world.media.g), f"{where}.lights.medium")
     elements = len(world.lights.power)
     _require(len(world.emission.share) == elements, where, f"shares of {elements} light elements were expected")

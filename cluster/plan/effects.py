@@ -9,6 +9,7 @@ import numpy as np
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.features import ALL, Features
 from wdpm.scenes.flat.flatten import FlatScene
+from wdpm.scenes.flat.light_table import LIGHT_KINDS
 from wdpm.scenes.flat.material_facts import FEATURE_OF_TEXTURE, MaterialFacts, facts
 
 if TYPE_CHECKING:
@@ -27,13 +28,11 @@ def features_of(flat: FlatScene, settings: RenderSettings) -> Features:
     if settings.all_effects:
         return ALL
     lights, found = flat.lights, [fact for _, fact in used_materials(flat)]
-    glow = [flat.textures[number] for number in (*lights.emitter_texture, *lights.spot_texture) if number >= 0]
+    glow = [flat.textures[number] for number in (*lights.emitter_texture, *lights.delta_texture) if number >= 0]
     called = {FEATURE_OF_TEXTURE[type(texture)] for texture in glow}.union(*(fact.features for fact in found))
+    called |= {LIGHT_KINDS[number].feature for number in lights.delta_kind.tolist()}
     return Features(
         **dict.fromkeys(called, True),
-        points=len(lights.point_position) > 0,
-        spots=len(lights.spot_position) > 0,
-        directionals=len(lights.directional_direction) > 0,
         environment=lights.environment_pixels.size > 0,
         textured_lights=len(glow) > 0,
         media=calls_for_media(flat),

@@ -16,7 +16,7 @@ from wdpm.cluster.settings import RenderSettings
 from wdpm.cluster.world import World
 from wdpm.kernels.features import WORDS, Features, Group, names_of
 from wdpm.scenes.flat.flatten import FlatScene
-from wdpm.scenes.flat.light_table import LightTable
+from wdpm.scenes.flat.light_table import LIGHT_KINDS, LightTable
 from wdpm.scenes.flat.material_facts import MaterialFacts
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Texture, VertexColors
 
@@ -119,14 +119,11 @@ def causes_of(flat: FlatScene, media: Sequence[str] = ()) -> dict[str, tuple[str
     for kind, name in ((Bitmap, "bitmaps"), (Checkerboard, "checkerboards"), (VertexColors, "vertex_colors")):
         causes[name] += _textured_lights(flat, kind)
     first = len(lights.emitter_radiance)
-    for name, count in (
-        ("points", len(lights.point_position)),
-        ("spots", len(lights.spot_position)),
-        ("directionals", len(lights.directional_direction)),
-        ("environment", int(lights.environment_pixels.size > 0)),
-    ):
-        causes[name] = lights.names[first : first + count]
-        first += count
+    last = first + len(lights.delta_kind)
+    for light in LIGHT_KINDS.values():
+        rows = np.flatnonzero(lights.delta_kind == light.number)
+        causes[light.feature] = tuple(lights.names[first + row] for row in rows)
+    causes["environment"] = lights.names[last:]
     causes["textured_lights"] = _textured_lights(flat, (Bitmap, Checkerboard, VertexColors))
     causes["media"] = _media(flat, media)
     causes["lens"] = (CAMERA,) if flat.camera.aperture_radius > 0 else ()
@@ -302,8 +299,7 @@ def _materials(found: Sequence[tuple[str, MaterialFacts]], name: str) -> tuple[s
 def _textured_lights(flat: FlatScene, kind: type[Texture] | tuple[type[Texture], ...]) -> tuple[str, ...]:
     """Names of lights with such a texture."""
     lights = flat.lights
-    spots = len(lights.emitter_texture) + len(lights.point_position)
-    numbered = [*enumerate(lights.emitter_texture), *enumerate(lights.spot_texture, spots)]
+    numbered = enumerate((*lights.emitter_texture, *lights.delta_texture))
     return tuple(
         lights.names[i] for i, texture in numbered if texture >= 0 and isinstance(flat.textures[texture], kind)
     )

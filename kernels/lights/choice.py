@@ -139,8 +139,8 @@ def choose_light(lights: Lights, position: wp.vec3, u: wp.vec2d) -> ElementChoic
     leaf = find_leaf(lights.tree, position, u[0])
     left = leaf.u
     if leaf.node == DISTANT:
-        distant = choose_element(lights.distant, lights.count - lights.first_directional, leaf.u)
-        c.element = lights.first_directional + distant
+        distant = choose_element(lights.distant, lights.count - lights.first_distant, leaf.u)
+        c.element = lights.first_distant + distant
         c.probability = leaf.probability * probability_of(lights.distant, distant)
         left = rest_of_choice(lights.distant, distant, leaf.u)
     elif leaf.node != NOTHING:
@@ -193,8 +193,8 @@ def chance_of_light(lights: Lights, element: wp.int32, position: wp.vec3) -> Ele
     """Probability with which choose_light chooses an element for a place, and how it does so: no u, no weights."""
     c = ElementChoice()
     c.element = element
-    if element >= lights.first_directional:
-        distant = element - lights.first_directional
+    if element >= lights.first_distant:
+        distant = element - lights.first_distant
         c.probability = chance_of_start(lights.tree, DISTANT, position) * probability_of(lights.distant, distant)
         return c
     leaf = lights.tree.leaf[element]

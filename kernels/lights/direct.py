@@ -8,7 +8,7 @@ can be weighted against them (multiple importance sampling).
 from __future__ import annotations
 
 import functools
-from types import SimpleNamespace
+from dataclasses import dataclass
 
 import warp as wp
 
@@ -16,52 +16,40 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.lights.choice import ElementChoice, chance_of_light, choose_light, pdf_on_triangle
 from wdpm.kernels.lights.elements import Lights, element_of_prim, point_of_triangle
 from wdpm.kernels.lights.environment import environment_pdf, environment_value, sample_environment
+from wdpm.kernels.lights.kinds import make_direct_delta
 from wdpm.kernels.lights.radiance import make_radiance
-from wdpm.kernels.lights.spots import make_spots
+from wdpm.kernels.lights.samples import DirectSample, towards
 from wdpm.kernels.materials.surface import leave
 from wdpm.kernels.materials.texture import Textures
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
-@wp.struct
-class DirectSample:
-    """A way to a light. What arrives by it is scattering * cos * radiance / pdf.
+@dataclass(frozen=True, eq=False)
+class DirectCode:
+    """Functions of light that arrives straight.
 
     Attributes:
-        direction: towards the light, unit.
-        end: of the shadow segment.
-        radiance: radiance; of a delta light, the irradiance across the direction.
-        pdf: pdf_solid_angle times probability of the element, of a delta light just the latter. 0: nothing arrives.
-        delta: 1 where only this way leads to the light: a point, spot or directional.
-        light: which light of the scene.
+        sample_direct: `(lights, textures, position, point) -> DirectSample`.
+        pdf_triangle: `(lights, prim, origin, position, normal) -> float`.
+        pdf_environment: `(lights, origin, direction) -> float`.
+        environment_radiance: `(lights, direction) -> vec3`.
+        emitted_radiance: `(lights, textures, emitter, uv, color) -> vec3`.
     """
 
-    direction: wp.vec3
-    end: wp.vec3
-    radiance: wp.vec3
-    pdf: wp.float32
-    delta: wp.int32
-    light: wp.int32
+    sample_direct: wp.Function
+    pdf_triangle: wp.Function
+    pdf_environment: wp.Function
+    environment_radiance: wp.Function
+    emitted_radiance: wp.Function
 
 
 @functools.cache
-def make_direct(features: Features) -> SimpleNamespace:
-    """Functions `sample_direct`, `pdf_triangle`, `pdf_environment`, `environment_radiance`, `emitted_radiance`."""
+def make_direct(features: Features) -> DirectCode:
+    """Light that arrives straight, for the lights that features name."""
     radiance = make_radiance(features)
     radiance_of = radiance.radiance_of
-    spot_intensity = make_spots(features).spot_intensity
-
-    @wp.func
-    def towards(position: wp.vec3, end: wp.vec3, probability: wp.float32) -> DirectSample:
-        """The way to a point from which intensity is still to be set."""
-        s = DirectSample()
-        s.end = end
-        way = end - position
-        if wp.dot(way, way) > 0.0:
-            s.direction = wp.normalize(way)
-            s.pdf = probability
-        return s
+    direct_delta = make_direct_delta(features)
 
     @wp.func
     def to_triangle(lights: Lights, textures: Textures, position: wp.vec3, chosen: ElementChoice) -> DirectSample:
@@ -94,30 +82,9 @@ def make_direct(features: Features) -> SimpleNamespace:
             return s
         if element < lights.triangles:
             s = to_triangle(lights, textures, position, chosen)
-        if wp.static(features.points):
-            if element >= lights.triangles and element < lights.first_spot:
-                number = element - lights.triangles
-                s = towards(position, lights.point_position[number], probability)
-                way = s.end - position
-                s.delta = 1
-                if s.pdf > 0.0:
-                    s.radiance = lights.point_intensity[number] / wp.dot(way, way)
-        if wp.static(features.spots):
-            if element >= lights.first_spot and element < lights.first_directional:
-                number = element - lights.first_spot
-                s = towards(position, lights.spots.position[number], probability)
-                way = s.end - position
-                s.delta = 1
-                if s.pdf > 0.0:
-                    s.radiance = spot_intensity(lights.spots, textures, number, -s.direction) / wp.dot(way, way)
-        if wp.static(features.directionals):
-            if element >= lights.first_directional and element < lights.first_environment:
-                number = element - lights.first_directional
-                s.direction = -lights.directional_direction[number]
-                s.end = position + s.direction * lights.far_away
-                s.radiance = lights.directional_irradiance[number]
-                s.pdf = probability
-                s.delta = 1
+        if wp.static(features.delta_lights):
+            if element >= lights.triangles and element < lights.first_environment:
+                s = direct_delta(lights, textures, element - lights.triangles, position, probability)
         if wp.static(features.environment):
             if element >= lights.first_environment:
                 found = sample_environment(lights.environment, chosen.u)
@@ -170,7 +137,7 @@ def make_direct(features: Features) -> SimpleNamespace:
                 value = environment_value(lights.environment, direction)
         return value
 
-    return SimpleNamespace(
+    return DirectCode(
         sample_direct=sample_direct,
         pdf_triangle=pdf_triangle,
         pdf_environment=pdf_environment,

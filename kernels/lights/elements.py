@@ -1,6 +1,7 @@
 """All lights on a device, and what the choices among them have in common: light_choice, for a place; emission.
 
-Elements are numbered glowing triangles first, then points, spots, directionals, environment: scenes.flat.light_table.
+Elements are numbered glowing triangles first, then delta lights, those infinitely far away last, then the environment:
+scenes.flat.light_table.
 """
 
 from __future__ import annotations
@@ -10,10 +11,10 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.kernels.constants import OFFSET_MIN_SHARE
-from wdpm.kernels.lights import environment, spots
+from wdpm.kernels.lights import delta, environment
 from wdpm.kernels.lights import tree as light_tree
+from wdpm.kernels.lights.delta import DeltaLights
 from wdpm.kernels.lights.environment import Environment
-from wdpm.kernels.lights.spots import Spots
 from wdpm.kernels.lights.tree import BELOW_ONE, LightTree
 from wdpm.scenes.flat.areas import triangle_areas, triangle_normals
 from wdpm.scenes.flat.light_table import LightTable
@@ -30,7 +31,8 @@ class Lights:
 
     Attributes:
         count: how many elements there are, the first `triangles` of which are glowing triangles.
-        first_spot, first_directional, first_environment: first elements of their kinds (points follow triangles).
+        first_distant: first element that is infinitely far away; first_environment: the environment, if there is one.
+        deltas: follow the triangles.
         normal, area: of glowing triangles.
         tree: for the choice of elements that have a place.
         distant: by element infinitely far away, share of their power up to and with it; the last is 1.
@@ -41,8 +43,7 @@ class Lights:
 
     count: wp.int32
     triangles: wp.int32
-    first_spot: wp.int32
-    first_directional: wp.int32
+    first_distant: wp.int32
     first_environment: wp.int32
     prim: wp.array[wp.int32]
     corners: wp.array2d[wp.vec3]
@@ -54,11 +55,7 @@ class Lights:
     emitter: wp.array[wp.int32]
     emitter_radiance: wp.array[wp.vec3]
     emitter_texture: wp.array[wp.int32]
-    point_position: wp.array[wp.vec3]
-    point_intensity: wp.array[wp.vec3]
-    spots: Spots
-    directional_direction: wp.array[wp.vec3]
-    directional_irradiance: wp.array[wp.vec3]
+    deltas: DeltaLights
     environment: Environment
     scene_radius: wp.float32
     far_away: wp.float32
@@ -78,11 +75,9 @@ def upload(table: LightTable, extent: float, device: str) -> Lights:
     lights = Lights()
     lights.count = len(table.power)
     lights.triangles = len(table.prim)
-    lights.first_spot = lights.triangles + len(table.point_position)
-    lights.first_directional = lights.first_spot + len(table.spot_position)
-    lights.first_environment = lights.first_directional + len(table.directional_direction)
-    vectors = ("emitter_radiance", "point_position", "point_intensity")
-    for name in (*vectors, "corners", "colors", "directional_direction", "directional_irradiance"):
+    lights.first_distant = lights.triangles + table.near
+    lights.first_environment = lights.triangles + len(table.delta_kind)
+    for name in ("emitter_radiance", "corners", "colors"):
         setattr(lights, name, wp.array(getattr(table, name), dtype=wp.vec3, device=device))
     for name in ("prim", "emitter", "emitter_texture", "light", "medium"):
         setattr(lights, name, wp.array(getattr(table, name), dtype=wp.int32, device=device))
@@ -90,12 +85,12 @@ def upload(table: LightTable, extent: float, device: str) -> Lights:
     lights.colored = int(len(table.colors) > 0)
     lights.normal = wp.array(triangle_normals(table.corners), dtype=wp.vec3, device=device)
     lights.area = wp.array(triangle_areas(table.corners).astype(np.float32), dtype=wp.float32, device=device)
-    lights.spots = spots.upload(table, device)
+    lights.deltas = delta.upload(table, device)
     lights.environment = environment.upload(table.environment_pixels, table.environment_axes, device)
     lights.scene_radius = table.scene_radius
     lights.far_away = FAR_AWAY_RADII * table.scene_radius
     lights.tree = light_tree.upload(table, device)
-    lights.distant = upload_shares(table.power[lights.first_directional :], device)
+    lights.distant = upload_shares(table.power[lights.first_distant :], device)
     lights.offset_min = float(extent) * OFFSET_MIN_SHARE
     return lights
 

@@ -7,7 +7,6 @@ that photons of any distribution that leaves out no direction give the same mean
 from __future__ import annotations
 
 import functools
-from types import SimpleNamespace
 
 import warp as wp
 
@@ -15,81 +14,26 @@ from wdpm.kernels.constants import PI
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights.elements import Lights, choose_element, point_of_triangle, probability_of
 from wdpm.kernels.lights.environment import sample_environment
-from wdpm.kernels.lights.photon_targets import Targets, aim, aim_parallel, sum_of_cones, sum_of_discs
+from wdpm.kernels.lights.kinds import make_emit_delta
+from wdpm.kernels.lights.parallel import parallel_emission
+from wdpm.kernels.lights.photon_targets import Targets, aim, sum_of_cones
 from wdpm.kernels.lights.radiance import make_radiance
-from wdpm.kernels.lights.spots import make_spots
+from wdpm.kernels.lights.samples import Emission
 from wdpm.kernels.materials.surface import leave
 from wdpm.kernels.materials.texture import Textures
-from wdpm.kernels.maths.directions import (
-    around,
-    concentric_disk,
-    cosine_hemisphere,
-    triangle_weights,
-    uniform_cone,
-    uniform_sphere,
-)
+from wdpm.kernels.maths.directions import cosine_hemisphere, triangle_weights
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 _HEMISPHERE = wp.constant(wp.float32(1.0))  # 1 - cos of the half angle
-_SPHERE = wp.constant(wp.float32(2.0))
-
-
-@wp.struct
-class Emission:
-    """A photon as it leaves a light.
-
-    Attributes:
-        flux: that of a map of one path: divide by the number of paths. Zero where nothing is sent.
-        medium: that it starts in, -1 for none.
-    """
-
-    light: wp.int32
-    element: wp.int32
-    origin: wp.vec3
-    direction: wp.vec3
-    flux: wp.vec3
-    medium: wp.int32
-
-
-@wp.func
-def parallel_emission(
-    lights: Lights,
-    targets: Targets,
-    aimed: wp.int32,
-    direction: wp.vec3,
-    irradiance: wp.vec3,
-    u_target: wp.float32,
-    u: wp.vec2,
-) -> Emission:
-    """A photon of parallel light: through a point of the scene's silhouette, or of the spheres'."""
-    e = Emission()
-    e.direction = direction
-    radius = lights.scene_radius
-    total = wp.float32(0.0)
-    if aimed == 1:
-        total = sum_of_discs(targets)
-    through = wp.vec3(0.0)
-    if total > 0.0 and total < radius * radius:
-        a = aim_parallel(targets, direction, total, u_target, u)
-        through = a.vector
-        e.flux = irradiance / a.pdf
-    else:
-        d = concentric_disk(u) * radius
-        through = around(direction, wp.vec3(d[0], d[1], 0.0))
-        e.flux = irradiance * (PI * radius * radius)
-    # It starts where its line enters the scene's sphere.
-    through = through - direction * wp.dot(through, direction)
-    e.origin = through - direction * wp.sqrt(wp.max(0.0, radius * radius - wp.dot(through, through)))
-    return e
 
 
 @functools.cache
-def make_emission(features: Features) -> SimpleNamespace:
-    """Functions: `emit`."""
+def make_emission(features: Features) -> wp.Function:
+    """`emit(lights, textures, shares, targets, aimed, u_element, u_position, u_direction, u_target) -> Emission`."""
     radiance_of = make_radiance(features).radiance_of
-    spot_intensity = make_spots(features).spot_intensity
+    emit_delta = make_emit_delta(features)
 
     @wp.func
     def from_triangle(
@@ -122,62 +66,6 @@ def make_emission(features: Features) -> SimpleNamespace:
         return e
 
     @wp.func
-    def from_point(
-        lights: Lights,
-        targets: Targets,
-        aimed: wp.int32,
-        number: wp.int32,
-        u_direction: wp.vec2,
-        u_target: wp.float32,
-    ) -> Emission:
-        e = Emission()
-        e.origin = lights.point_position[number]
-        intensity = lights.point_intensity[number]
-        total = _SPHERE
-        axis = wp.vec3(0.0, 0.0, 1.0)
-        if aimed == 1:
-            total = sum_of_cones(targets, e.origin, axis, -1.0)
-        if total < _SPHERE:
-            a = aim(targets, e.origin, axis, -1.0, total, u_target, u_direction)
-            e.direction = a.vector
-            if a.pdf > 0.0:
-                e.flux = intensity / a.pdf
-        else:
-            e.direction = uniform_sphere(u_direction)
-            e.flux = intensity * (4.0 * PI)
-        return e
-
-    @wp.func
-    def from_spot(
-        lights: Lights,
-        textures: Textures,
-        targets: Targets,
-        aimed: wp.int32,
-        number: wp.int32,
-        u_direction: wp.vec2,
-        u_target: wp.float32,
-    ) -> Emission:
-        e = Emission()
-        e.origin = lights.spots.position[number]
-        axis = lights.spots.z[number]
-        cutoff = lights.spots.cutoff[number]
-        own = 1.0 - cutoff
-        total = own
-        if aimed == 1:
-            total = sum_of_cones(targets, e.origin, axis, cutoff)
-        weight = 2.0 * PI * own
-        if total < own:
-            a = aim(targets, e.origin, axis, cutoff, total, u_target, u_direction)
-            e.direction = a.vector
-            weight = 0.0
-            if a.pdf > 0.0:
-                weight = 1.0 / a.pdf
-        else:
-            e.direction = around(axis, uniform_cone(u_direction, own))
-        e.flux = spot_intensity(lights.spots, textures, number, e.direction) * weight
-        return e
-
-    @wp.func
     def emit(
         lights: Lights,
         textures: Textures,
@@ -204,24 +92,10 @@ def make_emission(features: Features) -> SimpleNamespace:
         e = Emission()
         if element < lights.triangles:
             e = from_triangle(lights, textures, targets, towards, element, u_position, u_direction, u_target)
-        if wp.static(features.points):
-            if element >= lights.triangles and element < lights.first_spot:
-                e = from_point(lights, targets, towards, element - lights.triangles, u_direction, u_target)
-        if wp.static(features.spots):
-            if element >= lights.first_spot and element < lights.first_directional:
-                e = from_spot(lights, textures, targets, towards, element - lights.first_spot, u_direction, u_target)
-        if wp.static(features.directionals):
-            if element >= lights.first_directional and element < lights.first_environment:
-                number = element - lights.first_directional
-                e = parallel_emission(
-                    lights,
-                    targets,
-                    towards,
-                    lights.directional_direction[number],
-                    lights.directional_irradiance[number],
-                    u_target,
-                    u_position,
-                )
+        if wp.static(features.delta_lights):
+            if element >= lights.triangles and element < lights.first_environment:
+                number = element - lights.triangles
+                e = emit_delta(lights, textures, targets, towards, number, u_position, u_direction, u_target)
         if wp.static(features.environment):
             if element >= lights.first_environment:
                 found = sample_environment(lights.environment, u_direction)
@@ -238,4 +112,4 @@ def make_emission(features: Features) -> SimpleNamespace:
             e.flux = wp.vec3(0.0)
         return e
 
-    return SimpleNamespace(emit=emit)
+    return emit

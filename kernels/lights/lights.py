@@ -1,17 +1,18 @@
-"""Lights, all that kernels and hosts ask of them: light_elements (choice), direct_light, emission, photon_targets."""
+"""Lights, all that kernels and hosts ask of them: choice, direct, emission, photon_targets."""
 
 from __future__ import annotations
 
 import functools
-from types import SimpleNamespace
+from dataclasses import dataclass
 
 import warp as wp
 
 from wdpm.kernels.features import Features
-from wdpm.kernels.lights.direct import DirectSample, make_direct
+from wdpm.kernels.lights.direct import DirectCode, make_direct
 from wdpm.kernels.lights.elements import Lights, upload, upload_shares
-from wdpm.kernels.lights.emission import Emission, make_emission
+from wdpm.kernels.lights.emission import make_emission
 from wdpm.kernels.lights.photon_targets import Targets, upload_targets
+from wdpm.kernels.lights.samples import DirectSample, Emission
 from wdpm.kernels.lights.target_clusters import cluster_targets
 from wdpm.kernels.maths.directions import around, concentric_disk
 from wdpm.scenes.flat.areas import triangle_areas
@@ -34,11 +35,14 @@ __all__ = [
 ]
 
 
-@functools.cache
-def make_lights(features: Features) -> SimpleNamespace:
-    """Functions of lights: those of direct_light.make_direct, and `emit`.
+@dataclass(frozen=True, eq=False)
+class LightCode(DirectCode):
+    """Functions of lights: those of DirectCode, and emission.make_emission's `emit`."""
 
-    Glowing triangles are always there; points, spots, directionals, the environment and textured lights where features
-    say so.
-    """
-    return SimpleNamespace(**vars(make_direct(features)), **vars(make_emission(features)))
+    emit: wp.Function
+
+
+@functools.cache
+def make_lights(features: Features) -> LightCode:
+    """Functions of lights. Glowing triangles are always there; other lights, and textures, where features say so."""
+    return LightCode(**vars(make_direct(features)), emit=make_emission(features))

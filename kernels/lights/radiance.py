@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from types import SimpleNamespace
+from dataclasses import dataclass
 
 import warp as wp
 
@@ -14,9 +14,22 @@ from wdpm.kernels.materials.texture import Textures, make_textures
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
+@dataclass(frozen=True, eq=False)
+class RadianceCode:
+    """Radiance of glowing triangles.
+
+    Attributes:
+        emitted_radiance: `(lights, textures, emitter, uv, color) -> vec3`, at a place of a mesh.
+        radiance_of: `(lights, textures, element, w) -> vec3`, at a point of an element.
+    """
+
+    emitted_radiance: wp.Function
+    radiance_of: wp.Function
+
+
 @functools.cache
-def make_radiance(features: Features) -> SimpleNamespace:
-    """Functions `emitted_radiance`, `radiance_of`."""
+def make_radiance(features: Features) -> RadianceCode:
+    """Radiance of glowing triangles, textured where features say so."""
     lookup = make_textures(features).lookup
 
     @wp.func
@@ -49,4 +62,4 @@ def make_radiance(features: Features) -> SimpleNamespace:
                 radiance = wp.cw_mul(radiance, lookup(textures, lights.emitter_texture[emitter], uv, color))
         return radiance
 
-    return SimpleNamespace(emitted_radiance=emitted_radiance, radiance_of=radiance_of)
+    return RadianceCode(emitted_radiance, radiance_of)

@@ -3,78 +3,91 @@
 from __future__ import annotations
 
 import functools
-from types import SimpleNamespace
 
-import numpy as np
 import warp as wp
 
+from wdpm.kernels.constants import PI
 from wdpm.kernels.features import Features
+from wdpm.kernels.lights.elements import Lights
+from wdpm.kernels.lights.photon_targets import Targets, aim, sum_of_cones
+from wdpm.kernels.lights.samples import DeltaLightCode, DirectSample, Emission, towards
 from wdpm.kernels.materials.texture import Textures, make_textures
+from wdpm.kernels.maths.directions import around, uniform_cone
 from wdpm.kernels.maths.elementary import acos_of
-from wdpm.scenes.flat.light_table import LightTable
+from wdpm.scenes.model.lights import SpotLight
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-
-@wp.struct
-class Spots:
-    """Spot lights on a device; fields as in scenes.flat.light_table, but for these.
-
-    Attributes:
-        cutoff, beam: cosines of the half angles of no light and of full light.
-        angle: the first of the two [radians]; steepness: 1 / (that minus the second), 0 where the edge is sharp.
-    """
-
-    position: wp.array[wp.vec3]
-    x: wp.array[wp.vec3]
-    y: wp.array[wp.vec3]
-    z: wp.array[wp.vec3]
-    intensity: wp.array[wp.vec3]
-    cutoff: wp.array[wp.float32]
-    beam: wp.array[wp.float32]
-    angle: wp.array[wp.float32]
-    steepness: wp.array[wp.float32]
-    texture: wp.array[wp.int32]
-    spread: wp.array[wp.float32]
-
-
-def upload(table: LightTable, device: str) -> Spots:
-    """The spot lights on a device."""
-    spots = Spots()
-    spots.position = wp.array(table.spot_position, dtype=wp.vec3, device=device)
-    for number, name in enumerate("xyz"):
-        axis = np.ascontiguousarray(table.spot_axes[:, number])
-        setattr(spots, name, wp.array(axis, dtype=wp.vec3, device=device))
-    spots.intensity = wp.array(table.spot_intensity, dtype=wp.vec3, device=device)
-    columns = (table.spot_cosines[:, 0], table.spot_cosines[:, 1], table.spot_falloff[:, 0], table.spot_falloff[:, 1])
-    for name, column in zip(("cutoff", "beam", "angle", "steepness"), columns, strict=True):
-        setattr(spots, name, wp.array(np.ascontiguousarray(column), dtype=wp.float32, device=device))
-    spots.texture = wp.array(table.spot_texture, dtype=wp.int32, device=device)
-    spots.spread = wp.array(table.spot_spread, dtype=wp.float32, device=device)
-    return spots
+_BEAM = wp.constant(SpotLight.KIND.numbers.index("beam"))
+_ANGLE = wp.constant(SpotLight.KIND.numbers.index("angle"))
+_STEEPNESS = wp.constant(SpotLight.KIND.numbers.index("steepness"))
+_SPREAD = wp.constant(SpotLight.KIND.numbers.index("spread"))
 
 
 @functools.cache
-def make_spots(features: Features) -> SimpleNamespace:
-    """Functions of spot lights: `spot_intensity`."""
+def make_spots(features: Features) -> DeltaLightCode:
+    """The code of spot lights."""
     lookup = make_textures(features).lookup
 
     @wp.func
-    def spot_intensity(spots: Spots, textures: Textures, spot: wp.int32, direction: wp.vec3) -> wp.vec3:
+    def spot_intensity(lights: Lights, textures: Textures, spot: wp.int32, direction: wp.vec3) -> wp.vec3:
         """Intensity in a direction away from the light, unit."""
-        cosine = wp.dot(direction, spots.z[spot])
-        if not cosine > spots.cutoff[spot]:
+        deltas = lights.deltas
+        cosine = wp.dot(direction, deltas.z[spot])
+        if not cosine > deltas.cutoff[spot]:
             return wp.vec3(0.0)
-        value = spots.intensity[spot]
-        if cosine < spots.beam[spot]:
-            value = value * ((spots.angle[spot] - acos_of(cosine)) * spots.steepness[spot])
+        value = deltas.color[spot]
+        if cosine < deltas.number[spot, _BEAM]:
+            value = value * ((deltas.number[spot, _ANGLE] - acos_of(cosine)) * deltas.number[spot, _STEEPNESS])
         if wp.static(features.textured_lights):
-            if spots.texture[spot] >= 0:
+            if deltas.texture[spot] >= 0:
                 # The image lies across the axis and spans the cone; v grows downwards in Mitsuba's, so here it falls.
-                scale = 0.5 / (cosine * spots.spread[spot])
-                u = 0.5 + wp.dot(direction, spots.x[spot]) * scale
-                v = 0.5 - wp.dot(direction, spots.y[spot]) * scale
-                value = wp.cw_mul(value, lookup(textures, spots.texture[spot], wp.vec2(u, v), wp.vec3(1.0)))
+                scale = 0.5 / (cosine * deltas.number[spot, _SPREAD])
+                u = 0.5 + wp.dot(direction, deltas.x[spot]) * scale
+                v = 0.5 - wp.dot(direction, deltas.y[spot]) * scale
+                value = wp.cw_mul(value, lookup(textures, deltas.texture[spot], wp.vec2(u, v), wp.vec3(1.0)))
         return value
 
-    return SimpleNamespace(spot_intensity=spot_intensity)
+    @wp.func
+    def direct_spot(
+        lights: Lights, textures: Textures, number: wp.int32, position: wp.vec3, probability: wp.float32
+    ) -> DirectSample:
+        s = towards(position, lights.deltas.position[number], probability)
+        way = s.end - position
+        s.delta = 1
+        if s.pdf > 0.0:
+            s.radiance = spot_intensity(lights, textures, number, -s.direction) / wp.dot(way, way)
+        return s
+
+    @wp.func
+    def emit_spot(
+        lights: Lights,
+        textures: Textures,
+        targets: Targets,
+        aimed: wp.int32,
+        number: wp.int32,
+        u_position: wp.vec2,
+        u_direction: wp.vec2,
+        u_target: wp.float32,
+    ) -> Emission:
+        e = Emission()
+        e.origin = lights.deltas.position[number]
+        axis = lights.deltas.z[number]
+        cutoff = lights.deltas.cutoff[number]
+        own = 1.0 - cutoff
+        total = own
+        if aimed == 1:
+            total = sum_of_cones(targets, e.origin, axis, cutoff)
+        weight = 2.0 * PI * own
+        if total < own:
+            a = aim(targets, e.origin, axis, cutoff, total, u_target, u_direction)
+            e.direction = a.vector
+            weight = 0.0
+            if a.pdf > 0.0:
+                weight = 1.0 / a.pdf
+        else:
+            e.direction = around(axis, uniform_cone(u_direction, own))
+        e.flux = spot_intensity(lights, textures, number, e.direction) * weight
+        return e
+
+    return DeltaLightCode(SpotLight.KIND.number, direct_spot, emit_spot)

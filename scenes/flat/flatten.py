@@ -19,7 +19,7 @@ from wdpm.scenes.flat.material_coats import with_coats
 from wdpm.scenes.flat.material_table import NO_MEDIUM, SAME_MEDIUM, Boundary, MaterialTable, tabulate
 from wdpm.scenes.flat.renderer_space import RendererSpace, renderer_space
 from wdpm.scenes.model.bsdfs import walk
-from wdpm.scenes.model.lights import Light, SpotLight
+from wdpm.scenes.model.lights import DeltaLight, Light
 from wdpm.scenes.model.scene import Camera, Material, Medium, Mesh, Scene
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Texture, VertexColors
 from wdpm.scenes.model.transforms import normalized
@@ -83,7 +83,7 @@ def flatten(scene: Scene) -> FlatScene:
     textures, emitter_texture = _with_emission(textures, emitters, lights)
     sides = materials.medium[triangles.material] if scene.media else None
     table = tabulate_lights(emitters, triangles, emitter_texture, textures, lights, sides)
-    places: list[NDArray[np.floating]] = [triangles.positions, table.point_position, table.spot_position]
+    places: list[NDArray[np.floating]] = [triangles.positions, table.delta_position[: table.near]]
     places.append(camera.to_world[:3, 3])
     return FlatScene(
         triangles=triangles,
@@ -181,7 +181,7 @@ def _with_emission(
                 joined.append(mesh.emission)
             chosen[row] = number[id(mesh.emission)]
     for light in lights:
-        if isinstance(light, SpotLight) and light.texture is not None and id(light.texture) not in number:
+        if isinstance(light, DeltaLight) and light.texture is not None and id(light.texture) not in number:
             number[id(light.texture)] = len(joined)
             joined.append(light.texture)
     return tuple(joined), chosen

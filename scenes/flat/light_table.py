@@ -10,23 +10,27 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.flat.areas import triangle_areas
-from wdpm.scenes.flat.light_power import environment_integral, spot_pattern_mean, spot_power, triangle_means
 from wdpm.scenes.flat.material_table import NO_MEDIUM
-from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
+from wdpm.scenes.model.light_kind import NUMBERS
+from wdpm.scenes.model.light_power import environment_integral, triangle_means
+from wdpm.scenes.model.lights import DELTA_LIGHTS, DeltaLight, Environment, Light, axes_of
 from wdpm.scenes.model.textures import Texture
 
 if TYPE_CHECKING:
     from wdpm.scenes.flat.arrays import Triangles
     from wdpm.scenes.model.scene import Mesh
 
-L = TypeVar("L", PointLight, SpotLight, DirectionalLight, Environment)
+LIGHT_KINDS = {light.KIND.number: light.KIND for light in DELTA_LIGHTS}
+"""Kinds of delta lights by their numbers."""
+
+_DISTANT = [number for number, kind in LIGHT_KINDS.items() if kind.distant]
 
 RADIUS_MARGIN = 1.0 + 2.0**-10
 """The scene's sphere is grown by a thousandth: photons and shadow rays start on it, certainly outside all surfaces."""
@@ -44,25 +48,21 @@ class LightTable:
         uvs: float32, shape [E, 3, 2].
         colors: vertex colours, float32, shape [E, 3, 3]; [0, 3, 3] in a scene without any.
         emitter: which glowing mesh, int32, shape [E].
-        point_position: float32, shape [P, 3].
-        point_intensity: [W/sr], float32, shape [P, 3].
-        spot_position: float32, shape [S, 3].
-        spot_axes: rows are the light's x, y and z axes in the world; it shines along z. float32, shape [S, 3, 3].
-        spot_intensity: on the axis [W/sr], float32, shape [S, 3].
-        spot_cosines: of the half angles beyond which there is no light and up to which it is full, float32, [S, 2].
-        spot_falloff: half angle beyond which there is no light [radians], and 1 / (that minus the full one), 0 where
-            the edge is sharp; float32, shape [S, 2].
-        spot_texture: index into the textures, -1 for none, int32, shape [S].
-        spot_spread: tangent of the first half angle: what the texture spans; float32, shape [S].
-        directional_direction: in which the light travels, unit, float32, shape [D, 3].
-        directional_irradiance: across it [W/m²], float32, shape [D, 3].
-        environment_pixels: as light_sources.Environment, float32, shape [H, W, 3]; [0, 0, 3] without one.
+        delta_kind: of each light without area, scenes.model.light_kind; ascending, so that those infinitely far away
+            come last; int32, shape [D].
+        delta_position: float32, shape [D, 3]; zero for what is infinitely far away.
+        delta_axes: rows are the light's x, y and z axes in the world; it shines along z. float32, shape [D, 3, 3].
+        delta_color: strength, in terms of its kind: intensity [W/sr] or irradiance [W/m²], float32, shape [D, 3].
+        delta_cutoff: cosine of the half angle about its axis beyond which there is no light, float32, shape [D].
+        delta_number: what its kind names (LightKind.numbers), float32, shape [D, NUMBERS].
+        delta_texture: index into the textures, -1 for none, int32, shape [D].
+        environment_pixels: as scenes.model.lights.Environment, float32, shape [H, W, 3]; [0, 0, 3] without one.
         environment_axes: rows are the local axes in the world, float32, shape [3, 3].
         scene_radius: of a sphere about the origin that holds all triangles, with RADIUS_MARGIN.
         medium: that each light's rays start in, -1 for none, int32, shape [lights].
         power: flux of each element, mean of RGB [W], float64, shape [elements].
         light: which light each element belongs to, int32, shape [elements].
-        names: of the lights: glowing meshes, points, spots, directionals, environment.
+        names: of the lights: glowing meshes, delta lights, environment.
     """
 
     emitter_radiance: NDArray[np.float32]
@@ -72,17 +72,13 @@ class LightTable:
     uvs: NDArray[np.float32]
     colors: NDArray[np.float32]
     emitter: NDArray[np.int32]
-    point_position: NDArray[np.float32]
-    point_intensity: NDArray[np.float32]
-    spot_position: NDArray[np.float32]
-    spot_axes: NDArray[np.float32]
-    spot_intensity: NDArray[np.float32]
-    spot_cosines: NDArray[np.float32]
-    spot_falloff: NDArray[np.float32]
-    spot_texture: NDArray[np.int32]
-    spot_spread: NDArray[np.float32]
-    directional_direction: NDArray[np.float32]
-    directional_irradiance: NDArray[np.float32]
+    delta_kind: NDArray[np.int32]
+    delta_position: NDArray[np.float32]
+    delta_axes: NDArray[np.float32]
+    delta_color: NDArray[np.float32]
+    delta_cutoff: NDArray[np.float32]
+    delta_number: NDArray[np.float32]
+    delta_texture: NDArray[np.int32]
     environment_pixels: NDArray[np.float32]
     environment_axes: NDArray[np.float32]
     scene_radius: float
@@ -90,6 +86,11 @@ class LightTable:
     power: NDArray[np.float64]
     light: NDArray[np.int32]
     names: tuple[str, ...]
+
+    @property
+    def near(self) -> int:
+        """How many of the delta lights have a place: the first so many."""
+        return int(np.count_nonzero(~np.isin(self.delta_kind, _DISTANT)))
 
 
 def tabulate_lights(
@@ -114,32 +115,26 @@ def tabulate_lights(
     Raises:
         SceneError: more than one environment, one that is too small, or a spot's texture that is not in `textures`.
     """
-    points, spots = _all(lights, PointLight), _all(lights, SpotLight)
-    directionals, environment = _all(lights, DirectionalLight), _only(_all(lights, Environment))
+    deltas = sorted((light for light in lights if isinstance(light, DeltaLight)), key=lambda light: light.KIND.number)
+    environment = _only([light for light in lights if isinstance(light, Environment)])
     rows = np.flatnonzero(triangles.emitter >= 0)
     emitter = triangles.emitter[rows].astype(np.int32)
     corners, uvs, colors = _facing_front(triangles, rows)
     radiance = _float32([_factor(mesh, int(t)) for mesh, t in zip(emitters, emitter_texture, strict=True)], (-1, 3))
-    spot_texture = np.array([_texture_number(spot, textures) for spot in spots], np.int32)
     radius = float(np.sqrt((triangles.positions.astype(np.float64) ** 2).sum(axis=2).max())) * RADIUS_MARGIN
     pixels = _pixels(environment)
-    others: list[Light] = [*points, *spots, *directionals, *environment]
+    others: list[Light] = [*deltas, *environment]
     powers = [
         _triangle_power(corners, uvs, colors, emitter, radiance, emitter_texture, textures),
-        [4.0 * math.pi * _mean(point.intensity) for point in points],
-        [_spot_power(spot) for spot in spots],
-        [math.pi * radius**2 * _mean(sun.irradiance) for sun in directionals],
+        [light.power(radius) for light in deltas],
         [math.pi * radius**2 * environment_integral(pixels) for _ in environment],
     ]
-    position = _float32([point.position for point in points], (-1, 3))
-    spot_position = _float32([spot.to_world[:3, 3] for spot in spots], (-1, 3))
     inside = _Enclosure(triangles, sides)
     media = [
         *(_mesh_medium(mesh, corners[emitter == number], inside) for number, mesh in enumerate(emitters)),
-        *(_medium(light.medium, at, inside) for light, at in zip(points, position, strict=True)),
-        *(_medium(light.medium, at, inside) for light, at in zip(spots, spot_position, strict=True)),
-        *(NO_MEDIUM for _ in (*directionals, *environment)),
+        *(_medium(light, inside) for light in others),
     ]
+    delta_rows = [light.row() for light in deltas]
     return LightTable(
         emitter_radiance=radiance,
         emitter_texture=np.asarray(emitter_texture, np.int32),
@@ -148,31 +143,21 @@ def tabulate_lights(
         uvs=uvs,
         colors=colors,
         emitter=emitter,
-        point_position=position,
-        point_intensity=_float32([point.intensity for point in points], (-1, 3)),
-        spot_position=spot_position,
-        spot_axes=_float32([_axes(spot.to_world) for spot in spots], (-1, 3, 3)),
-        spot_intensity=_float32([spot.intensity for spot in spots], (-1, 3)),
-        spot_cosines=_float32([[math.cos(a) for a in _angles(spot)] for spot in spots], (-1, 2)),
-        spot_falloff=_float32([_falloff(spot) for spot in spots], (-1, 2)),
-        spot_texture=spot_texture,
-        spot_spread=_float32([math.tan(_angles(spot)[0]) for spot in spots], (-1,)),
-        directional_direction=_float32(
-            [np.array(d.direction) / np.linalg.norm(d.direction) for d in directionals], (-1, 3)
-        ),
-        directional_irradiance=_float32([sun.irradiance for sun in directionals], (-1, 3)),
+        delta_kind=np.array([light.KIND.number for light in deltas], np.int32),
+        delta_position=_float32([row.position for row in delta_rows], (-1, 3)),
+        delta_axes=_float32([row.axes for row in delta_rows], (-1, 3, 3)),
+        delta_color=_float32([row.color for row in delta_rows], (-1, 3)),
+        delta_cutoff=_float32([row.cutoff for row in delta_rows], (-1,)),
+        delta_number=_float32([_filled(row.numbers) for row in delta_rows], (-1, NUMBERS)),
+        delta_texture=np.array([_texture_number(light, textures) for light in deltas], np.int32),
         environment_pixels=pixels,
-        environment_axes=_float32(_axes(environment[0].to_world) if environment else np.eye(3), (3, 3)),
+        environment_axes=_float32(axes_of(environment[0].to_world) if environment else np.eye(3), (3, 3)),
         scene_radius=radius,
         medium=np.array(media, np.int32),
         power=np.concatenate([np.asarray(power, np.float64).reshape(-1) for power in powers]),
         light=np.concatenate([emitter, len(emitters) + np.arange(len(others))]).astype(np.int32),
         names=(*(mesh.name for mesh in emitters), *(light.name for light in others)),
     )
-
-
-def _all(lights: Sequence[Light], kind: type[L]) -> list[L]:
-    return [light for light in lights if isinstance(light, kind)]
 
 
 def _only(environments: list[Environment]) -> list[Environment]:
@@ -198,8 +183,8 @@ def _float32(values: object, shape: tuple[int, ...]) -> NDArray[np.float32]:
     return np.array(values, np.float64).reshape(shape).astype(np.float32)
 
 
-def _mean(rgb: Sequence[float]) -> float:
-    return sum(rgb) / 3.0
+def _filled(numbers: tuple[float, ...]) -> tuple[float, ...]:
+    return (*numbers, *(0.0 for _ in range(NUMBERS - len(numbers))))
 
 
 def _factor(mesh: Mesh, texture: int) -> tuple[float, ...]:
@@ -207,13 +192,13 @@ def _factor(mesh: Mesh, texture: int) -> tuple[float, ...]:
     return (1.0, 1.0, 1.0) if texture >= 0 or not isinstance(mesh.emission, tuple) else mesh.emission
 
 
-def _texture_number(spot: SpotLight, textures: Sequence[Texture]) -> int:
-    if spot.texture is None:
+def _texture_number(light: DeltaLight, textures: Sequence[Texture]) -> int:
+    if light.texture is None:
         return -1
     for number, texture in enumerate(textures):
-        if texture is spot.texture:
+        if texture is light.texture:
             return number
-    raise SceneError(f'spot light "{spot.name}": its texture is not among those of the scene')
+    raise SceneError(f'{light.KIND.name} light "{light.name}": its texture is not among those of the scene')
 
 
 def _facing_front(
@@ -247,29 +232,6 @@ def _triangle_power(
         texture = textures[emitter_texture[number]]
         mean[own] *= triangle_means(texture, uvs[own], colors[own] if len(colors) else colors)
     return math.pi * triangle_areas(corners) * mean
-
-
-def _angles(spot: SpotLight) -> tuple[float, float]:
-    """Half angles of no light and of full light, radians."""
-    return math.radians(spot.cutoff_angle), math.radians(spot.beam_width)
-
-
-def _falloff(spot: SpotLight) -> tuple[float, float]:
-    cutoff, beam = _angles(spot)
-    return cutoff, 1.0 / (cutoff - beam) if cutoff > beam else 0.0
-
-
-def _spot_power(spot: SpotLight) -> float:
-    cutoff, beam = _angles(spot)
-    power = spot_power(_mean(spot.intensity), cutoff, beam)
-    return power if spot.texture is None else power * spot_pattern_mean(spot.texture, cutoff)
-
-
-def _axes(to_world: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Columns of the matrix' rotation, as rows."""
-    columns = np.asarray(to_world, np.float64)[:3, :3]
-    unit: NDArray[np.float64] = (columns / np.linalg.norm(columns, axis=0)).T
-    return unit
 
 
 class _Enclosure:
@@ -315,5 +277,7 @@ def _mesh_medium(mesh: Mesh, corners: NDArray[np.float32], inside: _Enclosure) -
     return inside.medium_at((p.mean(axis=0) + normal / np.linalg.norm(normal) * lift).astype(np.float32))
 
 
-def _medium(own: int | None, place: NDArray[np.float32], inside: _Enclosure) -> int:
-    return inside.medium_at(place) if own is None else own
+def _medium(light: Light, inside: _Enclosure) -> int:
+    if light.at is None:
+        return NO_MEDIUM
+    return inside.medium_at(light.at.astype(np.float32)) if light.medium is None else light.medium

@@ -107,7 +107,7 @@ def build_light_tree(table: LightTable) -> LightTree:
     power = np.asarray(table.power, np.float64)
     total = float(np.cumsum(power)[-1]) if len(power) else 0.0
     share = power / total if total > 0 else np.zeros_like(power)
-    near = len(table.prim) + len(table.point_position) + len(table.spot_position)
+    near = len(table.prim) + table.near
     far = np.cumsum(share[near:])
     distant = float(far[-1]) / (math.pi * table.scene_radius**2) if len(far) else 0.0
     leaves = _leaves(table, share[:near])
@@ -156,25 +156,22 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def _leaves(table: LightTable, share: Array) -> _Leaves:
-    triangles, points = len(table.prim), len(table.point_position)
-    first_spot = triangles + points
-    place = np.concatenate([table.point_position, table.spot_position]).astype(np.float64)
+    triangles = len(table.prim)
+    place = table.delta_position[: table.near].astype(np.float64)
     corners = table.corners.astype(np.float64)
     low = np.concatenate([corners.min(axis=1), place])
     high = np.concatenate([corners.max(axis=1), place])
     axis = np.zeros((len(share), 3))
     axis[:triangles] = triangle_normals(table.corners)
-    axis[first_spot:] = table.spot_axes[:, 2]
+    axis[triangles:] = table.delta_axes[: table.near, 2]
     cos_reach = np.zeros(len(share))
-    cutoff = table.spot_cosines[:, 0].astype(np.float64)
-    cos_reach[first_spot:] = np.maximum(cutoff, 0.0)
+    cutoff = table.delta_cutoff[: table.near].astype(np.float64)
+    cos_reach[triangles:] = np.maximum(cutoff, 0.0)
     around = np.zeros(len(share), np.bool_)
-    around[triangles:first_spot] = True
-    around[first_spot:] = cutoff <= 0.0
-    # Flux over intensity: of a Lambertian emitter along its normal, of a point, of a spot on the mean over its cone.
+    around[triangles:] = cutoff <= 0.0
+    # Flux over intensity: of a Lambertian emitter along its normal, of a delta light on the mean over its cone.
     solid = np.full(len(share), math.pi)
-    solid[triangles:first_spot] = 4.0 * math.pi
-    solid[first_spot:] = 2.0 * math.pi * np.maximum(1.0 - cutoff, 1e-6)
+    solid[triangles:] = 2.0 * math.pi * np.maximum(1.0 - cutoff, 1e-6)
     light = table.light[: len(share)].astype(np.int64)
     second = _quadrilaterals(table, axis[:triangles], share[:triangles] > 0)
     first = np.flatnonzero((share > 0) & ~np.concatenate([second, np.zeros(len(share) - triangles, np.bool_)]))

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from wdpm.scenes.meshes.framing import bounding_box
 from wdpm.scenes.model.bsdfs import Bsdf, BumpMap
-from wdpm.scenes.model.lights import Light, PointLight, SpotLight
+from wdpm.scenes.model.lights import Light
 from wdpm.scenes.model.scene import Camera, Material, Medium, Mesh
 
 Array = NDArray[np.float64]
@@ -64,15 +64,7 @@ class RendererSpace:
 
     def light(self, light: Light) -> Light:
         """A light of the same radiance or irradiance where it arrives."""
-        match light:
-            case PointLight():
-                x, y, z = self.place(light.position).tolist()
-                return replace(light, position=(x, y, z), intensity=_times(light.intensity, self.unit**-2.0))
-            case SpotLight():
-                intensity = _times(light.intensity, self.unit**-2.0)
-                return replace(light, to_world=self._frame(light.to_world), intensity=intensity)
-            case _:
-                return light
+        return light.moved(self.place, self.unit)
 
     def medium(self, medium: Medium) -> Medium:
         """A medium of the same optical depth."""

@@ -11,7 +11,6 @@ import numpy as np
 
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.model.bsdfs import vertex_attributes, walk
-from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
 from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color, Texture
 
@@ -113,27 +112,13 @@ def _check_medium(medium: int | None, owner: str, scene: Scene, file: Path | Non
 
 def _check_lights(scene: Scene, file: Path | None) -> None:
     for light in scene.lights:
-        place, strength = _of_light(light)
+        place, strength = light.orientation, light.strength
         if not (np.isfinite(place).all() and np.isfinite(strength).all() and strength.min(initial=0.0) >= 0):
             raise SceneError(f'light "{light.name}": its place or strength is negative or not finite', file)
-        if isinstance(light, PointLight | SpotLight):
-            _check_medium(light.medium, f'light "{light.name}"', scene, file)
+        _check_medium(light.medium, f'light "{light.name}"', scene, file)
     glowing = any(len(mesh.faces) and _is_bright(mesh.emission) for mesh in scene.meshes)
-    if not glowing and not any(_of_light(light)[1].max(initial=0.0) > 0 for light in scene.lights):
+    if not glowing and not any(light.strength.max(initial=0.0) > 0 for light in scene.lights):
         raise SceneError("the scene has no light: nothing would be seen; add an area or a point emitter", file)
-
-
-def _of_light(light: Light) -> tuple[np.ndarray, np.ndarray]:
-    """The numbers that say where a light is, and those that say how bright it is."""
-    match light:
-        case PointLight():
-            return np.array(light.position), np.array(light.intensity)
-        case SpotLight():
-            return light.to_world, np.array(light.intensity)
-        case DirectionalLight():
-            return np.array(light.direction), np.array(light.irradiance)
-        case Environment():
-            return light.to_world, light.pixels
 
 
 def _is_bright(emission: Color | None) -> bool:

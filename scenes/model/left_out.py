@@ -6,7 +6,6 @@ from collections.abc import Collection
 from dataclasses import replace
 
 from wdpm.scenes.model.bsdfs import Blend, Bsdf, BumpMap, Mask, NormalMap, TwoSided
-from wdpm.scenes.model.lights import PointLight, SpotLight
 from wdpm.scenes.model.scene import Scene
 
 
@@ -31,10 +30,7 @@ def _without_media(scene: Scene) -> Scene:
         media=(),
         meshes=tuple(replace(mesh, interior=None, exterior=None, bounds=False) for mesh in scene.meshes),
         camera=replace(scene.camera, medium=None),
-        lights=tuple(
-            replace(light, medium=None) if isinstance(light, PointLight | SpotLight) else light
-            for light in scene.lights
-        ),
+        lights=tuple(light.outside_media() for light in scene.lights),
     )
 
 

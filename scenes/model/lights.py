@@ -2,20 +2,93 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.scenes.model.light_kind import LightKind, LightRow
+from wdpm.scenes.model.light_power import spot_pattern_mean, spot_power
 from wdpm.scenes.model.textures import RGB, Bitmap
 
+Array = NDArray[np.float64]
+Place = Callable[[Any], Array]
+"""Where points of the scene, shape [..., 3], are in another space."""
 
-def _identity() -> NDArray[np.float64]:
+
+def _identity() -> Array:
     return np.eye(4)
 
 
 @dataclass(frozen=True)
-class PointLight:
+class Light:
+    """A light that belongs to no mesh."""
+
+    name: str
+
+    @property
+    def medium(self) -> int | None:
+        """Index into Scene.media of the medium around it, or None."""
+        return None
+
+    @property
+    def at(self) -> Array | None:
+        """Where it is, world space, shape [3]; None for what is infinitely far away."""
+        return None
+
+    @property
+    def orientation(self) -> Array:
+        """All numbers that say where it is and where it shines."""
+        raise NotImplementedError
+
+    @property
+    def strength(self) -> NDArray[np.floating]:
+        """All numbers that say how bright it is."""
+        raise NotImplementedError
+
+    def moved(self, place: Place, unit: float) -> Light:  # noqa: ARG002 - what is infinitely far away stays
+        """The light of the same radiance or irradiance where it arrives, in another space.
+
+        Args:
+            unit: the other space's unit of length.
+        """
+        return self
+
+    def outside_media(self) -> Light:
+        """The light in empty space."""
+        outside: dict[str, Any] = {"medium": None}
+        return self if self.medium is None else replace(self, **outside)
+
+
+@dataclass(frozen=True)
+class DeltaLight(Light):
+    """A light without area, which only one direction leads to. KIND says what it calls for."""
+
+    KIND: ClassVar[LightKind]
+
+    @property
+    def texture(self) -> Bitmap | None:
+        """Factor of its strength by direction, or None."""
+        return None
+
+    def row(self) -> LightRow:
+        """The light as a row of the light table."""
+        raise NotImplementedError
+
+    def power(self, radius: float) -> float:
+        """Its flux, mean of RGB [W].
+
+        Args:
+            radius: of the scene's sphere, which catches the light of what is infinitely far away.
+        """
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class PointLight(DeltaLight):
     """A point that shines alike in all directions.
 
     Attributes:
@@ -24,14 +97,37 @@ class PointLight:
         medium: index into Scene.media of the medium around it, or None.
     """
 
-    name: str
+    KIND = LightKind(0, "point", "points")
+
     position: tuple[float, float, float]
     intensity: RGB
     medium: int | None = None
 
+    @property
+    def at(self) -> Array:
+        return np.array(self.position, np.float64)
+
+    @property
+    def orientation(self) -> Array:
+        return self.at
+
+    @property
+    def strength(self) -> Array:
+        return np.array(self.intensity)
+
+    def moved(self, place: Place, unit: float) -> PointLight:
+        x, y, z = place(self.position).tolist()
+        return replace(self, position=(x, y, z), intensity=_times(self.intensity, unit**-2.0))
+
+    def row(self) -> LightRow:
+        return LightRow(self.intensity, self.position)
+
+    def power(self, radius: float) -> float:  # noqa: ARG002 - all of it is in the scene
+        return 4.0 * math.pi * _mean(self.intensity)
+
 
 @dataclass(frozen=True, eq=False)
-class SpotLight:
+class SpotLight(DeltaLight):
     """A point that shines into a cone, as Mitsuba's `spot`: full inside beam_width, falling linearly to cutoff_angle.
 
     Attributes:
@@ -41,17 +137,58 @@ class SpotLight:
         texture: factor of the intensity over the cone, or None.
     """
 
-    name: str
-    to_world: NDArray[np.float64]
+    KIND = LightKind(1, "spot", "spots", numbers=("beam", "angle", "steepness", "spread"))
+
+    to_world: Array
     intensity: RGB
     cutoff_angle: float = 20.0
     beam_width: float = 15.0
     texture: Bitmap | None = None
     medium: int | None = None
 
+    @property
+    def at(self) -> Array:
+        return np.asarray(self.to_world, np.float64)[:3, 3]
+
+    @property
+    def orientation(self) -> Array:
+        return self.to_world
+
+    @property
+    def strength(self) -> Array:
+        return np.array(self.intensity)
+
+    def moved(self, place: Place, unit: float) -> SpotLight:
+        to_world = np.array(self.to_world, np.float64)
+        to_world[:3, 3] = place(to_world[:3, 3])
+        return replace(self, to_world=to_world, intensity=_times(self.intensity, unit**-2.0))
+
+    def row(self) -> LightRow:
+        """Its numbers: cosine of the half angle up to which it is full; the half angle beyond which there is no light
+        [radians]; 1 / (that minus the full one), 0 where the edge is sharp; its tangent, which the texture spans."""
+        cutoff, beam = self._angles()
+        steepness = 1.0 / (cutoff - beam) if cutoff > beam else 0.0
+        x, y, z = (float(value) for value in self.at)
+        return LightRow(
+            self.intensity,
+            (x, y, z),
+            axes_of(self.to_world),
+            math.cos(cutoff),
+            (math.cos(beam), cutoff, steepness, math.tan(cutoff)),
+        )
+
+    def power(self, radius: float) -> float:  # noqa: ARG002 - all of it is in the scene
+        cutoff, beam = self._angles()
+        power = spot_power(_mean(self.intensity), cutoff, beam)
+        return power if self.texture is None else power * spot_pattern_mean(self.texture, cutoff)
+
+    def _angles(self) -> tuple[float, float]:
+        """Half angles of no light and of full light, radians."""
+        return math.radians(self.cutoff_angle), math.radians(self.beam_width)
+
 
 @dataclass(frozen=True)
-class DirectionalLight:
+class DirectionalLight(DeltaLight):
     """Light of one direction from infinitely far away.
 
     Attributes:
@@ -59,13 +196,30 @@ class DirectionalLight:
         irradiance: on a plane across it, linear RGB [W/m²].
     """
 
-    name: str
+    KIND = LightKind(16, "directional", "directionals", distant=True)
+
     direction: tuple[float, float, float]
     irradiance: RGB
 
+    @property
+    def orientation(self) -> Array:
+        return np.array(self.direction)
+
+    @property
+    def strength(self) -> Array:
+        return np.array(self.irradiance)
+
+    def row(self) -> LightRow:
+        axes = np.zeros((3, 3))
+        axes[2] = np.array(self.direction) / np.linalg.norm(self.direction)
+        return LightRow(self.irradiance, axes=axes)
+
+    def power(self, radius: float) -> float:
+        return math.pi * radius**2 * _mean(self.irradiance)
+
 
 @dataclass(frozen=True, eq=False)
-class Environment:
+class Environment(Light):
     """Radiance that arrives from infinitely far away.
 
     Attributes:
@@ -74,14 +228,38 @@ class Environment:
         to_world: rotation, float64, shape [4, 4].
     """
 
-    name: str
     pixels: NDArray[np.float32]
-    to_world: NDArray[np.float64] = field(default_factory=_identity)
+    to_world: Array = field(default_factory=_identity)
 
     @property
     def constant(self) -> bool:
         """Whether the radiance is the same from everywhere."""
         return self.pixels.shape[:2] == (1, 1)
 
+    @property
+    def orientation(self) -> Array:
+        return self.to_world
 
-Light = PointLight | SpotLight | DirectionalLight | Environment
+    @property
+    def strength(self) -> NDArray[np.floating]:
+        return self.pixels
+
+
+DELTA_LIGHTS: tuple[type[DeltaLight], ...] = tuple(sorted(DeltaLight.__subclasses__(), key=lambda t: t.KIND.number))
+"""All delta lights, by the numbers of their kinds."""
+
+
+def axes_of(to_world: Array) -> Array:
+    """Columns of the matrix' rotation, unit, as rows."""
+    columns = np.asarray(to_world, np.float64)[:3, :3]
+    unit: Array = (columns / np.linalg.norm(columns, axis=0)).T
+    return unit
+
+
+def _mean(rgb: RGB) -> float:
+    return sum(rgb) / 3.0
+
+
+def _times(values: RGB, factor: float) -> RGB:
+    red, green, blue = (float(value) * factor for value in values)
+    return red, green, blue

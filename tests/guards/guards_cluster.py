@@ -70,7 +70,7 @@ GUARDS = (
         name="hits are shaded by the cell that owns them",
         file="kernels/photons/paths.py",
         prevents="photons near a plane are stored where no gather of their cell finds them",
-        changes=(("elif p.owner != own_cell:", "elif p.owner < -1:"),),
+        changes=(("elif leg.owner != own_cell:", "elif leg.owner < -1:"),),
         tests=(EXACT + "test_planes_through_everything_change_no_bit",),
     ),
     Guard(

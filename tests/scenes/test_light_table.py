@@ -58,8 +58,11 @@ def test_lights_are_in_the_order_of_their_kinds() -> None:
     np.testing.assert_array_equal(found.prim, [0, 2, 3])
     np.testing.assert_array_equal(found.light, [1, 0, 1, 2, 3, 4, 5])
     np.testing.assert_array_equal(found.medium, [-1, -1, 0, -1, -1, -1])
-    np.testing.assert_array_equal(found.point_position, [[1, 2, 3]])
-    np.testing.assert_array_equal(found.directional_direction, [[0, 0, -1]])
+    kinds = [light.KIND.number for light in (PointLight, SpotLight, DirectionalLight)]
+    np.testing.assert_array_equal(found.delta_kind, kinds)
+    assert found.near == 2
+    np.testing.assert_array_equal(found.delta_position[0], [1, 2, 3])
+    np.testing.assert_array_equal(found.delta_axes[2, 2], [0, 0, -1])
     distance = math.sqrt((CORNERS.astype(np.float64) + 1).reshape(-1, 3).__pow__(2).sum(axis=1).max())
     assert 1.0 < found.scene_radius / distance < 1.002
 

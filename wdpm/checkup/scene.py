@@ -13,7 +13,6 @@ from wdpm.checkup.soup import Soup
 from wdpm.checkup.surfaces import Solid
 from wdpm.scenes.meshes.framing import glows
 from wdpm.scenes.model.bsdfs import Bsdf, Conductor, Diffuse, Plastic, Principled, uses_uvs, walk
-from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
 from wdpm.scenes.model.scene import Scene
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color, VertexColors
 
@@ -61,10 +60,8 @@ def check_size(scene: Scene, soup: Soup, cause: NDArray[np.int8]) -> Iterator[Fi
 def _far_camera(scene: Scene, soup: Soup, size: float) -> Iterator[Finding]:
     places = {"camera": np.asarray(scene.camera.to_world)[:3, 3]}
     for light in scene.lights:
-        if isinstance(light, PointLight):
-            places[f'light "{light.name}"'] = np.asarray(light.position)
-        elif isinstance(light, SpotLight):
-            places[f'light "{light.name}"'] = np.asarray(light.to_world)[:3, 3]
+        if light.at is not None:
+            places[f'light "{light.name}"'] = light.at
     for name, place in places.items():
         away = float(np.abs(soup.space.place(place)).max())
         if size > 0 and away > FAR_OFF * size:
@@ -162,19 +159,9 @@ def check_lights(scene: Scene, soup: Soup, cause: NDArray[np.int8]) -> Iterator[
             texts = ("a lamp that emits nothing", "treats it as any other surface", "give it radiance, or no emitter")
             yield part.finding(Level.WARNING, "lamp-without-power", texts, total=None)
     for light in scene.lights:
-        if _strength(light) == 0:
+        if light.strength.max(initial=0.0) <= 0:
             texts = ("a light that emits nothing", "leaves it out", "give it power, or remove it")
             yield Finding(Level.WARNING, "light-without-power", *texts, detail=f'light "{light.name}"')
-
-
-def _strength(light: Light) -> float:
-    match light:
-        case PointLight() | SpotLight():
-            return max(light.intensity)
-        case DirectionalLight():
-            return max(light.irradiance)
-        case Environment():
-            return float(light.pixels.max(initial=0.0))
 
 
 def check_camera(scene: Scene, soup: Soup, cause: NDArray[np.int8], solids: list[Solid]) -> Iterator[Finding]:

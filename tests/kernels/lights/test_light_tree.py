@@ -138,7 +138,7 @@ def leaves_below(tree: LightTree, node: int) -> list[int]:
 def test_the_tree_holds_each_element_once_and_bounds_it(name: str) -> None:
     table = TABLES[name]
     tree = build_light_tree(table)
-    near = len(table.prim) + len(table.point_position) + len(table.spot_position)
+    near = len(table.prim) + table.near
     held = [e for node in np.flatnonzero(tree.child < 0) for e in {int(tree.first[node]), int(tree.last[node])}]
     assert sorted(held) == list(range(near))  # all have power
     assert sorted(leaf for head in tree.heads for leaf in leaves_below(tree, int(head))) == sorted(
@@ -154,13 +154,14 @@ def test_the_tree_holds_each_element_once_and_bounds_it(name: str) -> None:
         for element in elements:
             if element < triangles:
                 at, axis = table.corners[element], normals[element] / np.linalg.norm(normals[element])
-            elif element < triangles + len(table.point_position):
-                at, axis = table.point_position[element - triangles][None], None
+            elif table.delta_kind[element - triangles] == PointLight.KIND.number:
+                at, axis = table.delta_position[element - triangles][None], None
             else:
-                number = element - triangles - len(table.point_position)
-                at, axis = table.spot_position[number][None], table.spot_axes[number, 2]
-                if table.spot_cosines[number, 0] > 0:
-                    assert tree.cos_reach[node] <= table.spot_cosines[number, 0]
+                number = element - triangles
+                assert table.delta_kind[number] == SpotLight.KIND.number
+                at, axis = table.delta_position[number][None], table.delta_axes[number, 2]
+                if table.delta_cutoff[number] > 0:
+                    assert tree.cos_reach[node] <= table.delta_cutoff[number]
             assert np.all(np.linalg.norm(at - tree.center[node], axis=1) <= tree.radius[node] + 1e-6)
             if axis is None:
                 assert tree.cos_axes[node] == -1.0
@@ -247,14 +248,14 @@ def test_all_that_shines_may_be_chosen(name: str) -> None:
     table = TABLES[name]
     places = somewhere(300, 6)
     chance = chances(table, places)
-    triangles, points = len(table.prim), len(table.point_position)
+    triangles, spots = len(table.prim), np.flatnonzero(table.delta_kind == SpotLight.KIND.number)
     dark, idle = 0, 0
     for place, own in zip(places, chance, strict=True):
         shines = np.ones(len(own), np.bool_)
         shines[:triangles] = sent_by_triangles(table, place)
-        way = place - table.spot_position
-        cosine = (way * table.spot_axes[:, 2]).sum(axis=1) / np.linalg.norm(way, axis=1)
-        shines[triangles + points :][: len(way)] = cosine > table.spot_cosines[:, 0]
+        way = place - table.delta_position[spots]
+        cosine = (way * table.delta_axes[spots, 2]).sum(axis=1) / np.linalg.norm(way, axis=1)
+        shines[triangles + spots] = cosine > table.delta_cutoff[spots]
         assert np.all(own[shines] > 0)
         dark += (~shines).sum()
         idle += (own[~shines] == 0).sum()
@@ -268,9 +269,9 @@ def test_the_estimate_has_no_bias(name: str) -> None:
     place = (0.4, -0.3, 0.2)
     mean, error = irradiance(direct(table, place, 1 << 16, seed=3))
     if name == "a thousand":
-        way = table.point_position - np.array(place)
+        way = table.delta_position - np.array(place)
         distance = np.linalg.norm(way, axis=1)
-        sent = table.point_intensity * (np.maximum(way[:, 2], 0) / distance**3)[:, None]
+        sent = table.delta_color * (np.maximum(way[:, 2], 0) / distance**3)[:, None]
         expected, own = sent.sum(axis=0, dtype=np.float64), np.zeros(3)
     else:
         samples = 512
@@ -295,7 +296,7 @@ def test_the_tree_is_worth_its_while() -> None:
     chance = chances(table, places)
     ratios = []
     for place, own in zip(places, chance, strict=True):
-        sent = table.point_intensity[:, 0] / ((table.point_position - place) ** 2).sum(axis=1)
+        sent = table.delta_color[:, 0] / ((table.delta_position - place) ** 2).sum(axis=1)
         ratios.append((sent**2 / own).sum() / (sent**2 / share).sum())
     assert np.median(ratios) < 0.4
 
