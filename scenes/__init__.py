@@ -6,61 +6,28 @@ from wdpm.scenes.errors import SceneError
 from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.flatten import FlatScene, flatten
 from wdpm.scenes.load import load
-from wdpm.scenes.model.bsdfs import (
-    Blend,
-    Bsdf,
-    BumpMap,
-    Conductor,
-    Dielectric,
-    Diffuse,
-    Distribution,
-    Mask,
-    NormalMap,
-    Null,
-    Plastic,
-    Principled,
-    ThinDielectric,
-    TwoSided,
-)
-from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
+from wdpm.scenes.model import bsdfs, lights
+from wdpm.scenes.model.bsdfs import *  # noqa: F403 - all that its __all__ names: a new material is said once
+from wdpm.scenes.model.lights import *  # noqa: F403 - likewise
 from wdpm.scenes.model.scene import Camera, FilterKind, Material, Medium, Mesh, PixelFilter, Scene, diffuse
 from wdpm.scenes.model.textures import RGB, Bitmap, Checkerboard, Interpolation, Texture, VertexColors, Wrap
 
 __all__ = [
     "RGB",
     "Bitmap",
-    "Blend",
-    "Bsdf",
-    "BumpMap",
     "Camera",
     "Checkerboard",
-    "Conductor",
-    "Dielectric",
-    "Diffuse",
-    "DirectionalLight",
-    "Distribution",
-    "Environment",
     "FilterKind",
     "FlatScene",
     "Interpolation",
-    "Light",
-    "Mask",
     "Material",
     "Medium",
     "Mesh",
-    "NormalMap",
-    "Null",
     "PixelFilter",
-    "Plastic",
-    "PointLight",
-    "Principled",
     "Scene",
     "SceneError",
-    "SpotLight",
     "Texture",
-    "ThinDielectric",
     "Triangles",
-    "TwoSided",
     "VertexColors",
     "Wrap",
     "atrium",
@@ -69,3 +36,5 @@ __all__ = [
     "flatten",
     "load",
 ]
+__all__ += bsdfs.__all__
+__all__ += lights.__all__

@@ -17,7 +17,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wdpm.scenes.meshes.framing import bounding_box
+from wdpm.scenes.model.bounds import bounding_box
 from wdpm.scenes.model.bsdfs import Bsdf, BumpMap
 from wdpm.scenes.model.lights import Light
 from wdpm.scenes.model.scene import Camera, Material, Medium, Mesh

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.scenes.errors import SceneError
 from wdpm.scenes.meshes.primitives import rectangle
+from wdpm.scenes.model.bounds import bounding_box
 from wdpm.scenes.model.bsdfs import BLACK, GREY
 from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene, diffuse
 from wdpm.scenes.model.textures import RGB
@@ -35,25 +35,6 @@ _LAMPS: dict[str, tuple[tuple[float, float, float], RGB]] = {
 def glows(mesh: Mesh) -> bool:
     """Whether a mesh emits light; a textured one is taken to."""
     return mesh.emission is not None and (not isinstance(mesh.emission, tuple) or max(mesh.emission) > 0)
-
-
-def bounding_box(meshes: Sequence[Mesh]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lowest and highest coordinates of the finite vertices that faces use, each of shape [3].
-
-    Raises:
-        SceneError: there are no triangles.
-    """
-    used = [_used_vertices(mesh) for mesh in meshes]
-    used = [vertices for vertices in used if len(vertices)]
-    if not used:
-        raise SceneError("the scene is empty: it has no triangles")
-    return np.min([v.min(axis=0) for v in used], axis=0), np.max([v.max(axis=0) for v in used], axis=0)
-
-
-def _used_vertices(mesh: Mesh) -> NDArray[np.float64]:
-    in_use = np.zeros(len(mesh.vertices), dtype=np.bool_)
-    in_use[mesh.faces[(mesh.faces >= 0) & (mesh.faces < len(mesh.vertices))]] = True
-    return mesh.vertices[in_use & np.isfinite(mesh.vertices).all(axis=1)]
 
 
 def framing_camera(

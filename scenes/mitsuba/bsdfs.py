@@ -14,6 +14,7 @@ from wdpm.scenes.errors import did_you_mean
 from wdpm.scenes.mitsuba.metals import METALS
 from wdpm.scenes.mitsuba.plugin import Plugin
 from wdpm.scenes.mitsuba.refraction_indices import INDICES
+from wdpm.scenes.mitsuba.supported import reads
 from wdpm.scenes.mitsuba.textures import TextureReader
 from wdpm.scenes.model.bsdfs import (
     BLACK,
@@ -79,17 +80,35 @@ class BsdfReader:
         return self.textures.take_number(plugin, name, default, most=1.0)
 
 
+_Reader = Callable[[BsdfReader, Plugin], Bsdf]
+_READERS: Final[dict[str, _Reader]] = {}
+
+
+def _reads(plugin_type: str) -> Callable[[_Reader], _Reader]:
+    """Registers what reads plugins of a type: with that they are supported."""
+
+    def register(reader: _Reader) -> _Reader:
+        _READERS[plugin_type] = reader
+        reads("bsdf", plugin_type)
+        return reader
+
+    return register
+
+
+@_reads("diffuse")
 def _diffuse(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     # 0.6 knows both names
     name = "diffuse_reflectance" if plugin.has("diffuse_reflectance") else "reflectance"
     return Diffuse(reader.color(plugin, name, GREY))
 
 
+@_reads("conductor")
 def _conductor(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     eta, k = _complex_index(reader, plugin)
     return Conductor(eta, k, reader.color(plugin, "specular_reflectance"))
 
 
+@_reads("roughconductor")
 def _rough_conductor(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     eta, k = _complex_index(reader, plugin)
     alpha_u, alpha_v = _roughness(reader, plugin)
@@ -168,16 +187,19 @@ def _is_given(plugin: Plugin, name: str) -> bool:
     return plugin.has(name) or plugin.has_nested("texture", name)
 
 
+@_reads("dielectric")
 def _dielectric(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     eta = _relative_index(plugin, "bk7")
     return Dielectric(eta, *_interface(reader, plugin))
 
 
+@_reads("thindielectric")
 def _thin_dielectric(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     eta = _relative_index(plugin, "bk7")
     return ThinDielectric(eta, *_interface(reader, plugin))
 
 
+@_reads("roughdielectric")
 def _rough_dielectric(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     at = plugin.at("int_ior")
     eta = _relative_index(plugin, "bk7")
@@ -192,10 +214,12 @@ def _interface(reader: BsdfReader, plugin: Plugin) -> tuple[Color, Color]:
     return reader.color(plugin, "specular_reflectance"), reader.color(plugin, "specular_transmittance")
 
 
+@_reads("plastic")
 def _plastic(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     return _coated(reader, plugin)
 
 
+@_reads("roughplastic")
 def _rough_plastic(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     for texture in plugin.take_nested("texture", "alpha"):
         raise texture.error(f'{plugin}: "alpha" must be a number; Mitsuba 3 takes no texture here')
@@ -230,6 +254,7 @@ _SHARES: Final = (
 )
 
 
+@_reads("principled")
 def _principled(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     base = reader.color(plugin, "base_color", GREY)
     roughness = reader.share(plugin, "roughness", 0.5)
@@ -259,6 +284,7 @@ def _principled_index(plugin: Plugin, *, refracts: bool) -> float:
     return 2.0 / (1.0 - math.sqrt(0.08 * specular)) - 1.0
 
 
+@_reads("twosided")
 def _two_sided(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     found = plugin.take_nested("bsdf")
     if not 1 <= len(found) <= 2:
@@ -274,11 +300,13 @@ def _front(reader: BsdfReader, plugin: Plugin, inner: Plugin) -> Bsdf:
     return side.front if isinstance(side, TwoSided) else side  # each side is only ever seen from its front
 
 
+@_reads("mask")
 def _mask(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     opacity = reader.share(plugin, "opacity", 0.5)
     return Mask(reader.one_nested(plugin), opacity)
 
 
+@_reads("blendbsdf")
 def _blend(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     if not _is_given(plugin, "weight"):
         raise plugin.error(f'{plugin}: the parameter "weight" is missing')
@@ -289,6 +317,7 @@ def _blend(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     return Blend(reader.read(found[0]), reader.read(found[1]), weight)
 
 
+@_reads("bumpmap")
 def _bump_map(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     height = reader.textures.take_texture(plugin)
     if height is None:
@@ -298,6 +327,7 @@ def _bump_map(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     return BumpMap(reader.one_nested(plugin), height, scale)
 
 
+@_reads("normalmap")
 def _normal_map(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     normals = reader.textures.take_texture(plugin, "normalmap")
     if normals is None:
@@ -313,24 +343,6 @@ def _bending_options(reader: BsdfReader, plugin: Plugin) -> None:
             reader.warnings.append(f"line {line}: {plugin}: {name} cannot be switched off, and stays on")
 
 
+@_reads("null")
 def _null(_reader: BsdfReader, _plugin: Plugin) -> Bsdf:
     return Null()
-
-
-_READERS: Final[dict[str, Callable[[BsdfReader, Plugin], Bsdf]]] = {
-    "diffuse": _diffuse,
-    "conductor": _conductor,
-    "roughconductor": _rough_conductor,
-    "dielectric": _dielectric,
-    "thindielectric": _thin_dielectric,
-    "roughdielectric": _rough_dielectric,
-    "plastic": _plastic,
-    "roughplastic": _rough_plastic,
-    "principled": _principled,
-    "twosided": _two_sided,
-    "mask": _mask,
-    "blendbsdf": _blend,
-    "bumpmap": _bump_map,
-    "normalmap": _normal_map,
-    "null": _null,
-}

@@ -11,7 +11,7 @@ import numpy as np
 
 from wdpm.scenes.errors import SceneError, did_you_mean
 from wdpm.scenes.mitsuba.document import Document, Element
-from wdpm.scenes.mitsuba.supported import SUPPORTED, is_known
+from wdpm.scenes.mitsuba.supported import is_known, supported
 from wdpm.scenes.model import transforms
 from wdpm.scenes.model.textures import RGB
 from wdpm.scenes.model.transforms import Matrix
@@ -82,13 +82,13 @@ class Plugin:
             raise unknown_tag(child)
 
     def _check_supported(self) -> None:
-        supported = SUPPORTED[self.category]
-        if self.type in supported:
+        types = supported(self.category)
+        if self.type in types:
             return
         what = f'{self.category} plugin "{self.type}"'
         if is_known(self.category, self.type):
-            raise self.error(f"{what} is not supported yet; supported: {', '.join(supported)}")
-        raise self.error(f"unknown {what}{did_you_mean(self.type, supported)} (supported: {', '.join(supported)})")
+            raise self.error(f"{what} is not supported yet; supported: {', '.join(types)}")
+        raise self.error(f"unknown {what}{did_you_mean(self.type, types)} (supported: {', '.join(types)})")
 
     def __str__(self) -> str:
         return f'{self.category} "{self.type}"'

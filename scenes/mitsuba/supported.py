@@ -2,27 +2,12 @@
 
 from __future__ import annotations
 
-SUPPORTED: dict[str, tuple[str, ...]] = {
+_READ: dict[str, dict[str, None]] = {"bsdf": {}, "emitter": {}}
+"""Plugins of categories whose readers say themselves what they read (`reads`), in the order in which they did."""
+
+_SUPPORTED: dict[str, tuple[str, ...]] = {
     "shape": ("obj", "ply", "serialized", "rectangle", "cube", "sphere", "disk", "cylinder"),
-    "bsdf": (
-        "diffuse",
-        "conductor",
-        "roughconductor",
-        "dielectric",
-        "thindielectric",
-        "roughdielectric",
-        "plastic",
-        "roughplastic",
-        "principled",
-        "twosided",
-        "mask",
-        "blendbsdf",
-        "bumpmap",
-        "normalmap",
-        "null",
-    ),
     "texture": ("bitmap", "checkerboard", "mesh_attribute", "vertexcolors"),
-    "emitter": ("area", "point", "spot", "directional", "constant", "envmap", "sunsky", "sky", "sun"),
     "sensor": ("perspective", "thinlens", "orthographic"),
     "medium": ("homogeneous",),
     "phase": ("isotropic", "hg"),
@@ -59,7 +44,7 @@ SUPPORTED: dict[str, tuple[str, ...]] = {
     ),
 }
 
-# Mitsuba 3.9 and Mitsuba 0.6 together, without the supported ones
+# Mitsuba 3.9 and Mitsuba 0.6 together; those that are supported need not be here
 _KNOWN: dict[str, tuple[str, ...]] = {
     "shape": (
         "instance",
@@ -135,6 +120,16 @@ _KNOWN: dict[str, tuple[str, ...]] = {
     "sampler": (),
     "integrator": ("depth", "stokes", "volprim_rf_basic", "multichannel", "field"),
 }
+
+
+def reads(category: str, plugin_type: str) -> None:
+    """Say that there is a reader of plugins of a type."""
+    _READ[category][plugin_type] = None
+
+
+def supported(category: str) -> tuple[str, ...]:
+    """The types of a category that can be read."""
+    return tuple(_READ[category]) if category in _READ else _SUPPORTED[category]
 
 
 def is_known(category: str, plugin_type: str) -> bool:

@@ -13,6 +13,23 @@ from typing import ClassVar
 from wdpm.scenes.model.leaf_kind import LeafKind, always, in_order
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color, Number, Texture, VertexColors
 
+__all__ = [
+    "Blend",
+    "Bsdf",
+    "BumpMap",
+    "Conductor",
+    "Dielectric",
+    "Diffuse",
+    "Distribution",
+    "Mask",
+    "NormalMap",
+    "Null",
+    "Plastic",
+    "Principled",
+    "ThinDielectric",
+    "TwoSided",
+]
+
 BLACK = (0.0, 0.0, 0.0)
 WHITE = (1.0, 1.0, 1.0)
 GREY = (0.5, 0.5, 0.5)

@@ -14,6 +14,8 @@ from wdpm.scenes.model.light_kind import LightKind, LightRow
 from wdpm.scenes.model.light_power import spot_pattern_mean, spot_power
 from wdpm.scenes.model.textures import RGB, Bitmap
 
+__all__ = ["DirectionalLight", "Environment", "Light", "PointLight", "SpotLight"]
+
 Array = NDArray[np.float64]
 Place = Callable[[Any], Array]
 """Where points of the scene, shape [..., 3], are in another space."""

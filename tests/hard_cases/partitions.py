@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from wdpm.cluster.plan import plan
 from wdpm.cluster.world import TopTree
 from wdpm.scenes.flat.flatten import flatten
-from wdpm.scenes.meshes.framing import bounding_box
+from wdpm.scenes.model.bounds import bounding_box
 from wdpm.scenes.model.scene import Scene
 
 

@@ -242,14 +242,8 @@ def test_64_cells_change_no_bit(cornell_alone: Image, routing: Routing) -> None:
 def test_planes_through_vertices_of_random_scenes_change_no_bit(scene: Scene, data: st.DataObject) -> None:
     """Every plane goes through a vertex, a light or the camera: of lattice scenes that is through faces and edges."""
     flat = flatten(scene)
-    lights = flat.lights
-    places = np.concatenate(
-        [
-            flat.triangles.positions.reshape(-1, 3),
-            flat.lights.delta_position[: flat.lights.near],
-            flat.camera.to_world[None, :3, 3],
-        ]
-    )
+    lights = flat.lights.delta_position[: flat.lights.near]
+    places = np.concatenate([flat.triangles.positions.reshape(-1, 3), lights, flat.camera.to_world[None, :3, 3]])
     axis = [data.draw(st.integers(0, 2)) for _ in range(7)]
     split = [float(places[data.draw(st.integers(0, len(places) - 1)), a]) for a in axis]
     chosen = RenderSettings(photons=400, k=8, spp=2)

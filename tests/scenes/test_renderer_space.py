@@ -15,7 +15,7 @@ from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.flat.flatten import DUPLICATE, flatten
 from wdpm.scenes.flat.renderer_space import RendererSpace, renderer_space
-from wdpm.scenes.meshes.framing import bounding_box
+from wdpm.scenes.model.bounds import bounding_box
 from wdpm.scenes.model.bsdfs import GREY, BumpMap, Diffuse, Mask, TwoSided
 from wdpm.scenes.model.lights import DirectionalLight, Environment, PointLight, SpotLight
 from wdpm.scenes.model.scene import Camera, Material, Medium, Mesh, Scene
