@@ -9,8 +9,8 @@ from wdpm.cluster.plan.integrators.algorithm import Algorithm, WantedMaps
 from wdpm.cluster.plan.integrators.indirect import Indirect
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.scenes.errors import SettingsError
-from wdpm.scenes.model.bsdfs import Bsdf, Conductor, Dielectric, Plastic, ThinDielectric, walk
-from wdpm.scenes.model.lights import DirectionalLight, PointLight, SpotLight
+from wdpm.scenes.model.bsdfs import walk
+from wdpm.scenes.model.lights import DeltaLight
 
 if TYPE_CHECKING:
     from wdpm.cluster.settings import RenderSettings
@@ -82,14 +82,7 @@ class PathTracing(Algorithm):
 
 def _hides_light(scene: Scene) -> bool:
     """Whether some light can reach neither a shadow ray nor a path: from a light without size, off a smooth surface."""
-    if not any(isinstance(light, (PointLight, SpotLight, DirectionalLight)) for light in scene.lights):
+    if not any(isinstance(light, DeltaLight) for light in scene.lights):
         return False
     used = {mesh.material for mesh in scene.meshes}
-    return any(_is_smooth(node) for number in used for node in walk(scene.materials[number].bsdf))
-
-
-def _is_smooth(node: Bsdf) -> bool:
-    """Whether light is reflected or refracted in single directions."""
-    if isinstance(node, (Conductor, Dielectric)):
-        return node.alpha_u == 0 and node.alpha_v == 0
-    return isinstance(node, ThinDielectric) or (isinstance(node, Plastic) and node.alpha == 0)
+    return any(node.is_smooth for number in used for node in walk(scene.materials[number].bsdf))
