@@ -6,7 +6,6 @@ import argparse
 import json
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -21,7 +20,6 @@ from hypothesis import strategies as st
 from wdpm import values
 from wdpm.cli import main
 from wdpm.cli import options as cli_options
-from wdpm.cli.interrupts import no_lost_interrupts
 from wdpm.cluster.settings import RenderSettings, Routing
 from wdpm.images.image import Image, load
 from wdpm.report.report import Report, from_json
@@ -202,42 +200,6 @@ def test_errors_and_interruption_have_their_exit_codes(
     monkeypatch.setattr(main.compare, "run", raises(KeyboardInterrupt()))
     assert run(["compare", "a", "b"]) == 130
     assert capsys.readouterr().err == "wdpm: interrupted\n"
-
-
-class Interrupted:
-    """As an array of Warp's is when Ctrl-C finds Python in its destructor."""
-
-    def __del__(self) -> None:
-        raise KeyboardInterrupt
-
-
-@pytest.mark.parametrize("lasts", [True, False])
-def test_an_interrupt_in_a_destructor_ends_a_command(
-    lasts: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def command(_: argparse.Namespace) -> int:
-        Interrupted()
-        if lasts:
-            time.sleep(100.0)
-        return 0
-
-    monkeypatch.setattr(main.compare, "run", command)
-    assert run(["compare", "a", "b"]) == 130
-    assert capsys.readouterr().err == "wdpm: interrupted\n"
-
-
-def test_other_exceptions_in_destructors_go_where_they_went(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Faulty:
-        def __del__(self) -> None:
-            raise ValueError("of a fault")
-
-    told: list[str] = []
-    monkeypatch.setattr(sys, "unraisablehook", lambda unraisable: told.append(str(unraisable.exc_value)))
-    before = sys.unraisablehook
-    with no_lost_interrupts():
-        Faulty()
-    assert told == ["of a fault"]
-    assert sys.unraisablehook is before
 
 
 # ---- render and master --------------------------------------------------------------------------------------------

@@ -2,6 +2,12 @@
 
 Python raises KeyboardInterrupt wherever the main thread is at. In a destructor, which Warp's arrays have, or in a
 callback, nobody can catch it: Python prints it and goes on, and so would a render.
+
+A process may also inherit that SIGINT is ignored: shells without job control start what they put in the background so
+(POSIX), and schedulers pass it on. A command takes SIGINT all the same, because `kill -INT` is how a job script ends a
+master or a slave in good order: what is complete stays, slaves are told, and the exit code is 130. The price: Ctrl-C in
+the terminal of such a script ends what it has put in the background, too; who wants otherwise starts it with setsid.
+SIGHUP, which nohup has ignored, stays as it was.
 """
 
 from __future__ import annotations
@@ -18,6 +24,23 @@ from typing import Any
 
 WAIT_S = 0.01
 """Between one look at the main thread and the next."""
+
+
+@contextmanager
+def interrupts_raise() -> Iterator[None]:
+    """Have SIGINT raise KeyboardInterrupt where it was inherited as ignored, and ignore it again afterwards.
+
+    A handler that somebody has installed stays. Only the main thread may set one: elsewhere nothing changes.
+    """
+    ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    if not ignored or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""The command line. Each command is a file of its own, <command>.py, with add_parser(subparsers) and run(args).
+"""The command line. Each command is a file of its own in this folder, with add_parser(subparsers) and run(args).
 
 Only run() imports what computes, so that help and errors of the command line come at once.
 """
@@ -14,7 +14,7 @@ from importlib import metadata
 from typing import Any, NoReturn
 
 from wdpm.cli import accuracy, bench, check, compare, inspect, keys, master, render, slave
-from wdpm.cli.interrupts import no_lost_interrupts
+from wdpm.cli.interrupts import interrupts_raise, no_lost_interrupts
 from wdpm.scenes.errors import WdpmError
 
 COMMANDS = (
@@ -44,7 +44,7 @@ wdpm COMMAND --help says more."""
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code: 0, 1 (compare --equal, check), 2 for bad input, 3, 130 when interrupted.
 
-    3: the image is there, but not as good as --until-error asked for (cli_until).
+    3: the image is there, but not as good as --until-error asked for (wdpm/cli/goal.py).
     """
     arguments = sys.argv[1:] if argv is None else argv
     parser = make_parser()
@@ -53,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_BAD_INPUT
     args = parser.parse_args(arguments)
     try:
-        with no_lost_interrupts():
+        with interrupts_raise(), no_lost_interrupts():
             code: int = args.run(args)
             sys.stdout.flush()
     except WdpmError as error:

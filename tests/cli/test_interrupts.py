@@ -1,0 +1,119 @@
+"""Ctrl-C and `kill -INT` end a command, wherever they find it and whatever the process has inherited."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from wdpm.cli import compare, main
+from wdpm.cli.interrupts import interrupts_raise, no_lost_interrupts
+
+COMMAND = ["compare", "a", "b"]
+
+SLEEPER = f"""
+import sys, time
+from wdpm.cli import compare, main
+
+def sleep(args):
+    print("asleep", flush=True)
+    time.sleep(100.0)
+    return 0
+
+compare.run = sleep
+sys.exit(main.main({COMMAND}))
+"""
+"""A process with a command that lasts, and says when it has begun."""
+
+IGNORING = ["sh", "-c", 'trap \'\' INT; exec "$0" "$@"']
+"""Starts a program as a shell without job control starts what it puts in the background."""
+
+
+class Interrupted:
+    """As an array of Warp's is when Ctrl-C finds Python in its destructor."""
+
+    def __del__(self) -> None:
+        raise KeyboardInterrupt
+
+
+@pytest.fixture(params=["raised", "ignored"])
+def disposition(request: pytest.FixtureRequest) -> Iterator[Any]:
+    """What SIGINT does in this process when a command begins, whatever these tests have inherited."""
+    wanted: Any = {"raised": signal.default_int_handler, "ignored": signal.SIG_IGN}[request.param]
+    before = signal.signal(signal.SIGINT, wanted)
+    yield wanted
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.parametrize("lasts", [True, False])
+def test_an_interrupt_in_a_destructor_ends_a_command(
+    lasts: bool, disposition: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def command(_: argparse.Namespace) -> int:
+        Interrupted()
+        if lasts:
+            time.sleep(100.0)
+        return 0
+
+    monkeypatch.setattr(compare, "run", command)
+    assert main.main(COMMAND) == 130
+    assert capsys.readouterr().err == "wdpm: interrupted\n"
+    assert signal.getsignal(signal.SIGINT) is disposition
+
+
+@pytest.mark.parametrize("starter", [[], IGNORING], ids=["plain", "ignored"])
+def test_a_signal_ends_a_process(starter: list[str]) -> None:
+    with subprocess.Popen(
+        [*starter, sys.executable, "-c", SLEEPER], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "asleep\n"
+            process.send_signal(signal.SIGINT)
+            _, err = process.communicate(timeout=50.0)
+        finally:
+            process.kill()
+    assert (process.returncode, err) == (130, "wdpm: interrupted\n")
+
+
+def test_a_handler_of_somebody_else_stays() -> None:
+    def handler(*_: object) -> None: ...
+
+    before = signal.signal(signal.SIGINT, handler)
+    try:
+        with interrupts_raise():
+            assert signal.getsignal(signal.SIGINT) is handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("disposition")
+def test_a_command_runs_in_any_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only the main thread may set handlers; a notebook's server has commands run in others."""
+    monkeypatch.setattr(compare, "run", lambda _: 0)
+    codes: list[int] = []
+    thread = threading.Thread(target=lambda: codes.append(main.main(COMMAND)))
+    thread.start()
+    thread.join()
+    assert codes == [0]
+
+
+def test_other_exceptions_in_destructors_go_where_they_went(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Faulty:
+        def __del__(self) -> None:
+            raise ValueError("of a fault")
+
+    told: list[str] = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda unraisable: told.append(str(unraisable.exc_value)))
+    before = sys.unraisablehook
+    with no_lost_interrupts():
+        Faulty()
+    assert told == ["of a fault"]
+    assert sys.unraisablehook is before
