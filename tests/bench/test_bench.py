@@ -17,8 +17,9 @@ from rich.console import Console
 from wdpm import api
 from wdpm.bench import caustic, effects, indirect, kernels, mitsuba, paper, photons
 from wdpm.bench import effects_scenes as effect_scenes
+from wdpm.bench.commands import arguments
 from wdpm.bench.effects_plot import plot
-from wdpm.cli import bench, main
+from wdpm.cli import main
 from wdpm.cluster.settings import Indirect, RenderSettings, Routing
 from wdpm.images.image import Image
 from wdpm.kernels.features import ALL, Features
@@ -537,4 +538,4 @@ def test_an_edge_everywhere_is_an_error() -> None:
 
 
 def test_slave_counts_are_taken_once() -> None:
-    assert bench.slave_counts("4,0,4,2") == (4, 0, 2)
+    assert arguments.slave_counts("4,0,4,2") == (4, 0, 2)

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from wdpm.bench import peers
+from wdpm.bench.commands import arguments
 from wdpm.bench.mitsuba import Cost
 from wdpm.bench.peers_figures import Bounds, PeerFigures, Reached, Try
 from wdpm.bench.peers_grid import FAMILIES, Family, Member
 from wdpm.bench.peers_guess import guesses
 from wdpm.bench.peers_law import ErrorLaw, Point
-from wdpm.cli import bench, main
+from wdpm.cli import main
 from wdpm.cluster.settings import Indirect, RenderSettings
 from wdpm.images.image import Image
 from wdpm.progress import SilentProgress
@@ -308,7 +309,7 @@ def test_both_for_real(scene_file: Path, tmp_path: Path) -> None:
 
 
 def test_errors_are_a_list() -> None:
-    assert bench.relative_errors("0.05,0.01") == (0.05, 0.01)
+    assert arguments.relative_errors("0.05,0.01") == (0.05, 0.01)
     assert Bounds((0.01, 0.05, 0.01)).errors == (0.05, 0.01)
 
 

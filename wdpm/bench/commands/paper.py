@@ -1,0 +1,75 @@
+"""`wdpm bench paper`: its options, and what it does with them."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from wdpm import values
+from wdpm.bench.commands.arguments import add_threads, find_all, slave_counts
+from wdpm.bench.commands.benchmark import Benchmark, Measured
+from wdpm.cluster.settings import Indirect, RenderSettings, Routing
+from wdpm.progress import Progress
+
+ROUTINGS = ("forward", "merge", "both")
+
+_DESCRIPTION = """\
+Render scenes without slaves and with clusters of slaves on this machine: time
+and speed-up, photons and triangles that each slave holds as shares of all, what
+is sent, and the error against the image without slaves (it should be none)."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add its options."""
+    parser.add_argument(
+        "scenes",
+        nargs="*",
+        metavar="SCENE",
+        help="scene files or built-in scenes (default: cornell-box and atrium:100k)",
+    )
+    parser.add_argument(
+        "--slaves",
+        type=slave_counts,
+        metavar="N,N,...",
+        help="numbers of slaves; the render without slaves is always made (default: 0,2,4)",
+    )
+    parser.add_argument(
+        "--routing",
+        choices=ROUTINGS,
+        default="forward",
+        metavar="HOW",
+        help="forward, merge or both (default: forward)",
+    )
+    parser.add_argument("--size", type=values.size, metavar="WxH", help="size of the images (default: the scene's)")
+    parser.add_argument(
+        "--spp", type=values.positive_count, metavar="N", help="samples a pixel (default: the scene's, or 16)"
+    )
+    parser.add_argument("--photons", type=values.count, metavar="N", help="photons to be stored (default: 250k)")
+    parser.add_argument(
+        "--indirect",
+        choices=[kind.value for kind in Indirect],
+        default=Indirect.MAP.value,
+        metavar="HOW",
+        help="where indirect light comes from, see wdpm render --help (default: map, as in the paper)",
+    )
+    add_threads(parser, "cores to use in all, shared out among slaves")
+
+
+def run(args: argparse.Namespace, progress: Progress) -> Measured:
+    """What clusters hold, send and cost."""
+    from wdpm.bench import paper as bench_paper
+
+    find_all(args.scenes)
+    given = {name: getattr(args, name) for name in ("spp", "photons") if getattr(args, name) is not None}
+    chosen: dict[str, Any] = {"indirect": Indirect(args.indirect), **given}
+    RenderSettings(**chosen)  # a value out of range is an error before the first scene is rendered
+    routings = tuple(Routing) if args.routing == "both" else (Routing(args.routing),)
+    slaves = bench_paper.DEFAULT_SLAVES if args.slaves is None else args.slaves
+    scenes = [
+        bench_paper.measure(scene, slaves, routings, progress, size=args.size, threads=args.threads, **chosen)
+        for scene in args.scenes or bench_paper.DEFAULT_SCENES
+    ]
+    return Measured([figures.grid() for figures in scenes], {"paper": [figures.to_dict() for figures in scenes]})
+
+
+BENCHMARK = Benchmark("paper", "what a cluster holds, sends and costs", _DESCRIPTION, add_arguments, run)

@@ -1,0 +1,64 @@
+"""`wdpm bench peers`: its options, and what it does with them."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from wdpm import values
+from wdpm.bench.commands.arguments import add_counts, add_threads, check_one_reference, relative_errors
+from wdpm.bench.commands.benchmark import Benchmark, Measured
+from wdpm.progress import Progress
+
+_DESCRIPTION = """\
+Time that wdpm and Mitsuba 3's path tracer take to errors of the whole image, both
+warm, at the size of each scene's reference. wdpm: the fastest of a fixed grid of
+settings, the same for all scenes. Mitsuba: measured at some numbers of samples,
+and error = a / samples between and beyond. LLVM's library: see wdpm bench mitsuba
+--help. CPU time is that of all threads: what else runs hardly changes it."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add its options."""
+    parser.add_argument("scenes", nargs="+", type=Path, metavar="SCENE.xml", help="Mitsuba scenes")
+    parser.add_argument(
+        "--reference", type=Path, metavar="FILE", help="of a single scene (default: reference.exr beside each scene)"
+    )
+    parser.add_argument(
+        "--errors",
+        type=relative_errors,
+        default=(0.05, 0.02, 0.01, 0.005),
+        metavar="E,E,...",
+        help="bounds of the relMSE (default: 0.05,0.02,0.01,0.005)",
+    )
+    parser.add_argument(
+        "--region", type=values.region, metavar="L,T,R,B", help="pixels that count (default: the whole image)"
+    )
+    parser.add_argument(
+        "--limit",
+        type=values.length,
+        default=60.0,
+        metavar="SECONDS",
+        help="try nothing that is bound to take longer (default: 60)",
+    )
+    add_counts(parser, ("--rounds", 2, "images that confirm a choice of settings"))
+    add_threads(parser, "threads of each")
+
+
+def run(args: argparse.Namespace, progress: Progress) -> Measured:
+    """Time to errors of the whole image, next to Mitsuba's."""
+    from wdpm.bench import peers as bench_peers
+    from wdpm.bench.peers_figures import Bounds
+
+    check_one_reference(args.reference, args.scenes)
+    bounds = Bounds(args.errors, args.region, args.rounds, args.limit)
+    pairs = [(scene, args.reference or bench_peers.default_reference(scene)) for scene in args.scenes]
+    for scene, reference in pairs:
+        bench_peers.check(scene, reference, bounds)
+    figures = [
+        bench_peers.measure(scene, reference, bounds, progress, threads=args.threads) for scene, reference in pairs
+    ]
+    return Measured([each.grid() for each in figures], {"peers": [each.to_dict() for each in figures]})
+
+
+BENCHMARK = Benchmark("peers", "time to an error, next to Mitsuba 3's path tracer", _DESCRIPTION, add_arguments, run)
