@@ -33,10 +33,11 @@ hard-cases: $(VENV)/.installed-test  ## run the hard cases in full and write out
 guards: $(VENV)/.installed-test  ## take each guard away in a copy, and show that its tests fail (hours)
 	$(BIN)/python tests/guards/remove_guards.py
 
-lint: $(VENV)/.installed-test  ## check style and types
+lint: $(VENV)/.installed-test  ## check style, types and directions of imports
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy -p wdpm
+	$(BIN)/lint-imports --no-cache --no-logo
 
 peers: $(VENV)/.installed-peers  ## install the renderers that wdpm is compared with
 

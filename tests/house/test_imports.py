@@ -1,0 +1,99 @@
+"""Imports run one way, without circles: the contracts in pyproject.toml hold, and each finds what breaks it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+LINT_IMPORTS = Path(sys.executable).with_name("lint-imports")
+
+WRONG = [
+    ("wings", "scenes/errors.py", "from wdpm.kernels.rays import bvh"),
+    ("wings", "scenes/errors.py", "from ..kernels.rays import bvh"),
+    ("wings", "kernels/limits.py", "from wdpm import cluster"),
+    ("wings", "cluster/batch.py", "def f():\n    from wdpm.cli.main import main"),
+    ("wings", "cluster/batch.py", "from .. import api"),
+    ("wings", "wdpm/progress.py", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from wdpm import api"),
+    ("cluster", "cluster/batch.py", "from wdpm.cluster.master import machine"),
+    ("kernels", "kernels/maths/random.py", "from wdpm.kernels.rays import bvh"),
+    ("scenes", "scenes/model/scene.py", "from wdpm.scenes.mitsuba import read"),
+    ("circles", "kernels/rays/triangle.py", "from wdpm.kernels.rays import bvh"),
+    ("scenes-alone", "scenes/errors.py", "import warp as wp"),
+    ("kernels-alone", "kernels/limits.py", "import zmq"),
+    ("kernels-and-loaders", "kernels/limits.py", "from wdpm.scenes.load import load"),
+    ("state-machines", "cluster/master/machine.py", "import time"),
+    ("no-pickle", "wdpm/values.py", "import pickle"),
+    ("one-name", "wdpm/values.py", "from kernels.rays import bvh"),
+    ("network", "cluster/session.py", "import zmq"),
+    ("wire", "wdpm/rendering/array_file.py", "import msgpack"),
+    ("image-files", "wdpm/api.py", "import imageio"),
+    ("meshes", "wdpm/api.py", "import trimesh"),
+    ("terminal", "wdpm/api.py", "def f():\n    import rich"),
+    ("warp", "wdpm/cli/main.py", "import warp"),
+    ("processes", "wdpm/api.py", "import subprocess"),
+    ("peers", "wdpm/api.py", "import scipy"),
+]
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The sources as a clone has them, for tests to spoil."""
+    folder = tmp_path_factory.mktemp("clone")
+    shutil.copy(ROOT / "pyproject.toml", folder)
+    for wing in ("scenes", "kernels", "cluster", "wdpm"):
+        shutil.copytree(ROOT / wing, folder / wing, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+    return folder
+
+
+def lint(folder: Path, *contracts: str) -> subprocess.CompletedProcess[str]:
+    """Run the linter where it can see no other wdpm; all contracts if none is named."""
+    command = [str(LINT_IMPORTS), "--no-cache", "--no-logo", *(f"--contract={name}" for name in contracts)]
+    alone = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    return subprocess.run(command, cwd=folder, env=alone, capture_output=True, text=True, check=False)
+
+
+def test_all_contracts_hold(copy: Path) -> None:
+    done = lint(copy)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(("contract", "file", "line"), WRONG)
+def test_a_wrong_import_is_found(copy: Path, contract: str, file: str, line: str) -> None:
+    path = copy / file
+    right = path.read_text()
+    path.write_text(f"{right}\n{line}\n")
+    try:
+        done = lint(copy, contract)
+    finally:
+        path.write_text(right)
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "0 kept, 1 broken" in done.stdout
+
+
+def test_a_new_folder_must_be_given_its_layer(copy: Path) -> None:
+    new = copy / "wdpm" / "attic"
+    new.mkdir()
+    (new / "__init__.py").touch()
+    try:
+        done = lint(copy, "wings")
+    finally:
+        shutil.rmtree(new)
+    assert done.returncode == 1
+    assert "wdpm.attic" in done.stdout
+
+
+def test_every_contract_is_seen_to_fail() -> None:
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    assert {contract["id"] for contract in contracts} == {name for name, _, _ in WRONG}
+
+
+def test_make_lint_holds_them() -> None:
+    lines = [line.strip() for line in (ROOT / "Makefile").read_text().split("\nlint:")[1].split("\n\n")[0].splitlines()]
+    assert any(line.startswith("$(BIN)/lint-imports") for line in lines)
