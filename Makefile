@@ -37,7 +37,7 @@ lint: $(VENV)/.installed-test  ## check style, types and directions of imports
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy -p wdpm
-	$(BIN)/lint-imports --no-cache --no-logo
+	$(BIN)/lint-imports --no-cache
 
 peers: $(VENV)/.installed-peers  ## install the renderers that wdpm is compared with
 

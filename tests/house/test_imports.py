@@ -54,7 +54,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def lint(folder: Path, *contracts: str) -> subprocess.CompletedProcess[str]:
     """Run the linter where it can see no other wdpm; all contracts if none is named."""
-    command = [str(LINT_IMPORTS), "--no-cache", "--no-logo", *(f"--contract={name}" for name in contracts)]
+    command = [str(LINT_IMPORTS), "--no-cache", *(f"--contract={name}" for name in contracts)]
     alone = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     return subprocess.run(command, cwd=folder, env=alone, capture_output=True, text=True, check=False)
 
