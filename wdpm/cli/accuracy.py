@@ -34,6 +34,16 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         epilog=_EXAMPLES,
     )
     options.add_scene_options(parser)
+    _add_sweep_options(parser)
+    options.add_setting_options(parser)
+    options.add_machine_options(parser)
+    parser.add_argument_group("cluster").add_argument(
+        "--slaves", type=values.count, metavar="N", help="slave processes of the base (default: 0)"
+    )
+    return parser
+
+
+def _add_sweep_options(parser: argparse.ArgumentParser) -> None:
     sweep = parser.add_argument_group("sweep")
     sweep.add_argument(
         "--sweep",
@@ -98,12 +108,6 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         help="no sweep: only tell, after a short pilot, what relMSE 0.1 to 0.005 would cost with --until-error",
     )
     sweep.add_argument("-q", "--quiet", action="store_true", help="show no progress")
-    options.add_setting_options(parser)
-    options.add_machine_options(parser)
-    parser.add_argument_group("cluster").add_argument(
-        "--slaves", type=values.count, metavar="N", help="slave processes of the base (default: 0)"
-    )
-    return parser
 
 
 def run(args: argparse.Namespace) -> int:
