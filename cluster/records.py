@@ -148,7 +148,7 @@ def take_near(records: Records, boxes: Sequence[tuple[NDArray[np.float32], NDArr
     reaches = np.zeros(len(records), np.bool_)
     for low, high in boxes:
         outside = np.maximum(np.maximum(low - records.position, records.position - high), 0.0).astype(np.float64)
-        # The comparison is generous by a share of 2^-18, as the boxes of irradiance_tree are.
+        # The comparison is generous by a share of 2^-18, as the boxes of kernels/irradiance/record_tree.py are.
         reach = records.radius.astype(np.float64) * (1.0 + 2.0**-18)
         reaches |= (outside**2).sum(axis=1) <= reach**2
     return Records(*(getattr(records, field.name)[reaches] for field in fields(Records)))

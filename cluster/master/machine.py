@@ -1,7 +1,7 @@
 """The master as a state machine: events in, instructions out. It touches no socket and no clock.
 
 It welcomes slaves, notices those that are lost, and lets what remains through to the phases of a session
-(master_phases). In this version a slave that is lost ends the cluster.
+(phases.py). In this version a slave that is lost ends the cluster.
 """
 
 from __future__ import annotations

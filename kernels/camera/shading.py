@@ -5,7 +5,7 @@ query for photons where there is a diffuse part; and one ray that goes on (surfa
 is told by `diffuse_light` (DiffuseLight):
 
 * BY_MAP: it is never traced on. Photons are gathered where the camera path meets it, and the ray goes on by the glossy
-  part, so each light path is counted once (photon_paths: which photons are stored).
+  part, so each light path is counted once (photons/paths.py: which photons are stored).
 * BY_PATHS: it is traced on like the glossy part, one of the two at each vertex, and no photon is asked: path tracing.
   Media scatter paths too (medium_vertices).
 * BY_FINAL_GATHER: it is traced on once. Where such a ray arrives, the photon map is read, which then holds photons of

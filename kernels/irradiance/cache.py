@@ -11,7 +11,7 @@ the place of the test of Ward, Rubinstein & Clear 1988 whether a record lies in 
 record is left out as it leaves the tangent plane to either side. On a sphere h is 0 however far the record, so curved
 surfaces lose nothing; and W is that of gathers (constants.FLATTENING).
 
-With the derivatives of irradiance_records.py,
+With the derivatives of records.py,
 
     E(x, n) = sum of w_i max(0, E_i + rotation_i (n - n_i) + translation_i (x - x_i)) / sum of w_i.
 

@@ -41,7 +41,7 @@ def start_record_rays(
     """Start the rays of all records, one an item: ray j of record i is item i * rays + j, which is its slot too.
 
     Args:
-        direction, distance: irradiance_records.record_directions; a ray that is not shot carries nothing.
+        direction, distance: records.record_directions; a ray that is not shot carries nothing.
         rays: of each record.
         first_sample: sample number of each record's first ray.
         medium: that all sites are seen through, -1 for none.

@@ -2,7 +2,7 @@
 
 Records lie in the order of a kd-tree, eight to a leaf; each node above has eight children, and the boxes of what their
 records reach. The tree is complete, so there are no pointers: the children of node i are nodes 8 i + 1 .. 8 i + 8.
-What an interpolation returns never depends on this shape (see irradiance_cache.py).
+What an interpolation returns never depends on this shape (see cache.py).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 LEAF_ROWS = wp.constant(7)  # position x, y, z, normal x, y, z, 1 / radius² of the eight records
 
 MAX_RECORDS = 8**8
-"""Records of a cache, at most: seven levels of inner nodes (irradiance_cache.STACK_CAPACITY)."""
+"""Records of a cache, at most: seven levels of inner nodes (cache.STACK_CAPACITY)."""
 
 BOX_SHARE = 2.0**-18
 """Growth of a record's box, as a share of its radius: |x - x_i|² / R_i² is off by less than 8 roundings of 2^-24."""
@@ -55,7 +55,7 @@ def build(records: Arrays, device: str = "cpu") -> Any:
     Args:
         records: arrays of N: "number", integers unique among all records of the view; "position"; "normal", the
             shading normal, unit; "radius" > 0; "irradiance" [N, 3]; "rotation", "translation" [N, 3, 3] as of
-            irradiance_records.make_records.
+            records.make_records.
 
     Returns:
         IrradianceCache.

@@ -1,6 +1,6 @@
 """Light that arrives straight from a light at a place: sampled, with its density, and the density for any direction.
 
-An element is chosen by what it may send to the place (light_tree), and a point on it (light_choice). The densities are
+An element is chosen by what it may send to the place (tree.py), and a point on it (choice.py). The densities are
 those of solid angle about the place, and contain the chance of the element, so that directions found by other means
 can be weighted against them (multiple importance sampling).
 """

@@ -1,4 +1,4 @@
-"""All lights on a device, and what the choices among them have in common: light_choice, for a place; emission.
+"""All lights on a device, and what the choices among them have in common: choice.py, for a place; emission.py.
 
 Elements are numbered glowing triangles first, then delta lights, those infinitely far away last, then the environment:
 scenes.flat.light_table.

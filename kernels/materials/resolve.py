@@ -60,7 +60,7 @@ class Resolved:
         s, t, n: orthonormal axes of the leaf's frame; n is its shading normal. The frame is left-handed where it is the
             mirror image of a front's.
         unbent: the shading normal before bump and normal maps, on the side of n.
-        bumps2: squared roughness of the bumps that bend it, 0 without any: for shading_frames.bump_shadowing.
+        bumps2: squared roughness of the bumps that bend it, 0 without any: for frames.bump_shadowing.
     """
 
     bsdf: Bsdf

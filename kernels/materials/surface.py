@@ -51,7 +51,7 @@ class Surface:
         material: the root of its material tree.
         emitter: -1 where nothing is emitted.
         unbent: the shading normal before maps bent it, on the side of n; bumps2: how strongly, 0 for not at all
-            (shading_frames.bend_roughness2).
+            (frames.bend_roughness2).
     """
 
     position: wp.vec3
@@ -171,7 +171,7 @@ def to_world(s: Surface, local: wp.vec3) -> wp.vec3:
 
 @wp.func
 def bump_shading(s: Surface, to_light: wp.vec3) -> wp.float32:
-    """Share of light that a bent normal's own bumps let reach the surface (shading_frames.bump_shadowing)."""
+    """Share of light that a bent normal's own bumps let reach the surface (frames.bump_shadowing)."""
     share = wp.float32(1.0)
     if s.bumps2 > 0.0:
         share = bump_shadowing(s.bumps2, wp.dot(s.unbent, to_light))

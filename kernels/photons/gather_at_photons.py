@@ -1,4 +1,4 @@
-"""The irradiance at photons of a map, for places that read it at the nearest of some of them (irradiance_points).
+"""The irradiance at photons of a map, for places that read it at the nearest of some of them (at_photons.py).
 
 At a place that is no photon, k photons nearer than the (k + 1)-th are k / area (gather.py). A photon finds itself as
 well, whatever the density is. How much too bright that makes what a place reads depends on how the place came to it.

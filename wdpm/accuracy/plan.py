@@ -132,7 +132,7 @@ def default_sweeps(base: RenderSettings, factors: Sequence[float], idle: Mapping
 
     Args:
         factors: one of SPREADS.
-        idle: knobs that change nothing (accuracy_uses), by name, with the reason.
+        idle: knobs that change nothing (uses.py), by name, with the reason.
     """
     wide = len(factors) > 2
     milder = [factor**0.5 for factor in factors]

@@ -101,7 +101,7 @@ class Accuracy:
         seeds: of each point.
         reference: where it is from, in words.
         reference_noise: of its own, as relMSE; None if it is not known.
-        clock: what counts as the time of a point, of accuracy_knobs.CLOCKS.
+        clock: what counts as the time of a point, of knobs.CLOCKS.
         compile_seconds: spent on kernels, apart from all points.
         trim: share of the pixels that was left out of all errors.
         worst: share of the base's relMSE that the WORST share of its pixels makes up, before any is left out.
@@ -155,7 +155,7 @@ def figures_of(
 
     Args:
         command: renders a point.
-        clock: one of accuracy_knobs.CLOCKS.
+        clock: one of knobs.CLOCKS.
         trim: share of the pixels to leave out of all errors (kept_pixels).
 
     Raises:

@@ -93,7 +93,7 @@ def measure(
 def measure_nearest_point(
     point_count: int = 60_000, reach: float = 0.05, resolution: int = 200, rounds: int = 5, seed: int = 0
 ) -> list[Row]:
-    """Times the reading of irradiance at the nearest point (irradiance_points.py) against scipy's cKDTree.
+    """Times the reading of irradiance at the nearest point (kernels/irradiance/at_photons.py) against scipy's cKDTree.
 
     Ours also tests normals and reads what is stored at the point. Arguments as for `measure`, but
 

@@ -1,7 +1,7 @@
 """What the benchmarks have in common: tables for people, JSON for programs, and the machine in words.
 
-Each benchmark is a file of its own, bench_<name>.py. All measure ratios in one run, because a time alone says more
-about the machine and what else runs on it.
+Each benchmark measures in files of its own in this folder; its options are in commands/. All measure ratios in one run,
+because a time alone says more about the machine and what else runs on it.
 """
 
 from __future__ import annotations
@@ -11,14 +11,11 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from wdpm.cluster.settings import RenderSettings
 from wdpm.images.files import check_apart, check_output_path, write_bytes
 from wdpm.report.grid import Grid, machine, machine_in_words
-
-if TYPE_CHECKING:
-    pass
 
 
 def check_outputs(json_file: Path | None, markdown_file: Path | None) -> None:

@@ -1,9 +1,9 @@
 """`wdpm bench peers`: time to an error, of wdpm and of Mitsuba 3's path tracer, in one run.
 
-wdpm: every member of a fixed grid of settings (bench_peers_grid) is rendered once. From these follows, for each error,
-which settings and how many samples should reach it in the least time (bench_peers_guess); that is rendered with other
+wdpm: every member of a fixed grid of settings (peers_grid.py) is rendered once. From these follows, for each error,
+which settings and how many samples should reach it in the least time (peers_guess.py); that is rendered with other
 seeds, and the figures are of these renders alone: a render that was lucky is not what is shown. They go by turns with
-renders of Mitsuba that take about as long, which set its speed; how many samples it needs is bench_peers_law. Both are
+renders of Mitsuba that take about as long, which set its speed; how many samples it needs is in peers_law.py. Both are
 warm, with the same longest path.
 """
 

@@ -9,7 +9,7 @@ half, so that it is not hidden until both halves have seen such samples. That er
 rare, by a factor of up to two. A pixel that is far brighter than all around it is divided by the brightest of these,
 unless both halves have seen it so: then it is no chance, but a lamp as small as the pixel.
 
-**Bias**, from a witness: two independent path-traced images a and b of fewer pixels (until_witness), which are noisy
+**Bias**, from a witness: two independent path-traced images a and b of fewer pixels (witness.py), which are noisy
 but not biased. For the mean image x, (x - a)(x - b) is on average exactly x's squared error, whatever causes it, since
 the noise of a and that of b are independent of each other. What noise does not explain of it is bias. Where caustics
 are seen, paths find their light too rarely to bear witness; there, and where there is no witness, bias is told by how

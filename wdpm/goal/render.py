@@ -88,7 +88,7 @@ def render_until(
         Others are as of PassRenderer.
 
     Returns:
-        The image; its metadata has what came of it as `asked` (until_outcome.Outcome.to_dict).
+        The image; its metadata has what came of it as `asked` (goal.outcome.Outcome.to_dict).
 
     Raises:
         SceneError, SettingsError, ClusterError: see their messages.

@@ -44,7 +44,7 @@ class Trial:
         pass_noise: weighted mean square of one pass that samples do not lessen.
         sample_noise: the same that is divided by the number of samples.
         record_cost: of pass_cost, the irradiance records of a pass of one sample.
-        rare: by how much the estimate of two samples' noise (until_gauge) lies above the above, for fear of rare
+        rare: by how much the estimate of two samples' noise (gauge.py) lies above the above, for fear of rare
             bright ones.
         bias: the squared bias of a pass of the first radius, at most: the upper end of its interval.
         likely_bias: the same, as estimated, at least 0. Far below `bias` where the noise of so few samples hides it.

@@ -235,7 +235,7 @@ class Report:
         passes: of a render in several: all figures above are of all of them together.
         error: what these tell about the error of the image.
         asked: of a render that was asked for an error or a time: what that was, what is estimated, and whether it was
-            reached (until_outcome.Outcome.to_dict).
+            reached (goal.outcome.Outcome.to_dict).
         settings: the settings of the render; versions: of wdpm and the packages that its bits depend on.
     """
 
