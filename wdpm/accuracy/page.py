@@ -1,4 +1,9 @@
-"""The page of a sweep: one HTML file that needs nothing else, in light and dark, on a desk and on a phone."""
+"""The page of a sweep: one HTML file that needs nothing else, in light and dark, on a desk and on a phone.
+
+No templates: there is one page, and its sections are functions of the sweep, which the type checker follows into what
+they say. What comes from files or the command line is escaped where it enters. An engine such as jinja2 would be one
+more package to install, for little markup.
+"""
 
 from __future__ import annotations
 

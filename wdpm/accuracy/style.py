@@ -1,4 +1,7 @@
-"""The looks of the page of a sweep, as CSS: light and dark, one column on a phone."""
+"""The looks of the page of a sweep, as CSS: light and dark, one column on a phone.
+
+A string and not a file of its own, since the page carries it within: a page that is moved or mailed keeps its looks.
+"""
 
 STYLE = """
 :root {

@@ -1,4 +1,7 @@
-"""The plot of `wdpm bench indirect`: a panel a scene, a line for each way and number of photons, as one SVG file."""
+"""The plot of `wdpm bench indirect`: a panel a scene, a line for each way and number of photons, as one SVG file.
+
+By hand for the reasons that wdpm/report/svg.py gives.
+"""
 
 from __future__ import annotations
 
