@@ -9,55 +9,31 @@ from typing import Any
 import numpy as np
 from beams import parallel
 from case import HardCase, Run
+from means import mean_of
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 from optics import beckmann_albedo, fresnel, masking, slab_transmission
-from rooms import GREY, ball, box, glowing_box, lit_room, quad, scene, view
+from rooms import ball, box, glowing_box, lit_room, quad, scene, view
+from walls import NO_MAPS, slanted, square, under_sky
 
-from wdpm.images.image import Image
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.model.bsdfs import (
     WHITE,
-    Bsdf,
     Conductor,
     Dielectric,
     Diffuse,
-    NormalMap,
     Plastic,
     Principled,
     ThinDielectric,
-    TwoSided,
 )
-from wdpm.scenes.model.lights import Environment, PointLight, SpotLight
-from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene, diffuse
+from wdpm.scenes.model.lights import PointLight, SpotLight
+from wdpm.scenes.model.scene import Material, diffuse
 from wdpm.scenes.model.textures import Bitmap, Interpolation
 from wdpm.scenes.model.transforms import look_at
 
 Array = NDArray[np.float64]
-SKY = Environment("sky", np.ones((1, 1, 3), np.float32))
-NO_MAPS = {"photons": 0, "caustic_photons": 0}
 LARGE = 2.0**100
 """1.27e30."""
-
-
-def mean(pixels: NDArray[np.float32]) -> Array:
-    return np.asarray(pixels.mean(axis=(0, 1), dtype=np.float64))
-
-
-def square(material: int = 1, half: float = 1.0) -> Mesh:
-    """In the plane z = 0; it faces -z."""
-    return quad((-half, -half, 0), (0, 2 * half, 0), (2 * half, 0, 0), material)
-
-
-def under_sky(bsdf: Bsdf, thing: Mesh, camera: Camera) -> Scene:
-    """A thing alone under a sky of radiance 1."""
-    return scene([replace(thing, material=0)], camera, [Material("thing", bsdf)], [SKY])
-
-
-def slanted(cosine: float, half: float = 0.05, size: int = 8) -> Camera:
-    """Parallel rays that meet the plane z = 0 at this cosine."""
-    eye = np.array([sqrt(1 - cosine * cosine), 0.0, -cosine])
-    return parallel(2 * eye, (0, 0, 0), half, size, up=(0, 1, 0))
 
 
 # Albedo
@@ -84,7 +60,7 @@ def glowing_walls(run: Run) -> None:
         # A path stores 1 / (1 - albedo) photons in the mean, and its length is as noisy as that.
         noise = albedo / sqrt(photons * (1 - albedo))
         run.check_share(
-            f"radiance at albedo {albedo}", mean(image.pixels), np.full(3, 1 / (1 - albedo)), 0.01 + 3 * noise
+            f"radiance at albedo {albedo}", mean_of(image.pixels), np.full(3, 1 / (1 - albedo)), 0.01 + 3 * noise
         )
 
 
@@ -100,7 +76,10 @@ def rough_metals(run: Run) -> None:
             what = under_sky(Conductor(alpha_u=alpha, alpha_v=alpha), square(), slanted(cosine))
             image = run.render(what, cells=1 if cosine == 1.0 else 4, spp=spp, **NO_MAPS)
             run.check_share(
-                f"alpha {alpha:g}, cosine {cosine}", mean(image.pixels), np.full(3, albedo), 0.005 if run.full else 0.02
+                f"alpha {alpha:g}, cosine {cosine}",
+                mean_of(image.pixels),
+                np.full(3, albedo),
+                0.005 if run.full else 0.02,
             )
 
 
@@ -116,7 +95,7 @@ def nearly_smooth(run: Run) -> None:
         images = []
         for alpha in (0.0, 1e-8, 1e-3):
             what = scene([lamp, square()], camera, [diffuse("black", (0, 0, 0)), Material(name, bsdf(alpha))])
-            images.append(mean(run.render(what, cells=1, spp=256 if run.full else 64, **NO_MAPS).pixels)[0])
+            images.append(mean_of(run.render(what, cells=1, spp=256 if run.full else 64, **NO_MAPS).pixels)[0])
         run.check_share(f"{name}, 1e-8 against 0", images[1], images[0], 0.01)
         run.check_share(f"{name}, 1e-3 against 0", images[2], images[0], 0.03)
         run.demand(f"{name} shows the lamp", images[0] > 0.01, f"{images[0]:.4g}", "above 0.01")
@@ -138,7 +117,7 @@ def white_things(run: Run) -> None:
             spp=1024 if run.full else 64,
             **NO_MAPS,
         )
-        run.check_share(name, mean(image.pixels), np.ones(3), 0.005 if run.full else 0.02)
+        run.check_share(name, mean_of(image.pixels), np.ones(3), 0.005 if run.full else 0.02)
 
 
 def rough_plastic(run: Run) -> None:
@@ -162,7 +141,7 @@ def rough_plastic(run: Run) -> None:
             image = run.render(what, cells=1, spp=1024 if run.full else 256, **NO_MAPS)
             reflected = float(fresnel(cosine, eta))
             expected = np.full(3, reflected + (1 - reflected) * kept)
-            run.check_share(f"alpha {alpha:g}, cosine {cosine}", mean(image.pixels), expected, 0.002)
+            run.check_share(f"alpha {alpha:g}, cosine {cosine}", mean_of(image.pixels), expected, 0.002)
 
 
 # Refraction
@@ -185,7 +164,7 @@ def indices(run: Run) -> None:
             # A sample is the lamp or nothing.
             run.check_share(
                 f"{name} of index {eta:.8g}",
-                mean(image.pixels),
+                mean_of(image.pixels),
                 np.full(3, share),
                 1e-6 if abs(eta - 1) < 1e-3 else 0.02,
             )
@@ -220,7 +199,7 @@ def critical_angle(run: Run) -> None:
         image = run.render(what, cells=1 if abs(away) < 1e-2 else 4, spp=1024 if run.full else 256, **NO_MAPS)
         # Directions are float32: 2e-7 of angle to either side.
         bounds = [float(r + (1 - r) * eta**2) for r in (fresnel(cos(angle + d), 1 / eta) for d in (-2e-7, 2e-7))]
-        seen = mean(image.pixels)[0]
+        seen = mean_of(image.pixels)[0]
         noise = 4 * (eta**2 - 1) * 0.5 / sqrt(64 * (1024 if run.full else 256))
         run.demand(
             f"critical angle {away:+g}",
@@ -231,74 +210,6 @@ def critical_angle(run: Run) -> None:
 
 
 # Normals
-
-
-def leaning(angle: float, material: int = 0) -> Mesh:
-    """The square at z = 0 that faces -z, with vertex normals that lean by an angle [degrees]."""
-    a = radians(angle)
-    normal = np.array([sin(a), 0.0, -cos(a)])
-    return replace(square(material), normals=np.tile(normal, (4, 1)))
-
-
-def leaning_normals(run: Run) -> None:
-    """A white wall whose normals lean by a under an even sky: without the lune below it, (1 + cos a) / 2 is left."""
-    for angle in (0.0, 30.0, 60.0, 89.0):
-        what = under_sky(Diffuse(WHITE), leaning(angle), parallel((0, 0, -1), (0, 0, 0), 0.1, 8, up=(0, 1, 0)))
-        image = run.render(what, spp=1024 if run.full else 256, **NO_MAPS)
-        run.check_share(
-            f"leaning by {angle:g} degrees", mean(image.pixels), np.full(3, (1 + cos(radians(angle))) / 2), 0.01
-        )
-    for angle in (91.0, 120.0, 180.0):
-        # The front is the side that the normals are on: this one is seen from behind.
-        what = under_sky(Diffuse(WHITE), leaning(angle), parallel((0, 0, -1), (0, 0, 0), 0.1, 8, up=(0, 1, 0)))
-        run.check(f"leaning by {angle:g} degrees", run.render(what, cells=1, spp=4, **NO_MAPS).pixels, 0.0, 0.0)
-
-
-def wild_normals(run: Run) -> None:
-    """A closed room of random normals, one of them against two others, and a bright lamp outside: black inside."""
-    rng = np.random.default_rng(6)
-    room = box(inside=True)
-    flat = np.cross(*(room.vertices[room.faces[:, i]] - room.vertices[room.faces[:, 0]] for i in (1, 2)))
-    flat /= np.linalg.norm(flat, axis=1, keepdims=True)
-    vertices = room.vertices[room.faces].reshape(-1, 3)
-    outside = PointLight("outside", (0.0, 3.0, 0.3), (1e6, 1e6, 1e6))
-    for name, spread in (("up to 60 degrees", 1.0), ("anyhow", 30.0)):
-        normals = np.repeat(flat, 3, axis=0) + spread * rng.normal(size=vertices.shape)
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        soup = Mesh("room", vertices, np.arange(36).reshape(-1, 3), normals, None, 0)
-        for bsdf in (TwoSided(Diffuse(WHITE)), Conductor(), TwoSided(Plastic(WHITE, alpha=0.1))):
-            what = scene([soup], view((0.1, 0.2, -0.3), (0.4, -0.3, 1.0), 90), [Material("wall", bsdf)], [outside])
-            image = run.render(what, photons=500, caustic_photons=500, spp=4)
-            run.check(f"{type(bsdf).__name__}, normals {name}", image.pixels, 0.0, 0.0)
-
-
-def maps_without_length(run: Run) -> None:
-    """Normal maps of length zero, and near it, leave the normal as it is."""
-    lamp = PointLight("lamp", (0.3, 0.4, -1.0), (3.0, 2.0, 1.0))
-    camera = parallel((0, 0, -1), (0, 0, 0), 0.5, 8, up=(0, 1, 0))
-
-    def seen(bsdf: Bsdf, cells: int = 1) -> Image:
-        return run.render(scene([square(0)], camera, [Material("wall", bsdf)], [lamp]), cells=cells, spp=4, **NO_MAPS)
-
-    plain = seen(Diffuse(GREY))
-    none = Bitmap("none", np.full((2, 2, 3), 0.5, np.float32))
-    run.check("direct light, zero", seen(NormalMap(Diffuse(GREY), none), 4).pixels, plain.pixels, 1e-6)
-    rounding = Bitmap("rounding", np.tile(np.array((0.5, 0.5 + 2.0**-24, 0.5), np.float32), (2, 2, 1)))
-    bright = seen(NormalMap(Diffuse(GREY), rounding), 4).pixels
-    run.demand("no brighter than facing the lamp", bool((bright <= 1.5 * plain.pixels.max()).all()))
-    half = np.tile(np.array((0.5, 0.5, 0.75), np.float32), (2, 2, 1))  # (0, 0, 0.5): straight, of half length
-    run.check(
-        "direct light, half length", seen(NormalMap(Diffuse(GREY), Bitmap("half", half))).pixels, plain.pixels, 1e-6
-    )
-    rng = np.random.default_rng(2)
-    wild = Bitmap("noise", rng.random((16, 16, 3)).astype(np.float32), interpolation=Interpolation.NEAREST)
-    image = run.render(under_sky(NormalMap(Diffuse(WHITE), wild), square(), slanted(0.7, 0.5)), spp=256, **NO_MAPS)
-    run.demand(
-        "no more than the sky, of any normals",
-        float(image.pixels.max()) < 1.0 + 0.3,
-        f"{image.pixels.max():.4f}",
-        "1 and noise",
-    )
 
 
 # Values
@@ -338,7 +249,7 @@ def faint_reflectance(run: Run) -> None:
         run.demand(f"{name} reflects something", float(images[1].max()) > 0, f"{images[1].max():.3g}", "above 0")
         run.check_share(name, images[1] * LARGE, images[0], 1e-6)
     image = run.render(glowing_box((2.0**-100,) * 3), photons=2000, spp=4)
-    run.check_share("a closed box of it", mean(image.pixels), np.ones(3), 1e-5)
+    run.check_share("a closed box of it", mean_of(image.pixels), np.ones(3), 1e-5)
 
 
 def huge_reflectance(run: Run) -> None:
@@ -394,7 +305,7 @@ def rough_caustics(run: Run) -> None:
                 caustic_photons=100_000 if run.full else 4_000,
                 spp=32 if run.full else 16,
             )
-            total += mean(image.layers["caustic"]) * pi / albedo * (2 * half) ** 2
+            total += mean_of(image.layers["caustic"]) * pi / albedo * (2 * half) ** 2
         run.check_share(f"{name}: flux on all walls", total, share * power, 0.01 if run.full else 0.03)
 
 
@@ -418,7 +329,7 @@ def tiny_lamp(run: Run) -> None:
     )
     seeds = range(16 if run.full else 4)
     image = np.mean(
-        [mean(run.render(what, cells=4 if s == 0 else 1, seed=s, spp=64, **NO_MAPS).pixels)[0] for s in seeds]
+        [mean_of(run.render(what, cells=4 if s == 0 else 1, seed=s, spp=64, **NO_MAPS).pixels)[0] for s in seeds]
     )
     h = (w + to_lamp) / np.linalg.norm(w + to_lamp)
     c2 = h[2] ** 2
@@ -434,7 +345,7 @@ def glass_in_a_furnace(run: Run) -> None:
     photons = 40_000 if run.full else 8_000
     what = replace(room, meshes=(*room.meshes, ball(0.5, (0.3, -0.1, 0.4), 1, 48)), materials=(*room.materials, glass))
     image = run.render(what, photons=photons, caustic_photons=photons, spp=256 if run.full else 32)
-    run.check_share("radiance", mean(image.pixels), np.full(3, 2.0), 0.015 if run.full else 0.04)
+    run.check_share("radiance", mean_of(image.pixels), np.full(3, 2.0), 0.015 if run.full else 0.04)
 
 
 CASES = (
@@ -510,30 +421,6 @@ CASES = (
         expected="R + (1 - R) n² by Fresnel's formula; 1 beyond",
         tolerance="2e-7 of angle, as directions are float32, and 4 deviations of noise",
         measure=critical_angle,
-    ),
-    HardCase(
-        name="leaning normals",
-        section=6,
-        shows="a white wall whose normals lean by 0 to 180 degrees",
-        expected="(1 + cos a) / 2 up to 90 degrees; black beyond, as seen from behind",
-        tolerance="1 %: noise of light samples",
-        measure=leaning_normals,
-    ),
-    HardCase(
-        name="wild normals",
-        section=6,
-        shows="a closed room whose interpolated normals point anywhere, and a lamp outside",
-        expected="black",
-        tolerance="none",
-        measure=wild_normals,
-    ),
-    HardCase(
-        name="normal maps of no length",
-        section=6,
-        shows="normal maps of (0, 0, 0), of half length and of random values",
-        expected="as without the map; no more light than the sky has",
-        tolerance="1e-6; 30 % in single pixels of random normals: noise",
-        measure=maps_without_length,
     ),
     HardCase(
         name="radiance of 1e30 and 1e-30",

@@ -5,8 +5,6 @@
     python tests/hard_cases/run.py --small --only T-junctions   # cases whose names contain a text
     python tests/hard_cases/run.py --only watertight --rays 1e9
 
-The page is a table, written without a template engine: nothing has to be installed for it.
-
 Exit code 0 if all cases pass but those that say why they cannot, else 1; 2 if no case has such a name.
 """
 

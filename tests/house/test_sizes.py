@@ -22,21 +22,14 @@ PARAMETERS = 12
 """Not counted in kernels/, nor for Warp's kernels elsewhere, whose parameters are the arrays of a launch."""
 
 # What is larger still. These lists only shrink.
-LARGE_FOLDERS = {"tests/analytic", "tests/property"}
-LARGE_FILES = {
-    "tests/bench/test_bench.py",
-    "tests/hard_cases/hard_geometry.py",
-    "tests/hard_cases/hard_materials.py",
-    "tests/hard_cases/hard_photons.py",
-    "tests/property/test_traversal.py",
-}
+LARGE_FOLDERS: set[str] = set()
+LARGE_FILES: set[str] = {"tests/bench/test_bench.py"}
 LONG_FUNCTIONS = {
     "kernels/camera/shading.py::make_shading",
     "kernels/lights/direct.py::make_direct",
     "kernels/lights/emission.py::make_emission",
     "kernels/photons/paths.py::make_trace_photons",
     "kernels/photons/paths.py::trace_photons",
-    "tests/hard_cases/hard_gather.py::_cases",
 }
 MANY_PARAMETERS = {"wdpm/api.py::render", "wdpm/rendering/passes.py::render_in_passes"}
 
@@ -55,12 +48,10 @@ class Function:
         """How many lines it may have."""
         return KERNEL_LINES if self.name.startswith("kernels/") else FUNCTION_LINES
 
-
 def sources(root: Path) -> list[Path]:
     """Every Python file, each once: the links in wdpm/ lead to folders that are listed themselves."""
     files = [path for wing in WINGS for path in (root / wing).rglob("*.py")]
     return sorted(path for path in files if not any(parent.is_symlink() for parent in path.parents))
-
 
 def functions(root: Path, path: Path) -> Iterator[Function]:
     """Every function of a file, methods and inner ones included."""
@@ -77,25 +68,20 @@ def functions(root: Path, path: Path) -> Iterator[Function]:
                 any("wp.kernel" in ast.unparse(decorator) for decorator in node.decorator_list),
             )
 
-
 def large_folders(root: Path) -> set[str]:
     counts = Counter(path.parent for path in sources(root) if path.name != "__init__.py")
     return {folder.relative_to(root).as_posix() for folder, count in counts.items() if count > FOLDER_MODULES}
-
 
 def large_files(root: Path) -> set[str]:
     return {
         path.relative_to(root).as_posix() for path in sources(root) if len(path.read_text().splitlines()) > FILE_LINES
     }
 
-
 def every_function(root: Path) -> list[Function]:
     return [each for path in sources(root) for each in functions(root, path)]
 
-
 def long_functions(every: list[Function]) -> set[str]:
     return {each.name for each in every if each.lines > each.longest}
-
 
 def many_parameters(every: list[Function]) -> set[str]:
     return {
@@ -104,28 +90,22 @@ def many_parameters(every: list[Function]) -> set[str]:
         if each.parameters > PARAMETERS and not each.is_kernel and not each.name.startswith("kernels/")
     }
 
-
 @pytest.fixture(scope="module")
 def house() -> list[Function]:
     """Every function of wdpm, its tests and its documentation's programs."""
     return every_function(ROOT)
 
-
 def test_no_folder_has_too_many_modules() -> None:
     assert large_folders(ROOT) - LARGE_FOLDERS == set()
-
 
 def test_no_file_is_too_long() -> None:
     assert large_files(ROOT) - LARGE_FILES == set()
 
-
 def test_no_function_is_too_long(house: list[Function]) -> None:
     assert long_functions(house) - LONG_FUNCTIONS == set()
 
-
 def test_no_function_has_too_many_parameters(house: list[Function]) -> None:
     assert many_parameters(house) - MANY_PARAMETERS == set()
-
 
 @pytest.fixture
 def tree(tmp_path: Path) -> Path:
@@ -142,12 +122,10 @@ def tree(tmp_path: Path) -> Path:
     (tmp_path / "wdpm" / "__init__.py").touch()
     return tmp_path
 
-
 def test_what_is_within_the_limits_passes(tree: Path) -> None:
     every = every_function(tree)
     assert len(every) == 2
     assert (large_folders(tree), large_files(tree), long_functions(every), many_parameters(every)) == (set(),) * 4
-
 
 def test_one_more_of_each_is_found(tree: Path) -> None:
     (tree / "wdpm" / "one_more.py").touch()
