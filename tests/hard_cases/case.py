@@ -217,6 +217,16 @@ def imbalance(image: Image) -> float:
     return abs(missing) / energy["emitted"] if energy["emitted"] > 0 else abs(missing)
 
 
+def mean(image: Image, layer: str) -> NDArray[np.float64]:
+    """Of a layer, per channel."""
+    return np.asarray(image.layers[layer].mean(axis=(0, 1), dtype=np.float64))
+
+
+def mean_of(pixels: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Of an image, per channel."""
+    return np.asarray(pixels.mean(axis=(0, 1), dtype=np.float64))
+
+
 def _figures(values: NDArray[np.float64]) -> str:
     """Six digits; of many numbers the least and the largest."""
     flat = values.reshape(-1)

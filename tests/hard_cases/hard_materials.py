@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 from beams import parallel
-from case import HardCase, Run
-from means import mean_of
+from case import HardCase, Run, mean_of
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 from optics import beckmann_albedo, fresnel, masking, slab_transmission

@@ -7,8 +7,7 @@ from math import cos, radians, sin
 
 import numpy as np
 from beams import parallel
-from case import HardCase, Run
-from means import mean_of
+from case import HardCase, Run, mean_of
 from rooms import GREY, box, scene, view
 from walls import NO_MAPS, slanted, square, under_sky
 

@@ -9,8 +9,7 @@ from unittest.mock import patch
 import numpy as np
 import warp as wp
 from beams import ALBEDO, INTENSITY, POWER, SCREEN_AREA, beam, mirrored_beam, on_screen, parallel, screen
-from case import HardCase, Run
-from means import mean, mean_of
+from case import HardCase, Run, mean, mean_of
 from numpy.typing import NDArray
 from rooms import GREY, box, lit_room, quad, scene, triangles, view
 

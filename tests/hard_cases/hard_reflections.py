@@ -6,8 +6,7 @@ from math import pi
 
 import numpy as np
 from beams import ALBEDO, INTENSITY, POWER, SCREEN_AREA, beam, parallel, pilot_of, screen
-from case import HardCase, Run
-from means import mean
+from case import HardCase, Run, mean
 from numpy.typing import NDArray
 from rooms import GREY, box, glowing_box, quad, scene, view
 
