@@ -1,7 +1,7 @@
 """What travels between workers: ray batches towards cells, results towards homes.
 
-A batch is a set of equally long arrays with names. Its kind says which; `SCHEMAS` is the one list of them, and the
-wire checks against it.
+A batch is a set of equally long arrays with names. Its kind says which: `SCHEMAS` names the table of fields of each
+(kernels.ray_fields), and the wire checks against it.
 """
 
 from __future__ import annotations
@@ -9,11 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.kernels import ray_fields as fields
+from wdpm.kernels.fields import Fields, chosen
 from wdpm.scenes.errors import ProtocolError
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -68,111 +70,29 @@ class Kind(Enum):
 
 TO_HOME = frozenset({Kind.PROBED, Kind.SAMPLES, Kind.LIT, Kind.SITES, Kind.ENDED})
 
-Schema = dict[str, tuple[str, tuple[int, ...]]]
-"""Name of an array -> its dtype, little-endian, and the shape of one item."""
-
-_RAY: Schema = {
-    "slot": ("<i4", ()),  # where the home wants the result
-    "pixel": ("<i4", ()),  # counted row by row
-    "sample": ("<i4", ()),  # of the pixel
-}
-
-_HIT: Schema = {
-    "t": ("<f4", ()),  # in units of the direction's length
-    "prim": ("<i4", ()),  # global triangle number, -1 for none yet
-    "u": ("<f4", ()),
-    "v": ("<f4", ()),
-    "owner": ("<i4", ()),  # the cell that contains the hit point
-}
-
-_PATH: Schema = {
-    **_RAY,
-    "bounce": ("<i4", ()),  # vertices before, those that light goes straight through included
-    "edges": ("<i4", ()),  # of the path so far, straight passages not counted
-    "diffuse": ("<i4", ()),  # scatterings from the first diffuse one on; negative if that was in a medium
-    "medium": ("<i4", ()),  # that the ray is in, -1 for none
-    "origin": ("<f4", (3,)),
-    "direction": ("<f4", (3,)),
-    "anchor": ("<f4", (3,)),  # the last vertex that scattered
-    "throughput": ("<f4", (3,)),
-    "pdf": ("<f4", ()),  # pdf_solid_angle of the direction at the anchor; 0 for a delta
-    **_HIT,
-}
-
-_SEGMENT: Schema = {
-    "slot": ("<i4", ()),
-    "place": ("<i4", ()),  # which part of the sample it is: cluster.parts
-    "origin": ("<f4", (3,)),
-    "direction": ("<f4", (3,)),  # as long as the segment
-    "radiance": ("<f4", (3,)),
-}
-
-_PHOTON: Schema = {
-    "path": ("<i8", ()),
-    "bounce": ("<i4", ()),
-    "edges": ("<i4", ()),
-    "state": ("<i4", ()),  # which parts of surfaces scattered it: kernels.photons.flight
-    "medium": ("<i4", ()),
-    "light": ("<i4", ()),
-    "origin": ("<f4", (3,)),
-    "direction": ("<f4", (3,)),
-    "flux": ("<f4", (3,)),
-    **_HIT,
-}
-
-_STORED: Schema = {
-    "id": ("<i8", ()),
-    "edges": ("<i4", ()),  # of its path from the light
-    "front": ("<i4", ()),  # 1 where it landed on the front of the surface
-    "map": ("<i4", ()),  # kernels.photons.deposits
-    "position": ("<f4", (3,)),
-    "flux": ("<f4", (3,)),
-    "normal": ("<f4", (3,)),
-    "direction": ("<f4", (3,)),
-}
-
-SCHEMAS: dict[Kind, Schema] = {
-    Kind.CAMERA: {**_RAY, **_HIT},
-    Kind.PROBE: _RAY,
-    Kind.SHADE: {**_RAY, **_HIT},
-    Kind.PATH: _PATH,
-    Kind.SHADOW: _SEGMENT,
-    Kind.WALK: {**_SEGMENT, "medium": ("<i4", ()), **_HIT},
-    Kind.BEAM: {
-        **_SEGMENT,  # the direction has length 1, radiance is the throughput before the stretch
-        "length": ("<f4", ()),
-        "medium": ("<i4", ()),
-        "red": ("<i8", ()),
-        "green": ("<i8", ()),
-        "blue": ("<i8", ()),
-    },
-    Kind.PHOTON: _PHOTON,
-    Kind.GHOSTS: _STORED,
-    Kind.POINTS: {"map": ("<i4", ()), "position": ("<f4", (3,)), "normal": ("<f4", (3,))},
-    Kind.PROBED: {"slot": ("<i4", ()), **_HIT},
-    Kind.SAMPLES: {
-        "slot": ("<i4", ()),
-        "emission": ("<f4", (3,)),
-        "indirect": ("<f4", (3,)),
-        "depth": ("<f4", ()),
-        "normal": ("<f4", (3,)),
-        "albedo": ("<f4", (3,)),
-        "cell": ("<i4", ()),
-    },
-    Kind.LIT: {"slot": ("<i4", ()), "place": ("<i4", ()), "radiance": ("<f4", (3,))},
-    Kind.SITES: {
-        "slot": ("<i4", ()),
-        "position": ("<f4", (3,)),
-        "normal": ("<f4", (3,)),  # unit, geometric, of the seen side
-        "shading_normal": ("<f4", (3,)),
-        "footprint": ("<f4", ()),  # width of a pixel there [scene units]
-    },
+SCHEMAS: Final[dict[Kind, Fields]] = {
+    Kind.CAMERA: fields.CAMERA_RAY,
+    Kind.PROBE: fields.RAY,
+    Kind.SHADE: fields.CAMERA_RAY,
+    Kind.PATH: fields.PATH,
+    Kind.VERTEX: fields.PATH,
+    Kind.SCOUT: fields.CAMERA_RAY,
+    Kind.SITE: fields.CAMERA_RAY,
+    Kind.SHADOW: fields.SEGMENT,
+    Kind.WALK: fields.WALK,
+    Kind.PANE: fields.WALK,
+    Kind.BEAM: fields.BEAM,
+    Kind.PHOTON: fields.PHOTON,
+    Kind.LANDED: fields.PHOTON,
+    Kind.GHOSTS: fields.STORED_PHOTON,
+    Kind.POINTS: fields.SURFACE_POINT,
+    Kind.PROBED: {**chosen(fields.RAY, "slot"), **fields.HIT},
+    Kind.SAMPLES: fields.SAMPLE,
+    Kind.LIT: fields.PART,
+    Kind.SITES: fields.SITE,
     Kind.ENDED: {},
 }
-SCHEMAS[Kind.LANDED] = SCHEMAS[Kind.PHOTON]
-SCHEMAS[Kind.SCOUT] = SCHEMAS[Kind.SITE] = SCHEMAS[Kind.CAMERA]
-SCHEMAS[Kind.VERTEX] = SCHEMAS[Kind.PATH]
-SCHEMAS[Kind.PANE] = SCHEMAS[Kind.WALK]
+"""The arrays of each kind of batch, in the order in which they travel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,11 +130,11 @@ class Batch:
                 f"a {self.kind.value} batch has arrays {sorted(self.arrays)}; expected {sorted(schema)}"
             )
         count = len(self)
-        for name, (dtype, shape) in schema.items():
-            array = self.arrays[name]
-            if array.dtype != np.dtype(dtype) or array.shape != (count, *shape):
+        for name, field in schema.items():
+            array, shape = self.arrays[name], (count, *field.shape)
+            if array.dtype != np.dtype(field.dtype) or array.shape != shape:
                 raise ProtocolError(
-                    f"{self.kind.value}.{name} is {array.dtype} {array.shape}; expected {dtype} {(count, *shape)}"
+                    f"{self.kind.value}.{name} is {array.dtype} {array.shape}; expected {field.dtype} {shape}"
                 )
 
 
@@ -229,8 +149,13 @@ def concatenate(parts: Iterable[Arrays], kind: Kind) -> dict[str, NDArray[Any]]:
     """Arrays of several batches of one kind, one after another."""
     parts = list(parts)
     if not parts:
-        return {name: np.empty((0, *shape), dtype) for name, (dtype, shape) in SCHEMAS[kind].items()}
+        return zeros(kind)
     return {name: np.concatenate([part[name] for part in parts]) for name in SCHEMAS[kind]}
+
+
+def zeros(kind: Kind, count: int = 0) -> dict[str, NDArray[Any]]:
+    """Arrays of a kind of batch: `count` items of zeros."""
+    return {name: np.zeros((count, *field.shape), field.dtype) for name, field in SCHEMAS[kind].items()}
 
 
 def by_destination(destination: NDArray[np.int32], chosen: NDArray[np.bool_]) -> Iterator[tuple[int, NDArray[np.intp]]]:

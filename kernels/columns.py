@@ -1,14 +1,80 @@
-"""Structures of arrays, between numpy and a device: one array a field, all equally long."""
+"""Items as structs of Warp, and many of them as structures of arrays: one array a field, all equally long.
+
+Both are made of the same table of fields (fields.py), and so are the functions that load and store an item.
+"""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Mapping
-from typing import Any
+import linecache
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
+
+from wdpm.kernels.fields import Field, Fields
+
+_WARP_TYPES = {("<i4", ()): wp.int32, ("<i8", ()): wp.int64, ("<f4", ()): wp.float32, ("<f4", (3,)): wp.vec3}
+
+
+class FromFields:
+    """What structs are classes of that get their members from a table of fields: a type checker knows none of those."""
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any: ...
+
+        def __setattr__(self, name: str, value: Any) -> None: ...
+
+
+def item_of(fields: Fields) -> Callable[[type], wp.Struct]:
+    """Makes a class a Warp struct of one item: the fields, then what the class declares itself."""
+    return lambda cls: _struct(cls, {name: _warp_type(field) for name, field in fields.items()})
+
+
+def columns_of(fields: Fields) -> Callable[[type], wp.Struct]:
+    """Makes a class a Warp struct of arrays: one for each field, then what the class declares itself."""
+    return lambda cls: _struct(cls, {name: wp.array[_warp_type(field)] for name, field in fields.items()})
+
+
+def _warp_type(field: Field) -> Any:
+    return _WARP_TYPES[field.dtype, field.shape]
+
+
+def _struct(cls: type, members: dict[str, Any]) -> wp.Struct:
+    cls.__annotations__ = {**members, **cls.__annotations__}
+    return wp.struct(cls)
+
+
+def loader(columns: wp.Struct, item: wp.Struct) -> wp.Function:
+    """A function of kernels, load(columns, i): item i. Members of the item that no array is named like are zero."""
+    lines = [f"    item.{name} = columns.{name}[i]" for name in _shared(columns, item)]
+    signature = f"def load_{item.key}_of_{columns.key}(columns: Columns, i: wp.int32) -> Item:"
+    return _function([signature, "    item = Item()", *lines, "    return item"], columns, item)
+
+
+def storer(columns: wp.Struct, item: wp.Struct) -> wp.Function:
+    """A function of kernels, store(item, i, columns_out): writes item i, as far as there are arrays for its members."""
+    lines = [f"    columns_out.{name}[i] = item.{name}" for name in _shared(columns, item)]
+    signature = f"def store_{item.key}_in_{columns.key}(item: Item, i: wp.int32, columns_out: Columns) -> None:"
+    return _function([signature, *lines], columns, item)
+
+
+def _shared(columns: wp.Struct, item: wp.Struct) -> list[str]:
+    return [name for name in columns.vars if name in item.vars]
+
+
+def _function(lines: list[str], columns: wp.Struct, item: wp.Struct) -> wp.Function:
+    """A function of Warp with this source, in the module of the arrays' struct. Warp reads sources by linecache."""
+    source = "\n".join(lines) + "\n"
+    name = lines[0].split("(")[0].removeprefix("def ")
+    file = f"<{columns.__module__}.{name}>"
+    linecache.cache[file] = (len(source), None, source.splitlines(keepends=True), file)
+    scope = {"wp": wp, "Columns": columns, "Item": item, "__name__": columns.__module__}
+    exec(compile(source, file, "exec"), scope)
+    return wp.func(scope[name])
 
 
 def upload(struct: wp.Struct, arrays: Mapping[str, NDArray[Any]], device: str) -> Any:
@@ -38,9 +104,26 @@ def _none(struct: wp.Struct, device: str) -> Any:
 
 def _empty(struct: wp.Struct, count: int, device: str) -> Any:
     columns = struct()
+    _make_room(struct, columns, count, device)
+    return columns
+
+
+def empty_nested(struct: wp.Struct, counts: Mapping[str, int], device: str) -> Any:
+    """An instance of a Warp struct of structs of arrays.
+
+    Args:
+        counts: items of each of the inner structs, of no particular value; without any, its arrays are not there.
+    """
+    nested = struct()
+    for name, count in counts.items():
+        if count:
+            _make_room(struct.vars[name].type, getattr(nested, name), count, device)
+    return nested
+
+
+def _make_room(struct: wp.Struct, columns: Any, count: int, device: str) -> None:
     for name, var in struct.vars.items():
         setattr(columns, name, wp.empty(count, dtype=var.type.dtype, device=device))
-    return columns
 
 
 def zeros(struct: wp.Struct, count: int, device: str) -> Any:

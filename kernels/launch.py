@@ -1,12 +1,12 @@
 """Launches of kernels over the cores of one machine.
 
 Warp runs a CPU launch on one core but releases the interpreter's lock, so a launch is cut into chunks that a thread
-pool runs at once. Every kernel that is launched here takes `offset`, the number of its first item, as its
-last input before its outputs.
+pool runs at once. Every kernel that is launched here takes `offset`, the number of its first item.
 """
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -20,6 +20,12 @@ GRAIN = 2048
 
 CHUNKS_A_THREAD = 3
 """Chunks a thread: more even out their lengths, fewer cost less."""
+
+
+@functools.cache
+def names_of(kernel: wp.Kernel) -> tuple[str, ...]:
+    """The names of a kernel's arguments, in order."""
+    return tuple(argument.label for argument in kernel.adj.args)
 
 
 class Launcher:
@@ -43,11 +49,28 @@ class Launcher:
         size = -(-count // parts)
         return [(start, min(size, count - start)) for start in range(0, count, size)]
 
-    def __call__(
-        self, kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any], grain: int = GRAIN
-    ) -> None:
-        """Run `kernel` for items 0 to count - 1; its arguments are the inputs, `offset`, and the outputs."""
-        self.run(kernel, [(size, [*inputs, start, *outputs]) for start, size in self.chunks(count, grain)])
+    def __call__(self, kernel: wp.Kernel, count: int, /, *, grain: int = GRAIN, **arguments: Any) -> None:
+        """Run `kernel` for items 0 to count - 1.
+
+        Args:
+            grain: items that are worth a chunk of their own.
+            arguments: of the kernel, by name, all but `offset`.
+
+        Raises:
+            TypeError: these are not the kernel's arguments.
+        """
+        names = names_of(kernel)
+        if len(arguments) != len(names) - 1 or not all(name in arguments for name in names if name != "offset"):
+            expected = {name for name in names if name != "offset"}
+            missing, unknown = sorted(expected - arguments.keys()), sorted(arguments.keys() - expected)
+            raise TypeError(f"kernel {kernel.key}: arguments missing: {missing}, not known: {unknown}")
+        self.run(
+            kernel,
+            [
+                (size, [start if name == "offset" else arguments[name] for name in names])
+                for start, size in self.chunks(count, grain)
+            ],
+        )
 
     def build_launcher(self) -> Callable[..., None] | None:
         """For trees, which are built on the CPU: launches whose items are subtrees, each worth a chunk of its own.
@@ -58,7 +81,7 @@ class Launcher:
             return None
 
         def launch(kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any] = ()) -> None:
-            self(kernel, count, inputs, outputs, grain=1)
+            self.run(kernel, [(size, [*inputs, start, *outputs]) for start, size in self.chunks(count, grain=1)])
 
         return launch
 

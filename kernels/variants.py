@@ -10,7 +10,7 @@ import warp as wp
 from wdpm.kernels.camera.gather_glossy import make_gather
 from wdpm.kernels.camera.rays import make_camera_rays
 from wdpm.kernels.camera.shading import make_shading
-from wdpm.kernels.camera.shadow_rays import make_shadow_walk
+from wdpm.kernels.camera.shadow_rays import make_pass_panes
 from wdpm.kernels.features import Features, Group
 from wdpm.kernels.photons.departure import make_emit_photons
 from wdpm.kernels.photons.paths import make_trace_photons
@@ -60,6 +60,6 @@ def make_variants(features: Features) -> Variants:
         trace_photons=make_trace_photons(at_surfaces),
         shade_vertices=shading.shade_vertices if features.goes_on else None,
         path_misses=shading.path_misses if features.misses else None,
-        pass_panes=make_shadow_walk(at_surfaces).pass_panes if features.walks else None,
+        pass_panes=make_pass_panes(at_surfaces) if features.walks else None,
         gather_glossy=make_gather(features.only(Group.MATERIALS)) if features.goes_on or features.coated else None,
     )

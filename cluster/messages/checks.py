@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.cluster.batch import Batch, Kind
+from wdpm.cluster.batch import SCHEMAS, Batch, Kind
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.records import CachePlan, Records
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, RecordTask
 from wdpm.cluster.world import Emission, IrradiancePlan, MapPlan, PhotonPlan, TopTree, View, World
-from wdpm.kernels.limits import CHAIN_LIMIT, MAPS, MAX_K
+from wdpm.kernels.fields import Many
+from wdpm.kernels.limits import MAX_K
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.arrays import Media, Triangles
 from wdpm.scenes.flat.light_table import LIGHT_KINDS, LightTable
@@ -101,6 +102,8 @@ LARGEST_HEMISPHERE = 1 << 16
 LARGEST_SIDE = 1 << 20
 """Pixels of an image's or a bucket's side."""
 
+_ANY_NUMBER = 2**63 - 1
+
 
 def check(value: Any, where: str) -> None:
     """Raise ProtocolError unless a dataclass that came over the wire holds together."""
@@ -128,30 +131,14 @@ def check_batch(batch: Batch, world: World) -> None:
     Slots are for the home to check, which knows how many it has.
     """
     media = len(world.media.g)
+    how_many = {Many.CELLS: world.top_tree.cells, Many.LIGHTS: len(world.lights.names), Many.MEDIA: media}
     # Final hits are looked up among the cell's triangles; only in a medium do photons and paths land on none.
     final = batch.kind in (Kind.SHADE, Kind.SITE, Kind.PANE) or (batch.kind in (Kind.LANDED, Kind.VERTEX) and not media)
-    cells, lights, any_number = world.top_tree.cells, len(world.lights.names), 2**63 - 1
-    ranges = {
-        "prim": (0 if final else -1, any_number),
-        "owner": (-1, cells),
-        "cell": (-1, cells),
-        "light": (0, lights),
-        "pixel": (0, any_number),
-        "sample": (0, any_number),
-        "path": (0, any_number),
-        "bounce": (0, CHAIN_LIMIT + 1 if batch.kind in (Kind.PATH, Kind.VERTEX) else any_number),
-        "edges": (0, any_number),
-        "diffuse": (-(2**31), any_number),
-        "place": (0, any_number),
-        "map": (0, MAPS),
-        "front": (0, 2),
-        "medium": (-1, media),
-        "id": (0, any_number),
-    }
-    for name in batch.arrays.keys() & ranges.keys():
-        least, end = ranges[name]
-        array: NDArray[Any] = batch.arrays[name]
-        _indices(array, least, end, f"{batch.kind.value}.{name}")
+    for name, field in SCHEMAS[batch.kind].items():
+        if field.least is not None:
+            least = 0 if name == "prim" and final else field.least
+            end = how_many[field.end] if isinstance(field.end, Many) else field.end
+            _indices(batch.arrays[name], least, _ANY_NUMBER if end is None else end, f"{batch.kind.value}.{name}")
 
 
 def _check_shapes(value: Any, shapes: dict[str, Shape], where: str) -> None:

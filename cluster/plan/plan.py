@@ -358,9 +358,23 @@ def _gather_radius(cell: Cell, photons: Arrays, k: int, expected: float, extent:
     at = wp.array(position[queries], dtype=wp.vec3, device=device)
     facing = wp.array(normal[queries], dtype=wp.vec3, device=device)
     count = len(queries)
-    outputs = [wp.empty(count, dtype=t, device=device) for t in (wp.vec3, wp.int32, wp.float32, wp.bool)]
-    launcher(gather_kernel, count, [pilot_map, at, facing, facing, PILOT_K, extent], [1, *outputs])
-    radius = float(np.quantile(outputs[2].numpy(), RADIUS_QUANTILE))
+    found = wp.empty(count, dtype=wp.float32, device=device)
+    launcher(
+        gather_kernel,
+        count,
+        photons=pilot_map,
+        position=at,
+        normal=facing,
+        shading_normal=facing,
+        k=PILOT_K,
+        r_max=extent,
+        run=1,
+        irradiance_out=wp.empty(count, dtype=wp.vec3, device=device),
+        count_out=wp.empty(count, dtype=wp.int32, device=device),
+        radius_out=found,
+        truncated_out=wp.empty(count, dtype=wp.bool, device=device),
+    )
+    radius = float(np.quantile(found.numpy(), RADIUS_QUANTILE))
     # Photons on a surface: as many times denser, as many times less area for the same number.
     denser = expected / len(position)
     return RADIUS_MARGIN * radius * math.sqrt(k / PILOT_K / denser)

@@ -9,21 +9,22 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, take
+from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, take
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
-from wdpm.kernels.camera import shadow_rays as sr
+from wdpm.kernels.camera.shadow_rays import Ways, next_way_cells
+from wdpm.kernels.ray_fields import BEAM, STRETCH
 
-_SUMS = ("red", "green", "blue")
+_SUMS = [name for name in BEAM if name not in STRETCH]
+"""Red, green and blue."""
 
 
 def start_beams(replica: Replica, cause: Batch, stretches: Any) -> Iterator[Batch]:
     """Send the stretches that lie in a medium to the first cell on their way. Each carries a credit of one."""
     if replica.world.volume_map.paths == 0:
         return
-    columns_of = [name for name in SCHEMAS[Kind.BEAM] if name not in _SUMS]
-    arrays = columns.download(stretches, columns_of)
+    arrays = columns.download(stretches, STRETCH)
     chosen, weight = chosen_samples(replica.view, stretches.sample.numpy())
     lit = (arrays["medium"] >= 0) & (arrays["length"] > 0) & arrays["radiance"].any(axis=1)
     rows = np.flatnonzero(lit & chosen)
@@ -53,8 +54,8 @@ def next_beam_cells(replica: Replica, arrays: Arrays, current: int) -> NDArray[n
     if replica.world.top_tree.cells == 1:
         return np.full(count, -1 - current, np.int32)
     destination = wp.empty(count, dtype=wp.int32, device=launcher.device)
-    ways = columns.upload(sr.Ways, {name: arrays[name] for name in ("origin", "direction", "length")}, launcher.device)
-    launcher(sr.next_way_cells, count, [replica.cells, ways, current], [destination])
+    ways = columns.upload(Ways, arrays, launcher.device)
+    launcher(next_way_cells, count, cells=replica.cells, ways=ways, current=current, next_cell_out=destination)
     return np.asarray(destination.numpy())
 
 

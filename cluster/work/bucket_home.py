@@ -24,7 +24,8 @@ from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera import add_samples
-from wdpm.kernels.camera import rays as cr
+from wdpm.kernels.camera.rays import Rays
+from wdpm.kernels.ray_fields import HIT
 from wdpm.scenes.errors import ProtocolError
 
 WAVE_SAMPLES = 1 << 16
@@ -95,8 +96,9 @@ class BucketHome:
         destination = np.zeros(total, np.int32)
         if replica.world.top_tree.cells > 1:
             first = wp.empty(total, dtype=wp.int32, device=device)
-            rays = columns.upload(cr.Rays, arrays, device)
-            replica.launcher(replica.kernels.first_camera_cells, total, [replica.camera, replica.cells, rays], [first])
+            rays = columns.upload(Rays, arrays, device)
+            kernel, camera = replica.kernels.first_camera_cells, replica.camera
+            replica.launcher(kernel, total, camera=camera, cells=replica.cells, rays=rays, next_cell_out=first)
             destination = first.numpy()
         unit = parts.credit_of_camera_ray(self._view.light_samples)
         self._credit = int(np.count_nonzero(destination >= 0)) * unit
@@ -108,10 +110,9 @@ class BucketHome:
         replica, device = self._replica, self._replica.launcher.device
         total = len(rays["slot"])
         touched_array = wp.zeros((total, replica.world.top_tree.cells), dtype=wp.uint8, device=device)
-        full = columns.upload(cr.Rays, {**rays, **no_hits(total, self._view)}, device)
-        replica.launcher(
-            replica.kernels.mark_touched_cells, total, [replica.camera, replica.cells, full], [touched_array]
-        )
+        full = columns.upload(Rays, {**rays, **no_hits(total, self._view)}, device)
+        kernel, camera = replica.kernels.mark_touched_cells, replica.camera
+        replica.launcher(kernel, total, camera=camera, cells=replica.cells, rays=full, touched_out=touched_array)
         touched = touched_array.numpy().astype(bool)
         cells = np.flatnonzero(touched.any(axis=0))
         self._probing = True
@@ -185,7 +186,7 @@ class BucketHome:
         slot = found["slot"]
         t, prim = self._rays["t"][slot], self._rays["prim"][slot]
         nearer = (prim < 0) | (found["t"] < t) | ((found["t"] == t) & (found["prim"] < prim))
-        for name in ("t", "prim", "u", "v", "owner"):
+        for name in HIT:
             self._rays[name][slot[nearer]] = found[name][nearer]
 
     def _shade_merged(self) -> Iterator[Batch]:
@@ -207,7 +208,15 @@ class BucketHome:
         count = len(self._slots["depth"]) // len(self._pixels)
         slots = columns.upload(add_samples.Slots, self._slots, launcher.device)
         later = columns.upload(add_samples.Parts, self._parts_in_order(), launcher.device)
-        launcher(add_samples.add_samples, len(self._pixels), [slots, later, count, shots], [self._sums])
+        launcher(
+            add_samples.add_samples,
+            len(self._pixels),
+            slots=slots,
+            parts=later,
+            samples=count,
+            light_samples=shots,
+            sums_out=self._sums,
+        )
         self._later = []
         if self._first == self._samples.start:
             self._cell = self._slots["cell"].reshape(-1, count)[:, 0].copy()

@@ -18,13 +18,14 @@ from wdpm.cluster.work.final_gather import Actions, FinalGather
 from wdpm.cluster.work.gathers import Gathering
 from wdpm.cluster.work.misses import missed_light, no_hits, start_paths
 from wdpm.cluster.work.photon_store import PhotonStore
-from wdpm.cluster.work.replica import Replica
+from wdpm.cluster.work.replica import Replica, orders_of
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
-from wdpm.kernels.camera import rays as cr
 from wdpm.kernels.camera import shadow_rays as sr
 from wdpm.kernels.camera import vertices as sh
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
+from wdpm.kernels.camera.paths import Paths
+from wdpm.kernels.camera.rays import Rays, first_path_cells, visit_paths
 from wdpm.kernels.materials.surface import Surfaces
 from wdpm.kernels.materials.types import DIFFUSE
 from wdpm.kernels.photons import beam
@@ -49,18 +50,6 @@ class CameraCounters:
     beams: int = 0
 
 
-@dataclass(eq=False)
-class Shaded:
-    """What a kernel of shading.py leaves behind: structures of arrays on the device."""
-
-    seen: Any
-    queries: Any
-    coats: Any
-    shots: Any
-    paths: Any
-    stretches: Any
-
-
 class CameraLight:
     """Light along camera paths, in one cell.
 
@@ -76,13 +65,15 @@ class CameraLight:
         self._surfaces = surfaces
         self._store = store
         self._replica = replica
+        self._scene: Any = None
         self.guards = guards.Guards(replica)
         self.gathering = Gathering(cell, store, replica, self.guards)
         self.final_gather = FinalGather(surfaces, store, replica)
         self.counters = CameraCounters()
 
     def begin_view(self) -> None:
-        """Count anew."""
+        """Look through the replica's view, and count anew."""
+        self._scene = self._replica.scene_of(self._surfaces)
         self.counters = CameraCounters()
         self.guards.counts.clear()
         self.gathering.begin_view()
@@ -127,7 +118,7 @@ class CameraLight:
 
     def survey(self, batch: Batch) -> Iterator[Batch]:
         """Tell the home where among the final hits of scouts a record is wanted."""
-        rays = columns.upload(cr.Rays, batch.arrays, self._replica.launcher.device)
+        rays = columns.upload(Rays, batch.arrays, self._replica.launcher.device)
         paths = start_paths(self._replica, rays, len(batch))
         sites = self.final_gather.sites(paths, batch.arrays["slot"])
         yield self._batch(batch, Kind.SITES, self._cell, len(batch), sites)
@@ -135,16 +126,25 @@ class CameraLight:
     def _intersect(self, arrays: Arrays) -> tuple[Arrays, NDArray[np.int32]]:
         """Camera rays with their best hits refined by this cell, and the cell that each visits next or -1."""
         replica, count = self._replica, len(arrays["slot"])
-        rays = columns.upload(cr.Rays, arrays, replica.launcher.device)
+        rays = columns.upload(Rays, arrays, replica.launcher.device)
         onward = self._integers(count)
-        inputs = [self._bvh, self._surfaces, replica.cells, replica.camera, rays, self._cell]
-        replica.launcher(replica.kernels.visit_camera_rays, count, inputs, [onward])
+        replica.launcher(
+            replica.kernels.visit_camera_rays,
+            count,
+            bvh=self._bvh,
+            surfaces=self._surfaces,
+            cells=replica.cells,
+            camera=replica.camera,
+            rays=rays,
+            own_cell=self._cell,
+            next_cell_out=onward,
+        )
         return columns.download(rays, SCHEMAS[Kind.CAMERA]), onward.numpy()
 
     def shade_camera(self, batch: Batch) -> Iterator[Batch]:
         """Light final hits of camera rays in this cell."""
         kernels, device = self._replica.kernels, self._replica.launcher.device
-        rays = columns.upload(cr.Rays, batch.arrays, device)
+        rays = columns.upload(Rays, batch.arrays, device)
         if kernels.shade_vertices is None:
             yield from self._shade_hits(batch, kernels.shade_camera_hits, rays, None)
             return
@@ -158,8 +158,8 @@ class CameraLight:
             return
         unit = parts.credit_of_camera_ray(self._view.light_samples)
         for kernel, struct, items, chosen in (
-            (kernels.shade_camera_hits, cr.Rays, rays, ends),
-            (kernels.shade_vertices, cr.Paths, paths, ~ends),
+            (kernels.shade_camera_hits, Rays, rays, ends),
+            (kernels.shade_vertices, Paths, paths, ~ends),
         ):
             rows = np.flatnonzero(chosen)
             if len(rows):
@@ -190,7 +190,7 @@ class CameraLight:
         yield self._batch(batch, Kind.SAMPLES, self._cell, rest_of(batch.credit, follows), samples)
         yield from follows
 
-    def _first_caustics(self, batch: Batch, shaded: Shaded) -> list[Batch]:
+    def _first_caustics(self, batch: Batch, shaded: Any) -> list[Batch]:
         """Light of the caustic map at the first surface, in scenes that have one: a part like those further on."""
         if self._replica.world.caustic_map.paths == 0:
             return []
@@ -204,9 +204,18 @@ class CameraLight:
     def visit_paths(self, batch: Batch) -> Iterator[Batch]:
         """Intersect rays of paths; forward those that may find a nearer hit elsewhere."""
         replica, count = self._replica, len(batch)
-        rays = columns.upload(cr.Paths, batch.arrays, replica.launcher.device)
+        rays = columns.upload(Paths, batch.arrays, replica.launcher.device)
         array = self._integers(count)
-        replica.launcher(cr.visit_paths, count, [self._bvh, self._surfaces, replica.cells, rays, self._cell], [array])
+        replica.launcher(
+            visit_paths,
+            count,
+            bvh=self._bvh,
+            surfaces=self._surfaces,
+            cells=replica.cells,
+            paths=rays,
+            own_cell=self._cell,
+            next_cell_out=array,
+        )
         onward, paths = array.numpy(), columns.download(rays, SCHEMAS[Kind.PATH])
         hit = paths["prim"] >= 0
         yield from self._send_paths(batch, Kind.PATH, paths, onward, onward >= 0)
@@ -221,7 +230,7 @@ class CameraLight:
         """Light final hits of paths in this cell."""
         arrays = batch.arrays
         self.counters.vertices += len(batch)
-        rays = columns.upload(cr.Paths, arrays, self._replica.launcher.device)
+        rays = columns.upload(Paths, arrays, self._replica.launcher.device)
         actions = self._decide(rays, arrays)
         shaded = self._shade(self._replica.kernels.shade_vertices, rays, len(batch), SHOTS_LATER, actions)
         follows = list(self._send_on(batch, shaded))
@@ -242,7 +251,7 @@ class CameraLight:
         gathers = self._view.diffuse_light is DiffuseLight.FINAL_GATHER
         return self.final_gather.decide(paths, arrays) if gathers else None
 
-    def _indirect(self, shaded: Shaded, arrays: Arrays, actions: Actions | None) -> NDArray[np.float32]:
+    def _indirect(self, shaded: Any, arrays: Arrays, actions: Actions | None) -> NDArray[np.float32]:
         """Indirect light that is told at the vertices themselves, by photons or by what was computed from them."""
         if actions is None:
             return self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays)
@@ -264,8 +273,8 @@ class CameraLight:
         place = parts.place_of(arrays["bounce"][rows], arrays["diffuse"][rows], part, self._view.light_samples)
         return {"slot": arrays["slot"][rows], "place": place, "radiance": radiance[rows]}
 
-    def _shade(self, kernel: wp.Kernel | None, rays: Any, count: int, shots: int, actions: Actions | None) -> Shaded:
-        """Run a kernel that shades vertices.
+    def _shade(self, kernel: wp.Kernel | None, rays: Any, count: int, shots: int, actions: Actions | None) -> Any:
+        """Run a kernel that shades vertices; returns kernels.camera.vertices.Shaded.
 
         Args:
             shots: shadow rays of each vertex.
@@ -275,30 +284,40 @@ class CameraLight:
             raise ProtocolError("a camera path goes on in a scene where none does")
         replica, view = self._replica, self._view
         features, device = replica.world.features, replica.launcher.device
-        shaded = Shaded(
-            columns.empty(sh.Seen, count, device),
-            columns.empty(sh.Queries, count, device),
-            columns.empty(sh.Coats, count if features.coated else 0, device),
-            columns.empty(sh.Shots, count * shots, device),
-            columns.empty(cr.Paths, 0 if kernel is replica.kernels.shade_camera_hits else count, device),
-            columns.empty(sh.Stretches, count if features.media else 0, device),
-        )
-        scene = [self._surfaces, replica.materials, replica.textures, replica.media, replica.lights, replica.camera]
-        scalars: list[Any] = [view.light_samples, view.max_depth or 0]
-        if kernel is not replica.kernels.shade_camera_hits:
+        ends = kernel is replica.kernels.shade_camera_hits
+        counts = {
+            "seen": count,
+            "queries": count,
+            "coats": count if features.coated else 0,
+            "shots": count * shots,
+            "paths": 0 if ends else count,
+            "stretches": count if features.media else 0,
+        }
+        shaded = columns.empty_nested(sh.Shaded, counts, device)
+        if ends:
+            orders = orders_of(view, shots, DiffuseLight.PHOTON_MAP)
+            replica.launcher(kernel, count, scene=self._scene, rays=rays, orders=orders, shaded_out=shaded)
+        else:
+            orders = orders_of(view, shots)
             codes = np.zeros(0, np.int32) if actions is None else actions.codes
-            scalars += [shots, int(view.diffuse_light), wp.array(codes, dtype=wp.int32, device=device)]
-        outputs = [shaded.seen, shaded.queries, shaded.coats, shaded.shots, shaded.paths, shaded.stretches]
-        replica.launcher(kernel, count, [*scene, rays, *scalars], outputs)
+            replica.launcher(
+                kernel,
+                count,
+                scene=self._scene,
+                paths=rays,
+                orders=orders,
+                actions=wp.array(codes, dtype=wp.int32, device=device),
+                shaded_out=shaded,
+            )
         if replica.observer is not None:
-            replica.observer.shaded(self._surfaces, rays, shaded.shots, shaded.paths)
+            replica.observer.shaded(self._scene, orders, rays, shaded)
         return shaded
 
-    def _send_on(self, cause: Batch, shaded: Shaded) -> Iterator[Batch]:
+    def _send_on(self, cause: Batch, shaded: Any) -> Iterator[Batch]:
         """Everything that vertices start: shadow rays, paths that go on, stretches of medium."""
         features = self._replica.world.features
         yield from self._start_shadows(cause, shaded.shots)
-        if len(shaded.paths.slot):
+        if shaded.paths.slot is not None:
             yield from self._start_paths(cause, shaded.paths)
         if features.media:
             yield from start_beams(self._replica, cause, shaded.stretches)
@@ -314,8 +333,8 @@ class CameraLight:
             return
         paths = take(paths, carrying)
         first = self._integers(len(paths["slot"]))
-        rays = columns.upload(cr.Paths, paths, replica.launcher.device)
-        replica.launcher(cr.first_path_cells, len(paths["slot"]), [replica.cells, rays], [first])
+        rays = columns.upload(Paths, paths, replica.launcher.device)
+        replica.launcher(first_path_cells, len(paths["slot"]), cells=replica.cells, paths=rays, next_cell_out=first)
         yield from self._send_paths(cause, Kind.PATH, paths, first.numpy(), first.numpy() >= 0)
 
     def _send_paths(
@@ -339,7 +358,7 @@ class CameraLight:
             return
         segments = columns.upload(sr.Segments, arrays, replica.launcher.device)
         first = self._integers(count)
-        replica.launcher(sr.first_shadow_cells, count, [replica.cells, segments], [first])
+        replica.launcher(sr.first_shadow_cells, count, cells=replica.cells, segments=segments, next_cell_out=first)
         if replica.world.features.walks:
             medium = shots.medium.numpy() if replica.world.features.media else np.full(count, -1, np.int32)
             arrays = {**arrays, "medium": medium, **no_blockers(count)}
@@ -352,8 +371,15 @@ class CameraLight:
         replica = self._replica
         segments = columns.upload(sr.Segments, batch.arrays, replica.launcher.device)
         array = self._integers(len(batch))
-        inputs = [self._bvh, replica.cells, segments, self._cell]
-        replica.launcher(sr.visit_shadow_segments, len(batch), inputs, [array])
+        replica.launcher(
+            sr.visit_shadow_segments,
+            len(batch),
+            bvh=self._bvh,
+            cells=replica.cells,
+            segments=segments,
+            own_cell=self._cell,
+            next_cell_out=array,
+        )
         onward = array.numpy()
         yield from self._send_shadows(batch, Kind.SHADOW, batch.arrays, onward)
         yield from self._end_shadows(batch, batch.arrays, onward)
@@ -363,8 +389,17 @@ class CameraLight:
         replica = self._replica
         walks = columns.upload(sr.Walks, batch.arrays, replica.launcher.device)
         array = self._integers(len(batch))
-        inputs = [self._bvh, self._surfaces, replica.media, replica.cells, walks, self._cell]
-        replica.launcher(sr.visit_walks, len(batch), inputs, [array])
+        replica.launcher(
+            sr.visit_walks,
+            len(batch),
+            bvh=self._bvh,
+            surfaces=self._surfaces,
+            media=replica.media,
+            cells=replica.cells,
+            walks=walks,
+            own_cell=self._cell,
+            next_cell_out=array,
+        )
         arrays, onward = columns.download(walks, SCHEMAS[Kind.WALK]), array.numpy()
         yield from self._send_shadows(batch, Kind.WALK, arrays, onward)
         met = (onward < 0) & (arrays["prim"] >= 0)
@@ -379,8 +414,7 @@ class CameraLight:
             raise ProtocolError("a shadow ray passes a surface in a scene where none does")
         walks = columns.upload(sr.Walks, batch.arrays, replica.launcher.device)
         array = self._integers(len(batch))
-        scene = [self._surfaces, replica.materials, replica.textures, replica.media, replica.cells, walks]
-        replica.launcher(kernel, len(batch), scene, [array])
+        replica.launcher(kernel, len(batch), scene=self._scene, walks=walks, next_cell_out=array)
         arrays, onward = columns.download(walks, SCHEMAS[Kind.PANE]), array.numpy()
         yield from self._send_shadows(batch, Kind.WALK, arrays, onward)
         yield from self._end_shadows(batch, arrays, onward)
@@ -413,8 +447,17 @@ class CameraLight:
         beams = columns.upload(beam.Beams, {**batch.arrays, "clamped": clamped}, device)
         if built is not None:
             plan = world.volume_map
-            inputs = [built.tree, replica.media, replica.cells, beams, self._cell, plan.radius, world.volume_unit]
-            replica.launcher(beam.add_beams, count, inputs, [])
+            replica.launcher(
+                beam.add_beams,
+                count,
+                photons=built.tree,
+                media=replica.media,
+                cells=replica.cells,
+                beams=beams,
+                own_cell=self._cell,
+                radius=plan.radius,
+                unit=world.volume_unit,
+            )
             clamped = beams.clamped.numpy()
         arrays = {**batch.arrays, **columns.download(beams, ("red", "green", "blue"))}
         arrays["radiance"] = self._told_of(arrays["radiance"], clamped)

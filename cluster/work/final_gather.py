@@ -24,11 +24,12 @@ from wdpm.cluster.records import RAY_SAMPLES
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
+from wdpm.kernels import columns
 from wdpm.kernels.camera import vertices as sh
 from wdpm.kernels.constants import INV_PI
 from wdpm.kernels.irradiance.at_photons import read_irradiance
 from wdpm.kernels.irradiance.cache import interpolate
-from wdpm.kernels.irradiance.gather_places import places_of_paths
+from wdpm.kernels.irradiance.gather_places import Places, places_of_paths
 from wdpm.kernels.materials.surface import Surfaces
 
 
@@ -52,17 +53,6 @@ class FinalGatherCounters:
     uncovered: int = 0
     read_s: float = 0.0
     interpolated_s: float = 0.0
-
-
-@dataclass(eq=False)
-class Places:
-    """Vertices before their materials are looked up (kernels.irradiance.gather_places): arrays on the device."""
-
-    position: Any
-    normal: Any
-    shading_normal: Any
-    length: Any
-    side: Any
 
 
 @dataclass(eq=False)
@@ -124,7 +114,7 @@ class FinalGather:
         """What the diffuse part of each vertex does.
 
         Args:
-            paths: kernels.camera.rays.Paths with final hits in this cell.
+            paths: kernels.camera.paths.Paths with final hits in this cell.
             arrays: the same.
         """
         count = len(arrays["slot"])
@@ -143,7 +133,7 @@ class FinalGather:
         """The final hits where a record is wanted, as cluster.batch.SCHEMAS[Kind.SITES].
 
         Args:
-            paths: scouts, as kernels.camera.rays.Paths.
+            paths: scouts, as kernels.camera.paths.Paths.
         """
         places = self._places(paths, len(slot))
         rows = np.flatnonzero(self._cacheable(places))
@@ -160,7 +150,7 @@ class FinalGather:
             "footprint": pixel * across,
         }
 
-    def _read(self, places: Places, rays: NDArray[np.intp], diffuse: NDArray[np.int32], actions: Actions) -> None:
+    def _read(self, places: Any, rays: NDArray[np.intp], diffuse: NDArray[np.int32], actions: Actions) -> None:
         """Decide about gather rays that have arrived.
 
         Args:
@@ -174,8 +164,17 @@ class FinalGather:
         launcher, device = self._replica.launcher, self._replica.launcher.device
         outputs = [wp.empty(len(rays), dtype=t, device=device) for t in (wp.vec3, wp.float32, wp.bool)]
         began = time.perf_counter()
-        at = self._some(rays, places.position, places.normal)
-        launcher(read_irradiance, len(rays), [points, *at, plan.reach], outputs)
+        launcher(
+            read_irradiance,
+            len(rays),
+            points=points,
+            position=self._some(places.position, rays),
+            normal=self._some(places.normal, rays),
+            reach=plan.reach,
+            value_out=outputs[0],
+            radius_out=outputs[1],
+            found_out=outputs[2],
+        )
         self.counters.read_s += time.perf_counter() - began
         value, radius, found = (output.numpy() for output in outputs)
         near = found.astype(bool)
@@ -186,7 +185,7 @@ class FinalGather:
         actions.codes[rays[reads]] = int(sh.READ_MAP)
         actions.radiance[rays[reads]] = value[reads]
 
-    def _interpolate(self, places: Places, rows: NDArray[np.intp], actions: Actions) -> None:
+    def _interpolate(self, places: Any, rows: NDArray[np.intp], actions: Actions) -> None:
         """Decide about vertices that camera paths reach without a diffuse scattering."""
         if self._replica.cache is None or not len(rows):
             return
@@ -200,36 +199,41 @@ class FinalGather:
         actions.codes[rows[covered]] = int(sh.CACHED)
         actions.radiance[rows[covered]] = irradiance[covered] * np.float32(INV_PI)
 
-    def _from_cache(self, places: Places, rows: NDArray[np.intp]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def _from_cache(self, places: Any, rows: NDArray[np.intp]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Irradiance and the weight of the records that tell it, float32, shapes [rows, 3] and [rows]."""
         launcher, device = self._replica.launcher, self._replica.launcher.device
-        outputs = [wp.empty(len(rows), dtype=t, device=device) for t in (wp.vec3, wp.float32, wp.int32)]
+        irradiance = wp.empty(len(rows), dtype=wp.vec3, device=device)
+        weight = wp.empty(len(rows), dtype=wp.float32, device=device)
         began = time.perf_counter()
-        at = self._some(rows, places.position, places.shading_normal)
-        launcher(interpolate, len(rows), [self._replica.cache, *at], outputs)
+        launcher(
+            interpolate,
+            len(rows),
+            cache=self._replica.cache,
+            position=self._some(places.position, rows),
+            shading_normal=self._some(places.shading_normal, rows),
+            irradiance_out=irradiance,
+            weight_out=weight,
+            count_out=wp.empty(len(rows), dtype=wp.int32, device=device),
+        )
         self.counters.interpolated_s += time.perf_counter() - began
-        return outputs[0].numpy(), outputs[1].numpy()
+        return irradiance.numpy(), weight.numpy()
 
-    def _cacheable(self, places: Places) -> NDArray[np.bool_]:
+    def _cacheable(self, places: Any) -> NDArray[np.bool_]:
         """Where the diffuse part is Lambertian, on the seen side."""
         material, front = np.divmod(places.side.numpy(), 2)
         seen: NDArray[np.bool_] = (self._replica.lambertian_sides[material] & (2 - front)) != 0
         return seen
 
-    def _some(self, rows: NDArray[np.intp], *columns: Any) -> list[Any]:
-        """Some rows of arrays of vectors."""
-        device = self._replica.launcher.device
-        if len(rows) == len(columns[0]):
-            return list(columns)
-        return [wp.array(column.numpy()[rows], dtype=wp.vec3, device=device) for column in columns]
+    def _some(self, column: Any, rows: NDArray[np.intp]) -> Any:
+        """Some rows of an array of vectors."""
+        if len(rows) == len(column):
+            return column
+        return wp.array(column.numpy()[rows], dtype=wp.vec3, device=self._replica.launcher.device)
 
-    def _places(self, paths: Any, count: int) -> Places:
-        device = self._replica.launcher.device
-        places = Places(
-            *(wp.empty(count, dtype=t, device=device) for t in (wp.vec3, wp.vec3, wp.vec3, wp.float32, wp.int32))
-        )
-        outputs = [places.position, places.normal, places.shading_normal, places.length, places.side]
-        self._replica.launcher(places_of_paths, count, [self._surfaces, paths], outputs)
+    def _places(self, paths: Any, count: int) -> Any:
+        launcher = self._replica.launcher
+        places = columns.empty(Places, count, launcher.device)
+        launcher(places_of_paths, count, surfaces=self._surfaces, paths=paths, places_out=places)
         return places
 
     @property

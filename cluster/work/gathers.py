@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -97,42 +98,88 @@ class Gathering:
         truncated = wp.empty(count, dtype=wp.bool, device=device)
         k = replica.view.caustic_k if number == CAUSTIC_MAP else replica.view.k
         began = time.perf_counter()
-        self._gather(built, plan, queries, coats, k, [GATHER_RUN, irradiance, used, radius, truncated])
+        outputs = {
+            "irradiance_out": irradiance,
+            "count_out": used,
+            "radius_out": radius,
+            "truncated_out": truncated,
+        }
+        self._gather(built, plan, queries, coats, k, outputs)
         self.counters.seconds += time.perf_counter() - began
-        places = [self._store.points[number], queries.position, queries.front_normal, queries.clearance]
-        found = [queries.weight, irradiance, radius, plan.point_area, plan.radius, 1.0 / plan.paths]
-        replica.launcher(reflect_gathered, count, [*places, *found], [radiance])
+        replica.launcher(
+            reflect_gathered,
+            count,
+            points=self._store.points[number],
+            position=queries.position,
+            front_normal=queries.front_normal,
+            clearance=queries.clearance,
+            albedo=queries.weight,
+            irradiance=irradiance,
+            radius=radius,
+            point_area=plan.point_area,
+            r_max=plan.radius,
+            scale=1.0 / plan.paths,
+            radiance_out=radiance,
+        )
         self._count(built, plan, queries, k, radius.numpy(), truncated.numpy(), rays)
         if replica.observer is not None:
             replica.observer.gathered(number, queries, used, radius, truncated)
         return np.asarray(radiance.numpy())
 
-    def _gather(self, built: BuiltMap, plan: MapPlan, queries: Any, coats: Any, k: int, outputs: list[Any]) -> None:
+    def _gather(
+        self, built: BuiltMap, plan: MapPlan, queries: Any, coats: Any, k: int, outputs: Mapping[str, Any]
+    ) -> None:
         replica, view = self._replica, self._replica.view
         features, kernel = replica.world.features, replica.kernels.gather_glossy
         runs = -(-len(queries.weight) // GATHER_RUN)
         depth = 0 if view is None else view.max_depth or 0
+        search = {"photons": built.tree, "k": k, "r_max": plan.radius, "run": GATHER_RUN, **outputs}
         if kernel is not None and (features.coated or depth):
-            inputs = [built.tree, built.edges, queries, coats, k, plan.radius, depth]
-            replica.launcher(kernel, runs, inputs, outputs, grain=GATHER_GRAIN)
+            replica.launcher(
+                kernel,
+                runs,
+                grain=GATHER_GRAIN,
+                photon_edges=built.edges,
+                queries=queries,
+                coats=coats,
+                max_depth=depth,
+                **search,
+            )
         else:
-            places = [queries.position, queries.normal, queries.shading_normal]
-            inputs = [built.tree, *places, k, plan.radius]
-            replica.launcher(gather_kernel, runs, inputs, outputs, grain=GATHER_GRAIN)
+            replica.launcher(
+                gather_kernel,
+                runs,
+                grain=GATHER_GRAIN,
+                position=queries.position,
+                normal=queries.normal,
+                shading_normal=queries.shading_normal,
+                **search,
+            )
 
     def _in_one_place(
         self, built: BuiltMap, plan: MapPlan, queries: Any, k: int, rows: NDArray[np.intp]
     ) -> NDArray[np.bool_]:
         """Which of some queries have more than k photons next to themselves, shape [rows]."""
         launcher, count = self._replica.launcher, len(rows)
-        places = [
-            wp.array(column.numpy()[rows], dtype=wp.vec3, device=launcher.device)
-            for column in (queries.position, queries.normal, queries.shading_normal)
-        ]
-        near = max(plan.radius * COINCIDENT_WITHIN, MIN_GATHER_RADIUS)
-        outputs = [wp.empty(count, dtype=t, device=launcher.device) for t in (wp.vec3, wp.int32, wp.float32, wp.bool)]
-        launcher(gather_kernel, count, [built.tree, *places, k, near], [1, *outputs])
-        return ~np.asarray(outputs[3].numpy(), np.bool_)
+        places = {
+            name: wp.array(getattr(queries, name).numpy()[rows], dtype=wp.vec3, device=launcher.device)
+            for name in ("position", "normal", "shading_normal")
+        }
+        truncated = wp.empty(count, dtype=wp.bool, device=launcher.device)
+        launcher(
+            gather_kernel,
+            count,
+            photons=built.tree,
+            **places,
+            k=k,
+            r_max=max(plan.radius * COINCIDENT_WITHIN, MIN_GATHER_RADIUS),
+            run=1,
+            irradiance_out=wp.empty(count, dtype=wp.vec3, device=launcher.device),
+            count_out=wp.empty(count, dtype=wp.int32, device=launcher.device),
+            radius_out=wp.empty(count, dtype=wp.float32, device=launcher.device),
+            truncated_out=truncated,
+        )
+        return ~np.asarray(truncated.numpy(), np.bool_)
 
     def _count(
         self,

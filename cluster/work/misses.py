@@ -13,11 +13,12 @@ from wdpm.cluster import parts
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, take
 from wdpm.cluster.work.beams import start_beams
 from wdpm.cluster.work.guards import EMISSION, Guards
-from wdpm.cluster.work.replica import Replica
+from wdpm.cluster.work.replica import Replica, orders_of
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
-from wdpm.kernels.camera import rays as cr
-from wdpm.kernels.camera import vertices as sh
+from wdpm.kernels.camera.paths import Paths
+from wdpm.kernels.camera.rays import Rays
+from wdpm.kernels.camera.vertices import Stretches
 
 
 def no_hits(count: int, view: View) -> dict[str, NDArray[Any]]:
@@ -33,9 +34,9 @@ def no_hits(count: int, view: View) -> dict[str, NDArray[Any]]:
 
 
 def start_paths(replica: Replica, rays: Any, count: int) -> Any:
-    """Camera rays (kernels.camera.rays.Rays) as the beginnings of paths (Paths)."""
-    paths = columns.empty(cr.Paths, count, replica.launcher.device)
-    replica.launcher(replica.kernels.start_paths, count, [replica.camera, rays], [paths])
+    """Camera rays (kernels.camera.rays.Rays) as the beginnings of paths (kernels.camera.paths.Paths)."""
+    paths = columns.empty(Paths, count, replica.launcher.device)
+    replica.launcher(replica.kernels.start_paths, count, camera=replica.camera, rays=rays, paths_out=paths)
     return paths
 
 
@@ -59,14 +60,21 @@ def missed_light(
         return
     device, count = replica.launcher.device, len(rays["slot"])
     radiance = wp.empty(count, dtype=wp.vec3, device=device)
-    stretches = columns.empty(sh.Stretches, count if features.media else 0, device)
+    stretches = columns.empty(Stretches, count if features.media else 0, device)
     later = "bounce" in rays
-    items = columns.upload(cr.Paths if later else cr.Rays, rays, device)
+    items = columns.upload(Paths if later else Rays, rays, device)
     paths = items if later else start_paths(replica, items, count)
     collision = wp.empty(count, dtype=wp.int32, device=device)
-    scalars = [view.light_samples, int(view.diffuse_light)]
-    inputs = [replica.media, replica.lights, replica.cells, replica.camera, paths, *scalars]
-    replica.launcher(replica.kernels.path_misses, count, inputs, [radiance, collision, stretches])
+    replica.launcher(
+        replica.kernels.path_misses,
+        count,
+        scene=replica.scene,
+        paths=paths,
+        orders=orders_of(view, 0),
+        radiance_out=radiance,
+        collision_out=collision,
+        stretches_out=stretches,
+    )
     follows = list(start_beams(replica, cause, stretches)) if features.media else []
     into = collision.numpy()
     if (into >= 0).any():

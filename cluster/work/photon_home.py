@@ -23,7 +23,8 @@ def set_out(replica: Replica, start: int, stop: int) -> Any:
     flight = columns.empty(Flight, count, replica.launcher.device)
     orders = EmitOrders()
     orders.first, orders.global_paths, orders.seed = start, world.global_map.paths, wp.uint32(world.seed)
-    replica.launcher(replica.kernels.emit_photons, count, [replica.emit_scene, orders], [flight])
+    kernel = replica.kernels.emit_photons
+    replica.launcher(kernel, count, scene=replica.emit_scene, orders=orders, flight_out=flight)
     return flight
 
 
@@ -43,7 +44,7 @@ class PhotonHome:
         flight = set_out(replica, self.task.start, self.task.stop)
         count = self.task.stop - self.task.start
         first = wp.empty(count, dtype=wp.int32, device=replica.launcher.device)
-        replica.launcher(first_cells, count, [replica.cells, flight], [first])
+        replica.launcher(first_cells, count, cells=replica.cells, flight=flight, next_cell_out=first)
         arrays = columns.download(flight, SCHEMAS[Kind.PHOTON])
         aimed = arrays["path"] >= world.global_map.paths
         self._emitted = float(arrays["flux"][~aimed].sum(dtype=np.float64)) / 3.0

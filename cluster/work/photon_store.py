@@ -211,15 +211,39 @@ class PhotonStore:
         rank = wp.array(np.searchsorted(ids, photons["id"]), dtype=wp.int32, device=device)
         irradiance = wp.empty(count, dtype=wp.vec3, device=device)
         radius = wp.empty(count, dtype=wp.float32, device=device)
-        search = [world.irradiance.k, plan.radius, world.irradiance.share, world.irradiance.reach]
-        inputs = [self.maps[GLOBAL_MAP].tree, rank, position, normal, *search]
-        runs = -(-count // GATHER_RUN)
-        launcher(gather_at_photons, runs, inputs, [GATHER_RUN, irradiance, radius], grain=GATHER_GRAIN)
+        launcher(
+            gather_at_photons,
+            -(-count // GATHER_RUN),
+            grain=GATHER_GRAIN,
+            photons=self.maps[GLOBAL_MAP].tree,
+            rank=rank,
+            position=position,
+            normal=normal,
+            k=world.irradiance.k,
+            r_max=plan.radius,
+            share=world.irradiance.share,
+            reach=world.irradiance.reach,
+            run=GATHER_RUN,
+            irradiance_out=irradiance,
+            radius_out=radius,
+        )
         radiance = wp.empty(count, dtype=wp.vec3, device=device)
         white, no_clearance = wp.full(count, wp.vec3(1.0), dtype=wp.vec3, device=device), wp.zeros(count, device=device)
-        places = [self.points[GLOBAL_MAP], position, front, no_clearance]
-        found = [white, irradiance, radius, plan.point_area, plan.radius, 1.0 / plan.paths]
-        launcher(reflect_gathered, count, [*places, *found], [radiance])
+        launcher(
+            reflect_gathered,
+            count,
+            points=self.points[GLOBAL_MAP],
+            position=position,
+            front_normal=front,
+            clearance=no_clearance,
+            albedo=white,
+            irradiance=irradiance,
+            radius=radius,
+            point_area=plan.point_area,
+            r_max=plan.radius,
+            scale=1.0 / plan.paths,
+            radiance_out=radiance,
+        )
         self.irradiance_count = count
         self.irradiance = at_photons.build(
             photons["position"],

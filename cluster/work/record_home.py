@@ -16,7 +16,8 @@ from wdpm.cluster.work.misses import no_hits
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
-from wdpm.kernels.camera import rays as cr
+from wdpm.kernels.camera.paths import Paths
+from wdpm.kernels.camera.rays import Rays, first_path_cells
 from wdpm.kernels.irradiance.record_rays import Sites, start_record_rays
 from wdpm.kernels.irradiance.records import make_records, make_strata, record_directions
 from wdpm.scenes.errors import ProtocolError
@@ -59,9 +60,10 @@ class RecordHome:
             "sample": np.full(count, self._view.first_sample, np.int32),
             **no_hits(count, self._view),
         }
-        rays = columns.upload(cr.Rays, arrays, replica.launcher.device)
+        rays = columns.upload(Rays, arrays, replica.launcher.device)
         first = wp.empty(count, dtype=wp.int32, device=replica.launcher.device)
-        replica.launcher(replica.kernels.first_camera_cells, count, [replica.camera, replica.cells, rays], [first])
+        kernel, camera = replica.kernels.first_camera_cells, replica.camera
+        replica.launcher(kernel, count, camera=camera, cells=replica.cells, rays=rays, next_cell_out=first)
         destination = first.numpy()
         self._credit = int(np.count_nonzero(destination >= 0))
         for cell, rows in by_destination(destination, destination >= 0):
@@ -111,20 +113,42 @@ class RecordHome:
         self._rays += count
         direction = wp.empty(count, dtype=wp.vec3, device=device)
         distance = wp.empty(count, dtype=wp.float32, device=device)
-        normals = [wp.array(self._site[name], dtype=wp.vec3, device=device) for name in ("normal", "shading_normal")]
+        normal, shading_normal = (
+            wp.array(self._site[name], dtype=wp.vec3, device=device) for name in ("normal", "shading_normal")
+        )
         strata = make_strata(*self._strata, device)
         number = wp.array(self._numbers(), dtype=wp.int64, device=device)
         seed = wp.uint32(replica.world.seed)  # that of the pass
-        replica.launcher(record_directions, count, [strata, number, *normals, seed], [direction, distance])
+        replica.launcher(
+            record_directions,
+            count,
+            strata=strata,
+            number=number,
+            normal=normal,
+            shading_normal=shading_normal,
+            seed=seed,
+            direction_out=direction,
+            distance_out=distance,
+        )
         self._distance = distance.numpy()
         at = {"position": self._site["position"], "normal": self._site["normal"]}
         places = columns.upload(Sites, {**at, "pixel": self._pixels[self._site["slot"]]}, device)
         medium = -1 if view.camera.medium is None else view.camera.medium
-        paths = columns.empty(cr.Paths, count, device)
-        scalars = [rays, RAY_SAMPLES, medium, replica.lights.offset_min]
-        replica.launcher(start_record_rays, count, [places, direction, distance, *scalars], [paths])
+        paths = columns.empty(Paths, count, device)
+        replica.launcher(
+            start_record_rays,
+            count,
+            sites=places,
+            direction=direction,
+            distance=distance,
+            rays=rays,
+            first_sample=RAY_SAMPLES,
+            medium=medium,
+            offset_min=replica.lights.offset_min,
+            paths_out=paths,
+        )
         first = wp.empty(count, dtype=wp.int32, device=device)
-        replica.launcher(cr.first_path_cells, count, [replica.cells, paths], [first])
+        replica.launcher(first_path_cells, count, cells=replica.cells, paths=paths, next_cell_out=first)
         arrays, destination = columns.download(paths, SCHEMAS[Kind.PATH]), first.numpy()
         going = [(cell, take(arrays, rows)) for cell, rows in by_destination(destination, destination >= 0)]
         credits = [parts.credit_of(sent["bounce"], view.light_samples) for _, sent in going]
@@ -155,25 +179,37 @@ class RecordHome:
         """What the gather rays tell, once all are back."""
         count, device, plan = len(self._site["slot"]), self._replica.launcher.device, self._view.cache
         footprint = self._site["footprint"]
-        bounds = [wp.array(np.float32(b) * footprint, dtype=wp.float32, device=device) for b in (plan.least, plan.most)]
+        least, most = (
+            wp.array(np.float32(bound) * footprint, dtype=wp.float32, device=device)
+            for bound in (plan.least, plan.most)
+        )
         radiance = wp.array(self._radiance(), dtype=wp.vec3, device=device)
         distance = wp.array(self._distance, dtype=wp.float32, device=device)
         shading_normal = wp.array(self._site["shading_normal"], dtype=wp.vec3, device=device)
-        kinds = (wp.vec3, wp.mat33, wp.mat33, wp.float32, wp.float32)
-        outputs = [wp.empty(count, dtype=kind, device=device) for kind in kinds]
-        strata = make_strata(*self._strata, device)
-        inputs = [strata, radiance, distance, shading_normal, plan.error, plan.clearance, *bounds]
-        self._replica.launcher(make_records, count, inputs, outputs, grain=_GRAIN)
-        irradiance, rotation, translation, radius, _ = (output.numpy() for output in outputs)
-        return Records(
-            self._numbers(),
-            self._site["position"],
-            self._site["shading_normal"],
-            irradiance,
-            rotation,
-            translation,
-            radius,
+        kinds = {
+            "irradiance": wp.vec3,
+            "rotation": wp.mat33,
+            "translation": wp.mat33,
+            "radius": wp.float32,
+            "nearest": wp.float32,
+        }
+        made = {name: wp.empty(count, dtype=kind, device=device) for name, kind in kinds.items()}
+        self._replica.launcher(
+            make_records,
+            count,
+            grain=_GRAIN,
+            strata=make_strata(*self._strata, device),
+            radiance=radiance,
+            distance=distance,
+            shading_normal=shading_normal,
+            reach=plan.error,
+            clearance=plan.clearance,
+            radius_min=least,
+            radius_max=most,
+            **{f"{name}_out": array for name, array in made.items()},
         )
+        told = {name: made[name].numpy() for name in ("irradiance", "rotation", "translation", "radius")}
+        return Records(self._numbers(), self._site["position"], self._site["shading_normal"], **told)
 
     def _radiance(self) -> NDArray[np.float32]:
         """What came along each gather ray, added in the order of the parts' places, float32, shape [rays, 3]."""

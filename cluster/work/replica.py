@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from wdpm.cluster.records import NO_RECORDS, Records
 from wdpm.cluster.world import View, World
 from wdpm.kernels.camera import camera
+from wdpm.kernels.camera.diffuse_light import DiffuseLight
+from wdpm.kernels.camera.scene import Scene
+from wdpm.kernels.camera.vertices import Orders
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.features import ALL, Features
@@ -19,6 +22,7 @@ from wdpm.kernels.irradiance import record_tree
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.lights import lights
 from wdpm.kernels.materials import medium, resolve, texture
+from wdpm.kernels.materials.surface import Surfaces
 from wdpm.kernels.photons.departure import EmitScene
 from wdpm.kernels.rays import cells
 from wdpm.kernels.variants import Variants, make_variants
@@ -29,12 +33,14 @@ from wdpm.scenes.model.scene import Camera
 class Observer(Protocol):
     """Who looks over a worker's shoulder. What it is shown changes with the next launch: it copies what it keeps."""
 
-    def shaded(self, surfaces: Any, rays: Any, shots: Any, paths: Any) -> None:
+    def shaded(self, scene: Any, orders: Any, rays: Any, shaded: Any) -> None:
         """Vertices on surfaces of a cell were shaded.
 
         Args:
-            rays: kernels.camera.rays.Rays or Paths that came.
-            shots, paths: kernels.camera.vertices.Shots and Paths that go on; no paths in scenes where none does.
+            scene: kernels.camera.scene.Scene, in the cell.
+            orders: kernels.camera.vertices.Orders.
+            rays: kernels.camera.rays.Rays or paths.Paths that came.
+            shaded: kernels.camera.vertices.Shaded.
         """
 
     def gathered(self, number: int, queries: Any, count: Any, radius: Any, truncated: Any) -> None:
@@ -54,6 +60,7 @@ class Replica:
     Attributes:
         worker: its number.
         paths_by_light: photon paths that its homes have started, by pass (global, caustic) and light.
+        scene: kernels.camera.scene.Scene seen through the view, without surfaces, which each cell has its own of.
         observer: is shown what happens at the vertices of camera paths, for replays; None in a render.
     """
 
@@ -71,6 +78,7 @@ class Replica:
     resolve: Any = field(init=False)
     textures: Any = field(init=False)
     media: Any = field(init=False)
+    scene: Any = field(init=False, default=None)
     records: Records = field(init=False)
     cache: Any = field(init=False, default=None)
     lambertian_sides: NDArray[np.int32] = field(init=False)
@@ -123,6 +131,33 @@ class Replica:
         compile_kernels(self.launcher.device, features)
         self.kernels = make_variants(features)
         self.camera = camera.upload(view.camera, view.seed, self.launcher.device)
+        self.scene = self._scene()
+
+    def scene_of(self, surfaces: Surfaces) -> Any:
+        """The scene of the view (kernels.camera.scene.Scene) in a cell with these surfaces."""
+        scene = self._scene()
+        scene.surfaces = surfaces
+        return scene
+
+    def _scene(self) -> Any:
+        scene = Scene()
+        for name in ("materials", "textures", "media", "lights", "cells", "camera"):
+            setattr(scene, name, getattr(self, name))
+        return scene
+
+
+def orders_of(view: View, shots: int, diffuse_light: DiffuseLight | None = None) -> Any:
+    """What is asked of vertices: kernels.camera.vertices.Orders.
+
+    Args:
+        shots: shadow rays of each vertex.
+        diffuse_light: where they find it, if not as the view says.
+    """
+    orders = Orders()
+    orders.light_samples, orders.shots = view.light_samples, shots
+    orders.max_depth = view.max_depth or 0
+    orders.diffuse_light = int(view.diffuse_light if diffuse_light is None else diffuse_light)
+    return orders
 
 
 def with_camera(features: Features, view: Camera) -> Features:

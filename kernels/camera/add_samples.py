@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import warp as wp
 
+from wdpm.kernels.columns import FromFields, columns_of
+from wdpm.kernels.fields import chosen
+from wdpm.kernels.ray_fields import SAMPLE
+
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
-@wp.struct
-class Slots:
-    """What the samples of one wave brought home. A slot that nothing arrived in is zero."""
+@columns_of(chosen(SAMPLE, "emission", "indirect", "depth", "normal", "albedo"))
+class Slots(FromFields):
+    """What the samples of one wave brought home. A slot that nothing arrived in is zero, its depth negative.
 
-    emission: wp.array[wp.vec3]
-    indirect: wp.array[wp.vec3]
-    depth: wp.array[wp.float32]  # negative where nothing was hit
-    normal: wp.array[wp.vec3]
-    albedo: wp.array[wp.vec3]
-    direct: wp.array[wp.vec3]  # [samples * light_samples]
+    Attributes:
+        direct: direct light at the first surface, by sample and shadow ray, [samples * light_samples].
+    """
+
+    direct: wp.array[wp.vec3]
 
 
 @wp.struct

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import warp as wp
@@ -175,8 +174,8 @@ def whole_pixel(camera: CameraView, pixel: wp.int32) -> wp.int32:
 
 
 @functools.cache
-def make_camera(features: Features) -> SimpleNamespace:
-    """Functions of the camera: `camera_ray`."""
+def make_camera(features: Features) -> wp.Function:
+    """The function `camera_ray` for cameras with a set of features: (camera, pixel, sample) -> Ray."""
 
     @wp.func
     def camera_ray(camera: CameraView, pixel: wp.int32, sample: wp.int32) -> Ray:
@@ -206,4 +205,4 @@ def make_camera(features: Features) -> SimpleNamespace:
                 ray.origin = camera.eye + aside + ray.direction * camera.near
         return ray
 
-    return SimpleNamespace(camera_ray=camera_ray)
+    return camera_ray

@@ -12,12 +12,21 @@ same, and no ray is cut short on its way through the cells.
 from __future__ import annotations
 
 import functools
-from types import SimpleNamespace
 
 import warp as wp
 
-from wdpm.kernels.camera.rays import Paths
-from wdpm.kernels.camera.vertices import Orders, Shots, Vertex, carry_on, numbers_2d, place_of, scattered_again
+from wdpm.kernels.camera.paths import Vertex
+from wdpm.kernels.camera.scene import Scene
+from wdpm.kernels.camera.vertices import (
+    Orders,
+    Shaded,
+    carry_on,
+    numbers_2d,
+    path_from,
+    scattered_again,
+    shoot,
+    shot_of,
+)
 from wdpm.kernels.constants import COLLISION_MARGIN, ROULETTE_FROM_OF_PATHS, SURVIVAL_MOST_IN_MEDIUM
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights.lights import Lights, make_lights
@@ -32,7 +41,6 @@ from wdpm.kernels.materials.medium import (
     scatter_weight_by,
     transmittance,
 )
-from wdpm.kernels.materials.texture import Textures
 from wdpm.kernels.maths.random import PURPOSE_LIGHT, PURPOSE_MEDIUM, sample_1d, sample_2d_fine, stream_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -91,73 +99,50 @@ def collision_at(p: Vertex, flight: DistanceSample) -> wp.vec3:
 
 
 @functools.cache
-def make_medium_vertices(features: Features) -> SimpleNamespace:
-    """Function `shade_medium`."""
+def make_shade_medium(features: Features) -> wp.Function:
+    """The function `shade_medium` for a set of features."""
     sample_direct = make_lights(features).sample_direct
 
     @wp.func
-    def shade_medium(
-        media: Media,
-        lights: Lights,
-        textures: Textures,
-        p: Vertex,
-        flight: DistanceSample,
-        orders: Orders,
-        shots_out: Shots,
-        paths_out: Paths,
-    ) -> None:
+    def shade_medium(scene: Scene, p: Vertex, flight: DistanceSample, orders: Orders, shaded_out: Shaded) -> None:
         """Shadow rays and the ray that goes on from a collision.
 
         Args:
             flight: that led there.
         """
         max_depth = orders.max_depth
+        seed = scene.camera.seed
         position = collision_at(p, flight)
         arrives = wp.normalize(p.direction)
-        g = media.g[p.medium]
-        scattered = wp.cw_mul(wp.cw_mul(p.throughput, flight.weight), media.albedo[p.medium])
+        g = scene.media.g[p.medium]
+        scattered = wp.cw_mul(wp.cw_mul(p.throughput, flight.weight), scene.media.albedo[p.medium])
         diffuse = wp.where(p.diffuse == 0, -1, scattered_again(p.diffuse))
-        lit = lights.count > 0 and (max_depth == 0 or p.edges + 1 <= max_depth)
+        lit = scene.lights.count > 0 and (max_depth == 0 or p.edges + 1 <= max_depth)
         for j in range(orders.shots):
-            row = orders.i * orders.shots + j
-            radiance = wp.vec3(0.0)
+            shot = shot_of(p, diffuse, orders, j)
             if lit:
                 index = wp.uint32(p.sample) * wp.uint32(orders.shots) + wp.uint32(j)
-                point = sample_2d_fine(index, stream_of(orders.seed, PURPOSE_LIGHT, p.item, p.bounce))
-                found = sample_direct(lights, textures, position, point)
+                point = sample_2d_fine(index, stream_of(seed, PURPOSE_LIGHT, p.item, p.bounce))
+                found = sample_direct(scene.lights, scene.textures, position, point)
                 if found.pdf > 0.0:
                     phase = phase_value(g, wp.dot(arrives, found.direction))
                     weight = phase / (found.pdf * wp.float32(orders.shots))
                     if found.delta == 0:
                         weight = weight * (found.pdf / (found.pdf + phase))
-                    radiance = wp.cw_mul(scattered, found.radiance) * weight
-                shots_out.origin[row] = position
-                shots_out.direction[row] = found.end - position
-            shots_out.slot[row] = p.slot
-            shots_out.place[row] = place_of(p.bounce, diffuse, orders.light_samples, j)
-            shots_out.radiance[row] = radiance
-            shots_out.medium[row] = p.medium
+                    shot.radiance = wp.cw_mul(scattered, found.radiance) * weight
+                shot.origin = position
+                shot.direction = found.end - position
+            shoot(p, orders, j, shot, shaded_out.shots)
 
-        direction = phase_sample(g, arrives, numbers_2d(orders.seed, p))
-        carries = wp.vec3(0.0)
+        onward = path_from(p)
+        onward.origin = position
+        onward.direction = phase_sample(g, arrives, numbers_2d(seed, p))
+        onward.anchor = position
+        onward.pdf = phase_value(g, wp.dot(arrives, onward.direction))
+        onward.edges = p.edges + 1
+        onward.diffuse = diffuse
         if max_depth == 0 or p.edges + 1 <= max_depth:
-            carries = scattered
-        pdf = phase_value(g, wp.dot(arrives, direction))
-        carry_on(
-            p,
-            carries,
-            position,
-            direction,
-            position,
-            pdf,
-            p.edges + 1,
-            diffuse,
-            p.medium,
-            ROULETTE_FROM_OF_PATHS,
-            SURVIVAL_MOST_IN_MEDIUM,
-            orders.seed,
-            orders.i,
-            paths_out,
-        )
+            onward.throughput = scattered
+        carry_on(p, onward, ROULETTE_FROM_OF_PATHS, SURVIVAL_MOST_IN_MEDIUM, seed, shaded_out.paths)
 
-    return SimpleNamespace(shade_medium=shade_medium)
+    return shade_medium

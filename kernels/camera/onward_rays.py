@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import functools
-from types import SimpleNamespace
 
 import warp as wp
 
-from wdpm.kernels.camera.rays import Paths
+from wdpm.kernels.camera.paths import Paths, Vertex
+from wdpm.kernels.camera.scene import Scene
 from wdpm.kernels.camera.vertices import (
     BY_FINAL_GATHER,
     BY_PATHS,
     LOBE,
     Orders,
-    Vertex,
     carry_on,
     number_1d,
     numbers_2d,
+    path_from,
     scattered_again,
 )
 from wdpm.kernels.constants import (
@@ -29,7 +29,7 @@ from wdpm.kernels.constants import (
 )
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials.bsdf import cosine_direction, make_bsdf
-from wdpm.kernels.materials.resolve import Materials, medium_beyond
+from wdpm.kernels.materials.resolve import medium_beyond
 from wdpm.kernels.materials.surface import Surface, bump_shading, leave, to_world
 from wdpm.kernels.materials.types import BLACK, DIFFUSE, NULL, RADIANCE
 
@@ -39,15 +39,15 @@ _BELOW_ONE = wp.constant(wp.float32(1 - 2.0**-24))
 
 
 @functools.cache
-def make_onward_rays(features: Features) -> SimpleNamespace:
-    """Function `go_on`."""
+def make_go_on(features: Features) -> wp.Function:
+    """The function `go_on` for surfaces with a set of features."""
     bsdf = make_bsdf(features)
     eval_diffuse = bsdf.eval_diffuse
     sample_glossy = bsdf.sample_glossy
 
     @wp.func
     def go_on(
-        materials: Materials,
+        scene: Scene,
         s: Surface,
         p: Vertex,
         w_from: wp.vec3,
@@ -61,15 +61,9 @@ def make_onward_rays(features: Features) -> SimpleNamespace:
             diffuse_share: probability of the diffuse part.
         """
         max_depth = orders.max_depth
-        seed = orders.seed
-        carries = wp.vec3(0.0)
-        direction = p.direction
+        seed = scene.camera.seed
+        onward = path_from(p)
         leaves = s.normal
-        pdf = p.pdf
-        anchor = p.anchor
-        edges = p.edges
-        diffuse = p.diffuse
-        medium = p.medium
         straight = wp.int32(0)
         u_lobe = wp.float32(0.0)
         if wp.static(features.glossy):
@@ -77,23 +71,25 @@ def make_onward_rays(features: Features) -> SimpleNamespace:
         if wp.static(features.passing):
             if s.bsdf.kind == NULL:
                 straight = 1
-                carries = p.throughput
+                onward.throughput = p.throughput
                 leaves = -s.normal
-                medium = medium_beyond(materials, s.material, s.front, medium)
+                onward.medium = medium_beyond(scene.materials, s.material, s.front, onward.medium)
         by_diffuse = wp.bool(False)
         if wp.static(features.traced):
             by_diffuse = straight == 0 and diffuse_share > 0.0 and (u_lobe < diffuse_share or diffuse_share == 1.0)
             if by_diffuse:
                 w_to = cosine_direction(numbers_2d(seed, p))
-                direction = to_world(s, w_to)
-                pdf = diffuse_share * (w_to[2] * INV_PI)
-                anchor = s.position
-                edges += 1
-                diffuse = wp.where(diffuse == 0, 1, scattered_again(diffuse))
-                if wp.dot(leaves, direction) > 0.0 and (max_depth == 0 or edges <= max_depth):
-                    carries = wp.cw_mul(p.throughput, eval_diffuse(s.bsdf, w_from, w_to) * (PI / diffuse_share))
+                onward.direction = to_world(s, w_to)
+                onward.pdf = diffuse_share * (w_to[2] * INV_PI)
+                onward.anchor = s.position
+                onward.edges = p.edges + 1
+                onward.diffuse = wp.where(p.diffuse == 0, 1, scattered_again(p.diffuse))
+                if wp.dot(leaves, onward.direction) > 0.0 and (max_depth == 0 or onward.edges <= max_depth):
+                    onward.throughput = wp.cw_mul(
+                        p.throughput, eval_diffuse(s.bsdf, w_from, w_to) * (PI / diffuse_share)
+                    )
                     if wp.static(features.bent):
-                        carries = carries * bump_shading(s, direction)
+                        onward.throughput = onward.throughput * bump_shading(s, onward.direction)
         if wp.static(features.glossy):
             if straight == 0 and not by_diffuse and s.bsdf.kind != DIFFUSE and s.bsdf.kind != BLACK:
                 u = numbers_2d(seed, p)
@@ -105,42 +101,26 @@ def make_onward_rays(features: Features) -> SimpleNamespace:
                 sampled = sample_glossy(s.bsdf, w_from, u_lobe, u, RADIANCE)
                 if sampled.crosses == 1:
                     leaves = -s.normal
-                    medium = medium_beyond(materials, s.material, s.front, medium)
+                    onward.medium = medium_beyond(scene.materials, s.material, s.front, onward.medium)
                 if sampled.straight == 1:
-                    carries = wp.cw_mul(p.throughput, sampled.weight) / rest
+                    onward.throughput = wp.cw_mul(p.throughput, sampled.weight) / rest
                 else:
-                    direction = to_world(s, sampled.to)
-                    pdf = rest * sampled.pdf
-                    anchor = s.position
-                    edges += 1
-                    diffuse = scattered_again(diffuse)
-                    if wp.dot(leaves, direction) > 0.0 and (max_depth == 0 or edges <= max_depth):
-                        carries = wp.cw_mul(p.throughput, sampled.weight) / rest
+                    onward.direction = to_world(s, sampled.to)
+                    onward.pdf = rest * sampled.pdf
+                    onward.anchor = s.position
+                    onward.edges = p.edges + 1
+                    onward.diffuse = scattered_again(p.diffuse)
+                    if wp.dot(leaves, onward.direction) > 0.0 and (max_depth == 0 or onward.edges <= max_depth):
+                        onward.throughput = wp.cw_mul(p.throughput, sampled.weight) / rest
                         if wp.static(features.bent):
-                            carries = carries * bump_shading(s, direction)
-        origin = leave(s.position, leaves, orders.offset_min)
-        i = orders.i
+                            onward.throughput = onward.throughput * bump_shading(s, onward.direction)
+        onward.origin = leave(s.position, leaves, scene.surfaces.offset_min)
         roulette_from = wp.int32(ROULETTE_FROM)
         if wp.static(features.traced):
             if orders.diffuse_light == BY_PATHS:
                 roulette_from = ROULETTE_FROM_OF_PATHS
             if orders.diffuse_light == BY_FINAL_GATHER and by_diffuse and p.diffuse > 0:
                 roulette_from = ROULETTE_FROM_OF_GATHERS
-        carry_on(
-            p,
-            carries,
-            origin,
-            direction,
-            anchor,
-            pdf,
-            edges,
-            diffuse,
-            medium,
-            roulette_from,
-            SURVIVAL_MOST,
-            seed,
-            i,
-            paths_out,
-        )
+        carry_on(p, onward, roulette_from, SURVIVAL_MOST, seed, paths_out)
 
-    return SimpleNamespace(go_on=go_on)
+    return go_on

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import functools
-from types import SimpleNamespace
 
 import warp as wp
 
-from wdpm.kernels.camera.vertices import BY_PATHS, Coats, Orders, Queries, Vertex
+from wdpm.kernels.camera.paths import Vertex
+from wdpm.kernels.camera.vertices import BY_PATHS, Coats, Orders, Queries
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials.bsdf import make_bsdf
 from wdpm.kernels.materials.surface import Surface, Surfaces, clearance
@@ -17,8 +17,8 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @functools.cache
-def make_photon_queries(features: Features) -> SimpleNamespace:
-    """Function `query`."""
+def make_query(features: Features) -> wp.Function:
+    """The function `query` for surfaces with a set of features."""
     has_diffuse = make_bsdf(features).has_diffuse
 
     @wp.func
@@ -32,7 +32,7 @@ def make_photon_queries(features: Features) -> SimpleNamespace:
         coats_out: Coats,
     ) -> wp.vec3:
         """Where photons are wanted, and for what. Returns the albedo of the surface, for its layer."""
-        i = orders.i
+        i = p.row
         albedo = wp.vec3(0.0)
         weight = wp.vec3(0.0)
         if w_from[2] > 0.0 and has_diffuse(s.bsdf):
@@ -65,4 +65,4 @@ def make_photon_queries(features: Features) -> SimpleNamespace:
             coats_out.w_from[i] = w_from
         return albedo
 
-    return SimpleNamespace(query=query)
+    return query

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import functools
-from types import SimpleNamespace
+from dataclasses import dataclass
 
 import warp as wp
 
-from wdpm.kernels.camera.camera import CameraView, make_camera
+from wdpm.kernels.camera.camera import CameraView, make_camera, whole_pixel
+from wdpm.kernels.camera.paths import Paths, Vertex, load_hit, store_hit, store_path
+from wdpm.kernels.columns import FromFields, columns_of, loader, storer
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials.surface import Surfaces, position_at, row_of
+from wdpm.kernels.ray_fields import CAMERA_RAY
 from wdpm.kernels.rays.bvh import Bvh, closest_hit
 from wdpm.kernels.rays.cells import Cells, cell_of, entry_of, inverse_direction, next_cell
 from wdpm.kernels.rays.triangle import Hit
@@ -17,50 +20,54 @@ from wdpm.kernels.rays.triangle import Hit
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
-@wp.struct
-class Rays:
-    """Camera rays, one an item, with their best hits so far; see cluster.batch.SCHEMAS.
-
-    A ray is a function of its pixel and its sample number; `slot` is where its home wants the result.
-    """
-
-    slot: wp.array[wp.int32]
-    pixel: wp.array[wp.int32]
-    sample: wp.array[wp.int32]
-    t: wp.array[wp.float32]
-    prim: wp.array[wp.int32]
-    u: wp.array[wp.float32]
-    v: wp.array[wp.float32]
-    owner: wp.array[wp.int32]
+@columns_of(CAMERA_RAY)
+class Rays(FromFields):
+    """Camera rays, one an item, with their best hits so far."""
 
 
-@wp.struct
-class Paths:
-    """Camera paths beyond their first surface, one an item, with their best hits so far; see cluster.batch.SCHEMAS."""
+load_ray = loader(Rays, Vertex)
+load_ray_hit = loader(Rays, Hit)
+store_ray_hit = storer(Rays, Hit)
 
-    slot: wp.array[wp.int32]
-    pixel: wp.array[wp.int32]
-    sample: wp.array[wp.int32]
-    bounce: wp.array[wp.int32]
-    edges: wp.array[wp.int32]
-    diffuse: wp.array[wp.int32]
-    medium: wp.array[wp.int32]
-    origin: wp.array[wp.vec3]
-    direction: wp.array[wp.vec3]
-    anchor: wp.array[wp.vec3]
-    throughput: wp.array[wp.vec3]
-    pdf: wp.array[wp.float32]
-    t: wp.array[wp.float32]
-    prim: wp.array[wp.int32]
-    u: wp.array[wp.float32]
-    v: wp.array[wp.float32]
-    owner: wp.array[wp.int32]
+
+@dataclass(frozen=True)
+class CameraRays:
+    """Kernels for camera rays of a set of features."""
+
+    first_camera_cells: wp.Kernel
+    mark_touched_cells: wp.Kernel
+    visit_camera_rays: wp.Kernel
+    start_paths: wp.Kernel
 
 
 @functools.cache
-def make_camera_rays(features: Features) -> SimpleNamespace:
-    """Kernels for camera rays: `first_camera_cells`, `mark_touched_cells`, `visit_camera_rays`, `start_paths`."""
-    camera_ray = make_camera(features).camera_ray
+def make_first_vertex(features: Features) -> wp.Function:
+    """The function `first_vertex` for cameras with a set of features: (camera, rays, i) -> Vertex."""
+    camera_ray = make_camera(features)
+
+    @wp.func
+    def first_vertex(camera: CameraView, rays: Rays, i: wp.int32) -> Vertex:
+        """A camera ray as the beginning of a path."""
+        p = load_ray(rays, i)
+        ray = camera_ray(camera, p.pixel, p.sample)
+        p.item = wp.uint32(whole_pixel(camera, p.pixel))
+        p.row = i
+        p.edges = 1
+        p.medium = camera.medium
+        p.origin = ray.origin
+        p.direction = ray.direction
+        p.anchor = ray.origin
+        p.throughput = wp.vec3(1.0)
+        return p
+
+    return first_vertex
+
+
+@functools.cache
+def make_camera_rays(features: Features) -> CameraRays:
+    """The kernels for a set of features."""
+    camera_ray = make_camera(features)
+    first_vertex = make_first_vertex(features)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def first_camera_cells(
@@ -97,17 +104,10 @@ def make_camera_rays(features: Features) -> SimpleNamespace:
         """Intersect rays with this cell. Best hits are refined in place; -1 in next_cell_out: the hit is final."""
         i = offset + wp.tid()
         ray = camera_ray(camera, rays.pixel[i], rays.sample[i])
-        hit = Hit()
-        hit.t = rays.t[i]
-        hit.prim = rays.prim[i]
-        hit.u = rays.u[i]
-        hit.v = rays.v[i]
+        hit = load_ray_hit(rays, i)
         found = closest_hit(bvh, ray.origin, ray.direction, hit)
         if found.prim != hit.prim:
-            rays.t[i] = found.t
-            rays.prim[i] = found.prim
-            rays.u[i] = found.u
-            rays.v[i] = found.v
+            store_ray_hit(found, i, rays)
             row = row_of(surfaces, found.prim)
             rays.owner[i] = cell_of(cells, position_at(surfaces, row, found.u, found.v))
         next_cell_out[i] = next_cell(cells, ray.origin, ray.direction, found.t, own_cell)
@@ -116,31 +116,9 @@ def make_camera_rays(features: Features) -> SimpleNamespace:
     def start_paths(camera: CameraView, rays: Rays, offset: wp.int32, paths_out: Paths) -> None:
         """Camera rays as the beginnings of paths."""
         i = offset + wp.tid()
-        ray = camera_ray(camera, rays.pixel[i], rays.sample[i])
-        paths_out.slot[i] = rays.slot[i]
-        paths_out.pixel[i] = rays.pixel[i]
-        paths_out.sample[i] = rays.sample[i]
-        paths_out.bounce[i] = 0
-        paths_out.edges[i] = 1
-        paths_out.diffuse[i] = 0
-        paths_out.medium[i] = camera.medium
-        paths_out.origin[i] = ray.origin
-        paths_out.direction[i] = ray.direction
-        paths_out.anchor[i] = ray.origin
-        paths_out.throughput[i] = wp.vec3(1.0)
-        paths_out.pdf[i] = 0.0
-        paths_out.t[i] = rays.t[i]
-        paths_out.prim[i] = rays.prim[i]
-        paths_out.u[i] = rays.u[i]
-        paths_out.v[i] = rays.v[i]
-        paths_out.owner[i] = rays.owner[i]
+        store_path(first_vertex(camera, rays, i), i, paths_out)
 
-    return SimpleNamespace(
-        start_paths=start_paths,
-        first_camera_cells=first_camera_cells,
-        mark_touched_cells=mark_touched_cells,
-        visit_camera_rays=visit_camera_rays,
-    )
+    return CameraRays(first_camera_cells, mark_touched_cells, visit_camera_rays, start_paths)
 
 
 @wp.kernel
@@ -164,17 +142,10 @@ def visit_paths(
 ) -> None:
     """As visit_camera_rays, for rays that carry where they come from."""
     i = offset + wp.tid()
-    hit = Hit()
-    hit.t = paths.t[i]
-    hit.prim = paths.prim[i]
-    hit.u = paths.u[i]
-    hit.v = paths.v[i]
+    hit = load_hit(paths, i)
     found = closest_hit(bvh, paths.origin[i], paths.direction[i], hit)
     if found.prim != hit.prim:
-        paths.t[i] = found.t
-        paths.prim[i] = found.prim
-        paths.u[i] = found.u
-        paths.v[i] = found.v
+        store_hit(found, i, paths)
         row = row_of(surfaces, found.prim)
         paths.owner[i] = cell_of(cells, position_at(surfaces, row, found.u, found.v))
     next_cell_out[i] = next_cell(cells, paths.origin[i], paths.direction[i], found.t, own_cell)

@@ -20,273 +20,143 @@ sampling with the balance heuristic (Veach & Guibas 1995), for each part of a su
 from __future__ import annotations
 
 import functools
-from types import SimpleNamespace
+from dataclasses import dataclass
 
 import warp as wp
 
-from wdpm.kernels.camera.camera import CameraView, make_camera, whole_pixel
-from wdpm.kernels.camera.medium_vertices import collision_at, flight_of, length_to, make_medium_vertices
-from wdpm.kernels.camera.rays import Paths, Rays
-from wdpm.kernels.camera.surface_vertices import make_surface_vertices
+from wdpm.kernels.camera.medium_vertices import collision_at, flight_of, length_to, make_shade_medium
+from wdpm.kernels.camera.paths import Paths, Vertex, camera_path
+from wdpm.kernels.camera.rays import Rays, make_first_vertex
+from wdpm.kernels.camera.scene import Scene
+from wdpm.kernels.camera.surface_vertices import make_shade_surface
 from wdpm.kernels.camera.vertices import (
     BY_FINAL_GATHER,
-    BY_MAP,
     BY_PATHS,
     TRACE_ON,
-    Coats,
     Orders,
-    Queries,
-    Seen,
-    Shots,
+    Shaded,
     Stretches,
-    Vertex,
-    camera_path,
     nothing_goes_on,
-    nothing_lit,
     nothing_seen,
-    orders_of,
+    shoot,
+    shot_of,
     stretch,
 )
 from wdpm.kernels.features import Features
-from wdpm.kernels.lights.lights import Lights, make_lights
-from wdpm.kernels.materials.medium import Media, transmittance
-from wdpm.kernels.materials.resolve import Materials
-from wdpm.kernels.materials.surface import Surfaces
-from wdpm.kernels.materials.texture import Textures
-from wdpm.kernels.rays.cells import Cells, cell_of
+from wdpm.kernels.lights.lights import make_lights
+from wdpm.kernels.materials.medium import transmittance
+from wdpm.kernels.rays.cells import cell_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
+@dataclass(frozen=True)
+class Shading:
+    """Kernels for vertices of camera paths."""
+
+    shade_camera_hits: wp.Kernel
+    shade_vertices: wp.Kernel
+    path_misses: wp.Kernel
+
+
 @functools.cache
-def make_shading(features: Features) -> SimpleNamespace:
-    """Kernels for vertices of camera paths: `shade_camera_hits`, `shade_vertices`, `path_misses`."""
+def make_shading(features: Features) -> Shading:
+    """The kernels for a set of features."""
     light = make_lights(features)
     pdf_environment = light.pdf_environment
     environment_radiance = light.environment_radiance
-    camera_ray = make_camera(features).camera_ray
-    shade_surface = make_surface_vertices(features).shade_surface
-    shade_medium = make_medium_vertices(features).shade_medium
+    first_vertex = make_first_vertex(features)
+    shade_surface = make_shade_surface(features)
+    shade_medium = make_shade_medium(features)
 
     @wp.func
-    def camera_vertex(camera: CameraView, rays: Rays, i: wp.int32) -> Vertex:
-        """A camera ray as the beginning of a path."""
-        ray = camera_ray(camera, rays.pixel[i], rays.sample[i])
-        p = Vertex()
-        p.slot = rays.slot[i]
-        p.pixel = rays.pixel[i]
-        p.item = wp.uint32(whole_pixel(camera, p.pixel))
-        p.sample = rays.sample[i]
-        p.edges = 1
-        p.medium = camera.medium
-        p.origin = ray.origin
-        p.direction = ray.direction
-        p.anchor = ray.origin
-        p.throughput = wp.vec3(1.0)
-        p.t = rays.t[i]
-        p.prim = rays.prim[i]
-        p.u = rays.u[i]
-        p.v = rays.v[i]
-        return p
-
-    @wp.func
-    def shade(
-        surfaces: Surfaces,
-        materials: Materials,
-        textures: Textures,
-        media: Media,
-        lights: Lights,
-        p: Vertex,
-        orders: Orders,
-        seen_out: Seen,
-        queries_out: Queries,
-        coats_out: Coats,
-        shots_out: Shots,
-        paths_out: Paths,
-        stretches_out: Stretches,
-    ) -> None:
+    def shade(scene: Scene, p: Vertex, orders: Orders, shaded_out: Shaded) -> None:
         """A vertex on a surface, or, in BY_PATHS, in the medium before it."""
         reached = wp.bool(True)
         if wp.static(features.media):
             throughput = p.throughput
-            length = length_to(lights, p)
-            stretch(p, length, orders.light_samples, orders.i, stretches_out)
+            length = length_to(scene.lights, p)
+            stretch(p, length, orders.light_samples, shaded_out.stretches)
             if orders.diffuse_light != BY_PATHS:
                 if p.medium >= 0:
-                    throughput = wp.cw_mul(throughput, transmittance(media, p.medium, length))
+                    throughput = wp.cw_mul(throughput, transmittance(scene.media, p.medium, length))
             if wp.static(features.traced):
                 if orders.diffuse_light == BY_PATHS:
-                    flight = flight_of(media, lights, p, orders.seed)
+                    flight = flight_of(scene.media, scene.lights, p, scene.camera.seed)
                     throughput = wp.cw_mul(throughput, flight.weight)
                     if flight.scatters == 1:
                         reached = wp.bool(False)
-                        shade_medium(
-                            media,
-                            lights,
-                            textures,
-                            p,
-                            flight,
-                            orders,
-                            shots_out,
-                            paths_out,
-                        )
+                        shade_medium(scene, p, flight, orders, shaded_out)
             p.throughput = throughput
         if p.prim >= 0:
-            shade_surface(
-                surfaces,
-                materials,
-                textures,
-                lights,
-                p,
-                reached,
-                orders,
-                seen_out,
-                queries_out,
-                coats_out,
-                shots_out,
-                paths_out,
-            )
+            shade_surface(scene, p, reached, orders, shaded_out)
         else:
-            nothing_seen(p, orders, seen_out, queries_out)
+            nothing_seen(p, shaded_out.seen, shaded_out.queries)
             if reached:  # nowhere: only a peer that errs sends such a vertex
                 for j in range(orders.shots):
-                    nothing_lit(p, orders, j, shots_out)
+                    shoot(p, orders, j, shot_of(p, p.diffuse, orders, j), shaded_out.shots)
                 if wp.static(features.goes_on):
-                    nothing_goes_on(p, orders, paths_out)
+                    nothing_goes_on(p, scene.camera.seed, shaded_out.paths)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
-    def shade_camera_hits(
-        surfaces: Surfaces,
-        materials: Materials,
-        textures: Textures,
-        media: Media,
-        lights: Lights,
-        camera: CameraView,
-        rays: Rays,
-        light_samples: wp.int32,
-        max_depth: wp.int32,
-        offset: wp.int32,
-        seen_out: Seen,
-        queries_out: Queries,
-        coats_out: Coats,
-        shots_out: Shots,
-        paths_out: Paths,
-        stretches_out: Stretches,
-    ) -> None:
+    def shade_camera_hits(scene: Scene, rays: Rays, orders: Orders, offset: wp.int32, shaded_out: Shaded) -> None:
         """Final hits of camera rays that lie in this cell.
 
         Args:
-            light_samples: shadow segments a hit; segment j of hit i is number i * light_samples + j.
-            max_depth: longest path in edges; 0 for no limit.
+            orders: by BY_MAP.
         """
-        i = offset + wp.tid()
-        shade(
-            surfaces,
-            materials,
-            textures,
-            media,
-            lights,
-            camera_vertex(camera, rays, i),
-            orders_of(camera, surfaces.offset_min, light_samples, light_samples, max_depth, BY_MAP, TRACE_ON, i),
-            seen_out,
-            queries_out,
-            coats_out,
-            shots_out,
-            paths_out,
-            stretches_out,
-        )
+        shade(scene, first_vertex(scene.camera, rays, offset + wp.tid()), orders, shaded_out)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def shade_vertices(
-        surfaces: Surfaces,
-        materials: Materials,
-        textures: Textures,
-        media: Media,
-        lights: Lights,
-        camera: CameraView,
+        scene: Scene,
         paths: Paths,
-        light_samples: wp.int32,
-        max_depth: wp.int32,
-        shots: wp.int32,
-        diffuse_light: wp.int32,
+        orders: Orders,
         actions: wp.array[wp.int32],
         offset: wp.int32,
-        seen_out: Seen,
-        queries_out: Queries,
-        coats_out: Coats,
-        shots_out: Shots,
-        paths_out: Paths,
-        stretches_out: Stretches,
+        shaded_out: Shaded,
     ) -> None:
         """As shade_camera_hits, for all vertices of camera paths, where paths go on.
 
         Args:
-            light_samples: shadow segments of what the camera sees.
-            shots: shadow segments of each of these vertices; segment j of vertex i is number i * shots + j.
-            diffuse_light: BY_MAP, BY_PATHS or BY_FINAL_GATHER.
             actions: in BY_FINAL_GATHER, what the diffuse part of each vertex does.
         """
         i = offset + wp.tid()
-        action = wp.int32(TRACE_ON)
+        p = camera_path(scene.camera, paths, i)
+        p.action = TRACE_ON
         if wp.static(features.traced):
-            if diffuse_light == BY_FINAL_GATHER:
-                action = actions[i]
-        shade(
-            surfaces,
-            materials,
-            textures,
-            media,
-            lights,
-            camera_path(camera, paths, i),
-            orders_of(camera, surfaces.offset_min, light_samples, shots, max_depth, diffuse_light, action, i),
-            seen_out,
-            queries_out,
-            coats_out,
-            shots_out,
-            paths_out,
-            stretches_out,
-        )
+            if orders.diffuse_light == BY_FINAL_GATHER:
+                p.action = actions[i]
+        shade(scene, p, orders, shaded_out)
 
     @wp.func
-    def escaped(
-        media: Media,
-        lights: Lights,
-        p: Vertex,
-        light_samples: wp.int32,
-        diffuse_light: wp.int32,
-        i: wp.int32,
-        stretches_out: Stretches,
-    ) -> wp.vec3:
+    def escaped(scene: Scene, p: Vertex, orders: Orders, stretches_out: Stretches) -> wp.vec3:
         """What its environment and, without end, its medium send back to a ray that leaves the scene."""
         radiance = wp.vec3(0.0)
         if wp.static(features.environment):
             unit = wp.normalize(p.direction)
-            radiance = environment_radiance(lights, unit)
+            radiance = environment_radiance(scene.lights, unit)
             if wp.static(features.glossy or features.traced):
                 if p.pdf > 0.0:
-                    by_light = pdf_environment(lights, p.anchor, unit)
+                    by_light = pdf_environment(scene.lights, p.anchor, unit)
                     radiance = radiance * (p.pdf / (p.pdf + by_light))
             if wp.static(features.traced):
-                if diffuse_light == BY_FINAL_GATHER and p.diffuse > 0:
+                if orders.diffuse_light == BY_FINAL_GATHER and p.diffuse > 0:
                     radiance = wp.vec3(0.0)
             radiance = wp.cw_mul(p.throughput, radiance)
         if wp.static(features.media):
-            length = length_to(lights, p)
-            stretch(p, length, light_samples, i, stretches_out)
-            if diffuse_light != BY_PATHS:
+            length = length_to(scene.lights, p)
+            stretch(p, length, orders.light_samples, stretches_out)
+            if orders.diffuse_light != BY_PATHS:
                 if p.medium >= 0:
-                    radiance = wp.cw_mul(radiance, transmittance(media, p.medium, length))
+                    radiance = wp.cw_mul(radiance, transmittance(scene.media, p.medium, length))
         return radiance
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def path_misses(
-        media: Media,
-        lights: Lights,
-        cells: Cells,
-        camera: CameraView,
+        scene: Scene,
         paths: Paths,
-        light_samples: wp.int32,
-        diffuse_light: wp.int32,
+        orders: Orders,
         offset: wp.int32,
         radiance_out: wp.array[wp.vec3],
         collision_out: wp.array[wp.int32],
@@ -298,21 +168,17 @@ def make_shading(features: Features) -> SimpleNamespace:
             collision_out: in BY_PATHS, the cell in which each path collides in its medium, -1 where it does not.
         """
         i = offset + wp.tid()
-        p = camera_path(camera, paths, i)
-        radiance = escaped(media, lights, p, light_samples, diffuse_light, i, stretches_out)
+        p = camera_path(scene.camera, paths, i)
+        radiance = escaped(scene, p, orders, stretches_out)
         collision = wp.int32(-1)
         if wp.static(features.media and features.traced):
-            if diffuse_light == BY_PATHS:
-                flight = flight_of(media, lights, p, camera.seed)
+            if orders.diffuse_light == BY_PATHS:
+                flight = flight_of(scene.media, scene.lights, p, scene.camera.seed)
                 radiance = wp.cw_mul(radiance, flight.weight)
                 if flight.scatters == 1:
                     radiance = wp.vec3(0.0)
-                    collision = cell_of(cells, collision_at(p, flight))
+                    collision = cell_of(scene.cells, collision_at(p, flight))
         radiance_out[i] = radiance
         collision_out[i] = collision
 
-    return SimpleNamespace(
-        shade_camera_hits=shade_camera_hits,
-        shade_vertices=shade_vertices,
-        path_misses=path_misses,
-    )
+    return Shading(shade_camera_hits, shade_vertices, path_misses)

@@ -8,15 +8,17 @@ surface to surface, each factor applied where its surface is, in the order along
 from __future__ import annotations
 
 import functools
-from types import SimpleNamespace
 
 import warp as wp
 
+from wdpm.kernels.camera.scene import Scene
+from wdpm.kernels.columns import FromFields, columns_of, loader, storer
 from wdpm.kernels.features import Features
+from wdpm.kernels.fields import chosen
 from wdpm.kernels.materials.medium import Media, transmittance
-from wdpm.kernels.materials.resolve import Materials, make_materials, medium_beyond
+from wdpm.kernels.materials.resolve import make_materials, medium_beyond
 from wdpm.kernels.materials.surface import Surfaces, leave, make_surface, position_at, row_of
-from wdpm.kernels.materials.texture import Textures
+from wdpm.kernels.ray_fields import SEGMENT, STRETCH, WALK
 from wdpm.kernels.rays.bvh import Bvh, any_hit, closest_hit
 from wdpm.kernels.rays.cells import Cells, cell_of, next_cell
 from wdpm.kernels.rays.triangle import Hit
@@ -30,32 +32,18 @@ SEGMENT_END = wp.constant(1.0)
 """Where a segment ends, in units of its direction's length."""
 
 
-@wp.struct
-class Segments:
+@columns_of(SEGMENT)
+class Segments(FromFields):
     """Shadow segments from origin to origin + direction, and the radiance that arrives if nothing blocks them."""
 
-    slot: wp.array[wp.int32]
-    place: wp.array[wp.int32]
-    origin: wp.array[wp.vec3]
-    direction: wp.array[wp.vec3]
-    radiance: wp.array[wp.vec3]
+
+@columns_of(WALK)
+class Walks(FromFields):
+    """Shadow segments that are walked, with the best hit of the moment."""
 
 
-@wp.struct
-class Walks:
-    """Shadow segments that are walked, with the best hit of the moment; see cluster.batch.SCHEMAS."""
-
-    slot: wp.array[wp.int32]
-    place: wp.array[wp.int32]
-    origin: wp.array[wp.vec3]
-    direction: wp.array[wp.vec3]
-    radiance: wp.array[wp.vec3]
-    medium: wp.array[wp.int32]
-    t: wp.array[wp.float32]
-    prim: wp.array[wp.int32]
-    u: wp.array[wp.float32]
-    v: wp.array[wp.float32]
-    owner: wp.array[wp.int32]
+load_walk_hit = loader(Walks, Hit)
+store_walk_hit = storer(Walks, Hit)
 
 
 @wp.kernel
@@ -95,17 +83,10 @@ def visit_walks(
     A segment that has then met none is attenuated by what is left of its medium, and has arrived.
     """
     i = offset + wp.tid()
-    hit = Hit()
-    hit.t = walks.t[i]
-    hit.prim = walks.prim[i]
-    hit.u = walks.u[i]
-    hit.v = walks.v[i]
+    hit = load_walk_hit(walks, i)
     found = closest_hit(bvh, walks.origin[i], walks.direction[i], hit)
     if found.prim != hit.prim:
-        walks.t[i] = found.t
-        walks.prim[i] = found.prim
-        walks.u[i] = found.u
-        walks.v[i] = found.v
+        store_walk_hit(found, i, walks)
         row = row_of(surfaces, found.prim)
         walks.owner[i] = cell_of(cells, position_at(surfaces, row, found.u, found.v))
     onward = next_cell(cells, walks.origin[i], walks.direction[i], found.t, own_cell)
@@ -117,35 +98,29 @@ def visit_walks(
 
 
 @functools.cache
-def make_shadow_walk(features: Features) -> SimpleNamespace:
-    """The kernel that takes walked segments through a surface: `pass_panes`."""
+def make_pass_panes(features: Features) -> wp.Kernel:
+    """The kernel that takes walked segments through a surface."""
     surface_at = make_surface(features).surface_at
     straight_transmittance = make_materials(features).straight_transmittance
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
-    def pass_panes(
-        surfaces: Surfaces,
-        materials: Materials,
-        textures: Textures,
-        media: Media,
-        cells: Cells,
-        walks: Walks,
-        offset: wp.int32,
-        next_cell_out: wp.array[wp.int32],
-    ) -> None:
+    def pass_panes(scene: Scene, walks: Walks, offset: wp.int32, next_cell_out: wp.array[wp.int32]) -> None:
         """Take segments through the surface that they have met: SHADOW_BLOCKED, or the first cell on the way on."""
         i = offset + wp.tid()
         direction = walks.direction[i]
         unit = wp.normalize(direction)
-        s = surface_at(surfaces, materials, textures, walks.prim[i], walks.u[i], walks.v[i], -unit, 0.0)
-        factor = straight_transmittance(materials, textures, s.material, s.uv, s.color, wp.abs(wp.dot(s.normal, unit)))
+        met = load_walk_hit(walks, i)
+        s = surface_at(scene.surfaces, scene.materials, scene.textures, met.prim, met.u, met.v, -unit, 0.0)
+        cosine = wp.abs(wp.dot(s.normal, unit))
+        factor = straight_transmittance(scene.materials, scene.textures, s.material, s.uv, s.color, cosine)
         radiance = wp.cw_mul(walks.radiance[i], factor)
         if wp.static(features.media):
-            if walks.medium[i] >= 0:
-                radiance = wp.cw_mul(radiance, transmittance(media, walks.medium[i], walks.t[i] * wp.length(direction)))
-            walks.medium[i] = medium_beyond(materials, s.material, s.front, walks.medium[i])
+            medium = walks.medium[i]
+            if medium >= 0:
+                radiance = wp.cw_mul(radiance, transmittance(scene.media, medium, met.t * wp.length(direction)))
+            walks.medium[i] = medium_beyond(scene.materials, s.material, s.front, medium)
         end = walks.origin[i] + direction
-        origin = leave(s.position, -s.normal, surfaces.offset_min)
+        origin = leave(s.position, -s.normal, scene.surfaces.offset_min)
         rest = end - origin
         walks.origin[i] = origin
         walks.direction[i] = rest
@@ -157,19 +132,15 @@ def make_shadow_walk(features: Features) -> SimpleNamespace:
         if wp.max(radiance) > 0.0:
             onward = wp.int32(-1)
             if wp.dot(rest, direction) > 0.0:
-                onward = next_cell(cells, origin, rest, SEGMENT_END, -1)
+                onward = next_cell(scene.cells, origin, rest, SEGMENT_END, -1)
             next_cell_out[i] = onward
 
-    return SimpleNamespace(pass_panes=pass_panes)
+    return pass_panes
 
 
-@wp.struct
-class Ways:
+@columns_of(chosen(STRETCH, "origin", "direction", "length"))
+class Ways(FromFields):
     """Straight ways of some length along unit directions."""
-
-    origin: wp.array[wp.vec3]
-    direction: wp.array[wp.vec3]
-    length: wp.array[wp.float32]
 
 
 @wp.kernel

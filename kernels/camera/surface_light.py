@@ -8,27 +8,41 @@ is found through a mask, some vertices later, need not know how many there were.
 from __future__ import annotations
 
 import functools
-from types import SimpleNamespace
+from dataclasses import dataclass
 
 import warp as wp
 
-from wdpm.kernels.camera.vertices import BY_FINAL_GATHER, BY_PATHS, Orders, Shots, Vertex, place_of
+from wdpm.kernels.camera.paths import Vertex
+from wdpm.kernels.camera.scene import Scene
+from wdpm.kernels.camera.vertices import BY_FINAL_GATHER, BY_PATHS, Orders, Shots, shoot, shot_of
 from wdpm.kernels.constants import INV_PI
 from wdpm.kernels.features import Features
-from wdpm.kernels.lights.lights import Lights, make_lights
+from wdpm.kernels.lights.lights import make_lights
 from wdpm.kernels.materials.bsdf import make_bsdf
-from wdpm.kernels.materials.resolve import Materials, medium_beyond
+from wdpm.kernels.materials.resolve import medium_beyond
 from wdpm.kernels.materials.surface import Surface, bump_shading, leave, to_local
-from wdpm.kernels.materials.texture import Textures
 from wdpm.kernels.materials.types import RADIANCE
 from wdpm.kernels.maths.random import PURPOSE_LIGHT, sample_2d_fine, stream_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
+@dataclass(frozen=True)
+class SurfaceLight:
+    """Functions for light straight from lights.
+
+    Attributes:
+        emitted: (scene, s, p) -> radiance.
+        direct: (scene, s, p, w_from, diffuse_share, orders, j, shots_out).
+    """
+
+    emitted: wp.Function
+    direct: wp.Function
+
+
 @functools.cache
-def make_surface_light(features: Features) -> SimpleNamespace:
-    """Functions `emitted`, `direct`."""
+def make_surface_light(features: Features) -> SurfaceLight:
+    """The functions for surfaces and lights with a set of features."""
     bsdf = make_bsdf(features)
     eval_diffuse = bsdf.eval_diffuse
     eval_glossy = bsdf.eval_glossy
@@ -39,22 +53,20 @@ def make_surface_light(features: Features) -> SimpleNamespace:
     emitted_radiance = light.emitted_radiance
 
     @wp.func
-    def emitted(textures: Textures, lights: Lights, s: Surface, p: Vertex) -> wp.vec3:
+    def emitted(scene: Scene, s: Surface, p: Vertex) -> wp.vec3:
         """Radiance of the surface itself, weighted against the shadow rays that might have found it."""
         radiance = wp.vec3(0.0)
         if s.emitter >= 0 and s.front == 1:
-            radiance = emitted_radiance(lights, textures, s.emitter, s.uv, s.color)
+            radiance = emitted_radiance(scene.lights, scene.textures, s.emitter, s.uv, s.color)
             if wp.static(features.glossy or features.traced):
                 if p.pdf > 0.0:
-                    by_light = pdf_triangle(lights, p.prim, p.anchor, s.position, s.normal)
+                    by_light = pdf_triangle(scene.lights, p.prim, p.anchor, s.position, s.normal)
                     radiance = radiance * (p.pdf / (p.pdf + by_light))
         return wp.cw_mul(p.throughput, radiance)
 
     @wp.func
     def direct(
-        materials: Materials,
-        textures: Textures,
-        lights: Lights,
+        scene: Scene,
         s: Surface,
         p: Vertex,
         w_from: wp.vec3,
@@ -69,8 +81,8 @@ def make_surface_light(features: Features) -> SimpleNamespace:
             diffuse_share: probability that the ray that goes on does so by the diffuse part.
         """
         index = wp.uint32(p.sample) * wp.uint32(orders.shots) + wp.uint32(j)
-        point = sample_2d_fine(index, stream_of(orders.seed, PURPOSE_LIGHT, p.item, p.bounce))
-        found = sample_direct(lights, textures, s.position, point)
+        point = sample_2d_fine(index, stream_of(scene.camera.seed, PURPOSE_LIGHT, p.item, p.bounce))
+        found = sample_direct(scene.lights, scene.textures, s.position, point)
         radiance = wp.vec3(0.0)
         side = wp.dot(s.normal, found.direction)
         leaves = s.normal
@@ -104,16 +116,13 @@ def make_surface_light(features: Features) -> SimpleNamespace:
             radiance = wp.cw_mul(p.throughput, wp.cw_mul(scattering, found.radiance)) / found.pdf
         if p.bounce > 0:
             radiance = radiance / wp.float32(orders.shots)
-        row = orders.i * orders.shots + j
-        origin = leave(s.position, leaves, orders.offset_min)
-        shots_out.slot[row] = p.slot
-        shots_out.place[row] = place_of(p.bounce, p.diffuse, orders.light_samples, j)
-        shots_out.origin[row] = origin
-        shots_out.direction[row] = found.end - origin
-        shots_out.radiance[row] = radiance
+        shot = shot_of(p, p.diffuse, orders, j)
+        shot.origin = leave(s.position, leaves, scene.surfaces.offset_min)
+        shot.direction = found.end - shot.origin
+        shot.radiance = radiance
         if wp.static(features.media):
-            shots_out.medium[row] = p.medium
             if side < 0.0:
-                shots_out.medium[row] = medium_beyond(materials, s.material, s.front, p.medium)
+                shot.medium = medium_beyond(scene.materials, s.material, s.front, p.medium)
+        shoot(p, orders, j, shot, shots_out)
 
-    return SimpleNamespace(emitted=emitted, direct=direct)
+    return SurfaceLight(emitted, direct)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import warp as wp
 
-from wdpm.kernels.camera.camera import CameraView, whole_pixel
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
-from wdpm.kernels.camera.rays import Paths
+from wdpm.kernels.camera.paths import Paths, Vertex, store_path, without_hit
+from wdpm.kernels.columns import FromFields, columns_of, item_of, storer
 from wdpm.kernels.constants import ROULETTE_FROM, SURVIVAL_MOST
+from wdpm.kernels.fields import chosen
 from wdpm.kernels.limits import CHAIN_LIMIT
 from wdpm.kernels.materials.types import Bsdf
 from wdpm.kernels.maths.random import PURPOSE_BOUNCE, sample_1d, sample_2d, stream_of
-from wdpm.kernels.rays.triangle import NO_HIT
+from wdpm.kernels.ray_fields import RAY, SAMPLE, SHOT, STRETCH
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -55,14 +56,9 @@ MEDIUM_SECTION = wp.constant(2)
 """By a medium."""
 
 
-@wp.struct
-class Seen:
+@columns_of(chosen(SAMPLE, "emission", "depth", "normal", "albedo"))
+class Seen(FromFields):
     """What the vertices of camera paths see themselves."""
-
-    emission: wp.array[wp.vec3]
-    depth: wp.array[wp.float32]
-    normal: wp.array[wp.vec3]
-    albedo: wp.array[wp.vec3]
 
 
 @wp.struct
@@ -103,132 +99,68 @@ class Coats:
     bumps2: wp.array[wp.float32]
 
 
+@columns_of(SHOT)
+class Shots(FromFields):
+    """Shadow segments that set out."""
+
+
+@item_of(SHOT)
+class Shot(FromFields):
+    """One of them."""
+
+
+store_shot = storer(Shots, Shot)
+
+_STRETCH_OF_SAMPLE = {**STRETCH, **chosen(RAY, "sample")}
+
+
+@columns_of(_STRETCH_OF_SAMPLE)
+class Stretches(FromFields):
+    """Stretches of camera rays before a vertex, in a medium or (medium < 0) not."""
+
+
+@item_of(_STRETCH_OF_SAMPLE)
+class Stretch(FromFields):
+    """One of them."""
+
+
+store_stretch = storer(Stretches, Stretch)
+
+
 @wp.struct
-class Shots:
-    """Shadow segments as shadow_rays.Segments, and the medium that each starts in."""
-
-    slot: wp.array[wp.int32]
-    place: wp.array[wp.int32]
-    origin: wp.array[wp.vec3]
-    direction: wp.array[wp.vec3]
-    radiance: wp.array[wp.vec3]
-    medium: wp.array[wp.int32]
-
-
-@wp.struct
-class Stretches:
-    """Stretches of camera rays before a vertex, in a medium or (medium < 0) not. See cluster.batch.SCHEMAS."""
-
-    slot: wp.array[wp.int32]
-    sample: wp.array[wp.int32]
-    place: wp.array[wp.int32]
-    origin: wp.array[wp.vec3]
-    direction: wp.array[wp.vec3]  # unit
-    length: wp.array[wp.float32]
-    radiance: wp.array[wp.vec3]  # throughput before the stretch
-    medium: wp.array[wp.int32]
-
-
-@wp.struct
-class Vertex:
-    """A camera path as it arrives at a surface, or (prim < 0) in a medium; for the fields see cluster.batch.SCHEMAS.
+class Shaded:
+    """What shading leaves behind of each vertex.
 
     Attributes:
-        item: of the pixel's random numbers.
+        coats: only in scenes where a diffuse part may not be Lambertian, or a normal is bent.
+        shots: of vertex i, segments i * orders.shots to (i + 1) * orders.shots - 1.
+        paths: only where paths go on; one that does not has a throughput of zero.
+        stretches: only in scenes with media.
     """
 
-    slot: wp.int32
-    pixel: wp.int32
-    item: wp.uint32
-    sample: wp.int32
-    bounce: wp.int32
-    edges: wp.int32
-    diffuse: wp.int32
-    medium: wp.int32
-    origin: wp.vec3
-    direction: wp.vec3
-    anchor: wp.vec3
-    throughput: wp.vec3
-    pdf: wp.float32
-    t: wp.float32
-    prim: wp.int32
-    u: wp.float32
-    v: wp.float32
+    seen: Seen
+    queries: Queries
+    coats: Coats
+    shots: Shots
+    paths: Paths
+    stretches: Stretches
 
 
 @wp.struct
 class Orders:
-    """What is asked of a vertex.
+    """What is asked of all vertices of a launch.
 
     Attributes:
-        i: number of the vertex in its launch, and of what is written of it.
         light_samples: shadow segments of what the camera sees: places are counted by them.
-        shots: shadow segments of each vertex of the launch; segment j is number i * shots + j.
+        shots: shadow segments of each vertex of the launch.
         max_depth: longest path in edges; 0 for no limit.
         diffuse_light: BY_MAP, BY_PATHS or BY_FINAL_GATHER.
-        action: in BY_FINAL_GATHER, what the diffuse part of this vertex does.
-        eye: where depths are measured from.
-        offset_min: least distance at which rays leave a surface.
     """
 
-    i: wp.int32
     light_samples: wp.int32
     shots: wp.int32
     max_depth: wp.int32
     diffuse_light: wp.int32
-    action: wp.int32
-    seed: wp.uint32
-    eye: wp.vec3
-    offset_min: wp.float32
-
-
-@wp.func
-def orders_of(
-    camera: CameraView,
-    offset_min: wp.float32,
-    light_samples: wp.int32,
-    shots: wp.int32,
-    max_depth: wp.int32,
-    diffuse_light: wp.int32,
-    action: wp.int32,
-    i: wp.int32,
-) -> Orders:
-    """Orders for one vertex of a launch."""
-    orders = Orders()
-    orders.i = i
-    orders.light_samples = light_samples
-    orders.shots = shots
-    orders.max_depth = max_depth
-    orders.diffuse_light = diffuse_light
-    orders.action = action
-    orders.seed = camera.seed
-    orders.eye = camera.eye
-    orders.offset_min = offset_min
-    return orders
-
-
-@wp.func
-def camera_path(camera: CameraView, paths: Paths, i: wp.int32) -> Vertex:
-    """Where a camera path arrives."""
-    p = Vertex()
-    p.slot = paths.slot[i]
-    p.pixel = paths.pixel[i]
-    p.item = wp.uint32(whole_pixel(camera, p.pixel))
-    p.sample = paths.sample[i]
-    p.bounce = paths.bounce[i]
-    p.edges = paths.edges[i]
-    p.diffuse = paths.diffuse[i]
-    p.medium = paths.medium[i]
-    p.origin = paths.origin[i]
-    p.direction = paths.direction[i]
-    p.anchor = paths.anchor[i]
-    p.throughput = paths.throughput[i]
-    p.pdf = paths.pdf[i]
-    p.t = paths.t[i]
-    p.prim = paths.prim[i]
-    p.u = paths.u[i]
-    p.v = paths.v[i]
-    return p
 
 
 @wp.func
@@ -249,7 +181,7 @@ def place_of(bounce: wp.int32, diffuse: wp.int32, light_samples: wp.int32, part:
     """Where a part of a vertex, its shadow rays first, stands in its sample: cluster.parts.
 
     Args:
-        diffuse: as in cluster.batch.SCHEMAS.
+        diffuse: as in kernels.ray_fields.PATH.
     """
     section = wp.int32(SEEN_SECTION)
     if diffuse > 0:
@@ -270,28 +202,25 @@ def scattered_again(diffuse: wp.int32) -> wp.int32:
 
 
 @wp.func
+def path_from(p: Vertex) -> Vertex:
+    """The path that goes on from a vertex, which as yet carries nothing and is otherwise as it arrived."""
+    p.throughput = wp.vec3(0.0)
+    return p
+
+
+@wp.func
 def carry_on(
-    p: Vertex,
-    carries: wp.vec3,
-    origin: wp.vec3,
-    direction: wp.vec3,
-    anchor: wp.vec3,
-    pdf: wp.float32,
-    edges: wp.int32,
-    diffuse: wp.int32,
-    medium: wp.int32,
-    roulette_from: wp.int32,
-    survival_most: wp.float32,
-    seed: wp.uint32,
-    i: wp.int32,
-    paths_out: Paths,
+    p: Vertex, onward: Vertex, roulette_from: wp.int32, survival_most: wp.float32, seed: wp.uint32, paths_out: Paths
 ) -> None:
-    """Write down the ray that goes on, unless Russian roulette ends it: a throughput of zero says so.
+    """Write down the ray that goes on from a vertex, unless Russian roulette ends it: a throughput of zero says so.
 
     Args:
+        p: the path as it arrived.
+        onward: as it goes on, before Russian roulette; its hit and its number of vertices are seen to here.
         roulette_from: vertices before Russian roulette begins.
         survival_most: largest probability of survival.
     """
+    carries = onward.throughput
     if wp.max(carries) > 0.0 and p.bounce >= roulette_from:
         survival = wp.min(survival_most, wp.max(carries))
         if number_1d(seed, p, ROULETTE) < survival:
@@ -300,42 +229,31 @@ def carry_on(
             carries = wp.vec3(0.0)
     if p.bounce + 1 >= _CHAIN_LIMIT:
         carries = wp.vec3(0.0)
-    paths_out.slot[i] = p.slot
-    paths_out.pixel[i] = p.pixel
-    paths_out.sample[i] = p.sample
-    paths_out.bounce[i] = p.bounce + 1
-    paths_out.edges[i] = edges
-    paths_out.diffuse[i] = diffuse
-    paths_out.medium[i] = medium
-    paths_out.origin[i] = origin
-    paths_out.direction[i] = direction
-    paths_out.anchor[i] = anchor
-    paths_out.throughput[i] = carries
-    paths_out.pdf[i] = pdf
-    paths_out.t[i] = NO_HIT
-    paths_out.prim[i] = -1
-    paths_out.u[i] = 0.0
-    paths_out.v[i] = 0.0
-    paths_out.owner[i] = -1
+    sent = without_hit(onward)
+    sent.bounce = p.bounce + 1
+    sent.throughput = carries
+    store_path(sent, p.row, paths_out)
 
 
 @wp.func
-def stretch(p: Vertex, length: wp.float32, light_samples: wp.int32, i: wp.int32, stretches_out: Stretches) -> None:
+def stretch(p: Vertex, length: wp.float32, light_samples: wp.int32, stretches_out: Stretches) -> None:
     """Write down the stretch of the ray before a vertex, if it is in a medium."""
-    stretches_out.slot[i] = p.slot
-    stretches_out.sample[i] = p.sample
-    stretches_out.place[i] = place_of(p.bounce, p.diffuse, light_samples, light_samples + BEAM_PART)
-    stretches_out.origin[i] = p.origin
-    stretches_out.direction[i] = wp.normalize(p.direction)
-    stretches_out.length[i] = length
-    stretches_out.radiance[i] = p.throughput
-    stretches_out.medium[i] = p.medium
+    passed = Stretch()
+    passed.slot = p.slot
+    passed.sample = p.sample
+    passed.place = place_of(p.bounce, p.diffuse, light_samples, light_samples + BEAM_PART)
+    passed.origin = p.origin
+    passed.direction = wp.normalize(p.direction)
+    passed.length = length
+    passed.radiance = p.throughput
+    passed.medium = p.medium
+    store_stretch(passed, p.row, stretches_out)
 
 
 @wp.func
-def nothing_seen(p: Vertex, orders: Orders, seen_out: Seen, queries_out: Queries) -> None:
+def nothing_seen(p: Vertex, seen_out: Seen, queries_out: Queries) -> None:
     """A vertex on no surface has nothing to show, and asks for no photons."""
-    i = orders.i
+    i = p.row
     seen_out.emission[i] = wp.vec3(0.0)
     seen_out.depth[i] = -1.0
     seen_out.normal[i] = wp.vec3(0.0)
@@ -345,31 +263,27 @@ def nothing_seen(p: Vertex, orders: Orders, seen_out: Seen, queries_out: Queries
 
 
 @wp.func
-def nothing_lit(p: Vertex, orders: Orders, j: wp.int32, shots_out: Shots) -> None:
-    """Shadow ray j of a vertex is not there."""
-    row = orders.i * orders.shots + j
-    shots_out.slot[row] = p.slot
-    shots_out.place[row] = place_of(p.bounce, p.diffuse, orders.light_samples, j)
-    shots_out.radiance[row] = wp.vec3(0.0)
+def shot_of(p: Vertex, diffuse: wp.int32, orders: Orders, j: wp.int32) -> Shot:
+    """Shadow ray j of a vertex, which as yet carries nothing.
+
+    Args:
+        diffuse: as in kernels.ray_fields.PATH, of the path that the shadow ray ends.
+    """
+    shot = Shot()
+    shot.slot = p.slot
+    shot.place = place_of(p.bounce, diffuse, orders.light_samples, j)
+    shot.medium = p.medium
+    return shot
 
 
 @wp.func
-def nothing_goes_on(p: Vertex, orders: Orders, paths_out: Paths) -> None:
+def shoot(p: Vertex, orders: Orders, j: wp.int32, shot: Shot, shots_out: Shots) -> None:
+    """Write down shadow ray j of a vertex."""
+    store_shot(shot, p.row * orders.shots + j, shots_out)
+
+
+@wp.func
+def nothing_goes_on(p: Vertex, seed: wp.uint32, paths_out: Paths) -> None:
     """A path ends at a vertex."""
-    ends = wp.vec3(0.0)
-    carry_on(
-        p,
-        ends,
-        p.origin,
-        p.direction,
-        p.anchor,
-        p.pdf,
-        p.edges,
-        p.diffuse,
-        p.medium,
-        ROULETTE_FROM,
-        SURVIVAL_MOST,
-        orders.seed,
-        orders.i,
-        paths_out,
-    )
+    ended = path_from(p)
+    carry_on(p, ended, ROULETTE_FROM, SURVIVAL_MOST, seed, paths_out)

@@ -4,32 +4,34 @@ from __future__ import annotations
 
 import warp as wp
 
-from wdpm.kernels.camera.rays import Paths
+from wdpm.kernels.camera.paths import Paths
 from wdpm.kernels.materials.surface import Surfaces, position_at, row_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
-@wp.kernel
-def places_of_paths(
-    surfaces: Surfaces,
-    paths: Paths,
-    offset: wp.int32,
-    position_out: wp.array[wp.vec3],
-    normal_out: wp.array[wp.vec3],
-    shading_normal_out: wp.array[wp.vec3],
-    length_out: wp.array[wp.float32],
-    side_out: wp.array[wp.int32],
-) -> None:
-    """Final hits that lie in this cell, seen from where their paths come.
+@wp.struct
+class Places:
+    """Vertices before their materials are looked up.
 
-    Args:
-        position_out: of each hit, as surface_at computes it.
-        normal_out: unit geometric normal on the seen side.
-        shading_normal_out: unit interpolated normal, in the hemisphere of the geometric one; no map bends it.
-        length_out: of the ray that hit it [scene units].
-        side_out: 2 * material + 1 where the front is seen, 2 * material where the back is.
+    Attributes:
+        position: as surface_at computes it [scene units].
+        normal: unit geometric normal on the seen side.
+        shading_normal: unit interpolated normal, in the hemisphere of the geometric one; no map bends it.
+        length: of the ray that hit it [scene units].
+        side: 2 * material + 1 where the front is seen, 2 * material where the back is.
     """
+
+    position: wp.array[wp.vec3]
+    normal: wp.array[wp.vec3]
+    shading_normal: wp.array[wp.vec3]
+    length: wp.array[wp.float32]
+    side: wp.array[wp.int32]
+
+
+@wp.kernel
+def places_of_paths(surfaces: Surfaces, paths: Paths, offset: wp.int32, places_out: Places) -> None:
+    """Final hits that lie in this cell, seen from where their paths come."""
     i = offset + wp.tid()
     row = row_of(surfaces, paths.prim[i])
     u = paths.u[i]
@@ -48,8 +50,8 @@ def places_of_paths(
     if not front:
         normal = -normal
         shading = -shading
-    position_out[i] = position_at(surfaces, row, u, v)
-    normal_out[i] = normal
-    shading_normal_out[i] = shading
-    length_out[i] = paths.t[i] * wp.length(direction)
-    side_out[i] = 2 * surfaces.material[row] + wp.int32(front)
+    places_out.position[i] = position_at(surfaces, row, u, v)
+    places_out.normal[i] = normal
+    places_out.shading_normal[i] = shading
+    places_out.length[i] = paths.t[i] * wp.length(direction)
+    places_out.side[i] = 2 * surfaces.material[row] + wp.int32(front)

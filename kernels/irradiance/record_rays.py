@@ -4,26 +4,18 @@ from __future__ import annotations
 
 import warp as wp
 
-from wdpm.kernels.camera.rays import Paths
+from wdpm.kernels.camera.paths import Paths, Vertex, store_path, without_hit
+from wdpm.kernels.columns import FromFields, columns_of
+from wdpm.kernels.fields import chosen
 from wdpm.kernels.materials.surface import leave
-from wdpm.kernels.rays.triangle import NO_HIT
+from wdpm.kernels.ray_fields import RAY, SITE
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
-@wp.struct
-class Sites:
-    """Places where records are made, seen by camera rays.
-
-    Attributes:
-        position: of each.
-        normal: unit geometric normal on the seen side.
-        pixel: that saw it, counted row by row.
-    """
-
-    position: wp.array[wp.vec3]
-    normal: wp.array[wp.vec3]
-    pixel: wp.array[wp.int32]
+@columns_of({**chosen(SITE, "position", "normal"), **chosen(RAY, "pixel")})
+class Sites(FromFields):
+    """Places where records are made, and the pixels that saw them."""
 
 
 @wp.kernel
@@ -48,23 +40,17 @@ def start_record_rays(
     """
     i = offset + wp.tid()
     record = i // rays
-    throughput = wp.vec3(0.0)
+    p = Vertex()
+    p.slot = i
+    p.pixel = sites.pixel[record]
+    p.sample = first_sample + i - record * rays
+    p.bounce = 1
+    p.edges = 2
+    p.diffuse = 1
+    p.medium = medium
+    p.origin = leave(sites.position[record], sites.normal[record], offset_min)
+    p.direction = direction[i]
+    p.anchor = sites.position[record]
     if distance[i] >= 0.0:
-        throughput = wp.vec3(1.0)
-    paths_out.slot[i] = i
-    paths_out.pixel[i] = sites.pixel[record]
-    paths_out.sample[i] = first_sample + i - record * rays
-    paths_out.bounce[i] = 1
-    paths_out.edges[i] = 2
-    paths_out.diffuse[i] = 1
-    paths_out.medium[i] = medium
-    paths_out.origin[i] = leave(sites.position[record], sites.normal[record], offset_min)
-    paths_out.direction[i] = direction[i]
-    paths_out.anchor[i] = sites.position[record]
-    paths_out.throughput[i] = throughput
-    paths_out.pdf[i] = 0.0
-    paths_out.t[i] = NO_HIT
-    paths_out.prim[i] = -1
-    paths_out.u[i] = 0.0
-    paths_out.v[i] = 0.0
-    paths_out.owner[i] = -1
+        p.throughput = wp.vec3(1.0)
+    store_path(without_hit(p), i, paths_out)

@@ -106,9 +106,18 @@ def spread(
     position = wp.empty(len(row), dtype=wp.vec3, device=device)
     normal = wp.empty(len(row), dtype=wp.vec3, device=device)
     owner = wp.empty(len(row), dtype=wp.int32, device=device)
-    weights = [wp.array(w.astype(np.float32), dtype=wp.float32, device=device) for w in (u, v)]
-    rows = wp.array(row, dtype=wp.int32, device=device)
-    launcher(_place_points, len(row), [surfaces, cells, rows, *weights], [position, normal, owner])
+    launcher(
+        _place_points,
+        len(row),
+        surfaces=surfaces,
+        cells=cells,
+        row=wp.array(row, dtype=wp.int32, device=device),
+        u=wp.array(u.astype(np.float32), dtype=wp.float32, device=device),
+        v=wp.array(v.astype(np.float32), dtype=wp.float32, device=device),
+        position_out=position,
+        normal_out=normal,
+        cell_out=owner,
+    )
     own = np.flatnonzero(owner.numpy() == cell)
     return position.numpy()[own], normal.numpy()[own]
 

@@ -71,12 +71,10 @@ def triangles_in_boxes(
     launcher(
         _overlap_kernel,
         len(corners),
-        [
-            wp.array(corners, dtype=wp.vec3, device=launcher.device),
-            wp.array(low, dtype=wp.vec3d, device=launcher.device),
-            wp.array(high, dtype=wp.vec3d, device=launcher.device),
-        ],
-        [found],
+        corners=wp.array(corners, dtype=wp.vec3, device=launcher.device),
+        low=wp.array(low, dtype=wp.vec3d, device=launcher.device),
+        high=wp.array(high, dtype=wp.vec3d, device=launcher.device),
+        overlaps_out=found,
     )
     result: NDArray[np.bool_] = found.numpy().astype(bool)
     return result

@@ -97,9 +97,24 @@ def gathered(places: Array, queries: Array, k: int, radius: float) -> tuple[Arra
     at, facing = (
         wp.array(x.astype(np.float32), dtype=wp.vec3, device="cpu") for x in (queries, np.tile(up, (count, 1)))
     )
-    outputs = [wp.zeros(count, dtype=kind, device="cpu") for kind in (wp.vec3, wp.int32, wp.float32, wp.bool)]
-    Launcher("cpu")(gather_kernel, count, [built, at, facing, facing, k, radius], [1, *outputs])
-    return outputs[0].numpy()[:, 0].astype(np.float64), outputs[1].numpy()
+    irradiance = wp.zeros(count, dtype=wp.vec3, device="cpu")
+    used = wp.zeros(count, dtype=wp.int32, device="cpu")
+    Launcher("cpu")(
+        gather_kernel,
+        count,
+        photons=built,
+        position=at,
+        normal=facing,
+        shading_normal=facing,
+        k=k,
+        r_max=radius,
+        run=1,
+        irradiance_out=irradiance,
+        count_out=used,
+        radius_out=wp.zeros(count, dtype=wp.float32, device="cpu"),
+        truncated_out=wp.zeros(count, dtype=wp.bool, device="cpu"),
+    )
+    return irradiance.numpy()[:, 0].astype(np.float64), used.numpy()
 
 
 def on_plane(xy: Array) -> Array:

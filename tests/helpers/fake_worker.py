@@ -139,8 +139,8 @@ class FakeWorker:
 def arrays(kind: Kind, count: int) -> dict[str, Any]:
     """Arrays of a kind, counting up; those that point at cells, lights, media and maps point at the first."""
     counting = {
-        name: np.arange(count * int(np.prod(shape, dtype=int))).reshape(count, *shape).astype(dtype)
-        for name, (dtype, shape) in SCHEMAS[kind].items()
+        name: np.arange(count * int(np.prod(field.shape, dtype=int))).reshape(count, *field.shape).astype(field.dtype)
+        for name, field in SCHEMAS[kind].items()
     }
     return {
         name: np.zeros_like(array) if name in ("owner", "cell", "light", "medium", "map") else array

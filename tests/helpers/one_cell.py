@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from wdpm.cluster.batch import SCHEMAS, Batch, Kind
+from wdpm.cluster.batch import Batch, Kind, zeros
 from wdpm.cluster.settings import RenderSettings
 from wdpm.cluster.work.worker import Worker
 from wdpm.kernels.launch import Launcher
@@ -28,7 +26,7 @@ def ready(scene: Scene, settings: RenderSettings) -> Worker:
 
 def one(kind: Kind, **values: Any) -> Batch:
     """A batch of one item: zeros, but for some values."""
-    arrays = {name: np.zeros((1, *shape), dtype) for name, (dtype, shape) in SCHEMAS[kind].items()}
+    arrays = zeros(kind, 1)
     for name, value in values.items():
         arrays[name][0] = value
     return Batch(kind, 0, 0, 0, 10_000, arrays)

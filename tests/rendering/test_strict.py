@@ -15,7 +15,7 @@ from one_cell import FEW, one, ready
 import wdpm
 from wdpm.api import render_in_process
 from wdpm.cli import main
-from wdpm.cluster.batch import SCHEMAS, Batch, Kind
+from wdpm.cluster.batch import Batch, Kind, zeros
 from wdpm.cluster.plan import plan
 from wdpm.cluster.settings import Routing
 from wdpm.cluster.task import BucketTask
@@ -241,7 +241,7 @@ def test_coincident_photons(strict: bool) -> None:
     u = np.float64(np.float32(0.3))
     place = (corners[0] * (1.0 - u - u) + corners[1] * u + corners[2] * u).astype(np.float32)  # as surface.position_at
     count = FEW.k + 1
-    photons = {name: np.zeros((count, *shape), dtype) for name, (dtype, shape) in SCHEMAS[Kind.GHOSTS].items()}
+    photons = zeros(Kind.GHOSTS, count)
     photons |= {"id": np.arange(count, dtype=np.int64), "position": np.repeat(place[None], count, axis=0)}
     for name, value in (("flux", 1.0), ("normal", (0, 1, 0)), ("direction", (0, 1, 0))):
         photons[name][:] = value

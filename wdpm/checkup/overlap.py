@@ -147,10 +147,11 @@ def _probes(corners: NDArray[np.float32], front: NDArray[np.float64]) -> tuple[A
 
 def _trace(tree: Any, origin: Any, direction: Any, launcher: Launcher) -> tuple[NDArray[np.float64], Ints]:
     count = len(origin)
-    rays = [
-        wp.array(np.ascontiguousarray(a, dtype=np.float32), dtype=wp.vec3, device="cpu") for a in (origin, direction)
-    ]
+    rays = {
+        name: wp.array(np.ascontiguousarray(array, dtype=np.float32), dtype=wp.vec3, device="cpu")
+        for name, array in (("origin", origin), ("direction", direction))
+    }
     t = wp.empty(count, dtype=wp.float32, device="cpu")
     prim = wp.empty(count, dtype=wp.int32, device="cpu")
-    launcher(probe_kernel, count, [tree, *rays], [t, prim])
+    launcher(probe_kernel, count, tree=tree, **rays, t_out=t, prim_out=prim)
     return t.numpy().astype(np.float64), prim.numpy().astype(np.int64)

@@ -84,27 +84,33 @@ class Recorder:
 
     # What happens
 
-    def shaded(self, surfaces: Any, rays: Any, shots: Any, paths: Any) -> None:
+    def shaded(self, scene: Any, orders: Any, rays: Any, shaded: Any) -> None:
         """The path has come to a vertex."""
-        replica, count = self._replica, len(shots.slot)
+        replica, count = self._replica, len(shaded.shots.slot)
         device = replica.launcher.device
         later = hasattr(rays, "bounce")
         arriving = rays if later else start_paths(replica, rays, 1)
         surface = wp.empty(1, dtype=Surface, device=device)
         flight = wp.empty(1, dtype=DistanceSample, device=device)
         light = wp.empty(count, dtype=wp.int32, device=device)
-        scene = [surfaces, replica.materials, replica.textures, replica.media, replica.lights, replica.camera]
-        inputs = [*scene, arriving, count, int(self._view.diffuse_light)]
-        replica.launcher(make_look(replica.world.features), 1, inputs, [surface, flight, light])
-        goes_on = replica.world.features.goes_on
+        replica.launcher(
+            make_look(replica.world.features),
+            1,
+            scene=scene,
+            paths=arriving,
+            orders=orders,
+            surface_out=surface,
+            flight_out=flight,
+            light_out=light,
+        )
         self._vertices.append(
             _Vertex(
                 _row(arriving),
                 surface.numpy()[0].copy(),
                 flight.numpy()[0].copy(),
                 [int(number) for number in light.numpy()],
-                shots.radiance.numpy().copy(),
-                _row(paths) if goes_on else None,
+                shaded.shots.radiance.numpy().copy(),
+                None if shaded.paths.slot is None else _row(shaded.paths),
             )
         )
 

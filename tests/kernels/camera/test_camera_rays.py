@@ -29,7 +29,7 @@ PINHOLE = Features()
 
 @functools.cache
 def rays_kernel(features: Features) -> wp.Kernel:
-    camera_ray = make_camera(features).camera_ray
+    camera_ray = make_camera(features)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def kernel(

@@ -1,0 +1,134 @@
+"""The fields of rays, photons and results that travel between cells and homes.
+
+Which kind of batch has which of these tables: `SCHEMAS` in cluster.batch. The structs of the kernels that compute with
+them are made of them, too (columns.py): a field that is added here is loaded, stored and sent.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from wdpm.kernels.fields import Fields, Many, chosen, integer, long_integer, number, vector
+from wdpm.kernels.limits import CHAIN_LIMIT, MAPS
+
+_SLOT: Final = {"slot": integer("where its home wants the result")}  # homes check it: they know how many they have
+
+RAY: Final[Fields] = {
+    **_SLOT,
+    "pixel": integer("counted row by row", least=0),
+    "sample": integer("of the pixel", least=0),
+}
+"""Rays of the camera: functions of pixel and sample number."""
+
+HIT: Final[Fields] = {
+    "t": number("distance of the best hit so far [lengths of the direction]"),
+    "prim": integer("global triangle number, -1 for none yet", least=-1),
+    "u": number("barycentric coordinate of the triangle's corner 1"),
+    "v": number("barycentric coordinate of the triangle's corner 2"),
+    "owner": integer("the cell that contains the hit point, -1 for none", least=-1, end=Many.CELLS),
+}
+
+CAMERA_RAY: Final[Fields] = {**RAY, **HIT}
+
+PATH: Final[Fields] = {
+    **RAY,
+    "bounce": integer("vertices before, those that light goes straight through included", least=0, end=CHAIN_LIMIT + 1),
+    "edges": integer("of the path so far, straight passages not counted", least=0),
+    "diffuse": integer("scatterings from the first diffuse one on; negative if that was in a medium"),
+    "medium": integer("that the ray is in, -1 for none", least=-1, end=Many.MEDIA),
+    "origin": vector("[scene units]"),
+    "direction": vector("of any length"),
+    "anchor": vector("the last vertex that scattered [scene units]"),
+    "throughput": vector("what light that arrives along the ray counts for in the sample"),
+    "pdf": number("pdf_solid_angle of the direction at the anchor [1/sr]; 0 for a delta"),
+    **HIT,
+}
+"""Camera paths, and the gather rays of irradiance records."""
+
+PART: Final[Fields] = {
+    **_SLOT,
+    "place": integer("which part of the sample it is: cluster.parts", least=0),
+    "radiance": vector("[W/(m² sr)]"),
+}
+"""Parts of samples."""
+
+SEGMENT: Final[Fields] = {
+    **chosen(PART, "slot", "place"),
+    "origin": vector("[scene units]"),
+    "direction": vector("as long as the segment [scene units]"),
+    "radiance": vector("what arrives if nothing blocks it [W/(m² sr)]"),
+}
+"""Shadow segments, from origin to origin + direction."""
+
+SHOT: Final[Fields] = {**SEGMENT, **chosen(PATH, "medium")}
+"""Shadow segments that set out, and the medium that each starts in."""
+
+WALK: Final[Fields] = {**SHOT, **HIT}
+"""Shadow segments that may pass through surfaces."""
+
+STRETCH: Final[Fields] = {
+    **chosen(PART, "slot", "place"),
+    "origin": vector("[scene units]"),
+    "direction": vector("unit, away from the camera"),
+    "radiance": vector("throughput before the stretch"),
+    "length": number("[scene units]"),
+    **chosen(PATH, "medium"),
+}
+"""Stretches of camera rays in a medium."""
+
+_SUM = "scattered towards the camera so far: exact sum in units of World.volume_unit"
+
+BEAM: Final[Fields] = {**STRETCH, "red": long_integer(_SUM), "green": long_integer(_SUM), "blue": long_integer(_SUM)}
+"""Stretches, and what photons near them scatter towards the camera."""
+
+PHOTON: Final[Fields] = {
+    "path": long_integer("number of the photon path", least=0),
+    "bounce": integer("scatterings before", least=0),
+    "edges": integer("of the path so far, straight passages not counted", least=0),
+    "state": integer("which parts of surfaces scattered it: kernels.photons.flight"),
+    **chosen(PATH, "medium"),
+    "light": integer("that it comes from", least=0, end=Many.LIGHTS),
+    "origin": vector("[scene units]"),
+    "direction": vector("of any length"),
+    "flux": vector("[W x paths]"),
+    **HIT,
+}
+"""Photons in flight."""
+
+STORED_PHOTON: Final[Fields] = {
+    "id": long_integer("path * 2^16 + bounce", least=0),
+    "edges": integer("of its path from the light", least=0),
+    "front": integer("1 where it landed on the front of the surface", least=0, end=2),
+    "map": integer("which photon map it is in: kernels.photons.deposits", least=0, end=MAPS),
+    "position": vector("[scene units]"),
+    "flux": vector("[W x paths]"),
+    "normal": vector("unit, geometric, of the side that it landed on; in a medium: (its number, 0, 0)"),
+    "direction": vector("unit, to where it came from"),
+}
+
+SURFACE_POINT: Final[Fields] = {
+    **chosen(STORED_PHOTON, "map"),
+    "position": vector("[scene units]"),
+    "normal": vector("unit, geometric, of the front"),
+}
+"""Points that measure how much surface there is: kernels.photons.surface_points."""
+
+SAMPLE: Final[Fields] = {
+    **_SLOT,
+    "emission": vector("light of the first surface itself [W/(m² sr)]"),
+    "indirect": vector("what that reflects of indirect light [W/(m² sr)]"),
+    "depth": number("distance from the eye [scene units], negative where nothing was hit"),
+    "normal": vector("unit, shading normal"),
+    "albedo": vector("of the surface"),
+    "cell": integer("that contains it", least=-1, end=Many.CELLS),
+}
+"""What first surfaces show."""
+
+SITE: Final[Fields] = {
+    **_SLOT,
+    "position": vector("[scene units]"),
+    "normal": vector("unit, geometric, of the seen side"),
+    "shading_normal": vector("unit, on the same side"),
+    "footprint": number("width of a pixel there [scene units]"),
+}
+"""Places where an irradiance record is wanted."""
