@@ -46,7 +46,7 @@ def place_of(bounce: NDArray[np.int32], diffuse: NDArray[np.int32], part: int, l
     """The places of one part, EMISSION .. REACH, of some vertices.
 
     Args:
-        diffuse: as in cluster.batch.SCHEMAS.
+        diffuse: as in kernels.ray_fields.PATH.
     """
     beyond = diffuse > (1 if part == EMISSION else 0)
     section = np.where(beyond, int(SURFACE_SECTION), np.where(diffuse < 0, int(MEDIUM_SECTION), int(SEEN_SECTION)))

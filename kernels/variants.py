@@ -8,6 +8,7 @@ from functools import cache
 import warp as wp
 
 from wdpm.kernels.camera.gather_glossy import make_gather
+from wdpm.kernels.camera.misses import make_path_misses
 from wdpm.kernels.camera.rays import make_camera_rays
 from wdpm.kernels.camera.shading import make_shading
 from wdpm.kernels.camera.shadow_rays import make_pass_panes
@@ -59,7 +60,7 @@ def make_variants(features: Features) -> Variants:
         emit_photons=make_emit_photons(features.only(Group.LIGHTS, Group.TEXTURES, Group.MEDIA)),
         trace_photons=make_trace_photons(at_surfaces),
         shade_vertices=shading.shade_vertices if features.goes_on else None,
-        path_misses=shading.path_misses if features.misses else None,
+        path_misses=make_path_misses(features) if features.misses else None,
         pass_panes=make_pass_panes(at_surfaces) if features.walks else None,
         gather_glossy=make_gather(features.only(Group.MATERIALS)) if features.goes_on or features.coated else None,
     )

@@ -10,14 +10,90 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, take
+from wdpm.cluster.work import guards
+from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera.shadow_rays import Ways, next_way_cells
+from wdpm.kernels.photons import beam
+from wdpm.kernels.photons.deposits import VOLUME_MAP
 from wdpm.kernels.ray_fields import BEAM, STRETCH
 
 _SUMS = [name for name in BEAM if name not in STRETCH]
 """Red, green and blue."""
+
+
+class Beams:
+    """Light that the volume photons of one cell scatter into stretches of camera rays.
+
+    Args:
+        cell: number of the cell.
+        guard: of camera samples.
+
+    Attributes:
+        count: of stretches that came, in this view.
+    """
+
+    def __init__(self, cell: int, store: PhotonStore, replica: Replica, guard: guards.Guards) -> None:
+        self._cell = cell
+        self._store = store
+        self._replica = replica
+        self._guards = guard
+        self.count = 0
+
+    def begin_view(self) -> None:
+        """Count anew."""
+        self.count = 0
+
+    def visit(self, batch: Batch) -> Iterator[Batch]:
+        """Add what this cell's volume photons scatter into stretches of camera rays."""
+        replica, world, device = self._replica, self._replica.world, self._replica.launcher.device
+        built = self._store.maps[VOLUME_MAP]
+        count = len(batch)
+        self.count += count
+        clamped = np.zeros(count, np.int32)
+        beams = columns.upload(beam.Beams, {**batch.arrays, "clamped": clamped}, device)
+        if built is not None:
+            plan = world.volume_map
+            replica.launcher(
+                beam.add_beams,
+                count,
+                photons=built.tree,
+                media=replica.media,
+                cells=replica.cells,
+                beams=beams,
+                own_cell=self._cell,
+                radius=plan.radius,
+                unit=world.volume_unit,
+            )
+            clamped = beams.clamped.numpy()
+        arrays = {**batch.arrays, **columns.download(beams, _SUMS)}
+        arrays["radiance"] = self._told_of(arrays["radiance"], clamped)
+        onward = next_beam_cells(replica, arrays, self._cell)
+        for cell, rows in by_destination(onward, onward >= 0):
+            yield Batch(Kind.BEAM, batch.task, batch.home, cell, len(rows), take(arrays, rows))
+        ended = np.flatnonzero(onward < 0)
+        if len(ended):
+            lit = self._end(take(arrays, ended))
+            yield Batch(Kind.LIT, batch.task, batch.home, self._cell, len(ended), lit)
+
+    def _told_of(self, throughput: NDArray[np.float32], clamped: NDArray[np.int32]) -> NDArray[np.float32]:
+        """Count what was clamped. Whose beam it is only the home knows: in a strict render a NaN tells it."""
+        if not clamped.any():
+            return throughput
+        if not self._guards.strict:
+            self._guards.act(guards.BEAMS_CLAMPED, np.flatnonzero(clamped), {}, int(clamped.sum()))
+            return throughput
+        return np.where((clamped > 0)[:, None], np.float32(np.nan), throughput)
+
+    def _end(self, arrays: Arrays) -> Arrays:
+        """What beams bring home; in a strict render that which is not finite, too, for the home to tell whose it is."""
+        with np.errstate(over="ignore"):
+            lit = dict(beam_light(self._replica, arrays))
+        if not self._guards.strict:
+            lit["radiance"] = self._guards.blacken(lit["radiance"], guards.VOLUME, lit)
+        return lit
 
 
 def start_beams(replica: Replica, cause: Batch, stretches: Any) -> Iterator[Batch]:

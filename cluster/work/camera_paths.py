@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,41 +12,27 @@ from numpy.typing import NDArray
 from wdpm.cluster import parts
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
 from wdpm.cluster.work import guards
-from wdpm.cluster.work.beams import beam_light, next_beam_cells, start_beams
+from wdpm.cluster.work.beams import Beams, start_beams
 from wdpm.cluster.work.final_gather import Actions, FinalGather
 from wdpm.cluster.work.gathers import Gathering
 from wdpm.cluster.work.misses import missed_light, no_hits, start_paths
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica, orders_of
+from wdpm.cluster.work.shadows import Shadows
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
-from wdpm.kernels.camera import shadow_rays as sr
 from wdpm.kernels.camera import vertices as sh
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.camera.paths import Paths
 from wdpm.kernels.camera.rays import Rays, first_path_cells, visit_paths
 from wdpm.kernels.materials.surface import Surfaces
 from wdpm.kernels.materials.types import DIFFUSE
-from wdpm.kernels.photons import beam
-from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
+from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
 from wdpm.kernels.rays.bvh import Bvh
 from wdpm.scenes.errors import ProtocolError
 
 SHOTS_LATER = 1
 """Shadow rays of vertices beyond the first: what is seen there is one of many samples already."""
-
-
-@dataclass
-class CameraCounters:
-    """What camera samples did in a cell, for the report.
-
-    Attributes:
-        vertices: of camera paths beyond their first surface.
-        beams: stretches of medium.
-    """
-
-    vertices: int = 0
-    beams: int = 0
 
 
 class CameraLight:
@@ -57,6 +42,9 @@ class CameraLight:
         cell: number of the cell.
         scene: its triangles' tree and surfaces on the device.
         store: its photons.
+
+    Attributes:
+        vertices: of camera paths beyond their first surface that were shaded, in this view.
     """
 
     def __init__(self, cell: int, tree: Bvh, surfaces: Surfaces, store: PhotonStore, replica: Replica) -> None:
@@ -67,14 +55,18 @@ class CameraLight:
         self._replica = replica
         self._scene: Any = None
         self.guards = guards.Guards(replica)
+        self.shadows = Shadows(cell, tree, surfaces, replica, self.guards)
+        self.beams = Beams(cell, store, replica, self.guards)
         self.gathering = Gathering(cell, store, replica, self.guards)
         self.final_gather = FinalGather(surfaces, store, replica)
-        self.counters = CameraCounters()
+        self.vertices = 0
 
     def begin_view(self) -> None:
         """Look through the replica's view, and count anew."""
         self._scene = self._replica.scene_of(self._surfaces)
-        self.counters = CameraCounters()
+        self.shadows.begin_view(self._scene)
+        self.beams.begin_view()
+        self.vertices = 0
         self.guards.counts.clear()
         self.gathering.begin_view()
         self.final_gather.begin_view()
@@ -229,7 +221,7 @@ class CameraLight:
     def shade_vertices(self, batch: Batch) -> Iterator[Batch]:
         """Light final hits of paths in this cell."""
         arrays = batch.arrays
-        self.counters.vertices += len(batch)
+        self.vertices += len(batch)
         rays = columns.upload(Paths, arrays, self._replica.launcher.device)
         actions = self._decide(rays, arrays)
         shaded = self._shade(self._replica.kernels.shade_vertices, rays, len(batch), SHOTS_LATER, actions)
@@ -316,7 +308,7 @@ class CameraLight:
     def _send_on(self, cause: Batch, shaded: Any) -> Iterator[Batch]:
         """Everything that vertices start: shadow rays, paths that go on, stretches of medium."""
         features = self._replica.world.features
-        yield from self._start_shadows(cause, shaded.shots)
+        yield from self.shadows.start(cause, shaded.shots)
         if shaded.paths.slot is not None:
             yield from self._start_paths(cause, shaded.paths)
         if features.media:
@@ -344,148 +336,6 @@ class CameraLight:
             sent = take(paths, rows)
             yield self._batch(cause, kind, cell, parts.credit_of(sent["bounce"], self._view.light_samples), sent)
 
-    # Shadow rays
-
-    def _start_shadows(self, cause: Batch, shots: Any) -> Iterator[Batch]:
-        """Send shadow segments to the first cell on their way; those that carry nothing end here."""
-        replica = self._replica
-        arrays = columns.download(shots, SCHEMAS[Kind.SHADOW])
-        each = len(shots.slot) // len(cause)
-        arrays["radiance"] = self.guards.blacken(arrays["radiance"], guards.DIRECT, cause.arrays, each)
-        count = len(arrays["slot"])
-        if replica.world.top_tree.cells == 1 and not replica.world.features.walks:
-            yield self._batch(cause, Kind.SHADOW, self._cell, count, arrays)
-            return
-        segments = columns.upload(sr.Segments, arrays, replica.launcher.device)
-        first = self._integers(count)
-        replica.launcher(sr.first_shadow_cells, count, cells=replica.cells, segments=segments, next_cell_out=first)
-        if replica.world.features.walks:
-            medium = shots.medium.numpy() if replica.world.features.media else np.full(count, -1, np.int32)
-            arrays = {**arrays, "medium": medium, **no_blockers(count)}
-            yield from self._send_shadows(cause, Kind.WALK, arrays, first.numpy())
-        else:
-            yield from self._send_shadows(cause, Kind.SHADOW, arrays, first.numpy())
-
-    def visit_shadows(self, batch: Batch) -> Iterator[Batch]:
-        """Look for blockers."""
-        replica = self._replica
-        segments = columns.upload(sr.Segments, batch.arrays, replica.launcher.device)
-        array = self._integers(len(batch))
-        replica.launcher(
-            sr.visit_shadow_segments,
-            len(batch),
-            bvh=self._bvh,
-            cells=replica.cells,
-            segments=segments,
-            own_cell=self._cell,
-            next_cell_out=array,
-        )
-        onward = array.numpy()
-        yield from self._send_shadows(batch, Kind.SHADOW, batch.arrays, onward)
-        yield from self._end_shadows(batch, batch.arrays, onward)
-
-    def visit_walks(self, batch: Batch) -> Iterator[Batch]:
-        """Look for the next surface on the way of segments that may pass through some."""
-        replica = self._replica
-        walks = columns.upload(sr.Walks, batch.arrays, replica.launcher.device)
-        array = self._integers(len(batch))
-        replica.launcher(
-            sr.visit_walks,
-            len(batch),
-            bvh=self._bvh,
-            surfaces=self._surfaces,
-            media=replica.media,
-            cells=replica.cells,
-            walks=walks,
-            own_cell=self._cell,
-            next_cell_out=array,
-        )
-        arrays, onward = columns.download(walks, SCHEMAS[Kind.WALK]), array.numpy()
-        yield from self._send_shadows(batch, Kind.WALK, arrays, onward)
-        met = (onward < 0) & (arrays["prim"] >= 0)
-        yield from self._send_shadows(batch, Kind.PANE, arrays, np.where(met, arrays["owner"], -1))
-        yield from self._end_shadows(batch, arrays, np.where(met, 0, onward))
-
-    def pass_panes(self, batch: Batch) -> Iterator[Batch]:
-        """Take segments through the surface that they have met, if it lets light pass."""
-        replica = self._replica
-        kernel = replica.kernels.pass_panes
-        if kernel is None:
-            raise ProtocolError("a shadow ray passes a surface in a scene where none does")
-        walks = columns.upload(sr.Walks, batch.arrays, replica.launcher.device)
-        array = self._integers(len(batch))
-        replica.launcher(kernel, len(batch), scene=self._scene, walks=walks, next_cell_out=array)
-        arrays, onward = columns.download(walks, SCHEMAS[Kind.PANE]), array.numpy()
-        yield from self._send_shadows(batch, Kind.WALK, arrays, onward)
-        yield from self._end_shadows(batch, arrays, onward)
-
-    def _send_shadows(
-        self, cause: Batch, kind: Kind, arrays: Arrays, destination: NDArray[np.int32]
-    ) -> Iterator[Batch]:
-        for cell, rows in by_destination(destination, destination >= 0):
-            yield self._batch(cause, kind, cell, len(rows), take(arrays, rows))
-
-    def _end_shadows(self, cause: Batch, arrays: Arrays, onward: NDArray[np.int32]) -> Iterator[Batch]:
-        """Bring home what arrived, and the credit of what did not."""
-        clear = np.flatnonzero(onward == sr.SHADOW_CLEAR)
-        if len(clear):
-            lit = {name: arrays[name][clear] for name in SCHEMAS[Kind.LIT]}
-            yield self._batch(cause, Kind.LIT, self._cell, len(clear), lit)
-        blocked = int(np.count_nonzero(onward == sr.SHADOW_BLOCKED))
-        if blocked:
-            yield self._batch(cause, Kind.ENDED, self._cell, blocked, {})
-
-    # Media
-
-    def visit_beams(self, batch: Batch) -> Iterator[Batch]:
-        """Add what this cell's volume photons scatter into stretches of camera rays."""
-        replica, world, device = self._replica, self._replica.world, self._replica.launcher.device
-        built = self._store.maps[VOLUME_MAP]
-        count = len(batch)
-        self.counters.beams += count
-        clamped = np.zeros(count, np.int32)
-        beams = columns.upload(beam.Beams, {**batch.arrays, "clamped": clamped}, device)
-        if built is not None:
-            plan = world.volume_map
-            replica.launcher(
-                beam.add_beams,
-                count,
-                photons=built.tree,
-                media=replica.media,
-                cells=replica.cells,
-                beams=beams,
-                own_cell=self._cell,
-                radius=plan.radius,
-                unit=world.volume_unit,
-            )
-            clamped = beams.clamped.numpy()
-        arrays = {**batch.arrays, **columns.download(beams, ("red", "green", "blue"))}
-        arrays["radiance"] = self._told_of(arrays["radiance"], clamped)
-        onward = next_beam_cells(replica, arrays, self._cell)
-        for cell, rows in by_destination(onward, onward >= 0):
-            yield self._batch(batch, Kind.BEAM, cell, len(rows), take(arrays, rows))
-        ended = np.flatnonzero(onward < 0)
-        if len(ended):
-            lit = self._end_beams(take(arrays, ended))
-            yield self._batch(batch, Kind.LIT, self._cell, len(ended), lit)
-
-    def _told_of(self, throughput: NDArray[np.float32], clamped: NDArray[np.int32]) -> NDArray[np.float32]:
-        """Count what was clamped. Whose beam it is only the home knows: in a strict render a NaN tells it."""
-        if not clamped.any():
-            return throughput
-        if not self.guards.strict:
-            self.guards.act(guards.BEAMS_CLAMPED, np.flatnonzero(clamped), {}, int(clamped.sum()))
-            return throughput
-        return np.where((clamped > 0)[:, None], np.float32(np.nan), throughput)
-
-    def _end_beams(self, arrays: Arrays) -> Arrays:
-        """What beams bring home; in a strict render that which is not finite, too, for the home to tell whose it is."""
-        with np.errstate(over="ignore"):
-            lit = dict(beam_light(self._replica, arrays))
-        if not self.guards.strict:
-            lit["radiance"] = self.guards.blacken(lit["radiance"], guards.VOLUME, lit)
-        return lit
-
     # Odds and ends
 
     @property
@@ -512,14 +362,3 @@ _CAUSE = {
 def rest_of(credit: int, follows: Sequence[Batch]) -> int:
     """What is left of a batch's credit for its result."""
     return credit - sum(batch.credit for batch in follows)
-
-
-def no_blockers(count: int) -> dict[str, NDArray[Any]]:
-    """Best hits of shadow segments that have met nothing yet."""
-    return {
-        "t": np.full(count, np.float32(sr.SEGMENT_END)),
-        "prim": np.full(count, -1, np.int32),
-        "u": np.zeros(count, np.float32),
-        "v": np.zeros(count, np.float32),
-        "owner": np.full(count, -1, np.int32),
-    }

@@ -13,7 +13,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, take
-from wdpm.cluster.work.camera_paths import CameraCounters, CameraLight
+from wdpm.cluster.work.camera_paths import CameraLight
 from wdpm.cluster.work.final_gather import FinalGatherCounters
 from wdpm.cluster.work.gathers import GatherCounters
 from wdpm.cluster.work.guards import PHOTONS_CUT, added
@@ -64,10 +64,10 @@ class Cell:
             Kind.SITE: self._light.survey,
             Kind.PATH: self._light.visit_paths,
             Kind.VERTEX: self._light.shade_vertices,
-            Kind.SHADOW: self._light.visit_shadows,
-            Kind.WALK: self._light.visit_walks,
-            Kind.PANE: self._light.pass_panes,
-            Kind.BEAM: self._light.visit_beams,
+            Kind.SHADOW: self._light.shadows.visit,
+            Kind.WALK: self._light.shadows.visit_walks,
+            Kind.PANE: self._light.shadows.pass_panes,
+            Kind.BEAM: self._light.beams.visit,
             Kind.PHOTON: self._trace,
             Kind.LANDED: self._trace,
         }
@@ -96,9 +96,14 @@ class Cell:
             raise ProtocolError(f"a {batch.kind.value} batch came for cell {self.number}, which holds no triangle")
 
     @property
-    def counters(self) -> CameraCounters:
-        """What camera samples did here."""
-        return self._light.counters
+    def vertices(self) -> int:
+        """Of camera paths beyond their first surface that were shaded here, in this view."""
+        return self._light.vertices
+
+    @property
+    def beams(self) -> int:
+        """Stretches of medium that came here, in this view."""
+        return self._light.beams.count
 
     @property
     def gathers(self) -> GatherCounters:

@@ -130,7 +130,7 @@ class FinalGather:
         return actions
 
     def sites(self, paths: Any, slot: NDArray[np.int32]) -> Arrays:
-        """The final hits where a record is wanted, as cluster.batch.SCHEMAS[Kind.SITES].
+        """The final hits where a record is wanted, as kernels.ray_fields.SITE.
 
         Args:
             paths: scouts, as kernels.camera.paths.Paths.

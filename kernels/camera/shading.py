@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from wdpm.kernels.camera.medium_vertices import collision_at, flight_of, length_to, make_shade_medium
+from wdpm.kernels.camera.medium_vertices import flight_of, length_to, make_shade_medium
 from wdpm.kernels.camera.paths import Paths, Vertex, camera_path
 from wdpm.kernels.camera.rays import Rays, make_first_vertex
 from wdpm.kernels.camera.scene import Scene
@@ -35,7 +35,6 @@ from wdpm.kernels.camera.vertices import (
     TRACE_ON,
     Orders,
     Shaded,
-    Stretches,
     nothing_goes_on,
     nothing_seen,
     shoot,
@@ -43,9 +42,7 @@ from wdpm.kernels.camera.vertices import (
     stretch,
 )
 from wdpm.kernels.features import Features
-from wdpm.kernels.lights.lights import make_lights
 from wdpm.kernels.materials.medium import transmittance
-from wdpm.kernels.rays.cells import cell_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -56,15 +53,11 @@ class Shading:
 
     shade_camera_hits: wp.Kernel
     shade_vertices: wp.Kernel
-    path_misses: wp.Kernel
 
 
 @functools.cache
 def make_shading(features: Features) -> Shading:
     """The kernels for a set of features."""
-    light = make_lights(features)
-    pdf_environment = light.pdf_environment
-    environment_radiance = light.environment_radiance
     first_vertex = make_first_vertex(features)
     shade_surface = make_shade_surface(features)
     shade_medium = make_shade_medium(features)
@@ -129,56 +122,4 @@ def make_shading(features: Features) -> Shading:
                 p.action = actions[i]
         shade(scene, p, orders, shaded_out)
 
-    @wp.func
-    def escaped(scene: Scene, p: Vertex, orders: Orders, stretches_out: Stretches) -> wp.vec3:
-        """What its environment and, without end, its medium send back to a ray that leaves the scene."""
-        radiance = wp.vec3(0.0)
-        if wp.static(features.environment):
-            unit = wp.normalize(p.direction)
-            radiance = environment_radiance(scene.lights, unit)
-            if wp.static(features.glossy or features.traced):
-                if p.pdf > 0.0:
-                    by_light = pdf_environment(scene.lights, p.anchor, unit)
-                    radiance = radiance * (p.pdf / (p.pdf + by_light))
-            if wp.static(features.traced):
-                if orders.diffuse_light == BY_FINAL_GATHER and p.diffuse > 0:
-                    radiance = wp.vec3(0.0)
-            radiance = wp.cw_mul(p.throughput, radiance)
-        if wp.static(features.media):
-            length = length_to(scene.lights, p)
-            stretch(p, length, orders.light_samples, stretches_out)
-            if orders.diffuse_light != BY_PATHS:
-                if p.medium >= 0:
-                    radiance = wp.cw_mul(radiance, transmittance(scene.media, p.medium, length))
-        return radiance
-
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
-    def path_misses(
-        scene: Scene,
-        paths: Paths,
-        orders: Orders,
-        offset: wp.int32,
-        radiance_out: wp.array[wp.vec3],
-        collision_out: wp.array[wp.int32],
-        stretches_out: Stretches,
-    ) -> None:
-        """Rays of camera paths that meet no surface.
-
-        Args:
-            collision_out: in BY_PATHS, the cell in which each path collides in its medium, -1 where it does not.
-        """
-        i = offset + wp.tid()
-        p = camera_path(scene.camera, paths, i)
-        radiance = escaped(scene, p, orders, stretches_out)
-        collision = wp.int32(-1)
-        if wp.static(features.media and features.traced):
-            if orders.diffuse_light == BY_PATHS:
-                flight = flight_of(scene.media, scene.lights, p, scene.camera.seed)
-                radiance = wp.cw_mul(radiance, flight.weight)
-                if flight.scatters == 1:
-                    radiance = wp.vec3(0.0)
-                    collision = cell_of(scene.cells, collision_at(p, flight))
-        radiance_out[i] = radiance
-        collision_out[i] = collision
-
-    return Shading(shade_camera_hits, shade_vertices, path_misses)
+    return Shading(shade_camera_hits, shade_vertices)

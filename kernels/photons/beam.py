@@ -27,10 +27,13 @@ import math
 
 import warp as wp
 
+from wdpm.kernels.columns import FromFields, columns_of
 from wdpm.kernels.constants import EXACT_SUM_BITS, MAX_GATHER_RADIUS, MIN_GATHER_RADIUS
+from wdpm.kernels.fields import chosen
 from wdpm.kernels.materials.medium import Media, phase_value, transmittance
 from wdpm.kernels.photons.gather import dot8
 from wdpm.kernels.photons.photon_map import LEAF_ROWS, NODE_ROWS, PhotonMap, first_child, vec8
+from wdpm.kernels.ray_fields import BEAM
 from wdpm.kernels.rays.cells import Cells, cell_of, inverse_direction
 from wdpm.scenes.errors import SettingsError
 
@@ -62,27 +65,17 @@ is 1 up to 2^-21.2 moves the nearest point by as much again. 2^-19.4 S together;
 """
 
 
-@wp.struct
-class Beams:
+@columns_of(chosen(BEAM, "origin", "direction", "length", "medium", "red", "green", "blue"))
+class Beams(FromFields):
     """Stretches of camera rays, each in one medium, and the light scattered into them so far.
 
+    No coordinate of an origin may be above MAX_PHOTON_COORDINATE; a length is at least 0 and may be infinite. The sums
+    are radiance that leaves the origin against the direction, times the number of photon paths, in units of `sum_unit`.
+
     Attributes:
-        origin: [scene units], no coordinate above MAX_PHOTON_COORDINATE.
-        direction: unit, away from the camera.
-        length: of the stretch, at least 0; may be infinite.
-        medium: number of the medium; no light is added where it is negative.
-        red, green, blue: radiance that leaves the origin against the direction, times the number of photon paths, in
-            units of `sum_unit`.
         clamped: contributions that were larger than the unit allows for, and were cut: 0, or the unit was wrong.
     """
 
-    origin: wp.array[wp.vec3]
-    direction: wp.array[wp.vec3]
-    length: wp.array[wp.float32]
-    medium: wp.array[wp.int32]
-    red: wp.array[wp.int64]
-    green: wp.array[wp.int64]
-    blue: wp.array[wp.int64]
     clamped: wp.array[wp.int32]
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from wdpm.cluster import records, task, world
-from wdpm.cluster.batch import TO_HOME, Batch, Kind
+from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind
 from wdpm.cluster.cluster_settings import ClusterSettings
 from wdpm.cluster.messages import packing, protocol
 from wdpm.scenes.flat.arrays import Media, Triangles
@@ -71,6 +71,24 @@ def test_every_kind_of_batch_is_described_with_where_it_goes() -> None:
     rows = re.findall(r"^\| ([a-z, ]+) \| (cell|home) \|", section, re.MULTILINE)
     described = {kind: goes_to for kinds, goes_to in rows for kind in kinds.split(", ")}
     assert described == {kind.value: "home" if kind in TO_HOME else "cell" for kind in Kind}
+
+
+def test_arrays_of_every_kind_of_batch_are_as_described() -> None:
+    section = PAGE.split("| arrays of a batch | fields, in the order in which they travel |\n")[1].split("\n\n")[0]
+    rows = re.findall(r"^\| ([a-z, ]+) \| ([^|]*) \|$", section, re.MULTILINE)
+    described = {
+        kind: re.findall(r"(\w+): `(<\w\d)` \[(N[^]]*)\]", fields_in_words)
+        for kinds, fields_in_words in rows
+        for kind in kinds.split(", ")
+    }
+    actual = {
+        kind.value: [
+            (name, field.dtype, ", ".join(["N", *(str(length) for length in field.shape)]))
+            for name, field in SCHEMAS[kind].items()
+        ]
+        for kind in Kind
+    }
+    assert described == actual
 
 
 def test_numbers_are_as_described() -> None:

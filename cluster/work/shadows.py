@@ -1,0 +1,146 @@
+"""Shadow rays in one cell: from the vertices of camera paths to lights, through what lets light pass."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, take
+from wdpm.cluster.work import guards
+from wdpm.cluster.work.replica import Replica
+from wdpm.kernels import columns
+from wdpm.kernels.camera import shadow_rays as sr
+from wdpm.kernels.materials.surface import Surfaces
+from wdpm.kernels.rays.bvh import Bvh
+from wdpm.scenes.errors import ProtocolError
+
+
+class Shadows:
+    """Shadow rays of one cell.
+
+    Args:
+        cell: number of the cell.
+        tree, surfaces: its triangles on the device.
+        guard: of camera samples.
+    """
+
+    def __init__(self, cell: int, tree: Bvh, surfaces: Surfaces, replica: Replica, guard: guards.Guards) -> None:
+        self._cell = cell
+        self._bvh = tree
+        self._surfaces = surfaces
+        self._replica = replica
+        self._guards = guard
+        self._scene: Any = None
+
+    def begin_view(self, scene: Any) -> None:
+        """Look at the scene (kernels.camera.scene.Scene) through another camera."""
+        self._scene = scene
+
+    def start(self, cause: Batch, shots: Any) -> Iterator[Batch]:
+        """Send shadow segments to the first cell on their way; those that carry nothing end here."""
+        replica = self._replica
+        arrays = columns.download(shots, SCHEMAS[Kind.SHADOW])
+        each = len(shots.slot) // len(cause)
+        arrays["radiance"] = self._guards.blacken(arrays["radiance"], guards.DIRECT, cause.arrays, each)
+        count = len(arrays["slot"])
+        if replica.world.top_tree.cells == 1 and not replica.world.features.walks:
+            yield self._batch(cause, Kind.SHADOW, self._cell, count, arrays)
+            return
+        segments = columns.upload(sr.Segments, arrays, replica.launcher.device)
+        first = self._integers(count)
+        replica.launcher(sr.first_shadow_cells, count, cells=replica.cells, segments=segments, next_cell_out=first)
+        if replica.world.features.walks:
+            medium = shots.medium.numpy() if replica.world.features.media else np.full(count, -1, np.int32)
+            arrays = {**arrays, "medium": medium, **_no_blockers(count)}
+            yield from self._send(cause, Kind.WALK, arrays, first.numpy())
+        else:
+            yield from self._send(cause, Kind.SHADOW, arrays, first.numpy())
+
+    def visit(self, batch: Batch) -> Iterator[Batch]:
+        """Look for blockers."""
+        replica = self._replica
+        segments = columns.upload(sr.Segments, batch.arrays, replica.launcher.device)
+        array = self._integers(len(batch))
+        replica.launcher(
+            sr.visit_shadow_segments,
+            len(batch),
+            bvh=self._bvh,
+            cells=replica.cells,
+            segments=segments,
+            own_cell=self._cell,
+            next_cell_out=array,
+        )
+        onward = array.numpy()
+        yield from self._send(batch, Kind.SHADOW, batch.arrays, onward)
+        yield from self._end(batch, batch.arrays, onward)
+
+    def visit_walks(self, batch: Batch) -> Iterator[Batch]:
+        """Look for the next surface on the way of segments that may pass through some."""
+        replica = self._replica
+        walks = columns.upload(sr.Walks, batch.arrays, replica.launcher.device)
+        array = self._integers(len(batch))
+        replica.launcher(
+            sr.visit_walks,
+            len(batch),
+            bvh=self._bvh,
+            surfaces=self._surfaces,
+            media=replica.media,
+            cells=replica.cells,
+            walks=walks,
+            own_cell=self._cell,
+            next_cell_out=array,
+        )
+        arrays, onward = columns.download(walks, SCHEMAS[Kind.WALK]), array.numpy()
+        yield from self._send(batch, Kind.WALK, arrays, onward)
+        met = (onward < 0) & (arrays["prim"] >= 0)
+        yield from self._send(batch, Kind.PANE, arrays, np.where(met, arrays["owner"], -1))
+        yield from self._end(batch, arrays, np.where(met, 0, onward))
+
+    def pass_panes(self, batch: Batch) -> Iterator[Batch]:
+        """Take segments through the surface that they have met, if it lets light pass."""
+        replica = self._replica
+        kernel = replica.kernels.pass_panes
+        if kernel is None:
+            raise ProtocolError("a shadow ray passes a surface in a scene where none does")
+        walks = columns.upload(sr.Walks, batch.arrays, replica.launcher.device)
+        array = self._integers(len(batch))
+        replica.launcher(kernel, len(batch), scene=self._scene, walks=walks, next_cell_out=array)
+        arrays, onward = columns.download(walks, SCHEMAS[Kind.PANE]), array.numpy()
+        yield from self._send(batch, Kind.WALK, arrays, onward)
+        yield from self._end(batch, arrays, onward)
+
+    def _send(self, cause: Batch, kind: Kind, arrays: Arrays, destination: NDArray[np.int32]) -> Iterator[Batch]:
+        for cell, rows in by_destination(destination, destination >= 0):
+            yield self._batch(cause, kind, cell, len(rows), take(arrays, rows))
+
+    def _end(self, cause: Batch, arrays: Arrays, onward: NDArray[np.int32]) -> Iterator[Batch]:
+        """Bring home what arrived, and the credit of what did not."""
+        clear = np.flatnonzero(onward == sr.SHADOW_CLEAR)
+        if len(clear):
+            lit = {name: arrays[name][clear] for name in SCHEMAS[Kind.LIT]}
+            yield self._batch(cause, Kind.LIT, self._cell, len(clear), lit)
+        blocked = int(np.count_nonzero(onward == sr.SHADOW_BLOCKED))
+        if blocked:
+            yield self._batch(cause, Kind.ENDED, self._cell, blocked, {})
+
+    def _integers(self, count: int) -> Any:
+        return wp.empty(count, dtype=wp.int32, device=self._replica.launcher.device)
+
+    def _batch(self, cause: Batch, kind: Kind, cell: int, credit: int, arrays: Arrays) -> Batch:
+        """What follows from a batch: the same task, the same home."""
+        return Batch(kind, cause.task, cause.home, cell, credit, arrays)
+
+
+def _no_blockers(count: int) -> dict[str, NDArray[Any]]:
+    """Best hits of shadow segments that have met nothing yet."""
+    return {
+        "t": np.full(count, np.float32(sr.SEGMENT_END)),
+        "prim": np.full(count, -1, np.int32),
+        "u": np.zeros(count, np.float32),
+        "v": np.zeros(count, np.float32),
+        "owner": np.full(count, -1, np.int32),
+    }

@@ -1,0 +1,39 @@
+"""Launches name the arguments of their kernel, and reach every item once however they are cut."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import warp as wp
+
+from wdpm.kernels.launch import Launcher
+
+
+@wp.kernel
+def add(x: wp.array[wp.int32], y: wp.int32, offset: wp.int32, sum_out: wp.array[wp.int32]) -> None:
+    """What a launch adds to each item of the output."""
+    i = offset + wp.tid()
+    sum_out[i] = sum_out[i] + x[i] + y
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("grain", [1, 64])
+def test_every_item_is_reached_once(threads: int, grain: int) -> None:
+    x = np.arange(1000, dtype=np.int32)
+    total = wp.zeros(1000, dtype=wp.int32, device="cpu")
+    Launcher("cpu", threads)(add, 1000, grain=grain, sum_out=total, y=7, x=wp.array(x, dtype=wp.int32, device="cpu"))
+    np.testing.assert_array_equal(total.numpy(), x + 7)
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (("x", "sum_out"), r"missing: \['y'\], not known: \[\]"),
+        (("x", "y", "sum_out", "z"), r"missing: \[\], not known: \['z'\]"),
+        (("x", "z", "sum_out"), r"missing: \['y'\], not known: \['z'\]"),
+        (("x", "y", "sum_out", "offset"), r"missing: \[\], not known: \['offset'\]"),
+    ],
+)
+def test_arguments_that_are_not_the_kernels_are_refused(names: tuple[str, ...], said: str) -> None:
+    with pytest.raises(TypeError, match=f"kernel add: arguments {said}"):
+        Launcher("cpu", 1)(add, 1, **dict.fromkeys(names, 0))
