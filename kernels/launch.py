@@ -23,9 +23,10 @@ CHUNKS_A_THREAD = 3
 
 
 @functools.cache
-def names_of(kernel: wp.Kernel) -> tuple[str, ...]:
-    """The names of a kernel's arguments, in order."""
-    return tuple(argument.label for argument in kernel.adj.args)
+def arguments_of(kernel: wp.Kernel) -> tuple[tuple[str, ...], frozenset[str]]:
+    """The names of a kernel's arguments, in order, and those of them that whoever launches it gives."""
+    names = tuple(argument.label for argument in kernel.adj.args)
+    return names, frozenset(names) - {"offset"}
 
 
 class Launcher:
@@ -59,18 +60,15 @@ class Launcher:
         Raises:
             TypeError: these are not the kernel's arguments.
         """
-        names = names_of(kernel)
-        if len(arguments) != len(names) - 1 or not all(name in arguments for name in names if name != "offset"):
-            expected = {name for name in names if name != "offset"}
+        names, expected = arguments_of(kernel)
+        if arguments.keys() != expected:
             missing, unknown = sorted(expected - arguments.keys()), sorted(arguments.keys() - expected)
             raise TypeError(f"kernel {kernel.key}: arguments missing: {missing}, not known: {unknown}")
-        self.run(
-            kernel,
-            [
-                (size, [start if name == "offset" else arguments[name] for name in names])
-                for start, size in self.chunks(count, grain)
-            ],
-        )
+        launches = []
+        for start, size in self.chunks(count, grain):
+            arguments["offset"] = start
+            launches.append((size, [arguments[name] for name in names]))
+        self.run(kernel, launches)
 
     def build_launcher(self) -> Callable[..., None] | None:
         """For trees, which are built on the CPU: launches whose items are subtrees, each worth a chunk of its own.
