@@ -19,7 +19,7 @@ from wdpm.kernels import columns
 from wdpm.kernels.camera.paths import Paths
 from wdpm.kernels.camera.rays import Rays, first_path_cells
 from wdpm.kernels.irradiance.record_rays import Sites, start_record_rays
-from wdpm.kernels.irradiance.records import make_records, make_strata, record_directions
+from wdpm.kernels.irradiance.records import Bounds, MadeRecords, make_records, make_strata, record_directions
 from wdpm.scenes.errors import ProtocolError
 
 _GRAIN = 8
@@ -179,36 +179,23 @@ class RecordHome:
         """What the gather rays tell, once all are back."""
         count, device, plan = len(self._site["slot"]), self._replica.launcher.device, self._view.cache
         footprint = self._site["footprint"]
-        least, most = (
-            wp.array(np.float32(bound) * footprint, dtype=wp.float32, device=device)
-            for bound in (plan.least, plan.most)
-        )
-        radiance = wp.array(self._radiance(), dtype=wp.vec3, device=device)
-        distance = wp.array(self._distance, dtype=wp.float32, device=device)
-        shading_normal = wp.array(self._site["shading_normal"], dtype=wp.vec3, device=device)
-        kinds = {
-            "irradiance": wp.vec3,
-            "rotation": wp.mat33,
-            "translation": wp.mat33,
-            "radius": wp.float32,
-            "nearest": wp.float32,
-        }
-        made = {name: wp.empty(count, dtype=kind, device=device) for name, kind in kinds.items()}
+        bounds = Bounds()
+        bounds.reach, bounds.clearance = plan.error, plan.clearance
+        bounds.least = wp.array(np.float32(plan.least) * footprint, dtype=wp.float32, device=device)
+        bounds.most = wp.array(np.float32(plan.most) * footprint, dtype=wp.float32, device=device)
+        made = columns.empty(MadeRecords, count, device)
         self._replica.launcher(
             make_records,
             count,
             grain=_GRAIN,
             strata=make_strata(*self._strata, device),
-            radiance=radiance,
-            distance=distance,
-            shading_normal=shading_normal,
-            reach=plan.error,
-            clearance=plan.clearance,
-            radius_min=least,
-            radius_max=most,
-            **{f"{name}_out": array for name, array in made.items()},
+            radiance=wp.array(self._radiance(), dtype=wp.vec3, device=device),
+            distance=wp.array(self._distance, dtype=wp.float32, device=device),
+            shading_normal=wp.array(self._site["shading_normal"], dtype=wp.vec3, device=device),
+            bounds=bounds,
+            made_out=made,
         )
-        told = {name: made[name].numpy() for name in ("irradiance", "rotation", "translation", "radius")}
+        told = columns.download(made, ("irradiance", "rotation", "translation", "radius"))
         return Records(self._numbers(), self._site["position"], self._site["shading_normal"], **told)
 
     def _radiance(self) -> NDArray[np.float32]:

@@ -203,22 +203,51 @@ def _length2d(x: wp.float64, y: wp.float64) -> wp.float64:
     return wp.sqrt(x * x + y * y)
 
 
+@wp.struct
+class Bounds:
+    """What bounds the radius of records.
+
+    Attributes:
+        reach: share of the harmonic mean distance (Ward's a).
+        clearance: the same of the least distance: in corners that is what counts.
+        least, most: 0 < least <= most [scene units] [N].
+    """
+
+    reach: wp.float32
+    clearance: wp.float32
+    least: wp.array[wp.float32]
+    most: wp.array[wp.float32]
+
+
+@wp.struct
+class MadeRecords:
+    """What is known of N records.
+
+    Attributes:
+        irradiance: on a surface about the shading normal.
+        rotation: row c is the derivative of channel c by the normal: E(n') = E + rotation (n' - n).
+        translation: row c is that by the position: E(x') = E + translation (x' - x) [1 / scene units]. Both have
+            nothing along the normal. Shortened where a channel would be used up within the radius.
+        radius: [scene units].
+        nearest: the least distance, without the outermost row; inf if nothing was met [scene units].
+    """
+
+    irradiance: wp.array[wp.vec3]
+    rotation: wp.array[wp.mat33]
+    translation: wp.array[wp.mat33]
+    radius: wp.array[wp.float32]
+    nearest: wp.array[wp.float32]
+
+
 @wp.kernel
 def make_records(
     strata: Strata,
     radiance: wp.array[wp.vec3],
     distance: wp.array[wp.float32],
     shading_normal: wp.array[wp.vec3],
-    reach: wp.float32,
-    clearance: wp.float32,
-    radius_min: wp.array[wp.float32],
-    radius_max: wp.array[wp.float32],
+    bounds: Bounds,
     offset: wp.int32,
-    irradiance_out: wp.array[wp.vec3],
-    rotation_out: wp.array[wp.mat33],
-    translation_out: wp.array[wp.mat33],
-    radius_out: wp.array[wp.float32],
-    nearest_out: wp.array[wp.float32],
+    made_out: MadeRecords,
 ) -> None:
     """N records of what their gather rays brought back, one thread a record.
 
@@ -226,21 +255,12 @@ def make_records(
         radiance: finite, what came along each ray, 0 for rays not shot [N * M].
         distance: of what each ray met [scene units], inf if nothing, negative if not shot [N * M].
         shading_normal: unit [N].
-        reach: the radius as a share of the harmonic mean distance (Ward's a).
-        clearance: the same of the least distance: in corners that is what counts.
-        radius_min, radius_max: bounds of the radius, 0 < radius_min <= radius_max [scene units] [N].
-        irradiance_out: on a surface about the shading normal [N].
-        rotation_out: row c is the derivative of channel c by the normal: E(n') = E + rotation (n' - n) [N].
-        translation_out: row c is that by the position: E(x') = E + translation (x' - x) [1 / scene units] [N]. Both
-            have nothing along the normal. Shortened where a channel would be used up within the radius.
-        radius_out: [scene units] [N].
-        nearest_out: the least distance, without the outermost row; inf if nothing was met [scene units] [N].
     """
     i = offset + wp.tid()
     rows = strata.rows
     columns = strata.columns
     first = i * rows * columns
-    least = radius_min[i]
+    least = bounds.least[i]
     total = wp.vec3d()
     turn_x = wp.vec3d()
     turn_y = wp.vec3d()
@@ -284,15 +304,15 @@ def make_records(
     turn_x = turn_x * chord
     turn_y = turn_y * chord
 
-    radius = wp.float64(clearance) * wp.float64(nearest)
+    radius = wp.float64(bounds.clearance) * wp.float64(nearest)
     if inverse > _ZERO:
-        radius = wp.min(radius, wp.float64(reach) * wp.float64(shot) / inverse)
+        radius = wp.min(radius, wp.float64(bounds.reach) * wp.float64(shot) / inverse)
     slope = wp.float64(0.0)
     for c in range(3):
         slope += _length2d(shift_x[c], shift_y[c])
     if slope > _ZERO:
         radius = wp.min(radius, (total[0] + total[1] + total[2]) / slope)
-    radius = wp.clamp(radius, wp.float64(least), wp.float64(radius_max[i]))
+    radius = wp.clamp(radius, wp.float64(least), wp.float64(bounds.most[i]))
     for c in range(3):
         lost = _length2d(shift_x[c], shift_y[c]) * radius
         if lost > total[c]:
@@ -300,8 +320,8 @@ def make_records(
             shift_y[c] = shift_y[c] * (total[c] / lost)
 
     normal = shading_normal[i]
-    irradiance_out[i] = wp.vec3(total)
-    rotation_out[i] = _in_world(turn_x, turn_y, normal)
-    translation_out[i] = _in_world(shift_x, shift_y, normal)
-    radius_out[i] = wp.float32(radius)
-    nearest_out[i] = nearest
+    made_out.irradiance[i] = wp.vec3(total)
+    made_out.rotation[i] = _in_world(turn_x, turn_y, normal)
+    made_out.translation[i] = _in_world(shift_x, shift_y, normal)
+    made_out.radius[i] = wp.float32(radius)
+    made_out.nearest[i] = nearest

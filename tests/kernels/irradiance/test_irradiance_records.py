@@ -7,9 +7,10 @@ import pytest
 import warp as wp
 from numpy.typing import NDArray
 
+from wdpm.kernels import columns
 from wdpm.kernels.irradiance.cache import interpolate
 from wdpm.kernels.irradiance.record_tree import build
-from wdpm.kernels.irradiance.records import NOT_SHOT, make_records, make_strata, record_directions
+from wdpm.kernels.irradiance.records import NOT_SHOT, Bounds, MadeRecords, make_records, make_strata, record_directions
 from wdpm.scenes.errors import WdpmError
 
 Array = NDArray[np.float64]
@@ -53,15 +54,15 @@ def make(
 ) -> Records:
     """Records of N * M rays, `chunk` at a time."""
     count = len(shading)
-    kinds = {"irradiance": wp.vec3, "rotation": wp.mat33, "translation": wp.mat33}
-    kinds |= {"radius": wp.float32, "nearest": wp.float32}
-    out = {name: wp.empty(count, dtype=kind, device="cpu") for name, kind in kinds.items()}
-    bounds = [floats(np.full(count, value)) for value in (least, most)]
-    inputs = [strata, vectors(radiance), floats(distance), vectors(shading), reach, clearance, *bounds]
+    bounds = Bounds()
+    bounds.reach, bounds.clearance = reach, clearance
+    bounds.least, bounds.most = (floats(np.full(count, value)) for value in (least, most))
+    made = columns.empty(MadeRecords, count, "cpu")
+    inputs = [strata, vectors(radiance), floats(distance), vectors(shading), bounds]
     for start in range(0, count, chunk or count):
         size = min(chunk or count, count - start)
-        wp.launch(make_records, size, inputs=[*inputs, start, *out.values()], device="cpu")
-    return {name: value.numpy() for name, value in out.items()}
+        wp.launch(make_records, size, inputs=[*inputs, start, made], device="cpu")
+    return columns.download(made, MadeRecords.vars)
 
 
 def gray(radiance: Array) -> Array:
