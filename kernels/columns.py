@@ -49,21 +49,26 @@ def _struct(cls: type, members: dict[str, Any]) -> wp.Struct:
 
 
 def loader(columns: wp.Struct, item: wp.Struct) -> wp.Function:
-    """A function of kernels, load(columns, i): item i. Members of the item that no array is named like are zero."""
-    lines = [f"    item.{name} = columns.{name}[i]" for name in _shared(columns, item)]
+    """A function of kernels, load(columns, i): item i. Members without an array are zero."""
+    lines = [f"    item.{member} = columns.{name}[i]" for name, member in _shared(columns, item)]
     signature = f"def load_{item.key}_of_{columns.key}(columns: Columns, i: wp.int32) -> Item:"
     return _function([signature, "    item = Item()", *lines, "    return item"], columns, item)
 
 
 def storer(columns: wp.Struct, item: wp.Struct) -> wp.Function:
     """A function of kernels, store(item, i, columns_out): writes item i, as far as there are arrays for its members."""
-    lines = [f"    columns_out.{name}[i] = item.{name}" for name in _shared(columns, item)]
+    lines = [f"    columns_out.{name}[i] = item.{member}" for name, member in _shared(columns, item)]
     signature = f"def store_{item.key}_in_{columns.key}(item: Item, i: wp.int32, columns_out: Columns) -> None:"
     return _function([signature, *lines], columns, item)
 
 
-def _shared(columns: wp.Struct, item: wp.Struct) -> list[str]:
-    return [name for name in columns.vars if name in item.vars]
+def _shared(columns: wp.Struct, item: wp.Struct) -> list[tuple[str, str]]:
+    """Names of arrays, and the members that they are of, be they those of a struct inside the item."""
+    members = {}
+    for name, var in item.vars.items():
+        inner = getattr(var.type, "vars", ())  # of a struct
+        members.update({name: name} if not inner else {each: f"{name}.{each}" for each in inner})
+    return [(name, members[name]) for name in columns.vars if name in members]
 
 
 def _function(lines: list[str], columns: wp.Struct, item: wp.Struct) -> wp.Function:

@@ -82,28 +82,28 @@ BEAM: Final[Fields] = {**STRETCH, "red": long_integer(_SUM), "green": long_integ
 """Stretches, and what photons near them scatter towards the camera."""
 
 PHOTON: Final[Fields] = {
-    "path": long_integer("number of the photon path", least=0),
-    "bounce": integer("scatterings before", least=0),
-    "edges": integer("of the path so far, straight passages not counted", least=0),
-    "state": integer("which parts of surfaces scattered it: kernels.photons.flight"),
+    "path": long_integer("number of the path; those of the caustic pass come after those of the global pass", least=0),
+    "bounce": integer("landings behind it, those included at which it went straight on", least=0),
+    "edges": integer("of the path up to its next landing: scatterings behind it, plus 1", least=0),
+    "state": integer("what scattered it so far: bits of kernels.photons.flight"),
     **chosen(PATH, "medium"),
     "light": integer("that it comes from", least=0, end=Many.LIGHTS),
-    "origin": vector("[scene units]"),
-    "direction": vector("of any length"),
-    "flux": vector("[W x paths]"),
+    "origin": vector("of its ray [scene units]"),
+    "direction": vector("of its ray, in which it travels, unit"),
+    "flux": vector("that of a map of one path [W]"),
     **HIT,
 }
-"""Photons in flight."""
+"""Photons in flight. `t` is how far the ray is looked along where it has met nothing, NO_HIT for no end."""
 
 STORED_PHOTON: Final[Fields] = {
     "id": long_integer("path * 2^16 + bounce", least=0),
     "edges": integer("of its path from the light", least=0),
-    "front": integer("1 where it landed on the front of the surface", least=0, end=2),
+    "front": integer("1 where it arrived at the front of a surface, and in a medium", least=0, end=2),
     "map": integer("which photon map it is in: kernels.photons.deposits", least=0, end=MAPS),
     "position": vector("[scene units]"),
-    "flux": vector("[W x paths]"),
-    "normal": vector("unit, geometric, of the side that it landed on; in a medium: (its number, 0, 0)"),
-    "direction": vector("unit, to where it came from"),
+    "flux": vector("that arrives, in a map of one path [W]"),
+    "normal": vector("unit, geometric, on the side that it arrived at; in a medium, (number of the medium, 0, 0)"),
+    "direction": vector("to where it came from, unit"),
 }
 
 SURFACE_POINT: Final[Fields] = {

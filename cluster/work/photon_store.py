@@ -98,8 +98,8 @@ class PhotonStore:
     def room(self, capacity: int, chunks: int) -> Any:
         """Room for photons, used again from launch to launch: fresh memory costs as much as the photons in it."""
         device = self._replica.launcher.device
-        if self._deposits is None or len(self._deposits.id) < capacity * chunks:
-            self._deposits = _empty_deposits(capacity * chunks, device)
+        if self._deposits is None or len(self._deposits.photons.id) < capacity * chunks:
+            self._deposits = columns.empty_nested(Deposits, {"photons": capacity * chunks}, device)
         self._deposits.capacity = capacity
         self._deposits.count = wp.zeros(chunks, dtype=wp.int32, device=device)
         return self._deposits
@@ -107,7 +107,7 @@ class PhotonStore:
     def keep(self, deposits: Any, capacity: int) -> None:
         """Take stored photons out of the regions of a launch."""
         names = SCHEMAS[Kind.GHOSTS]
-        regions = columns.download(deposits, [*names, "light"])
+        regions = columns.download(deposits.photons, [*names, "light"])
         for chunk, asked in enumerate(deposits.count.numpy()):
             kept = min(int(asked), capacity)
             if kept:
@@ -297,16 +297,6 @@ def _along(position: NDArray[np.float32], step: float) -> tuple[NDArray[np.float
     """Keys that sort places along a line through slabs of a width, ties as they come."""
     slabs = np.floor(position[:, 1:] / np.float32(step))
     return position[:, 0], slabs[:, 0], slabs[:, 1]
-
-
-def _empty_deposits(total: int, device: str) -> Any:
-    deposits = Deposits()
-    deposits.id = wp.empty(total, dtype=wp.int64, device=device)
-    for name in ("edges", "front", "map", "light"):
-        setattr(deposits, name, wp.empty(total, dtype=wp.int32, device=device))
-    for name in ("position", "flux", "normal", "direction"):
-        setattr(deposits, name, wp.empty(total, dtype=wp.vec3, device=device))
-    return deposits
 
 
 class _ByMap:

@@ -108,6 +108,6 @@ def make_emit_photons(features: Features) -> wp.Kernel:
         if wp.static(features.media):
             if e.medium >= 0:
                 p = into_medium(p, scene.media, scene.cells, scene.lights.offset_min)
-        store_photon(flight_out, i, p)
+        store_photon(p, i, flight_out)
 
     return emit_photons

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import warp as wp
 
+from wdpm.kernels.columns import FromFields, columns_of, item_of, storer
+from wdpm.kernels.fields import chosen
 from wdpm.kernels.photons.flight import BOUNCE_BITS, Photon
+from wdpm.kernels.ray_fields import PHOTON, STORED_PHOTON
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -17,41 +20,29 @@ NO_MAP = wp.constant(-1)
 """In place of a map: nothing is stored."""
 
 
+_DEPOSIT = {**STORED_PHOTON, **chosen(PHOTON, "light")}
+
+
+@columns_of(_DEPOSIT)
+class StoredPhotons(FromFields):
+    """Photons as maps hold them, and the lights that they come from."""
+
+
 @wp.struct
 class Deposits:
     """Room for stored photons: a region of `capacity` for each chunk, and how many it was asked to take."""
 
     capacity: wp.int32
     count: wp.array[wp.int32]
-    id: wp.array[wp.int64]
-    edges: wp.array[wp.int32]
-    front: wp.array[wp.int32]
-    map: wp.array[wp.int32]
-    light: wp.array[wp.int32]
-    position: wp.array[wp.vec3]
-    flux: wp.array[wp.vec3]
-    normal: wp.array[wp.vec3]
-    direction: wp.array[wp.vec3]
+    photons: StoredPhotons
 
 
-@wp.struct
-class Deposit:
-    """A photon as a map holds it.
+@item_of(_DEPOSIT)
+class Deposit(FromFields):
+    """One of them; its map is NO_MAP where nothing is stored."""
 
-    Attributes:
-        map: NO_MAP where nothing is stored.
-        front: 1 where it arrived at the front of a surface, and in a medium.
-        flux: that arrives.
-        normal: geometric normal on the side that it arrived at; in a medium, (number of the medium, 0, 0).
-        direction: to where it came from, unit.
-    """
 
-    map: wp.int32
-    front: wp.int32
-    position: wp.vec3
-    flux: wp.vec3
-    normal: wp.vec3
-    direction: wp.vec3
+_store = storer(StoredPhotons, Deposit)
 
 
 @wp.func
@@ -60,14 +51,8 @@ def store(deposits: Deposits, chunk: wp.int32, p: Photon, d: Deposit) -> bool:
     slot = wp.atomic_add(deposits.count, chunk, 1)
     if slot >= deposits.capacity:
         return False
-    slot += chunk * deposits.capacity
-    deposits.id[slot] = (p.path << wp.int64(BOUNCE_BITS)) | wp.int64(p.bounce)
-    deposits.edges[slot] = p.edges
-    deposits.front[slot] = d.front
-    deposits.map[slot] = d.map
-    deposits.light[slot] = p.light
-    deposits.position[slot] = d.position
-    deposits.flux[slot] = d.flux
-    deposits.normal[slot] = d.normal
-    deposits.direction[slot] = d.direction
+    d.id = (p.path << wp.int64(BOUNCE_BITS)) | wp.int64(p.bounce)
+    d.edges = p.edges
+    d.light = p.light
+    _store(d, chunk * deposits.capacity + slot, deposits.photons)
     return True

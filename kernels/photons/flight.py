@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import warp as wp
 
+from wdpm.kernels.columns import FromFields, columns_of, item_of, loader, storer
 from wdpm.kernels.constants import COLLISION_MARGIN
 from wdpm.kernels.materials.medium import Media, free_path
 from wdpm.kernels.maths.random import PURPOSE_SCATTER, hash_combine, sample_1d, sample_2d
+from wdpm.kernels.ray_fields import PHOTON
 from wdpm.kernels.rays.cells import Cells, cell_of
 from wdpm.kernels.rays.triangle import NO_HIT, Hit
 
@@ -45,29 +47,14 @@ FREE_PATH = wp.constant(5)
 _DIMENSIONS = wp.constant(6)
 
 
-@wp.struct
-class Flight:
-    """Photons in flight as columns, one an item; see cluster.batch.SCHEMAS."""
-
-    path: wp.array[wp.int64]  # number of the path; those of the caustic pass come after those of the global pass
-    bounce: wp.array[wp.int32]  # landings behind it, those included at which it went straight on
-    edges: wp.array[wp.int32]  # of the path up to its next landing: scatterings behind it, plus 1
-    state: wp.array[wp.int32]  # BY_DIFFUSE and BY_GLOSSY bits
-    medium: wp.array[wp.int32]  # that its ray is in, -1 for none
-    light: wp.array[wp.int32]  # that it comes from
-    origin: wp.array[wp.vec3]  # of its ray
-    direction: wp.array[wp.vec3]  # of its ray, in which it travels, unit
-    flux: wp.array[wp.vec3]  # that of a map of one path [W]
-    t: wp.array[wp.float32]  # nearest hit so far, or how far its ray is looked along; NO_HIT for no end
-    prim: wp.array[wp.int32]  # global number of the triangle hit, -1 for none so far
-    u: wp.array[wp.float32]  # barycentric coordinates of the hit
-    v: wp.array[wp.float32]
-    owner: wp.array[wp.int32]  # the cell that the hit, or the collision in a medium, lies in; -1 for neither
+@columns_of(PHOTON)
+class Flight(FromFields):
+    """Photons in flight as columns, one an item."""
 
 
-@wp.struct
-class Photon:
-    """One of them, in a thread's hands; fields as in Flight, but for these.
+@item_of({name: field for name, field in PHOTON.items() if name not in ("t", "prim", "u", "v")})
+class Photon(FromFields):
+    """One of them, in a thread's hands.
 
     Attributes:
         index: item of its random numbers.
@@ -75,19 +62,13 @@ class Photon:
         hit: t, prim, u and v.
     """
 
-    path: wp.int64
     index: wp.uint32
     streams: wp.uint32
-    bounce: wp.int32
-    edges: wp.int32
-    state: wp.int32
-    medium: wp.int32
-    light: wp.int32
-    origin: wp.vec3
-    direction: wp.vec3
-    flux: wp.vec3
     hit: Hit
-    owner: wp.int32
+
+
+store_photon = storer(Flight, Photon)
+_load = loader(Flight, Photon)
 
 
 @wp.func
@@ -106,13 +87,19 @@ def dimension_of(streams: wp.uint32, dimension: wp.int32) -> wp.uint32:
 
 
 @wp.func
+def _with_numbers(p: Photon, seed: wp.uint32) -> Photon:
+    """A photon and its random numbers for scatterings."""
+    p.index = wp.uint32(p.path)
+    p.streams = path_streams(seed, PURPOSE_SCATTER, p.path)
+    return p
+
+
+@wp.func
 def new_photon(path: wp.int64, seed: wp.uint32) -> Photon:
-    """A path before its first edge, with its random numbers for scatterings."""
+    """A path before its first edge."""
     p = Photon()
     p.path = path
-    p.index = wp.uint32(path)
-    p.streams = path_streams(seed, PURPOSE_SCATTER, path)
-    return p
+    return _with_numbers(p, seed)
 
 
 @wp.func
@@ -130,40 +117,7 @@ def number_2d(p: Photon, dimension: wp.int32) -> wp.vec2:
 @wp.func
 def load_photon(flight: Flight, i: wp.int32, seed: wp.uint32) -> Photon:
     """Take a photon up."""
-    p = new_photon(flight.path[i], seed)
-    p.bounce = flight.bounce[i]
-    p.edges = flight.edges[i]
-    p.state = flight.state[i]
-    p.medium = flight.medium[i]
-    p.light = flight.light[i]
-    p.origin = flight.origin[i]
-    p.direction = flight.direction[i]
-    p.flux = flight.flux[i]
-    p.hit.t = flight.t[i]
-    p.hit.prim = flight.prim[i]
-    p.hit.u = flight.u[i]
-    p.hit.v = flight.v[i]
-    p.owner = flight.owner[i]
-    return p
-
-
-@wp.func
-def store_photon(flight: Flight, i: wp.int32, p: Photon) -> None:
-    """Put a photon back."""
-    flight.path[i] = p.path
-    flight.bounce[i] = p.bounce
-    flight.edges[i] = p.edges
-    flight.state[i] = p.state
-    flight.medium[i] = p.medium
-    flight.light[i] = p.light
-    flight.origin[i] = p.origin
-    flight.direction[i] = p.direction
-    flight.flux[i] = p.flux
-    flight.t[i] = p.hit.t
-    flight.prim[i] = p.hit.prim
-    flight.u[i] = p.hit.u
-    flight.v[i] = p.hit.v
-    flight.owner[i] = p.owner
+    return _with_numbers(_load(flight, i), seed)
 
 
 @wp.func

@@ -415,7 +415,7 @@ def make_trace_photons(features: Features) -> wp.Kernel:
                             absorbed += mean3(p.flux)
                             status = ENDED
 
-        store_photon(flight, i, p)
+        store_photon(p, i, flight)
         fates_out.status[i] = status
         fates_out.next_cell[i] = destination
         share = wp.float64(1.0)

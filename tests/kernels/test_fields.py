@@ -14,6 +14,8 @@ from wdpm.kernels.camera.shadow_rays import Segments, Walks
 from wdpm.kernels.camera.vertices import Shots, Stretches
 from wdpm.kernels.fields import Fields
 from wdpm.kernels.photons.beam import Beams
+from wdpm.kernels.photons.deposits import StoredPhotons
+from wdpm.kernels.photons.flight import Flight, load_photon, store_photon
 
 
 @wp.kernel
@@ -21,6 +23,13 @@ def copy_paths(paths: Paths, paths_out: Paths) -> None:
     """Load and store."""
     i = wp.tid()
     store_path(load_path(paths, i), i, paths_out)
+
+
+@wp.kernel
+def copy_photons(flight: Flight, flight_out: Flight) -> None:
+    """Load and store, with the hit as a struct of its own in between."""
+    i = wp.tid()
+    store_photon(load_photon(flight, i, wp.uint32(0)), i, flight_out)
 
 
 @pytest.mark.parametrize(
@@ -32,6 +41,8 @@ def copy_paths(paths: Paths, paths_out: Paths) -> None:
         (Shots, ray_fields.SHOT),
         (Walks, ray_fields.WALK),
         (Stretches, ray_fields.STRETCH),
+        (Flight, ray_fields.PHOTON),
+        (StoredPhotons, ray_fields.STORED_PHOTON),
     ],
 )
 def test_a_struct_of_arrays_takes_a_batch_as_it_is(struct: wp.Struct, fields: Fields) -> None:
@@ -45,15 +56,18 @@ def test_a_struct_of_arrays_takes_a_batch_as_it_is(struct: wp.Struct, fields: Fi
         np.testing.assert_array_equal(back[name], arrays[name])
 
 
-def test_loading_and_storing_moves_every_field_of_a_path() -> None:
+@pytest.mark.parametrize(
+    ("struct", "fields", "copy"),
+    [(Paths, ray_fields.PATH, copy_paths), (Flight, ray_fields.PHOTON, copy_photons)],
+    ids=["path", "photon"],
+)
+def test_loading_and_storing_moves_every_field(struct: wp.Struct, fields: Fields, copy: wp.Kernel) -> None:
     """A field that either forgot would come back as zeros."""
     rng = np.random.default_rng(1)
-    arrays = {
-        name: rng.integers(1, 1000, (5, *field.shape)).astype(field.dtype) for name, field in ray_fields.PATH.items()
-    }
-    copied = columns.zeros(Paths, 5, "cpu")
-    wp.launch(copy_paths, 5, inputs=[columns.upload(Paths, arrays, "cpu"), copied], device="cpu")
-    for name, array in columns.download(copied, ray_fields.PATH).items():
+    arrays = {name: rng.integers(1, 1000, (5, *field.shape)).astype(field.dtype) for name, field in fields.items()}
+    copied = columns.zeros(struct, 5, "cpu")
+    wp.launch(copy, 5, inputs=[columns.upload(struct, arrays, "cpu"), copied], device="cpu")
+    for name, array in columns.download(copied, fields).items():
         np.testing.assert_array_equal(array, arrays[name], err_msg=name)
 
 
