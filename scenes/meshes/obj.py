@@ -2,6 +2,9 @@
 
 Format: "Object Files (.obj)", Wavefront Advanced Visualizer, appendix B1. Indices may be negative: they then count
 back from the latest vertex before the face. Polygons are cut into fans.
+
+Read by hand: trimesh (5.2) counts negative indices back from the end of the file, so that faces between vertices get
+others' corners, and answers an index out of range with an IndexError that names no line.
 """
 
 from __future__ import annotations

@@ -2,6 +2,9 @@
 
 Format: Greg Turk, "The PLY Polygon File Format", 1994. Polygons are cut into fans. Elements that are not
 geometry are skipped; properties of vertices that are not become attributes.
+
+Read by hand: trimesh (5.2) takes faces that name vertices which do not exist, and of a file that ends too early what
+there is, without a word.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """Reads STL files, binary and ASCII. Format: 3D Systems, "StereoLithography Interface Specification", 1989.
 
 The facet normals in the file are not used: they are often wrong, and the corners' order says the same.
+
+Read by hand: of an ASCII file that ends within a facet trimesh (5.2) makes an empty scene, without a word.
 """
 
 from __future__ import annotations
