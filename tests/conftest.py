@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import os
+import signal
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import warp as wp
 from hypothesis import Phase, settings
 
 # The same examples every time, and no deadlines: a shared machine is slow at times, and kernels compile at first use.
@@ -26,6 +30,26 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.get_closest_marker("shared"):
             item.add_marker(skip)
+
+
+@pytest.fixture(autouse=True)
+def _process_as_it_was() -> Iterator[None]:
+    """Put back what belongs to the whole process: no test may depend on which tests ran before it there.
+
+    Commands keep Warp quiet for the rest of their process, and a test of theirs is not the end of it.
+    """
+    environment, folder, log_level = dict(os.environ), Path.cwd(), wp.config.log_level
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    hook = sys.unraisablehook
+    yield
+    if dict(os.environ) != environment:
+        os.environ.clear()
+        os.environ.update(environment)
+    os.chdir(folder)
+    wp.config.log_level = log_level
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+    sys.unraisablehook = hook
 
 
 @pytest.fixture(scope="session")

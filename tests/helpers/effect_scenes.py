@@ -34,12 +34,15 @@ from wdpm.scenes.model.transforms import look_at, rotation, scaling, translation
 
 WIDTH, HEIGHT = 16, 12
 
-RNG = np.random.default_rng(2026)
+
+def random_of(name: str) -> np.random.Generator:
+    """Numbers of a name's own: a scene is the same whichever scenes were made before it."""
+    return np.random.default_rng([2026, *name.encode()])
 
 
 def noise(name: str, low: float = 0.1, high: float = 0.9, side: int = 8) -> Bitmap:
     """A texture of random colours."""
-    return Bitmap(name, RNG.uniform(low, high, (side, side, 3)).astype(np.float32))
+    return Bitmap(name, random_of(name).uniform(low, high, (side, side, 3)).astype(np.float32))
 
 
 NOISE = noise("noise")
@@ -48,9 +51,11 @@ NEAREST = replace(
 )
 HOLES = Bitmap("holes", np.tile(np.float32([[[0.0], [1.0]], [[0.6], [0.3]]]), (1, 1, 3)))
 SLOPES = noise("slopes", 0.0, 1.0)
-NORMALS = Bitmap("normals", (RNG.uniform(-0.2, 0.2, (8, 8, 3)) * (1, 1, 0) + (0.5, 0.5, 1.0)).astype(np.float32))
+NORMALS = Bitmap(
+    "normals", (random_of("normals").uniform(-0.2, 0.2, (8, 8, 3)) * (1, 1, 0) + (0.5, 0.5, 1.0)).astype(np.float32)
+)
 SQUARES = Checkerboard("squares", (0.8, 0.2, 0.1), (0.1, 0.3, 0.8), scaling((4, 4, 1))[:3, :3])
-SKY = RNG.uniform(0.1, 2.0, (6, 12, 3)).astype(np.float32)
+SKY = random_of("sky").uniform(0.1, 2.0, (6, 12, 3)).astype(np.float32)
 
 
 class Builder:
@@ -98,7 +103,7 @@ class Builder:
                 data.uvs,
                 len(self.materials) - 1,
                 emission,
-                RNG.uniform(0.1, 0.9, (len(vertices), 3)) if colors else None,
+                random_of(name).uniform(0.1, 0.9, (len(vertices), 3)) if colors else None,
                 *(media or (None, None)),
                 bounds=media is not None,
             )

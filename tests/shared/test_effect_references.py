@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from halving import halved
 
 import wdpm
 from wdpm.cluster.settings import RenderSettings
@@ -29,13 +29,6 @@ WITH_REFERENCE = {  # name -> size of the render, largest relMSE there (of halve
 SLOW = {"envmap", "materials", "veach-mis"}
 
 WITHOUT_REFERENCE = ("water-caustic", "box-caustic")
-
-
-def halved(pixels: NDArray[Any]) -> NDArray[np.float64]:
-    """Means of 2 x 2 pixels, in double."""
-    height, width, channels = pixels.shape
-    blocks = pixels.astype(np.float64).reshape(height // 2, 2, width // 2, 2, channels)
-    return np.asarray(blocks.mean(axis=(1, 3)))
 
 
 def parameters() -> list[Any]:

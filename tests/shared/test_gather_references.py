@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from halving import halved
 from numpy.typing import NDArray
 
 import wdpm
@@ -21,13 +22,6 @@ SETTINGS = {"photons": 100_000, "caustic_photons": 100_000, "spp": 16}
 
 LARGE = ("bunny", "sibenik", "sponza")
 SCENES = ["cbox", "glass-cbox", *(pytest.param(name, marks=pytest.mark.slow) for name in LARGE)]
-
-
-def halved(pixels: NDArray[Any]) -> NDArray[np.float64]:
-    """Means of 2 x 2 pixels, in double."""
-    height, width, channels = pixels.shape
-    blocks = pixels.astype(np.float64).reshape(height // 2, 2, width // 2, 2, channels)
-    return np.asarray(blocks.mean(axis=(1, 3)))
 
 
 def smooth(pixels: NDArray[Any]) -> NDArray[np.float64]:

@@ -6,11 +6,10 @@ import json
 import random
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from halving import halved
 
 import wdpm
 from wdpm.api import render_in_process
@@ -33,13 +32,6 @@ def named(*names: str, slow: tuple[str, ...] = ()) -> list[object]:
 
 def sized(scene: Scene, side: int) -> Scene:
     return replace(scene, camera=replace(scene.camera, width=side, height=side))
-
-
-def halved(pixels: NDArray[Any]) -> NDArray[np.float64]:
-    """Means of 2 x 2 pixels, in double."""
-    height, width, channels = pixels.shape
-    blocks = pixels.astype(np.float64).reshape(height // 2, 2, width // 2, 2, channels)
-    return np.asarray(blocks.mean(axis=(1, 3)))
 
 
 @pytest.mark.parametrize("name", named(*SMALL, *LARGE, slow=LARGE))
