@@ -5,6 +5,7 @@ OUT ?= out
 RAYS ?= 1e8
 GATHERS ?= 1e6
 SEED ?= 1
+JOBS ?= auto
 
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
@@ -21,8 +22,11 @@ demo: $(VENV)/.installed  ## render a Cornell box with a master and four slaves
 	@echo
 	@echo "The picture is $(abspath $(OUT))/cornell-box.png; cornell-box.exr beside it has all layers."
 
-test: $(VENV)/.installed-test  ## run the tests (those marked slow are left out)
-	$(BIN)/python -m pytest -m "not slow"
+# pytest prints the seed of the order; `pytest --randomly-seed=SEED` repeats it, `pytest -p no:randomly` keeps files' order.
+# Of work that is left, a free worker takes half of another's: files stay together, and what they prepare once as well.
+test: $(VENV)/.installed-test  ## run the tests (those marked slow are left out) in random order on JOBS cores
+	$(BIN)/python tests/compile_kernels.py
+	$(BIN)/python -m pytest -m "not slow" -n $(JOBS) --dist worksteal
 
 fuzz: $(VENV)/.installed-test  ## fuzz rays, routing and gathers against brute force (RAYS, GATHERS, SEED)
 	$(BIN)/python tests/fuzz/run.py --rays $(RAYS) --gathers $(GATHERS) --seed $(SEED) -o $(OUT)/fuzz

@@ -1,0 +1,25 @@
+"""Compiles the kernels that most tests use, on all cores.
+
+Processes that run tests side by side would all compile these at the same time, each for itself.
+"""
+
+from __future__ import annotations
+
+import time
+
+from wdpm.cluster.plan.effects import features_of
+from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.work.replica import with_camera
+from wdpm.kernels.compile import compile_kernels
+from wdpm.kernels.features import ALL
+from wdpm.quiet import quiet_warp
+from wdpm.scenes import cornell_box
+from wdpm.scenes.flat.flatten import flatten
+
+if __name__ == "__main__":
+    quiet_warp()
+    began = time.monotonic()
+    flat = flatten(cornell_box())
+    for features in (ALL, with_camera(features_of(flat, RenderSettings()), flat.camera)):
+        compile_kernels("cpu", features)
+    print(f"kernels compiled in {time.monotonic() - began:.0f} s")
