@@ -332,10 +332,10 @@ class Slave:
             return self._stranger(identity, "PeerBatch without PeerHello")
         if message.epoch != self._epoch:
             return self._drop("PeerBatch of another epoch")
-        source = f"slave {self._peers[identity]}"
-        self._enqueue(message.batch, source)
+        self._check_destination(message.batch, f"slave {self._peers[identity]}")
         if self._setup is not None:
             checks.check_batch(message.batch, self._setup.world)
+        self._enqueue(message.batch)
         return []
 
     def _unreadable_peer(self, identity: bytes, reason: str) -> list[Instruction]:
@@ -363,9 +363,11 @@ class Slave:
             )
         return batch.home if batch.kind in TO_HOME else holders[batch.cell]
 
-    def _enqueue(self, batch: Batch, source: str) -> None:
+    def _check_destination(self, batch: Batch, source: str) -> None:
         if self._destination(batch, source) != self.number:
             raise ProtocolError(f"a {batch.kind.value} batch of {source} is not for slave {self.number}")
+
+    def _enqueue(self, batch: Batch) -> None:
         if batch.kind in COPIES:
             self._copies.append(batch)  # counted, so they must not be joined
         else:
@@ -398,7 +400,7 @@ class Slave:
         for batch in outcome.batches:
             destination = self._destination(batch, "this slave")
             if destination == self.number:
-                self._enqueue(batch, "this slave")
+                self._enqueue(batch)
             else:
                 out.append(ToPeer(destination, protocol.PeerBatch(self._epoch, batch)))
         out += [ToMaster(protocol.TaskDone(self._epoch, result)) for result in outcome.results]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import weakref
 from typing import Any
 
 import pytest
@@ -354,6 +356,19 @@ def test_an_index_that_points_outside_is_an_error(kind: Kind, name: str, index: 
     assert not driver.slave.ended
     good.arrays[name][0] = index
     assert f"{kind.value}.{name} is {index} to {index}" in error_of(driver.peer(p.PeerBatch(EPOCH, good)))
+
+
+@pytest.mark.parametrize("kind", [Kind.PHOTON, Kind.GHOSTS])
+def test_a_batch_that_is_refused_is_not_kept(kind: Kind) -> None:
+    driver = Driver().ready()
+    driver.told(p.DoTask(EPOCH, PhotonTask(5, 0, 10)))  # computes, so that what comes meanwhile waits
+    wrong = batch(kind, home=1 if kind is Kind.PHOTON else -1)
+    wrong.arrays["map" if kind is Kind.GHOSTS else "prim"][0] = -2
+    watched = weakref.ref(wrong)
+    error_of(driver.peer(p.PeerBatch(EPOCH, wrong)))
+    del wrong
+    gc.collect()
+    assert watched() is None
 
 
 @pytest.mark.parametrize(
