@@ -1,13 +1,11 @@
-"""What a cluster tells while a render runs; `wdpm.progress` shows it to a person."""
+"""Who is told how far a render is; `wdpm.progress` has those that show it to a person."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
-from wdpm.cluster.master import events as m
 
-
-class Progress(Protocol):
+class ProgressObserver(Protocol):
     """Told by a render what it does. All calls come from one thread, phases one after another."""
 
     def start(self, phase: str, total: int | None = None) -> None:
@@ -18,16 +16,3 @@ class Progress(Protocol):
 
     def note(self, text: str) -> None:
         """One line for the person."""
-
-
-def report(instruction: m.Instruction, progress: Progress | None) -> None:
-    """Tell a person what the master tells about its progress."""
-    if progress is None:
-        return
-    match instruction:
-        case m.Started(phase, total):
-            progress.start(phase, total)
-        case m.Advanced(amount):
-            progress.advance(amount)
-        case m.Noted(text):
-            progress.note(text)

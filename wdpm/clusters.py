@@ -10,12 +10,12 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+from wdpm.cluster.master.local_slaves import LocalSlaves, slave_command
+from wdpm.cluster.master.server import MasterServer, nobody
 from wdpm.cluster.session import Session, SessionResult
+from wdpm.cluster.slave.process import PATIENCE_S, run_slave
 from wdpm.cluster.transport import address
-from wdpm.cluster.transport.keys import keys_for
-from wdpm.cluster.transport.local import LocalSlaves, slave_command
-from wdpm.cluster.transport.zmq_master import SocketMaster, nobody
-from wdpm.cluster.transport.zmq_slave import PATIENCE_S, run_slave
+from wdpm.cluster.transport.zeromq.key_files import keys_for
 from wdpm.devices import available_cores, check_device
 from wdpm.progress import Progress
 from wdpm.scenes.errors import SettingsError
@@ -43,7 +43,7 @@ class Cluster:
     """
 
     def __init__(
-        self, master: SocketMaster, slaves: int, stack: ExitStack, *, threads: int | None = None, device: str = "cpu"
+        self, master: MasterServer, slaves: int, stack: ExitStack, *, threads: int | None = None, device: str = "cpu"
     ) -> None:
         self._master = master
         self._stack = stack
@@ -67,7 +67,7 @@ class Cluster:
         with ExitStack() as stack:
             processes = LocalSlaves()
             stack.callback(processes.stop)
-            master = stack.enter_context(SocketMaster("tcp://127.0.0.1:0", slaves, watch=processes.ended))
+            master = stack.enter_context(MasterServer("tcp://127.0.0.1:0", slaves, watch=processes.ended))
             processes.start(slaves, slave_command(each, device), master.endpoint)
             return cls(master, slaves, stack.pop_all(), threads=threads, device=device)
 
@@ -87,7 +87,7 @@ class Cluster:
         """
         security = keys_for(address.resolve(bind), keys, insecure)
         with ExitStack() as stack:
-            master = stack.enter_context(SocketMaster(bind, slaves, security=security, watch=nobody))
+            master = stack.enter_context(MasterServer(bind, slaves, security=security, watch=nobody))
             return cls(master, slaves, stack.pop_all())
 
     @property

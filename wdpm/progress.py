@@ -7,23 +7,16 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol, TextIO
 
+from wdpm.cluster.progress import ProgressObserver
+
 if TYPE_CHECKING:
     from rich.console import Console
 
 PLAIN_INTERVAL_S = 2.0  # a log file of a long render stays short enough to read
 
 
-class Progress(Protocol):
-    """Told by a render what it does. All calls come from one thread, phases one after another."""
-
-    def start(self, phase: str, total: int | None = None) -> None:
-        """A phase begins (see report.PHASES), and ends the one before; `total` units of work, or None if not known."""
-
-    def advance(self, amount: int = 1) -> None:
-        """`amount` more units of the phase are done."""
-
-    def note(self, text: str) -> None:
-        """One line for the person: a warning, or what takes so long."""
+class Progress(ProgressObserver, Protocol):
+    """Shows a person how far a render is, phase by phase (report.PHASES)."""
 
     def finish(self) -> None:
         """All is done, or has failed; may be called again."""

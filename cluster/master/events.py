@@ -1,4 +1,4 @@
-"""What happens to a master, and what it wants done: the vocabulary between `master` and its shells."""
+"""What happens to a master, and what it wants done: the vocabulary between `machine` and its shell."""
 
 from __future__ import annotations
 

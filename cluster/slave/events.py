@@ -1,4 +1,4 @@
-"""What happens to a slave, and what it wants done: the vocabulary between `slave` and its shells."""
+"""What happens to a slave, and what it wants done: the vocabulary between `machine` and its shell."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from wdpm.cluster.slave.jobs import Job, Outcome
 
 @dataclass(frozen=True)
 class Start:
-    """The socket to the master is open for the first time."""
+    """The connection to the master is open for the first time."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class Run:
 
 @dataclass(frozen=True)
 class Reconnect:
-    """Open a fresh socket to the master; what waits in the old one is thrown away."""
+    """Open a fresh connection to the master; what waits in the old one is thrown away."""
 
 
 @dataclass(frozen=True)

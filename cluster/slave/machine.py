@@ -5,7 +5,7 @@ new tasks. Finishing before starting bounds what is in memory, since a task that
 that go the same way are joined while they wait. They are handled one by one, not all that wait at once: what follows
 from one is on its way to the peers while the next is computed (measured: half the time for photons over 4 slaves).
 
-`transport.zmq_slave` and `transport.memory` are the shells that bring events and carry out instructions.
+The shell in loop.py brings events and carries out instructions.
 """
 
 from __future__ import annotations

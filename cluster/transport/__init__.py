@@ -1,1 +1,1 @@
-"""How messages travel: through memory, or through ZeroMQ between processes and machines."""
+"""How messages travel: what masters and slaves need from a network, and its implementations."""

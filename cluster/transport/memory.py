@@ -1,193 +1,248 @@
-"""A cluster in one process: the same master and slaves, and queues in place of sockets.
+"""The transport memory://NAME: queues in place of sockets, within one process.
 
-This is `wdpm render` without slaves (one worker), and how nearly every distributed test runs. Messages of one sender to
-one receiver keep their order, as on a socket; all else may be shuffled, and no bit of the image may change.
+Messages are handed over as they are, without packing. Each network may be used by a thread of its own; or all by one
+thread, with a `Carrier` that decides when a message arrives: that is how `in_process` renders, and how tests shuffle
+what may be shuffled.
 """
 
 from __future__ import annotations
 
-import random
-import time
+import itertools
+import os
+import select
+import threading
 from collections import deque
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
 
-import numpy as np
+from wdpm.cluster.messages.protocol import Message
+from wdpm.cluster.transport.keys import Keys
+from wdpm.cluster.transport.transport import Accepted, Received, Role
+from wdpm.scenes.errors import ClusterError, ProtocolError, SettingsError
 
-from wdpm.cluster.cluster_settings import ClusterSettings
-from wdpm.cluster.master import events as m
-from wdpm.cluster.master.machine import Master
-from wdpm.cluster.messages import protocol
-from wdpm.cluster.progress import Progress, report
-from wdpm.cluster.session import Session, SessionResult
-from wdpm.cluster.slave import events as s
-from wdpm.cluster.slave.jobs import Compute, Worker, WorkerFactory
-from wdpm.cluster.slave.machine import Slave
-from wdpm.scenes.errors import ClusterError
-from wdpm.scenes.flat.arrays import Triangles
-
-MASTER = -1
-"""Stands for the master among the numbers of slaves."""
+SCHEME = "memory://"
 
 
 @dataclass(frozen=True)
 class Channel:
-    """What keeps its order: messages from one process to another, or the jobs of one slave."""
+    """What keeps its order: what goes from one place to another. A network's place is the network itself."""
 
-    sender: int
-    receiver: int
+    sender: Hashable
+    receiver: Hashable
 
 
-class Post:
-    """Deliveries that wait, in the order of their arrival or in a shuffled one.
+Carrier = Callable[[Channel, Callable[[], None]], None]
+"""Makes a delivery, behind all others of its channel."""
+
+
+def at_once(channel: Channel, delivery: Callable[[], None]) -> None:  # noqa: ARG001 - a Carrier
+    """Carries messages without any delay."""
+    delivery()
+
+
+class MemoryTransport:
+    """Networks that reach each other.
 
     Args:
-        shuffle: picks the channel that delivers next; None delivers in the order of arrival.
+        carry: makes deliveries, at once or later.
     """
 
-    def __init__(self, shuffle: random.Random | None) -> None:
-        self._shuffle = shuffle
-        self._in_order: deque[Callable[[], None]] = deque()
-        self._channels: dict[Channel, deque[Callable[[], None]]] = {}
+    def __init__(self, carry: Carrier = at_once) -> None:
+        self.carry = carry
+        self.listeners: dict[str, MemoryListener] = {}
+        self.numbers = itertools.count(1)  # calls of next() are atomic, as sets and gets of a dictionary are
 
-    def put(self, channel: Channel, delivery: Callable[[], None]) -> None:
-        """Add a delivery behind all others of its channel."""
-        if self._shuffle is None:
-            self._in_order.append(delivery)
-        else:
-            self._channels.setdefault(channel, deque()).append(delivery)
+    def resolve(self, address: str) -> str:
+        """The address itself."""
+        if not address.startswith(SCHEME) or address == SCHEME:
+            raise SettingsError(f"'{address}' is no address; expected {SCHEME}NAME")
+        return address
 
-    def deliver(self) -> bool:
-        """Make one delivery; False if there was none."""
-        if self._in_order:
-            self._in_order.popleft()()
-            return True
-        if self._shuffle is None or not self._channels:
+    def open(self, keys: Keys | None) -> MemoryNetwork:
+        """Open a network. Nobody else reaches this process's memory, so keys keep nobody out."""
+        del keys
+        return MemoryNetwork(self)
+
+
+class _Inbox:
+    """What has been delivered to one end."""
+
+    def __init__(self, network: MemoryNetwork, accepted: Accepted) -> None:
+        self._network = network
+        self._accepted = accepted
+        self._arrived: deque[tuple[bytes, Received]] = deque()
+
+    def put(self, identity: bytes, message: Message) -> None:
+        """Called by whoever sends, on its thread."""
+        name = type(message).__name__
+        known = self._accepted.get(name) is type(message)
+        self._arrived.append((identity, message if known else ProtocolError(f"message {name!r} is not known here")))
+        self._network.ring()
+
+    def take(self) -> tuple[bytes, Received] | None:
+        return self._arrived.popleft() if self._arrived else None
+
+    def __bool__(self) -> bool:
+        return bool(self._arrived)
+
+
+class MemoryListener:
+    """An inbox that is found by its endpoint."""
+
+    def __init__(self, memory: MemoryTransport, network: MemoryNetwork, endpoint: str, accepted: Accepted) -> None:
+        self.inbox = _Inbox(network, accepted)
+        self.network = network
+        self.connections: dict[bytes, MemoryConnection] = {}
+        self.closed = False
+        self._memory = memory
+        self._endpoint = endpoint
+
+    @property
+    def endpoint(self) -> str:
+        """The address under which others find it."""
+        return self._endpoint
+
+    def receive(self) -> tuple[bytes, Received] | None:
+        """The next message and the identity of the connection that it came over."""
+        return self.inbox.take()
+
+    def send(self, identity: bytes, message: Message) -> bool:
+        """Answer over a connection; False if it is closed."""
+        connection = self.connections.get(identity)
+        if connection is None:
             return False
-        channel = self._shuffle.choice(list(self._channels))
-        waiting = self._channels[channel]
-        delivery = waiting.popleft()
-        if not waiting:
-            del self._channels[channel]
-        delivery()
+        channel = Channel(self.network, connection.network)
+        self._memory.carry(channel, lambda: connection.inbox.put(identity, message))
         return True
 
+    def close(self) -> None:
+        """Nobody finds it any more, and whoever is connected hears of it."""
+        self.closed = True
+        self._memory.listeners.pop(self._endpoint, None)
+        for connection in list(self.connections.values()):
+            connection.network.ring()
 
-class MemoryCluster:
-    """A master and its slaves in this process; renders any number of sessions.
 
-    Args:
-        make_worker: makes the compute object of each slave.
-        slaves: how many.
-        shuffle: shuffles deliveries and jobs, for tests that order does not matter.
-    """
+class MemoryConnection:
+    """A way to a listener; to none if nobody listened when it was made."""
 
     def __init__(
         self,
-        make_worker: WorkerFactory,
-        slaves: int,
-        *,
-        settings: ClusterSettings | None = None,
-        shuffle: random.Random | None = None,
+        memory: MemoryTransport,
+        network: MemoryNetwork,
+        listener: MemoryListener | None,
+        identity: bytes,
+        accepted: Accepted,
     ) -> None:
-        self._post = Post(shuffle)
-        self._master = Master(slaves, {}, settings)
-        self._slaves: list[Slave] = []
-        self._computes = [Compute(make_worker) for _ in range(slaves)]
-        self._session: Session | None = None
-        self._progress: Progress | None = None
-        self._result: SessionResult | None = None
-        for number in range(slaves):
-            hello = protocol.Hello({}, "this process", number, 0, 0, f"memory:{number}")
-            self._slaves.append(Slave(hello, "memory", patience=float("inf"), settings=settings))
-            self._tell_slave(number, s.Start())
-            # They join one by one, so that the master's numbers are the places in the list of workers.
-            while self._post.deliver():
-                pass
+        self.inbox = _Inbox(network, accepted)
+        self.network = network
+        self._memory = memory
+        self._listener = listener
+        self._identity = identity
+        self._told = listener is None
+        if listener is not None:
+            listener.connections[identity] = self
 
-    def render(self, session: Session, progress: Progress | None = None) -> SessionResult:
-        """Render a session; ClusterError if a slave fails, and whatever a worker raises."""
-        self._session, self._progress, self._result = session, progress, None
-        self._tell_master(m.Begin(session))
-        while self._result is None:
-            if not self._post.deliver():
-                raise AssertionError(f"the cluster waits for nothing in phase {self._master.phase.value}")
-        self._session = None
-        return self._result
+    def send(self, message: Message) -> bool:
+        """Send a message; False if nobody listens."""
+        listener = self._listener
+        if listener is None or listener.closed:
+            return False
+        self._memory.carry(Channel(self.network, listener.network), lambda: listener.inbox.put(self._identity, message))
+        return True
 
-    def _tell_master(self, event: m.Event) -> None:
-        for instruction in self._master.handle(event, time.perf_counter()):
-            self._obey_master(instruction)
+    def receive(self) -> Received | None:
+        """The next answer."""
+        taken = self.inbox.take()
+        return None if taken is None else taken[1]
 
-    def _obey_master(self, instruction: m.Instruction) -> None:
-        match instruction:
-            case m.Send(identity, message):
-                number = int.from_bytes(identity)
-                event = s.MasterSaid(message)
-                self._post.put(Channel(MASTER, number), lambda: self._tell_slave(number, event))
-            case m.MakePartition(cell):
-                if self._session is None:
-                    raise AssertionError("a partition was asked for outside a session")
-                self._tell_master(m.PartitionMade(cell, self._session.partition(cell)))
-            case m.Finished(result):
-                self._result = result
-            case m.Broken(reason):
-                raise ClusterError(reason)
-            case _:
-                report(instruction, self._progress)
+    def broke(self) -> bool:
+        """Whether the listener has been closed since this was last asked."""
+        if self._told or self._listener is None or not self._listener.closed:
+            return False
+        self._told = True
+        return True
 
-    def _tell_slave(self, number: int, event: s.Event) -> None:
-        for instruction in self._slaves[number].handle(event, time.perf_counter()):
-            self._obey_slave(number, instruction)
-
-    def _obey_slave(self, number: int, instruction: s.Instruction) -> None:
-        identity = number.to_bytes(4)
-        match instruction:
-            case s.ToMaster(to_master):
-                event = m.SlaveSaid(identity, to_master)
-                self._post.put(Channel(number, MASTER), lambda: self._tell_master(event))
-            case s.ToPeer(peer, to_peer):
-                said = s.PeerSaid(identity, to_peer)
-                self._post.put(Channel(number, peer), lambda: self._tell_slave(peer, said))
-            case s.Run(job):
-                # A worker that raises ends the render with its own exception: here nothing needs to cross a wire.
-                self._post.put(
-                    Channel(number, number),
-                    lambda: self._tell_slave(number, s.Computed(self._computes[number].run(job))),
-                )
-            case s.ConnectPeers() | s.Tell() | s.Exit(None):
-                pass
-            case s.Exit(error):
-                raise ClusterError(f"slave {number}: {error}")
-            case _:
-                raise AssertionError(f"no {type(instruction).__name__} is possible in memory")
+    def close(self, *, deliver: bool) -> None:
+        """Let go of it. What has been sent is in the carrier's hands."""
+        del deliver
+        self.network.forget(self)
+        if self._listener is not None and self._listener.connections.get(self._identity) is self:
+            del self._listener.connections[self._identity]
 
 
-def run(
-    session: Session,
-    workers: Sequence[Worker],
-    progress: Progress | None = None,
-    *,
-    settings: ClusterSettings | None = None,
-    shuffle: random.Random | None = None,
-) -> SessionResult:
-    """Render a session with workers that are built already; `session.partition` is not called.
+class MemoryNetwork:
+    """The listeners and connections of one master or slave."""
 
-    Args:
-        workers: by number.
-        shuffle: shuffles deliveries and jobs, for tests that order does not matter.
-    """
-    cluster = MemoryCluster(lambda number, *_: workers[number], len(workers), settings=settings, shuffle=shuffle)
-    return cluster.render(replace(session, partition=lambda _: NO_TRIANGLES), progress)
+    def __init__(self, memory: MemoryTransport) -> None:
+        self._memory = memory
+        self._listeners: list[MemoryListener] = []
+        self._connections: list[MemoryConnection] = []
+        self._watched: set[int] = set()
+        self._bell: tuple[int, int] | None = None
+        self._rung = False
+        self._lock = threading.Lock()  # of the bell
 
+    def listen(self, address: str, role: Role, accepted: Accepted) -> MemoryListener:
+        """Listen under a name; ClusterError if it is taken."""
+        del role
+        endpoint = self._memory.resolve(address)
+        listener = MemoryListener(self._memory, self, endpoint, accepted)
+        if self._memory.listeners.setdefault(endpoint, listener) is not listener:
+            raise ClusterError(f"cannot listen at {address}: someone else does; choose another name")
+        self._listeners.append(listener)
+        return listener
 
-NO_TRIANGLES = Triangles(
-    np.empty(0, np.int32),
-    np.empty((0, 3, 3), np.float32),
-    np.empty((0, 3, 3), np.float32),
-    np.empty((0, 3, 2), np.float32),
-    np.empty(0, np.int32),
-    np.empty(0, np.int32),
-    np.empty((0, 3, 3), np.float32),
-)
-"""What a worker that is built already is sent."""
+    def connect(self, address: str, role: Role, accepted: Accepted, identity: bytes | None = None) -> MemoryConnection:
+        """Connect to whoever listens under a name."""
+        del role
+        own = identity or next(self._memory.numbers).to_bytes(8)
+        connection = MemoryConnection(self._memory, self, self._memory.listeners.get(address), own, accepted)
+        self._connections.append(connection)
+        return connection
+
+    def address_for_peers(self, master: str) -> str:
+        """A name that nobody else has."""
+        return f"{master}/slave{next(self._memory.numbers)}"
+
+    def watch(self, descriptor: int) -> None:
+        """Have `wait` end when a file descriptor can be read, too."""
+        self._watched.add(descriptor)
+
+    def wait(self, seconds: float) -> set[int]:
+        """Until something arrives, or a watched descriptor can be read."""
+        with self._lock:
+            if self._bell is None:
+                self._bell = os.pipe()  # not before: a network that never waits needs no descriptors
+            bell = self._bell[0]
+            here = any(listener.inbox for listener in self._listeners)
+            here = here or any(connection.inbox for connection in self._connections)
+        ready, _, _ = select.select([bell, *self._watched], [], [], 0.0 if here else seconds)
+        with self._lock:
+            if self._rung:
+                os.read(bell, 1)
+                self._rung = False
+        return self._watched.intersection(ready)
+
+    def ring(self) -> None:
+        """End a `wait`; called by any thread."""
+        with self._lock:
+            if self._bell is not None and not self._rung:
+                self._rung = True
+                os.write(self._bell[1], b".")
+
+    def forget(self, connection: MemoryConnection) -> None:
+        """A connection closes."""
+        if connection in self._connections:
+            self._connections.remove(connection)
+
+    def close(self) -> None:
+        """Close all that is open."""
+        for listener in self._listeners:
+            listener.close()
+        for connection in list(self._connections):
+            connection.close(deliver=False)
+        with self._lock:
+            bell, self._bell = self._bell, None
+        for end in bell or ():
+            os.close(end)

@@ -5,8 +5,6 @@ Batches between its own cells and homes never leave it. All others are put in th
 
 from __future__ import annotations
 
-import resource
-import sys
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -15,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from wdpm.cluster.batch import TO_HOME, Batch, Kind
+from wdpm.cluster.host_memory import peak_memory
 from wdpm.cluster.queues import Queues
 from wdpm.cluster.records import Records, take_near
 from wdpm.cluster.task import BucketTask, PhotonTask, RecordTask, Task, TaskResult
@@ -255,9 +254,3 @@ class Worker:
 
 def _whole(counts: Iterable[int]) -> list[int]:
     return [int(count) for count in counts]
-
-
-def peak_memory() -> int:
-    """Most memory that this process has had in use [bytes]."""
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else peak * 1024

@@ -344,7 +344,7 @@ def test_the_master_gets_its_options(renderer: Renderer) -> None:
 
 def test_the_slave_gets_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
     from wdpm import clusters
-    from wdpm.cluster.transport.zmq_slave import PATIENCE_S
+    from wdpm.cluster.slave.process import PATIENCE_S
 
     asked: dict[str, Any] = {}
     monkeypatch.setattr(clusters, "serve_as_slave", lambda address, **options: asked.update(address=address, **options))

@@ -15,6 +15,7 @@ from master_driver import EPOCH, SETTINGS, VERSIONS, A, B, Driver, broken, sent,
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Batch
+from wdpm.cluster.in_process import MemoryCluster
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.machine import Master, Phase
 from wdpm.cluster.master.record_clamp import clamped
@@ -32,7 +33,6 @@ from wdpm.cluster.records import (
 )
 from wdpm.cluster.slave import jobs as c
 from wdpm.cluster.task import PhotonsTraced, RecordsMade, RecordTask
-from wdpm.cluster.transport.memory import MemoryCluster
 from wdpm.cluster.world import View
 from wdpm.scenes.errors import ProtocolError
 

@@ -9,8 +9,8 @@ import sys
 from fake_worker import make_session, make_view
 from slow_slaves import AGREED, slow_slave
 
-from wdpm.cluster.transport.local import LocalSlaves
-from wdpm.cluster.transport.zmq_master import SocketMaster
+from wdpm.cluster.master.local_slaves import LocalSlaves
+from wdpm.cluster.master.server import MasterServer
 
 
 class TellWhenRendering:
@@ -25,7 +25,7 @@ class TellWhenRendering:
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a parent may have had it ignored
 slaves = LocalSlaves()
-with SocketMaster("tcp://127.0.0.1:0", 2, agreed=AGREED) as master:
+with MasterServer("tcp://127.0.0.1:0", 2, agreed=AGREED) as master:
     slaves.start(2, slow_slave(1.0, *sys.argv[1:]), master.endpoint)
     print(*slaves.processes, flush=True)
     try:

@@ -5,7 +5,7 @@ import sys
 
 from fake_worker import FakeWorker
 
-from wdpm.cluster.transport.zmq_slave import run_slave
+from wdpm.cluster.slave.process import run_slave
 
 endpoint, delay = sys.argv[1], float(sys.argv[2])
 run_slave(

@@ -27,7 +27,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> int:
     """Make the keys; returns the exit code."""
-    from wdpm.cluster.transport.keys import make_keys
+    from wdpm.cluster.transport.zeromq.key_files import make_keys
 
     for path in make_keys(args.folder):
         print(f"wrote {path}")

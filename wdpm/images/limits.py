@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from wdpm.cluster.host_memory import machine_memory
 from wdpm.cluster.layers import LAYERS
-from wdpm.cluster.transport.zmq_slave import machine_memory
 from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.model.scene import Camera
 

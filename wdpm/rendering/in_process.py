@@ -6,8 +6,8 @@ import random
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from wdpm.cluster.in_process import NO_TRIANGLES, MemoryCluster
 from wdpm.cluster.session import Session
-from wdpm.cluster.transport.memory import NO_TRIANGLES, MemoryCluster
 from wdpm.cluster.work.worker import Worker
 from wdpm.cluster.world import World
 from wdpm.kernels.launch import Launcher

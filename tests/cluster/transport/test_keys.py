@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from wdpm.cluster.transport import address
-from wdpm.cluster.transport.keys import keys_for, load_keys, make_keys
+from wdpm.cluster.transport.zeromq.key_files import keys_for, load_keys, make_keys
 from wdpm.scenes.errors import SettingsError
 
 

@@ -10,7 +10,7 @@ import pytest
 from fake_worker import FakeWorker, make_session, make_view, picture
 
 from wdpm.cluster.cluster_settings import ClusterSettings
-from wdpm.cluster.transport.memory import MemoryCluster, run
+from wdpm.cluster.in_process import MemoryCluster, run
 from wdpm.cluster.world import MapPlan
 from wdpm.scenes.errors import ClusterError
 from wdpm.scenes.flat.arrays import Triangles

@@ -26,13 +26,14 @@ from slow_slaves import AGREED, PROGRAMS, slow_slave
 
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.master.local_slaves import LocalSlaves
+from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.messages import packing, protocol
 from wdpm.cluster.session import Session
-from wdpm.cluster.transport.keys import Keys, load_keys, make_keys
-from wdpm.cluster.transport.local import LocalSlaves
-from wdpm.cluster.transport.zmq_master import SocketMaster
-from wdpm.cluster.transport.zmq_slave import run_slave
-from wdpm.cluster.transport.zmq_sockets import connect, make_socket, send
+from wdpm.cluster.slave.process import run_slave
+from wdpm.cluster.transport.keys import Keys
+from wdpm.cluster.transport.zeromq.key_files import load_keys, make_keys
+from wdpm.cluster.transport.zeromq.sockets import connect, make_socket, send
 from wdpm.scenes.errors import ClusterError
 
 pytestmark = pytest.mark.sockets
@@ -41,8 +42,8 @@ ANY_PORT = "tcp://127.0.0.1:0"
 SMALL = ClusterSettings(photon_task_paths=64, part_triangles=3)
 
 
-def make_master(slaves: int, **options: Any) -> SocketMaster:
-    return SocketMaster(ANY_PORT, slaves, settings=SMALL, agreed=AGREED, **options)
+def make_master(slaves: int, **options: Any) -> MasterServer:
+    return MasterServer(ANY_PORT, slaves, settings=SMALL, agreed=AGREED, **options)
 
 
 class SlaveThread(threading.Thread):
@@ -139,7 +140,7 @@ def test_a_slave_may_be_first() -> None:
     )
     wait_until(lambda: len(lines) > 0)
     assert "no answer" in lines[0]
-    with SocketMaster(f"tcp://127.0.0.1:{port}", 1, settings=SMALL, agreed=AGREED) as master:
+    with MasterServer(f"tcp://127.0.0.1:{port}", 1, settings=SMALL, agreed=AGREED) as master:
         session = make_session(1, 2)
         check_picture(session, master.render(session).layers)
     assert slave.end() is None
@@ -189,12 +190,12 @@ def test_an_occupied_port() -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         with pytest.raises(ClusterError, match=f"another program uses port {port}"):
-            SocketMaster(f"tcp://127.0.0.1:{port}", 1, agreed=AGREED)
+            MasterServer(f"tcp://127.0.0.1:{port}", 1, agreed=AGREED)
 
 
 def test_an_address_of_another_machine() -> None:
     with pytest.raises(ClusterError, match="must be an address of this machine"):
-        SocketMaster("tcp://192.0.2.1:7117", 1, agreed=AGREED)
+        MasterServer("tcp://192.0.2.1:7117", 1, agreed=AGREED)
 
 
 def noise(endpoint: str) -> None:

@@ -1,9 +1,7 @@
-"""What the shells of master and slave share: making sockets, sending and receiving messages on them."""
+"""ZeroMQ sockets as all of a cluster are set up, and messages on them."""
 
 from __future__ import annotations
 
-import os
-from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -13,12 +11,6 @@ from wdpm.cluster.messages import packing
 from wdpm.scenes.errors import ProtocolError
 
 Socket = zmq.Socket[bytes]
-
-POLL_MS = 100
-"""Longest sleep of an event loop: several a heartbeat."""
-
-TURN_MESSAGES = 64
-"""Messages taken from one socket before the others get their turn."""
 
 LINGER_MS = 1000
 """How long a closing socket tries to get rid of its last words (Stop, Failed)."""
@@ -82,34 +74,3 @@ def read(frames: Sequence[memoryview], expected: Mapping[str, type]) -> Any:
         return packing.decode(frames, expected)
     except ProtocolError as error:
         return error
-
-
-class Mailbox:
-    """Hands objects to the thread that polls `fd`, from any other thread.
-
-    A pipe rings, not a ZeroMQ socket: a thread that hangs in a long kernel may be left behind with it, and would keep
-    a ZeroMQ context from ending.
-    """
-
-    def __init__(self) -> None:
-        self.fd, self._bell = os.pipe()
-        os.set_blocking(self.fd, False)
-        self._items: deque[Any] = deque()
-
-    def put(self, item: Any) -> None:
-        """Called by another thread."""
-        self._items.append(item)
-        os.write(self._bell, b".")
-
-    def take(self) -> list[Any]:
-        """Called by the polling thread: all that has come, in order."""
-        try:
-            rings = len(os.read(self.fd, TURN_MESSAGES))
-        except BlockingIOError:
-            return []
-        return [self._items.popleft() for _ in range(rings)]
-
-    def close(self) -> None:
-        """Once no thread uses it any more."""
-        os.close(self.fd)
-        os.close(self._bell)

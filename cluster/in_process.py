@@ -1,0 +1,188 @@
+"""A cluster in one process and on one thread: the same master and slaves, and memory in place of sockets.
+
+This is `wdpm render` without slaves (one worker), and how nearly every distributed test runs. Messages of one sender to
+one receiver keep their order, as on a socket; all else may be shuffled, and no bit of the image may change.
+"""
+
+from __future__ import annotations
+
+import random
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.master import events as m
+from wdpm.cluster.master.loop import FROM_SLAVE, MasterShell
+from wdpm.cluster.master.machine import Master
+from wdpm.cluster.master.observing import tell_observer
+from wdpm.cluster.messages import protocol
+from wdpm.cluster.progress import ProgressObserver
+from wdpm.cluster.session import Session, SessionResult
+from wdpm.cluster.slave import events as s
+from wdpm.cluster.slave.jobs import Compute, Job, Worker, WorkerFactory
+from wdpm.cluster.slave.loop import FROM_PEER, SlaveShell
+from wdpm.cluster.slave.machine import Slave
+from wdpm.cluster.transport.memory import Channel, MemoryNetwork, MemoryTransport
+from wdpm.cluster.transport.transport import Role
+from wdpm.scenes.errors import ClusterError
+from wdpm.scenes.flat.arrays import Triangles
+
+MASTER = "memory://master"
+
+
+class Post:
+    """Deliveries that wait, in the order of their arrival or in a shuffled one.
+
+    Args:
+        shuffle: picks the channel that delivers next; None delivers in the order of arrival.
+    """
+
+    def __init__(self, shuffle: random.Random | None) -> None:
+        self._shuffle = shuffle
+        self._in_order: deque[tuple[Channel, Callable[[], None]]] = deque()
+        self._channels: dict[Channel, deque[Callable[[], None]]] = {}
+
+    def put(self, channel: Channel, delivery: Callable[[], None]) -> None:
+        """Add a delivery behind all others of its channel."""
+        if self._shuffle is None:
+            self._in_order.append((channel, delivery))
+        else:
+            self._channels.setdefault(channel, deque()).append(delivery)
+
+    def deliver(self) -> Channel | None:
+        """Make one delivery; the channel that made it, or None if there was none."""
+        if self._in_order:
+            channel, delivery = self._in_order.popleft()
+            delivery()
+            return channel
+        if self._shuffle is None or not self._channels:
+            return None
+        channel = self._shuffle.choice(list(self._channels))
+        waiting = self._channels[channel]
+        delivery = waiting.popleft()
+        if not waiting:
+            del self._channels[channel]
+        delivery()
+        return channel
+
+
+class MemoryCluster:
+    """A master and its slaves in this process; renders any number of sessions.
+
+    Args:
+        make_worker: makes the compute object of each slave.
+        slaves: how many.
+        shuffle: shuffles deliveries and jobs, for tests that order does not matter.
+    """
+
+    def __init__(
+        self,
+        make_worker: WorkerFactory,
+        slaves: int,
+        *,
+        settings: ClusterSettings | None = None,
+        shuffle: random.Random | None = None,
+    ) -> None:
+        self._post = Post(shuffle)
+        self._transport = MemoryTransport(self._post.put)
+        self._session: Session | None = None
+        self._progress: ProgressObserver | None = None
+        self._result: SessionResult | None = None
+        network = self._transport.open(None)
+        listener = network.listen(MASTER, Role.MASTER, FROM_SLAVE)
+        self._master = MasterShell(Master(slaves, {}, settings), listener, self._answer)
+        self._slaves: dict[object, SlaveShell] = {}
+        for number in range(slaves):
+            self._add_slave(number, make_worker, settings)
+            # They join one by one, so that the master's numbers are the places in the list of workers.
+            while self._step():
+                pass
+
+    def _add_slave(self, number: int, make_worker: WorkerFactory, settings: ClusterSettings | None) -> None:
+        network = self._transport.open(None)
+        listener = network.listen(network.address_for_peers(MASTER), Role.SLAVE, FROM_PEER)
+        hello = protocol.Hello({}, "this process", number, 0, 0, listener.endpoint)
+        state = Slave(hello, "memory", patience=float("inf"), settings=settings)
+        submit = partial(self._submit, network, Compute(make_worker))
+        shell = self._slaves[network] = SlaveShell(state, network, listener, MASTER, submit, tell=lambda _: None)
+        shell.handle(s.Start())
+
+    def render(self, session: Session, progress: ProgressObserver | None = None) -> SessionResult:
+        """Render a session; ClusterError if a slave fails, and whatever a worker raises."""
+        self._session, self._progress, self._result = session, progress, None
+        self._master.handle(m.Begin(session))
+        while self._result is None:
+            if not self._step():
+                raise AssertionError(f"the cluster waits for nothing in phase {self._master.state.phase.value}")
+        self._session = None
+        return self._result
+
+    def _step(self) -> bool:
+        """Make one delivery, and have the receiver take it in; False if there was none."""
+        channel = self._post.deliver()
+        if channel is None:
+            return False
+        slave = self._slaves.get(channel.receiver)
+        if slave is None:
+            self._master.receive()
+            return True
+        slave.receive()
+        if slave.error is not None:
+            raise ClusterError(f"slave {slave.state.number}: {slave.error}")
+        return True
+
+    def _answer(self, instruction: m.Instruction) -> None:
+        match instruction:
+            case m.MakePartition(cell):
+                if self._session is None:
+                    raise AssertionError("a partition was asked for outside a session")
+                self._master.handle(m.PartitionMade(cell, self._session.partition(cell)))
+            case m.Finished(result):
+                self._result = result
+            case m.Broken(reason):
+                raise ClusterError(reason)
+            case _:
+                tell_observer(instruction, self._progress)
+
+    def _submit(self, network: MemoryNetwork, compute: Compute, job: Job) -> None:
+        """Have a slave's job done when its turn comes."""
+
+        # A worker that raises ends the render with its own exception: here nothing needs to cross a wire.
+        def do() -> None:
+            self._slaves[network].handle(s.Computed(compute.run(job)))
+
+        self._post.put(Channel(network, network), do)
+
+
+def run(
+    session: Session,
+    workers: Sequence[Worker],
+    progress: ProgressObserver | None = None,
+    *,
+    settings: ClusterSettings | None = None,
+    shuffle: random.Random | None = None,
+) -> SessionResult:
+    """Render a session with workers that are built already; `session.partition` is not called.
+
+    Args:
+        workers: by number.
+        shuffle: shuffles deliveries and jobs, for tests that order does not matter.
+    """
+    cluster = MemoryCluster(lambda number, *_: workers[number], len(workers), settings=settings, shuffle=shuffle)
+    return cluster.render(replace(session, partition=lambda _: NO_TRIANGLES), progress)
+
+
+NO_TRIANGLES = Triangles(
+    np.empty(0, np.int32),
+    np.empty((0, 3, 3), np.float32),
+    np.empty((0, 3, 3), np.float32),
+    np.empty((0, 3, 2), np.float32),
+    np.empty(0, np.int32),
+    np.empty(0, np.int32),
+    np.empty((0, 3, 3), np.float32),
+)
+"""What a worker that is built already is sent."""

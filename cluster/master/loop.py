@@ -1,0 +1,124 @@
+"""What lies between a master's state machine and a network: messages come in as events, instructions go out.
+
+`MasterShell` takes what has come when it is told to; `MasterLoop` waits for it, and has a clock.
+"""
+
+from __future__ import annotations
+
+import queue
+import time
+from collections.abc import Callable, Iterable
+
+from wdpm.cluster.master import events as m
+from wdpm.cluster.master.machine import Master
+from wdpm.cluster.messages import packing, protocol
+from wdpm.cluster.transport.mailbox import Mailbox
+from wdpm.cluster.transport.transport import TURN_MESSAGES, TURN_S, Listener, Network
+from wdpm.scenes.errors import ProtocolError
+
+FROM_SLAVE = packing.by_name(protocol.FromSlave)
+
+SEE_OFF_S = 5.0
+"""How long a master that ends waits for the Goodbye of slaves that it has told to stop; they answer at once."""
+
+Watch = Callable[[], Iterable[tuple[int, str]]]
+"""Local slave processes that have ended: (process number, why)."""
+
+
+class MasterShell:
+    """Carries events to the state machine and messages from it.
+
+    Args:
+        listener: where slaves reach the master.
+        answer: takes the instructions that are no messages to slaves, in order.
+    """
+
+    def __init__(self, state: Master, listener: Listener, answer: Callable[[m.Instruction], None]) -> None:
+        self.state = state
+        self._listener = listener
+        self._answer = answer
+
+    def receive(self) -> None:
+        """Take in messages that have come."""
+        for _ in range(TURN_MESSAGES):
+            received = self._listener.receive()
+            if received is None:
+                return
+            identity, message = received
+            if isinstance(message, ProtocolError):
+                self.handle(m.Unreadable(identity, str(message)))
+            else:
+                self.handle(m.SlaveSaid(identity, message))
+
+    def handle(self, event: m.Event) -> None:
+        """Tell the state machine, and do what it says."""
+        lost: list[bytes] = []
+        for instruction in self.state.handle(event, time.monotonic()):
+            if not isinstance(instruction, m.Send):
+                self._answer(instruction)
+            elif not self._listener.send(instruction.identity, instruction.message):
+                lost.append(instruction.identity)
+        for identity in lost:
+            self.handle(m.SlaveLost(identity, "its connection is gone; it may have died"))
+
+    def abort(self, reason: str) -> None:
+        """Tell the slaves to stop, and nobody else: something failed here."""
+        for instruction in self.state.handle(m.Abort(reason), time.monotonic()):
+            if isinstance(instruction, m.Send):
+                self._listener.send(instruction.identity, instruction.message)
+
+
+class MasterLoop:
+    """What the master's thread runs until the cluster ends.
+
+    Args:
+        mailbox: brings events of other threads.
+        watch: tells of slave processes that were started here and have ended.
+        answers: takes instructions that are no messages to slaves, and at last what ended the loop if that failed.
+    """
+
+    def __init__(
+        self,
+        state: Master,
+        network: Network,
+        listener: Listener,
+        mailbox: Mailbox,
+        watch: Watch,
+        answers: queue.SimpleQueue[m.Instruction | BaseException],
+    ) -> None:
+        self.state = state
+        self._shell = MasterShell(state, listener, answers.put)
+        self._network = network
+        self._mailbox = mailbox
+        self._watch = watch
+        self._answers = answers
+        self._closing = False
+        self._ticked = 0.0
+        network.watch(mailbox.fd)
+
+    def run(self) -> None:
+        """Bring events, carry out instructions."""
+        try:
+            while not self._closing:
+                self._turn()
+            # A transport may throw away what a slave has not yet read when the connection ends (ZeroMQ does): the last
+            # words have to be answered before it closes.
+            deadline = time.monotonic() + SEE_OFF_S
+            while not self.state.all_left and time.monotonic() < deadline:
+                self._turn()
+        except BaseException as error:  # whoever waits in `render` must hear of it, whatever it is
+            self._shell.abort(f"the master failed: {error}")
+            self._answers.put(error)
+
+    def _turn(self) -> None:
+        self._network.wait(TURN_S)
+        for event in self._mailbox.take():
+            self._closing = self._closing or isinstance(event, m.Close)
+            self._shell.handle(event)
+        self._shell.receive()
+        now = time.monotonic()
+        if now - self._ticked >= TURN_S:
+            self._ticked = now
+            for process, reason in self._watch():
+                self._shell.handle(m.ProcessEnded(process, reason))
+            self._shell.handle(m.Tick())

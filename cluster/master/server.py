@@ -1,0 +1,135 @@
+"""A master that slaves reach at an address.
+
+A thread owns the network and the state, so that heartbeats go on while the caller computes a partition, or thinks.
+Partitions and progress are the caller's thread's business: `render` waits there, and Ctrl-C reaches it.
+"""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Self
+
+from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.master import events as m
+from wdpm.cluster.master.loop import FROM_SLAVE, MasterLoop, Watch
+from wdpm.cluster.master.machine import Master
+from wdpm.cluster.master.observing import tell_observer
+from wdpm.cluster.progress import ProgressObserver
+from wdpm.cluster.session import Session, SessionResult
+from wdpm.cluster.transport.keys import Keys
+from wdpm.cluster.transport.mailbox import Mailbox
+from wdpm.cluster.transport.registry import transport_of
+from wdpm.cluster.transport.transport import Role
+from wdpm.cluster.versions import versions
+from wdpm.scenes.errors import ClusterError
+
+
+def nobody() -> Iterable[tuple[int, str]]:
+    """Watches no process."""
+    return ()
+
+
+class MasterServer:
+    """A master that listens at an address; renders any number of sessions with the slaves that join.
+
+    Args:
+        listen_at: an address of any transport, tcp://HOST:PORT say; port 0 takes a free one.
+        slaves: how many it waits for.
+        security: keys of the cluster, or None.
+        watch: tells of slave processes that were started here and have ended.
+        agreed: what slaves must have in common with it; None for this process's versions.
+
+    Raises:
+        ClusterError: it cannot listen there.
+    """
+
+    def __init__(
+        self,
+        listen_at: str,
+        slaves: int,
+        *,
+        security: Keys | None = None,
+        settings: ClusterSettings | None = None,
+        watch: Watch = nobody,
+        agreed: Mapping[str, str] | None = None,
+    ) -> None:
+        self._slaves = slaves
+        self._told_to_wait = False
+        self._closed = False
+        self._answers: queue.SimpleQueue[m.Instruction | BaseException] = queue.SimpleQueue()
+        self._stack = ExitStack()
+        try:
+            network = transport_of(listen_at).open(security)
+            self._stack.callback(network.close)
+            listener = network.listen(listen_at, Role.MASTER, FROM_SLAVE)
+            self.endpoint = listener.endpoint
+            self._mailbox = Mailbox()
+            self._stack.callback(self._mailbox.close)
+            state = Master(slaves, versions() if agreed is None else agreed, settings)
+            self._loop = MasterLoop(state, network, listener, self._mailbox, watch, self._answers)
+            self._thread = threading.Thread(target=self._loop.run, name="wdpm master", daemon=True)
+            self._thread.start()
+        except BaseException:
+            self._stack.close()
+            raise
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Messages that were not used so far, by reason."""
+        return self._loop.state.dropped
+
+    def render(self, session: Session, progress: ProgressObserver | None = None) -> SessionResult:
+        """Render a session as soon as all slaves have joined.
+
+        Raises:
+            ClusterError: the cluster has ended because of an error, and cannot be used any more.
+        """
+        if self._closed:
+            raise ClusterError("the cluster has been closed; start another")
+        try:
+            if progress is not None and not self._told_to_wait:
+                self._told_to_wait = True
+                progress.note(f"waiting for {self._slaves} slaves at {self.endpoint}")
+            self._mailbox.put(m.Begin(session))
+            return self._follow(session, progress)
+        except BaseException as error:
+            self.close(f"the master was interrupted ({type(error).__name__})")
+            raise
+
+    def _follow(self, session: Session, progress: ProgressObserver | None) -> SessionResult:
+        while True:
+            match self._answers.get():
+                case m.Finished(result):
+                    return result
+                case m.Broken(reason):
+                    raise ClusterError(reason)
+                case m.MakePartition(cell):
+                    self._mailbox.put(m.PartitionMade(cell, session.partition(cell)))
+                case BaseException() as error:
+                    raise error
+                case m.Send():
+                    raise AssertionError("the loop sends by itself")
+                case other:
+                    tell_observer(other, progress)
+
+    def close(self, reason: str = "all is rendered") -> None:
+        """Have all slaves stop, and let go of the network; may be called again."""
+        if self._closed:
+            return
+        self._closed = True
+        if self._thread.is_alive():
+            self._mailbox.put(m.Close(reason))
+            self._thread.join()
+        self._stack.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close("all is rendered" if error is None else f"the master was interrupted ({type(error).__name__})")

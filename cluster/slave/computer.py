@@ -1,0 +1,60 @@
+"""The thread on which a slave computes, so that heartbeats go on during long kernels."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import traceback
+
+from wdpm.cluster.slave import events as s
+from wdpm.cluster.slave.jobs import Compute, Job
+from wdpm.cluster.transport.mailbox import Mailbox
+from wdpm.scenes.errors import WdpmError
+
+LEAVE_S = 1.0
+"""How long a slave that ends waits for the worker's last job."""
+
+
+class ComputeThread:
+    """Runs jobs one after another; what came of each is an event in the mailbox.
+
+    Args:
+        compute: is used by the thread alone.
+    """
+
+    def __init__(self, compute: Compute) -> None:
+        self.mailbox = Mailbox()
+        self._compute = compute
+        self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name="wdpm compute", daemon=True)
+
+    def start(self) -> None:
+        """Begin to wait for jobs."""
+        self._thread.start()
+
+    def submit(self, job: Job) -> None:
+        """Run a job after all others."""
+        self._jobs.put(job)
+
+    def stop(self) -> None:
+        """End after the job that runs, and wait a moment for that."""
+        self._jobs.put(None)
+        self._thread.join(LEAVE_S)
+        # A long kernel or a compilation cannot be interrupted. It is left behind, to die with the process.
+        if not self._thread.is_alive():
+            self.mailbox.close()
+
+    def _run(self) -> None:
+        while (job := self._jobs.get()) is not None:
+            self.mailbox.put(self._outcome(job))
+
+    def _outcome(self, job: Job) -> s.Computed | s.ComputeFailed:
+        try:
+            return s.Computed(self._compute.run(job))
+        except WdpmError as error:
+            return s.ComputeFailed(str(error))
+        except MemoryError:
+            return s.ComputeFailed("it has not enough memory; use more slaves, or fewer photons or triangles")
+        except Exception as error:  # a fault of the program: its place goes to the log here, one line to the master
+            traceback.print_exc()
+            return s.ComputeFailed(f"{type(error).__name__} in {type(job).__name__}: {error}")

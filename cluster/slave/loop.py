@@ -1,0 +1,206 @@
+"""What lies between a slave's state machine and a network: messages come in as events, instructions go out.
+
+`SlaveShell` takes what has come when it is told to; `SlaveLoop` waits for it, and has a clock.
+"""
+
+from __future__ import annotations
+
+import time
+import uuid
+from collections.abc import Callable
+
+from wdpm.cluster.messages import packing, protocol
+from wdpm.cluster.slave import events as s
+from wdpm.cluster.slave.computer import ComputeThread
+from wdpm.cluster.slave.jobs import Job
+from wdpm.cluster.slave.machine import Slave
+from wdpm.cluster.transport.transport import TURN_MESSAGES, TURN_S, Accepted, Connection, Listener, Network, Role
+from wdpm.scenes.errors import ClusterError, ProtocolError
+
+FROM_MASTER = packing.by_name(protocol.FromMaster)
+FROM_PEER = packing.by_name(protocol.FromPeer)
+
+NOTHING: Accepted = {}
+"""What is read from a connection to a peer: its own messages come over the one that it makes."""
+
+Tell = Callable[[str], None]
+"""Shows a line to a person."""
+
+
+class SlaveShell:
+    """Carries events to the state machine and instructions from it.
+
+    Args:
+        listener: where peers reach the slave.
+        master: resolved address of the master.
+        submit: has the worker do a job.
+        tell: shows a line to a person.
+
+    Attributes:
+        error: why the slave has ended, if that is a failure.
+    """
+
+    def __init__(
+        self,
+        state: Slave,
+        network: Network,
+        listener: Listener,
+        master: str,
+        submit: Callable[[Job], None],
+        tell: Tell,
+    ) -> None:
+        self.state = state
+        self.error: str | None = None
+        self._network = network
+        self._listener = listener
+        self._master_address = master
+        self._submit = submit
+        self._tell = tell
+        self._identity = uuid.uuid4().bytes
+        self._peers: dict[int, Connection] = {}
+        self._master = self._connect_master()
+
+    def receive(self) -> None:
+        """Take in messages that have come."""
+        self._receive_from_master()
+        self._receive_from_peers()
+
+    def find_broken_connections(self) -> None:
+        """Tell the state machine who is lost."""
+        if self._master.broke():
+            # Its last words come before the news that it hung up.
+            self._receive_from_master()
+            self.handle(s.MasterLost())
+        for number, connection in list(self._peers.items()):
+            if connection.broke():
+                self._lose_peer(number)
+
+    def handle(self, event: s.Event) -> None:
+        """Tell the state machine, and do what it says."""
+        for instruction in self.state.handle(event, time.monotonic()):
+            self._obey(instruction)
+
+    def tell_master(self, message: protocol.FromSlave) -> None:
+        """Send the master a message. If the connection is gone, `find_broken_connections` will hear of it."""
+        self._master.send(message)
+
+    def close(self) -> None:
+        """Let go of all connections."""
+        self._master.close(deliver=True)
+        for connection in self._peers.values():
+            connection.close(deliver=False)
+
+    def _receive_from_master(self) -> None:
+        for _ in range(TURN_MESSAGES):
+            message = self._master.receive()
+            if message is None:
+                return
+            if isinstance(message, ProtocolError):
+                self.handle(s.Unreadable(None, str(message)))
+            else:
+                self.handle(s.MasterSaid(message))
+
+    def _receive_from_peers(self) -> None:
+        for _ in range(TURN_MESSAGES):
+            received = self._listener.receive()
+            if received is None:
+                return
+            identity, message = received
+            if isinstance(message, ProtocolError):
+                self.handle(s.Unreadable(identity, str(message)))
+            else:
+                self.handle(s.PeerSaid(identity, message))
+
+    def _obey(self, instruction: s.Instruction) -> None:
+        match instruction:
+            case s.ToPeer(number, message):
+                self._send_to_peer(number, message)
+            case s.Run(job):
+                self._submit(job)
+            case s.ToMaster(message):
+                self.tell_master(message)
+            case s.ConnectPeers(own, peers):
+                self._connect_peers(own, peers)
+            case s.AnswerStranger(identity, message):
+                self._listener.send(identity, message)  # a stranger that is gone needs no answer
+            case s.Reconnect():
+                self._master.close(deliver=False)
+                self._master = self._connect_master()
+            case s.Tell(text):
+                self._tell(text)
+            case s.Exit(error):
+                self.error = error
+
+    def _send_to_peer(self, number: int, message: protocol.FromPeer) -> None:
+        connection = self._peers.get(number)
+        if connection is None:
+            return  # lost before, and the master knows
+        if not connection.send(message):
+            self._lose_peer(number)
+
+    def _lose_peer(self, number: int) -> None:
+        self._peers.pop(number).close(deliver=False)
+        self.handle(s.PeerLost(number))
+
+    def _connect_master(self) -> Connection:
+        # The same identity again, so that a second connection is known for the same slave.
+        return self._network.connect(self._master_address, Role.MASTER, FROM_MASTER, self._identity)
+
+    def _connect_peers(self, own: int, peers: tuple[str, ...]) -> None:
+        for connection in self._peers.values():
+            connection.close(deliver=True)
+        self._peers = {}
+        for number, endpoint in enumerate(peers):
+            if number != own:
+                self._peers[number] = self._network.connect(endpoint, Role.SLAVE, NOTHING)
+
+
+class SlaveLoop:
+    """What a slave's thread runs until the state machine says Exit.
+
+    Args:
+        life_line: file descriptor of a pipe whose other end the process that started the slave holds; None for none.
+    """
+
+    def __init__(self, shell: SlaveShell, network: Network, computer: ComputeThread, life_line: int | None) -> None:
+        self._shell = shell
+        self._network = network
+        self._computer = computer
+        self._life_line = life_line
+        network.watch(computer.mailbox.fd)
+        if life_line is not None:
+            network.watch(life_line)
+
+    def run(self) -> None:
+        """Bring events, carry out instructions; ClusterError if the end is a failure."""
+        shell = self._shell
+        self._computer.start()
+        try:
+            self._turns()
+        except KeyboardInterrupt:
+            shell.handle(s.Leave("interrupted"))
+            raise
+        except Exception as error:  # a fault of the program: the master should not have to guess
+            shell.tell_master(protocol.Failed(f"{type(error).__name__}: {error}"))
+            raise
+        finally:
+            self._computer.stop()
+        if shell.error is not None:
+            raise ClusterError(shell.error)
+
+    def _turns(self) -> None:
+        shell = self._shell
+        ticked = 0.0
+        shell.handle(s.Start())
+        while not shell.state.ended:
+            ready = self._network.wait(TURN_S)
+            if self._life_line in ready:
+                shell.handle(s.Leave("the process that started it has ended"))
+            for event in self._computer.mailbox.take():
+                shell.handle(event)
+            shell.receive()
+            now = time.monotonic()
+            if now - ticked >= TURN_S:
+                ticked = now
+                shell.find_broken_connections()
+                shell.handle(s.Tick())

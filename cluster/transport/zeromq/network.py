@@ -1,0 +1,182 @@
+"""The transport tcp://HOST:PORT: ROUTER sockets listen, DEALER sockets connect.
+
+docs/protocol.md is the norm for what sockets there are, and how they are set up.
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+
+import zmq
+from zmq.utils.monitor import recv_monitor_message
+
+from wdpm.cluster.messages.protocol import Message
+from wdpm.cluster.transport import address as tcp
+from wdpm.cluster.transport.keys import KeyPair, Keys
+from wdpm.cluster.transport.transport import Accepted, Received, Role
+from wdpm.cluster.transport.zeromq import curve
+from wdpm.cluster.transport.zeromq.sockets import Socket, bind, connect, make_socket, read, receive, send
+from wdpm.scenes.errors import ClusterError
+
+
+class ZeroMQTransport:
+    """Between processes and machines."""
+
+    def resolve(self, address: str) -> str:
+        """tcp://HOST:PORT with a number in place of the name."""
+        return tcp.resolve(address)
+
+    def open(self, keys: Keys | None) -> ZeroMQNetwork:
+        """Open a context."""
+        return ZeroMQNetwork(keys)
+
+
+class ZeroMQListener:
+    """A ROUTER."""
+
+    def __init__(self, socket: Socket, endpoint: str, accepted: Accepted) -> None:
+        self._socket = socket
+        self._endpoint = endpoint
+        self._accepted = accepted
+
+    @property
+    def endpoint(self) -> str:
+        """Where it is bound."""
+        return self._endpoint
+
+    def receive(self) -> tuple[bytes, Received] | None:
+        """The next message and the routing id that it came from."""
+        frames = receive(self._socket)
+        return None if frames is None else (bytes(frames[0]), read(frames[1:], self._accepted))
+
+    def send(self, identity: bytes, message: Message) -> bool:
+        """Answer. The master's ROUTER knows who is gone; a slave's drops what nobody takes, and says True."""
+        try:
+            send(self._socket, message, identity)
+        except zmq.ZMQError as error:
+            if error.errno != zmq.EHOSTUNREACH:
+                raise
+            return False
+        return True
+
+
+class ZeroMQConnection:
+    """A DEALER to someone, and the socket on which ZeroMQ tells that it broke."""
+
+    def __init__(self, network: ZeroMQNetwork, socket: Socket, accepted: Accepted) -> None:
+        self.socket = socket
+        self._network = network
+        self._accepted = accepted
+        self._monitor: Socket = socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+
+    def send(self, message: Message) -> bool:
+        """A DEALER without a connection has no queue to put a message in."""
+        try:
+            send(self.socket, message)
+        except zmq.Again:
+            return False
+        return True
+
+    def receive(self) -> Received | None:
+        """The next answer."""
+        frames = receive(self.socket)
+        return None if frames is None else read(frames, self._accepted)
+
+    def broke(self) -> bool:
+        """Whether ZeroMQ has told that the other end hung up."""
+        if not self._monitor.poll(0):
+            return False
+        recv_monitor_message(self._monitor)
+        return True
+
+    def close(self, *, deliver: bool) -> None:
+        """Close the sockets; what is to be delivered lingers."""
+        self._network.forget(self)
+        self.socket.disable_monitor()
+        self._monitor.close(linger=0)
+        self.socket.close(None if deliver else 0)
+
+
+class ZeroMQNetwork:
+    """A ZeroMQ context.
+
+    Args:
+        keys: of the cluster, or None.
+    """
+
+    def __init__(self, keys: Keys | None) -> None:
+        self._keys = keys
+        self._poller = zmq.Poller()
+        self._watched: set[int] = set()
+        self._connections: list[ZeroMQConnection] = []
+        with ExitStack() as stack:
+            self._context: zmq.Context[Socket] = stack.enter_context(zmq.Context())
+            stack.enter_context(curve.admission(self._context, keys))
+            self._stack = stack.pop_all()
+
+    def listen(self, address: str, role: Role, accepted: Accepted) -> ZeroMQListener:
+        """Bind a ROUTER; port 0 takes a free one."""
+        router = self._stack.enter_context(make_socket(self._context, zmq.ROUTER))
+        if role is Role.MASTER:
+            router.router_mandatory = True  # a message to a slave that is gone is an error instead of nothing
+            router.router_handover = True  # a slave that had to connect again is the same slave
+        if self._keys is not None:
+            curve.serve(router, self._pair(self._keys, role))
+        endpoint = _bind(router, address)
+        self._poller.register(router, zmq.POLLIN)
+        return ZeroMQListener(router, endpoint, accepted)
+
+    def connect(self, address: str, role: Role, accepted: Accepted, identity: bytes | None = None) -> ZeroMQConnection:
+        """Connect a DEALER."""
+        connection = ZeroMQConnection(self, make_socket(self._context, zmq.DEALER), accepted)
+        self._connections.append(connection)
+        if self._keys is not None:
+            curve.connect(connection.socket, self._keys.slave, self._pair(self._keys, role).public)
+        if identity is not None:
+            connection.socket.routing_id = identity
+        connect(connection.socket, address)
+        if accepted:
+            self._poller.register(connection.socket, zmq.POLLIN)
+        return connection
+
+    def address_for_peers(self, master: str) -> str:
+        """Any port of the interface that leads to the master."""
+        return tcp.join(tcp.interface_towards(master), 0)
+
+    def watch(self, descriptor: int) -> None:
+        """Have `wait` end when a file descriptor can be read, too."""
+        self._watched.add(descriptor)
+        self._poller.register(descriptor, zmq.POLLIN)
+
+    def wait(self, seconds: float) -> set[int]:
+        """Poll all sockets that are read from, and what is watched."""
+        ready = self._poller.poll(round(seconds * 1000))
+        return {place for place, _ in ready if place in self._watched}
+
+    def close(self) -> None:
+        """Close all sockets and the context."""
+        for connection in list(self._connections):
+            connection.close(deliver=False)
+        self._stack.close()
+
+    def forget(self, connection: ZeroMQConnection) -> None:
+        """A connection closes."""
+        if connection in self._connections:
+            self._connections.remove(connection)
+        if connection.socket in self._poller:
+            self._poller.unregister(connection.socket)
+
+    @staticmethod
+    def _pair(keys: Keys, role: Role) -> KeyPair:
+        return keys.master if role is Role.MASTER else keys.slave
+
+
+def _bind(router: Socket, where: str) -> str:
+    number, port = tcp.split(tcp.resolve(where))
+    try:
+        return bind(router, tcp.join(number, port or "*"))
+    except zmq.ZMQError as error:
+        if error.errno == zmq.EADDRINUSE:
+            raise ClusterError(f"cannot listen at {where}: another program uses port {port}; choose another") from None
+        reason = f"{error.strerror}; it must be an address of this machine"
+        raise ClusterError(f"cannot listen at {where}: {reason}") from None

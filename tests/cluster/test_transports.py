@@ -1,0 +1,269 @@
+"""What every transport keeps, and whole clusters over other ones than sockets."""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fake_worker import arrays, make_session
+from flaky_transport import FlakyTransport
+from test_sockets import AGREED, SMALL, SlaveThread, check_picture
+
+import wdpm.cluster
+from wdpm.cluster.batch import Batch, Kind
+from wdpm.cluster.master.server import MasterServer
+from wdpm.cluster.messages import packing, protocol
+from wdpm.cluster.transport import registry
+from wdpm.cluster.transport.mailbox import Mailbox
+from wdpm.cluster.transport.memory import MemoryTransport
+from wdpm.cluster.transport.registry import register, transport_of
+from wdpm.cluster.transport.transport import Connection, Network, Role, Transport
+from wdpm.cluster.transport.zeromq.network import ZeroMQTransport
+from wdpm.scenes.errors import ClusterError, ProtocolError, SettingsError
+
+FROM_SLAVE, FROM_MASTER = packing.by_name(protocol.FromSlave), packing.by_name(protocol.FromMaster)
+FROM_PEER = packing.by_name(protocol.FromPeer)
+
+names = (f"place{number}" for number in itertools.count())
+
+
+def soon(ask: Callable[[], Any], network: Network) -> Any:
+    """What is not None, or not False, within 10 s."""
+    deadline = time.monotonic() + 10.0
+    while not (answer := ask()):
+        assert time.monotonic() < deadline, "it did not happen within 10 s"
+        network.wait(0.02)
+    return answer
+
+
+TRANSPORTS: dict[str, tuple[Callable[[], Transport], Callable[[], str]]] = {
+    "zeromq": (ZeroMQTransport, lambda: "tcp://127.0.0.1:0"),
+    "memory": (MemoryTransport, lambda: f"memory://{next(names)}"),
+    "flaky": (FlakyTransport, lambda: f"flaky://{next(names)}"),
+}
+
+
+@pytest.fixture(params=TRANSPORTS)
+def place(request: pytest.FixtureRequest) -> tuple[Transport, str]:
+    """A transport, and an address of it to listen at."""
+    make, address = TRANSPORTS[request.param]
+    return make(), address()
+
+
+@pytest.fixture
+def transport(place: tuple[Transport, str]) -> Transport:
+    return place[0]
+
+
+@pytest.fixture
+def ends(place: tuple[Transport, str]) -> Iterator[tuple[Network, Any, Network, Connection]]:
+    """A network with a listener, and another with a connection to it."""
+    transport, address = place
+    here, there = transport.open(None), transport.open(None)
+    listener = here.listen(address, Role.MASTER, FROM_SLAVE)
+    yield here, listener, there, there.connect(listener.endpoint, Role.MASTER, FROM_MASTER, b"slave")
+    there.close()
+    here.close()
+
+
+def test_messages_arrive_in_order_and_are_answered(ends: tuple[Network, Any, Network, Connection]) -> None:
+    here, listener, there, connection = ends
+    assert listener.receive() is None
+    assert connection.receive() is None
+    for number in range(5):
+        assert connection.send(protocol.PeerGone(number))
+    for number in range(5):
+        assert soon(listener.receive, here) == (b"slave", protocol.PeerGone(number))
+    assert listener.send(b"slave", protocol.Stop("enough"))
+    assert soon(connection.receive, there) == protocol.Stop("enough")
+    assert not connection.broke()
+
+
+def test_what_is_not_accepted_is_a_protocol_error(ends: tuple[Network, Any, Network, Connection]) -> None:
+    here, listener, _, connection = ends
+    assert connection.send(protocol.Stop("a slave says what only the master may"))
+    identity, wrong = soon(listener.receive, here)
+    assert identity == b"slave"
+    assert isinstance(wrong, ProtocolError)
+
+
+def test_an_answer_to_nobody_is_told(ends: tuple[Network, Any, Network, Connection]) -> None:
+    here, listener, _, connection = ends
+    assert not listener.send(b"stranger", protocol.Heartbeat())
+    assert connection.send(protocol.Heartbeat())
+    soon(listener.receive, here)
+    connection.close(deliver=False)
+    soon(lambda: not listener.send(b"slave", protocol.Heartbeat()), here)
+
+
+def test_a_connection_that_breaks_says_so_once(ends: tuple[Network, Any, Network, Connection]) -> None:
+    here, listener, there, connection = ends
+    assert connection.send(protocol.Heartbeat())
+    soon(listener.receive, here)
+    here.close()
+    assert soon(connection.broke, there)
+    assert not connection.broke()
+    soon(lambda: not connection.send(protocol.Heartbeat()), there)
+
+
+def test_the_same_identity_again_takes_the_place_of_the_first(
+    ends: tuple[Network, Any, Network, Connection],
+) -> None:
+    here, listener, there, first = ends
+    assert first.send(protocol.Heartbeat())
+    soon(listener.receive, here)
+    first.close(deliver=False)
+    second = there.connect(listener.endpoint, Role.MASTER, FROM_MASTER, b"slave")
+    assert second.send(protocol.Note("again"))
+    assert soon(listener.receive, here) == (b"slave", protocol.Note("again"))
+    assert listener.send(b"slave", protocol.Heartbeat())
+    assert soon(second.receive, there) == protocol.Heartbeat()
+
+
+def test_arrays_arrive_with_their_bits(transport: Transport, place: tuple[Transport, str]) -> None:
+    here, there = transport.open(None), transport.open(None)
+    listener = here.listen(here.address_for_peers(transport.resolve(place[1])), Role.SLAVE, FROM_PEER)
+    connection = there.connect(listener.endpoint, Role.SLAVE, {})
+    sent = Batch(Kind.LIT, 1, 0, 0, 1, arrays(Kind.LIT, 9))
+    assert connection.send(protocol.PeerBatch(3, sent))
+    _, message = soon(listener.receive, here)
+    assert message.epoch == 3
+    for name, array in sent.arrays.items():
+        np.testing.assert_array_equal(message.batch.arrays[name], array)
+    there.close()
+    here.close()
+
+
+def test_waiting_ends_when_another_thread_puts_something_in_the_mailbox(transport: Transport) -> None:
+    network, mailbox = transport.open(None), Mailbox()
+    network.watch(mailbox.fd)
+    assert network.wait(0.01) == set()
+    began = time.monotonic()
+    timer = threading.Timer(0.05, mailbox.put, ["news"])
+    timer.start()
+    assert network.wait(20.0) == {mailbox.fd}
+    assert time.monotonic() - began < 10.0
+    timer.join()
+    assert mailbox.take() == ["news"]
+    assert network.wait(0.01) == set()
+    mailbox.close()
+    network.close()
+
+
+def test_waiting_ends_when_a_message_comes(ends: tuple[Network, Any, Network, Connection]) -> None:
+    here, listener, _, connection = ends
+    timer = threading.Timer(0.05, connection.send, [protocol.Heartbeat()])
+    timer.start()
+    began = time.monotonic()
+    while listener.receive() is None:
+        here.wait(20.0)
+    assert time.monotonic() - began < 10.0
+    timer.join()
+
+
+def test_a_place_is_taken_once(place: tuple[Transport, str]) -> None:
+    transport, address = place
+    here, there = transport.open(None), transport.open(None)
+    endpoint = here.listen(address, Role.MASTER, FROM_SLAVE).endpoint
+    with pytest.raises(ClusterError, match="cannot listen at"):
+        there.listen(endpoint, Role.MASTER, FROM_SLAVE)
+    there.close()
+    here.close()
+    here.close()
+
+
+@pytest.fixture
+def flaky(monkeypatch: pytest.MonkeyPatch) -> FlakyTransport:
+    """What flaky:// means in this test."""
+    monkeypatch.setattr(registry, "_MAKERS", dict(registry._MAKERS))
+    transport = FlakyTransport()
+    register("flaky", lambda: transport)
+    return transport
+
+
+def a_cluster(address: str) -> tuple[MasterServer, list[SlaveThread]]:
+    master = MasterServer(address, 2, settings=SMALL, agreed=AGREED)
+    return master, [SlaveThread(master.endpoint) for _ in range(2)]
+
+
+@pytest.mark.parametrize("scheme", ["memory", "flaky"])
+@pytest.mark.usefixtures("flaky")
+def test_the_loops_of_master_and_slave_run_over_any_transport(scheme: str) -> None:
+    master, slaves = a_cluster(f"{scheme}://{next(names)}")
+    with master:
+        for digest in ("a", "b"):
+            session = make_session(2, 4, digest)
+            result = master.render(session)
+            check_picture(session, result.layers)
+            assert result.dropped == {}
+    assert [slave.end() for slave in slaves] == [None, None]
+
+
+def test_a_transport_sees_every_message(flaky: FlakyTransport) -> None:
+    master, slaves = a_cluster(f"flaky://{next(names)}")
+    with master:
+        master.render(make_session(2, 2))
+    assert [slave.end() for slave in slaves] == [None, None]
+    to_master = [type(message) for role, message in flaky.sent if role is Role.MASTER]
+    to_peers = [type(message) for role, message in flaky.sent if role is Role.SLAVE]
+    assert to_master.count(protocol.Hello) == to_master.count(protocol.Goodbye) == 2
+    assert to_master[0] is protocol.Hello
+    assert to_master[-1] is protocol.Goodbye
+    assert set(to_peers[:1]) == {protocol.PeerHello}
+    assert to_peers.count(protocol.PeerHello) == 2
+
+
+def test_a_broken_way_between_slaves_ends_the_render(flaky: FlakyTransport) -> None:
+    flaky.breaks = lambda role, message: role is Role.SLAVE and isinstance(message, protocol.PeerBatch)
+    master, slaves = a_cluster(f"flaky://{next(names)}")
+    with master, pytest.raises(ClusterError, match=r"the connection from slave \d to slave \d broke"):
+        master.render(make_session(2, 2))
+    assert [slave.end() for slave in slaves] == [None, None]
+
+
+def test_a_broken_way_to_the_master_ends_the_render(flaky: FlakyTransport) -> None:
+    flaky.breaks = lambda role, message: role is Role.MASTER and isinstance(message, protocol.MapsBuilt)
+    master, slaves = a_cluster(f"flaky://{next(names)}")
+    with master, pytest.raises(ClusterError, match=r"slave \d .* is lost: its connection is gone"):
+        master.render(make_session(2, 2))
+    assert any("lost the connection to the master" in str(slave.end()) for slave in slaves)
+
+
+def test_an_address_says_which_transport(flaky: FlakyTransport) -> None:
+    assert transport_of("flaky://x") is flaky
+    assert transport_of("memory://x") is transport_of("memory://y")
+    assert isinstance(transport_of("tcp://127.0.0.1:1"), ZeroMQTransport)
+    for wrong in ("carrier pigeon", "udp://127.0.0.1:1", ""):
+        with pytest.raises(SettingsError, match="expected tcp://HOST:PORT"):
+            transport_of(wrong)
+    with pytest.raises(ValueError, match="have a transport already"):
+        register("tcp", MemoryTransport)
+
+
+def test_nobody_listens_under_an_unknown_name() -> None:
+    network = MemoryTransport().open(None)
+    connection = network.connect("memory://nowhere", Role.MASTER, FROM_MASTER)
+    assert not connection.send(protocol.Heartbeat())
+    assert not connection.broke()
+    with pytest.raises(SettingsError, match="expected memory://NAME"):
+        network.listen("memory://", Role.MASTER, FROM_SLAVE)
+
+
+def test_only_one_folder_knows_zeromq() -> None:
+    folder = Path(wdpm.cluster.__path__[0])
+    whole = folder.parent if folder.parent.name == "wdpm" else folder.parent / "wdpm"
+    knowing = set()
+    for path in {*folder.rglob("*.py"), *whole.rglob("*.py")}:
+        for node in ast.walk(ast.parse(path.read_text())):
+            modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            modules += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            if any(module.split(".")[0] == "zmq" for module in modules):
+                knowing.add(path.resolve().parent.name)
+    assert knowing == {"zeromq"}
