@@ -3,7 +3,7 @@
 A phase ends when every slave has said so. That is what keeps slaves from talking to a peer that is not as far: a batch
 of a bucket cannot reach a slave that has not seen its view.
 
-    joining -> idle -> setup -> photons -> exchange -> view -> buckets -> statistics -> idle
+    joining -> idle -> setup -> photons -> maps -> view -> buckets -> statistics -> idle
                   \\-> (forget -> photons) or view, if the cluster has the world already
 
 Views with an irradiance cache pass through (records -> sharing) once a round, between view and buckets: the records of
@@ -38,7 +38,7 @@ class Phase(Enum):
     SETUP = "setup"
     FORGET = "forget"
     PHOTONS = "photons"
-    EXCHANGE = "exchange"
+    MAPS = "maps"
     VIEW = "view"
     RECORDS = "records"
     SHARING = "sharing"
@@ -111,7 +111,7 @@ class Phases:
         | protocol.TaskDone
         | protocol.MapsBuilt
         | protocol.ViewSet
-        | protocol.RecordsTaken
+        | protocol.RecordsSet
         | protocol.PhotonsForgotten
         | protocol.Statistics,
         now: float,
@@ -132,10 +132,10 @@ class Phases:
                 return self._start_photons(session, now) if self._all(Phase.FORGET, member, message) else []
             case protocol.MapsBuilt():
                 out = [Advanced(1)]
-                return out + (self._start_view(session, now) if self._all(Phase.EXCHANGE, member, message) else [])
+                return out + (self._start_view(session, now) if self._all(Phase.MAPS, member, message) else [])
             case protocol.ViewSet():
                 return self._start_records(session, now) if self._all(Phase.VIEW, member, message) else []
-            case protocol.RecordsTaken():
+            case protocol.RecordsSet():
                 return self._next_round(session, now) if self._all(Phase.SHARING, member, message) else []
             case protocol.Statistics(_, values):
                 member.statistics = values
@@ -194,26 +194,26 @@ class Phases:
         paths = session.world.paths
         self._tasks.trace(paths, self._settings.photon_task_paths)
         out: list[Instruction] = [Started("photons", paths)]
-        return out + (self._hand_out() if self._tasks.waiting else self._start_exchange(now))
+        return out + (self._hand_out() if self._tasks.waiting else self._start_maps(now))
 
-    def _start_exchange(self, now: float) -> list[Instruction]:
+    def _start_maps(self, now: float) -> list[Instruction]:
         self._end_phase("photons", now)
-        self._wait_for_all(Phase.EXCHANGE)
-        return [Started("map", self._members.expected), *self._to_all(protocol.Exchange(self.epoch))]
+        self._wait_for_all(Phase.MAPS)
+        return [Started("map", self._members.expected), *self._to_all(protocol.BuildMaps(self.epoch))]
 
     def _start_view(self, session: Session, now: float) -> list[Instruction]:
-        if self.phase is Phase.EXCHANGE:
+        if self.phase is Phase.MAPS:
             self._end_phase("map", now)
             self._digest, self._plan = session.digest, session.world.photon_plan
         self._wait_for_all(Phase.VIEW)
-        return self._to_all(protocol.Look(self.epoch, session.view))
+        return self._to_all(protocol.SetView(self.epoch, session.view))
 
     def _start_records(self, session: Session, now: float) -> list[Instruction]:
         """The first round of irradiance records, or those that are there already."""
         self._phase_at = now
         rounds = self._tasks.rounds = RecordRounds(session.view, session.records)
         if len(rounds.records):
-            return self._share_records(rounds)
+            return self._set_records(rounds)
         if rounds.finished:
             return self._start_buckets(session)
         return [Started("records", rounds.total), *self._start_round(rounds)]
@@ -225,12 +225,12 @@ class Phases:
 
     def _end_round(self, rounds: RecordRounds) -> list[Instruction]:
         rounds.end_round()
-        return self._share_records(rounds)
+        return self._set_records(rounds)
 
-    def _share_records(self, rounds: RecordRounds) -> list[Instruction]:
+    def _set_records(self, rounds: RecordRounds) -> list[Instruction]:
         """Send all records to all slaves: a few megabytes at most, and each keeps those that reach its cells."""
         self._wait_for_all(Phase.SHARING)
-        return self._to_all(protocol.ShareRecords(self.epoch, rounds.shared()))
+        return self._to_all(protocol.SetRecords(self.epoch, rounds.shared()))
 
     def _next_round(self, session: Session, now: float) -> list[Instruction]:
         rounds = self._tasks.rounds
@@ -247,7 +247,7 @@ class Phases:
     def _start_statistics(self, now: float) -> list[Instruction]:
         self._end_phase("render", now)
         self._wait_for_all(Phase.STATISTICS)
-        return self._to_all(protocol.AskStatistics(self.epoch))
+        return self._to_all(protocol.ReadStatistics(self.epoch))
 
     def _finish(self) -> list[Instruction]:
         film, rounds = self._tasks.film, self._tasks.rounds
@@ -273,7 +273,7 @@ class Phases:
         buckets = self.phase is Phase.BUCKETS
         limit = self._settings.buckets_in_flight if buckets else self._settings.photon_tasks_in_flight
         handed_out = self._tasks.hand_out(self._members, limit)
-        return [Send(member.identity, protocol.DoTask(self.epoch, task)) for member, task in handed_out]
+        return [Send(member.identity, protocol.StartTask(self.epoch, task)) for member, task in handed_out]
 
     def _task_done(self, member: Member, result: TaskResult, now: float) -> list[Instruction]:
         amount = self._tasks.take(member, result)
@@ -287,7 +287,7 @@ class Phases:
 
     def _all_tasks_done(self, now: float) -> list[Instruction]:
         if self.phase is Phase.PHOTONS:
-            return self._start_exchange(now)
+            return self._start_maps(now)
         rounds = self._tasks.rounds
         if self.phase is Phase.RECORDS and rounds is not None:
             return self._end_round(rounds)

@@ -17,7 +17,7 @@ from wdpm.cluster.task import Task, TaskResult
 from wdpm.cluster.world import PhotonPlan, View, World
 from wdpm.scenes.flat.arrays import Triangles
 
-PROTOCOL = 3
+PROTOCOL = 4
 
 
 # From a slave to the master.
@@ -74,7 +74,7 @@ class MapsBuilt:
 
 
 @dataclass(frozen=True)
-class RecordsTaken:
+class RecordsSet:
     """The slave has the irradiance records that it was sent last."""
 
     epoch: int
@@ -188,7 +188,7 @@ class Partition:
 
 
 @dataclass(frozen=True)
-class DoTask:
+class StartTask:
     """The slave becomes the home of a task."""
 
     epoch: int
@@ -196,14 +196,14 @@ class DoTask:
 
 
 @dataclass(frozen=True)
-class Exchange:
+class BuildMaps:
     """All photons have landed: send ghosts to the peers, and build the maps when theirs have come."""
 
     epoch: int
 
 
 @dataclass(frozen=True)
-class Look:
+class SetView:
     """The view of the buckets that follow."""
 
     epoch: int
@@ -211,7 +211,7 @@ class Look:
 
 
 @dataclass(frozen=True)
-class ShareRecords:
+class SetRecords:
     """The irradiance records of all rounds so far, in place of those sent before, for what follows."""
 
     epoch: int
@@ -227,7 +227,7 @@ class ForgetPhotons:
 
 
 @dataclass(frozen=True)
-class AskStatistics:
+class ReadStatistics:
     """Answer with Statistics."""
 
     epoch: int
@@ -281,7 +281,7 @@ FromSlave = (
     | TaskDone
     | MapsBuilt
     | ViewSet
-    | RecordsTaken
+    | RecordsSet
     | PhotonsForgotten
     | Statistics
     | PeerGone
@@ -296,12 +296,12 @@ FromMaster = (
     | Refuse
     | Setup
     | Partition
-    | DoTask
-    | Exchange
-    | Look
-    | ShareRecords
+    | StartTask
+    | BuildMaps
+    | SetView
+    | SetRecords
     | ForgetPhotons
-    | AskStatistics
+    | ReadStatistics
     | Stop
     | Heartbeat
     | Rejected

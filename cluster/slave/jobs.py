@@ -38,7 +38,7 @@ class Worker(Protocol):
 
     def handle(self, batch: Batch) -> Outbox: ...
 
-    def exchange(self) -> Sequence[Batch]: ...
+    def exchange_ghosts(self) -> Sequence[Batch]: ...
 
     def ghosts_expected(self) -> int: ...
 
@@ -46,9 +46,9 @@ class Worker(Protocol):
 
     def statistics(self) -> dict[str, Any]: ...
 
-    def take_records(self, records: Records) -> None: ...
+    def set_records(self, records: Records) -> None: ...
 
-    def plan_photons(self, plan: PhotonPlan) -> None: ...
+    def forget_photons(self, plan: PhotonPlan) -> None: ...
 
 
 WorkerFactory = Callable[[int, World, Mapping[int, Triangles], Sequence[int]], Worker]
@@ -81,24 +81,24 @@ class HandleBatch:
 
 
 @dataclass(frozen=True)
-class MakeGhosts:
-    """Send copies of photons to the neighbours' overlap bands."""
+class ExchangeGhosts:
+    """Send ghosts, copies of photons and surface points, to the neighbours' overlap bands; BuildMaps follows."""
 
 
 @dataclass(frozen=True)
 class BuildMaps:
-    pass
+    """Build the maps: all ghosts are here."""
 
 
 @dataclass(frozen=True)
-class TakeRecords:
+class SetRecords:
     """Have these irradiance records, in place of those before."""
 
     records: Records
 
 
 @dataclass(frozen=True)
-class Forget:
+class ForgetPhotons:
     """Let go of all photons; those to come are traced by this plan."""
 
     plan: PhotonPlan
@@ -109,7 +109,9 @@ class ReadStatistics:
     pass
 
 
-Job = Build | SetView | StartTask | HandleBatch | MakeGhosts | BuildMaps | TakeRecords | Forget | ReadStatistics
+Job = (
+    Build | SetView | StartTask | HandleBatch | ExchangeGhosts | BuildMaps | SetRecords | ForgetPhotons | ReadStatistics
+)
 
 
 @dataclass(frozen=True)
@@ -119,7 +121,7 @@ class Outcome:
     Attributes:
         batches: for other workers, or for this one.
         results: for the master.
-        ghosts_expected: after MakeGhosts: GHOSTS batches to handle before the maps can be built.
+        ghosts_expected: after ExchangeGhosts: GHOSTS batches to handle before the maps can be built.
         statistics: after ReadStatistics.
     """
 
@@ -162,16 +164,16 @@ class Compute:
                 return Outcome(job, outbox.batches, outbox.results)
             case SetView(view):
                 worker.set_view(view)
-            case MakeGhosts():
-                return Outcome(job, worker.exchange(), ghosts_expected=worker.ghosts_expected())
+            case ExchangeGhosts():
+                return Outcome(job, worker.exchange_ghosts(), ghosts_expected=worker.ghosts_expected())
             case BuildMaps():
                 worker.build_maps()
-            case TakeRecords(records):
-                worker.take_records(records)
+            case SetRecords(records):
+                worker.set_records(records)
                 # The job is not kept: the worker keeps those that reach its cells.
-                return Outcome(TakeRecords(NO_RECORDS))
-            case Forget(plan):
-                worker.plan_photons(plan)
+                return Outcome(SetRecords(NO_RECORDS))
+            case ForgetPhotons(plan):
+                worker.forget_photons(plan)
             case ReadStatistics():
                 return Outcome(job, statistics=worker.statistics())
         return Outcome(job)

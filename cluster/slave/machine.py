@@ -19,6 +19,7 @@ from wdpm.cluster.batch import TO_HOME, Batch, Kind
 from wdpm.cluster.cluster_settings import ClusterSettings
 from wdpm.cluster.messages import checks, protocol
 from wdpm.cluster.queues import Queues
+from wdpm.cluster.slave import jobs
 from wdpm.cluster.slave.events import (
     AnswerStranger,
     Computed,
@@ -41,19 +42,7 @@ from wdpm.cluster.slave.events import (
     ToPeer,
     Unreadable,
 )
-from wdpm.cluster.slave.jobs import (
-    Build,
-    BuildMaps,
-    Forget,
-    HandleBatch,
-    Job,
-    MakeGhosts,
-    Outcome,
-    ReadStatistics,
-    SetView,
-    StartTask,
-    TakeRecords,
-)
+from wdpm.cluster.slave.jobs import Job, Outcome
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.arrays import Triangles
 
@@ -95,7 +84,7 @@ class Slave:
         self._orders: deque[Job] = deque()
         self._copies: deque[Batch] = deque()
         self._batches = Queues()
-        self._tasks: deque[StartTask] = deque()
+        self._tasks: deque[jobs.StartTask] = deque()
         self._running: Job | None = None
         self._running_epoch = 0
         self._running_since = 0.0
@@ -184,7 +173,7 @@ class Slave:
         if now >= self._beat_at:
             self._beat_at = now + self._welcome.heartbeat_s
             out.append(ToMaster(protocol.Heartbeat()))
-        building = isinstance(self._running, Build) and now - self._running_since > SLOW_BUILD_S
+        building = isinstance(self._running, jobs.Build) and now - self._running_since > SLOW_BUILD_S
         if building and not self._slow_build_told:
             self._slow_build_told = True
             text = "builds its cells and compiles kernels; the first time that takes about half a minute"
@@ -246,28 +235,28 @@ class Slave:
     def _ordered(
         self,
         message: protocol.Partition
-        | protocol.DoTask
-        | protocol.Exchange
-        | protocol.Look
-        | protocol.ShareRecords
+        | protocol.StartTask
+        | protocol.BuildMaps
+        | protocol.SetView
+        | protocol.SetRecords
         | protocol.ForgetPhotons
-        | protocol.AskStatistics,
+        | protocol.ReadStatistics,
     ) -> list[Instruction]:
         match message:
             case protocol.Partition():
                 return self._receive(message)
-            case protocol.DoTask(_, task):
-                self._tasks.append(StartTask(task))
-            case protocol.Exchange():
-                self._orders.append(MakeGhosts())
-            case protocol.Look(_, view):
-                self._orders.append(SetView(view))
-            case protocol.ShareRecords(_, records):
-                self._orders.append(TakeRecords(records))
+            case protocol.StartTask(_, task):
+                self._tasks.append(jobs.StartTask(task))
+            case protocol.BuildMaps():
+                self._orders.append(jobs.ExchangeGhosts())
+            case protocol.SetView(_, view):
+                self._orders.append(jobs.SetView(view))
+            case protocol.SetRecords(_, records):
+                self._orders.append(jobs.SetRecords(records))
             case protocol.ForgetPhotons(_, plan):
-                self._orders.append(Forget(plan))
-            case protocol.AskStatistics():
-                self._orders.append(ReadStatistics())
+                self._orders.append(jobs.ForgetPhotons(plan))
+            case protocol.ReadStatistics():
+                self._orders.append(jobs.ReadStatistics())
         return []
 
     def _set_up(self, setup: protocol.Setup, welcome: protocol.Welcome) -> list[Instruction]:
@@ -320,7 +309,7 @@ class Slave:
     def _build_if_complete(self) -> None:
         if self._setup is not None and not self._missing:
             partition, self._partition = self._partition, {}
-            self._orders.append(Build(self.number, self._setup.world, partition, self._setup.holders))
+            self._orders.append(jobs.Build(self.number, self._setup.world, partition, self._setup.holders))
 
     def _peer_said(self, identity: bytes, message: protocol.FromPeer) -> list[Instruction]:
         if isinstance(message, protocol.PeerHello):
@@ -380,9 +369,9 @@ class Slave:
         if self._orders:
             job = self._orders.popleft()
         elif self._copies:
-            job = HandleBatch(self._copies.popleft())
+            job = jobs.HandleBatch(self._copies.popleft())
         elif self._batches:
-            job = HandleBatch(self._batches.pop())
+            job = jobs.HandleBatch(self._batches.pop())
         elif self._tasks:
             job = self._tasks.popleft()
         else:
@@ -408,23 +397,23 @@ class Slave:
 
     def _acknowledge(self, job: Job, outcome: Outcome) -> list[Instruction]:
         match job:
-            case Build():
+            case jobs.Build():
                 return [ToMaster(protocol.Ready(self._epoch))]
-            case SetView():
+            case jobs.SetView():
                 return [ToMaster(protocol.ViewSet(self._epoch))]
-            case TakeRecords():
-                return [ToMaster(protocol.RecordsTaken(self._epoch))]
-            case Forget():
+            case jobs.SetRecords():
+                return [ToMaster(protocol.RecordsSet(self._epoch))]
+            case jobs.ForgetPhotons():
                 return [ToMaster(protocol.PhotonsForgotten(self._epoch))]
-            case BuildMaps():
+            case jobs.BuildMaps():
                 return [ToMaster(protocol.MapsBuilt(self._epoch))]
-            case ReadStatistics():
+            case jobs.ReadStatistics():
                 values = {**(outcome.statistics or {}), "dropped": self.dropped}
                 return [ToMaster(protocol.Statistics(self._epoch, values))]
-            case MakeGhosts():
+            case jobs.ExchangeGhosts():
                 self._ghosts_expected = outcome.ghosts_expected
                 self._build_maps_if_complete()
-            case HandleBatch(batch) if batch.kind in COPIES:
+            case jobs.HandleBatch(batch) if batch.kind in COPIES:
                 self._ghosts_handled += 1
                 self._build_maps_if_complete()
         return []
@@ -437,7 +426,7 @@ class Slave:
                 f"{self._ghosts_handled} batches of ghosts and points came; expected {self._ghosts_expected}"
             )
         self._ghosts_handled, self._ghosts_expected = 0, None
-        self._orders.append(BuildMaps())
+        self._orders.append(jobs.BuildMaps())
 
 
 def join(parts: Sequence[Triangles]) -> Triangles:

@@ -118,7 +118,7 @@ class Replica:
         """Width of a pixel at distance 1 along the camera's axis; anywhere, of an orthographic camera."""
         return 2.0 * float(wp.length(self.camera.right)) / self.camera.whole_width
 
-    def take_records(self, records: Records) -> None:
+    def set_records(self, records: Records) -> None:
         """Have these irradiance records in place of those before."""
         self.records = records
         self.cache = record_tree.build(vars(self.records), self.launcher.device)

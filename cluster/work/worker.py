@@ -85,11 +85,6 @@ class Worker:
         self.replica.world = world
         self.replica.share_out()
 
-    def plan_photons(self, plan: PhotonPlan) -> None:
-        """Let go of all photons, before others are traced by this plan."""
-        self.forget_photons()
-        self.replica.world = self.replica.world.with_photons(plan)
-
     def start(self, task: Task) -> Outbox:
         """Become a task's home."""
         began = time.perf_counter()
@@ -120,15 +115,15 @@ class Worker:
         self._busy += time.perf_counter() - began
         return outbox
 
-    def take_records(self, records: Records) -> None:
+    def set_records(self, records: Records) -> None:
         """Have these irradiance records, as far as they reach a cell of this worker, in place of those before."""
         began = time.perf_counter()
         tree, pad = self.replica.world.top_tree, self.replica.pad
         low, high = cell_boxes(tree.axis, tree.split)
-        self.replica.take_records(take_near(records, [(low[cell] - pad, high[cell] + pad) for cell in self.cells]))
+        self.replica.set_records(take_near(records, [(low[cell] - pad, high[cell] + pad) for cell in self.cells]))
         self._busy += time.perf_counter() - began
 
-    def exchange(self) -> list[Batch]:
+    def exchange_ghosts(self) -> list[Batch]:
         """Ghosts and surface points of each own cell for every cell of another worker; between own cells at once."""
         began = time.perf_counter()
         outbox = Outbox()
@@ -149,13 +144,15 @@ class Worker:
         self._busy += time.perf_counter() - began
         self._photon_traffic, self._photon_busy = dict(self._traffic), self._busy
 
-    def forget_photons(self) -> None:
-        """Let go of all photons, before they are traced again."""
+    def forget_photons(self, plan: PhotonPlan | None = None) -> None:
+        """Let go of all photons, before they are traced again: by this plan, or by the same if None."""
         for cell in self.cells.values():
             cell.forget_photons()
         self.replica.paths_by_light[:] = 0
         self._traffic = dict.fromkeys(self._traffic, 0)
         self._busy = 0.0
+        if plan is not None:
+            self.replica.world = self.replica.world.with_photons(plan)
 
     def statistics(self) -> dict[str, Any]:
         """What this worker holds and has done."""

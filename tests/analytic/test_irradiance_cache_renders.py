@@ -37,13 +37,13 @@ def blocks(image: Image) -> Array:
 def records(monkeypatch: pytest.MonkeyPatch) -> list[Records]:
     """Those that workers are sent, round by round."""
     seen: list[Records] = []
-    take_records = Worker.take_records
+    set_records = Worker.set_records
 
     def noted(worker: Worker, sent: Records) -> None:
         seen.append(sent)
-        take_records(worker, sent)
+        set_records(worker, sent)
 
-    monkeypatch.setattr(Worker, "take_records", noted)
+    monkeypatch.setattr(Worker, "set_records", noted)
     return seen
 
 

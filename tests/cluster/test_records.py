@@ -92,13 +92,13 @@ class Rounds(Driver):
 
     def taken(self) -> list[m.Instruction]:
         """Both slaves have the records."""
-        assert self.says(B, p.RecordsTaken(EPOCH)) == []
-        return self.says(A, p.RecordsTaken(EPOCH))
+        assert self.says(B, p.RecordsSet(EPOCH)) == []
+        return self.says(A, p.RecordsSet(EPOCH))
 
 
 def shared_with(out: list[m.Instruction], identity: bytes) -> Records:
     """The records that are sent to a slave."""
-    [message] = [message for message in sent(out, identity) if isinstance(message, p.ShareRecords)]
+    [message] = [message for message in sent(out, identity) if isinstance(message, p.SetRecords)]
     return message.records
 
 
@@ -286,14 +286,14 @@ def test_photons_for_records_end_the_render() -> None:
 def test_records_taken_out_of_turn_end_the_render() -> None:
     driver = Rounds()
     driver.to_records()
-    assert "not expected from it in phase records" in broken(driver.says(A, p.RecordsTaken(EPOCH)))
+    assert "not expected from it in phase records" in broken(driver.says(A, p.RecordsSet(EPOCH)))
 
 
 def test_records_taken_twice_end_the_render() -> None:
     driver = Rounds()
     driver.to_sharing(driver.to_records())
-    driver.says(A, p.RecordsTaken(EPOCH))
-    assert "not expected from it in phase sharing" in broken(driver.says(A, p.RecordsTaken(EPOCH)))
+    driver.says(A, p.RecordsSet(EPOCH))
+    assert "not expected from it in phase sharing" in broken(driver.says(A, p.RecordsSet(EPOCH)))
 
 
 # The slave.
@@ -302,17 +302,17 @@ def test_records_taken_twice_end_the_render() -> None:
 def test_a_slave_takes_records_before_it_says_so() -> None:
     driver = slave_driver.Driver().ready()
     records = irradiance_records(4)
-    [job] = slave_driver.jobs(driver.told(p.ShareRecords(slave_driver.EPOCH, records)))
-    assert isinstance(job, c.TakeRecords)
+    [job] = slave_driver.jobs(driver.told(p.SetRecords(slave_driver.EPOCH, records)))
+    assert isinstance(job, c.SetRecords)
     assert job.records is records
-    taken = driver.computed(c.TakeRecords(NO_RECORDS))
-    assert slave_driver.to_master(taken) == [p.RecordsTaken(slave_driver.EPOCH)]
+    taken = driver.computed(c.SetRecords(NO_RECORDS))
+    assert slave_driver.to_master(taken) == [p.RecordsSet(slave_driver.EPOCH)]
 
 
 def test_a_slave_drops_records_of_another_epoch() -> None:
     driver = slave_driver.Driver().ready()
-    assert driver.told(p.ShareRecords(slave_driver.EPOCH - 1, irradiance_records(4))) == []
-    assert driver.slave.dropped == {"ShareRecords of another epoch": 1}
+    assert driver.told(p.SetRecords(slave_driver.EPOCH - 1, irradiance_records(4))) == []
+    assert driver.slave.dropped == {"SetRecords of another epoch": 1}
 
 
 # Whole sessions, shuffled.
@@ -336,7 +336,7 @@ class RecordWorker(FakeWorker):
         """Records that came, in turn."""
         return self.__dict__.setdefault("_sent", [])
 
-    def take_records(self, records: Records) -> None:
+    def set_records(self, records: Records) -> None:
         self.sent.append(records)
 
 

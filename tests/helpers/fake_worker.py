@@ -110,7 +110,7 @@ class FakeWorker:
             assert self.view is not None
             outbox.results.append(pixels_of(task, self.view))
 
-    def exchange(self) -> list[Batch]:
+    def exchange_ghosts(self) -> list[Batch]:
         assert not self.open
         foreign = [cell for cell, holder in enumerate(self.holders) if holder != self.number]
         ghosts = arrays(Kind.GHOSTS, 2)
@@ -123,10 +123,10 @@ class FakeWorker:
         assert self.ghosts == 2 * self.ghosts_expected()
         self.maps_built = True
 
-    def take_records(self, records: Records) -> None:
+    def set_records(self, records: Records) -> None:
         self.records = records
 
-    def plan_photons(self, plan: PhotonPlan) -> None:
+    def forget_photons(self, plan: PhotonPlan) -> None:
         self.world = self.world.with_photons(plan)
         self.photons = self.ghosts = 0
         self.maps_built = False

@@ -68,7 +68,7 @@ def sent(instructions: list[m.Instruction], identity: bytes | None = None) -> li
 
 
 def tasks_of(instructions: list[m.Instruction], identity: bytes) -> list[Any]:
-    return [message.task for message in sent(instructions, identity) if isinstance(message, p.DoTask)]
+    return [message.task for message in sent(instructions, identity) if isinstance(message, p.StartTask)]
 
 
 def broken(instructions: list[m.Instruction]) -> str:

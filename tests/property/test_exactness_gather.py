@@ -103,13 +103,13 @@ def reference(name: str, way: Indirect) -> Image:
 def published(monkeypatch: pytest.MonkeyPatch) -> list[Records]:
     """The records that workers are sent from now on, as they are sent."""
     seen: list[Records] = []
-    take_records = Worker.take_records
+    set_records = Worker.set_records
 
     def noted(worker: Worker, records: Records) -> None:
         seen.append(records)
-        take_records(worker, records)
+        set_records(worker, records)
 
-    monkeypatch.setattr(Worker, "take_records", noted)
+    monkeypatch.setattr(Worker, "set_records", noted)
     return seen
 
 

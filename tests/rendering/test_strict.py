@@ -245,7 +245,7 @@ def test_coincident_photons(strict: bool) -> None:
     photons |= {"id": np.arange(count, dtype=np.int64), "position": np.repeat(place[None], count, axis=0)}
     for name, value in (("flux", 1.0), ("normal", (0, 1, 0)), ("direction", (0, 1, 0))):
         photons[name][:] = value
-    worker.exchange()
+    worker.exchange_ghosts()
     worker.cells[0].store.add_ghosts(Batch(Kind.GHOSTS, -1, 0, 0, 0, photons))
     worker.build_maps()
     batch = one(Kind.VERTEX, **ray)

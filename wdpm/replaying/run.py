@@ -148,6 +148,6 @@ def _with_photons(prepared: Prepared, world: World, progress: Progress) -> Worke
         worker.start(PhotonTask(number, start, stop))
         progress.advance(stop - start)
     progress.start("map")
-    worker.exchange()
+    worker.exchange_ghosts()
     worker.build_maps()
     return worker

@@ -97,9 +97,9 @@ def test_the_exchange_waits_for_the_last_photon() -> None:
     [task_a], [task_b] = tasks_of(out, A), tasks_of(out, B)
     assert sent(driver.says(A, p.TaskDone(EPOCH, PhotonsTraced(task_a.number, 100, 1.0)))) == []
     out = driver.says(B, p.TaskDone(EPOCH, PhotonsTraced(task_b.number, 100, 1.0)))
-    assert sent(out, A) == sent(out, B) == [p.Exchange(EPOCH)]
+    assert sent(out, A) == sent(out, B) == [p.BuildMaps(EPOCH)]
     assert sent(driver.says(A, p.MapsBuilt(EPOCH))) == []
-    assert [type(message) for message in sent(driver.says(B, p.MapsBuilt(EPOCH)))] == [p.Look, p.Look]
+    assert [type(message) for message in sent(driver.says(B, p.MapsBuilt(EPOCH)))] == [p.SetView, p.SetView]
 
 
 def test_buckets_to_the_end() -> None:
@@ -112,7 +112,7 @@ def test_buckets_to_the_end() -> None:
         identity, task = pending.pop()
         out = driver.says(identity, p.TaskDone(EPOCH, pixels_of(task, view)))
         pending += [(other, task) for other in (A, B) for task in tasks_of(out, other)]
-    assert sent(out) == [p.AskStatistics(EPOCH)] * 2
+    assert sent(out) == [p.ReadStatistics(EPOCH)] * 2
     driver.says(B, p.Statistics(EPOCH, {"who": "b"}))
     [finished] = driver.says(A, p.Statistics(EPOCH, {"who": "a"}))
     assert isinstance(finished, m.Finished)

@@ -94,6 +94,7 @@ def test_arrays_of_every_kind_of_batch_are_as_described() -> None:
 def test_numbers_are_as_described() -> None:
     settings = ClusterSettings()
     assert PAGE.startswith(f"# The protocol of a wdpm cluster, version {protocol.PROTOCOL}\n")
+    assert f"the version of this protocol ({protocol.PROTOCOL})" in PAGE
     for row in (
         f"| header | {packing.HEADER_BYTES >> 20} MiB |",
         f"| frame | {packing.FRAME_BYTES >> 20} MiB (",

@@ -67,7 +67,7 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
     p.TaskDone: st.builds(p.TaskDone, epochs, results),
     p.MapsBuilt: st.builds(p.MapsBuilt, epochs),
     p.ViewSet: st.builds(p.ViewSet, epochs),
-    p.RecordsTaken: st.builds(p.RecordsTaken, epochs),
+    p.RecordsSet: st.builds(p.RecordsSet, epochs),
     p.PhotonsForgotten: st.builds(p.PhotonsForgotten, epochs),
     p.Statistics: st.builds(p.Statistics, epochs, st.dictionaries(texts, plain, max_size=4)),
     p.PeerGone: st.builds(p.PeerGone, counts),
@@ -93,12 +93,12 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
         st.integers(1, 9),
         st.integers(0, 20),
     ),
-    p.DoTask: st.builds(p.DoTask, epochs, tasks),
-    p.Exchange: st.builds(p.Exchange, epochs),
-    p.Look: st.builds(p.Look, epochs, views),
-    p.ShareRecords: st.builds(p.ShareRecords, epochs, records),
+    p.StartTask: st.builds(p.StartTask, epochs, tasks),
+    p.BuildMaps: st.builds(p.BuildMaps, epochs),
+    p.SetView: st.builds(p.SetView, epochs, views),
+    p.SetRecords: st.builds(p.SetRecords, epochs, records),
     p.ForgetPhotons: st.builds(lambda epoch: p.ForgetPhotons(epoch, make_world(1).photon_plan), epochs),
-    p.AskStatistics: st.builds(p.AskStatistics, epochs),
+    p.ReadStatistics: st.builds(p.ReadStatistics, epochs),
     p.Stop: st.builds(p.Stop, texts),
     p.PeerHello: st.builds(p.PeerHello, texts, counts),
     p.PeerBatch: st.builds(p.PeerBatch, epochs, batches),
@@ -201,10 +201,10 @@ BATCH = p.PeerBatch(1, Batch(Kind.LIT, 1, 0, 0, 1, arrays(Kind.LIT, 2)))
         ([header(packing.MAGIC, p.PROTOCOL, "Ready", [2**63])], "64 bits"),
         ([header(packing.MAGIC, p.PROTOCOL, "Ready", [1]), b"x"], "1 frames too many"),
         (
-            [header(packing.MAGIC, p.PROTOCOL, "DoTask", [1, ["Task", [1]]])],
+            [header(packing.MAGIC, p.PROTOCOL, "StartTask", [1, ["Task", [1]]])],
             "expected PhotonTask or RecordTask or BucketTask",
         ),
-        ([header(packing.MAGIC, p.PROTOCOL, "DoTask", [1, ["PhotonTask", [1, 5, 5]]])], "no range of paths"),
+        ([header(packing.MAGIC, p.PROTOCOL, "StartTask", [1, ["PhotonTask", [1, 5, 5]]])], "no range of paths"),
         ([header(packing.MAGIC, p.PROTOCOL, "Statistics", [1, {"a": [[[[[[[1]]]]]]]}])], "nested"),
     ],
 )
@@ -250,8 +250,8 @@ def lights(**fields: Any) -> LightTable:
         (p.ForgetPhotons(1, dataclasses.replace(PLAN, seed=-1)), "seed -1"),
         (p.ForgetPhotons(1, dataclasses.replace(PLAN, volume_unit=0.0)), "volume_unit 0.0"),
         (p.ForgetPhotons(1, dataclasses.replace(PLAN, caustic_map=MapPlan(-1))), "no plan of a map"),
-        (p.Look(1, dataclasses.replace(make_view(), first_sample=-1)), "samples -1 to"),
-        (p.Look(1, dataclasses.replace(make_view(), first_sample=2**31 - 1)), "samples 2147483647 to"),
+        (p.SetView(1, dataclasses.replace(make_view(), first_sample=-1)), "samples -1 to"),
+        (p.SetView(1, dataclasses.replace(make_view(), first_sample=2**31 - 1)), "samples 2147483647 to"),
         (
             setup(emission=dataclasses.replace(make_world(1).emission, share=np.ones(2), caustic_share=np.ones(2))),
             "shares",
@@ -266,7 +266,7 @@ def lights(**fields: Any) -> LightTable:
         (setup(lights=lights(light=np.ones(1, np.int32))), "lights.light is 1 to 1"),
         (setup(lights=lights(power=np.ones(2), light=np.zeros(2, np.int32))), "power of 2 elements; there are 1"),
         (setup(volume_unit=0.0), "extent"),
-        (p.Look(1, make_view(width=0)), "pixels"),
+        (p.SetView(1, make_view(width=0)), "pixels"),
     ],
 )
 def test_what_does_not_hold_together_is_refused(message: Any, reason: str | None) -> None:
@@ -280,7 +280,7 @@ def test_what_does_not_hold_together_is_refused(message: Any, reason: str | None
 
 @pytest.mark.parametrize("number", [3, -1, True, 1.0, "paths", None])
 def test_numbers_of_no_diffuse_light_are_refused(number: Any) -> None:
-    (frame, *others) = packing.encode(p.Look(1, make_view()))
+    (frame, *others) = packing.encode(p.SetView(1, make_view()))
     told = msgpack.unpackb(frame)
     place = [field.name for field in dataclasses.fields(View)].index("diffuse_light")
     told[3][1][place] = number
@@ -295,7 +295,7 @@ def test_numbers_of_no_diffuse_light_are_refused(number: Any) -> None:
         p.Ready(2**64),
         p.Note(5),  # type: ignore[arg-type]
         p.Statistics(1, {"a": object()}),
-        p.DoTask(1, "task"),  # type: ignore[arg-type]
+        p.StartTask(1, "task"),  # type: ignore[arg-type]
         p.Partition(1, 0, 0, 1, dataclasses.replace(triangles(1), ids=np.zeros(1))),
     ],
 )

@@ -77,7 +77,7 @@ def test_stop_is_no_error() -> None:
 
 def test_heartbeats_go_out_while_the_worker_computes() -> None:
     driver = Driver().ready()
-    driver.told(p.DoTask(EPOCH, PhotonTask(5, 0, 10)))
+    driver.told(p.StartTask(EPOCH, PhotonTask(5, 0, 10)))
     beats = 0
     for tenth in range(1, 51):
         beats += to_master(driver.slave.handle(s.Tick(), tenth / 10)).count(p.Heartbeat())
@@ -205,7 +205,7 @@ def test_a_triangle_of_an_unknown_material_is_refused() -> None:
 def test_finishing_goes_before_starting() -> None:
     driver = Driver().ready()
     first, second = PhotonTask(5, 0, 10), PhotonTask(6, 10, 20)
-    assert jobs(driver.told(p.DoTask(EPOCH, first), p.DoTask(EPOCH, second))) == [c.StartTask(first)]
+    assert jobs(driver.told(p.StartTask(EPOCH, first), p.StartTask(EPOCH, second))) == [c.StartTask(first)]
     ray, home = batch(Kind.PHOTON), batch(Kind.ENDED, cell=0)
     assert driver.peer(p.PeerBatch(EPOCH, ray)) == []
     assert driver.peer(p.PeerBatch(EPOCH, home)) == []
@@ -217,7 +217,7 @@ def test_finishing_goes_before_starting() -> None:
 
 def test_batches_that_go_the_same_way_are_handled_together() -> None:
     driver = Driver().ready()
-    [started] = jobs(driver.told(p.DoTask(EPOCH, PhotonTask(5, 0, 10))))
+    [started] = jobs(driver.told(p.StartTask(EPOCH, PhotonTask(5, 0, 10))))
     for _ in range(3):
         driver.peer(p.PeerBatch(EPOCH, batch(Kind.PHOTON)))
     [job] = jobs(driver.computed(started))
@@ -228,7 +228,7 @@ def test_batches_that_go_the_same_way_are_handled_together() -> None:
 
 def test_ghosts_are_not_joined_since_they_are_counted() -> None:
     driver = Driver().ready()
-    [exchange] = jobs(driver.told(p.Exchange(EPOCH)))
+    [exchange] = jobs(driver.told(p.BuildMaps(EPOCH)))
     ghosts = batch(Kind.GHOSTS, home=-1)
     for _ in range(2):
         driver.peer(p.PeerBatch(EPOCH, ghosts))
@@ -240,7 +240,7 @@ def test_ghosts_are_not_joined_since_they_are_counted() -> None:
 def test_batches_and_results_find_their_way() -> None:
     driver = Driver().ready()
     job = c.StartTask(PhotonTask(5, 0, 10))
-    driver.told(p.DoTask(EPOCH, job.task))
+    driver.told(p.StartTask(EPOCH, job.task))
     away, home, own = batch(Kind.PHOTON, cell=2), batch(Kind.LIT, home=0), batch(Kind.PHOTON, cell=3)
     result = PhotonsTraced(5, 10, 1.0)
     out = driver.computed(job, away, home, own, results=[result])
@@ -257,7 +257,7 @@ def test_maps_are_built_when_the_last_ghosts_are_in(early: int) -> None:
     for _ in range(early):
         driver.peer(p.PeerBatch(EPOCH, ghosts))
         driver.computed(c.HandleBatch(ghosts))
-    [exchange] = jobs(driver.told(p.Exchange(EPOCH)))
+    [exchange] = jobs(driver.told(p.BuildMaps(EPOCH)))
     out = driver.computed(exchange, ghosts_expected=2)
     for _ in range(2 - early):
         assert jobs(out) == []
@@ -273,19 +273,19 @@ def test_too_many_ghosts_are_an_error() -> None:
     for _ in range(2):
         driver.peer(p.PeerBatch(EPOCH, ghosts))
         driver.computed(c.HandleBatch(ghosts))
-    driver.told(p.Exchange(EPOCH))
+    driver.told(p.BuildMaps(EPOCH))
     assert "2 batches of ghosts and points came; expected 1" in error_of(
-        driver.computed(c.MakeGhosts(), ghosts_expected=1)
+        driver.computed(c.ExchangeGhosts(), ghosts_expected=1)
     )
 
 
 @pytest.mark.parametrize(
     ("message", "job", "outcome", "answer"),
     [
-        (p.Look(EPOCH, make_view()), c.SetView, {}, p.ViewSet(EPOCH)),
-        (p.ForgetPhotons(EPOCH, make_world(1).photon_plan), c.Forget, {}, p.PhotonsForgotten(EPOCH)),
+        (p.SetView(EPOCH, make_view()), c.SetView, {}, p.ViewSet(EPOCH)),
+        (p.ForgetPhotons(EPOCH, make_world(1).photon_plan), c.ForgetPhotons, {}, p.PhotonsForgotten(EPOCH)),
         (
-            p.AskStatistics(EPOCH),
+            p.ReadStatistics(EPOCH),
             c.ReadStatistics,
             {"statistics": {"photons": 5}},
             p.Statistics(EPOCH, {"photons": 5, "dropped": {}}),
@@ -303,11 +303,11 @@ def test_orders_are_carried_out_and_acknowledged(
 
 def test_late_messages_are_dropped_and_counted() -> None:
     driver = Driver().ready()
-    assert driver.told(p.DoTask(EPOCH - 1, PhotonTask(5, 0, 10))) == []
+    assert driver.told(p.StartTask(EPOCH - 1, PhotonTask(5, 0, 10))) == []
     assert driver.told(setup(EPOCH)) == []
     assert driver.peer(p.PeerBatch(EPOCH - 1, batch(Kind.PHOTON))) == []
     assert driver.slave.dropped == {
-        "DoTask of another epoch": 1,
+        "StartTask of another epoch": 1,
         "Setup of an older epoch": 1,
         "PeerBatch of another epoch": 1,
     }
@@ -316,7 +316,7 @@ def test_late_messages_are_dropped_and_counted() -> None:
 def test_what_was_computed_for_an_older_epoch_is_dropped() -> None:
     driver = Driver().ready()
     job = c.StartTask(PhotonTask(5, 0, 10))
-    driver.told(p.DoTask(EPOCH, job.task))
+    driver.told(p.StartTask(EPOCH, job.task))
     driver.told(setup(EPOCH + 1))
     assert driver.computed(job, batch(Kind.PHOTON, cell=2)) == []
     assert driver.slave.dropped == {"outcome of another epoch": 1}
@@ -361,7 +361,7 @@ def test_an_index_that_points_outside_is_an_error(kind: Kind, name: str, index: 
 @pytest.mark.parametrize("kind", [Kind.PHOTON, Kind.GHOSTS])
 def test_a_batch_that_is_refused_is_not_kept(kind: Kind) -> None:
     driver = Driver().ready()
-    driver.told(p.DoTask(EPOCH, PhotonTask(5, 0, 10)))  # computes, so that what comes meanwhile waits
+    driver.told(p.StartTask(EPOCH, PhotonTask(5, 0, 10)))  # computes, so that what comes meanwhile waits
     wrong = batch(kind, home=1 if kind is Kind.PHOTON else -1)
     wrong.arrays["map" if kind is Kind.GHOSTS else "prim"][0] = -2
     watched = weakref.ref(wrong)
