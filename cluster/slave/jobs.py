@@ -11,22 +11,11 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from wdpm.cluster.batch import Batch
+from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.records import NO_RECORDS, Records
 from wdpm.cluster.task import Task, TaskResult
 from wdpm.cluster.world import PhotonPlan, View, World
 from wdpm.scenes.flat.arrays import Triangles
-
-
-class Outbox(Protocol):
-    """What a step of a worker leaves behind."""
-
-    @property
-    def batches(self) -> Sequence[Batch]:
-        """For other workers."""
-
-    @property
-    def results(self) -> Sequence[TaskResult]:
-        """For the master."""
 
 
 class Worker(Protocol):

@@ -7,16 +7,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
 from wdpm.cluster.batch import TO_HOME, Batch, Kind
 from wdpm.cluster.host_memory import peak_memory
+from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.queues import Queues
 from wdpm.cluster.records import Records, take_near
-from wdpm.cluster.task import BucketTask, PhotonTask, RecordTask, Task, TaskResult
+from wdpm.cluster.task import BucketTask, PhotonTask, RecordTask, Task
 from wdpm.cluster.work.bucket_home import BucketHome
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.final_gather import FinalGatherCounters
@@ -33,14 +34,6 @@ from wdpm.scenes.flat.arrays import Triangles
 Home = PhotonHome | RecordHome | BucketHome
 
 RAYS = frozenset(set(Kind) - TO_HOME - {Kind.GHOSTS, Kind.POINTS})
-
-
-@dataclass
-class Outbox:
-    """What leaves a worker: batches for other workers, and results of tasks for the master."""
-
-    batches: list[Batch] = field(default_factory=list)
-    results: list[TaskResult] = field(default_factory=list)
 
 
 class Worker:

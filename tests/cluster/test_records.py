@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import slave_driver
-from fake_worker import FakeWorker, Outbox, irradiance_records, make_session, make_view, picture, pixels_of
+from fake_worker import FakeWorker, irradiance_records, make_session, make_view, picture, pixels_of
 from master_driver import EPOCH, SETTINGS, VERSIONS, A, B, Driver, broken, sent, tasks_of
 from numpy.typing import NDArray
 
@@ -20,6 +20,7 @@ from wdpm.cluster.master import events as m
 from wdpm.cluster.master.machine import Master, Phase
 from wdpm.cluster.master.record_clamp import clamped
 from wdpm.cluster.messages import protocol as p
+from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.records import (
     NO_RECORDS,
     ROUND_BITS,

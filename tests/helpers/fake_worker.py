@@ -7,17 +7,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind
 from wdpm.cluster.layers import LAYERS
+from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.records import Records
 from wdpm.cluster.session import Session
 from wdpm.cluster.settings import Routing
-from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, Task, TaskResult
+from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, Task
 from wdpm.cluster.world import Emission, MapPlan, PhotonPlan, TopTree, View, World
 from wdpm.kernels.features import Features
 from wdpm.scenes.flat.arrays import Media, Triangles
@@ -25,12 +25,6 @@ from wdpm.scenes.flat.light_table import LightTable
 from wdpm.scenes.flat.material_table import tabulate
 from wdpm.scenes.model.scene import Camera, diffuse
 from wdpm.scenes.model.textures import Bitmap, Checkerboard
-
-
-@dataclass
-class Outbox:
-    batches: list[Batch] = field(default_factory=list)
-    results: list[TaskResult] = field(default_factory=list)
 
 
 class FakeWorker:
