@@ -47,7 +47,7 @@ PATH: Final[Fields] = {
 
 PART: Final[Fields] = {
     **_SLOT,
-    "place": integer("which part of the sample it is: cluster.parts", least=0),
+    "place": integer("which part of the sample it is: cluster.work.parts", least=0),
     "radiance": vector("[W/(m² sr)]"),
 }
 """Parts of samples."""

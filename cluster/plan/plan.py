@@ -16,10 +16,10 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays, take
-from wdpm.cluster.partition import deal, rows_of_cells
 from wdpm.cluster.plan.effects import calls_for_caustics, calls_for_media, features_of
 from wdpm.cluster.plan.light_samples import light_samples_of
 from wdpm.cluster.plan.light_shares import pilot_emission, shared_out
+from wdpm.cluster.plan.partition import deal, rows_of_cells
 from wdpm.cluster.plan.top_tree import build_top_tree
 from wdpm.cluster.records import NO_CACHE, CachePlan
 from wdpm.cluster.settings import RenderSettings

@@ -13,11 +13,11 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.cluster import parts
 from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, concatenate, take
 from wdpm.cluster.layers import layers_of
 from wdpm.cluster.settings import Routing
 from wdpm.cluster.task import BucketRendered, BucketTask
+from wdpm.cluster.work import parts
 from wdpm.cluster.work.guards import BEAMS_CLAMPED, VOLUME, Guards
 from wdpm.cluster.work.misses import missed_light, no_hits
 from wdpm.cluster.work.replica import Replica

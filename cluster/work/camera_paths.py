@@ -9,9 +9,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.cluster import parts
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
-from wdpm.cluster.work import guards
+from wdpm.cluster.work import guards, parts
 from wdpm.cluster.work.beams import Beams, start_beams
 from wdpm.cluster.work.final_gather import Actions, FinalGather
 from wdpm.cluster.work.gathers import Gathering

@@ -18,9 +18,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.cluster import parts
 from wdpm.cluster.batch import Arrays
 from wdpm.cluster.records import RAY_SAMPLES
+from wdpm.cluster.work import parts
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View

@@ -9,8 +9,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.cluster import parts
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, take
+from wdpm.cluster.work import parts
 from wdpm.cluster.work.beams import start_beams
 from wdpm.cluster.work.guards import EMISSION, Guards
 from wdpm.cluster.work.replica import Replica, orders_of

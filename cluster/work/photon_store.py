@@ -12,8 +12,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, concatenate, take
-from wdpm.cluster.partition import rows_near
 from wdpm.cluster.work.guards import PHOTON, Guards
+from wdpm.cluster.work.overlap_band import rows_near
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import MapPlan
 from wdpm.kernels import columns

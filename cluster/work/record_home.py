@@ -8,10 +8,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.cluster import parts
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
 from wdpm.cluster.records import NO_RECORDS, RAY_SAMPLES, ROUND_BITS, Records, candidates, joined
 from wdpm.cluster.task import RecordsMade, RecordTask
+from wdpm.cluster.work import parts
 from wdpm.cluster.work.misses import no_hits
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View

@@ -38,7 +38,7 @@ READ_MAP = wp.constant(1)
 CACHED = wp.constant(2)
 """Its indirect light comes from the irradiance cache, its direct light from shadow rays."""
 
-# Parts of a vertex, after its shadow rays: cluster.parts.
+# Parts of a vertex, after its shadow rays: cluster.work.parts.
 EMISSION_PART = wp.constant(0)
 BEAM_PART = wp.constant(3)
 REACH_PART = wp.constant(4)
@@ -178,7 +178,7 @@ def numbers_2d(seed: wp.uint32, p: Vertex) -> wp.vec2:
 
 @wp.func
 def place_of(bounce: wp.int32, diffuse: wp.int32, light_samples: wp.int32, part: wp.int32) -> wp.int32:
-    """Where a part of a vertex, its shadow rays first, stands in its sample: cluster.parts.
+    """Where a part of a vertex, its shadow rays first, stands in its sample: cluster.work.parts.
 
     Args:
         diffuse: as in kernels.ray_fields.PATH.

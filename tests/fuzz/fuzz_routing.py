@@ -18,7 +18,7 @@ from fuzz_failure import Failure
 from fuzz_rays import SHORTEST, rays_at
 from fuzz_shapes import KINDS, LATTICE, scaled, triangle_set
 
-from wdpm.cluster.partition import rows_of_cells
+from wdpm.cluster.plan.partition import rows_of_cells
 from wdpm.cluster.world import TopTree
 from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.launch import Launcher

@@ -42,14 +42,14 @@ GUARDS = (
     ),
     Guard(
         name="cells hold what lies two pads outside",
-        file="cluster/partition.py",
+        file="cluster/plan/partition.py",
         prevents="a ray that a rounding let into a cell does not find there what it can hit",
         changes=(("grow = 2.0 * PAD_SHARE * extent", "grow = 0.0 * PAD_SHARE * extent"),),
         tests=("tests/cluster/plan/test_partition_extremes.py::test_the_cell_of_a_rounded_hit_holds_its_triangle",),
     ),
     Guard(
         name="boxes of cells near enough for the test's arithmetic",
-        file="cluster/partition.py",
+        file="cluster/plan/partition.py",
         prevents="centres of boxes as large as 1e37 have no digits left for a triangle",
         changes=(("reach = 4.0 * extent", "reach = 1e300 * extent"),),
         tests=(PARTITION + "test_a_small_triangle_is_held_by_few_cells",),
@@ -207,7 +207,7 @@ GUARDS = (
     ),
     Guard(
         name="every worker gets a cell",
-        file="cluster/partition.py",
+        file="cluster/plan/partition.py",
         prevents="a slave without work, which the others wait for",
         changes=(
             ("worker = int(empty[0]) if len(empty) else int(np.argmin(load))", "worker = int(np.argmin(load[::-1]))"),

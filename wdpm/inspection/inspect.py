@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from wdpm.cluster.partition import rows_near
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import Effect, LightUse, missing_effects, plan_of_effects, uses_of_lights
 from wdpm.cluster.plan.plan import Plan, make_plan
+from wdpm.cluster.work.overlap_band import rows_near
 from wdpm.cluster.work.replica import with_camera
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.launch import Launcher

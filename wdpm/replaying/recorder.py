@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from wdpm.checkup.part import sound_triangles
 from wdpm.checkup.soup import make_soup
-from wdpm.cluster import parts
 from wdpm.cluster.batch import SCHEMAS, Batch, Kind
+from wdpm.cluster.work import parts
 from wdpm.cluster.work.misses import start_paths
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
@@ -137,7 +137,7 @@ class Recorder:
                 self._lit[part] = _rgb(radiance)
 
     def _parts(self, batch: Batch) -> list[tuple[int, int]]:
-        """Of each item of a batch, the vertex and the part (cluster.parts) that it belongs to."""
+        """Of each item of a batch, the vertex and the part (cluster.work.parts) that it belongs to."""
         place, samples = batch.arrays["place"], self._view.light_samples
         return list(zip(parts.bounce_of(place, samples).tolist(), parts.part_of(place, samples).tolist(), strict=True))
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from wdpm.cluster.partition import deal, rows_of_cells
+from wdpm.cluster.plan.partition import deal, rows_of_cells
 from wdpm.cluster.plan.plan import cells_of
 from wdpm.cluster.world import TopTree
 from wdpm.kernels.launch import Launcher

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from wdpm.cluster.partition import rows_of_cells
+from wdpm.cluster.plan.partition import rows_of_cells
 from wdpm.cluster.world import TopTree
 from wdpm.kernels.launch import Launcher
 

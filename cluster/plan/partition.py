@@ -51,11 +51,3 @@ def deal(burdens: NDArray[np.float64], workers: int) -> list[int]:
         holders[cell] = worker
         load[worker] += max(float(burdens[cell]), np.finfo(np.float64).tiny)
     return holders
-
-
-def rows_near(
-    position: NDArray[np.float32], low: NDArray[np.float32], high: NDArray[np.float32], distance: float
-) -> NDArray[np.intp]:
-    """The points that lie in a box or no further from it than a distance."""
-    outside = np.maximum(np.maximum(low - position, position - high), 0.0).astype(np.float64)
-    return np.flatnonzero((outside**2).sum(axis=1) <= distance**2)

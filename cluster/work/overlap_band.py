@@ -1,0 +1,14 @@
+"""Which photons and surface points lie in the band around a cell, of which its neighbours' copies are kept."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def rows_near(
+    position: NDArray[np.float32], low: NDArray[np.float32], high: NDArray[np.float32], distance: float
+) -> NDArray[np.intp]:
+    """The points that lie in a box or no further from it than a distance."""
+    outside = np.maximum(np.maximum(low - position, position - high), 0.0).astype(np.float64)
+    return np.flatnonzero((outside**2).sum(axis=1) <= distance**2)
