@@ -21,7 +21,8 @@ import msgpack
 import numpy as np
 import pytest
 import zmq
-from fake_worker import FakeWorker, arrays, make_session, make_view, picture
+from fake_worker import FakeWorker, arrays, make_session, make_view
+from slave_threads import SMALL, SlaveThread, check_picture
 from slow_slaves import AGREED, PROGRAMS, slow_slave
 
 from wdpm.cluster.batch import Batch, Kind
@@ -29,7 +30,6 @@ from wdpm.cluster.cluster_settings import ClusterSettings
 from wdpm.cluster.master.local_slaves import LocalSlaves
 from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.messages import packing, protocol
-from wdpm.cluster.session import Session
 from wdpm.cluster.slave.process import run_slave
 from wdpm.cluster.transport.keys import Keys
 from wdpm.cluster.transport.zeromq.key_files import load_keys, make_keys
@@ -39,34 +39,10 @@ from wdpm.scenes.errors import ClusterError
 pytestmark = pytest.mark.sockets
 
 ANY_PORT = "tcp://127.0.0.1:0"
-SMALL = ClusterSettings(photon_task_paths=64, part_triangles=3)
 
 
 def make_master(slaves: int, **options: Any) -> MasterServer:
     return MasterServer(ANY_PORT, slaves, settings=SMALL, agreed=AGREED, **options)
-
-
-class SlaveThread(threading.Thread):
-    """A slave in this process; `error` is what ended it."""
-
-    def __init__(self, endpoint: str, make_worker: Any = FakeWorker, **options: Any) -> None:
-        super().__init__(daemon=True)
-        self.error: BaseException | None = None
-        self._endpoint, self._make_worker = endpoint, make_worker
-        self._options = {"agreed": AGREED, "patience": 10.0, "tell": lambda _: None, **options}
-        self.start()
-
-    def run(self) -> None:
-        try:
-            run_slave(self._endpoint, self._make_worker, **self._options)
-        except ClusterError as error:
-            self.error = error
-
-    def end(self) -> BaseException | None:
-        """Wait for its end; what ended it."""
-        self.join(10.0)
-        assert not self.is_alive()
-        return self.error
 
 
 def is_running(process: int) -> bool:
@@ -98,11 +74,6 @@ class At:
     def advance(self, amount: int = 1) -> None: ...
 
     def note(self, text: str) -> None: ...
-
-
-def check_picture(session: Session, layers: dict[str, Any]) -> None:
-    for name, layer in picture(session.view).layers.items():
-        np.testing.assert_array_equal(layers[name], layer)
 
 
 @pytest.mark.parametrize("count", [2, 4])

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 from fake_worker import arrays, make_session
 from flaky_transport import FlakyTransport
-from test_sockets import AGREED, SMALL, SlaveThread, check_picture
+from slave_threads import SMALL, SlaveThread, check_picture
+from slow_slaves import AGREED
 
 import wdpm.cluster
 from wdpm.cluster.batch import Batch, Kind
