@@ -1,4 +1,4 @@
-"""Every message of the cluster. docs/protocol.md describes them in words; `wire` turns them into frames.
+"""Every message of the cluster. docs/protocol.md describes them in words; `packing` turns them into frames.
 
 `PROTOCOL` grows by one with every change that an older process would not understand.
 

@@ -1,4 +1,4 @@
-"""The shells over localhost: few tests, since the state machines have their own.
+"""Masters and slaves over localhost: few tests, since the state machines have their own.
 
 Slaves are threads where nothing has to die, and processes where something has.
 """
