@@ -14,7 +14,7 @@ from functools import partial
 
 import numpy as np
 
-from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.loop import FROM_SLAVE, MasterShell
 from wdpm.cluster.master.machine import Master
@@ -84,7 +84,7 @@ class MemoryCluster:
         make_worker: WorkerFactory,
         slaves: int,
         *,
-        settings: ClusterSettings | None = None,
+        limits: ClusterLimits | None = None,
         shuffle: random.Random | None = None,
     ) -> None:
         self._post = Post(shuffle)
@@ -94,19 +94,19 @@ class MemoryCluster:
         self._result: SessionResult | None = None
         network = self._transport.open(None)
         listener = network.listen(MASTER, Role.MASTER, FROM_SLAVE)
-        self._master = MasterShell(Master(slaves, {}, settings), listener, self._answer)
+        self._master = MasterShell(Master(slaves, {}, limits), listener, self._answer)
         self._slaves: dict[object, SlaveShell] = {}
         for number in range(slaves):
-            self._add_slave(number, make_worker, settings)
+            self._add_slave(number, make_worker, limits)
             # They join one by one, so that the master's numbers are the places in the list of workers.
             while self._step():
                 pass
 
-    def _add_slave(self, number: int, make_worker: WorkerFactory, settings: ClusterSettings | None) -> None:
+    def _add_slave(self, number: int, make_worker: WorkerFactory, limits: ClusterLimits | None) -> None:
         network = self._transport.open(None)
         listener = network.listen(network.address_for_peers(MASTER), Role.SLAVE, FROM_PEER)
         hello = protocol.Hello({}, "this process", number, 0, 0, listener.endpoint)
-        state = Slave(hello, "memory", patience=float("inf"), settings=settings)
+        state = Slave(hello, "memory", patience=float("inf"), limits=limits)
         submit = partial(self._submit, network, Compute(make_worker))
         shell = self._slaves[network] = SlaveShell(state, network, listener, MASTER, submit, tell=lambda _: None)
         shell.handle(s.Start())
@@ -163,7 +163,7 @@ def run(
     workers: Sequence[Worker],
     progress: ProgressObserver | None = None,
     *,
-    settings: ClusterSettings | None = None,
+    limits: ClusterLimits | None = None,
     shuffle: random.Random | None = None,
 ) -> SessionResult:
     """Render a session with workers that are built already; `session.partition` is not called.
@@ -172,7 +172,7 @@ def run(
         workers: by number.
         shuffle: shuffles deliveries and jobs, for tests that order does not matter.
     """
-    cluster = MemoryCluster(lambda number, *_: workers[number], len(workers), settings=settings, shuffle=shuffle)
+    cluster = MemoryCluster(lambda number, *_: workers[number], len(workers), limits=limits, shuffle=shuffle)
     return cluster.render(replace(session, partition=lambda _: NO_TRIANGLES), progress)
 
 

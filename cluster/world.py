@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.records import NO_CACHE, CachePlan
-from wdpm.cluster.settings import Routing
+from wdpm.cluster.render_settings import Routing
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.features import Features
 from wdpm.scenes.flat.arrays import Media

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import wdpm
 from wdpm.cluster.records import ROUND_BITS
-from wdpm.cluster.settings import Indirect
+from wdpm.cluster.render_settings import Indirect
 from wdpm.images.channels import encode_srgb8
 from wdpm.scenes.flat.renderer_space import renderer_space
 from wdpm.scenes.model.scene import Camera

@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.work.replica import with_camera
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.features import ALL

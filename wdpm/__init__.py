@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from wdpm import scenes
     from wdpm.api import render
     from wdpm.checkup.run import check
-    from wdpm.cluster.settings import RenderSettings, Routing
+    from wdpm.cluster.render_settings import RenderSettings, Routing
     from wdpm.clusters import Cluster
     from wdpm.images.comparison import compare
     from wdpm.images.image import Image
@@ -40,8 +40,8 @@ __all__ = [
 _HOME = {
     "Cluster": "wdpm.clusters",
     "Image": "wdpm.images.image",
-    "RenderSettings": "wdpm.cluster.settings",
-    "Routing": "wdpm.cluster.settings",
+    "RenderSettings": "wdpm.cluster.render_settings",
+    "Routing": "wdpm.cluster.render_settings",
     "Scene": "wdpm.scenes.model.scene",
     "WdpmError": "wdpm.scenes.errors",
     "check": "wdpm.checkup.run",

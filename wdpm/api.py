@@ -12,7 +12,7 @@ import random
 from pathlib import Path
 from typing import Any
 
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.goal.checks import goal_in_python
 from wdpm.goal.render import render_until
 from wdpm.images.image import Image

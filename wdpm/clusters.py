@@ -21,7 +21,7 @@ from wdpm.progress import Progress
 from wdpm.scenes.errors import SettingsError
 
 if TYPE_CHECKING:
-    from wdpm.cluster.settings import RenderSettings
+    from wdpm.cluster.render_settings import RenderSettings
     from wdpm.cluster.slave.jobs import Worker
     from wdpm.cluster.world import World
     from wdpm.images.image import Image

@@ -10,7 +10,7 @@ import uuid
 from collections import Counter
 from collections.abc import Mapping
 
-from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.events import (
     Abort,
     Begin,
@@ -43,12 +43,12 @@ class Master:
         versions: what the image's bits depend on, by name; slaves must have the same.
     """
 
-    def __init__(self, slaves: int, versions: Mapping[str, str], settings: ClusterSettings | None = None) -> None:
-        self._settings = settings or ClusterSettings()
+    def __init__(self, slaves: int, versions: Mapping[str, str], limits: ClusterLimits | None = None) -> None:
+        self._limits = limits or ClusterLimits()
         self._cluster = uuid.uuid4().hex
         self._members = Members(slaves, versions)
         self._dropped: Counter[str] = Counter()
-        self._phases = Phases(self._members, self._settings, self._dropped)
+        self._phases = Phases(self._members, self._limits, self._dropped)
         self._ticked_at: float | None = None
         self._beat_at = 0.0
         self._peer_gone: tuple[float, str] | None = None
@@ -138,16 +138,16 @@ class Master:
     def _tick(self, now: float) -> list[Instruction]:
         slept, self._ticked_at = now - (now if self._ticked_at is None else self._ticked_at), now
         for member in self._members:
-            if slept > self._settings.liveness_s / 2:
+            if slept > self._limits.liveness_s / 2:
                 member.heard_at = now  # this process itself stood still (a laptop's lid): silence says nothing
             silence = now - member.heard_at
-            if silence > self._settings.liveness_s:
+            if silence > self._limits.liveness_s:
                 return self._break(f"{member} has been silent for {silence:.0f} s; it may have died")
         if self._peer_gone is not None and now >= self._peer_gone[0]:
             return self._break(self._peer_gone[1])
         if now < self._beat_at:
             return []
-        self._beat_at = now + self._settings.heartbeat_s
+        self._beat_at = now + self._limits.heartbeat_s
         return self._to_all(protocol.Heartbeat())
 
     def _process_ended(self, process: int, reason: str) -> list[Instruction]:
@@ -169,7 +169,7 @@ class Master:
             member = self._members.add(identity, hello, now)
         elif self.phase is not Phase.JOINING:
             return self._break(f"{member} lost its connection and came back, which this version does not survive")
-        welcome = protocol.Welcome(member.number, self._cluster, self._settings.heartbeat_s, self._settings.liveness_s)
+        welcome = protocol.Welcome(member.number, self._cluster, self._limits.heartbeat_s, self._limits.liveness_s)
         out: list[Instruction] = [
             Send(identity, welcome),
             Noted(f"{member} joined, {hello.threads} threads ({len(self._members)} of {self._members.expected})"),
@@ -193,7 +193,7 @@ class Master:
                 return []
             case protocol.PeerGone(number):
                 text = f"the connection from slave {member.number} to slave {number} broke"
-                self._peer_gone = self._peer_gone or (now + self._settings.peer_gone_s, text)
+                self._peer_gone = self._peer_gone or (now + self._limits.peer_gone_s, text)
                 return []
             case protocol.Note(text):
                 return [Noted(f"slave {member.number} {text}")]

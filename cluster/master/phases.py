@@ -16,7 +16,7 @@ from collections import Counter
 from dataclasses import replace
 from enum import Enum
 
-from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.cells import CellQueue, partition_is_gone, parts_of
 from wdpm.cluster.master.events import Advanced, Finished, Instruction, MakePartition, Send, Started
 from wdpm.cluster.master.members import Member, Members
@@ -59,12 +59,12 @@ class Phases:
         session: what is rendered, or waits for slaves to join.
     """
 
-    def __init__(self, members: Members, settings: ClusterSettings, dropped: Counter[str]) -> None:
+    def __init__(self, members: Members, limits: ClusterLimits, dropped: Counter[str]) -> None:
         self.phase = Phase.JOINING
         self.epoch = 0
         self.session: Session | None = None
         self._members = members
-        self._settings = settings
+        self._limits = limits
         self._dropped = dropped
         self._waiting: set[int] = set()
         self._phase_at = 0.0
@@ -100,7 +100,7 @@ class Phases:
         if session is None or self.phase is not Phase.SETUP or not self._cells.on_its_way(cell):
             raise AssertionError(f"the partition of cell {cell} was not asked for")
         holder = self._members.number(session.holders[cell])
-        parts = parts_of(self.epoch, cell, triangles, self._settings.part_triangles)
+        parts = parts_of(self.epoch, cell, triangles, self._limits.part_triangles)
         return [Send(holder.identity, part) for part in parts]
 
     def progressed(
@@ -169,7 +169,7 @@ class Phases:
         peers = tuple(member.hello.peers for member in self._members)
         out: list[Instruction] = [Started("partition", self._members.expected)]
         out += self._to_all(protocol.Setup(self.epoch, session.world, session.holders, peers))
-        for _ in range(self._settings.cells_in_flight):
+        for _ in range(self._limits.cells_in_flight):
             out += self._next_cell()
         return out
 
@@ -192,7 +192,7 @@ class Phases:
         self.session = session = replace(session, partition=partition_is_gone)
         self.phase = Phase.PHOTONS
         paths = session.world.paths
-        self._tasks.trace(paths, self._settings.photon_task_paths)
+        self._tasks.trace(paths, self._limits.photon_task_paths)
         out: list[Instruction] = [Started("photons", paths)]
         return out + (self._hand_out() if self._tasks.waiting else self._start_maps(now))
 
@@ -220,7 +220,7 @@ class Phases:
 
     def _start_round(self, rounds: RecordRounds) -> list[Instruction]:
         self.phase = Phase.RECORDS
-        self._tasks.make_records(rounds, len(self._members), self._settings)
+        self._tasks.make_records(rounds, len(self._members), self._limits)
         return self._hand_out() if self._tasks.waiting else self._end_round(rounds)
 
     def _end_round(self, rounds: RecordRounds) -> list[Instruction]:
@@ -271,7 +271,7 @@ class Phases:
     def _hand_out(self) -> list[Instruction]:
         """Hand out tasks, as far as the slaves' limits allow."""
         buckets = self.phase is Phase.BUCKETS
-        limit = self._settings.buckets_in_flight if buckets else self._settings.photon_tasks_in_flight
+        limit = self._limits.buckets_in_flight if buckets else self._limits.photon_tasks_in_flight
         handed_out = self._tasks.hand_out(self._members, limit)
         return [Send(member.identity, protocol.StartTask(self.epoch, task)) for member, task in handed_out]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.record_clamp import clamped
 from wdpm.cluster.records import Records, candidates, check_records, equal, joined
 from wdpm.cluster.task import RecordsMade, RecordTask
@@ -42,11 +42,11 @@ class RecordRounds:
         """Candidates of all rounds."""
         return sum(self._candidates(number) for number in range(self._view.cache.rounds))
 
-    def tasks(self, slaves: int, settings: ClusterSettings, first_number: int) -> list[RecordTask]:
+    def tasks(self, slaves: int, limits: ClusterLimits, first_number: int) -> list[RecordTask]:
         """The tasks of the round that is next."""
         count = self._candidates(self._round)
-        tasks = settings.record_tasks * slaves if slaves > 1 else 1
-        size = min(max(-(-count // tasks), settings.record_task_least), settings.record_task_most)
+        tasks = limits.record_tasks * slaves if slaves > 1 else 1
+        size = min(max(-(-count // tasks), limits.record_task_least), limits.record_task_most)
         return [
             RecordTask(first_number + index, self._round, start, min(start + size, count))
             for index, start in enumerate(range(0, count, size))

@@ -13,7 +13,7 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
-from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.loop import FROM_SLAVE, MasterLoop, Watch
 from wdpm.cluster.master.machine import Master
@@ -53,7 +53,7 @@ class MasterServer:
         slaves: int,
         *,
         security: Keys | None = None,
-        settings: ClusterSettings | None = None,
+        limits: ClusterLimits | None = None,
         watch: Watch = nobody,
         agreed: Mapping[str, str] | None = None,
     ) -> None:
@@ -69,7 +69,7 @@ class MasterServer:
             self.endpoint = listener.endpoint
             self._mailbox = Mailbox()
             self._stack.callback(self._mailbox.close)
-            state = Master(slaves, versions() if agreed is None else agreed, settings)
+            state = Master(slaves, versions() if agreed is None else agreed, limits)
             self._loop = MasterLoop(state, network, listener, self._mailbox, watch, self._answers)
             self._thread = threading.Thread(target=self._loop.run, name="wdpm master", daemon=True)
             self._thread.start()

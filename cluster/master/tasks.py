@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 
-from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.film import Film, spiral
 from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.master.records import RecordRounds
@@ -59,10 +59,10 @@ class Tasks:
             ]
         )
 
-    def make_records(self, rounds: RecordRounds, slaves: int, settings: ClusterSettings) -> None:
+    def make_records(self, rounds: RecordRounds, slaves: int, limits: ClusterLimits) -> None:
         """The records of a round are to be made."""
         self.rounds = rounds
-        self._begin(rounds.tasks(slaves, settings, self._next_number))
+        self._begin(rounds.tasks(slaves, limits, self._next_number))
 
     def render(self, view: View, layers: Mapping[str, int]) -> int:
         """An image is to be rendered. Returns how many buckets it has."""

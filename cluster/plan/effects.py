@@ -13,7 +13,7 @@ from wdpm.scenes.flat.light_table import LIGHT_KINDS
 from wdpm.scenes.flat.material_facts import FEATURE_OF_TEXTURE, MaterialFacts, facts
 
 if TYPE_CHECKING:
-    from wdpm.cluster.settings import RenderSettings
+    from wdpm.cluster.render_settings import RenderSettings
 
 
 def used_materials(flat: FlatScene) -> list[tuple[str, MaterialFacts]]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.plan.effects import used_materials
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.world import World
 from wdpm.kernels.features import WORDS, Features, Group, names_of
 from wdpm.scenes.flat.flatten import FlatScene

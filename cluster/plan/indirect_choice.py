@@ -19,7 +19,7 @@ from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.material_sides import gathering_sides, lambertian_sides
 
 if TYPE_CHECKING:
-    from wdpm.cluster.settings import RenderSettings
+    from wdpm.cluster.render_settings import RenderSettings
 
 SAMPLES_TO_REPAY = 1 << 17
 """Camera samples of a pass: below, the some hundred thousand gather rays of records cost more than they save."""

@@ -5,7 +5,7 @@ Where lights are worth more than one, the integrator says how many are worth the
 
 from __future__ import annotations
 
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.scenes.flat.flatten import FlatScene
 
 

@@ -22,7 +22,7 @@ from wdpm.cluster.plan.light_shares import pilot_emission, shared_out
 from wdpm.cluster.plan.partition import deal, rows_of_cells
 from wdpm.cluster.plan.top_tree import build_top_tree
 from wdpm.cluster.records import NO_CACHE, CachePlan
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.task import PhotonTask
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.photon_home import set_out

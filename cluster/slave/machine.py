@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from wdpm.cluster.batch import TO_HOME, Batch, Kind
-from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.messages import checks, protocol
 from wdpm.cluster.queues import Queues
 from wdpm.cluster.slave import jobs
@@ -60,18 +60,18 @@ class Slave:
         hello: how it introduces itself.
         endpoint: of the master, for messages.
         patience: how long it waits for the master's first answer [s].
-        settings: of joining; the master's heartbeats hold once it has joined.
+        limits: of joining; the master's heartbeats hold once it has joined.
     """
 
     def __init__(
-        self, hello: protocol.Hello, endpoint: str, patience: float, settings: ClusterSettings | None = None
+        self, hello: protocol.Hello, endpoint: str, patience: float, limits: ClusterLimits | None = None
     ) -> None:
         self._hello = hello
         self._endpoint = endpoint
         self._patience = patience
-        self._settings = settings or ClusterSettings()
+        self._limits = limits or ClusterLimits()
         self._welcome: protocol.Welcome | None = None
-        self._wait = self._settings.join_first_s
+        self._wait = self._limits.join_first_s
         self._give_up_at = self._retry_at = 0.0
         self._heard_at = self._ticked_at = self._beat_at = 0.0
         self._epoch = 0
@@ -188,7 +188,7 @@ class Slave:
             )
         if now < self._retry_at:
             return []
-        self._wait = min(2 * self._wait, self._settings.join_longest_s)
+        self._wait = min(2 * self._wait, self._limits.join_longest_s)
         self._retry_at = now + self._wait
         return [
             Tell(f"no answer from {self._endpoint} yet; next try in {self._wait:g} s"),

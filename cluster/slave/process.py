@@ -12,8 +12,8 @@ import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
 
-from wdpm.cluster.cluster_settings import ClusterSettings
 from wdpm.cluster.host_memory import machine_memory
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.slave.computer import ComputeThread
 from wdpm.cluster.slave.jobs import Compute, WorkerFactory
@@ -38,7 +38,7 @@ def run_slave(
     patience: float = PATIENCE_S,
     life_line: int | None = None,
     tell: Tell | None = None,
-    settings: ClusterSettings | None = None,
+    limits: ClusterLimits | None = None,
     agreed: Mapping[str, str] | None = None,
 ) -> None:
     """Compute for a master until it says stop.
@@ -69,7 +69,7 @@ def run_slave(
             machine_memory() if memory is None else memory,
             listener.endpoint,
         )
-        state = Slave(hello, master, patience, settings)
+        state = Slave(hello, master, patience, limits)
         computer = ComputeThread(Compute(make_worker))
         shell = SlaveShell(state, network, listener, resolved, computer.submit, tell or _to_stderr)
         stack.callback(shell.close)

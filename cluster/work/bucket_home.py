@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, concatenate, take
 from wdpm.cluster.layers import layers_of
-from wdpm.cluster.settings import Routing
+from wdpm.cluster.render_settings import Routing
 from wdpm.cluster.task import BucketRendered, BucketTask
 from wdpm.cluster.work import parts
 from wdpm.cluster.work.guards import BEAMS_CLAMPED, VOLUME, Guards

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from wdpm.accuracy.predict import Predictions
 from wdpm.cli import main, predict
-from wdpm.cluster.settings import Integrator, RenderSettings
+from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.goal.goal import Metric
 from wdpm.goal.plan import Course
 from wdpm.goal.trial import Trial

@@ -12,7 +12,7 @@ from wdpm.accuracy.knobs import parse_sweep
 from wdpm.accuracy.reference import STATE, trace_reference
 from wdpm.accuracy.run import Request, measure
 from wdpm.cluster.plan.integrators.registry import REFERENCE
-from wdpm.cluster.settings import EFFECTS_TO_LEAVE_OUT, RenderSettings
+from wdpm.cluster.render_settings import EFFECTS_TO_LEAVE_OUT, RenderSettings
 from wdpm.images.image import Image, load
 from wdpm.progress import SilentProgress
 from wdpm.scenes.errors import ImageError, SettingsError

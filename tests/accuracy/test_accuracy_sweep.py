@@ -17,7 +17,7 @@ from wdpm.accuracy.points import Point, command_of, plan_points
 from wdpm.accuracy.run import renders_in_order
 from wdpm.cli.main import make_parser
 from wdpm.cli.options import chosen_settings
-from wdpm.cluster.settings import Indirect, RenderSettings
+from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.scenes.errors import SettingsError
 
 CHOSEN: dict[str, Value] = {"radius": 0.25, "caustic_radius": 0.1, "volume_radius": 0.5, "light_samples": 4}

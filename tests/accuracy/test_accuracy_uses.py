@@ -14,7 +14,7 @@ from wdpm.accuracy import render
 from wdpm.accuracy.knobs import KNOBS, parse_sweep
 from wdpm.accuracy.run import Request, measure
 from wdpm.accuracy.uses import idle_by_settings, idle_knobs
-from wdpm.cluster.settings import Integrator, RenderSettings
+from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import SilentProgress
 from wdpm.rendering.prepare import prepare

@@ -10,7 +10,7 @@ import pytest
 from furnaces import Array, box, quad, rendered, view
 from reflectance import fresnel
 
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.task import PhotonTask
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP

@@ -14,7 +14,7 @@ from furnace_cases import CASES, SKY
 from furnaces import box, quad, rendered, scene, view
 from path_traced import assert_alike, furnace, over_seeds, shiny_box
 
-from wdpm.cluster.settings import Indirect, Integrator
+from wdpm.cluster.render_settings import Indirect, Integrator
 from wdpm.scenes import cornell_box
 from wdpm.scenes.meshes.primitives import sphere
 from wdpm.scenes.model.bsdfs import BumpMap, Diffuse, TwoSided

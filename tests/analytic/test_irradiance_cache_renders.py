@@ -12,7 +12,7 @@ from path_traced import furnace
 
 from wdpm.cluster.plan import plan
 from wdpm.cluster.records import Records, candidates
-from wdpm.cluster.settings import Indirect
+from wdpm.cluster.render_settings import Indirect
 from wdpm.cluster.work.worker import Worker
 from wdpm.images.image import Image
 from wdpm.scenes import cornell_box

@@ -8,7 +8,7 @@ from furnaces import box, scene, view
 from numpy.typing import NDArray
 
 from wdpm.api import render
-from wdpm.cluster.settings import Integrator, RenderSettings
+from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.rendering.pass_plan import smaller_k
 from wdpm.rendering.passes import PassAverage, PassRenderer, shrink, spread_samples
 from wdpm.scenes import cornell_box

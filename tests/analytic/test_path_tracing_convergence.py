@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from furnaces import Array, rendered
 
-from wdpm.cluster.settings import Integrator
+from wdpm.cluster.render_settings import Integrator
 from wdpm.scenes import cornell_box
 
 SAMPLES = (1, 4, 16, 64, 256, 1024)

@@ -10,7 +10,7 @@ from fog import foggy, single_scattering
 from furnaces import box, quad, rendered, scene, view
 
 from wdpm.api import render_in_process
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.report.report import EnergyLedger
 from wdpm.scenes.model.bsdfs import Null
 from wdpm.scenes.model.lights import PointLight

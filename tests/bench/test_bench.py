@@ -17,7 +17,7 @@ from wdpm import api
 from wdpm.bench import caustic, indirect, kernels, mitsuba, paper, photons
 from wdpm.bench.commands import arguments
 from wdpm.cli import main
-from wdpm.cluster.settings import Indirect, RenderSettings, Routing
+from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
 from wdpm.images.image import Image
 from wdpm.progress import SilentProgress
 from wdpm.report.grid import Grid

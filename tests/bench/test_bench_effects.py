@@ -15,7 +15,7 @@ from wdpm.bench import effects
 from wdpm.bench import effects_scenes as effect_scenes
 from wdpm.bench.effects_plot import plot
 from wdpm.cli import main
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.image import Image
 from wdpm.kernels.features import ALL, Features
 from wdpm.kernels.variants import make_variants

@@ -16,7 +16,7 @@ from wdpm.bench.indirect import REFERENCE_SEED, WAYS, Choice, Found, IndirectFig
 from wdpm.bench.indirect_plot import plot
 from wdpm.bench.mitsuba import WARM_SEED, Cost
 from wdpm.cli import main
-from wdpm.cluster.settings import Indirect, Integrator, RenderSettings
+from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.images.image import Image
 from wdpm.progress import SilentProgress
 from wdpm.report.report import FinalGatherReport, Report

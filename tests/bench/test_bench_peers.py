@@ -17,7 +17,7 @@ from wdpm.bench.peers_grid import FAMILIES, Family, Member
 from wdpm.bench.peers_guess import guesses
 from wdpm.bench.peers_law import ErrorLaw, Point
 from wdpm.cli import main
-from wdpm.cluster.settings import Indirect, RenderSettings
+from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.images.image import Image
 from wdpm.progress import SilentProgress
 from wdpm.scenes.errors import SettingsError, WdpmError

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from wdpm.cli.main import main
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.limits import MOST_PIXELS, check_pixels
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import SilentProgress

@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from wdpm import values
 from wdpm.cli import main
 from wdpm.cli import options as cli_options
-from wdpm.cluster.settings import RenderSettings, Routing
+from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.images.image import Image, load
 from wdpm.report.report import Report, from_json
 from wdpm.scenes.errors import SceneError

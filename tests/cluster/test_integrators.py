@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from wdpm.cluster.plan.integrators.registry import REFERENCE
-from wdpm.cluster.settings import EFFECTS_TO_LEAVE_OUT, Indirect, Integrator, RenderSettings
+from wdpm.cluster.render_settings import EFFECTS_TO_LEAVE_OUT, Indirect, Integrator, RenderSettings
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import SettingsError

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import slave_driver
 from fake_worker import FakeWorker, irradiance_records, make_session, make_view, picture, pixels_of
-from master_driver import EPOCH, SETTINGS, VERSIONS, A, B, Driver, broken, sent, tasks_of
+from master_driver import EPOCH, LIMITS, VERSIONS, A, B, Driver, broken, sent, tasks_of
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Batch
@@ -38,7 +38,7 @@ from wdpm.cluster.world import View
 from wdpm.scenes.errors import ProtocolError
 
 PLAN = CachePlan(rounds=3, spacing=16, rows=2, columns=6, error=0.3, least=1.0, most=9.0, wanted=0.3)
-FEW_A_TASK = replace(SETTINGS, record_task_least=5, record_task_most=5)
+FEW_A_TASK = replace(LIMITS, record_task_least=5, record_task_most=5)
 
 
 def cached(view: View | None = None) -> View:
@@ -345,7 +345,7 @@ class RecordWorker(FakeWorker):
 @pytest.mark.parametrize("seed", [None, 0, 1, 2])
 def test_a_session_ends_with_the_same_records(slaves: int, cells: int, seed: int | None) -> None:
     shuffle = None if seed is None else random.Random(seed)
-    cluster = MemoryCluster(RecordWorker, slaves, settings=replace(FEW_A_TASK, photon_task_paths=500), shuffle=shuffle)
+    cluster = MemoryCluster(RecordWorker, slaves, limits=replace(FEW_A_TASK, photon_task_paths=500), shuffle=shuffle)
     session = make_session(slaves, cells, view=cached())
     result = cluster.render(session)
     assert equal(result.records, all_records(PLAN.rounds))

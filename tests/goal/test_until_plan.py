@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wdpm.cluster.settings import Indirect, Integrator, RenderSettings
+from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.goal.clock import Budget, process_age
 from wdpm.goal.gauge import LEAST_PASSES
 from wdpm.goal.goal import Goal, Metric, goal_of

@@ -14,7 +14,7 @@ import wdpm
 from wdpm.accuracy.predict import predict
 from wdpm.cli.goal import EXIT_NOT_REACHED
 from wdpm.cli.main import main
-from wdpm.cluster.settings import Indirect, Integrator, RenderSettings
+from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.goal.gauge import Estimate
 from wdpm.goal.goal import Goal
 from wdpm.goal.outcome import Ending, outcome_of

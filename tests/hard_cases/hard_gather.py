@@ -17,7 +17,7 @@ from placing import moved, on_lattice, scaled
 from rooms import GREY, ball, box, glowing_box, lit_room, quad, scene, view
 
 from wdpm.cluster.plan import plan
-from wdpm.cluster.settings import Indirect, Integrator, RenderSettings
+from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.images.image import Image
 from wdpm.scenes.meshes.mesh_data import MeshData
 from wdpm.scenes.meshes.primitives import sphere

@@ -10,7 +10,7 @@ from placing import scaled
 from rooms import Array, ball, box, glowing_box, lit_room, quad, scene, triangles, view
 
 from wdpm.api import render_in_process
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.model.bsdfs import WHITE, Dielectric
 from wdpm.scenes.model.lights import Environment

@@ -12,7 +12,7 @@ from case import HardCase, Run
 from rooms import ball, box, effects_room, glowing_box, lit_room, scene, view
 
 from wdpm.api import render_in_process
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.kernels import columns
 from wdpm.kernels.camera import add_samples
 from wdpm.scenes.model.bsdfs import (

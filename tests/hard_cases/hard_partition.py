@@ -10,7 +10,7 @@ from partitions import in_renderer, planes, with_tree
 from rooms import effects_room, glowing_box, lit_room
 
 from wdpm.api import render_in_process
-from wdpm.cluster.settings import RenderSettings, Routing
+from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.images.image import Image
 from wdpm.scenes.model.scene import Scene
 

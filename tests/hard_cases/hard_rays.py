@@ -11,7 +11,7 @@ from partitions import in_renderer, planes, with_tree
 from rooms import ball, box, glowing_box, lit_room, quad, scene, view
 
 from wdpm.api import render_in_process
-from wdpm.cluster.settings import RenderSettings, Routing
+from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.images.image import Image
 from wdpm.scenes.model.bsdfs import Dielectric
 from wdpm.scenes.model.lights import Environment

@@ -17,7 +17,7 @@ from rooms import ball, effects_room, scene, view
 
 import wdpm
 from wdpm.api import render_in_process
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.image import Image
 from wdpm.kernels.constants import MAX_GATHER_RADIUS, MIN_GATHER_RADIUS
 from wdpm.kernels.lights.target_clusters import cluster_targets

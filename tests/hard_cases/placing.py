@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.scenes.model.bsdfs import BumpMap
 from wdpm.scenes.model.lights import Light, PointLight, SpotLight
 from wdpm.scenes.model.scene import Camera, Mesh, Scene

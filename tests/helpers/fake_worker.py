@@ -15,8 +15,8 @@ from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind
 from wdpm.cluster.layers import LAYERS
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.records import Records
+from wdpm.cluster.render_settings import Routing
 from wdpm.cluster.session import Session
-from wdpm.cluster.settings import Routing
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, Task
 from wdpm.cluster.world import Emission, MapPlan, PhotonPlan, TopTree, View, World
 from wdpm.kernels.features import Features

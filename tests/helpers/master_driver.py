@@ -6,13 +6,13 @@ from typing import Any
 
 from fake_worker import make_session, make_view, triangles
 
-from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.machine import Master, Phase
 from wdpm.cluster.messages import protocol as p
 
 VERSIONS = {"code": "1"}
-SETTINGS = ClusterSettings(photon_task_paths=100, part_triangles=4, cells_in_flight=1)
+LIMITS = ClusterLimits(photon_task_paths=100, part_triangles=4, cells_in_flight=1)
 A, B, C = b"a", b"b", b"c"
 EPOCH = 1
 
@@ -21,7 +21,7 @@ class Driver:
     """Feeds a master, and keeps the time."""
 
     def __init__(self, slaves: int = 2) -> None:
-        self.master = Master(slaves, VERSIONS, SETTINGS)
+        self.master = Master(slaves, VERSIONS, LIMITS)
         self.now = 0.0
 
     def __call__(self, event: m.Event) -> list[m.Instruction]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from wdpm.cluster.batch import Batch, Kind, zeros
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.work.worker import Worker
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import SilentProgress

@@ -8,7 +8,7 @@ import numpy as np
 from furnaces import Array, box, rendered, scene, view
 from numpy.typing import NDArray
 
-from wdpm.cluster.settings import Integrator
+from wdpm.cluster.render_settings import Integrator
 from wdpm.scenes import cornell_box
 from wdpm.scenes.model.bsdfs import Bsdf, Conductor, Plastic, TwoSided
 from wdpm.scenes.model.scene import Material, Mesh, Scene

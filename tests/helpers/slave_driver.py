@@ -7,7 +7,7 @@ from typing import Any
 from fake_worker import make_world, triangles
 
 from wdpm.cluster.batch import Batch
-from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.slave import events as s
 from wdpm.cluster.slave import jobs as c
@@ -26,7 +26,7 @@ class Driver:
     """Feeds a slave, number 1 of 3, which holds cells 1 and 3 of 4."""
 
     def __init__(self, patience: float = 60.0) -> None:
-        self.slave = Slave(HELLO, "tcp://master:1", patience, ClusterSettings())
+        self.slave = Slave(HELLO, "tcp://master:1", patience, ClusterLimits())
         self.now = 0.0
 
     def __call__(self, event: s.Event) -> list[s.Instruction]:

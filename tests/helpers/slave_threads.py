@@ -9,12 +9,12 @@ import numpy as np
 from fake_worker import FakeWorker, picture
 from slow_slaves import AGREED
 
-from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.session import Session
 from wdpm.cluster.slave.process import run_slave
 from wdpm.scenes.errors import ClusterError
 
-SMALL = ClusterSettings(photon_task_paths=64, part_triangles=3)
+SMALL = ClusterLimits(photon_task_paths=64, part_triangles=3)
 """Several tasks and several parts of cells, however small the scene."""
 
 

@@ -17,7 +17,7 @@ from wdpm.cli import main
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import WITHOUT, Effect, causes_of
 from wdpm.cluster.plan.integrators.photons import RULE
-from wdpm.cluster.settings import EFFECTS_TO_LEAVE_OUT, RenderSettings
+from wdpm.cluster.render_settings import EFFECTS_TO_LEAVE_OUT, RenderSettings
 from wdpm.cluster.work.replica import with_camera
 from wdpm.images.image import load as load_image
 from wdpm.inspection.inspect import Inspection, inspect

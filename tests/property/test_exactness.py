@@ -18,7 +18,7 @@ from random_scenes import scenes
 
 from wdpm.api import render_in_process
 from wdpm.cluster.batch import Arrays, Kind, concatenate
-from wdpm.cluster.settings import RenderSettings, Routing
+from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.images.image import Image
 from wdpm.kernels.constants import PAD_SHARE

@@ -19,7 +19,7 @@ import wdpm
 from wdpm.api import render_in_process
 from wdpm.cluster.batch import Batch
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.settings import RenderSettings, Routing
+from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.replica import with_camera
 from wdpm.images.image import Image

@@ -18,12 +18,12 @@ from random_scenes import scenes, scenes_with_effects
 import wdpm
 from wdpm.api import render_in_process
 from wdpm.cluster.batch import Batch, Kind
-from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import machine
 from wdpm.cluster.messages.checks import check_batch
 from wdpm.cluster.plan import plan
 from wdpm.cluster.records import CachePlan, Records, equal
-from wdpm.cluster.settings import Indirect, RenderSettings, Routing
+from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.worker import Worker
 from wdpm.images.image import Image
@@ -79,7 +79,7 @@ def _small_plans(small_pilot: None) -> Iterator[None]:  # noqa: ARG001
 @pytest.fixture
 def tasks_of_few(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rounds of several tasks, as large images have them."""
-    monkeypatch.setattr(machine, "ClusterSettings", lambda: ClusterSettings(record_task_least=37, record_task_most=37))
+    monkeypatch.setattr(machine, "ClusterLimits", lambda: ClusterLimits(record_task_least=37, record_task_most=37))
 
 
 @pytest.fixture(params=list(SCENES))

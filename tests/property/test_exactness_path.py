@@ -17,7 +17,7 @@ import wdpm
 from wdpm.api import render_in_process
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.messages.checks import check_batch
-from wdpm.cluster.settings import Integrator, RenderSettings, Routing
+from wdpm.cluster.render_settings import Integrator, RenderSettings, Routing
 from wdpm.cluster.work.cell import Cell
 from wdpm.images.image import Image
 from wdpm.scenes import cornell_box

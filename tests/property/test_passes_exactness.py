@@ -10,7 +10,7 @@ import pytest
 
 import wdpm
 from wdpm.api import render_in_process
-from wdpm.cluster.settings import RenderSettings, Routing
+from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.images.image import Image
 from wdpm.rendering.passes import PassRenderer, spread_samples
 from wdpm.replaying.run import Replayer

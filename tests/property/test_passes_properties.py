@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import SessionResult
-from wdpm.cluster.settings import RenderSettings
 from wdpm.cluster.task import PhotonsTraced
 from wdpm.rendering.pass_average import PassAverage, merged
 from wdpm.rendering.pass_plan import PassResult, plans_for

@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 
 from wdpm.api import render_in_process
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.kernels.constants import ADJOINT_BOUND
 from wdpm.kernels.materials.surface import Surface
 from wdpm.kernels.photons.paths import adjoint_factor

@@ -12,7 +12,7 @@ import pytest
 import wdpm
 from wdpm.api import render
 from wdpm.cluster.records import NO_RECORDS
-from wdpm.cluster.settings import Indirect, Integrator
+from wdpm.cluster.render_settings import Indirect, Integrator
 from wdpm.images.image import Image
 from wdpm.rendering.cache_file import CacheNotWrittenError, read_records, write_records
 from wdpm.scenes.errors import ImageError, SettingsError

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from wdpm.api import render
-from wdpm.cluster.settings import Indirect, Integrator, RenderSettings, Routing
+from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings, Routing
 from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import SilentProgress

@@ -17,7 +17,7 @@ from wdpm.api import render_in_process
 from wdpm.cli import main
 from wdpm.cluster.batch import Batch, Kind, zeros
 from wdpm.cluster.plan import plan
-from wdpm.cluster.settings import Routing
+from wdpm.cluster.render_settings import Routing
 from wdpm.cluster.task import BucketTask
 from wdpm.cluster.work import guards
 from wdpm.cluster.work.bucket_home import BucketHome

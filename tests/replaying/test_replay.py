@@ -15,7 +15,7 @@ import wdpm
 from wdpm.api import render_in_process
 from wdpm.cli import main
 from wdpm.cluster.plan import plan
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.replaying.run import Replayer
 from wdpm.replaying.vertices import LAYERS, Replay
 from wdpm.scenes import cornell_box

@@ -12,7 +12,7 @@ from wdpm.api import render_in_process
 from wdpm.cli import main
 from wdpm.cluster.plan.integrators.path import HIDDEN
 from wdpm.cluster.plan.integrators.photons import RULE
-from wdpm.cluster.settings import Integrator, RenderSettings
+from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.images.image import Image
 from wdpm.inspection.inspect import inspect
 from wdpm.rendering.approximations import settings_without_effect

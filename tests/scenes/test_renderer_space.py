@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wdpm.api import render_in_process
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.flat.flatten import DUPLICATE, flatten

@@ -11,7 +11,7 @@ import pytest
 from halving import halved
 
 import wdpm
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.image import load as load_image
 from wdpm.scenes.load import load
 

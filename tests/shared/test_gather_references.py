@@ -11,7 +11,7 @@ from halving import halved
 from numpy.typing import NDArray
 
 import wdpm
-from wdpm.cluster.settings import Indirect, RenderSettings
+from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.images.image import load as load_image
 from wdpm.scenes.load import load
 

@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 import wdpm
-from wdpm.cluster.settings import Integrator, RenderSettings
+from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.images.image import load as load_image
 from wdpm.scenes.load import load
 

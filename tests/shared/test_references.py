@@ -13,7 +13,7 @@ from halving import halved
 
 import wdpm
 from wdpm.api import render_in_process
-from wdpm.cluster.settings import RenderSettings, Routing
+from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.images.image import Image
 from wdpm.images.image import load as load_image
 from wdpm.scenes.load import load

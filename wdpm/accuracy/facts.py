@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from wdpm.accuracy.knobs import MAPS, Value
 from wdpm.accuracy.points import LEFT_OPEN
 from wdpm.accuracy.uses import idle_knobs
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import Progress
 from wdpm.rendering.prepare import prepare

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from wdpm import values
-from wdpm.cluster.settings import Indirect
+from wdpm.cluster.render_settings import Indirect
 
 Value = int | float | Indirect
 """What a knob is set to."""

@@ -10,7 +10,7 @@ from wdpm.accuracy.facts import Facts
 from wdpm.accuracy.knobs import KNOBS, Knob, Sweep, Value, make_sweep, photons_of, rounded
 from wdpm.accuracy.points import BAND_SLAVES, Point, Points, plan_points
 from wdpm.accuracy.store import Record
-from wdpm.cluster.settings import Indirect, RenderSettings
+from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.kernels.limits import MAX_K
 
 DEFAULT_BUDGET_S = 300.0

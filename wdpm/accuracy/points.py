@@ -13,7 +13,7 @@ from enum import Enum
 from typing import Any
 
 from wdpm.accuracy.knobs import Knob, Sweep, Value, make_sweep
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.scenes.errors import SettingsError
 
 BAND_SLAVES = 2

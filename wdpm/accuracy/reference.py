@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from wdpm.accuracy.error import Truth
 from wdpm.cluster.plan.integrators.registry import REFERENCE
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.image import Image, load
 from wdpm.progress import Progress
 from wdpm.rendering.array_file import read_arrays, write_arrays

@@ -11,7 +11,7 @@ from typing import Self
 from wdpm import api
 from wdpm.accuracy.points import Point
 from wdpm.accuracy.store import Record
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.clusters import Cluster
 from wdpm.images.image import Image
 from wdpm.progress import Progress

@@ -30,7 +30,7 @@ from wdpm.accuracy.render import Bench
 from wdpm.accuracy.result import Accuracy, curves_of, figures_of, front_of, reference_noise, worst_share
 from wdpm.accuracy.store import Store, make_folder, plain_settings
 from wdpm.accuracy.uses import idle_by_settings, refuse_idle
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.versions import versions
 from wdpm.devices import available_cores
 from wdpm.images.files import write_bytes

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from wdpm.accuracy.points import Point
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.files import write_bytes
 from wdpm.images.image import Image, load
 from wdpm.scenes.errors import ImageError

@@ -8,7 +8,7 @@ from dataclasses import replace
 from wdpm.accuracy.knobs import KNOBS, MAPS, Sweep, photons_of
 from wdpm.cluster.plan.effects import calls_for_caustics, calls_for_media, features_of
 from wdpm.cluster.plan.light_samples import worth_several_rays
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.world import World
 from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.flat.flatten import FlatScene

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from statistics import median
 
 from wdpm.accuracy.result import WORST, Accuracy, CurveFigures
-from wdpm.cluster.settings import Integrator
+from wdpm.cluster.render_settings import Integrator
 
 MATTERS = 0.1
 """A change of time or error that is worth a word, as a share."""

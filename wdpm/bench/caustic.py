@@ -15,7 +15,7 @@ from typing import Any
 
 from wdpm.bench.mitsuba import WARM_SEED, MitsubaProcess, Setup, timed_render
 from wdpm.bench.outputs import settings_to_dict
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.devices import available_cores
 from wdpm.images.comparison import RELATIVE_FLOOR, compare
 from wdpm.images.image import Image

@@ -21,7 +21,7 @@ from wdpm import api
 from wdpm.bench import effects_compiler
 from wdpm.bench import effects_scenes as scenes
 from wdpm.bench.outputs import settings_to_dict
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.image import Image
 from wdpm.progress import Progress
 from wdpm.report import report

@@ -21,7 +21,7 @@ import numpy as np
 from wdpm import api
 from wdpm.bench.mitsuba import WARM_SEED, Cost
 from wdpm.cluster.plan.integrators.registry import REFERENCE
-from wdpm.cluster.settings import Indirect, RenderSettings
+from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.devices import available_cores
 from wdpm.images.comparison import Region, compare, region_slices
 from wdpm.images.image import Image

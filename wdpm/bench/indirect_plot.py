@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from wdpm.bench.indirect import WAYS, Found, IndirectFigures
-from wdpm.cluster.settings import Indirect
+from wdpm.cluster.render_settings import Indirect
 from wdpm.report.svg import Axis, log_axis, marker, polyline, text
 
 _WIDTH, _PANEL, _LEFT, _RIGHT, _TOP, _BOTTOM = 760, 420, 84, 24, 66, 58

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from wdpm.bench import gather, traversal
 from wdpm.bench import photons as bench_photons
 from wdpm.bench.gather import Row
-from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.kernels.compile import compile_kernels
 from wdpm.progress import Progress
 from wdpm.report.grid import Grid
@@ -92,7 +92,7 @@ class Load:
     neighbours: tuple[tuple[int, int], ...] = ((50, 200), (500, 100))
     rounds: int = 5
     photon_rounds: int = 8
-    photon_task_paths: int = ClusterSettings.photon_task_paths
+    photon_task_paths: int = ClusterLimits.photon_task_paths
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from wdpm import api
 from wdpm.bench import mitsuba_peer
 from wdpm.bench.outputs import settings_to_dict
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.devices import available_cores
 from wdpm.images.image import Image
 from wdpm.images.image import load as load_image

@@ -13,7 +13,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.files import check_apart, check_output_path, write_bytes
 from wdpm.report.grid import Grid, machine, machine_in_words
 

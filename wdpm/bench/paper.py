@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from wdpm import api
-from wdpm.cluster.settings import RenderSettings, Routing
+from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.devices import available_cores
 from wdpm.images.comparison import compare
 from wdpm.images.image import Image

@@ -23,7 +23,7 @@ from wdpm.bench.peers_figures import Bounds, Confirmed, PeerFigures, Reached, Tr
 from wdpm.bench.peers_grid import FAMILIES, Family, Member
 from wdpm.bench.peers_guess import guesses
 from wdpm.bench.peers_law import ErrorLaw, Point
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.devices import available_cores
 from wdpm.images.comparison import compare
 from wdpm.images.image import Image

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from wdpm.cluster.settings import Indirect, Integrator, RenderSettings
+from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 
-from wdpm.cluster.cluster_settings import ClusterSettings
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.limits import ClusterLimits
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.task import PhotonTask
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import SilentProgress
@@ -15,7 +15,7 @@ from wdpm.scenes.load import load
 SCENE = "cornell-box"
 
 
-def seconds_per_photon(task_paths: int = ClusterSettings.photon_task_paths, rounds: int = 8) -> float:
+def seconds_per_photon(task_paths: int = ClusterLimits.photon_task_paths, rounds: int = 8) -> float:
     """Time of one core for each photon stored [s], launches and bookkeeping included; the best of some tasks counts.
 
     Args:

@@ -13,7 +13,7 @@ from typing import Any
 
 from wdpm import values
 from wdpm.cli.options import SETTING_OPTIONS, chosen_settings
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.scenes.errors import SettingsError
 
 EXIT_NOT_REACHED = 3

@@ -10,7 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from wdpm import values
-from wdpm.cluster.settings import EFFECTS_TO_LEAVE_OUT, MOST_SHADOW_RAYS, Indirect, Integrator, RenderSettings, Routing
+from wdpm.cluster.render_settings import (
+    EFFECTS_TO_LEAVE_OUT,
+    MOST_SHADOW_RAYS,
+    Indirect,
+    Integrator,
+    RenderSettings,
+    Routing,
+)
 from wdpm.devices import available_cores
 
 

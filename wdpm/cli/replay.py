@@ -10,7 +10,7 @@ def replay_and_print(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from wdpm.cli.options import chosen_settings
-    from wdpm.cluster.settings import RenderSettings
+    from wdpm.cluster.render_settings import RenderSettings
     from wdpm.images.files import check_output_path, write_bytes
     from wdpm.progress import make_progress
     from wdpm.quiet import quiet_warp

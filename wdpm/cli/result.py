@@ -11,7 +11,7 @@ from pathlib import Path
 from rich.console import Console
 
 from wdpm.cli.options import chosen_settings
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.goal.render import OUTCOME
 from wdpm.images.files import check_apart, check_output_path, check_place, write_bytes
 from wdpm.images.image import Image

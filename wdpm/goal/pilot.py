@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from wdpm.cluster.plan.integrators.registry import REFERENCE
-from wdpm.cluster.settings import Indirect, RenderSettings
+from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.clusters import Cluster
 from wdpm.goal.goal import Goal
 from wdpm.goal.plan import FACTORS, Course, nearest, soonest, with_photons

@@ -26,7 +26,7 @@ from functools import cache
 
 import numpy as np
 
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.goal.gauge import LEAST_PASSES
 from wdpm.goal.trial import Trial
 from wdpm.rendering.pass_plan import ALPHA, PassPlan, share_of_rays

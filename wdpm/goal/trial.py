@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.goal.gauge import Gauge, centred_figure
 from wdpm.goal.goal import Metric
 from wdpm.goal.witness import Witness, coarser

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.plan.integrators.registry import REFERENCE
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.goal.goal import Metric
 from wdpm.rendering.pass_plan import PassPlan
 from wdpm.rendering.passes import PassRenderer

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.world import World
 from wdpm.scenes.model.bsdfs import Leaf, walk
 from wdpm.scenes.model.scene import Mesh, Scene

@@ -14,7 +14,7 @@ import numpy as np
 
 from wdpm.cluster.messages.checks import check
 from wdpm.cluster.records import Records
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.files import check_place
 from wdpm.images.image import Image
 from wdpm.rendering.array_file import BrokenArraysError, read_arrays, write_arrays

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.records import CachePlan
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
-from wdpm.cluster.settings import RenderSettings
 from wdpm.cluster.world import MapPlan, PhotonPlan, World
 from wdpm.scenes.errors import SettingsError
 

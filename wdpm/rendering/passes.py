@@ -19,8 +19,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
-from wdpm.cluster.settings import RenderSettings
 from wdpm.images.image import Image
 from wdpm.images.limits import check_memory
 from wdpm.kernels.launch import Launcher

@@ -17,8 +17,8 @@ from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import missing_effects, plan_of_effects
 from wdpm.cluster.plan.light_samples import light_samples_of
 from wdpm.cluster.plan.plan import PILOT_PATHS, Plan, make_plan, view_of
+from wdpm.cluster.render_settings import CHANGE_NO_BIT, RenderSettings
 from wdpm.cluster.session import Session
-from wdpm.cluster.settings import CHANGE_NO_BIT, RenderSettings
 from wdpm.cluster.work import guards
 from wdpm.cluster.work.replica import with_camera
 from wdpm.cluster.work.worker import Worker

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.scenes.model.scene import Scene
 
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import Any
 
 from wdpm.cluster.batch import TO_HOME, Batch
-from wdpm.cluster.settings import RenderSettings, Routing
+from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.cluster.task import BucketTask, PhotonTask
 from wdpm.cluster.work.bucket_home import BucketHome
 from wdpm.cluster.work.guards import Guards, added

@@ -18,7 +18,7 @@ from wdpm.kernels.camera.diffuse_light import DiffuseLight
 
 if TYPE_CHECKING:
     from wdpm.cluster.plan.integrators.indirect import Indirect
-    from wdpm.cluster.settings import RenderSettings
+    from wdpm.cluster.render_settings import RenderSettings
     from wdpm.cluster.world import World
     from wdpm.scenes.flat.flatten import FlatScene
     from wdpm.scenes.model.scene import Scene

@@ -13,7 +13,7 @@ from wdpm.scenes.model.bsdfs import walk
 from wdpm.scenes.model.lights import DeltaLight
 
 if TYPE_CHECKING:
-    from wdpm.cluster.settings import RenderSettings
+    from wdpm.cluster.render_settings import RenderSettings
     from wdpm.cluster.world import World
     from wdpm.scenes.flat.flatten import FlatScene
     from wdpm.scenes.model.scene import Scene

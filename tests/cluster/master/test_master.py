@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from fake_worker import make_session, make_view, pixels_of, triangles
-from master_driver import EPOCH, SETTINGS, A, B, C, Driver, broken, hello, sent, tasks_of
+from master_driver import EPOCH, LIMITS, A, B, C, Driver, broken, hello, sent, tasks_of
 
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.machine import Phase
@@ -280,7 +280,7 @@ def test_a_broken_connection_between_live_slaves_ends_the_render() -> None:
     driver = Driver()
     driver.to_photons()
     driver.says(A, p.PeerGone(1))
-    reason = broken(driver.master.handle(m.Tick(), driver.now + SETTINGS.peer_gone_s))
+    reason = broken(driver.master.handle(m.Tick(), driver.now + LIMITS.peer_gone_s))
     assert reason == "the connection from slave 0 to slave 1 broke"
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from wdpm.cluster import records, task, world
 from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind
-from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.messages import packing, protocol
 from wdpm.scenes.flat.arrays import Media, Triangles
 from wdpm.scenes.flat.material_table import MaterialTable
@@ -92,15 +92,15 @@ def test_arrays_of_every_kind_of_batch_are_as_described() -> None:
 
 
 def test_numbers_are_as_described() -> None:
-    settings = ClusterSettings()
+    limits = ClusterLimits()
     assert PAGE.startswith(f"# The protocol of a wdpm cluster, version {protocol.PROTOCOL}\n")
     assert f"the version of this protocol ({protocol.PROTOCOL})" in PAGE
     for row in (
         f"| header | {packing.HEADER_BYTES >> 20} MiB |",
         f"| frame | {packing.FRAME_BYTES >> 20} MiB (",
-        f"| triangles of one Partition | {settings.part_triangles:,} (",
-        f"| cells on their way at once | {settings.cells_in_flight} |",
-        f"| photon tasks in flight for each slave | {settings.photon_tasks_in_flight} |",
-        f"| buckets in flight for each slave | {settings.buckets_in_flight} |",
+        f"| triangles of one Partition | {limits.part_triangles:,} (",
+        f"| cells on their way at once | {limits.cells_in_flight} |",
+        f"| photon tasks in flight for each slave | {limits.photon_tasks_in_flight} |",
+        f"| buckets in flight for each slave | {limits.buckets_in_flight} |",
     ):
         assert row in PAGE

@@ -7,7 +7,7 @@ import weakref
 from collections.abc import Callable
 from typing import Any
 
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import SilentProgress
 from wdpm.rendering.prepare import prepare

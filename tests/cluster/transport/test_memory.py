@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 from fake_worker import FakeWorker, make_session, make_view, picture
 
-from wdpm.cluster.cluster_settings import ClusterSettings
 from wdpm.cluster.in_process import MemoryCluster, run
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.world import MapPlan
 from wdpm.scenes.errors import ClusterError
 from wdpm.scenes.flat.arrays import Triangles
 
-SMALL = ClusterSettings(photon_task_paths=64, part_triangles=3)
+SMALL = ClusterLimits(photon_task_paths=64, part_triangles=3)
 
 
 @pytest.mark.parametrize(("slaves", "cells"), [(1, 1), (1, 4), (2, 2), (3, 8), (4, 4), (8, 8)])
 @pytest.mark.parametrize("seed", [None, 0, 1, 2])
 def test_a_session_ends_with_the_whole_picture(slaves: int, cells: int, seed: int | None) -> None:
     shuffle = None if seed is None else random.Random(seed)
-    cluster = MemoryCluster(FakeWorker, slaves, settings=SMALL, shuffle=shuffle)
+    cluster = MemoryCluster(FakeWorker, slaves, limits=SMALL, shuffle=shuffle)
     session = make_session(slaves, cells)
     result = cluster.render(session)
     expected = picture(session.view)
@@ -40,7 +40,7 @@ def test_a_session_ends_with_the_whole_picture(slaves: int, cells: int, seed: in
 
 @pytest.mark.parametrize("seed", range(5))
 def test_geometry_and_photons_are_used_again(seed: int) -> None:
-    cluster = MemoryCluster(FakeWorker, 2, settings=SMALL, shuffle=random.Random(seed))
+    cluster = MemoryCluster(FakeWorker, 2, limits=SMALL, shuffle=random.Random(seed))
     first = cluster.render(make_session(2, 4))
     second = make_session(2, 4, view=make_view(seed=7))
     again = cluster.render(second)
@@ -55,7 +55,7 @@ def test_geometry_and_photons_are_used_again(seed: int) -> None:
 
 
 def test_other_photons_of_the_same_cells_are_traced_without_sending_geometry() -> None:
-    cluster = MemoryCluster(FakeWorker, 2, settings=SMALL, shuffle=random.Random(0))
+    cluster = MemoryCluster(FakeWorker, 2, limits=SMALL, shuffle=random.Random(0))
     first = make_session(2, 4)
     cluster.render(first)
     plan = replace(first.world.photon_plan, seed=7, global_map=MapPlan(500, 0.05, 0.05))
@@ -106,7 +106,7 @@ def test_progress_adds_up() -> None:
         def note(self, text: str) -> None:
             raise AssertionError(text)
 
-    MemoryCluster(FakeWorker, 3, settings=SMALL).render(make_session(3, 4), Recorder())
+    MemoryCluster(FakeWorker, 3, limits=SMALL).render(make_session(3, 4), Recorder())
     assert told == [("partition", 0), ("photons", 0), ("map", 0), ("render", 0)]
 
 

@@ -26,7 +26,7 @@ from slave_threads import SMALL, SlaveThread, check_picture
 from slow_slaves import AGREED, PROGRAMS, slow_slave
 
 from wdpm.cluster.batch import Batch, Kind
-from wdpm.cluster.cluster_settings import ClusterSettings
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.local_slaves import LocalSlaves
 from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.messages import packing, protocol
@@ -42,7 +42,7 @@ ANY_PORT = "tcp://127.0.0.1:0"
 
 
 def make_master(slaves: int, **options: Any) -> MasterServer:
-    return MasterServer(ANY_PORT, slaves, settings=SMALL, agreed=AGREED, **options)
+    return MasterServer(ANY_PORT, slaves, limits=SMALL, agreed=AGREED, **options)
 
 
 def is_running(process: int) -> bool:
@@ -107,11 +107,11 @@ def test_a_slave_may_be_first() -> None:
         port = probe.getsockname()[1]
     lines: list[str] = []
     slave = SlaveThread(
-        f"tcp://127.0.0.1:{port}", tell=lines.append, settings=ClusterSettings(join_first_s=0.1, join_longest_s=0.4)
+        f"tcp://127.0.0.1:{port}", tell=lines.append, limits=ClusterLimits(join_first_s=0.1, join_longest_s=0.4)
     )
     wait_until(lambda: len(lines) > 0)
     assert "no answer" in lines[0]
-    with MasterServer(f"tcp://127.0.0.1:{port}", 1, settings=SMALL, agreed=AGREED) as master:
+    with MasterServer(f"tcp://127.0.0.1:{port}", 1, limits=SMALL, agreed=AGREED) as master:
         session = make_session(1, 2)
         check_picture(session, master.render(session).layers)
     assert slave.end() is None

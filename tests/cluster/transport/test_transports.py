@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import ast
 import itertools
 import threading
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +15,6 @@ from flaky_transport import FlakyTransport
 from slave_threads import SMALL, SlaveThread, check_picture
 from slow_slaves import AGREED
 
-import wdpm.cluster
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.messages import packing, protocol
@@ -190,7 +187,7 @@ def flaky(monkeypatch: pytest.MonkeyPatch) -> FlakyTransport:
 
 
 def a_cluster(address: str) -> tuple[MasterServer, list[SlaveThread]]:
-    master = MasterServer(address, 2, settings=SMALL, agreed=AGREED)
+    master = MasterServer(address, 2, limits=SMALL, agreed=AGREED)
     return master, [SlaveThread(master.endpoint) for _ in range(2)]
 
 
@@ -255,16 +252,3 @@ def test_nobody_listens_under_an_unknown_name() -> None:
     assert not connection.broke()
     with pytest.raises(SettingsError, match="expected memory://NAME"):
         network.listen("memory://", Role.MASTER, FROM_SLAVE)
-
-
-def test_only_one_folder_knows_zeromq() -> None:
-    folder = Path(wdpm.cluster.__path__[0])
-    whole = folder.parent if folder.parent.name == "wdpm" else folder.parent / "wdpm"
-    knowing = set()
-    for path in {*folder.rglob("*.py"), *whole.rglob("*.py")}:
-        for node in ast.walk(ast.parse(path.read_text())):
-            modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            modules += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            if any(module.split(".")[0] == "zmq" for module in modules):
-                knowing.add(path.resolve().parent.name)
-    assert knowing == {"zeromq"}

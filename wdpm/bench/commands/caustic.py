@@ -8,7 +8,7 @@ from pathlib import Path
 from wdpm import values
 from wdpm.bench.commands.arguments import add_counts, add_threads
 from wdpm.bench.commands.benchmark import Benchmark, Measured
-from wdpm.cluster.settings import RenderSettings
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.progress import Progress
 
 _DESCRIPTION = """\

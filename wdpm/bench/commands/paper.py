@@ -8,7 +8,7 @@ from typing import Any
 from wdpm import values
 from wdpm.bench.commands.arguments import add_threads, find_all, slave_counts
 from wdpm.bench.commands.benchmark import Benchmark, Measured
-from wdpm.cluster.settings import Indirect, RenderSettings, Routing
+from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
 from wdpm.progress import Progress
 
 ROUTINGS = ("forward", "merge", "both")

@@ -1,4 +1,4 @@
-"""What a cluster is run by: times, limits and numbers in flight. None of it changes a bit of the image."""
+"""Limits that a cluster keeps: of time, of sizes, of what is in flight. None of them changes a bit of the image."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClusterSettings:
-    """Settings of a cluster; the master's hold for its slaves.
+class ClusterLimits:
+    """Limits of a cluster; the master's hold for its slaves.
 
     Attributes:
         heartbeat_s: a process sends something at least this often [s].
