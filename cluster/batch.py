@@ -34,15 +34,15 @@ class Kind(Enum):
     """Camera paths that have left their first surface, with the best hit so far."""
     VERTEX = "vertex"
     """Camera paths whose hit is final, in the cell that contains the hit point."""
-    SCOUT = "scout"
-    """Camera rays that look for places of irradiance records, with the best hit so far."""
-    SITE = "site"
-    """Scouts whose hit is final, in the cell that contains the hit point."""
+    CANDIDATE = "candidate"
+    """Camera rays through candidates for irradiance records, with the best hit so far."""
+    CANDIDATE_HIT = "candidate_hit"
+    """Those rays whose hit is final, in the cell that contains the hit point."""
     SHADOW = "shadow"
     """Shadow segments: what arrives in their slot if nothing blocks them."""
-    WALK = "walk"
+    SHADOW_WALK = "shadow_walk"
     """Shadow segments where light may pass straight through surfaces or media, with the best hit so far."""
-    PANE = "pane"
+    SHADOW_WALK_HIT = "shadow_walk_hit"
     """Shadow segments whose hit is final, in the cell that contains the hit point: it may let light pass."""
     BEAM = "beam"
     """Stretches of camera rays in a medium, with the sums of what photons near them scatter towards the camera."""
@@ -50,10 +50,10 @@ class Kind(Enum):
     """Photons in flight, with the best hit so far."""
     LANDED = "landed"
     """Photons whose hit is final, in the cell that contains the hit point."""
-    GHOSTS = "ghosts"
+    GHOST_PHOTONS = "ghost_photons"
     """Copies of photons that lie in the destination cell's overlap band."""
 
-    POINTS = "points"
+    GHOST_POINTS = "ghost_points"
     """Copies of surface points that lie in the destination cell's overlap band."""
 
     PROBED = "probed"
@@ -62,13 +62,16 @@ class Kind(Enum):
     """What camera samples see, but for direct light: the fixed slots of a home."""
     LIT = "lit"
     """Parts of camera samples, by slot and place: direct light, and all that later vertices of a path add."""
-    SITES = "sites"
-    """Where scouts found that an irradiance record is wanted."""
+    RECORD_SITES = "record_sites"
+    """Where rays through candidates found that an irradiance record is wanted."""
     ENDED = "ended"
     """Nothing but credit: rays that ended."""
 
 
-TO_HOME = frozenset({Kind.PROBED, Kind.SAMPLES, Kind.LIT, Kind.SITES, Kind.ENDED})
+TO_HOME = frozenset({Kind.PROBED, Kind.SAMPLES, Kind.LIT, Kind.RECORD_SITES, Kind.ENDED})
+
+GHOSTS = frozenset({Kind.GHOST_PHOTONS, Kind.GHOST_POINTS})
+"""What slaves exchange before they build their maps. It belongs to no task, so it has no home (-1)."""
 
 SCHEMAS: Final[dict[Kind, Fields]] = {
     Kind.CAMERA: fields.CAMERA_RAY,
@@ -76,20 +79,20 @@ SCHEMAS: Final[dict[Kind, Fields]] = {
     Kind.SHADE: fields.CAMERA_RAY,
     Kind.PATH: fields.PATH,
     Kind.VERTEX: fields.PATH,
-    Kind.SCOUT: fields.CAMERA_RAY,
-    Kind.SITE: fields.CAMERA_RAY,
+    Kind.CANDIDATE: fields.CAMERA_RAY,
+    Kind.CANDIDATE_HIT: fields.CAMERA_RAY,
     Kind.SHADOW: fields.SEGMENT,
-    Kind.WALK: fields.WALK,
-    Kind.PANE: fields.WALK,
+    Kind.SHADOW_WALK: fields.WALK,
+    Kind.SHADOW_WALK_HIT: fields.WALK,
     Kind.BEAM: fields.BEAM,
     Kind.PHOTON: fields.PHOTON,
     Kind.LANDED: fields.PHOTON,
-    Kind.GHOSTS: fields.STORED_PHOTON,
-    Kind.POINTS: fields.SURFACE_POINT,
+    Kind.GHOST_PHOTONS: fields.STORED_PHOTON,
+    Kind.GHOST_POINTS: fields.SURFACE_POINT,
     Kind.PROBED: {**chosen(fields.RAY, "slot"), **fields.HIT},
     Kind.SAMPLES: fields.SAMPLE,
     Kind.LIT: fields.PART,
-    Kind.SITES: fields.SITE,
+    Kind.RECORD_SITES: fields.SITE,
     Kind.ENDED: {},
 }
 """The arrays of each kind of batch, in the order in which they travel."""
@@ -100,7 +103,7 @@ class Batch:
     """Arrays of one kind on their way to a cell or to a home.
 
     Attributes:
-        task: number of the task that the contents belong to; -1 where there is none (ghosts).
+        task: number of the task that the contents belong to; -1 where there is none (GHOSTS).
         home: number of the worker that was handed the task; of ghosts, the worker that they come from.
         cell: the destination cell; for kinds that go to a home, the cell it comes from.
         credit: the share of the task's credit that travels with the batch (Mattern 1989).

@@ -133,7 +133,9 @@ def check_batch(batch: Batch, world: World) -> None:
     media = len(world.media.g)
     how_many = {Many.CELLS: world.top_tree.cells, Many.LIGHTS: len(world.lights.names), Many.MEDIA: media}
     # Final hits are looked up among the cell's triangles; only in a medium do photons and paths land on none.
-    final = batch.kind in (Kind.SHADE, Kind.SITE, Kind.PANE) or (batch.kind in (Kind.LANDED, Kind.VERTEX) and not media)
+    final = batch.kind in (Kind.SHADE, Kind.CANDIDATE_HIT, Kind.SHADOW_WALK_HIT) or (
+        batch.kind in (Kind.LANDED, Kind.VERTEX) and not media
+    )
     for name, field in SCHEMAS[batch.kind].items():
         if field.least is not None:
             least = 0 if name == "prim" and final else field.least

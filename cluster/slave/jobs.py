@@ -110,7 +110,7 @@ class Outcome:
     Attributes:
         batches: for other workers, or for this one.
         results: for the master.
-        ghosts_expected: after ExchangeGhosts: GHOSTS batches to handle before the maps can be built.
+        ghosts_expected: after ExchangeGhosts: batches of GHOSTS to handle before the maps can be built.
         statistics: after ReadStatistics.
     """
 

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wdpm.cluster.batch import TO_HOME, Batch, Kind
+from wdpm.cluster.batch import GHOSTS, TO_HOME, Batch
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.messages import checks, protocol
 from wdpm.cluster.queues import Queues
@@ -45,9 +45,6 @@ from wdpm.cluster.slave.events import (
 from wdpm.cluster.slave.jobs import Job, Outcome
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.arrays import Triangles
-
-COPIES = frozenset({Kind.GHOSTS, Kind.POINTS})
-"""What slaves exchange before they build their maps. It belongs to no task, so it has no home (-1)."""
 
 SLOW_BUILD_S = 3.0
 """A build that takes longer than this is worth a word to the person who waits."""
@@ -82,7 +79,7 @@ class Slave:
         self._peers: dict[bytes, int] = {}
         self._connected: tuple[str, ...] = ()
         self._orders: deque[Job] = deque()
-        self._copies: deque[Batch] = deque()
+        self._ghosts: deque[Batch] = deque()
         self._batches = Queues()
         self._tasks: deque[jobs.StartTask] = deque()
         self._running: Job | None = None
@@ -268,7 +265,7 @@ class Slave:
         self._parts, self._partition = {}, {}
         self._missing = {cell for cell, holder in enumerate(setup.holders) if holder == welcome.number}
         self._orders.clear()
-        self._copies.clear()
+        self._ghosts.clear()
         self._batches = Queues()
         self._tasks.clear()
         self._ghosts_handled, self._ghosts_expected = 0, None
@@ -344,7 +341,7 @@ class Slave:
     def _destination(self, batch: Batch, source: str) -> int:
         holders = () if self._setup is None else self._setup.holders
         slaves = 0 if self._setup is None else len(self._setup.peers)
-        least_home = -1 if batch.kind in COPIES else 0
+        least_home = -1 if batch.kind in GHOSTS else 0
         if not (0 <= batch.cell < len(holders) and least_home <= batch.home < slaves):
             raise ProtocolError(
                 f"a {batch.kind.value} batch of {source} is for cell {batch.cell} and home {batch.home}; "
@@ -357,8 +354,8 @@ class Slave:
             raise ProtocolError(f"a {batch.kind.value} batch of {source} is not for slave {self.number}")
 
     def _enqueue(self, batch: Batch) -> None:
-        if batch.kind in COPIES:
-            self._copies.append(batch)  # counted, so they must not be joined
+        if batch.kind in GHOSTS:
+            self._ghosts.append(batch)  # counted, so they must not be joined
         else:
             self._batches.add(batch)
 
@@ -368,8 +365,8 @@ class Slave:
         job: Job
         if self._orders:
             job = self._orders.popleft()
-        elif self._copies:
-            job = jobs.HandleBatch(self._copies.popleft())
+        elif self._ghosts:
+            job = jobs.HandleBatch(self._ghosts.popleft())
         elif self._batches:
             job = jobs.HandleBatch(self._batches.pop())
         elif self._tasks:
@@ -413,7 +410,7 @@ class Slave:
             case jobs.ExchangeGhosts():
                 self._ghosts_expected = outcome.ghosts_expected
                 self._build_maps_if_complete()
-            case jobs.HandleBatch(batch) if batch.kind in COPIES:
+            case jobs.HandleBatch(batch) if batch.kind in GHOSTS:
                 self._ghosts_handled += 1
                 self._build_maps_if_complete()
         return []

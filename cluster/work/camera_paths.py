@@ -95,24 +95,24 @@ class CameraLight:
             batch, Kind.PROBED, self._cell, batch.credit, {name: rays[name][found] for name in SCHEMAS[Kind.PROBED]}
         )
 
-    def visit_scouts(self, batch: Batch) -> Iterator[Batch]:
+    def visit_candidates(self, batch: Batch) -> Iterator[Batch]:
         """As visit_camera, for rays that look for places of irradiance records. Each carries a credit of one."""
         rays, onward = self._intersect(batch.arrays)
         hit = rays["prim"] >= 0
         for cell, rows in by_destination(onward, onward >= 0):
-            yield self._batch(batch, Kind.SCOUT, cell, len(rows), take(rays, rows))
+            yield self._batch(batch, Kind.CANDIDATE, cell, len(rows), take(rays, rows))
         for cell, rows in by_destination(rays["owner"], (onward < 0) & hit):
-            yield self._batch(batch, Kind.SITE, cell, len(rows), take(rays, rows))
+            yield self._batch(batch, Kind.CANDIDATE_HIT, cell, len(rows), take(rays, rows))
         missed = np.count_nonzero((onward < 0) & ~hit)
         if missed:
             yield self._batch(batch, Kind.ENDED, self._cell, int(missed), {})
 
-    def survey(self, batch: Batch) -> Iterator[Batch]:
-        """Tell the home where among the final hits of scouts a record is wanted."""
+    def find_record_sites(self, batch: Batch) -> Iterator[Batch]:
+        """Tell the home where among the final hits of rays through candidates a record is wanted."""
         rays = columns.upload(Rays, batch.arrays, self._replica.launcher.device)
         paths = start_paths(self._replica, rays, len(batch))
         sites = self.final_gather.sites(paths, batch.arrays["slot"])
-        yield self._batch(batch, Kind.SITES, self._cell, len(batch), sites)
+        yield self._batch(batch, Kind.RECORD_SITES, self._cell, len(batch), sites)
 
     def _intersect(self, arrays: Arrays) -> tuple[Arrays, NDArray[np.int32]]:
         """Camera rays with their best hits refined by this cell, and the cell that each visits next or -1."""

@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, take
+from wdpm.cluster.batch import GHOSTS, SCHEMAS, Arrays, Batch, Kind, by_destination, take
 from wdpm.cluster.work.camera_paths import CameraLight
 from wdpm.cluster.work.final_gather import FinalGatherCounters
 from wdpm.cluster.work.gathers import GatherCounters
@@ -29,7 +29,7 @@ from wdpm.kernels.rays.triangle import NO_HIT
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.arrays import Triangles
 
-_NEEDS_SURFACE = (Kind.SHADE, Kind.SITE, Kind.VERTEX, Kind.PANE)
+_NEEDS_SURFACE = (Kind.SHADE, Kind.CANDIDATE_HIT, Kind.VERTEX, Kind.SHADOW_WALK_HIT)
 
 
 class Cell:
@@ -60,13 +60,13 @@ class Cell:
             Kind.CAMERA: self._light.visit_camera,
             Kind.PROBE: self._light.probe,
             Kind.SHADE: self._light.shade_camera,
-            Kind.SCOUT: self._light.visit_scouts,
-            Kind.SITE: self._light.survey,
+            Kind.CANDIDATE: self._light.visit_candidates,
+            Kind.CANDIDATE_HIT: self._light.find_record_sites,
             Kind.PATH: self._light.visit_paths,
             Kind.VERTEX: self._light.shade_vertices,
             Kind.SHADOW: self._light.shadows.visit,
-            Kind.WALK: self._light.shadows.visit_walks,
-            Kind.PANE: self._light.shadows.pass_panes,
+            Kind.SHADOW_WALK: self._light.shadows.visit_walks,
+            Kind.SHADOW_WALK_HIT: self._light.shadows.pass_surfaces,
             Kind.BEAM: self._light.beams.visit,
             Kind.PHOTON: self._trace,
             Kind.LANDED: self._trace,
@@ -75,7 +75,7 @@ class Cell:
     def advance(self, batch: Batch) -> Iterator[Batch]:
         """Do what a batch asks for, and yield what follows from it."""
         self._check(batch)
-        if batch.kind in (Kind.GHOSTS, Kind.POINTS):
+        if batch.kind in GHOSTS:
             self.store.add_ghosts(batch)
         elif batch.kind in self._actions:
             yield from self._actions[batch.kind](batch)

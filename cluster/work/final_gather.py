@@ -133,7 +133,7 @@ class FinalGather:
         """The final hits where a record is wanted, as kernels.ray_fields.SITE.
 
         Args:
-            paths: scouts, as kernels.camera.paths.Paths.
+            paths: rays through candidates, as kernels.camera.paths.Paths.
         """
         places = self._places(paths, len(slot))
         rows = np.flatnonzero(self._cacheable(places))

@@ -106,7 +106,7 @@ class PhotonStore:
 
     def keep(self, deposits: Any, capacity: int) -> None:
         """Take stored photons out of the regions of a launch."""
-        names = SCHEMAS[Kind.GHOSTS]
+        names = SCHEMAS[Kind.GHOST_PHOTONS]
         regions = columns.download(deposits.photons, [*names, "light"])
         for chunk, asked in enumerate(deposits.count.numpy()):
             kept = min(int(asked), capacity)
@@ -134,11 +134,11 @@ class PhotonStore:
 
     def so_far(self) -> Arrays:
         """The photons stored so far; only before the maps are built."""
-        return concatenate(self._own, Kind.GHOSTS)
+        return concatenate(self._own, Kind.GHOST_PHOTONS)
 
     def add_ghosts(self, batch: Batch) -> None:
         """Take in copies of a neighbour's photons, or of its surface points."""
-        if batch.kind is Kind.POINTS:
+        if batch.kind is Kind.GHOST_POINTS:
             self._ghost_points.append(batch.arrays)
         else:
             self._ghosts.append(batch.arrays)
@@ -149,9 +149,9 @@ class PhotonStore:
         replica, world = self._replica, self._replica.world
         low, high = cells.cell_boxes(world.top_tree.axis, world.top_tree.split)
         self._own_points = self._spread_points()
-        photons = concatenate(self._own, Kind.GHOSTS)
+        photons = concatenate(self._own, Kind.GHOST_PHOTONS)
         self._own = [photons]
-        copied = [(Kind.GHOSTS, _ByMap(photons)), (Kind.POINTS, _ByMap(self._own_points))]
+        copied = [(Kind.GHOST_PHOTONS, _ByMap(photons)), (Kind.GHOST_POINTS, _ByMap(self._own_points))]
         # Distances are rounded, and photons lie a rounding off their surfaces: pad covers both.
         bands = [plan.band + replica.pad if plan.paths else 0.0 for plan in world.maps]
         for cell in range(len(low)):
@@ -172,15 +172,15 @@ class PhotonStore:
                     surfaces, replica.cells, self._cell, ids, area, plan.point_area, replica.launcher, plan.point_set
                 )
                 parts.append({"map": np.full(len(position), number, np.int32), "position": position, "normal": normal})
-        return concatenate(parts, Kind.POINTS)
+        return concatenate(parts, Kind.GHOST_POINTS)
 
     def build(self) -> None:
         """Build the trees of photons and of surface points, own and ghosts, and let go of what they are built from."""
-        photons = concatenate([*self._own, *self._ghosts], Kind.GHOSTS)
+        photons = concatenate([*self._own, *self._ghosts], Kind.GHOST_PHOTONS)
         self._own, self._ghosts, self._deposits = [], [], None
         for number, plan in enumerate(self._replica.world.maps):
             self.maps[number] = self._built(photons, number, plan)
-        points = concatenate([self._own_points, *self._ghost_points], Kind.POINTS)
+        points = concatenate([self._own_points, *self._ghost_points], Kind.GHOST_POINTS)
         self._own_points, self._ghost_points = {}, []
         for number in SURFACE_MAPS:
             self.points[number] = self._tree_of_points(take(points, np.flatnonzero(points["map"] == number)))

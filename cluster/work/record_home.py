@@ -1,4 +1,4 @@
-"""Where the irradiance records of a task are made: scouts out, sites back, gather rays out, light back, records."""
+"""Where the irradiance records of a task are made: candidates out, sites back, gather rays out, light back, records."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class RecordHome:
         self._found: list[Arrays] = []
         self._sites: Arrays = {}
         self._next_site = 0
-        self._scouting = True
+        self._searching = True
         self._site: Arrays = {}
         self._made: list[Records] = []
         self._rays = 0
@@ -52,7 +52,7 @@ class RecordHome:
         self._distance = np.zeros(0, np.float32)
 
     def begin(self) -> Iterator[Batch]:
-        """Send a scout through each candidate."""
+        """Send a camera ray through each candidate."""
         replica, count = self._replica, len(self._pixels)
         arrays: Arrays = {
             "slot": np.arange(count, dtype=np.int32),
@@ -67,33 +67,33 @@ class RecordHome:
         destination = first.numpy()
         self._credit = int(np.count_nonzero(destination >= 0))
         for cell, rows in by_destination(destination, destination >= 0):
-            yield self._batch(Kind.SCOUT, cell, len(rows), take(arrays, rows))
+            yield self._batch(Kind.CANDIDATE, cell, len(rows), take(arrays, rows))
         if not self._credit:
-            self._end_scouting()
+            self._end_search()
 
     def receive(self, batch: Batch) -> Iterator[Batch]:
         """Take in sites, then light; shoot once all sites are known."""
-        if batch.kind is Kind.SITES and self._scouting:
+        if batch.kind is Kind.RECORD_SITES and self._searching:
             self._check_slots(batch, len(self._pixels))
             self._found.append(batch.arrays)
-        elif batch.kind is Kind.LIT and not self._scouting:
+        elif batch.kind is Kind.LIT and not self._searching:
             self._check_slots(batch, len(self._distance))
             self._lit.append(self._without_reaches(batch.arrays))
         elif batch.kind is not Kind.ENDED:
             raise ProtocolError(f"a {batch.kind.value} batch came home to record task {self.task.number}")
         self._credit -= batch.credit
         if self._credit == 0:
-            if self._scouting:
-                self._end_scouting()
+            if self._searching:
+                self._end_search()
             else:
                 self._made.append(self._records())
             while not self._credit and self._next_site < len(self._sites["slot"]):
                 yield from self._shoot()
 
-    def _end_scouting(self) -> None:
+    def _end_search(self) -> None:
         """Put the sites in order."""
-        self._scouting = False
-        sites = concatenate(self._found, Kind.SITES)
+        self._searching = False
+        sites = concatenate(self._found, Kind.RECORD_SITES)
         order = np.argsort(sites["slot"])
         self._found, self._sites = [], {name: column[order] for name, column in sites.items()}
 
@@ -171,7 +171,7 @@ class RecordHome:
 
     def result(self) -> RecordsMade | None:
         """The records once nothing is in flight."""
-        if self._credit > 0 or self._scouting:
+        if self._credit > 0 or self._searching:
             return None
         return RecordsMade(self.task.number, self.task.round, joined([NO_RECORDS, *self._made]), self._rays)
 

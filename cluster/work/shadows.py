@@ -56,7 +56,7 @@ class Shadows:
         if replica.world.features.walks:
             medium = shots.medium.numpy() if replica.world.features.media else np.full(count, -1, np.int32)
             arrays = {**arrays, "medium": medium, **_no_blockers(count)}
-            yield from self._send(cause, Kind.WALK, arrays, first.numpy())
+            yield from self._send(cause, Kind.SHADOW_WALK, arrays, first.numpy())
         else:
             yield from self._send(cause, Kind.SHADOW, arrays, first.numpy())
 
@@ -94,23 +94,23 @@ class Shadows:
             own_cell=self._cell,
             next_cell_out=array,
         )
-        arrays, onward = columns.download(walks, SCHEMAS[Kind.WALK]), array.numpy()
-        yield from self._send(batch, Kind.WALK, arrays, onward)
+        arrays, onward = columns.download(walks, SCHEMAS[Kind.SHADOW_WALK]), array.numpy()
+        yield from self._send(batch, Kind.SHADOW_WALK, arrays, onward)
         met = (onward < 0) & (arrays["prim"] >= 0)
-        yield from self._send(batch, Kind.PANE, arrays, np.where(met, arrays["owner"], -1))
+        yield from self._send(batch, Kind.SHADOW_WALK_HIT, arrays, np.where(met, arrays["owner"], -1))
         yield from self._end(batch, arrays, np.where(met, 0, onward))
 
-    def pass_panes(self, batch: Batch) -> Iterator[Batch]:
+    def pass_surfaces(self, batch: Batch) -> Iterator[Batch]:
         """Take segments through the surface that they have met, if it lets light pass."""
         replica = self._replica
-        kernel = replica.kernels.pass_panes
+        kernel = replica.kernels.pass_surfaces
         if kernel is None:
             raise ProtocolError("a shadow ray passes a surface in a scene where none does")
         walks = columns.upload(sr.Walks, batch.arrays, replica.launcher.device)
         array = self._integers(len(batch))
         replica.launcher(kernel, len(batch), scene=self._scene, walks=walks, next_cell_out=array)
-        arrays, onward = columns.download(walks, SCHEMAS[Kind.PANE]), array.numpy()
-        yield from self._send(batch, Kind.WALK, arrays, onward)
+        arrays, onward = columns.download(walks, SCHEMAS[Kind.SHADOW_WALK_HIT]), array.numpy()
+        yield from self._send(batch, Kind.SHADOW_WALK, arrays, onward)
         yield from self._end(batch, arrays, onward)
 
     def _send(self, cause: Batch, kind: Kind, arrays: Arrays, destination: NDArray[np.int32]) -> Iterator[Batch]:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from wdpm.cluster.batch import TO_HOME, Batch, Kind
+from wdpm.cluster.batch import GHOSTS, TO_HOME, Batch, Kind
 from wdpm.cluster.host_memory import peak_memory
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.queues import Queues
@@ -33,7 +33,7 @@ from wdpm.scenes.flat.arrays import Triangles
 
 Home = PhotonHome | RecordHome | BucketHome
 
-RAYS = frozenset(set(Kind) - TO_HOME - {Kind.GHOSTS, Kind.POINTS})
+RAYS = frozenset(set(Kind) - TO_HOME - GHOSTS)
 
 
 class Worker:

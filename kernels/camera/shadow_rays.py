@@ -98,13 +98,13 @@ def visit_walks(
 
 
 @functools.cache
-def make_pass_panes(features: Features) -> wp.Kernel:
+def make_pass_surfaces(features: Features) -> wp.Kernel:
     """The kernel that takes walked segments through a surface."""
     surface_at = make_surface(features).surface_at
     straight_transmittance = make_materials(features).straight_transmittance
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
-    def pass_panes(scene: Scene, walks: Walks, offset: wp.int32, next_cell_out: wp.array[wp.int32]) -> None:
+    def pass_surfaces(scene: Scene, walks: Walks, offset: wp.int32, next_cell_out: wp.array[wp.int32]) -> None:
         """Take segments through the surface that they have met: SHADOW_BLOCKED, or the first cell on the way on."""
         i = offset + wp.tid()
         direction = walks.direction[i]
@@ -135,7 +135,7 @@ def make_pass_panes(features: Features) -> wp.Kernel:
                 onward = next_cell(scene.cells, origin, rest, SEGMENT_END, -1)
             next_cell_out[i] = onward
 
-    return pass_panes
+    return pass_surfaces
 
 
 @columns_of(chosen(STRETCH, "origin", "direction", "length"))

@@ -78,7 +78,7 @@ class FakeWorker:
         return outbox
 
     def _at_cell(self, batch: Batch, outbox: Outbox) -> None:
-        if batch.kind is Kind.GHOSTS:
+        if batch.kind is Kind.GHOST_PHOTONS:
             self.ghosts += len(batch)
             return
         if batch.kind is Kind.LANDED:
@@ -107,8 +107,8 @@ class FakeWorker:
     def exchange_ghosts(self) -> list[Batch]:
         assert not self.open
         foreign = [cell for cell, holder in enumerate(self.holders) if holder != self.number]
-        ghosts = arrays(Kind.GHOSTS, 2)
-        return [Batch(Kind.GHOSTS, -1, -1, cell, 0, ghosts) for _ in self.cells for cell in foreign]
+        ghosts = arrays(Kind.GHOST_PHOTONS, 2)
+        return [Batch(Kind.GHOST_PHOTONS, -1, -1, cell, 0, ghosts) for _ in self.cells for cell in foreign]
 
     def ghosts_expected(self) -> int:
         return len(self.cells) * (len(self.holders) - len(self.cells))

@@ -336,7 +336,7 @@ def test_photons_are_the_same_set_each_with_one_owner(exchange: Exchange, cells:
 
     divided = render_in_process(CORNELL, FEW, workers=2, cells=cells, shuffle=random.Random(cells))
     assert len(exchange.owned) == cells
-    pieces = by_id(concatenate(list(exchange.owned.values()), Kind.GHOSTS))
+    pieces = by_id(concatenate(list(exchange.owned.values()), Kind.GHOST_PHOTONS))
     assert photons.keys() == pieces.keys()
     for name in photons:
         np.testing.assert_array_equal(photons[name].view(np.uint8), pieces[name].view(np.uint8), err_msg=name)
@@ -346,7 +346,7 @@ def test_photons_are_the_same_set_each_with_one_owner(exchange: Exchange, cells:
     assert report["photons"]["stored"] == whole.metadata["report"]["photons"]["stored"]
     assert sum(light["stored"] for light in report["photons"]["lights"]) == report["photons"]["stored"]
 
-    pieces_of_points = concatenate(list(exchange.points.values()), Kind.POINTS)
+    pieces_of_points = concatenate(list(exchange.points.values()), Kind.GHOST_POINTS)
     for name in points:
         np.testing.assert_array_equal(
             np.sort(points[name], axis=0), np.sort(pieces_of_points[name], axis=0), err_msg=name
@@ -366,12 +366,12 @@ def test_ghosts_are_just_the_photons_of_the_band(
     )
     assert exchange.band == pytest.approx(radius / flat.unit + flat.extent * PAD_SHARE, rel=1e-12)
     for source, target, kind, arrays in exchange.sent:
-        owned = exchange.owned[source] if kind is Kind.GHOSTS else exchange.points[source]
+        owned = exchange.owned[source] if kind is Kind.GHOST_PHOTONS else exchange.points[source]
         position = owned["position"].astype(np.float64)
         distance = np.linalg.norm(position - np.clip(position, low[target], high[target]), axis=1)
         sent = np.zeros(len(position), bool)
-        name = "id" if kind is Kind.GHOSTS else "position"
-        if kind is Kind.GHOSTS:
+        name = "id" if kind is Kind.GHOST_PHOTONS else "position"
+        if kind is Kind.GHOST_PHOTONS:
             sent = np.isin(owned["id"], arrays["id"])
             assert sent.sum() == len(arrays[name])
             # Differences are rounded to float32 before they are squared: half an ulp of the distance.
@@ -381,7 +381,7 @@ def test_ghosts_are_just_the_photons_of_the_band(
             assert abs(len(arrays[name]) - np.count_nonzero(distance <= exchange.band)) <= 1
     pairs = {(source, target, kind) for source, target, kind, _ in exchange.sent}
     assert len(pairs) == len(exchange.sent) == 2 * 4 * 3  # every ordered pair once, photons and points
-    ghosts = sum(len(arrays["id"]) for _, _, kind, arrays in exchange.sent if kind is Kind.GHOSTS)
+    ghosts = sum(len(arrays["id"]) for _, _, kind, arrays in exchange.sent if kind is Kind.GHOST_PHOTONS)
     assert ghosts == sum(slave["ghosts"] for slave in image.metadata["report"]["slaves"]) > 0
 
 

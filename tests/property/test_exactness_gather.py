@@ -244,7 +244,7 @@ def test_every_batch_is_valid_and_no_credit_is_lost_or_made(
         chosen = replace(FEW, indirect=way, spp=1, routing=routing)
         render_in_process(SCENES[name], chosen, workers=2, cells=4)
     assert Kind.VERTEX in kinds
-    assert ({Kind.SCOUT, Kind.SITE, Kind.SITES} <= kinds) == (way is Indirect.CACHE)
+    assert ({Kind.CANDIDATE, Kind.CANDIDATE_HIT, Kind.RECORD_SITES} <= kinds) == (way is Indirect.CACHE)
 
 
 @pytest.mark.sockets

@@ -241,12 +241,12 @@ def test_coincident_photons(strict: bool) -> None:
     u = np.float64(np.float32(0.3))
     place = (corners[0] * (1.0 - u - u) + corners[1] * u + corners[2] * u).astype(np.float32)  # as surface.position_at
     count = FEW.k + 1
-    photons = zeros(Kind.GHOSTS, count)
+    photons = zeros(Kind.GHOST_PHOTONS, count)
     photons |= {"id": np.arange(count, dtype=np.int64), "position": np.repeat(place[None], count, axis=0)}
     for name, value in (("flux", 1.0), ("normal", (0, 1, 0)), ("direction", (0, 1, 0))):
         photons[name][:] = value
     worker.exchange_ghosts()
-    worker.cells[0].store.add_ghosts(Batch(Kind.GHOSTS, -1, 0, 0, 0, photons))
+    worker.cells[0].store.add_ghosts(Batch(Kind.GHOST_PHOTONS, -1, 0, 0, 0, photons))
     worker.build_maps()
     batch = one(Kind.VERTEX, **ray)
     if strict:

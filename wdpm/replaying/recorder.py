@@ -126,7 +126,7 @@ class Recorder:
         """A batch is about to be worked off."""
         if batch.kind is Kind.PATH:
             self._ray = {name: column[0].copy() for name, column in batch.arrays.items()}
-        elif batch.kind is Kind.PANE:
+        elif batch.kind is Kind.SHADOW_WALK_HIT:
             for part in self._parts(batch):
                 self._passes[part] = self._passes.get(part, 0) + 1
         elif batch.kind is Kind.SAMPLES:

@@ -68,14 +68,14 @@ def test_records_are_as_described(record: type) -> None:
 
 def test_every_kind_of_batch_is_described_with_where_it_goes() -> None:
     section = PAGE.split("| kind of batch | goes to | what it is |\n")[1].split("\n\n")[0]
-    rows = re.findall(r"^\| ([a-z, ]+) \| (cell|home) \|", section, re.MULTILINE)
+    rows = re.findall(r"^\| ([a-z_, ]+) \| (cell|home) \|", section, re.MULTILINE)
     described = {kind: goes_to for kinds, goes_to in rows for kind in kinds.split(", ")}
     assert described == {kind.value: "home" if kind in TO_HOME else "cell" for kind in Kind}
 
 
 def test_arrays_of_every_kind_of_batch_are_as_described() -> None:
     section = PAGE.split("| arrays of a batch | fields, in the order in which they travel |\n")[1].split("\n\n")[0]
-    rows = re.findall(r"^\| ([a-z, ]+) \| ([^|]*) \|$", section, re.MULTILINE)
+    rows = re.findall(r"^\| ([a-z_, ]+) \| ([^|]*) \|$", section, re.MULTILINE)
     described = {
         kind: re.findall(r"(\w+): `(<\w\d)` \[(N[^]]*)\]", fields_in_words)
         for kinds, fields_in_words in rows

@@ -229,7 +229,7 @@ def test_batches_that_go_the_same_way_are_handled_together() -> None:
 def test_ghosts_are_not_joined_since_they_are_counted() -> None:
     driver = Driver().ready()
     [exchange] = jobs(driver.told(p.BuildMaps(EPOCH)))
-    ghosts = batch(Kind.GHOSTS, home=-1)
+    ghosts = batch(Kind.GHOST_PHOTONS, home=-1)
     for _ in range(2):
         driver.peer(p.PeerBatch(EPOCH, ghosts))
     assert jobs(driver.computed(exchange, ghosts_expected=2)) == [c.HandleBatch(ghosts)]
@@ -253,7 +253,7 @@ def test_batches_and_results_find_their_way() -> None:
 @pytest.mark.parametrize("early", [0, 1, 2])
 def test_maps_are_built_when_the_last_ghosts_are_in(early: int) -> None:
     driver = Driver().ready()
-    ghosts = batch(Kind.GHOSTS, home=0)
+    ghosts = batch(Kind.GHOST_PHOTONS, home=0)
     for _ in range(early):
         driver.peer(p.PeerBatch(EPOCH, ghosts))
         driver.computed(c.HandleBatch(ghosts))
@@ -269,7 +269,7 @@ def test_maps_are_built_when_the_last_ghosts_are_in(early: int) -> None:
 
 def test_too_many_ghosts_are_an_error() -> None:
     driver = Driver().ready()
-    ghosts = batch(Kind.GHOSTS, home=0)
+    ghosts = batch(Kind.GHOST_PHOTONS, home=0)
     for _ in range(2):
         driver.peer(p.PeerBatch(EPOCH, ghosts))
         driver.computed(c.HandleBatch(ghosts))
@@ -358,12 +358,12 @@ def test_an_index_that_points_outside_is_an_error(kind: Kind, name: str, index: 
     assert f"{kind.value}.{name} is {index} to {index}" in error_of(driver.peer(p.PeerBatch(EPOCH, good)))
 
 
-@pytest.mark.parametrize("kind", [Kind.PHOTON, Kind.GHOSTS])
+@pytest.mark.parametrize("kind", [Kind.PHOTON, Kind.GHOST_PHOTONS])
 def test_a_batch_that_is_refused_is_not_kept(kind: Kind) -> None:
     driver = Driver().ready()
     driver.told(p.StartTask(EPOCH, PhotonTask(5, 0, 10)))  # computes, so that what comes meanwhile waits
     wrong = batch(kind, home=1 if kind is Kind.PHOTON else -1)
-    wrong.arrays["map" if kind is Kind.GHOSTS else "prim"][0] = -2
+    wrong.arrays["map" if kind is Kind.GHOST_PHOTONS else "prim"][0] = -2
     watched = weakref.ref(wrong)
     error_of(driver.peer(p.PeerBatch(EPOCH, wrong)))
     del wrong
