@@ -223,14 +223,14 @@ def serve_as_slave(
 
     def make_worker(number: int, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]) -> Worker:
         # Warp takes half a second to import: a slave that cannot join should say so at once.
-        from wdpm.cluster.work.worker import Worker
+        from wdpm.cluster.work.worker import CellWorker
         from wdpm.kernels.compile import compile_kernels
         from wdpm.kernels.launch import Launcher
         from wdpm.quiet import quiet_warp
 
         quiet_warp()
         compile_kernels(device)
-        return Worker(number, world, partition, holders, Launcher(device, threads))
+        return CellWorker(number, world, partition, holders, Launcher(device, threads))
 
     run_slave(
         master,

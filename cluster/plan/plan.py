@@ -26,7 +26,7 @@ from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.task import PhotonTask
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.photon_home import set_out
-from wdpm.cluster.work.worker import Worker
+from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import IrradiancePlan, MapPlan, TopTree, View, World
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
@@ -124,7 +124,7 @@ class Plan:
     world: World
     rows: list[NDArray[np.intp]]
     holders: list[int]
-    pilot: Worker | None
+    pilot: CellWorker | None
     pilot_photons: NDArray[np.float32]
 
 
@@ -138,7 +138,7 @@ def make_plan(
         cells: a power of two; None for the least that gives every worker the like.
     """
     features = features_of(flat, settings)
-    pilot = Worker(0, _pilot_world(flat, features, settings), {0: flat.triangles}, [0], launcher)
+    pilot = CellWorker(0, _pilot_world(flat, features, settings), {0: flat.triangles}, [0], launcher)
     cell = pilot.cells[0]
     _fly_pilot(pilot)
     photons = _by_map(cell.store.so_far())
@@ -172,7 +172,7 @@ def make_plan(
     return Plan(world, rows, holders, pilot if tree.cells == 1 else None, places)
 
 
-def _flux_by_light(pilot: Worker, photons: Sequence[Arrays]) -> NDArray[np.float64]:
+def _flux_by_light(pilot: CellWorker, photons: Sequence[Arrays]) -> NDArray[np.float64]:
     """Flux that the pilot's photons of each light brought into each map, shape [MAPS, lights].
 
     Added in the order of the photons' numbers: the sums that a cell counts depend on its threads in their last bits.
@@ -268,7 +268,7 @@ def _irradiance_plan(settings: RenderSettings, plans: Sequence[MapPlan]) -> Irra
     return IrradiancePlan(IRRADIANCE_SHARE, settings.k, IRRADIANCE_REACH * plans[GLOBAL_MAP].radius)
 
 
-def _fly_pilot(pilot: Worker) -> None:
+def _fly_pilot(pilot: CellWorker) -> None:
     """Trace the pilot's paths."""
     paths = pilot.replica.world.paths
     if paths:
@@ -281,7 +281,7 @@ def _by_map(photons: Arrays) -> list[Arrays]:
 
 
 def map_plans(
-    pilot: Worker, photons: Sequence[Arrays], settings: RenderSettings, flat: FlatScene
+    pilot: CellWorker, photons: Sequence[Arrays], settings: RenderSettings, flat: FlatScene
 ) -> tuple[MapPlan, MapPlan, MapPlan]:
     """Paths and radius of the global, the caustic and the volume map."""
     world, cell, extent, unit = pilot.replica.world, pilot.cells[0], flat.extent, flat.unit

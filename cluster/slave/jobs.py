@@ -19,7 +19,7 @@ from wdpm.scenes.flat.arrays import Triangles
 
 
 class Worker(Protocol):
-    """The compute object that a slave drives; `worker.Worker` is the real one, tests bring their own."""
+    """The compute object that a slave drives; `work.worker.CellWorker` is the real one, tests bring their own."""
 
     def set_view(self, view: View) -> None: ...
 

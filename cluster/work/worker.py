@@ -36,7 +36,7 @@ Home = PhotonHome | RecordHome | BucketHome
 RAYS = frozenset(set(Kind) - TO_HOME - GHOSTS)
 
 
-class Worker:
+class CellWorker:
     """Cells and homes of one slave.
 
     Args:

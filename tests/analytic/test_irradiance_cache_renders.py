@@ -13,7 +13,7 @@ from path_traced import furnace
 from wdpm.cluster.plan import plan
 from wdpm.cluster.records import Records, candidates
 from wdpm.cluster.render_settings import Indirect
-from wdpm.cluster.work.worker import Worker
+from wdpm.cluster.work.worker import CellWorker
 from wdpm.images.image import Image
 from wdpm.scenes import cornell_box
 from wdpm.scenes.meshes.primitives import sphere
@@ -37,13 +37,13 @@ def blocks(image: Image) -> Array:
 def records(monkeypatch: pytest.MonkeyPatch) -> list[Records]:
     """Those that workers are sent, round by round."""
     seen: list[Records] = []
-    set_records = Worker.set_records
+    set_records = CellWorker.set_records
 
-    def noted(worker: Worker, sent: Records) -> None:
+    def noted(worker: CellWorker, sent: Records) -> None:
         seen.append(sent)
         set_records(worker, sent)
 
-    monkeypatch.setattr(Worker, "set_records", noted)
+    monkeypatch.setattr(CellWorker, "set_records", noted)
     return seen
 
 

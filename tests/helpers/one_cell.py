@@ -6,7 +6,7 @@ from typing import Any
 
 from wdpm.cluster.batch import Batch, Kind, zeros
 from wdpm.cluster.render_settings import RenderSettings
-from wdpm.cluster.work.worker import Worker
+from wdpm.cluster.work.worker import CellWorker
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import SilentProgress
 from wdpm.rendering.prepare import prepare
@@ -15,7 +15,7 @@ from wdpm.scenes.model.scene import Scene
 FEW = RenderSettings(photons=500, volume_photons=500, spp=2, all_effects=True)
 
 
-def ready(scene: Scene, settings: RenderSettings) -> Worker:
+def ready(scene: Scene, settings: RenderSettings) -> CellWorker:
     """A worker with the only cell, in which no photon has been traced."""
     prepared = prepare(scene, settings, 1, Launcher("cpu", 1), SilentProgress())
     assert prepared.pilot is not None

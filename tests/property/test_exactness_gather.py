@@ -25,7 +25,7 @@ from wdpm.cluster.plan import plan
 from wdpm.cluster.records import CachePlan, Records, equal
 from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
 from wdpm.cluster.work.cell import Cell
-from wdpm.cluster.work.worker import Worker
+from wdpm.cluster.work.worker import CellWorker
 from wdpm.images.image import Image
 from wdpm.report.report import EnergyLedger
 from wdpm.scenes import cornell_box
@@ -103,13 +103,13 @@ def reference(name: str, way: Indirect) -> Image:
 def published(monkeypatch: pytest.MonkeyPatch) -> list[Records]:
     """The records that workers are sent from now on, as they are sent."""
     seen: list[Records] = []
-    set_records = Worker.set_records
+    set_records = CellWorker.set_records
 
-    def noted(worker: Worker, records: Records) -> None:
+    def noted(worker: CellWorker, records: Records) -> None:
         seen.append(records)
         set_records(worker, records)
 
-    monkeypatch.setattr(Worker, "set_records", noted)
+    monkeypatch.setattr(CellWorker, "set_records", noted)
     return seen
 
 
@@ -170,13 +170,13 @@ def test_records_are_the_same_in_any_order(order: int, published: list[Records])
 def test_each_worker_keeps_the_records_that_reach_it(published: list[Records], monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer than all, or the band of records would be the whole scene; and more than their number together."""
     kept: list[int] = []
-    statistics = Worker.statistics
+    statistics = CellWorker.statistics
 
-    def noted(worker: Worker) -> dict[str, Any]:
+    def noted(worker: CellWorker) -> dict[str, Any]:
         kept.append(int(statistics(worker)["records"]))
         return statistics(worker)
 
-    monkeypatch.setattr(Worker, "statistics", noted)
+    monkeypatch.setattr(CellWorker, "statistics", noted)
     render_in_process(SCENES["diffuse"], replace(FEW, indirect=Indirect.CACHE), workers=4, cells=4)
     whole = len(of_last_round(published))
     assert len(kept) == 4

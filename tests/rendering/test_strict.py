@@ -22,7 +22,7 @@ from wdpm.cluster.task import BucketTask
 from wdpm.cluster.work import guards
 from wdpm.cluster.work.bucket_home import BucketHome
 from wdpm.cluster.work.guards import Guards
-from wdpm.cluster.work.worker import Worker
+from wdpm.cluster.work.worker import CellWorker
 from wdpm.images.image import Image
 from wdpm.kernels.limits import CHAIN_LIMIT
 from wdpm.kernels.photons.flight import BOUNCE_LIMIT
@@ -82,7 +82,7 @@ def acted(image: Image) -> dict[str, int]:
     return counts
 
 
-def do(worker: Worker, batch: Batch) -> dict[str, int]:
+def do(worker: CellWorker, batch: Batch) -> dict[str, int]:
     """Have the cell work off a batch, with all that follows from it in the cell; what its guards did."""
     waiting = [batch]
     while waiting:
@@ -169,7 +169,7 @@ def test_the_command_ends_with_one_line_and_exit_code_2(capsys: pytest.CaptureFi
 # One guard at a time, by what comes to a cell
 
 
-def on_the_floor(_: Worker) -> dict[str, Any]:
+def on_the_floor(_: CellWorker) -> dict[str, Any]:
     """A ray that has hit the floor of the Cornell box."""
     return {
         "pixel": 7, "sample": 1, "edges": 2, "medium": -1, "prim": 0, "u": 0.3, "v": 0.3, "t": 100.0,
@@ -177,7 +177,7 @@ def on_the_floor(_: Worker) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def on_the_lamp(worker: Worker) -> dict[str, Any]:
+def on_the_lamp(worker: CellWorker) -> dict[str, Any]:
     prim = int(worker.replica.world.lights.prim[0])
     return {**on_the_floor(worker), "prim": prim, "direction": (0, 1, 0)}
 

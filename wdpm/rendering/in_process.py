@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from wdpm.cluster.in_process import NO_TRIANGLES, MemoryCluster
 from wdpm.cluster.session import Session
-from wdpm.cluster.work.worker import Worker
+from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import World
 from wdpm.kernels.launch import Launcher
 from wdpm.rendering.prepare import Prepared
@@ -29,12 +29,12 @@ def memory_cluster(
 
         def make_worker(
             number: int, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]
-        ) -> Worker:
-            return Worker(number, world, partition, holders, launcher)
+        ) -> CellWorker:
+            return CellWorker(number, world, partition, holders, launcher)
 
         return MemoryCluster(make_worker, workers, shuffle=shuffle), prepared.session
 
-    def adopt(_number: int, world: World, *_others: object) -> Worker:
+    def adopt(_number: int, world: World, *_others: object) -> CellWorker:
         pilot.adopt(world)
         return pilot
 

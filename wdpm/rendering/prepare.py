@@ -21,7 +21,7 @@ from wdpm.cluster.render_settings import CHANGE_NO_BIT, RenderSettings
 from wdpm.cluster.session import Session
 from wdpm.cluster.work import guards
 from wdpm.cluster.work.replica import with_camera
-from wdpm.cluster.work.worker import Worker
+from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import MapPlan, PhotonPlan, View, World
 from wdpm.devices import check_device
 from wdpm.images.limits import check_pixels
@@ -65,7 +65,7 @@ class Prepared:
         lit_scene: names what irradiance records depend on: the scene without its camera, and its photons.
     """
 
-    pilot: Worker | None
+    pilot: CellWorker | None
     session: Session
     settings: RenderSettings
     triangles: int

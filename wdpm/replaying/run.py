@@ -18,7 +18,7 @@ from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.cluster.task import BucketTask, PhotonTask
 from wdpm.cluster.work.bucket_home import BucketHome
 from wdpm.cluster.work.guards import Guards, added
-from wdpm.cluster.work.worker import Worker
+from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import World
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import Progress, SilentProgress
@@ -136,7 +136,7 @@ def check_place(camera: Camera, spp: int, x: int, y: int, sample: int, first: in
         raise SettingsError(f"there is no sample {sample} of a pixel with {spp}: expected {first} to {spp - 1}")
 
 
-def _with_photons(prepared: Prepared, world: World, progress: Progress) -> Worker:
+def _with_photons(prepared: Prepared, world: World, progress: Progress) -> CellWorker:
     """The worker of the only cell, with its maps built."""
     worker = prepared.pilot
     if worker is None:
