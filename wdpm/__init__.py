@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from wdpm import scenes
-    from wdpm.api import render
+    from wdpm.api import render, replay
     from wdpm.checkup.run import check
     from wdpm.cluster.render_settings import RenderSettings, Routing
     from wdpm.clusters import Cluster
     from wdpm.images.comparison import compare
     from wdpm.images.image import Image
-    from wdpm.replaying.run import replay
     from wdpm.scenes.errors import WdpmError
     from wdpm.scenes.load import load
     from wdpm.scenes.model.scene import Scene
@@ -48,7 +47,7 @@ _HOME = {
     "compare": "wdpm.images.comparison",
     "load": "wdpm.scenes.load",
     "render": "wdpm.api",
-    "replay": "wdpm.replaying.run",
+    "replay": "wdpm.api",
 }
 
 

@@ -1,4 +1,4 @@
-"""The Python interface: load, render, inspect.
+"""The Python interface: render, replay.
 
 import wdpm
 scene = wdpm.load("scene.xml")
@@ -8,19 +8,22 @@ image.save("image.exr")
 
 from __future__ import annotations
 
-import random
+import time
 from pathlib import Path
 from typing import Any
 
 from wdpm.cluster.render_settings import RenderSettings
+from wdpm.clusters import backend_here
 from wdpm.goal.checks import goal_in_python
 from wdpm.goal.render import render_until
 from wdpm.images.image import Image
 from wdpm.progress import Progress
 from wdpm.rendering.cache_file import CacheFiles
+from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.prepare import Source
-from wdpm.scenes.model.scene import Scene
+from wdpm.replaying.run import replay_sample
+from wdpm.replaying.vertices import Replay
 
 
 def render(
@@ -68,36 +71,48 @@ def render(
     beside = {"settings": settings, "journal": journal, "resume": resume, "keep": keep, "strict": chosen.get("strict")}
     beside |= {"save_cache": save_cache, "load_cache": load_cache}
     goal = goal_in_python(until_error, metric, time_budget, beside)
-    if goal is not None:
-        return render_until(source, goal, slaves=slaves, threads=threads, device=device, progress=progress, **chosen)
-    return render_in_passes(
-        source,
-        settings,
-        slaves=slaves,
-        threads=threads,
-        device=device,
-        progress=progress,
-        journal=journal,
-        resume=resume,
-        keep=keep,
-        cache=CacheFiles(save_cache, load_cache),
-        **chosen,
-    )
+    began = time.perf_counter()
+    with backend_here(slaves, threads, device) as backend:
+        if goal is not None:
+            used = time.perf_counter() - began
+            return render_until(source, goal, backend, progress=progress, used=used, **chosen)
+        return render_in_passes(
+            source,
+            backend,
+            settings,
+            progress=progress,
+            journal=journal,
+            resume=resume,
+            keep=keep,
+            cache=CacheFiles(save_cache, load_cache),
+            **chosen,
+        )
 
 
-def render_in_process(
-    scene: Scene,
-    settings: RenderSettings,
+def replay(
+    source: Source,
+    x: int,
+    y: int,
+    sample: int,
+    settings: RenderSettings | None = None,
     *,
-    workers: int,
-    cells: int | None = None,
     threads: int | None = None,
-    shuffle: random.Random | None = None,
-) -> Image:
-    """Render with several workers in this process: a cluster without sockets, for tests.
+    device: str = "cpu",
+    progress: Progress | None = None,
+    **chosen: Any,
+) -> Replay:
+    """Trace one sample of one pixel as a render with these settings does, in one cell in this process.
 
     Args:
-        cells: a power of two, at least `workers`; None for the least that serves them.
-        shuffle: shuffles the order in which messages arrive.
+        source: a scene, a file, the name of a built-in scene, or a function that gives a scene.
+        x, y: the pixel, from the upper left of the image.
+        sample: its number, from 0.
+        settings: all settings; or give single ones by name, see RenderSettings. `strict` is not looked at.
+        threads: cores to use; None for all there are.
+        device: "cpu" or a CUDA device, "cuda:0".
+
+    Raises:
+        SceneError, SettingsError: see their messages; also where there is no such pixel or sample.
     """
-    return render_in_passes(scene, settings, workers=workers, cells=cells, threads=threads, shuffle=shuffle)
+    with InProcess(threads=threads, device=device) as backend:
+        return replay_sample(source, backend, x, y, sample, settings, progress=progress, **chosen)

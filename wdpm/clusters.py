@@ -1,36 +1,32 @@
-"""Clusters for people: `wdpm.Cluster`, and what `wdpm master` and `wdpm slave` run."""
+"""Clusters for people: `wdpm.Cluster`, and what `wdpm master` runs."""
 
 from __future__ import annotations
 
-import resource
-import sys
-from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from wdpm.cluster.master.local_slaves import LocalSlaves, slave_command
 from wdpm.cluster.master.server import MasterServer, nobody
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
-from wdpm.cluster.slave.process import PATIENCE_S, run_slave
 from wdpm.cluster.transport import address
 from wdpm.cluster.transport.zeromq.key_files import keys_for
 from wdpm.devices import available_cores, check_device
+from wdpm.images.image import Image
+from wdpm.kernels.launch import Launcher
 from wdpm.progress import Progress
+from wdpm.rendering.backend import Backend
+from wdpm.rendering.cache_file import CacheFiles
+from wdpm.rendering.in_process import InProcess
+from wdpm.rendering.passes import render_in_passes
+from wdpm.rendering.prepare import Prepared, Source, prepare
 from wdpm.scenes.errors import SettingsError
-
-if TYPE_CHECKING:
-    from wdpm.cluster.render_settings import RenderSettings
-    from wdpm.cluster.slave.jobs import Worker
-    from wdpm.cluster.world import World
-    from wdpm.images.image import Image
-    from wdpm.rendering.prepare import Prepared, Source
-    from wdpm.scenes.flat.arrays import Triangles
-    from wdpm.scenes.model.scene import Scene
+from wdpm.scenes.model.scene import Scene
 
 
-class Cluster:
+class Cluster(Backend):
     """A master here, and slaves that stay up for many renders.
 
     Geometry is sent and photons are traced once for all renders that differ by no more than the camera and what
@@ -45,11 +41,10 @@ class Cluster:
     def __init__(
         self, master: MasterServer, slaves: int, stack: ExitStack, *, threads: int | None = None, device: str = "cpu"
     ) -> None:
+        super().__init__(slaves=slaves, threads=threads or available_cores(), device=device)
         self._master = master
         self._stack = stack
-        self._threads = threads
-        self._device = device
-        self.slaves = slaves
+        self._launcher = Launcher(device, threads)
 
     @classmethod
     def local(cls, slaves: int, *, threads: int | None = None, device: str = "cpu") -> Self:
@@ -95,16 +90,13 @@ class Cluster:
         """Where slaves find the master."""
         return self._master.endpoint
 
-    def run(self, session: Session, progress: Progress | None = None) -> SessionResult:
-        """Render a session; ClusterError if the cluster ends because of an error."""
+    def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:
+        """Make a scene ready for these slaves; the pilot is flown here."""
+        return prepare(scene, settings, self.slaves, self._launcher, progress)
+
+    def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:  # noqa: ARG002
+        """Render a session. What slaves have of it already they are not sent again, nor do they trace it again."""
         return self._master.render(session, progress)
-
-    def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress, cells: int | None = None) -> Prepared:
-        """Make a scene ready for these slaves; see prepare.prepare."""
-        from wdpm.kernels.launch import Launcher
-        from wdpm.rendering.prepare import prepare
-
-        return prepare(scene, settings, self.slaves, Launcher(self._device, self._threads), progress, cells)
 
     def render(
         self,
@@ -131,13 +123,10 @@ class Cluster:
             SceneError, SettingsError: see their messages.
             ClusterError: a slave failed or was lost; the cluster has ended.
         """
-        from wdpm.rendering.cache_file import CacheFiles
-        from wdpm.rendering.passes import render_in_passes
-
         return render_in_passes(
             source,
+            self,
             settings,
-            cluster=self,
             progress=progress,
             journal=journal,
             resume=resume,
@@ -158,6 +147,18 @@ class Cluster:
     ) -> None:
         # The master tells the slaves why it ends, so it must hear of the error.
         self._stack.__exit__(kind, error, trace)
+
+
+def backend_here(slaves: int = 0, threads: int | None = None, device: str = "cpu") -> Backend:
+    """What renders on this machine: slave processes, or with none of them this process.
+
+    Args:
+        threads: cores to use in all; None for all there are.
+        device: "cpu" or a CUDA device, "cuda:0".
+    """
+    if slaves:
+        return Cluster.local(slaves, threads=threads, device=device)
+    return InProcess(threads=threads, device=device)
 
 
 def render_as_master(
@@ -187,66 +188,3 @@ def render_as_master(
             save_cache=save_cache,
             load_cache=load_cache,
         )
-
-
-def serve_as_slave(
-    master: str,
-    *,
-    threads: int | None = None,
-    device: str = "cpu",
-    memory: int | None = None,
-    keys: Path | None = None,
-    insecure: bool = False,
-    patience: float = PATIENCE_S,
-    life_line: bool = False,
-) -> None:
-    """What `wdpm slave` does: compute for a master until it says stop.
-
-    Args:
-        master: tcp://HOST:PORT.
-        memory: most memory to use [bytes]; None for no limit.
-        patience: how long to wait for the master's first answer [s].
-        life_line: end when standard input closes, which the process that started this one holds open.
-
-    Raises:
-        SettingsError: the keys cannot be read, or the device is not there.
-        ClusterError: no master answered, it refused, or something failed.
-    """
-    if device != "cpu":
-        from wdpm.quiet import quiet_warp
-
-        quiet_warp()
-        check_device(device)
-    security = keys_for(address.resolve(master), keys, insecure)
-    if memory is not None:
-        limit_memory(memory)
-
-    def make_worker(number: int, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]) -> Worker:
-        # Warp takes half a second to import: a slave that cannot join should say so at once.
-        from wdpm.cluster.work.worker import CellWorker
-        from wdpm.kernels.compile import compile_kernels
-        from wdpm.kernels.launch import Launcher
-        from wdpm.quiet import quiet_warp
-
-        quiet_warp()
-        compile_kernels(device)
-        return CellWorker(number, world, partition, holders, Launcher(device, threads))
-
-    run_slave(
-        master,
-        make_worker,
-        threads=threads or available_cores(),
-        memory=memory,
-        security=security,
-        patience=patience,
-        life_line=sys.stdin.fileno() if life_line else None,
-    )
-
-
-def limit_memory(limit: int) -> None:
-    """Have allocations fail beyond a limit [bytes], instead of the machine beginning to swap."""
-    try:
-        # Data, not address space: threads and compiled code reserve far more addresses than they use.
-        resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
-    except (ValueError, OSError) as error:
-        raise SettingsError(f"cannot limit memory to {limit} bytes: {error}") from None

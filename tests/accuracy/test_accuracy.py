@@ -9,6 +9,7 @@ import re
 import shlex
 import shutil
 import xml.etree.ElementTree as ET
+from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -23,11 +24,13 @@ from wdpm.accuracy.result import Accuracy
 from wdpm.accuracy.run import Request, measure
 from wdpm.accuracy.words import summary
 from wdpm.cli import main
+from wdpm.clusters import backend_here
 from wdpm.images.image import Image, load
 from wdpm.progress import SilentProgress
 from wdpm.scenes.errors import ImageError
 
 SIZE = (20, 14)
+ONE_THREAD = partial(backend_here, threads=1)
 CHOSEN = {"photons": 800, "spp": 2, "k": 20}
 BASE = ["--photons", "800", "--spp", "2", "--k", "20"]
 SWEEPS = ["photons=200,3k", "spp=1,8", "radius=0.5x,1x", "passes=1,2"]
@@ -41,7 +44,7 @@ def request(folder: Path, sweeps: list[str], **changes: Any) -> Request:
 @pytest.fixture(scope="module")
 def swept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Accuracy]:
     folder = tmp_path_factory.mktemp("accuracy")
-    return folder, measure(request(folder, SWEEPS), SilentProgress())
+    return folder, measure(request(folder, SWEEPS), ONE_THREAD, SilentProgress())
 
 
 def run(arguments: list[str]) -> int:
@@ -71,7 +74,7 @@ def test_figures_are_those_of_the_saved_images(swept: tuple[Path, Accuracy]) -> 
 
 def test_the_worst_pixels_can_be_left_out(swept: tuple[Path, Accuracy], tmp_path: Path) -> None:
     folder = shutil.copytree(swept[0], tmp_path / "copy")
-    found = measure(request(folder, SWEEPS, trim=0.05, clock="cpu"), SilentProgress())
+    found = measure(request(folder, SWEEPS, trim=0.05, clock="cpu"), ONE_THREAD, SilentProgress())
     a, b = (load(folder / f"reference-{half}.exr").pixels.astype(np.float64) for half in "ab")
     reference, own = (a + b) / 2, (a - b) ** 2 / 4
     weight = 1 / (reference**2 + 0.01)
@@ -105,7 +108,9 @@ def test_the_csv_has_the_same_figures(swept: tuple[Path, Accuracy]) -> None:
 
 def test_the_csv_has_a_column_for_every_knob(tmp_path: Path) -> None:
     sweeps = ["light-samples=1,2", "band=0.5", "radius=2x"]
-    found = measure(request(tmp_path, sweeps, chosen={**CHOSEN, "without": ("lens", "bump")}), SilentProgress())
+    found = measure(
+        request(tmp_path, sweeps, chosen={**CHOSEN, "without": ("lens", "bump")}), ONE_THREAD, SilentProgress()
+    )
     rows = list(csv.DictReader(io.StringIO((tmp_path / "points.csv").read_text())))
     points = json.loads((tmp_path / "points.json").read_text())["points"]
     for knob in KNOBS:
@@ -214,36 +219,36 @@ def test_an_interrupted_sweep_goes_on(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(accuracy_render.Bench, "render", render)
     monkeypatch.setattr(accuracy_run, "_small", lambda settings: settings)
     with pytest.raises(Stop):
-        measure(request(tmp_path, ["k=5,40"]), SilentProgress())
+        measure(request(tmp_path, ["k=5,40"]), ONE_THREAD, SilentProgress())
     limit = 1000
     reference = (tmp_path / "reference.npz").read_bytes()
-    found = measure(request(tmp_path, ["k=5,40"]), SilentProgress())
+    found = measure(request(tmp_path, ["k=5,40"]), ONE_THREAD, SilentProgress())
     assert len(rendered) == 1 + 3 * len(found.points), "the trial and every render are done once"
     assert (tmp_path / "reference.npz").read_bytes() == reference
-    measure(request(tmp_path, ["k=5,10,40"]), SilentProgress())
+    measure(request(tmp_path, ["k=5,10,40"]), ONE_THREAD, SilentProgress())
     assert len(rendered) == 1 + 3 * 4, "a point that is new is rendered, the others are there"
 
 
 def test_a_broken_record_is_told(tmp_path: Path) -> None:
-    measure(request(tmp_path, ["k=5,20"]), SilentProgress())
+    measure(request(tmp_path, ["k=5,20"]), ONE_THREAD, SilentProgress())
     record = next((tmp_path / "renders").glob("*.json"))
     record.write_text("{")
     with pytest.raises(ImageError, match=f"{record.name}: is no record.*delete it"):
-        measure(request(tmp_path, ["k=5,20"]), SilentProgress())
+        measure(request(tmp_path, ["k=5,20"]), ONE_THREAD, SilentProgress())
 
 
 def test_a_truncated_image_is_told_before_anything_is_rendered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    measure(request(tmp_path, ["k=5,20"]), SilentProgress())
+    measure(request(tmp_path, ["k=5,20"]), ONE_THREAD, SilentProgress())
     image = next((tmp_path / "renders").glob("*.exr"))
     image.write_bytes(image.read_bytes()[:700])
     monkeypatch.setattr(accuracy_render.Bench, "render", lambda *_: pytest.fail("rendered"))
     with pytest.raises(ImageError, match=f"{image.name}: not a whole OpenEXR file.*; delete it and run again"):
-        measure(request(tmp_path, ["k=5,20,40"]), SilentProgress())
+        measure(request(tmp_path, ["k=5,20,40"]), ONE_THREAD, SilentProgress())
 
 
 def test_another_scene_uses_nothing_of_the_folder(tmp_path: Path) -> None:
-    first = measure(request(tmp_path, ["k=5,20"]), SilentProgress())
-    second = measure(request(tmp_path, ["k=5,20"], size=(10, 8)), SilentProgress())
+    first = measure(request(tmp_path, ["k=5,20"]), ONE_THREAD, SilentProgress())
+    second = measure(request(tmp_path, ["k=5,20"], size=(10, 8)), ONE_THREAD, SilentProgress())
     assert {image for p in first.points for image in p.images}.isdisjoint(
         image for p in second.points for image in p.images
     )
@@ -251,7 +256,7 @@ def test_another_scene_uses_nothing_of_the_folder(tmp_path: Path) -> None:
 
 @pytest.mark.sockets
 def test_the_band_and_slaves(tmp_path: Path) -> None:
-    found = measure(request(tmp_path, ["band=0..1:3", "slaves=0,2"]), SilentProgress())
+    found = measure(request(tmp_path, ["band=0..1:3", "slaves=0,2"]), ONE_THREAD, SilentProgress())
     curve = found.curve_of("band")
     assert curve is not None
     narrow, _, exact = (found.points[number] for number in curve.points)
@@ -284,10 +289,12 @@ def flat(path: Path, value: float = 1.0, size: tuple[int, int] = SIZE) -> Path:
 
 def test_two_halves_tell_the_noise_of_a_reference(tmp_path: Path) -> None:
     halves = (flat(tmp_path / "a.exr"), flat(tmp_path / "b.exr", 1.5))
-    found = measure(request(tmp_path, ["k=5,20"], references=halves, reference_time=None), SilentProgress())
+    found = measure(request(tmp_path, ["k=5,20"], references=halves, reference_time=None), ONE_THREAD, SilentProgress())
     own = 0.25**2 / (1.25**2 + 0.01) / (SIZE[0] * SIZE[1])
     assert found.reference_noise == pytest.approx(own, rel=1e-6)
-    one = measure(request(tmp_path, ["k=5,20"], references=halves[:1], reference_time=None), SilentProgress())
+    one = measure(
+        request(tmp_path, ["k=5,20"], references=halves[:1], reference_time=None), ONE_THREAD, SilentProgress()
+    )
     assert one.reference_noise is None
     assert "its own noise is not known" in one.reference
 

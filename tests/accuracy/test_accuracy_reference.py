@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,13 @@ from wdpm.accuracy.reference import STATE, trace_reference
 from wdpm.accuracy.run import Request, measure
 from wdpm.cluster.plan.integrators.registry import REFERENCE
 from wdpm.cluster.render_settings import EFFECTS_TO_LEAVE_OUT, RenderSettings
+from wdpm.clusters import backend_here
 from wdpm.images.image import Image, load
 from wdpm.progress import SilentProgress
 from wdpm.scenes.errors import ImageError, SettingsError
 
 SIZE = (12, 10)
+ONE_THREAD = partial(backend_here, threads=1)
 
 
 def request(folder: Path, **chosen: Any) -> Request:
@@ -28,8 +31,8 @@ def request(folder: Path, **chosen: Any) -> Request:
 
 @pytest.mark.parametrize("without", [("indirect",), ("caustics",), ("indirect", "lens")])
 def test_what_renders_leave_out_is_bias(without: tuple[str, ...], tmp_path: Path) -> None:
-    found = measure(request(tmp_path / "without", without=without), SilentProgress())
-    measure(request(tmp_path / "with"), SilentProgress())
+    found = measure(request(tmp_path / "without", without=without), ONE_THREAD, SilentProgress())
+    measure(request(tmp_path / "with"), ONE_THREAD, SilentProgress())
     dark, whole = (load(tmp_path / folder / "reference-a.exr").pixels for folder in ("without", "with"))
     if "lens" not in without:
         # Batches are as many as fit into the time, but the first has the same random numbers.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from wdpm.accuracy.knobs import KNOBS, parse_sweep
 from wdpm.accuracy.run import Request, measure
 from wdpm.accuracy.uses import idle_by_settings, idle_knobs
 from wdpm.cluster.render_settings import Integrator, RenderSettings
+from wdpm.clusters import backend_here
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import SilentProgress
 from wdpm.rendering.prepare import prepare
@@ -27,6 +29,7 @@ from wdpm.scenes.model.lights import PointLight
 from wdpm.scenes.model.scene import Medium, Scene
 
 SIZE = (12, 10)
+ONE_THREAD = partial(backend_here, threads=1)
 CAUSTIC = {"caustic_photons", "caustic_k", "caustic_radius"}
 VOLUME = {"volume_photons", "volume_samples", "volume_radius"}
 GLOBAL = {"photons", "k", "radius", "indirect"}
@@ -144,7 +147,7 @@ def test_they_are_refused_before_anything_is_rendered(
 ) -> None:
     monkeypatch.setattr(render.Bench, "render", lambda *_: pytest.fail("rendered"))
     with pytest.raises(SettingsError, match=complaint) as refused:
-        measure(request(tmp_path, sweep, **chosen), SilentProgress())
+        measure(request(tmp_path, sweep, **chosen), ONE_THREAD, SilentProgress())
     assert "\n" not in str(refused.value)
 
 

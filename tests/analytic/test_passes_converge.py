@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from wdpm.api import render
 from wdpm.cluster.render_settings import Integrator, RenderSettings
+from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.pass_plan import smaller_k
 from wdpm.rendering.passes import PassAverage, PassRenderer, shrink, spread_samples
 from wdpm.scenes import cornell_box
@@ -23,14 +24,14 @@ def errors(what: Scene, truth: NDArray[np.float64] | float, **chosen: int) -> ND
     found = np.zeros((2, DOUBLINGS + 1))
     for seed in range(2):
         settings = RenderSettings(spp=PASSES, passes=PASSES, seed=seed, **chosen)
-        with PassRenderer(what, settings) as renderer:
-            average = PassAverage(renderer.prepared)
-            for plan in spread_samples(settings.spp, PASSES):
-                average.add(renderer.render(plan))
-                done = plan.number + 1
-                if done & plan.number == 0:
-                    indirect = average.layers()["indirect"].astype(np.float64)
-                    found[seed, done.bit_length() - 1] = ((indirect - truth) ** 2).mean()
+        renderer = PassRenderer(what, InProcess(), settings)
+        average = PassAverage(renderer.prepared)
+        for plan in spread_samples(settings.spp, PASSES):
+            average.add(renderer.render(plan))
+            done = plan.number + 1
+            if done & plan.number == 0:
+                indirect = average.layers()["indirect"].astype(np.float64)
+                found[seed, done.bit_length() - 1] = ((indirect - truth) ** 2).mean()
     return np.asarray(found.mean(axis=0))
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from furnaces import Array, box, hollow_sphere, quad, scene, view
 
-from wdpm.api import render_in_process
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.kernels.materials.types import DIFFUSE
+from wdpm.rendering.in_process import render_in_process
 from wdpm.report.report import EnergyLedger
 from wdpm.scenes.builtin.cornell_box import cornell_box
 from wdpm.scenes.flat.flatten import flatten

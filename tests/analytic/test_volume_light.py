@@ -9,8 +9,8 @@ import pytest
 from fog import foggy, single_scattering
 from furnaces import box, quad, rendered, scene, view
 
-from wdpm.api import render_in_process
 from wdpm.cluster.render_settings import RenderSettings
+from wdpm.rendering.in_process import render_in_process
 from wdpm.report.report import EnergyLedger
 from wdpm.scenes.model.bsdfs import Null
 from wdpm.scenes.model.lights import PointLight

@@ -13,13 +13,15 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from wdpm import api
 from wdpm.bench import caustic, indirect, kernels, mitsuba, paper, photons
 from wdpm.bench.commands import arguments
 from wdpm.cli import main
 from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
+from wdpm.clusters import backend_here
 from wdpm.images.image import Image
 from wdpm.progress import SilentProgress
+from wdpm.rendering.backend import Backends
+from wdpm.rendering.in_process import InProcess, render_in_process
 from wdpm.report.grid import Grid
 from wdpm.scenes.errors import ImageError, WdpmError
 from wdpm.scenes.load import load
@@ -178,7 +180,7 @@ def in_memory(spoil: int | None = None) -> Callable[[Scene, RenderSettings, int]
     """A renderer without sockets; one pixel is off by 0.5 with `spoil` slaves."""
 
     def render(scene: Scene, settings: RenderSettings, slaves: int) -> Image:
-        image = api.render_in_process(scene, settings, workers=max(slaves, 1), threads=1)
+        image = render_in_process(scene, settings, workers=max(slaves, 1), threads=1)
         if slaves != spoil:
             return image
         beauty = image.pixels.copy()
@@ -191,7 +193,7 @@ def in_memory(spoil: int | None = None) -> Callable[[Scene, RenderSettings, int]
 def measure_paper(**options: Any) -> paper.SceneFigures:
     small = {"size": (12, 8), "spp": 1, "photons": 600, "k": 5}
     slaves, routings = options.pop("slaves", (2, 0, 4)), options.pop("routings", (Routing.FORWARD,))
-    return paper.measure("cornell-box", slaves, routings, SilentProgress(), **small, **options)
+    return paper.measure("cornell-box", slaves, routings, backend_here, SilentProgress(), **small, **options)
 
 
 def test_the_papers_table() -> None:
@@ -270,7 +272,7 @@ def test_caustic_bench_by_turns(scene_file: Path, tmp_path: Path) -> None:
     bound = caustic.Bound(reference, (2, 2, 14, 10), 1e9)
     settings = RenderSettings(spp=4, photons=500, k=5)
     try:
-        figures = caustic.measure(scene_file, bound, settings, 4, SilentProgress(), rounds=1)
+        figures = caustic.measure(scene_file, bound, settings, 4, InProcess(), SilentProgress(), rounds=1)
     except WdpmError as error:
         if "llvm" not in str(error).lower():
             raise
@@ -297,9 +299,8 @@ def test_caustic_bench_says_what_is_wrong(scene_file: Path, tmp_path: Path, caps
 
 
 def test_the_edges_of_emitters_are_left_out(scene_file: Path) -> None:
-    setup = mitsuba.Setup(scene_file, 24, 24)
     scene = load(scene_file, size=(24, 24))
-    edges = mitsuba.emitter_edges(scene, setup)
+    edges = mitsuba.emitter_edges(scene, InProcess(), RenderSettings())
     assert edges.shape == (24, 24)
     assert not edges[0].any()  # wall
     assert not edges[12, 12]  # within the lamp
@@ -321,7 +322,7 @@ def test_mitsuba_and_wdpm_by_turns(scene_file: Path, tmp_path: Path) -> None:
     reference = tmp_path / "reference.npy"
     np.save(reference, np.full((12, 16, 3), 0.1, np.float32))
     try:
-        figures = mitsuba.measure(setup, reference, SilentProgress())
+        figures = mitsuba.measure(setup, reference, InProcess(), SilentProgress())
     except WdpmError as error:
         if "llvm" not in str(error).lower():
             raise
@@ -406,8 +407,10 @@ def test_options_of_the_papers_table_reach_the_renders(
 ) -> None:
     asked: list[Any] = []
 
-    def measure(name: str, slaves: Any, routings: Any, _: Any, **options: Any) -> paper.SceneFigures:
-        asked.append((name, slaves, routings, options))
+    def measure(
+        name: str, slaves: Any, routings: Any, backends: Backends, _: Any, **options: Any
+    ) -> paper.SceneFigures:
+        asked.append((name, slaves, routings, options | {"threads": backends(0).threads}))
         return paper.SceneFigures(name, 1, 1, 1, 1, 1, 1, ())
 
     monkeypatch.setattr(paper, "measure", measure)

@@ -20,12 +20,13 @@ from wdpm.images.image import Image
 from wdpm.kernels.features import ALL, Features
 from wdpm.kernels.variants import make_variants
 from wdpm.progress import SilentProgress
+from wdpm.rendering.in_process import InProcess
 from wdpm.scenes.model.scene import Scene
 
 
 def measure_effects(**options: Any) -> effects.EffectFigures:
     few = RenderSettings(spp=1, photons=400, caustic_photons=400, volume_photons=400, k=5)
-    return effects.measure(SilentProgress(), few, size=(8, 6), rounds=2, **options)
+    return effects.measure(few, InProcess(threads=1), SilentProgress(), size=(8, 6), rounds=2, **options)
 
 
 def test_an_effect_is_paid_for_where_it_is_called_for() -> None:

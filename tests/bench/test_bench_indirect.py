@@ -19,6 +19,7 @@ from wdpm.cli import main
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.images.image import Image
 from wdpm.progress import SilentProgress
+from wdpm.rendering.in_process import InProcess
 from wdpm.report.report import FinalGatherReport, Report
 from wdpm.scenes.errors import ImageError
 from wdpm.scenes.model.scene import Scene
@@ -49,7 +50,7 @@ class FakeRenderer:
 
 
 def measured(renderer: FakeRenderer, reference: Path | None = None) -> IndirectFigures:
-    return indirect.measure("cornell-box", reference, SWEEP, SilentProgress(), size=SIZE, render=renderer)
+    return indirect.measure("cornell-box", reference, SWEEP, InProcess(), SilentProgress(), size=SIZE, render=renderer)
 
 
 def test_every_choice_is_rendered_by_turns_after_all_is_warm() -> None:
@@ -79,7 +80,7 @@ def test_a_reference_file_gives_the_size_and_spares_the_path_tracer(tmp_path: Pa
     file = tmp_path / "reference.exr"
     grey(1.0).save(file)
     renderer = FakeRenderer()
-    figures = indirect.measure("cornell-box", file, SWEEP, SilentProgress(), render=renderer)
+    figures = indirect.measure("cornell-box", file, SWEEP, InProcess(), SilentProgress(), render=renderer)
     assert (figures.size, figures.reference) == (SIZE, str(file))
     assert all(each.integrator is not Integrator.PATH for each in renderer.asked)
     (tmp_path / "scene.xml").write_text("<scene/>")

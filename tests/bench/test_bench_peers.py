@@ -20,6 +20,8 @@ from wdpm.cli import main
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.images.image import Image
 from wdpm.progress import SilentProgress
+from wdpm.rendering.backend import Backend
+from wdpm.rendering.in_process import InProcess
 from wdpm.scenes.errors import SettingsError, WdpmError
 
 SCENE_XML = """\
@@ -91,13 +93,13 @@ class Fakes:
         self._now = 0.0
         self._unlucky = unlucky
         monkeypatch.setattr(peers, "MitsubaProcess", FakeMitsuba)
-        monkeypatch.setattr(peers.api, "render", self.render)
+        monkeypatch.setattr(peers, "render_in_passes", self.render)
         monkeypatch.setattr(peers.time, "perf_counter", lambda: self._now)
         monkeypatch.setattr(peers.time, "process_time", lambda: 2 * self._now)
         monkeypatch.setattr(peers, "find_spec", lambda name: name)
 
-    def render(self, _: Any, settings: RenderSettings, *, threads: int | None) -> Image:
-        assert threads == 2
+    def render(self, _: Any, backend: Backend, settings: RenderSettings) -> Image:
+        assert backend.threads == 2
         self.rendered.append(settings)
         self._now += settings.spp * settings.photons / 100
         error = 10 / (settings.spp * settings.photons)
@@ -107,7 +109,8 @@ class Fakes:
 
     def measure(self, scene_file: Path, bounds: Bounds, *families: Family) -> PeerFigures:
         reference = scene_file.with_name("reference.exr")
-        return peers.measure(scene_file, reference, bounds, SilentProgress(), families=families or (FEW,), threads=2)
+        backend = InProcess(threads=2)
+        return peers.measure(scene_file, reference, bounds, backend, SilentProgress(), families=families or (FEW,))
 
 
 # ---- the grid -----------------------------------------------------------------------------------------------------
@@ -235,12 +238,12 @@ def test_what_takes_too_long_is_not_tried(scene_file: Path, monkeypatch: pytest.
 def test_a_way_that_the_scene_does_not_take_is_told(scene_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fakes = Fakes(monkeypatch)
 
-    def refuse(scene: Any, settings: RenderSettings, **options: Any) -> Image:
+    def refuse(scene: Any, backend: Backend, settings: RenderSettings) -> Image:
         if settings.indirect is Indirect.CACHE:
             raise SettingsError("no cache here")
-        return fakes.render(scene, settings, **options)
+        return fakes.render(scene, backend, settings)
 
-    monkeypatch.setattr(peers.api, "render", refuse)
+    monkeypatch.setattr(peers, "render_in_passes", refuse)
     figures = fakes.measure(scene_file, Bounds((0.02,)), Family("c", (100,), (1, 2), indirect=Indirect.CACHE), FEW)
     assert figures.refused == {"c": "no cache here"}
     assert "c: not rendered: no cache here" in figures.grid().notes
@@ -291,7 +294,12 @@ def test_both_for_real(scene_file: Path, tmp_path: Path) -> None:
     bounds = Bounds((1e9,), rounds=1)
     try:
         figures = peers.measure(
-            scene_file, tmp_path / "reference.exr", bounds, SilentProgress(), families=(Family("few", (500,), (4,)),)
+            scene_file,
+            tmp_path / "reference.exr",
+            bounds,
+            InProcess(),
+            SilentProgress(),
+            families=(Family("few", (500,), (4,)),),
         )
     except WdpmError as error:
         if "llvm" not in str(error).lower():

@@ -10,6 +10,7 @@ import pytest
 import wdpm
 from wdpm.bench.predict import PredictFigures, Run, measure
 from wdpm.progress import SilentProgress
+from wdpm.rendering.in_process import InProcess
 from wdpm.scenes.errors import SettingsError
 
 RUN = Run(
@@ -33,7 +34,7 @@ def test_shares_count_what_they_say() -> None:
     worse = replace(RUN, true=0.03)
     honest = replace(RUN, true=0.03, reached=False)
     spent = replace(RUN, true=0.004)
-    figures = PredictFigures("cpu", None, (RUN, slow, worse, honest, spent))
+    figures = PredictFigures("cpu", 2, (RUN, slow, worse, honest, spent))
     assert RUN.ratio == pytest.approx(1.2)
     assert RUN.whole_ratio == pytest.approx(17 / 15)
     assert figures.time_share == pytest.approx(4 / 5)
@@ -47,13 +48,13 @@ def test_a_run_is_held_against_the_reference_beside_the_scene(tmp_path: Path) ->
     scene = tmp_path / "box.obj"
     scene.write_text("v -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nf 1 2 3 4\n")
     with pytest.raises(SettingsError, match=r"reference\.exr"):
-        measure([scene], SilentProgress())
+        measure([scene], InProcess(), SilentProgress())
     with pytest.raises(SettingsError, match="no scene"):
-        measure([], SilentProgress())
+        measure([], InProcess(), SilentProgress())
     small = replace(wdpm.load("cornell-box").camera, width=12, height=12)
     image = wdpm.render(replace(wdpm.load("cornell-box"), camera=small), photons=0, spp=1, threads=1)
     image.save(tmp_path / "reference.exr")
-    found = measure([scene], SilentProgress(), targets=(0.9,), threads=1)
+    found = measure([scene], InProcess(threads=1), SilentProgress(), targets=(0.9,))
     (run,) = found.runs
     assert run.scene == tmp_path.name
     assert run.true > 0

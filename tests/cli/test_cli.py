@@ -343,11 +343,11 @@ def test_the_master_gets_its_options(renderer: Renderer) -> None:
 
 
 def test_the_slave_gets_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
-    from wdpm import clusters
+    from wdpm import serving
     from wdpm.cluster.slave.process import PATIENCE_S
 
     asked: dict[str, Any] = {}
-    monkeypatch.setattr(clusters, "serve_as_slave", lambda address, **options: asked.update(address=address, **options))
+    monkeypatch.setattr(serving, "serve_as_slave", lambda address, **options: asked.update(address=address, **options))
     assert run(["slave", "tcp://10.0.0.1:7000", "--threads", "2", "--memory", "8G", "--insecure"]) == 0
     assert asked == {
         "address": "tcp://10.0.0.1:7000",

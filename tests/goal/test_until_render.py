@@ -25,6 +25,7 @@ from wdpm.goal.trial import Trial
 from wdpm.images.comparison import compare
 from wdpm.images.image import load as load_image
 from wdpm.progress import SilentProgress
+from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.pass_plan import PassPlan, PassResult
 from wdpm.rendering.pass_progress import PassProgress
 from wdpm.rendering.passes import PassRenderer
@@ -105,7 +106,7 @@ class Costs:
 def test_the_image_is_within_the_error(
     photons: float, passes: int, scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    image = render_until(scene, Goal(0.1), threads=2, clock=Costs(photons, 0.02, monkeypatch), **FEW)
+    image = render_until(scene, Goal(0.1), InProcess(threads=2), clock=Costs(photons, 0.02, monkeypatch), **FEW)
     monkeypatch.undo()
     if image.metadata["asked"]["passes"] != passes:
         pytest.fail("another course was chosen than the one that this is about")
@@ -133,7 +134,7 @@ def test_a_time_that_is_too_short_for_the_error_gives_an_image_and_says_so(
 def test_an_error_out_of_reach_ends_with_the_best_there_is(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("wdpm.goal.plan.MOST_PASSES", 8)
     monkeypatch.setattr("wdpm.goal.witness.MOST_SPP", 8)
-    image = render_until(scene, Goal(1e-6), threads=2, indirect=Indirect.MAP, **FEW)
+    image = render_until(scene, Goal(1e-6), InProcess(threads=2), indirect=Indirect.MAP, **FEW)
     asked = image.metadata["asked"]
     assert not asked["reached"]
     assert asked["ending"] == "done"
@@ -166,7 +167,7 @@ def test_what_is_not_reached_says_what_would_help() -> None:
 
 def test_bias_that_only_noise_suggests_does_not_keep_the_pilot_at_work(scene: Scene) -> None:
     """A trial whose bias is not known from its noise: passes are rendered rather than trials of ever more photons."""
-    pilot = Pilot(scene, RenderSettings(), frozenset(), Workplace(SilentProgress(), threads=2))
+    pilot = Pilot(scene, RenderSettings(), frozenset(), Workplace(InProcess(threads=2), SilentProgress()))
     hidden = Trial(RenderSettings(indirect=Indirect.MAP), 0.1, 0.01, 0.01, 1e-4, 1e-2, bias=0.5, likely_bias=0.0)
     pilot.trials = [hidden]
     course, reached = pilot.best(Goal(0.001))
@@ -192,7 +193,7 @@ def ctrl_c(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 
 def test_ctrl_c_hands_over_the_image_so_far(scene: Scene, ctrl_c: pytest.MonkeyPatch) -> None:
     with pytest.raises(Interrupted) as caught:
-        render_until(scene, Goal(0.01), threads=2, **FEW)
+        render_until(scene, Goal(0.01), InProcess(threads=2), **FEW)
     image = caught.value.image
     asked = image.metadata["asked"]
     assert asked["ending"] == "interrupted"
@@ -215,12 +216,12 @@ def test_ctrl_c_writes_the_image_so_far(tmp_path: Path, capsys: pytest.CaptureFi
 
 def test_what_comes_by_photon_maps_alone_may_be_left_out(scene: Scene) -> None:
     """There is no witness then: paths cannot leave it out."""
-    image = render_until(scene, Goal(0.5), threads=2, without=("indirect",), **FEW)
+    image = render_until(scene, Goal(0.5), InProcess(threads=2), without=("indirect",), **FEW)
     assert image.metadata["asked"]["reached"]
 
 
 def test_passes_of_the_pilot_count(scene: Scene) -> None:
-    pilot = Pilot(scene, RenderSettings(**FEW), frozenset(FEW), Workplace(SilentProgress(), threads=2))
+    pilot = Pilot(scene, RenderSettings(**FEW), frozenset(FEW), Workplace(InProcess(threads=2), SilentProgress()))
     pilot.run(Goal(0.3))
     course, reached = pilot.best(Goal(0.3))
     assert reached
@@ -231,7 +232,8 @@ def test_passes_of_the_pilot_count(scene: Scene) -> None:
 
 
 def test_slaves_render_the_same_image(scene: Scene) -> None:
-    image = render_until(scene, Goal(0.3), slaves=2, threads=2, **FEW)
+    with wdpm.Cluster.local(2, threads=2) as cluster:
+        image = render_until(scene, Goal(0.3), cluster, **FEW)
     settings = image.metadata["settings"]
     kept = {name: settings[name] for name in ("spp", "passes", "photons", "caustic_photons", "volume_photons")}
     again = wdpm.render(scene, threads=2, indirect=Indirect(settings["indirect"]), **kept)
@@ -239,7 +241,7 @@ def test_slaves_render_the_same_image(scene: Scene) -> None:
 
 
 def test_predictions_cost_more_for_less_error(scene: Scene) -> None:
-    found = predict(scene, Workplace(SilentProgress(), threads=2), targets=(0.5, 0.3), **FEW)
+    found = predict(scene, Workplace(InProcess(threads=2), SilentProgress()), targets=(0.5, 0.3), **FEW)
     large, small = found.courses[0.5], found.courses[0.3]
     assert large is not None
     assert small is not None

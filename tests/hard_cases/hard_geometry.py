@@ -9,8 +9,8 @@ from partitions import planes, with_tree
 from placing import scaled
 from rooms import Array, ball, box, glowing_box, lit_room, quad, scene, triangles, view
 
-from wdpm.api import render_in_process
 from wdpm.cluster.render_settings import RenderSettings
+from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.model.bsdfs import WHITE, Dielectric
 from wdpm.scenes.model.lights import Environment

@@ -11,10 +11,10 @@ import warp as wp
 from case import HardCase, Run
 from rooms import ball, box, effects_room, glowing_box, lit_room, scene, view
 
-from wdpm.api import render_in_process
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.kernels import columns
 from wdpm.kernels.camera import add_samples
+from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes.model.bsdfs import (
     WHITE,
     Blend,

@@ -9,9 +9,9 @@ from case import HardCase, Run, imbalance
 from partitions import in_renderer, planes, with_tree
 from rooms import effects_room, glowing_box, lit_room
 
-from wdpm.api import render_in_process
 from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.images.image import Image
+from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes.model.scene import Scene
 
 

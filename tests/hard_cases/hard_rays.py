@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from partitions import in_renderer, planes, with_tree
 from rooms import ball, box, glowing_box, lit_room, quad, scene, view
 
-from wdpm.api import render_in_process
 from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.images.image import Image
+from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes.model.bsdfs import Dielectric
 from wdpm.scenes.model.lights import Environment
 from wdpm.scenes.model.scene import Camera, Material, Scene, diffuse

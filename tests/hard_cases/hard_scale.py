@@ -16,11 +16,11 @@ from placing import on_lattice, scaled, scaled_settings, size_of, small
 from rooms import ball, effects_room, scene, view
 
 import wdpm
-from wdpm.api import render_in_process
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.image import Image
 from wdpm.kernels.constants import MAX_GATHER_RADIUS, MIN_GATHER_RADIUS
 from wdpm.kernels.lights.target_clusters import cluster_targets
+from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import atrium, cornell_box
 from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.model.scene import Scene

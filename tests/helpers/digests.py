@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from wdpm.api import render_in_process
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.image import Image
+from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes.model.scene import Scene
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wdpm.api import render_in_process
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.image import Image
+from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes.meshes.primitives import cube, sphere
 from wdpm.scenes.model.lights import PointLight
 from wdpm.scenes.model.scene import Camera, Mesh, Scene, diffuse

@@ -16,13 +16,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from random_scenes import scenes
 
-from wdpm.api import render_in_process
 from wdpm.cluster.batch import Arrays, Kind, concatenate
 from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.images.image import Image
 from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.rays.cells import cell_boxes
+from wdpm.rendering.in_process import render_in_process
 from wdpm.report.report import EnergyLedger
 from wdpm.scenes.builtin.names import cornell_box
 from wdpm.scenes.flat.flatten import flatten

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from random_scenes import scenes_with_effects
 
 import wdpm
-from wdpm.api import render_in_process
 from wdpm.cluster.batch import Batch
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.render_settings import RenderSettings, Routing
@@ -24,6 +23,7 @@ from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.replica import with_camera
 from wdpm.images.image import Image
 from wdpm.kernels.features import ALL
+from wdpm.rendering.in_process import render_in_process
 from wdpm.report.report import EnergyLedger
 from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.model.scene import Scene

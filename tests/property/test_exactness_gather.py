@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from random_scenes import scenes, scenes_with_effects
 
 import wdpm
-from wdpm.api import render_in_process
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import machine
@@ -27,6 +26,7 @@ from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.images.image import Image
+from wdpm.rendering.in_process import render_in_process
 from wdpm.report.report import EnergyLedger
 from wdpm.scenes import cornell_box
 from wdpm.scenes.model.bsdfs import Diffuse, TwoSided

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from random_scenes import scenes_with_effects
 
 import wdpm
-from wdpm.api import render_in_process
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.messages.checks import check_batch
 from wdpm.cluster.render_settings import Integrator, RenderSettings, Routing
 from wdpm.cluster.work.cell import Cell
 from wdpm.images.image import Image
+from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import cornell_box
 from wdpm.scenes.model.lights import Environment
 from wdpm.scenes.model.scene import Medium, Scene

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import wdpm
-from wdpm.api import render_in_process
 from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.images.image import Image
+from wdpm.rendering.in_process import InProcess, render_in_process
 from wdpm.rendering.passes import PassRenderer, spread_samples
 from wdpm.replaying.run import Replayer
 from wdpm.scenes import cornell_box
@@ -57,14 +57,14 @@ def test_processes_and_sockets_give_the_same_bits() -> None:
 def test_replays_are_of_the_pass_that_takes_the_sample() -> None:
     scene = effect_scenes.fogs()
     settings = RenderSettings(**{**vars(FEW), "spp": 4, "passes": 2})
-    with PassRenderer(scene, settings) as renderer:
-        for plan in spread_samples(4, 2):
-            layers = renderer.render(plan).layers
-            replayer = Replayer(scene, settings, plan)
-            for x, y in ((3, 4), (8, 6), (12, 10)):
-                samples = [replayer.sample(x, y, plan.first_sample + number) for number in range(plan.spp)]
-                for name in ("direct", "indirect", "caustic", "volume"):
-                    total = samples[0].layers[name] + samples[1].layers[name]
-                    np.testing.assert_array_equal(layers[name][y, x], (total * 0.5).astype(np.float32), err_msg=name)
-            with pytest.raises(wdpm.WdpmError, match="there is no sample"):
-                replayer.sample(3, 4, (plan.first_sample + plan.spp) % 4)
+    renderer = PassRenderer(scene, InProcess(), settings)
+    for plan in spread_samples(4, 2):
+        layers = renderer.render(plan).layers
+        replayer = Replayer(scene, InProcess(), settings, plan)
+        for x, y in ((3, 4), (8, 6), (12, 10)):
+            samples = [replayer.sample(x, y, plan.first_sample + number) for number in range(plan.spp)]
+            for name in ("direct", "indirect", "caustic", "volume"):
+                total = samples[0].layers[name] + samples[1].layers[name]
+                np.testing.assert_array_equal(layers[name][y, x], (total * 0.5).astype(np.float32), err_msg=name)
+        with pytest.raises(wdpm.WdpmError, match="there is no sample"):
+            replayer.sample(3, 4, (plan.first_sample + plan.spp) % 4)

@@ -16,6 +16,7 @@ from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import SilentProgress
 from wdpm.rendering import passes as module
+from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.pass_plan import photon_plan, session_of, smaller_k
 from wdpm.rendering.passes import PassAverage, PassPlan, PassRenderer, shrink, spread_samples
 from wdpm.rendering.prepare import prepare
@@ -116,10 +117,10 @@ def test_one_pass_is_a_plain_render(scene: Scene) -> None:
     settings = replace(FEW, passes=1)
     plain = render(scene, settings)
     assert set(plain.layers).isdisjoint({"noise", "bias"})
-    with PassRenderer(scene, settings) as renderer:
-        result = renderer.render(PassPlan(0, 0, settings.spp))
-        average = PassAverage(renderer.prepared)
-        average.add(result)
+    renderer = PassRenderer(scene, InProcess(), settings)
+    result = renderer.render(PassPlan(0, 0, settings.spp))
+    average = PassAverage(renderer.prepared)
+    average.add(result)
     for name, layer in plain.layers.items():
         np.testing.assert_array_equal(result.layers[name], layer, err_msg=name)
         np.testing.assert_array_equal(average.layers()[name], layer, err_msg=name)
@@ -136,8 +137,8 @@ def test_images_smaller_than_the_first_grid_of_records_have_a_cache_too() -> Non
 
 def test_the_image_is_the_mean_of_its_passes_by_their_samples(scene: Scene) -> None:
     settings = replace(FEW, spp=7)  # passes of 3, 2 and 2 samples
-    with PassRenderer(scene, settings) as renderer:
-        results = [renderer.render(plan) for plan in spread_samples(7, 3)]
+    renderer = PassRenderer(scene, InProcess(), settings)
+    results = [renderer.render(plan) for plan in spread_samples(7, 3)]
     image = render(scene, settings)
     for name in ("beauty", "direct", "indirect", "normal", "albedo"):
         mean = np.average([result.layers[name] for result in results], axis=0, weights=[3, 2, 2])
@@ -150,12 +151,12 @@ def test_depth_is_that_of_what_was_hit(scene: Scene) -> None:
     class OneMisses:
         """A pass of one sample that misses everything, after one of three that do not."""
 
-    with PassRenderer(scene, FEW) as renderer:
-        average = PassAverage(renderer.prepared)
-        hit = renderer.render(PassPlan(0, 0, 3))
-        missed = replace(hit, plan=PassPlan(1, 3, 1), layers={n: np.zeros_like(x) for n, x in hit.layers.items()})
-        average.add(hit)
-        average.add(missed)
+    renderer = PassRenderer(scene, InProcess(), FEW)
+    average = PassAverage(renderer.prepared)
+    hit = renderer.render(PassPlan(0, 0, 3))
+    missed = replace(hit, plan=PassPlan(1, 3, 1), layers={n: np.zeros_like(x) for n, x in hit.layers.items()})
+    average.add(hit)
+    average.add(missed)
     np.testing.assert_array_equal(average.layers()["depth"], hit.layers["depth"])
     np.testing.assert_allclose(average.layers()["beauty"], hit.layers["beauty"] * 0.75, rtol=1e-6)
 
@@ -199,14 +200,14 @@ def test_the_report_is_of_all_passes_together(scene: Scene, image: Image) -> Non
 
 def test_memory_is_that_of_one_pass(scene: Scene) -> None:
     """The photons held in each pass are those of one; what the mean needs does not grow."""
-    with PassRenderer(scene, FEW) as renderer:
-        average = PassAverage(renderer.prepared)
-        held, sizes = [], []
-        for plan in spread_samples(20, 20):
-            result = renderer.render(plan)
-            held.append(sum(sum(slave["photons"]) for slave in result.result.statistics))
-            average.add(result)
-            sizes.append(average.nbytes)
+    renderer = PassRenderer(scene, InProcess(), FEW)
+    average = PassAverage(renderer.prepared)
+    held, sizes = [], []
+    for plan in spread_samples(20, 20):
+        result = renderer.render(plan)
+        held.append(sum(sum(slave["photons"]) for slave in result.result.statistics))
+        average.add(result)
+        sizes.append(average.nbytes)
     assert max(held) < 1.1 * held[0]
     assert max(sizes[8:]) <= max(sizes[:8])  # there are up to eight batches of passes: error_layers
 

@@ -13,7 +13,6 @@ import pytest
 from one_cell import FEW, one, ready
 
 import wdpm
-from wdpm.api import render_in_process
 from wdpm.cli import main
 from wdpm.cluster.batch import Batch, Kind, zeros
 from wdpm.cluster.plan import plan
@@ -26,6 +25,7 @@ from wdpm.cluster.work.worker import CellWorker
 from wdpm.images.image import Image
 from wdpm.kernels.limits import CHAIN_LIMIT
 from wdpm.kernels.photons.flight import BOUNCE_LIMIT
+from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import ClusterError, GuardError
 from wdpm.scenes.model.scene import Camera, Medium, Mesh, Scene, diffuse

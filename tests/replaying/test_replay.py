@@ -12,10 +12,10 @@ import pytest
 from numpy.typing import NDArray
 
 import wdpm
-from wdpm.api import render_in_process
 from wdpm.cli import main
 from wdpm.cluster.plan import plan
 from wdpm.cluster.render_settings import RenderSettings
+from wdpm.rendering.in_process import InProcess, render_in_process
 from wdpm.replaying.run import Replayer
 from wdpm.replaying.vertices import LAYERS, Replay
 from wdpm.scenes import cornell_box
@@ -100,7 +100,7 @@ def added_up(replay: Replay, light_samples: int) -> dict[str, NDArray[np.float64
 def test_all_samples_of_an_image_come_back_bit_for_bit() -> None:
     scene = hazy_box()
     image = render_in_process(scene, FEW, workers=2, cells=4)
-    replayer = Replayer(scene, FEW, threads=1)
+    replayer = Replayer(scene, InProcess(threads=1), FEW)
     replays = []
     for y in range(SIZE[1]):
         for x in range(SIZE[0]):
@@ -141,7 +141,7 @@ def test_what_is_hit_is_told_in_the_coordinates_of_the_scene() -> None:
         camera=replace(scene.camera, to_world=scene.camera.to_world + shift),
     )
     settings = RenderSettings(photons=500, spp=1)
-    vertex = Replayer(moved, settings, threads=1).sample(6, 11, 0).vertices[0]
+    vertex = Replayer(moved, InProcess(threads=1), settings).sample(6, 11, 0).vertices[0]
     assert vertex.hit is not None
     hit = vertex.hit
     assert (hit.mesh, hit.material, hit.leaf, hit.front) == ("floor", "white", "diffuse", True)

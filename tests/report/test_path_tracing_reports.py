@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from furnaces import box, scene, view
 
-from wdpm.api import render_in_process
 from wdpm.cli import main
 from wdpm.cluster.plan.integrators.path import HIDDEN
 from wdpm.cluster.plan.integrators.photons import RULE
@@ -16,6 +15,7 @@ from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.images.image import Image
 from wdpm.inspection.inspect import inspect
 from wdpm.rendering.approximations import settings_without_effect
+from wdpm.rendering.in_process import InProcess, render_in_process
 from wdpm.replaying.run import Replayer
 from wdpm.replaying.vertices import LAYERS
 from wdpm.scenes import cornell_box
@@ -123,7 +123,7 @@ def summed(image: Image, replayer: Replayer) -> None:
 
 def test_all_samples_come_back_bit_for_bit() -> None:
     what = foggy_room()
-    summed(render_in_process(what, PATH, workers=2, cells=4), Replayer(what, PATH, threads=1))
+    summed(render_in_process(what, PATH, workers=2, cells=4), Replayer(what, InProcess(threads=1), PATH))
 
 
 def test_a_replay_on_the_command_line_tells_of_collisions(capsys: pytest.CaptureFixture[str]) -> None:

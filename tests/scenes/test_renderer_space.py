@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wdpm.api import render_in_process
 from wdpm.cluster.render_settings import RenderSettings
+from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.flat.flatten import DUPLICATE, flatten

@@ -12,10 +12,10 @@ import pytest
 from halving import halved
 
 import wdpm
-from wdpm.api import render_in_process
 from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.images.image import Image
 from wdpm.images.image import load as load_image
+from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes.load import load
 from wdpm.scenes.model.scene import Scene
 

@@ -9,9 +9,8 @@ from wdpm.accuracy.knobs import MAPS, Value
 from wdpm.accuracy.points import LEFT_OPEN
 from wdpm.accuracy.uses import idle_knobs
 from wdpm.cluster.render_settings import RenderSettings
-from wdpm.kernels.launch import Launcher
 from wdpm.progress import Progress
-from wdpm.rendering.prepare import prepare
+from wdpm.rendering.backend import Backend
 from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.model.left_out import leave_out
 from wdpm.scenes.model.scene import Scene
@@ -41,9 +40,9 @@ class Facts:
         return dict(zip(LEFT_OPEN, (*self.radii, self.light_samples), strict=True))
 
 
-def find_facts(scene: Scene, settings: RenderSettings, launcher: Launcher, progress: Progress) -> Facts:
+def find_facts(scene: Scene, settings: RenderSettings, backend: Backend, progress: Progress) -> Facts:
     """Compile, and fly the pilot of a render. Raises SceneError, SettingsError."""
-    prepared = prepare(scene, settings, 1, launcher, progress)
+    prepared = backend.prepare(scene, settings, progress)
     world = prepared.session.world
     return Facts(
         identity={name: prepared.identity[name] for name in ("scene", "camera")},

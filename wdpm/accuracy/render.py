@@ -8,13 +8,12 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
-from wdpm import api
 from wdpm.accuracy.points import Point
 from wdpm.accuracy.store import Record
 from wdpm.cluster.render_settings import RenderSettings
-from wdpm.clusters import Cluster
 from wdpm.images.image import Image
-from wdpm.progress import Progress
+from wdpm.rendering.backend import Backend, Backends
+from wdpm.rendering.passes import render_in_passes
 from wdpm.report import report
 from wdpm.scenes.model.scene import Scene
 
@@ -26,24 +25,21 @@ TINY_PHOTONS = 1000
 
 
 class Bench:
-    """Renders one scene at any point. A context manager: clusters that it started stay up until it is closed.
+    """Renders one scene at any point. A context manager: backends that it had made stay up until it is closed.
 
     Args:
-        threads: cores to use in all; None for all there are.
-        progress: is told of compilation and clusters.
+        backends: makes the one for a number of slaves, when it is first needed.
 
     Attributes:
         compile_seconds: spent on kernels so far.
     """
 
-    def __init__(self, scene: Scene, progress: Progress, *, threads: int | None = None, device: str = "cpu") -> None:
+    def __init__(self, scene: Scene, backends: Backends) -> None:
         self.compile_seconds = 0.0
         self._scene = scene
-        self._progress = progress
-        self._threads = threads
-        self._device = device
+        self._make_backend = backends
         self._stack = ExitStack()
-        self._clusters: dict[int, Cluster] = {}
+        self._backends: dict[int, Backend] = {}
         self._last_seed: dict[int, int] = {}
         self._warm: set[object] = set()
 
@@ -88,15 +84,16 @@ class Bench:
         self._warm.add(kinds)
 
     def _render(self, settings: RenderSettings, slaves: int) -> Image:
-        if not slaves:
-            return api.render(self._scene, settings, threads=self._threads, device=self._device)
-        if slaves not in self._clusters:
-            cluster = Cluster.local(slaves, threads=self._threads, device=self._device)
-            self._clusters[slaves] = self._stack.enter_context(cluster)
-        return self._clusters[slaves].render(self._scene, settings)
+        return render_in_passes(self._scene, self.backend(slaves), settings)
+
+    def backend(self, slaves: int) -> Backend:
+        """The one that points with so many slaves are rendered by."""
+        if slaves not in self._backends:
+            self._backends[slaves] = self._stack.enter_context(self._make_backend(slaves))
+        return self._backends[slaves]
 
     def close(self) -> None:
-        """Stop the clusters."""
+        """Close the backends."""
         self._stack.close()
 
     def __enter__(self) -> Self:

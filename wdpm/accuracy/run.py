@@ -34,8 +34,8 @@ from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.versions import versions
 from wdpm.devices import available_cores
 from wdpm.images.files import write_bytes
-from wdpm.kernels.launch import Launcher
 from wdpm.progress import Progress
+from wdpm.rendering.backend import Backend, Backends
 from wdpm.rendering.scene_settings import settings_for
 from wdpm.report.grid import machine
 from wdpm.scenes.errors import ImageError, SettingsError
@@ -60,7 +60,6 @@ class Request:
         budget: of the default sweep, with the reference [s]; None for five minutes.
         references: one image, two independent ones, or none.
         reference_time: for a reference of our own [s]; None for a share of the budget.
-        threads: cores to use in all.
         clock: what counts as the time of a point.
         trim: share of the pixels to leave out of errors.
         folder: of the results.
@@ -77,8 +76,6 @@ class Request:
     budget: float | None = None
     references: tuple[Path, ...] = ()
     reference_time: float | None = None
-    threads: int = 1
-    device: str = "cpu"
     clock: str = "wall"
     trim: float = 0.0
 
@@ -95,8 +92,11 @@ class Request:
         return words if self.size is None else [*words, "--size", f"{self.size[0]}x{self.size[1]}"]
 
 
-def measure(request: Request, progress: Progress) -> Accuracy:
+def measure(request: Request, backends: Backends, progress: Progress) -> Accuracy:
     """Render all that is not there yet, and write the results into the folder.
+
+    Args:
+        backends: makes what renders, all of them with as many threads of the same device.
 
     Raises:
         SceneError, SettingsError, ImageError, ClusterError: see their messages. Renders that are done are kept.
@@ -111,22 +111,22 @@ def measure(request: Request, progress: Progress) -> Accuracy:
     plan_points(base, request.sweeps, dict.fromkeys(LEFT_OPEN, 1))
     refuse_idle(request.sweeps, idle_by_settings(base.settings))
     make_folder(request.folder)
-    launcher = Launcher(request.device, request.threads)
+    with Bench(scene, backends) as bench:
+        here = bench.backend(0)
 
-    @cache
-    def facts_of(settings: RenderSettings) -> Facts:
-        return find_facts(scene, settings, launcher, progress)
+        @cache
+        def facts_of(settings: RenderSettings) -> Facts:
+            return find_facts(scene, settings, here, progress)
 
-    facts = facts_of(base.settings)
-    refuse_idle(request.sweeps, facts.idle)
-    store = Store(request.folder, _identity(request, facts))
-    with Bench(scene, progress, threads=request.threads, device=request.device) as bench:
+        facts = facts_of(base.settings)
+        refuse_idle(request.sweeps, facts.idle)
+        store = Store(request.folder, _identity(here, facts))
         points = _plan(request, base, facts_of, store, bench, given is None, progress)
         reference = given or _own_reference(request, points, store, bench, progress)
         seeds = [(base.settings.seed + number) % 2**32 for number in range(request.seeds)]
         _render_all(points, seeds, store, bench, progress)
         compile_seconds = bench.compile_seconds
-    threads = None if request.threads == available_cores() else request.threads
+    threads = None if here.threads == available_cores() else here.threads
     figures = figures_of(
         points,
         store,
@@ -148,7 +148,7 @@ def measure(request: Request, progress: Progress) -> Accuracy:
         compile_seconds=compile_seconds,
         trim=request.trim,
         worst=worst_share([store.image(points.base, seed).pixels for seed in seeds], reference.truth),
-        machine=machine() | {"threads": request.threads, "device": request.device},
+        machine=machine() | {"threads": here.threads, "device": here.device},
         points=figures,
         curves=curves_of(points),
         front=front_of(figures),
@@ -188,8 +188,8 @@ def _check(request: Request) -> None:
         raise SettingsError("--budget is for the default sweep; leave it or --sweep out")
 
 
-def _identity(request: Request, facts: Facts) -> dict[str, Any]:
-    return {**facts.identity, "threads": request.threads, "device": request.device, "versions": versions()}
+def _identity(backend: Backend, facts: Facts) -> dict[str, Any]:
+    return {**facts.identity, "threads": backend.threads, "device": backend.device, "versions": versions()}
 
 
 def _plan(

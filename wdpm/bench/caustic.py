@@ -16,11 +16,11 @@ from typing import Any
 from wdpm.bench.mitsuba import WARM_SEED, MitsubaProcess, Setup, timed_render
 from wdpm.bench.outputs import settings_to_dict
 from wdpm.cluster.render_settings import RenderSettings
-from wdpm.devices import available_cores
 from wdpm.images.comparison import RELATIVE_FLOOR, compare
 from wdpm.images.image import Image
 from wdpm.images.image import load as load_image
 from wdpm.progress import Progress
+from wdpm.rendering.backend import Backend
 from wdpm.report.grid import Grid
 from wdpm.report.tables import format_seconds
 from wdpm.scenes.errors import SceneError, SettingsError, WdpmError
@@ -131,7 +131,7 @@ class CausticFigures:
             notes.append(
                 f"wdpm does not reach {self.bound.error:g}: the ratio says nothing. Use more samples or photons."
             )
-        title = f"{setup.scene}, {setup.width}x{setup.height}, {setup.threads or available_cores()} threads"
+        title = f"{setup.scene}, {setup.width}x{setup.height}, {setup.threads} threads"
         return Grid(title, ("renderer", "time", "relMSE"), rows, tuple(notes))
 
 
@@ -140,10 +140,10 @@ def measure(
     bound: Bound,
     settings: RenderSettings,
     mitsuba_spp: int,
+    backend: Backend,
     progress: Progress,
     *,
     rounds: int = 3,
-    threads: int | None = None,
 ) -> CausticFigures:
     """Render by turns and compare.
 
@@ -165,15 +165,15 @@ def measure(
     scene = load(scene_file, size=(width, height))
     # Both trace paths of the same length: what the file asks for, or no limit.
     settings = replace(settings, max_depth=scene.max_depth)
-    setup = Setup(scene_file, width, height, settings, mitsuba_spp, rounds, threads)
+    setup = Setup(scene_file, width, height, settings, mitsuba_spp, rounds, backend.threads)
     progress.start("warm up")
     with MitsubaProcess(setup) as mitsuba:
         mitsuba.render(mitsuba_spp, WARM_SEED)
-        timed_render(scene, setup, WARM_SEED)
+        timed_render(scene, backend, settings, WARM_SEED)
         progress.start("rounds", rounds)
         done = []
         for seed in range(rounds):
-            image, seconds = timed_render(scene, setup, seed)
+            image, seconds = timed_render(scene, backend, settings, seed)
             pixels, mitsuba_seconds = mitsuba.render(mitsuba_spp, seed)
             ours = compare(image, reference, bound.region).rel_mse
             theirs = compare(Image({"beauty": pixels}), reference, bound.region).rel_mse

@@ -17,13 +17,14 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from wdpm import api
 from wdpm.bench import effects_compiler
 from wdpm.bench import effects_scenes as scenes
 from wdpm.bench.outputs import settings_to_dict
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.image import Image
 from wdpm.progress import Progress
+from wdpm.rendering.backend import Backend
+from wdpm.rendering.passes import render_in_passes
 from wdpm.report import report
 from wdpm.report.grid import Grid
 from wdpm.report.tables import format_seconds
@@ -148,13 +149,13 @@ def _row(figures: SceneFigures, first: float) -> tuple[str, ...]:
 
 
 def measure(
-    progress: Progress,
     settings: RenderSettings,
+    backend: Backend,
+    progress: Progress,
     *,
     names: Sequence[str] = (),
     size: tuple[int, int] = (256, 256),
     rounds: int = 3,
-    threads: int = 1,
     render: Renderer | None = None,
     compiler: Compiler | None = None,
 ) -> EffectFigures:
@@ -163,8 +164,7 @@ def measure(
     Args:
         names: of the scenes; none for all. The diffuse box is always rendered, and first.
         rounds: renders of each scene with either kernels.
-        threads: to render with.
-        render: renders; by default `wdpm.render`.
+        render: renders; None for wdpm itself.
         compiler: measures compile times; None leaves them out.
 
     Raises:
@@ -174,7 +174,7 @@ def measure(
     for name in names:
         if name not in scenes.names():
             raise SettingsError(f"there is no scene {name!r}; expected some of {', '.join(scenes.names())}")
-    render = render or (lambda scene, settings: api.render(scene, settings, threads=threads))
+    render = render or (lambda scene, settings: render_in_passes(scene, backend, settings))
     progress.start("warm up", len(chosen))
     loaded = [scenes.scene_of(name, size) for name in chosen]
     for scene in loaded:  # whatever is to be compiled is compiled here
@@ -194,7 +194,7 @@ def measure(
     for name, done in zip(chosen, turns, strict=True):
         figures.append(_figures(name, done, compiler, compiled))
         progress.advance()
-    return EffectFigures(size, settings, rounds, threads, common, tuple(figures))
+    return EffectFigures(size, settings, rounds, backend.threads, common, tuple(figures))
 
 
 @dataclass(frozen=True)

@@ -18,15 +18,15 @@ from typing import Any
 
 import numpy as np
 
-from wdpm import api
 from wdpm.bench.mitsuba import WARM_SEED, Cost
 from wdpm.cluster.plan.integrators.registry import REFERENCE
 from wdpm.cluster.render_settings import Indirect, RenderSettings
-from wdpm.devices import available_cores
 from wdpm.images.comparison import Region, compare, region_slices
 from wdpm.images.image import Image
 from wdpm.images.image import load as load_image
 from wdpm.progress import Progress
+from wdpm.rendering.backend import Backend
+from wdpm.rendering.passes import render_in_passes
 from wdpm.report import report
 from wdpm.report.grid import Grid
 from wdpm.report.tables import format_seconds
@@ -203,10 +203,10 @@ def measure(
     source: str,
     reference_file: Path | None,
     sweep: Sweep,
+    backend: Backend,
     progress: Progress,
     *,
     size: tuple[int, int] | None = None,
-    threads: int | None = None,
     render: Renderer | None = None,
 ) -> IndirectFigures:
     """Sweep a scene.
@@ -223,7 +223,7 @@ def measure(
             outside; or an image has values that are not finite.
         SettingsError: a scene or number that cannot be rendered so.
     """
-    render = render or (lambda scene, settings: api.render(scene, settings, threads=threads))
+    render = render or (lambda scene, settings: render_in_passes(scene, backend, settings))
     if reference_file is not None:
         reference = load_image(reference_file)
         size = reference.shape[1], reference.shape[0]
@@ -249,7 +249,7 @@ def measure(
             done.append(_turn(scene, choice.settings(seed, scene.max_depth), reference, sweep.region, render))
             progress.advance()
     found = tuple(_found(choice, done) for choice, done in zip(choices, turns, strict=True))
-    return IndirectFigures(scene.name, words, size, threads or available_cores(), sweep, compiled, found)
+    return IndirectFigures(scene.name, words, size, backend.threads, sweep, compiled, found)
 
 
 @dataclass(frozen=True)

@@ -21,14 +21,14 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm import api
 from wdpm.bench import mitsuba_peer
 from wdpm.bench.outputs import settings_to_dict
 from wdpm.cluster.render_settings import RenderSettings
-from wdpm.devices import available_cores
 from wdpm.images.image import Image
 from wdpm.images.image import load as load_image
 from wdpm.progress import Progress
+from wdpm.rendering.backend import Backend
+from wdpm.rendering.passes import render_in_passes
 from wdpm.report.grid import Grid
 from wdpm.report.tables import format_seconds
 from wdpm.scenes.errors import ImageError, SceneError, WdpmError
@@ -53,7 +53,7 @@ class Setup:
         settings: of wdpm; each round has its own seed.
         mitsuba_spp: samples a pixel of Mitsuba.
         rounds: images of each.
-        threads: of each.
+        threads: of Mitsuba: as many as wdpm has.
     """
 
     scene: Path
@@ -62,7 +62,7 @@ class Setup:
     settings: RenderSettings = field(default_factory=RenderSettings)
     mitsuba_spp: int = 64
     rounds: int = 5
-    threads: int | None = None
+    threads: int = 1
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ class MitsubaFigures:
             notes.append("No errors without --reference FILE, an image of this size with far more samples.")
         else:
             notes.append(f"Edges of lamps: {self.edge_pixels:.2%} of the pixels, left out in the last column.")
-        title = f"{setup.scene}, {setup.width}x{setup.height}, {setup.threads or available_cores()} threads"
+        title = f"{setup.scene}, {setup.width}x{setup.height}, {setup.threads} threads"
         return Grid(title, ("renderer", "time", "RMSE", "RMSE without edges of lamps"), tuple(rows), tuple(notes))
 
     def _error_ratios(self) -> tuple[str, str]:
@@ -164,10 +164,11 @@ class MitsubaFigures:
         return words[0], words[1]
 
 
-def measure(setup: Setup, reference_file: Path | None, progress: Progress) -> MitsubaFigures:
+def measure(setup: Setup, reference_file: Path | None, backend: Backend, progress: Progress) -> MitsubaFigures:
     """Render by turns and compare.
 
     Args:
+        setup: its threads are those of the backend, whatever it says.
         reference_file: image of the same size that errors are measured against; None measures times only.
 
     Raises:
@@ -182,16 +183,17 @@ def measure(setup: Setup, reference_file: Path | None, progress: Progress) -> Mi
     progress.start("load")
     scene = load(setup.scene, size=(setup.width, setup.height))
     # Both trace paths of the same length: what the file asks for, or no limit.
-    setup = replace(setup, settings=replace(setup.settings, max_depth=scene.max_depth))
+    settings = replace(setup.settings, max_depth=scene.max_depth)
+    setup = replace(setup, settings=settings, threads=backend.threads)
     reference = None if reference_file is None else _read_reference(reference_file, setup)
     progress.start("warm up")
     with MitsubaProcess(setup) as mitsuba:
         mitsuba.render(setup.mitsuba_spp, WARM_SEED)
-        timed_render(scene, setup, WARM_SEED)
+        timed_render(scene, backend, setup.settings, WARM_SEED)
         progress.start("rounds", setup.rounds)
         rounds, ours, theirs = [], [], []
         for seed in range(setup.rounds):
-            image, seconds = timed_render(scene, setup, seed)
+            image, seconds = timed_render(scene, backend, setup.settings, seed)
             pixels, mitsuba_seconds = mitsuba.render(setup.mitsuba_spp, seed)
             rounds.append(Round(seconds, mitsuba_seconds))
             ours.append(image.pixels)
@@ -200,7 +202,7 @@ def measure(setup: Setup, reference_file: Path | None, progress: Progress) -> Mi
         version = mitsuba.version
     if reference is None:
         return MitsubaFigures(setup, version, tuple(rounds), None, None, None)
-    edges = emitter_edges(scene, setup)
+    edges = emitter_edges(scene, backend, setup.settings)
     return MitsubaFigures(
         setup,
         version,
@@ -211,13 +213,13 @@ def measure(setup: Setup, reference_file: Path | None, progress: Progress) -> Mi
     )
 
 
-def emitter_edges(scene: Scene, setup: Setup) -> NDArray[np.bool_]:
+def emitter_edges(scene: Scene, backend: Backend, settings: RenderSettings) -> NDArray[np.bool_]:
     """Pixels whose 3x3 neighbourhood contains an emitter's edge, shape [height, width].
 
     The scene's emission alone is rendered, filtered like any image: an edge is where it is not constant.
     """
-    settings = replace(setup.settings, photons=0, max_depth=1, spp=EDGE_SPP)
-    emission = api.render(scene, settings, threads=setup.threads).pixels
+    settings = replace(settings, photons=0, max_depth=1, spp=EDGE_SPP)
+    emission = render_in_passes(scene, backend, settings).pixels
     padded = np.pad(emission, ((1, 1), (1, 1), (0, 0)), mode="edge")
     windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3), axis=(0, 1))
     low, high = windows.min(axis=(-2, -1)), windows.max(axis=(-2, -1))
@@ -272,7 +274,7 @@ class MitsubaProcess:
             "width": setup.width,
             "height": setup.height,
             "max_depth": -1 if setup.settings.max_depth is None else setup.settings.max_depth,
-            "threads": setup.threads or available_cores(),
+            "threads": setup.threads,
         }
         self.version = str(self._ask({"load": order})["version"])
 
@@ -325,10 +327,10 @@ class MitsubaProcess:
         self._folder.cleanup()
 
 
-def timed_render(scene: Scene, setup: Setup, seed: int) -> tuple[Image, float]:
+def timed_render(scene: Scene, backend: Backend, settings: RenderSettings, seed: int) -> tuple[Image, float]:
     """wdpm's image, and the seconds of the whole call."""
     began = time.perf_counter()
-    image = api.render(scene, replace(setup.settings, seed=seed), threads=setup.threads)
+    image = render_in_passes(scene, backend, replace(settings, seed=seed))
     return image, time.perf_counter() - began
 
 

@@ -11,12 +11,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from wdpm import api
 from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.devices import available_cores
 from wdpm.images.comparison import compare
 from wdpm.images.image import Image
 from wdpm.progress import Progress
+from wdpm.rendering.backend import Backends
+from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.scene_settings import settings_for
 from wdpm.report import report
 from wdpm.report.grid import Grid
@@ -105,10 +106,10 @@ def measure(
     name: str,
     slaves: Sequence[int],
     routings: Sequence[Routing],
+    backends: Backends,
     progress: Progress,
     *,
     size: tuple[int, int] | None = None,
-    threads: int | None = None,
     render: Renderer | None = None,
     **chosen: Any,
 ) -> SceneFigures:
@@ -118,15 +119,15 @@ def measure(
         name: of the scene: a file, or a built-in one.
         slaves: numbers of slaves; 0 is always rendered, and first.
         routings: each is tried with each number of slaves.
+        backends: makes what renders, anew for each render.
         size: of the image; None for the scene's.
-        threads: cores to use in all; None for all there are.
-        render: renders; by default `wdpm.render`, over sockets where there are slaves.
+        render: renders; None for wdpm itself.
         chosen: settings by name, see RenderSettings.
     """
     progress.start("load")
     scene = load(name, size=size)
     settings = settings_for(scene, **chosen)
-    render = render or (lambda scene, settings, count: api.render(scene, settings, slaves=count, threads=threads))
+    render = render or (lambda scene, settings, count: _render(scene, settings, count, backends))
     clusters = [(count, routing) for count in sorted(set(slaves) - {0}) for routing in routings]
 
     progress.start(name, 1 + len(clusters))
@@ -144,6 +145,12 @@ def measure(
     height, width = alone.shape
     stored = account.photons.stored
     return SceneFigures(name, account.triangles, width, height, settings.spp, settings.k, stored, tuple(runs))
+
+
+def _render(scene: Scene, settings: RenderSettings, slaves: int, backends: Backends) -> Image:
+    """By slaves of its own: those of the last render would have its photons still, and their time would be missing."""
+    with backends(slaves) as backend:
+        return render_in_passes(scene, backend, settings)
 
 
 def work_seconds(phases: dict[str, float]) -> float:

@@ -17,18 +17,18 @@ from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from wdpm import api
 from wdpm.bench.mitsuba import WARM_SEED, Cost, MitsubaProcess, Setup
 from wdpm.bench.peers_figures import Bounds, Confirmed, PeerFigures, Reached, Try
 from wdpm.bench.peers_grid import FAMILIES, Family, Member
 from wdpm.bench.peers_guess import guesses
 from wdpm.bench.peers_law import ErrorLaw, Point
 from wdpm.cluster.render_settings import RenderSettings
-from wdpm.devices import available_cores
 from wdpm.images.comparison import compare
 from wdpm.images.image import Image
 from wdpm.images.image import load as load_image
 from wdpm.progress import Progress
+from wdpm.rendering.backend import Backend
+from wdpm.rendering.passes import render_in_passes
 from wdpm.scenes.errors import ImageError, SceneError, SettingsError, WdpmError
 from wdpm.scenes.load import load
 from wdpm.scenes.model.scene import Scene
@@ -72,10 +72,10 @@ def measure(
     scene_file: Path,
     reference_file: Path,
     bounds: Bounds,
+    backend: Backend,
     progress: Progress,
     *,
     families: Sequence[Family] = FAMILIES,
-    threads: int | None = None,
 ) -> PeerFigures:
     """Time to errors on a scene, at the size of its reference.
 
@@ -89,9 +89,9 @@ def measure(
     height, width = reference.shape
     progress.start(f"load {scene_file.parent.name}")
     scene = load(scene_file, size=(width, height))
-    setup = Setup(scene_file, width, height, RenderSettings(max_depth=scene.max_depth), threads=threads)
+    setup = Setup(scene_file, width, height, RenderSettings(max_depth=scene.max_depth), threads=backend.threads)
     with MitsubaProcess(setup) as mitsuba:
-        bench = _Bench(scene, reference, bounds, mitsuba, progress, threads)
+        bench = _Bench(scene, reference, bounds, mitsuba, backend, progress)
         bench.measure_mitsuba()
         bench.sweep(families)
         chosen = [(bound, bench.least_to(bound)) for bound in bench.each_bound()]
@@ -104,7 +104,7 @@ def measure(
         scene_file,
         reference_file,
         (width, height),
-        threads or available_cores(),
+        backend.threads,
         bounds,
         mitsuba.version,
         tuple(bench.tries),
@@ -124,8 +124,8 @@ class _Bench:
         reference: Image,
         bounds: Bounds,
         mitsuba: MitsubaProcess,
+        backend: Backend,
         progress: Progress,
-        threads: int | None,
     ) -> None:
         self.tries: list[Try] = []
         self.skipped: list[Member] = []
@@ -136,9 +136,9 @@ class _Bench:
         self._scene = scene
         self._reference = reference
         self._mitsuba = mitsuba
-        self._threads = threads
+        self._backend = backend
         self._confirmed: dict[Member, Confirmed] = {}
-        self._limit_cpu_s = bounds.limit_s * (threads or available_cores())
+        self._limit_cpu_s = bounds.limit_s * backend.threads
         # What reaches the smallest error reaches all, so nothing slower is of use.
         self._enough_s = math.inf
 
@@ -230,7 +230,7 @@ class _Bench:
     def _render(self, member: Member, seed: int) -> Try:
         settings = member.settings(seed, self._scene.max_depth)
         began, cpu_began = time.perf_counter(), time.process_time()
-        image = api.render(self._scene, settings, threads=self._threads)
+        image = render_in_passes(self._scene, self._backend, settings)
         cost = Cost(time.perf_counter() - began, time.process_time() - cpu_began)
         return Try(member, self._error_of(image), cost)
 

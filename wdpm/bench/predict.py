@@ -18,6 +18,7 @@ from wdpm.images.comparison import compare
 from wdpm.images.image import Image
 from wdpm.images.image import load as load_image
 from wdpm.progress import Progress, SilentProgress
+from wdpm.rendering.backend import Backend
 from wdpm.report.grid import Grid
 from wdpm.report.tables import format_seconds
 from wdpm.scenes.errors import SettingsError
@@ -77,7 +78,7 @@ class PredictFigures:
     """All runs."""
 
     clock: str
-    threads: int | None
+    threads: int
     runs: tuple[Run, ...]
 
     def share(self, holds: Any) -> float:
@@ -119,17 +120,18 @@ class PredictFigures:
 
 def measure(
     scenes: Sequence[Path],
+    backend: Backend,
     progress: Progress,
     *,
     targets: Sequence[float] = TARGETS,
     seeds: int = 1,
     clock: str = "cpu",
-    threads: int | None = None,
 ) -> PredictFigures:
     """Ask each scene for each error.
 
     Args:
         scenes: files with a reference.exr beside them, which gives the size.
+        backend: that renders.
         seeds: runs of each.
         clock: a name of CLOCKS.
 
@@ -150,10 +152,10 @@ def measure(
         scene = load(file, size=(width, height))
         for seed in range(seeds):
             for target in targets:
-                runs.append(_run(scene, file, reference, target, seed, clock, threads))
+                runs.append(_run(scene, file, reference, target, seed, clock, backend))
                 progress.note("  ".join(_row(runs[-1])))
                 progress.advance()
-    return PredictFigures(clock, threads, tuple(runs))
+    return PredictFigures(clock, backend.threads, tuple(runs))
 
 
 def reference_of(scene: Path) -> Path:
@@ -161,11 +163,9 @@ def reference_of(scene: Path) -> Path:
     return scene.with_name("reference.exr")
 
 
-def _run(scene: Any, file: Path, reference: Image, target: float, seed: int, clock: str, threads: int | None) -> Run:
+def _run(scene: Any, file: Path, reference: Image, target: float, seed: int, clock: str, backend: Backend) -> Run:
     began = time.perf_counter()
-    image = render_until(
-        scene, Goal(target), threads=threads, progress=SilentProgress(), clock=CLOCKS[clock], seed=seed
-    )
+    image = render_until(scene, Goal(target), backend, progress=SilentProgress(), clock=CLOCKS[clock], seed=seed)
     outcome: dict[str, Any] = image.metadata[OUTCOME]
     estimate = outcome["estimate"]
     names = ("indirect", "photons", "k", "passes", "spp")

@@ -121,6 +121,7 @@ def run(args: argparse.Namespace) -> int:
     from wdpm.accuracy.run import Request, measure
     from wdpm.accuracy.table import print_accuracy
     from wdpm.cli.result import default_output
+    from wdpm.clusters import backend_here
     from wdpm.progress import make_progress
     from wdpm.quiet import quiet_warp
 
@@ -135,14 +136,12 @@ def run(args: argparse.Namespace) -> int:
         chosen=options.chosen_settings(args),
         sweeps=tuple(args.sweep),
         references=tuple(args.reference),
-        threads=args.threads,
-        device=args.device,
         folder=folder,
         **{name: value for name, value in typed.items() if value is not None},
     )
     progress = make_progress(args.quiet)
     try:
-        found = measure(request, progress)
+        found = measure(request, lambda slaves: backend_here(slaves, args.threads, args.device), progress)
     finally:
         progress.finish()
     print_accuracy(found, Console())

@@ -61,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from wdpm.bench import outputs
+    from wdpm.clusters import backend_here
     from wdpm.progress import make_progress
     from wdpm.quiet import quiet_warp
     from wdpm.report.grid import machine_in_words
@@ -71,7 +72,8 @@ def run(args: argparse.Namespace) -> int:
         outputs.check_plot(args.plot)
     progress = make_progress()
     try:
-        measured = args.benchmark.run(args, progress)
+        threads = getattr(args, "threads", None)  # some benchmarks are of one core, and have no such option
+        measured = args.benchmark.run(args, lambda slaves: backend_here(slaves, threads), progress)
     finally:
         progress.finish()
     console = Console() if sys.stdout.isatty() else Console(width=LOG_WIDTH)

@@ -7,6 +7,7 @@ import re
 import shlex
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import fields
 from enum import Enum
 from typing import Any
@@ -65,12 +66,11 @@ def asks_for_a_goal(args: argparse.Namespace) -> bool:
     return True
 
 
-def render_to_goal(args: argparse.Namespace, slaves: int, listen: Callable[[], Any] | None = None) -> int:
+def render_to_goal(args: argparse.Namespace, make_backend: Callable[[], AbstractContextManager[Any]]) -> int:
     """Render and write what `args` asks for; returns the exit code.
 
     Args:
-        slaves: processes to start here.
-        listen: makes the cluster of a master, a context manager; None without one.
+        make_backend: makes what renders (rendering.backend), once the scene is loaded.
     """
     from wdpm.cli.result import render_and_write
     from wdpm.goal.clock import process_age
@@ -83,13 +83,9 @@ def render_to_goal(args: argparse.Namespace, slaves: int, listen: Callable[[], A
     asked: list[Any] = []
 
     def render(source: Any, _settings: RenderSettings, progress: Any) -> Any:
-        common = {"progress": progress, "used": process_age(), **chosen}
         try:
-            if listen is None:
-                image = render_until(source, goal, slaves=slaves, threads=args.threads, device=args.device, **common)
-            else:
-                with listen() as cluster:
-                    image = render_until(source, goal, cluster=cluster, **common)
+            with make_backend() as backend:
+                image = render_until(source, goal, backend, progress=progress, used=process_age(), **chosen)
         except Interrupted as stop:
             image = stop.image  # minutes of passes are worth writing, whoever got tired of them
         asked.append((image.metadata[OUTCOME], image.metadata["settings"]))

@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
 
     if asks_for_a_goal(args):
         return render_to_goal(
-            args, 0, lambda: Cluster.listen(args.bind, args.slaves, keys=args.keys, insecure=args.insecure)
+            args, lambda: Cluster.listen(args.bind, args.slaves, keys=args.keys, insecure=args.insecure)
         )
 
     with kept_passes(args, first_output(args)) as journal:

@@ -8,6 +8,7 @@ from rich.console import Console
 
 from wdpm.accuracy.predict import predict
 from wdpm.cli.options import chosen_settings
+from wdpm.clusters import backend_here
 from wdpm.goal.pilot import Workplace
 from wdpm.goal.render import CHOSEN_HERE
 from wdpm.progress import make_progress
@@ -39,7 +40,8 @@ def predict_and_print(args: argparse.Namespace) -> int:
         progress.start("load")
         scene = load(args.scene, defines=dict(args.definitions), size=args.size)
         progress.start("pilot")
-        found = predict(scene, Workplace(progress, threads=args.threads, device=args.device), **chosen)
+        with backend_here(threads=args.threads, device=args.device) as backend:
+            found = predict(scene, Workplace(backend, progress), **chosen)
     finally:
         progress.finish()
     found.print(Console())

@@ -62,7 +62,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> int:
     """Render and write, or replay a sample; returns the exit code."""
     if asks_for_a_goal(args):
-        return render_to_goal(args, args.slaves)
+        from wdpm.clusters import backend_here
+
+        return render_to_goal(args, lambda: backend_here(args.slaves, args.threads, args.device))
     if args.replay is not None:
         from wdpm.cli.replay import replay_and_print
 

@@ -9,13 +9,13 @@ def replay_and_print(args: argparse.Namespace) -> int:
     """Trace a sample and print it; with --report, write it as JSON; returns the exit code."""
     from rich.console import Console
 
+    from wdpm import api
     from wdpm.cli.options import chosen_settings
     from wdpm.cluster.render_settings import RenderSettings
     from wdpm.images.files import check_output_path, write_bytes
     from wdpm.progress import make_progress
     from wdpm.quiet import quiet_warp
     from wdpm.rendering.scene_settings import settings_for
-    from wdpm.replaying.run import replay
     from wdpm.scenes.errors import SettingsError
     from wdpm.scenes.load import load
 
@@ -35,7 +35,7 @@ def replay_and_print(args: argparse.Namespace) -> int:
         scene = load(args.scene, defines=dict(args.definitions), size=args.size)
         settings = settings_for(scene, **chosen)
         x, y, sample = args.replay
-        told = replay(scene, x, y, sample, settings, threads=args.threads, device=args.device, progress=progress)
+        told = api.replay(scene, x, y, sample, settings, threads=args.threads, device=args.device, progress=progress)
     finally:
         progress.finish()
     if args.report is not None:

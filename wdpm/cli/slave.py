@@ -43,7 +43,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> int:
     """Work until the master is done; returns the exit code."""
-    from wdpm.clusters import serve_as_slave
+    from wdpm.serving import serve_as_slave
 
     serve_as_slave(
         args.address,

@@ -13,12 +13,12 @@ from typing import Any
 
 from wdpm.cluster.plan.integrators.registry import REFERENCE
 from wdpm.cluster.render_settings import Indirect, RenderSettings
-from wdpm.clusters import Cluster
 from wdpm.goal.goal import Goal
 from wdpm.goal.plan import FACTORS, Course, nearest, soonest, with_photons
 from wdpm.goal.trial import Clock, Trial, try_out
 from wdpm.goal.witness import Witness, make_witness
 from wdpm.progress import Progress, SilentProgress
+from wdpm.rendering.backend import Backend
 from wdpm.rendering.passes import PassRenderer
 from wdpm.scenes.model.scene import Scene
 
@@ -50,26 +50,16 @@ class Workplace:
     """Where passes are rendered.
 
     Attributes:
-        cluster: slaves; None for this process.
         clock: that costs are measured with [s].
     """
 
+    backend: Backend
     progress: Progress
-    cluster: Cluster | None = None
-    threads: int | None = None
-    device: str = "cpu"
     clock: Clock = time.perf_counter
 
     def renderer(self, scene: Scene, settings: RenderSettings) -> PassRenderer:
         """One whose phases show as no more than signs of life."""
-        return PassRenderer(
-            scene,
-            settings,
-            cluster=self.cluster,
-            threads=self.threads,
-            device=self.device,
-            progress=_SignsOfLife(self.progress),
-        )
+        return PassRenderer(scene, self.backend, settings, progress=_SignsOfLife(self.progress))
 
 
 class _SignsOfLife(SilentProgress):

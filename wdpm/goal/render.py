@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import math
 import time
-from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
 
-from wdpm.clusters import Cluster
 from wdpm.goal.clock import Budget
 from wdpm.goal.gauge import LEAST_PASSES, Estimate, Gauge
 from wdpm.goal.goal import Goal
@@ -21,6 +19,7 @@ from wdpm.goal.plan import Course
 from wdpm.goal.trial import Clock
 from wdpm.images.image import Image
 from wdpm.progress import Progress, SilentProgress
+from wdpm.rendering.backend import Backend
 from wdpm.rendering.pass_plan import PassPlan, shrink
 from wdpm.rendering.pass_progress import PassProgress
 from wdpm.rendering.passes import PassAverage, PassRenderer
@@ -68,12 +67,9 @@ class Interrupted(KeyboardInterrupt):
 def render_until(
     source: Source,
     goal: Goal,
+    backend: Backend,
     *,
-    slaves: int = 0,
-    threads: int | None = None,
-    device: str = "cpu",
     progress: Progress | None = None,
-    cluster: Cluster | None = None,
     used: float = 0.0,
     clock: Clock = time.perf_counter,
     **chosen: Any,
@@ -98,18 +94,13 @@ def render_until(
         raise SettingsError(f"{name} is chosen by what until_error and time_budget ask for; leave one of them out")
     progress = progress or SilentProgress()
     budget = Budget(math.inf if goal.seconds is None else goal.seconds, used)
-    with ExitStack() as stack:
-        if slaves and cluster is None:
-            cluster = stack.enter_context(Cluster.local(slaves=slaves, threads=threads, device=device))
-        scene = scene_of(source)
-        pixels = scene.camera.width * scene.camera.height
-        budget.reserve = WRITING_S + WRITING_S_PER_PIXEL * pixels + ENDING_SHARE * used
-        settings = settings_for(scene, **chosen)
-        work = Workplace(progress, cluster, threads, device, clock)
-        pilot = Pilot(scene, settings, frozenset(chosen), work)
-        progress.start("pilot")
-        pilot.run(goal, budget.left)
-        return _render(pilot, goal, budget)
+    scene = scene_of(source)
+    pixels = scene.camera.width * scene.camera.height
+    budget.reserve = WRITING_S + WRITING_S_PER_PIXEL * pixels + ENDING_SHARE * used
+    pilot = Pilot(scene, settings_for(scene, **chosen), frozenset(chosen), Workplace(backend, progress, clock))
+    progress.start("pilot")
+    pilot.run(goal, budget.left)
+    return _render(pilot, goal, budget)
 
 
 def _render(pilot: Pilot, goal: Goal, budget: Budget) -> Image:
@@ -122,16 +113,16 @@ def _render(pilot: Pilot, goal: Goal, budget: Budget) -> Image:
     biased = settings.algorithm.biased
     shape = (scene.camera.height, scene.camera.width, 3)
     gauge = Gauge(shape, goal.metric, biased, pilot.witness)
-    with pilot.work.renderer(scene, settings) as renderer:
-        renderer.progress = progress
-        average, estimate, ending = _passes(renderer, course, goal, gauge, budget, _most(course, goal, expected))
-        times = {
-            "seconds": pilot.work.clock() - began,
-            "pilot_seconds": pilot.seconds,
-            "compile_seconds": pilot.compile_seconds,
-        }
-        outcome = outcome_of(goal, course, estimate, len(average.plans), times, ending)
-        image = average.image()
+    renderer = pilot.work.renderer(scene, settings)
+    renderer.progress = progress
+    average, estimate, ending = _passes(renderer, course, goal, gauge, budget, _most(course, goal, expected))
+    times = {
+        "seconds": pilot.work.clock() - began,
+        "pilot_seconds": pilot.seconds,
+        "compile_seconds": pilot.compile_seconds,
+    }
+    outcome = outcome_of(goal, course, estimate, len(average.plans), times, ending)
+    image = average.image()
     image = replace(image, metadata={**image.metadata, OUTCOME: outcome.to_dict()})
     if ending is Ending.INTERRUPTED:
         raise Interrupted(image)

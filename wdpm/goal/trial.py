@@ -83,18 +83,18 @@ def try_out(
         seconds_left: until a time budget is used up.
     """
     began = clock()
-    with make() as renderer:
-        compile_seconds = renderer.prepared.seconds.get("compile", 0.0)
-        start = max(clock() - began - compile_seconds, 0.0)
-        results, costs = [], []
-        for plan in TRIAL_PLANS:
-            began = clock()
-            results.append(renderer.render(plan))
-            costs.append(clock() - began)
-            if len(results) == 1 and seconds_left() < ROOM * costs[0]:
-                return Trial(
-                    settings, start, 0.0, costs[0], 0.0, 0.0, 0.0, 0.0, compile_seconds, results={plan: results[0]}
-                )
+    renderer = make()
+    compile_seconds = renderer.prepared.seconds.get("compile", 0.0)
+    start = max(clock() - began - compile_seconds, 0.0)
+    results, costs = [], []
+    for plan in TRIAL_PLANS:
+        began = clock()
+        results.append(renderer.render(plan))
+        costs.append(clock() - began)
+        if len(results) == 1 and seconds_left() < ROOM * costs[0]:
+            return Trial(
+                settings, start, 0.0, costs[0], 0.0, 0.0, 0.0, 0.0, compile_seconds, results={plan: results[0]}
+            )
     a, b, c = (result.layers["beauty"].astype(np.float64) for result in results)
     weight = metric.weight((a + b + 2 * c) / 4)
     sample_cost = costs[1] * _share_of(results[1], "render")

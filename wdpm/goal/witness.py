@@ -98,19 +98,19 @@ def make_witness(
     images: list[Values] = []
     spp = 0
     for name in ("a", "b"):
-        with make(small, path_settings(settings, name)) as renderer:
-            if not spp:
-                began = time.perf_counter()
-                first = [_beauty(renderer, PassPlan(i, i * FIRST_SPP, FIRST_SPP)) for i in range(2)]
-                spp = 2 * FIRST_SPP * math.ceil(_times_more(first[0], first[1], metric, wanted))
-                affordable = most_seconds / 2 / (time.perf_counter() - began) * 2 * FIRST_SPP
-                spp = max(int(min(spp, MOST_SPP, affordable)), 2 * FIRST_SPP)
-                image = (first[0] + first[1]) * (FIRST_SPP / spp)
-                left = spp - 2 * FIRST_SPP
-            else:
-                image, left = np.zeros_like(images[0]), spp
-            if left:
-                image = image + _beauty(renderer, PassPlan(2, spp - left, left)) * (left / spp)
+        renderer = make(small, path_settings(settings, name))
+        if not spp:
+            began = time.perf_counter()
+            first = [_beauty(renderer, PassPlan(i, i * FIRST_SPP, FIRST_SPP)) for i in range(2)]
+            spp = 2 * FIRST_SPP * math.ceil(_times_more(first[0], first[1], metric, wanted))
+            affordable = most_seconds / 2 / (time.perf_counter() - began) * 2 * FIRST_SPP
+            spp = max(int(min(spp, MOST_SPP, affordable)), 2 * FIRST_SPP)
+            image = (first[0] + first[1]) * (FIRST_SPP / spp)
+            left = spp - 2 * FIRST_SPP
+        else:
+            image, left = np.zeros_like(images[0]), spp
+        if left:
+            image = image + _beauty(renderer, PassPlan(2, spp - left, left)) * (left / spp)
         images.append(image)
     return Witness(images[0], images[1], factor, spp)
 

@@ -1,42 +1,99 @@
-"""A cluster in this process for a scene that is prepared: workers, and queues in place of sockets."""
+"""Workers in this process: what a render without slaves has, and, with several of them, nearly every test."""
 
 from __future__ import annotations
 
 import random
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 from wdpm.cluster.in_process import NO_TRIANGLES, MemoryCluster
-from wdpm.cluster.session import Session
+from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import World
+from wdpm.devices import available_cores
+from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
-from wdpm.rendering.prepare import Prepared
+from wdpm.progress import Progress
+from wdpm.rendering.backend import Backend
+from wdpm.rendering.passes import render_in_passes
+from wdpm.rendering.prepare import Prepared, prepare
 from wdpm.scenes.flat.arrays import Triangles
+from wdpm.scenes.model.scene import Scene
 
 
-def memory_cluster(
-    prepared: Prepared, workers: int, launcher: Launcher, shuffle: random.Random | None = None
-) -> tuple[MemoryCluster, Session]:
-    """A cluster that renders any number of sessions of a scene, and the session to begin with.
+class InProcess(Backend):
+    """Renders in this process, with queues in place of sockets.
 
     Args:
-        workers: as many as the scene was prepared for.
-        shuffle: shuffles the order in which messages arrive.
+        threads: cores to use; None for all there are.
+        device: "cpu" or a CUDA device, "cuda:0".
+        workers: how many share the work, for tests; they take turns.
+        cells: a power of two, at least `workers`; None for the least that serves them.
+        shuffle: shuffles the order in which messages arrive, for tests that it does not matter.
     """
-    pilot = prepared.pilot
-    if pilot is None:
+
+    def __init__(
+        self,
+        *,
+        threads: int | None = None,
+        device: str = "cpu",
+        workers: int = 1,
+        cells: int | None = None,
+        shuffle: random.Random | None = None,
+    ) -> None:
+        super().__init__(slaves=0, threads=threads or available_cores(), device=device)
+        self._launcher = Launcher(device, threads)
+        self._workers = workers
+        self._cells = cells
+        self._shuffle = shuffle
+        # By scene, and no longer than whoever renders it holds it: a worker has all its triangles and photons.
+        self._clusters: WeakKeyDictionary[Prepared, MemoryCluster] = WeakKeyDictionary()
+
+    def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:
+        return prepare(scene, settings, self._workers, self._launcher, progress, self._cells)
+
+    def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:
+        cluster = self._clusters.get(prepared)
+        if cluster is None:
+            cluster = self._clusters[prepared] = self._cluster_of(prepared.pilot)
+        if prepared.pilot is not None:
+            session = replace(session, partition=lambda _: NO_TRIANGLES)
+        return cluster.render(session, progress)
+
+    def close(self) -> None:
+        self._clusters.clear()
+
+    def _cluster_of(self, pilot: CellWorker | None) -> MemoryCluster:
+        """A cluster for any number of sessions of a scene."""
+        launcher = self._launcher
 
         def make_worker(
             number: int, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]
         ) -> CellWorker:
-            return CellWorker(number, world, partition, holders, launcher)
+            if pilot is None:
+                return CellWorker(number, world, partition, holders, launcher)
+            pilot.adopt(world)  # the only worker, and it has all triangles already
+            return pilot
 
-        return MemoryCluster(make_worker, workers, shuffle=shuffle), prepared.session
+        return MemoryCluster(make_worker, self._workers if pilot is None else 1, shuffle=self._shuffle)
 
-    def adopt(_number: int, world: World, *_others: object) -> CellWorker:
-        pilot.adopt(world)
-        return pilot
 
-    # The pilot's worker has all triangles already.
-    return MemoryCluster(adopt, 1, shuffle=shuffle), replace(prepared.session, partition=lambda _: NO_TRIANGLES)
+def render_in_process(
+    scene: Scene,
+    settings: RenderSettings,
+    *,
+    workers: int,
+    cells: int | None = None,
+    threads: int | None = None,
+    shuffle: random.Random | None = None,
+) -> Image:
+    """Render with several workers in this process: a cluster without sockets, for tests.
+
+    Args:
+        cells: a power of two, at least `workers`; None for the least that serves them.
+        shuffle: shuffles the order in which messages arrive.
+    """
+    with InProcess(threads=threads, workers=workers, cells=cells, shuffle=shuffle) as backend:
+        return render_in_passes(scene, backend, settings)

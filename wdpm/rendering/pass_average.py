@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +14,10 @@ from wdpm.cluster.task import PhotonsTraced
 from wdpm.images.channels import PARTITION_LAYER
 from wdpm.images.image import Image
 from wdpm.rendering.error_layers import BY_PHOTONS, ErrorEstimate, same_shape
-from wdpm.rendering.pass_plan import PassPlan, photon_plan, shrink
+from wdpm.rendering.pass_plan import PassPlan, PassResult, photon_plan, shrink
 from wdpm.rendering.prepare import Prepared
 from wdpm.rendering.results import image_of
 from wdpm.report.report import ErrorReport, PassReport
-
-if TYPE_CHECKING:
-    from wdpm.rendering.pass_plan import PassResult
 
 LARGEST = frozenset({"peak_memory_bytes"})
 """Statistics of slaves of which the largest of all passes counts."""

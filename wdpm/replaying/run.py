@@ -1,7 +1,7 @@
 """One sample of one pixel, traced again as a render traces it, with all that happens at each vertex of its path.
 
-    replay = wdpm.replay("scene.xml", 10, 7, 3, photons=250_000, spp=16)
-    replay.value, replay.vertices[0].material, replay.vertices[0].direct
+    told = wdpm.replay("scene.xml", 10, 7, 3, photons=250_000, spp=16)
+    told.value, told.vertices[0].hit.material, told.vertices[0].direct
 
 The photons are those of the render, and so is every kernel that computes light: `Replay.layers` are, bit for bit, what
 the sample adds to its pixel. It takes the time of the render's photons; the samples of other pixels are not traced.
@@ -20,10 +20,10 @@ from wdpm.cluster.work.bucket_home import BucketHome
 from wdpm.cluster.work.guards import Guards, added
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import World
-from wdpm.kernels.launch import Launcher
 from wdpm.progress import Progress, SilentProgress
+from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.pass_plan import PassPlan, plans_for, session_of
-from wdpm.rendering.prepare import Prepared, Source, prepare, scene_of
+from wdpm.rendering.prepare import Prepared, Source, scene_of
 from wdpm.rendering.scene_settings import settings_for
 from wdpm.replaying.recorder import Names, Recorder
 from wdpm.replaying.vertices import LAYERS, Replay
@@ -34,22 +34,22 @@ PATHS_AT_ONCE = 1 << 16
 """Photon paths that are traced at once: bounds memory, changes no bit."""
 
 
-def replay(
+def replay_sample(
     source: Source,
+    backend: InProcess,
     x: int,
     y: int,
     sample: int,
     settings: RenderSettings | None = None,
     *,
-    threads: int | None = None,
-    device: str = "cpu",
     progress: Progress | None = None,
     **chosen: Any,
 ) -> Replay:
-    """Trace one sample of one pixel as a render with these settings does, in one cell in this process.
+    """Trace one sample of one pixel as a render with these settings does.
 
     Args:
         source: a scene, a file, the name of a built-in scene, or a function that gives a scene.
+        backend: with one worker that has one cell: what it does is looked at from nearby.
         x, y: the pixel, from the upper left of the image.
         sample: its number, from 0.
         settings: all settings; or give single ones by name, see RenderSettings. `strict` is not looked at.
@@ -61,7 +61,7 @@ def replay(
     settings = settings or settings_for(scene, **chosen)
     check_place(scene.camera, settings.spp, x, y, sample)
     plan = pass_of(settings, sample)
-    return Replayer(scene, settings, plan, threads=threads, device=device, progress=progress).sample(x, y, sample)
+    return Replayer(scene, backend, settings, plan, progress=progress).sample(x, y, sample)
 
 
 class Replayer:
@@ -69,22 +69,21 @@ class Replayer:
 
     Args:
         plan: the pass; None for the first.
-        Others are as for `replay`.
+        Others are as for `replay_sample`.
     """
 
     def __init__(
         self,
         scene: Scene,
+        backend: InProcess,
         settings: RenderSettings,
         plan: PassPlan | None = None,
         *,
-        threads: int | None = None,
-        device: str = "cpu",
         progress: Progress | None = None,
     ) -> None:
         progress = progress or SilentProgress()
         settings = replace(settings, strict=False, routing=Routing.FORWARD)
-        prepared = prepare(scene, settings, 1, Launcher(device, threads), progress)
+        prepared = backend.prepare(scene, settings, progress)
         self._names = Names(scene, prepared.triangles)
         session = session_of(prepared.session, plan or pass_of(settings, 0))
         self._view = session.view
@@ -140,7 +139,7 @@ def _with_photons(prepared: Prepared, world: World, progress: Progress) -> CellW
     """The worker of the only cell, with its maps built."""
     worker = prepared.pilot
     if worker is None:
-        raise AssertionError("a plan for one worker has one cell")
+        raise AssertionError("a sample is replayed by one worker that has one cell")
     worker.adopt(world)
     progress.start("photons", world.paths)
     for number, start in enumerate(range(0, world.paths, PATHS_AT_ONCE)):

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from wdpm.progress import Progress
+from wdpm.rendering.backend import Backends
 
 if TYPE_CHECKING:
     from wdpm.report.grid import Grid
@@ -42,11 +43,12 @@ class Benchmark:
         description: what it measures, in lines as they are to be shown.
         add_arguments: adds its own options; those that all have (--json, --markdown) are there already. Where there is
             `--plot`, its argument is a .svg file, and checked before anything is measured.
-        run: measures; raises WdpmError before it renders for what it cannot do.
+        run: measures with what renders, which has the threads of `--threads`; raises WdpmError before it renders for
+            what it cannot do.
     """
 
     name: str
     help: str
     description: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
-    run: Callable[[argparse.Namespace, Progress], Measured]
+    run: Callable[[argparse.Namespace, Backends, Progress], Measured]

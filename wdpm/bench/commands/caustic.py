@@ -10,6 +10,7 @@ from wdpm.bench.commands.arguments import add_counts, add_threads
 from wdpm.bench.commands.benchmark import Benchmark, Measured
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.progress import Progress
+from wdpm.rendering.backend import Backends
 
 _DESCRIPTION = """\
 Time that wdpm and Mitsuba 3's path tracer take until the error in a region of
@@ -42,16 +43,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_threads(parser, "threads of each")
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Measured:
+def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Measured:
     """Time to an error in a region, next to Mitsuba's."""
     from wdpm.bench import caustic as bench_caustic
 
     names = ("spp", "photons", "caustic_photons", "caustic_k")
     settings = RenderSettings(**{name: getattr(args, name) for name in names})
     bound = bench_caustic.Bound(args.reference, args.region, args.error)
-    figures = bench_caustic.measure(
-        args.scene, bound, settings, args.mitsuba_spp, progress, rounds=args.rounds, threads=args.threads
-    )
+    with backends(0) as backend:
+        figures = bench_caustic.measure(
+            args.scene, bound, settings, args.mitsuba_spp, backend, progress, rounds=args.rounds
+        )
     return Measured([figures.grid()], {"caustic": figures.to_dict()})
 
 

@@ -10,6 +10,7 @@ from wdpm.bench.commands.arguments import add_counts, add_threads
 from wdpm.bench.commands.benchmark import Benchmark, Measured
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.progress import Progress
+from wdpm.rendering.backend import Backends
 
 _DESCRIPTION = """\
 Render the Cornell box with one effect after the other, and with all, each by
@@ -38,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_threads(parser, "threads to render with")
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Measured:
+def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Measured:
     """What each effect costs."""
     from wdpm.bench import effects as bench_effects
     from wdpm.bench import effects_scenes
@@ -47,15 +48,16 @@ def run(args: argparse.Namespace, progress: Progress) -> Measured:
 
     photons = dict.fromkeys(("photons", "caustic_photons", "volume_photons"), args.photons)
     effects = effects_scenes.EFFECTS
-    figures = bench_effects.measure(
-        progress,
-        RenderSettings(spp=args.spp, **photons),
-        names=[f"+ {name}" if name in effects else name for name in args.scenes],
-        size=args.size,
-        rounds=args.rounds,
-        threads=args.threads,
-        compiler=None if args.no_compile else bench_effects.compile_from_scratch,
-    )
+    with backends(0) as backend:
+        figures = bench_effects.measure(
+            RenderSettings(spp=args.spp, **photons),
+            backend,
+            progress,
+            names=[f"+ {name}" if name in effects else name for name in args.scenes],
+            size=args.size,
+            rounds=args.rounds,
+            compiler=None if args.no_compile else bench_effects.compile_from_scratch,
+        )
     if args.plot is not None:
         write_bytes(plot(figures).encode(), args.plot)
     return Measured([figures.grid()], {"effects": figures.to_dict()})

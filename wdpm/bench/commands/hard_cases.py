@@ -7,6 +7,7 @@ from pathlib import Path
 
 from wdpm.bench.commands.benchmark import Benchmark, Measured
 from wdpm.progress import Progress
+from wdpm.rendering.backend import Backends
 
 _DESCRIPTION = """\
 Run the suite of hard cases in full: scenes where renderers break, each against an
@@ -25,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--small", action="store_true", help="at the size of the tests: a minute or two")
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Measured:  # noqa: ARG001
+def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Measured:  # noqa: ARG001
     """The suite of hard cases; its verdict becomes the exit code."""
     from wdpm.bench import hard_cases as bench_hard_cases
 

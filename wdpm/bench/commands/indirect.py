@@ -9,6 +9,7 @@ from wdpm import values
 from wdpm.bench.commands.arguments import add_counts, add_threads, check_one_reference, counts, find_all
 from wdpm.bench.commands.benchmark import Benchmark, Measured
 from wdpm.progress import Progress
+from wdpm.rendering.backend import Backends
 from wdpm.scenes.errors import SettingsError
 
 _DESCRIPTION = """\
@@ -51,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plot", type=Path, metavar="FILE.svg", help="also write a plot of error against time")
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Measured:
+def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Measured:
     """Photon map, final gathering and irradiance cache side by side."""
     from wdpm.bench import indirect as bench_indirect
     from wdpm.bench.indirect_plot import plot
@@ -64,10 +65,11 @@ def run(args: argparse.Namespace, progress: Progress) -> Measured:
     for scene, reference in pairs:
         if reference is not None and args.size is not None:
             raise SettingsError(f"{scene}: images have the size of {reference}; leave --size out")
-    figures = [
-        bench_indirect.measure(scene, reference, sweep, progress, size=args.size, threads=args.threads)
-        for scene, reference in pairs
-    ]
+    with backends(0) as backend:
+        figures = [
+            bench_indirect.measure(scene, reference, sweep, backend, progress, size=args.size)
+            for scene, reference in pairs
+        ]
     if args.plot is not None:
         write_bytes(plot(figures).encode(), args.plot)
     grids = [grid for each in figures for grid in each.grids()]

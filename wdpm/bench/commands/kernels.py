@@ -6,6 +6,7 @@ import argparse
 
 from wdpm.bench.commands.benchmark import Benchmark, Measured
 from wdpm.progress import Progress
+from wdpm.rendering.backend import Backends
 
 _DESCRIPTION = """\
 Measure one core of this machine in one process: rays against Embree, nearest
@@ -20,7 +21,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Measured:
+def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Measured:  # noqa: ARG001
     """Rays, photon gathers and photon tracing on one core."""
     from wdpm.bench import kernels as bench_kernels
 

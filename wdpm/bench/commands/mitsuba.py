@@ -10,6 +10,7 @@ from wdpm.bench.commands.arguments import add_counts, add_threads
 from wdpm.bench.commands.benchmark import Benchmark, Measured
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.progress import Progress
+from wdpm.rendering.backend import Backends
 
 _DESCRIPTION = """\
 Render a Mitsuba scene by turns with wdpm and with Mitsuba 3's path tracer, both
@@ -37,14 +38,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_threads(parser, "threads of each")
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Measured:
+def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Measured:
     """Time and error next to Mitsuba's."""
     from wdpm.bench import mitsuba as bench_mitsuba
 
     width, height = args.size
     settings = RenderSettings(spp=args.spp, photons=args.photons, k=args.k)
-    setup = bench_mitsuba.Setup(args.scene, width, height, settings, args.mitsuba_spp, args.rounds, args.threads)
-    figures = bench_mitsuba.measure(setup, args.reference, progress)
+    setup = bench_mitsuba.Setup(args.scene, width, height, settings, args.mitsuba_spp, args.rounds)
+    with backends(0) as backend:
+        figures = bench_mitsuba.measure(setup, args.reference, backend, progress)
     return Measured([figures.grid()], {"mitsuba": figures.to_dict()})
 
 

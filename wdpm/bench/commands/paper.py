@@ -10,6 +10,7 @@ from wdpm.bench.commands.arguments import add_threads, find_all, slave_counts
 from wdpm.bench.commands.benchmark import Benchmark, Measured
 from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
 from wdpm.progress import Progress
+from wdpm.rendering.backend import Backends
 
 ROUTINGS = ("forward", "merge", "both")
 
@@ -55,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_threads(parser, "cores to use in all, shared out among slaves")
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Measured:
+def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Measured:
     """What clusters hold, send and cost."""
     from wdpm.bench import paper as bench_paper
 
@@ -66,7 +67,7 @@ def run(args: argparse.Namespace, progress: Progress) -> Measured:
     routings = tuple(Routing) if args.routing == "both" else (Routing(args.routing),)
     slaves = bench_paper.DEFAULT_SLAVES if args.slaves is None else args.slaves
     scenes = [
-        bench_paper.measure(scene, slaves, routings, progress, size=args.size, threads=args.threads, **chosen)
+        bench_paper.measure(scene, slaves, routings, backends, progress, size=args.size, **chosen)
         for scene in args.scenes or bench_paper.DEFAULT_SCENES
     ]
     return Measured([figures.grid() for figures in scenes], {"paper": [figures.to_dict() for figures in scenes]})

@@ -9,6 +9,7 @@ from wdpm import values
 from wdpm.bench.commands.arguments import add_counts, add_threads, check_one_reference, relative_errors
 from wdpm.bench.commands.benchmark import Benchmark, Measured
 from wdpm.progress import Progress
+from wdpm.rendering.backend import Backends
 
 _DESCRIPTION = """\
 Time that wdpm and Mitsuba 3's path tracer take to errors of the whole image, both
@@ -45,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_threads(parser, "threads of each")
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Measured:
+def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Measured:
     """Time to errors of the whole image, next to Mitsuba's."""
     from wdpm.bench import peers as bench_peers
     from wdpm.bench.peers_figures import Bounds
@@ -55,9 +56,8 @@ def run(args: argparse.Namespace, progress: Progress) -> Measured:
     pairs = [(scene, args.reference or bench_peers.default_reference(scene)) for scene in args.scenes]
     for scene, reference in pairs:
         bench_peers.check(scene, reference, bounds)
-    figures = [
-        bench_peers.measure(scene, reference, bounds, progress, threads=args.threads) for scene, reference in pairs
-    ]
+    with backends(0) as backend:
+        figures = [bench_peers.measure(scene, reference, bounds, backend, progress) for scene, reference in pairs]
     return Measured([each.grid() for each in figures], {"peers": [each.to_dict() for each in figures]})
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from wdpm.bench.commands.arguments import add_counts, add_threads, find_all, relative_errors
 from wdpm.bench.commands.benchmark import Benchmark, Measured
 from wdpm.progress import Progress
+from wdpm.rendering.backend import Backends
 
 _DESCRIPTION = """\
 Ask scenes for errors, as --until-error does, and hold what it says against a
@@ -38,14 +39,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_threads(parser, "threads to render with")
 
 
-def run(args: argparse.Namespace, progress: Progress) -> Measured:
+def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Measured:
     """What --until-error predicts and estimates, against the truth."""
     from wdpm.bench import predict as bench_predict
 
     find_all(args.scenes)
-    figures = bench_predict.measure(
-        args.scenes, progress, targets=args.errors, seeds=args.seeds, clock=args.clock, threads=args.threads
-    )
+    with backends(0) as backend:
+        figures = bench_predict.measure(
+            args.scenes, backend, progress, targets=args.errors, seeds=args.seeds, clock=args.clock
+        )
     return Measured([figures.grid()], {"predict": figures.to_dict()})
 
 

@@ -1,0 +1,80 @@
+"""What `wdpm slave` runs. Warp is imported no sooner than there is work: whoever cannot join should hear so at once."""
+
+from __future__ import annotations
+
+import resource
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from wdpm.cluster.slave.process import PATIENCE_S, run_slave
+from wdpm.cluster.transport import address
+from wdpm.cluster.transport.zeromq.key_files import keys_for
+from wdpm.devices import available_cores, check_device
+from wdpm.quiet import quiet_warp
+from wdpm.scenes.errors import SettingsError
+
+if TYPE_CHECKING:
+    from wdpm.cluster.slave.jobs import Worker
+    from wdpm.cluster.world import World
+    from wdpm.scenes.flat.arrays import Triangles
+
+
+def serve_as_slave(
+    master: str,
+    *,
+    threads: int | None = None,
+    device: str = "cpu",
+    memory: int | None = None,
+    keys: Path | None = None,
+    insecure: bool = False,
+    patience: float = PATIENCE_S,
+    life_line: bool = False,
+) -> None:
+    """What `wdpm slave` does: compute for a master until it says stop.
+
+    Args:
+        master: tcp://HOST:PORT.
+        memory: most memory to use [bytes]; None for no limit.
+        patience: how long to wait for the master's first answer [s].
+        life_line: end when standard input closes, which the process that started this one holds open.
+
+    Raises:
+        SettingsError: the keys cannot be read, or the device is not there.
+        ClusterError: no master answered, it refused, or something failed.
+    """
+    if device != "cpu":
+        quiet_warp()
+        check_device(device)
+    security = keys_for(address.resolve(master), keys, insecure)
+    if memory is not None:
+        limit_memory(memory)
+
+    def make_worker(number: int, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]) -> Worker:
+        from wdpm.cluster.work.worker import CellWorker
+        from wdpm.kernels.compile import compile_kernels
+        from wdpm.kernels.launch import Launcher
+
+        quiet_warp()
+        compile_kernels(device)
+        return CellWorker(number, world, partition, holders, Launcher(device, threads))
+
+    run_slave(
+        master,
+        make_worker,
+        threads=threads or available_cores(),
+        memory=memory,
+        security=security,
+        patience=patience,
+        life_line=sys.stdin.fileno() if life_line else None,
+    )
+
+
+def limit_memory(limit: int) -> None:
+    """Have allocations fail beyond a limit [bytes], instead of the machine beginning to swap."""
+    try:
+        # Data, not address space: threads and compiled code reserve far more addresses than they use.
+        resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))
+    except (ValueError, OSError) as error:
+        raise SettingsError(f"cannot limit memory to {limit} bytes: {error}") from None
