@@ -21,7 +21,7 @@ from wdpm.cluster.render_settings import EFFECTS_TO_LEAVE_OUT, RenderSettings
 from wdpm.cluster.work.replica import with_camera
 from wdpm.images.image import load as load_image
 from wdpm.inspection.inspect import Inspection, inspect
-from wdpm.inspection.tables import LIGHTS_SHOWN
+from wdpm.inspection.tables import LIGHTS_SHOWN, print_inspection
 from wdpm.kernels.features import WORDS, Features
 from wdpm.rendering.approximations import is_round
 from wdpm.scenes.builtin.cornell_box import cornell_box
@@ -36,7 +36,7 @@ FEW = {"photons": 2000, "caustic_photons": 2000, "volume_photons": 2000}
 def printed(inspection: Inspection, width: int = 100) -> str:
     console = Console(width=width, no_color=True)
     with console.capture() as capture:
-        inspection.print(console)
+        print_inspection(inspection, console)
     return capture.get()
 
 

@@ -18,7 +18,7 @@ from wdpm.report.report import (
     from_dict,
     from_json,
 )
-from wdpm.report.tables import format_bytes, format_seconds
+from wdpm.report.tables import format_bytes, format_seconds, print_report
 from wdpm.scenes.errors import ImageError
 
 
@@ -45,7 +45,7 @@ def report() -> Report:
 def printed(report: Report, width: int = 80) -> str:
     console = Console(width=width, no_color=True)
     with console.capture() as capture:
-        report.print(console)
+        print_report(report, console)
     return capture.get()
 
 
@@ -163,7 +163,7 @@ def test_what_is_wrong_is_loud(report: Report) -> None:
     assert "LEFT OUT: caustics" in text
     console = Console(width=80, force_terminal=True)
     with console.capture() as capture:
-        bad.print(console)
+        print_report(bad, console)
     assert "\x1b[1;31m3 contributions clamped" in capture.get()
 
 

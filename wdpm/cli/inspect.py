@@ -38,6 +38,7 @@ def run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from wdpm.inspection.inspect import inspect
+    from wdpm.inspection.tables import print_inspection
     from wdpm.quiet import quiet_warp
     from wdpm.scenes.load import load as load_scene
 
@@ -47,5 +48,5 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(inspection.to_json())
     else:
-        inspection.print(Console())
+        print_inspection(inspection, Console())
     return 0

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import argparse
 
+from rich.console import Console
+
+from wdpm import api
+from wdpm.cli.options import chosen_settings
+from wdpm.cluster.render_settings import RenderSettings
+from wdpm.images.files import check_output_path, write_bytes
+from wdpm.progress import make_progress
+from wdpm.quiet import quiet_warp
+from wdpm.rendering.scene_settings import settings_for
+from wdpm.replaying.tables import print_replay
+from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.load import load
+
 
 def replay_and_print(args: argparse.Namespace) -> int:
     """Trace a sample and print it; with --report, write it as JSON; returns the exit code."""
-    from rich.console import Console
-
-    from wdpm import api
-    from wdpm.cli.options import chosen_settings
-    from wdpm.cluster.render_settings import RenderSettings
-    from wdpm.images.files import check_output_path, write_bytes
-    from wdpm.progress import make_progress
-    from wdpm.quiet import quiet_warp
-    from wdpm.rendering.scene_settings import settings_for
-    from wdpm.scenes.errors import SettingsError
-    from wdpm.scenes.load import load
-
     if args.report is not None:
         check_output_path(args.report, (".json",))
     if args.load_cache is not None:
@@ -41,5 +42,5 @@ def replay_and_print(args: argparse.Namespace) -> int:
     if args.report is not None:
         write_bytes(told.to_json().encode(), args.report)
     if not args.quiet:
-        told.print(Console())
+        print_replay(told, Console())
     return 0

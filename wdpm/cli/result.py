@@ -20,6 +20,7 @@ from wdpm.quiet import quiet_warp
 from wdpm.rendering.cache_file import CacheNotWrittenError
 from wdpm.rendering.scene_settings import settings_for
 from wdpm.report import report
+from wdpm.report.tables import print_report
 from wdpm.scenes.errors import ImageError
 from wdpm.scenes.load import load as load_scene
 from wdpm.scenes.model.scene import Scene
@@ -57,7 +58,7 @@ def render_and_write(args: argparse.Namespace, render: Renderer) -> int:
     if failed:
         raise ImageError("; ".join(map(str, failed)))
     if not args.quiet:
-        account.print(Console())
+        print_report(account, Console())
     return 0
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,8 +18,7 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from wdpm.images.channels import LAYER_CHANNELS
-from wdpm.images.image import Image
+from wdpm.images.channels import LAYER_CHANNELS, Layers
 from wdpm.scenes.errors import ImageError
 
 _METADATA_ATTRIBUTE = "wdpm"
@@ -27,19 +26,19 @@ _METADATA_ATTRIBUTE = "wdpm"
 _MAGIC = b"\x76\x2f\x31\x01"
 
 
-def write_exr(image: Image, path: Path) -> None:
+def write_exr(layers: Layers, metadata: Mapping[str, Any], path: Path) -> None:
     """Write all layers; `path` need not end in .exr. Raises ImageError when the metadata is not JSON."""
     try:
-        metadata = json.dumps(image.metadata, allow_nan=False)
+        text = json.dumps(metadata, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise ImageError(f"the image's metadata cannot be written as JSON: {error}") from None
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
-        _METADATA_ATTRIBUTE: metadata,
+        _METADATA_ATTRIBUTE: text,
     }
     channels: dict[str, NDArray[np.float32]] = {}
-    for layer, pixels in image.layers.items():
+    for layer, pixels in layers.items():
         names = _channel_names(layer)
         planes = [pixels] if pixels.ndim == 2 else [pixels[..., i] for i in range(len(names))]
         channels.update({name: np.ascontiguousarray(plane) for name, plane in zip(names, planes, strict=True)})
@@ -50,13 +49,13 @@ def write_exr(image: Image, path: Path) -> None:
         raise OSError(str(error)) from None
 
 
-def read_exr(path: Path) -> Image:
-    """Read the layers that wdpm knows; others are left alone. Half and 32-bit float.
+def read_exr(path: Path) -> tuple[Layers, dict[str, Any]]:
+    """Read the layers that wdpm knows, and its metadata; others are left alone. Half and 32-bit float.
 
     A file with one channel Y and no R, G, B is grey. Raises ImageError for a broken file or one without colour.
     """
     planes, header = _read_planes(path)
-    layers: dict[str, NDArray[np.float32]] = {}
+    layers: Layers = {}
     for layer in LAYER_CHANNELS:
         names = _channel_names(layer)
         if all(name in planes for name in names):
@@ -66,7 +65,7 @@ def read_exr(path: Path) -> Image:
         if "Y" not in planes:
             raise ImageError(f"{path}: has no channels R, G, B (it has {', '.join(sorted(planes)) or 'none'})")
         layers["beauty"] = np.stack([planes["Y"]] * 3, axis=-1)
-    return Image(layers, _metadata(header))
+    return layers, _metadata(header)
 
 
 def _channel_names(layer: str) -> list[str]:

@@ -7,15 +7,14 @@ import os
 import uuid
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import imageio.v3 as imageio
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.images.channels import decode_srgb
+from wdpm.images.channels import Layers, decode_srgb, screen_pixels
 from wdpm.images.exr import read_exr, write_exr
-from wdpm.images.image import Image
 from wdpm.images.npy import read_npy, write_npy
 from wdpm.scenes.errors import ImageError
 from wdpm.scenes.images.hdr import decode_hdr, encode_hdr
@@ -24,15 +23,22 @@ from wdpm.scenes.images.pfm import decode_pfm, encode_pfm
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
+Metadata = Mapping[str, Any]
+
+
 class _Format(NamedTuple):
     """How files of one extension are read and written; the writer may get a path without that extension."""
 
-    read: Callable[[Path], Image]
-    write: Callable[[Image, Path], object]
+    read: Callable[[Path], tuple[Layers, dict[str, Any]]]
+    write: Callable[[Layers, Metadata, Path], object]
 
 
-def read(path: Path) -> Image:
-    """Read an image file. Raises ImageError for an unknown extension and a missing or broken file."""
+def read(path: Path) -> tuple[Layers, dict[str, Any]]:
+    """The layers and the metadata of an image file.
+
+    Raises:
+        ImageError: unknown extension, missing or broken file.
+    """
     _check_extension(path, tuple(_FORMATS))
     if not path.is_file():
         raise ImageError(f"{path}: no such file" if not path.exists() else f"{path}: not a file")
@@ -44,11 +50,11 @@ def read(path: Path) -> Image:
         raise ImageError(f"{path}: cannot be read: {_reason(error)}") from None
 
 
-def write(image: Image, path: Path) -> None:
+def write(layers: Layers, metadata: Metadata, path: Path) -> None:
     """Write an image file beside its place, then move it there. After an ImageError an older file is as it was."""
     _check_extension(path, tuple(_FORMATS))
     try:
-        write_whole(path, lambda temporary: _FORMATS[path.suffix.lower()].write(image, temporary))
+        write_whole(path, lambda temporary: _FORMATS[path.suffix.lower()].write(layers, metadata, temporary))
     except OSError as error:
         raise ImageError(f"{path}: cannot be written: {_reason(error)}") from None
     except ImageError as error:
@@ -139,7 +145,7 @@ def _check_extension(path: Path, allowed: tuple[str, ...]) -> None:
         raise ImageError(f"{path}: {what}: must be one of {' '.join(allowed)}")
 
 
-def _read_png(path: Path) -> Image:
+def _read_png(path: Path) -> NDArray[np.float32]:
     data = path.read_bytes()
     # The header is checked by hand, since Pillow turns 16-bit colour into 8-bit without a word.
     if data[:8] != _PNG_SIGNATURE or len(data) < 26:
@@ -156,19 +162,28 @@ def _read_png(path: Path) -> Image:
         if (pixels[..., -1] != np.iinfo(pixels.dtype).max).any():
             raise ImageError(f"{path}: is partly transparent; only opaque images are read")
         pixels = pixels[..., :-1] if pixels.shape[2] == 4 else np.repeat(pixels[..., :1], 3, axis=2)
-    return Image({"beauty": decode_srgb(pixels / np.iinfo(pixels.dtype).max)})
+    return decode_srgb(pixels / np.iinfo(pixels.dtype).max)
+
+
+def _of_colors(
+    read: Callable[[Path], NDArray[np.float32]], write: Callable[[NDArray[np.float32], Path], object]
+) -> _Format:
+    """A format that holds linear RGB, shape [height, width, 3], and nothing else."""
+    return _Format(
+        lambda path: ({"beauty": read(path)}, {}), lambda layers, _metadata, path: write(layers["beauty"], path)
+    )
 
 
 _FORMATS: Mapping[str, _Format] = {
     ".exr": _Format(read_exr, write_exr),
-    ".png": _Format(_read_png, lambda image, path: path.write_bytes(png_bytes(image.to_srgb8()))),
-    ".hdr": _Format(
-        lambda path: Image({"beauty": decode_hdr(path.read_bytes(), str(path))}),
-        lambda image, path: path.write_bytes(encode_hdr(image.pixels)),
+    ".png": _of_colors(_read_png, lambda pixels, path: path.write_bytes(png_bytes(screen_pixels(pixels)))),
+    ".hdr": _of_colors(
+        lambda path: decode_hdr(path.read_bytes(), str(path)),
+        lambda pixels, path: path.write_bytes(encode_hdr(pixels)),
     ),
-    ".pfm": _Format(
-        lambda path: Image({"beauty": decode_pfm(path.read_bytes(), str(path))}),
-        lambda image, path: path.write_bytes(encode_pfm(image.pixels)),
+    ".pfm": _of_colors(
+        lambda path: decode_pfm(path.read_bytes(), str(path)),
+        lambda pixels, path: path.write_bytes(encode_pfm(pixels)),
     ),
-    ".npy": _Format(read_npy, write_npy),
+    ".npy": _of_colors(read_npy, write_npy),
 }

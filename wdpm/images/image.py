@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.images.channels import LAYER_CHANNELS, PARTITION_LAYER, encode_srgb8
+from wdpm.images import files
+from wdpm.images.channels import LAYER_CHANNELS, PARTITION_LAYER, Layers, screen_pixels
 from wdpm.scenes.errors import ImageError
 
 
@@ -27,7 +28,7 @@ class Image:
         ImageError: a layer is missing, unknown, or of the wrong type or shape.
     """
 
-    layers: dict[str, NDArray[np.float32]]
+    layers: Layers
     metadata: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -62,10 +63,7 @@ class Image:
         Raises:
             ImageError: a pixel is NaN.
         """
-        bad = int(np.isnan(self.pixels).any(axis=2).sum())
-        if bad:
-            raise ImageError(f"{bad} pixels are NaN and have no colour: save as .exr to find them")
-        return encode_srgb8(self.pixels)
+        return screen_pixels(self.pixels)
 
     def digest(self) -> str:
         """SHA-256 of names, shapes and bytes of all layers but `cell`, in hexadecimal: equal iff every bit of them is.
@@ -87,14 +85,10 @@ class Image:
         Raises:
             ImageError: unknown extension, a folder that cannot be written, or pixels that the format cannot hold.
         """
-        from wdpm.images import files
-
-        files.write(self, Path(path))
+        files.write(self.layers, self.metadata, Path(path))
 
     def _repr_png_(self) -> bytes:
         """What a notebook shows."""
-        from wdpm.images import files
-
         return files.png_bytes(self.to_srgb8())
 
 
@@ -104,6 +98,5 @@ def load(path: str | Path) -> Image:
     Raises:
         ImageError: unknown extension, missing or broken file.
     """
-    from wdpm.images import files
-
-    return files.read(Path(path))
+    layers, metadata = files.read(Path(path))
+    return Image(layers, metadata)

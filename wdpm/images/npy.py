@@ -11,15 +11,18 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from wdpm.images.image import Image
 from wdpm.scenes.errors import ImageError
 
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 """Readers by version; the third is for names of fields, and colours have none."""
 
 
-def read_npy(path: Path) -> Image:
-    """Read linear RGB. Raises ImageError for another kind of file, a broken one, and arrays of another kind."""
+def read_npy(path: Path) -> NDArray[np.float32]:
+    """Read linear RGB, shape [height, width, 3].
+
+    Raises:
+        ImageError: another kind of file, a broken one, or an array of another kind.
+    """
     with path.open("rb") as stream:
         if stream.read(len(npy.MAGIC_PREFIX)) != npy.MAGIC_PREFIX:
             raise ImageError(f"{path}: not an NPY file")
@@ -35,13 +38,13 @@ def read_npy(path: Path) -> Image:
             raise ImageError(f"{path}: broken NPY file: has {there:,} bytes of pixels; expected {expected:,}")
         stream.seek(0)
         pixels: NDArray[np.floating] = npy.read_array(stream, allow_pickle=False)
-    return Image({"beauty": pixels.astype(np.float32)})
+    return pixels.astype(np.float32)
 
 
-def write_npy(image: Image, path: Path) -> None:
-    """Write the beauty layer."""
+def write_npy(pixels: NDArray[np.float32], path: Path) -> None:
+    """Write linear RGB, shape [height, width, 3]."""
     with path.open("wb") as file:  # a name without .npy would have it appended
-        np.save(file, image.pixels, allow_pickle=False)
+        np.save(file, pixels, allow_pickle=False)
 
 
 def _header(stream: BinaryIO) -> tuple[tuple[int, ...], np.dtype]:

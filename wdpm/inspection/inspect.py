@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,9 +22,6 @@ from wdpm.rendering.scene_settings import settings_for
 from wdpm.scenes.flat.flatten import FlatScene, flatten
 from wdpm.scenes.model.left_out import leave_out
 from wdpm.scenes.model.scene import Scene
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 
 @dataclass(frozen=True)
@@ -86,12 +83,6 @@ class Inspection:
     def to_json(self) -> str:
         """All of it as JSON."""
         return json.dumps(asdict(self), indent=2)
-
-    def print(self, console: Console) -> None:
-        """All of it as tables."""
-        from wdpm.inspection.tables import print_inspection
-
-        print_inspection(self, console)
 
 
 def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:

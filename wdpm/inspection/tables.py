@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from wdpm.cluster.plan.effects_in_words import Effect, LightUse
-    from wdpm.inspection.inspect import Inspection
+from wdpm.cluster.plan.effects_in_words import Effect, LightUse
+from wdpm.inspection.inspect import Inspection
 
 LIGHTS_SHOWN = 12
 """The strongest; JSON has them all."""

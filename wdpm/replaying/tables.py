@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from wdpm.replaying.vertices import LAYERS, Collision, Gather, Hit, Replay, ReplayVertex, ShadowRay
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 
 def print_replay(replay: Replay, console: Console) -> None:

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 RGB = tuple[float, float, float]
 Vector = tuple[float, float, float]
@@ -180,9 +176,3 @@ class Replay:
             "guards": self.guards,
         }
         return json.dumps(plain, indent=2)
-
-    def print(self, console: Console) -> None:
-        """A table for each vertex, and the sum."""
-        from wdpm.replaying.tables import print_replay
-
-        print_replay(self, console)

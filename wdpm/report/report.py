@@ -5,12 +5,9 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass, field
 from types import NoneType, UnionType
-from typing import TYPE_CHECKING, Any, get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 from wdpm.scenes.errors import ImageError
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 PHASES = ("load", "compile", "partition", "photons", "map", "records", "render")
 
@@ -281,12 +278,6 @@ class Report:
     def to_json(self) -> str:
         """One JSON object. Raises ValueError when a figure is not finite."""
         return json.dumps(asdict(self), allow_nan=False, indent=2)
-
-    def print(self, console: Console) -> None:
-        """Tables for people."""
-        from wdpm.report.tables import print_report
-
-        print_report(self, console)
 
 
 def from_json(text: str) -> Report:

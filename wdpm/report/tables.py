@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
@@ -20,9 +20,6 @@ from wdpm.report.report import (
     PhotonCounts,
     Report,
 )
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 LIGHTS_SHOWN = 12
 """The strongest; JSON has them all."""
