@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.flat.arrays import Media, Triangles
+from wdpm.scenes.flat.dropped import KEPT, counted, drop_cause
 from wdpm.scenes.flat.light_table import LightTable, tabulate_lights
 from wdpm.scenes.flat.material_coats import with_coats
 from wdpm.scenes.flat.material_table import NO_MEDIUM, SAME_MEDIUM, Boundary, MaterialTable, tabulate
@@ -55,10 +56,6 @@ class FlatScene:
     dropped: dict[str, int]
 
 
-NON_FINITE, ZERO_AREA, NO_NORMAL = "not finite", "zero area", "no normal in single precision"
-DUPLICATE = "the same as another, which hides it"
-
-
 def flatten(scene: Scene) -> FlatScene:
     """Turns a scene into arrays.
 
@@ -73,7 +70,7 @@ def flatten(scene: Scene) -> FlatScene:
     emitter_index = {id(mesh): index for index, mesh in enumerate(emitters)}
     rows = _Rows(scene, [space.material(material) for material in scene.materials])
     parts = [_soup(mesh, space, rows.of(mesh), emitter_index.get(id(mesh), -1)) for mesh in scene.meshes]
-    triangles, dropped = _without_degenerate(_joined(_with_colors(scene.meshes, parts)))
+    triangles, dropped = _without_dropped(_joined(_with_colors(scene.meshes, parts)))
     if len(triangles) == 0:
         raise SceneError(f"no triangle of the scene can be rendered: {_listed(dropped)}")
     camera = space.camera(scene.camera)
@@ -205,17 +202,21 @@ def _soup(mesh: Mesh, space: RendererSpace, material: int, emitter: int) -> Tria
     count = len(mesh.faces)
     if count and not (mesh.faces.min() >= 0 and mesh.faces.max() < len(mesh.vertices)):
         raise SceneError(f'mesh "{mesh.name}": a face names a vertex out of range (there are {len(mesh.vertices)})')
-    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is dropped as such
-        positions = space.place(mesh.vertices).astype(np.float32)[mesh.faces]
     return Triangles(
         np.zeros(count, dtype=np.int32),
-        positions,
+        _corners(mesh, space),
         _corner_normals(mesh),
         np.zeros((count, 3, 2), dtype=np.float32) if mesh.uvs is None else mesh.uvs.astype(np.float32)[mesh.faces],
         np.full(count, material, dtype=np.int32),
         np.full(count, emitter, dtype=np.int32),
         np.zeros((0, 3, 3), dtype=np.float32),
     )
+
+
+def _corners(mesh: Mesh, space: RendererSpace) -> NDArray[np.float32]:
+    """Of each triangle, in the renderer's space, shape [F, 3, 3]."""
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is dropped as such
+        return space.place(mesh.vertices).astype(np.float32)[mesh.faces]
 
 
 def _corner_normals(mesh: Mesh) -> NDArray[np.float32]:
@@ -227,63 +228,31 @@ def _corner_normals(mesh: Mesh) -> NDArray[np.float32]:
     return normals
 
 
+def kept_triangles(scene: Scene) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Where the triangles that `flatten` keeps are from, in its order.
+
+    Returns:
+        The number of each one's mesh, and its own number in that mesh, shape [T].
+    """
+    space = renderer_space(scene.meshes)
+    counts = [len(mesh.faces) for mesh in scene.meshes]
+    mesh = np.repeat(np.arange(len(counts)), counts)
+    row = np.concatenate([np.arange(count) for count in counts])
+    positions = np.concatenate([_corners(each, space) for each in scene.meshes])
+    cause = drop_cause(positions, np.array([_glows(each) for each in scene.meshes])[mesh])
+    return mesh[cause == KEPT], row[cause == KEPT]
+
+
 def _joined(parts: Sequence[Triangles]) -> Triangles:
     names = [attribute.name for attribute in fields(Triangles)]
     return Triangles(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
-def _without_degenerate(soup: Triangles) -> tuple[Triangles, dict[str, int]]:
-    """Drops triangles that have no area, or that no ray could find, and numbers the others."""
-    cause = _degenerate_cause(soup.positions)
-    cause[(cause == 0) & _repeated(soup.positions) & (soup.emitter < 0)] = 4
-    dropped = {
-        name: int(np.sum(cause == code))
-        for code, name in enumerate((NON_FINITE, ZERO_AREA, NO_NORMAL, DUPLICATE), start=1)
-    }
-    kept = soup if not cause.any() else soup.take(np.flatnonzero(cause == 0))
-    numbered = replace(kept, ids=np.arange(len(kept), dtype=np.int32))
-    return numbered, {name: count for name, count in dropped.items() if count}
-
-
-def _repeated(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Triangles with the very corners of an earlier one, in whatever order, shape [T].
-
-    Of surfaces in one place the first is seen, so these are never; but their area would count as surface.
-    """
-    bits = (positions + np.float32(0.0)).view(np.uint32).astype(np.uint64)  # -0 and 0 are the same place
-    corner = (bits[..., 0] * _MIX[0]) ^ (bits[..., 1] * _MIX[1]) ^ (bits[..., 2] * _MIX[2])
-    corner = (corner ^ (corner >> np.uint64(29))) * _MIX[3]
-    key = corner.sum(axis=1, dtype=np.uint64)
-    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
-    earlier = first[inverse]
-    repeated = earlier != np.arange(len(key))
-    rows = np.flatnonzero(repeated)
-    for row in rows:  # few, if any: keys that are alike by chance must not drop anything
-        same = {tuple(c) for c in positions[row].tolist()} == {tuple(c) for c in positions[earlier[row]].tolist()}
-        repeated[row] = same
-    return repeated
-
-
-_MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0xD6E8FEB86659FD93], np.uint64)
-"""Odd numbers without pattern, for keys of places."""
-
-
-def _degenerate_cause(positions: NDArray[np.float32]) -> NDArray[np.int8]:
-    """Why triangles are dropped, shape [T]: 0 not, 1 not finite, 2 zero area, 3 no normal in single precision."""
-    cause = np.zeros(len(positions), dtype=np.int8)
-    with np.errstate(invalid="ignore", over="ignore", under="ignore"):
-        cross = np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])
-        square = np.sum(cross * cross, axis=1)
-    # nearly all have a normal in single precision, and the exact test is needed for the rest only
-    cause[~(np.isfinite(square) & (square > 0))] = 3
-    doubtful = np.flatnonzero(cause)
-    corners = positions[doubtful].astype(np.float64)
-    finite = np.isfinite(corners).all(axis=(1, 2))
-    with np.errstate(invalid="ignore"):
-        exact = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    cause[doubtful[finite & ~exact.any(axis=1)]] = 2
-    cause[doubtful[~finite]] = 1
-    return cause
+def _without_dropped(soup: Triangles) -> tuple[Triangles, dict[str, int]]:
+    """Drops triangles that cannot be rendered or seen, and numbers the others."""
+    cause = drop_cause(soup.positions, soup.emitter >= 0)
+    kept = soup if not cause.any() else soup.take(np.flatnonzero(cause == KEPT))
+    return replace(kept, ids=np.arange(len(kept), dtype=np.int32)), counted(cause)
 
 
 def _listed(dropped: dict[str, int]) -> str:

@@ -14,13 +14,13 @@ import trimesh
 
 from wdpm.checkup.findings import Checkup, Level
 from wdpm.checkup.fix import mend
-from wdpm.checkup.part import sound_triangles
 from wdpm.checkup.run import check
 from wdpm.checkup.scene import is_inside
 from wdpm.checkup.soup import edges_of, make_soup, pieces, volumes
 from wdpm.cli.main import main
 from wdpm.scenes.builtin.cornell_box import cornell_box
 from wdpm.scenes.errors import SceneError, SettingsError
+from wdpm.scenes.flat.dropped import NO_NORMAL, ZERO_AREA, degenerate_cause
 from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.meshes.primitives import cube
 from wdpm.scenes.model.bsdfs import Bsdf, Dielectric, Diffuse, ThinDielectric
@@ -115,10 +115,10 @@ def test_what_is_dropped_is_what_a_render_drops() -> None:
     corners = rng.normal(size=(300, 3, 3)) * 10.0 ** rng.uniform(-25, 1, (300, 1, 1))
     corners[::7, 2] = corners[::7, 1]
     scene = scene_of(mesh_of(corners), box(scale=100.0))  # about the origin: the least detail is kept there
-    cause = sound_triangles(make_soup(scene))
+    cause = degenerate_cause(make_soup(scene).positions)
     dropped = flatten(scene).dropped
-    assert int((cause == 1).sum()) == dropped["zero area"]
-    assert int((cause == 2).sum()) == dropped["no normal in single precision"] > 0
+    assert int((cause == ZERO_AREA).sum()) == dropped["zero area"]
+    assert int((cause == NO_NORMAL).sum()) == dropped["no normal in single precision"] > 0
 
 
 def test_what_a_render_refuses_is_an_error() -> None:

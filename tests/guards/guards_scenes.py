@@ -44,18 +44,16 @@ GUARDS = (
     ),
     Guard(
         name="triangles that cannot be rendered are dropped",
-        file="scenes/flat/flatten.py",
+        file="scenes/flat/dropped.py",
         prevents="NaN for normals and boxes",
-        changes=(
-            ("cause = _degenerate_cause(soup.positions)", "cause = np.zeros(len(soup.positions), dtype=np.int8)"),
-        ),
+        changes=(("    cause = degenerate_cause(positions)", "    cause = np.zeros(len(positions), dtype=np.int8)"),),
         tests=(GEOMETRY + "test_degenerate_triangles_are_dropped_and_counted",),
     ),
     Guard(
         name="duplicates are dropped",
-        file="scenes/flat/flatten.py",
+        file="scenes/flat/dropped.py",
         prevents="surface that nobody sees counts as area, so what lies before it is too dark",
-        changes=(("cause[(cause == 0) & _repeated(soup.positions) & (soup.emitter < 0)] = 4", "pass"),),
+        changes=(("cause[(cause == KEPT) & _repeated(positions) & ~glows] = DUPLICATE", "pass"),),
         tests=(hard("instanced duplicates"),),
     ),
     Guard(

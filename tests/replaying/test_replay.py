@@ -20,6 +20,7 @@ from wdpm.replaying.run import Replayer
 from wdpm.replaying.vertices import LAYERS, Replay
 from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.model.bsdfs import Dielectric, Diffuse, Mask, Plastic, TwoSided
 from wdpm.scenes.model.lights import Environment
 from wdpm.scenes.model.scene import Material, Medium, Mesh, Scene
@@ -154,6 +155,26 @@ def test_what_is_hit_is_told_in_the_coordinates_of_the_scene() -> None:
     assert hit.color == pytest.approx((0.725, 0.71, 0.68))
     assert vertex.indirect is not None
     assert vertex.indirect.photons > 0
+
+
+def test_names_are_right_where_triangles_are_dropped() -> None:
+    """Those without area, those that are not finite, and copies, but for those of lamps."""
+    box = cornell_box((12, 12))
+    by_name = {mesh.name: mesh for mesh in box.meshes}
+    floor = replace(by_name["floor"], faces=np.concatenate([[[0, 0, 1]], by_name["floor"].faces]))
+    nowhere = Mesh("nowhere", np.array([[np.nan, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]), None, None, 0)
+    copies = [replace(by_name[name], name=f"copy of {name}") for name in ("floor", "lamp")]
+    rest = [mesh for mesh in box.meshes if mesh.name != "floor"]
+    scene = replace(box, meshes=(by_name["lamp"], nowhere, floor, *copies, *rest))
+    assert flatten(scene).dropped == {"not finite": 1, "zero area": 1, "the same as another, which hides it": 2}
+    replayer = Replayer(scene, InProcess(threads=1), RenderSettings(photons=500, spp=1))
+    for pixel, name in (((6, 11), "floor"), ((4, 6), "tall block"), ((8, 8), "short block"), ((6, 0), "ceiling")):
+        hit = replayer.sample(*pixel, 0).vertices[0].hit
+        assert hit is not None
+        assert hit.mesh == name
+        mesh = next(mesh for mesh in scene.meshes if mesh.name == name)
+        a, b, c = mesh.vertices[mesh.faces[hit.triangle]]
+        assert np.abs(a * (1 - hit.u - hit.v) + b * hit.u + c * hit.v - hit.position).max() < 1e-3
 
 
 def test_a_pixel_or_sample_that_is_not_there_is_an_error() -> None:

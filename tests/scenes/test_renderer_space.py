@@ -13,7 +13,8 @@ from wdpm.cluster.render_settings import RenderSettings
 from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import SceneError
-from wdpm.scenes.flat.flatten import DUPLICATE, flatten
+from wdpm.scenes.flat.dropped import CAUSES, DUPLICATE
+from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.flat.renderer_space import RendererSpace, renderer_space
 from wdpm.scenes.model.bounds import bounding_box
 from wdpm.scenes.model.bsdfs import GREY, BumpMap, Diffuse, Mask, TwoSided
@@ -106,7 +107,7 @@ def test_copies_are_known_in_any_unit(by: float) -> None:
     copies = [replace(m, vertices=m.vertices @ third.T @ third.T @ third.T) for m in dark]
     assert (copies[1].vertices[:, 2] != 0).any()
     flat = flatten(replace(cornell_box(), meshes=(*dark, *copies, lamp)))
-    assert flat.dropped == {DUPLICATE: sum(len(m.faces) for m in dark)}
+    assert flat.dropped == {CAUSES[DUPLICATE]: sum(len(m.faces) for m in dark)}
 
 
 def test_what_a_render_tells_is_in_the_scenes_own_units() -> None:

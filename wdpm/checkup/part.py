@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wdpm.checkup.findings import MOST_PLACES, Finding, Level
 from wdpm.checkup.soup import Ints, Soup
@@ -66,18 +65,3 @@ def looks(scene: Scene) -> Ints:
     keys = [(id(scene.materials[mesh.material].bsdf), mesh.emission) for mesh in scene.meshes]
     number: dict[object, int] = {}
     return np.array([number.setdefault(key, len(number)) for key in keys], np.int64)
-
-
-def sound_triangles(soup: Soup) -> NDArray[np.int8]:
-    """Which triangles a render keeps: 0; 1 has no area, 2 has no normal in single precision. Shape [T].
-
-    The same tests as in scenes.flat.flatten, in the same arithmetic.
-    """
-    cause = np.zeros(len(soup), np.int8)
-    p = soup.positions
-    with np.errstate(invalid="ignore", over="ignore", under="ignore"):
-        cross = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-        square = np.sum(cross * cross, axis=1)
-    cause[~(np.isfinite(square) & (square > 0))] = 2
-    cause[(cause == 2) & ~soup.front.any(axis=1)] = 1
-    return cause

@@ -9,12 +9,13 @@ import numpy as np
 
 from wdpm.checkup.findings import Checkup, Finding, Level, sorted_findings
 from wdpm.checkup.overlap import check_overlaps
-from wdpm.checkup.part import Part, sound_triangles
+from wdpm.checkup.part import Part
 from wdpm.checkup.scene import check_camera, check_lights, check_materials, check_size
 from wdpm.checkup.shapes import check_copies, check_normals, check_spikes, check_triangles
 from wdpm.checkup.soup import make_soup
 from wdpm.checkup.surfaces import Solid, check_surface, rims
 from wdpm.scenes.errors import SceneError
+from wdpm.scenes.flat.dropped import degenerate_cause
 from wdpm.scenes.load import load
 from wdpm.scenes.model.checks import check_scene
 from wdpm.scenes.model.scene import Scene
@@ -61,7 +62,7 @@ def _find(scene: Scene) -> Iterator[Finding]:
         soup = make_soup(scene)
     except SceneError:
         return  # no triangles: told above
-    cause = sound_triangles(soup)
+    cause = degenerate_cause(soup.positions)
     longest = soup.longest()
     median = float(np.median(longest[cause == 0])) if (cause == 0).any() else 0.0
     open_rims = rims(scene, soup, cause)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from wdpm.checkup.findings import Finding, Level
 from wdpm.checkup.part import Part, is_two_sided, looks
 from wdpm.checkup.soup import Soup
+from wdpm.scenes.flat.dropped import NO_NORMAL, ZERO_AREA
 from wdpm.scenes.model.scene import Scene
 
 NEEDLE = 1e4
@@ -30,7 +31,7 @@ def check_triangles(part: Part, cause: NDArray[np.int8], longest: NDArray[np.flo
     if not total:
         texts = ("a mesh without triangles", "nothing of it is seen", "remove it, or find out where they went")
         yield part.finding(Level.WARNING, "empty-mesh", texts)
-    flat = np.flatnonzero(cause[rows] == 1)
+    flat = np.flatnonzero(cause[rows] == ZERO_AREA)
     if len(flat):
         texts = (
             "triangles without area",
@@ -38,7 +39,7 @@ def check_triangles(part: Part, cause: NDArray[np.int8], longest: NDArray[np.flo
             "leave them, or drop them from the mesh file with --fix: nothing is lost",
         )
         yield part.finding(Level.WARNING, "zero-area", texts, flat)
-    tiny = np.flatnonzero(cause[rows] == 2)
+    tiny = np.flatnonzero(cause[rows] == NO_NORMAL)
     if len(tiny):
         texts = (
             "triangles too small for a normal in single precision",

@@ -9,8 +9,6 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.checkup.part import sound_triangles
-from wdpm.checkup.soup import make_soup
 from wdpm.cluster.batch import SCHEMAS, Batch, Kind
 from wdpm.cluster.work import parts
 from wdpm.cluster.work.misses import start_paths
@@ -22,7 +20,9 @@ from wdpm.kernels.materials.medium import DistanceSample
 from wdpm.kernels.materials.surface import Surface
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
 from wdpm.replaying.vertices import Collision, Gather, Hit, Onward, ReplayVertex, ShadowRay
+from wdpm.scenes.flat.flatten import kept_triangles
 from wdpm.scenes.flat.material_table import LEAF_KINDS
+from wdpm.scenes.flat.renderer_space import renderer_space
 from wdpm.scenes.model.leaf_kind import BLACK as BLACK_KIND
 from wdpm.scenes.model.scene import Scene
 
@@ -40,13 +40,11 @@ class Names:
     """
 
     def __init__(self, scene: Scene, rendered: int) -> None:
-        soup = make_soup(scene)
-        kept = sound_triangles(soup) == 0
-        if int(kept.sum()) != rendered:
-            raise AssertionError(f"{rendered} triangles are rendered, and {int(kept.sum())} were expected")
         self._scene = scene
-        self._mesh, self._row = soup.mesh[kept], soup.row[kept]
-        self.space = soup.space
+        self._mesh, self._row = kept_triangles(scene)
+        if len(self._row) != rendered:
+            raise AssertionError(f"{rendered} triangles are rendered, and {len(self._row)} were expected")
+        self.space = renderer_space(scene.meshes)
 
     def triangle(self, prim: int) -> tuple[str, str, int]:
         """Mesh, material and number in the mesh of a triangle."""

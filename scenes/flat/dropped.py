@@ -1,0 +1,79 @@
+"""Which triangles of a scene are dropped: those that no ray could find, and those that would never be seen."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+KEPT, NON_FINITE, ZERO_AREA, NO_NORMAL, DUPLICATE = range(5)
+"""Numbers of the causes."""
+
+CAUSES = {
+    NON_FINITE: "not finite",
+    ZERO_AREA: "zero area",
+    NO_NORMAL: "no normal in single precision",
+    DUPLICATE: "the same as another, which hides it",
+}
+"""In words."""
+
+_MIX = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9, 0xD6E8FEB86659FD93], np.uint64)
+"""Odd numbers without pattern, for keys of places."""
+
+
+def drop_cause(positions: NDArray[np.float32], glows: NDArray[np.bool_]) -> NDArray[np.int8]:
+    """Why triangles are dropped: KEPT, or the number of a cause, shape [T].
+
+    Args:
+        positions: corners in the renderer's space, shape [T, 3, 3].
+        glows: whether they are light sources, shape [T]: of these, each of several in one place shines.
+    """
+    cause = degenerate_cause(positions)
+    cause[(cause == KEPT) & _repeated(positions) & ~glows] = DUPLICATE
+    return cause
+
+
+def counted(cause: NDArray[np.int8]) -> dict[str, int]:
+    """How many triangles are dropped, by cause in words."""
+    counts = {words: int(np.sum(cause == number)) for number, words in CAUSES.items()}
+    return {words: count for words, count in counts.items() if count}
+
+
+def degenerate_cause(positions: NDArray[np.float32]) -> NDArray[np.int8]:
+    """Why triangles cannot be rendered: KEPT, or the number of a cause, shape [T].
+
+    Args:
+        positions: corners in the renderer's space, shape [T, 3, 3].
+    """
+    cause = np.full(len(positions), KEPT, dtype=np.int8)
+    with np.errstate(invalid="ignore", over="ignore", under="ignore"):
+        cross = np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])
+        square = np.sum(cross * cross, axis=1)
+    # nearly all have a normal in single precision, and the exact test is needed for the rest only
+    cause[~(np.isfinite(square) & (square > 0))] = NO_NORMAL
+    doubtful = np.flatnonzero(cause)
+    corners = positions[doubtful].astype(np.float64)
+    finite = np.isfinite(corners).all(axis=(1, 2))
+    with np.errstate(invalid="ignore"):
+        exact = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    cause[doubtful[finite & ~exact.any(axis=1)]] = ZERO_AREA
+    cause[doubtful[~finite]] = NON_FINITE
+    return cause
+
+
+def _repeated(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Triangles with the very corners of an earlier one, in whatever order, shape [T].
+
+    Of surfaces in one place the first is seen, so these are never; but their area would count as surface.
+    """
+    bits = (positions + np.float32(0.0)).view(np.uint32).astype(np.uint64)  # -0 and 0 are the same place
+    corner = (bits[..., 0] * _MIX[0]) ^ (bits[..., 1] * _MIX[1]) ^ (bits[..., 2] * _MIX[2])
+    corner = (corner ^ (corner >> np.uint64(29))) * _MIX[3]
+    key = corner.sum(axis=1, dtype=np.uint64)
+    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
+    earlier = first[inverse]
+    repeated = earlier != np.arange(len(key))
+    rows = np.flatnonzero(repeated)
+    for row in rows:  # few, if any: keys that are alike by chance must not drop anything
+        same = {tuple(c) for c in positions[row].tolist()} == {tuple(c) for c in positions[earlier[row]].tolist()}
+        repeated[row] = same
+    return repeated
