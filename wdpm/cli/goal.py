@@ -7,15 +7,17 @@ import re
 import shlex
 import sys
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from dataclasses import fields
 from enum import Enum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from wdpm import values
 from wdpm.cli.options import SETTING_OPTIONS, chosen_settings
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.scenes.errors import SettingsError
+
+if TYPE_CHECKING:
+    from wdpm.rendering.backend import Backend
 
 EXIT_NOT_REACHED = 3
 """The image is written, but its error is larger than was asked for."""
@@ -66,11 +68,11 @@ def asks_for_a_goal(args: argparse.Namespace) -> bool:
     return True
 
 
-def render_to_goal(args: argparse.Namespace, make_backend: Callable[[], AbstractContextManager[Any]]) -> int:
+def render_to_goal(args: argparse.Namespace, make_backend: Callable[[], Backend]) -> int:
     """Render and write what `args` asks for; returns the exit code.
 
     Args:
-        make_backend: makes what renders (rendering.backend), once the scene is loaded.
+        make_backend: makes what renders, once the scene is loaded.
     """
     from wdpm.cli.result import render_and_write
     from wdpm.goal.clock import process_age
