@@ -67,6 +67,17 @@ def build_top_tree(
     return TopTree(axis, split)
 
 
+def photons_in_cells(position: NDArray[np.float32], tree: TopTree) -> NDArray[np.int64]:
+    """How many points lie in each cell, shape [cells]."""
+    node = np.zeros(len(position), np.intp)
+    inner = len(tree.axis)
+    while inner and (node < inner).any():
+        at = np.minimum(node, inner - 1)
+        left = position[np.arange(len(position)), tree.axis[at]] < tree.split[at]
+        node = np.where(node < inner, np.where(left, 2 * node + 1, 2 * node + 2), node)
+    return np.bincount(node - inner, minlength=tree.cells)
+
+
 def _best_plane(
     low: NDArray[np.float32],
     high: NDArray[np.float32],

@@ -10,7 +10,7 @@ import pytest
 from furnaces import Array, rendered, view
 from path_traced import furnace
 
-from wdpm.cluster.plan import plan
+from wdpm.cluster.plan.view import CACHE_PLAN
 from wdpm.cluster.records import Records, candidates
 from wdpm.cluster.render_settings import Indirect
 from wdpm.cluster.work.worker import CellWorker
@@ -95,10 +95,10 @@ def test_every_pixel_of_a_furnace_is_as_bright() -> None:
 def test_rounds_add_records_where_some_are_missing(records: list[Records]) -> None:
     """Each round keeps those before, and the last pixels that see a wall have one near."""
     image = rendered(cornell_box((SIDE, SIDE)), **{**CHOSEN, "spp": 2})
-    assert len(records) == plan.CACHE_PLAN.rounds
+    assert len(records) == CACHE_PLAN.rounds
     for fewer, more in itertools.pairwise(records):
         assert set(fewer.number) < set(more.number)
-    asked = sum(len(candidates(SIDE, SIDE, plan.CACHE_PLAN, number)) for number in range(plan.CACHE_PLAN.rounds))
+    asked = sum(len(candidates(SIDE, SIDE, CACHE_PLAN, number)) for number in range(CACHE_PLAN.rounds))
     assert len(records[-1]) < asked  # some were not needed
     flat = np.unique(np.round(image.layers["normal"].reshape(-1, 3), 3), axis=0)
     assert {tuple(n) for n in np.round(records[-1].normal, 3) + 0.0} <= {tuple(n) for n in flat + 0.0}

@@ -101,7 +101,7 @@ GUARDS = (
     ),
     Guard(
         name="the pilot's photons in the order of their numbers",
-        file="cluster/plan/plan.py",
+        file="cluster/plan/photon_pilot.py",
         prevents="threads decide the gather radius, and how photons are shared out",
         changes=(
             (

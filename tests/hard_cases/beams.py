@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from rooms import quad, scene
 
-from wdpm.cluster.plan import plan
+from wdpm.cluster.plan import photon_pilot
 from wdpm.scenes.model.bsdfs import Bsdf, Conductor
 from wdpm.scenes.model.lights import Light, SpotLight
 from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene, diffuse
@@ -62,5 +62,5 @@ def mirrored_beam(
 @contextmanager
 def pilot_of(paths: int) -> Iterator[None]:
     """A pilot of fewer paths: each of them is very long."""
-    with patch.object(plan, "PILOT_PATHS", paths):
+    with patch.object(photon_pilot, "PILOT_PATHS", paths):
         yield

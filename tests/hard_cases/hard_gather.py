@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from placing import moved, on_lattice, scaled
 from rooms import GREY, ball, box, glowing_box, lit_room, quad, scene, view
 
-from wdpm.cluster.plan import plan
+from wdpm.cluster.plan import view as view_plan
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.images.image import Image
 from wdpm.scenes.meshes.mesh_data import MeshData
@@ -146,8 +146,8 @@ def open_to_all_sides(run: Run, way: Indirect) -> None:
 
 def one_record(run: Run) -> None:
     """A plan with one candidate: all that it does not reach gathers for itself."""
-    few = replace(plan.CACHE_PLAN, rounds=1, spacing=1 << 14)
-    with patch.object(plan, "CACHE_PLAN", few):
+    few = replace(view_plan.CACHE_PLAN, rounds=1, spacing=1 << 14)
+    with patch.object(view_plan, "CACHE_PLAN", few):
         image = gathered(run, glowing_box(size=12), Indirect.CACHE)
     quarter_of_it(run, image, 0.05)
     other = gathered(run, glowing_box(size=12), Indirect.GATHER)
@@ -158,7 +158,7 @@ def one_record(run: Run) -> None:
 
 def few_strata(run: Run) -> None:
     """Records of as few rays as there may be."""
-    with patch.object(plan, "CACHE_PLAN", replace(plan.CACHE_PLAN, rows=1, columns=3)):
+    with patch.object(view_plan, "CACHE_PLAN", replace(view_plan.CACHE_PLAN, rows=1, columns=3)):
         quarter_of_it(run, gathered(run, glowing_box(), Indirect.CACHE), 0.06)
 
 

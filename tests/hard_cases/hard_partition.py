@@ -55,22 +55,22 @@ def through_everything(run: Run) -> None:
 
 def through_photons(run: Run) -> None:
     """Planes at coordinates of photons themselves: each has one owner."""
-    from wdpm.cluster.plan import plan
+    from wdpm.cluster.plan import render_plan
 
     what = lit_room()
     chosen = _settings(run.full)
     found: list[np.ndarray] = []
-    own = plan.build_top_tree
+    own = render_plan.build_top_tree
 
     def listen(corners: np.ndarray, photons: np.ndarray, *rest: object) -> object:
         found.append(photons)
         return own(corners, photons, *rest)  # type: ignore[arg-type]
 
-    plan.build_top_tree = listen  # type: ignore[assignment]
+    render_plan.build_top_tree = listen  # type: ignore[assignment]
     try:
         reference = run.render(what, settings=chosen, cells=1)
     finally:
-        plan.build_top_tree = own
+        render_plan.build_top_tree = own
     photons = found[0]
     rng = np.random.default_rng(4)
     for number in range(8 if run.full else 3):

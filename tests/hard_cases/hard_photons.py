@@ -13,7 +13,7 @@ from case import HardCase, Run, mean, mean_of
 from numpy.typing import NDArray
 from rooms import GREY, box, lit_room, quad, scene, triangles, view
 
-from wdpm.cluster.plan import plan
+from wdpm.cluster.plan import map_plans
 from wdpm.kernels.constants import MAX_GATHER_RADIUS, MIN_GATHER_RADIUS
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photons import photon_map
@@ -181,7 +181,7 @@ def tiny_radius(run: Run) -> None:
 def radius_below_spacing(run: Run) -> None:
     """No photon is so near: an image without indirect light, in a second, not with 10^20 points on its surfaces."""
     room = lit_room()
-    with patch.object(plan, "POINTS_MOST", plan.POINTS_MOST if run.full else 1 << 17):  # 16 million take 10 s
+    with patch.object(map_plans, "POINTS_MOST", map_plans.POINTS_MOST if run.full else 1 << 17):  # 16 million take 10 s
         image = run.render(room, photons=2000, radius=1e-9, spp=1)
     without = run.render(room, photons=0, spp=1)
     run.check("indirect", image.layers["indirect"], 0.0, 0.0)

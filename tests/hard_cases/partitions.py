@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from wdpm.cluster.plan import plan
+from wdpm.cluster.plan import render_plan
 from wdpm.cluster.world import TopTree
 from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.model.bounds import bounding_box
@@ -19,12 +19,12 @@ from wdpm.scenes.model.scene import Scene
 def with_tree(axis: Sequence[int], split: Sequence[float]) -> Iterator[None]:
     """Renders within use this top tree, in the renderer's coordinates; ask them for len(axis) + 1 cells."""
     tree = TopTree(np.array(axis, np.int32), np.array(split, np.float32))
-    own = plan.build_top_tree
-    plan.build_top_tree = lambda *_: tree  # type: ignore[assignment]
+    own = render_plan.build_top_tree
+    render_plan.build_top_tree = lambda *_: tree  # type: ignore[assignment]
     try:
         yield
     finally:
-        plan.build_top_tree = own
+        render_plan.build_top_tree = own
 
 
 def planes(scene: Scene, levels: Sequence[tuple[int, float]]) -> tuple[list[int], list[float]]:

@@ -20,7 +20,7 @@ from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import machine
 from wdpm.cluster.messages.checks import check_batch
-from wdpm.cluster.plan import plan
+from wdpm.cluster.plan import view as view_plan
 from wdpm.cluster.records import CachePlan, Records, equal
 from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
 from wdpm.cluster.work.cell import Cell
@@ -72,7 +72,7 @@ _alone: dict[tuple[str, Indirect], Image] = {}
 @pytest.fixture(autouse=True)
 def _small_plans(small_pilot: None) -> Iterator[None]:  # noqa: ARG001
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(plan, "CACHE_PLAN", SMALL_CACHE)
+        patch.setattr(view_plan, "CACHE_PLAN", SMALL_CACHE)
         yield
 
 

@@ -15,7 +15,7 @@ from one_cell import FEW, one, ready
 import wdpm
 from wdpm.cli import main
 from wdpm.cluster.batch import Batch, Kind, zeros
-from wdpm.cluster.plan import plan
+from wdpm.cluster.plan import map_plans, photon_pilot, render_plan
 from wdpm.cluster.render_settings import Routing
 from wdpm.cluster.task import BucketTask
 from wdpm.cluster.work import guards
@@ -38,8 +38,8 @@ PLACE = re.compile(r"pixel (\d+),(\d+), sample (\d+), vertex (\d+); .* --replay 
 def _small_pilot() -> Iterator[None]:
     """A shorter pilot and fewer surface points: quicker."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(plan, "PILOT_PATHS", 1 << 12)
-        patch.setattr(plan, "POINTS_LEAST", 1 << 12)
+        patch.setattr(photon_pilot, "PILOT_PATHS", 1 << 12)
+        patch.setattr(map_plans, "POINTS_LEAST", 1 << 12)
         yield
 
 
@@ -139,7 +139,7 @@ def test_dropped_triangles() -> None:
 
 @pytest.mark.parametrize("cells", [1, 4])
 def test_clamped_beams_are_counted_and_the_home_names_their_sample(cells: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plan, "_volume_unit", lambda *_: 1e-30)  # far too small for these photons
+    monkeypatch.setattr(render_plan, "volume_unit", lambda *_: 1e-30)  # far too small for these photons
     counted = acted(render_in_process(hazy(), FEW, workers=1, cells=cells, threads=1))
     assert list(counted) == [guards.BEAMS_CLAMPED]
     assert counted[guards.BEAMS_CLAMPED] > 100

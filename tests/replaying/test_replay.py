@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 import wdpm
 from wdpm.cli import main
-from wdpm.cluster.plan import plan
+from wdpm.cluster.plan import map_plans, photon_pilot
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.rendering.in_process import InProcess, render_in_process
 from wdpm.replaying.run import Replayer
@@ -35,8 +35,8 @@ FEW = RenderSettings(
 def _small_pilot() -> Iterator[None]:
     """A shorter pilot and fewer surface points: quicker."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(plan, "PILOT_PATHS", 1 << 12)
-        patch.setattr(plan, "POINTS_LEAST", 1 << 12)
+        patch.setattr(photon_pilot, "PILOT_PATHS", 1 << 12)
+        patch.setattr(map_plans, "POINTS_LEAST", 1 << 12)
         yield
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import Effect, LightUse, missing_effects, plan_of_effects, uses_of_lights
-from wdpm.cluster.plan.plan import Plan, make_plan
+from wdpm.cluster.plan.render_plan import RenderPlan, make_render_plan
 from wdpm.cluster.work.overlap_band import rows_near
 from wdpm.cluster.work.replica import with_camera
 from wdpm.kernels.compile import compile_kernels
@@ -99,7 +99,7 @@ def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:
     settings, _ = settings.algorithm.choose(flat, settings)
     features = with_camera(features_of(flat, settings), flat.camera)
     compile_kernels("cpu", features)
-    plan = make_plan(flat, settings, slaves, Launcher("cpu"))
+    plan = make_render_plan(flat, settings, slaves, Launcher("cpu"))
     world = plan.world
     effects = plan_of_effects(as_it_is, flat, [medium.name for medium in scene.media], world, features, settings)
     shining = set(world.lights.names)
@@ -130,13 +130,13 @@ def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:
     )
 
 
-def _by_map(plan: Plan, amounts: tuple[Any, ...]) -> tuple[Any, Any, Any]:
+def _by_map(plan: RenderPlan, amounts: tuple[Any, ...]) -> tuple[Any, Any, Any]:
     """Amounts of the three maps, 0 for one that is not made."""
     made = [amount if each.paths else 0 for amount, each in zip(amounts, plan.world.maps, strict=True)]
     return made[0], made[1], made[2]
 
 
-def _shares(plan: Plan, flat: FlatScene, slaves: int) -> tuple[Share, ...]:
+def _shares(plan: RenderPlan, flat: FlatScene, slaves: int) -> tuple[Share, ...]:
     """What each slave would hold, the photons foretold from the pilot's."""
     position = plan.pilot_photons  # of all maps
     band = max((each.band for each in plan.world.maps if each.paths), default=0.0)

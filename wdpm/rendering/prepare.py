@@ -16,7 +16,9 @@ from wdpm.cluster.layers import layers_of
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import missing_effects, plan_of_effects
 from wdpm.cluster.plan.light_samples import light_samples_of
-from wdpm.cluster.plan.plan import PILOT_PATHS, Plan, make_plan, view_of
+from wdpm.cluster.plan.photon_pilot import PILOT_PATHS
+from wdpm.cluster.plan.render_plan import RenderPlan, make_render_plan
+from wdpm.cluster.plan.view import view_of
 from wdpm.cluster.render_settings import CHANGE_NO_BIT, RenderSettings
 from wdpm.cluster.session import Session
 from wdpm.cluster.work import guards
@@ -131,7 +133,7 @@ def prepare(
     progress.start("plan")
     flattened = began - flattening
     began = time.perf_counter() - flattened
-    plan = make_plan(flat, settings, workers, launcher, cells)
+    plan = make_render_plan(flat, settings, workers, launcher, cells)
     world = replace(plan.world, strict=settings.strict)
     triangles = _digest(flat.triangles)
     view = view_of(flat, settings, workers)
@@ -206,7 +208,7 @@ def _left_out(
     return missing_effects(plan_of_effects(as_it_is, flat, media, world, features, settings), settings)
 
 
-def _partition(triangles: Triangles, plan: Plan) -> Callable[[int], Triangles]:
+def _partition(triangles: Triangles, plan: RenderPlan) -> Callable[[int], Triangles]:
     """Hands out each cell's triangles once; after the last cell nothing holds the scene's triangles any more."""
     left = dict(enumerate(plan.rows))
     source = [triangles]

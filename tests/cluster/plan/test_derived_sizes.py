@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from wdpm.cluster.plan.light_samples import light_samples_of
-from wdpm.cluster.plan.plan import CACHE_PLAN, view_of
+from wdpm.cluster.plan.view import CACHE_PLAN, view_of
 from wdpm.cluster.render_settings import MOST_SHADOW_RAYS, Integrator, RenderSettings
 from wdpm.rendering.pass_plan import share_of_rays, worth
 from wdpm.scenes import cornell_box

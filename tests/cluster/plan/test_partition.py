@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from wdpm.cluster.plan.partition import deal, rows_of_cells
-from wdpm.cluster.plan.plan import cells_of
+from wdpm.cluster.plan.render_plan import cells_of
 from wdpm.cluster.world import TopTree
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.rays.cells import cell_boxes

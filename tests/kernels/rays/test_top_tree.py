@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from wdpm.cluster.plan.plan import photons_in_cells
-from wdpm.cluster.plan.top_tree import build_top_tree
+from wdpm.cluster.plan.top_tree import build_top_tree, photons_in_cells
 from wdpm.cluster.world import TopTree
 from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.rays import cells as kernel_cells

@@ -16,7 +16,7 @@ from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.flat.flatten import flatten
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 REGISTRY = Path("cluster/plan/integrators/registry.py")
 
 each = pytest.mark.parametrize("integrator", Integrator, ids=lambda integrator: integrator.value)

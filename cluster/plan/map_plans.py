@@ -1,0 +1,164 @@
+"""How many paths each photon map gets, and how far it is gathered from: by the pilot's photons."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import warp as wp
+
+from wdpm.cluster.batch import Arrays
+from wdpm.cluster.plan.photon_pilot import IRRADIANCE_SHARE, PhotonPilot
+from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.work.cell import Cell
+from wdpm.cluster.world import IrradiancePlan, MapPlan
+from wdpm.kernels.photons import photon_map
+from wdpm.kernels.photons.beam import sum_unit
+from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
+from wdpm.kernels.photons.gather import gather_kernel
+from wdpm.scenes.flat.areas import triangle_areas
+from wdpm.scenes.flat.flatten import FlatScene
+
+PILOT_GATHERS = 4096
+"""Pilot photons at which the pilot asks for its own density."""
+
+PILOT_K = 16
+"""Neighbours that tell the density at a pilot photon: few enough to stay local, enough to be within a quarter."""
+
+RADIUS_QUANTILE = 0.5
+RADIUS_MARGIN = 2.5
+"""The gather radius is 2.5 times the one in which the median photon finds k others: gathers in light that is a sixth as
+dense still find their k; dimmer places are averaged over the fixed radius, and counted in the report. Wider, the
+overlap bands would take more photons than they are worth; narrower, dim places would be noisier."""
+
+PATHS_A_PHOTON = 10
+"""Most paths for each photon that is asked for: where hardly any path stores one, as under the open sky or far from
+the only mirror, indirect light is faint, and fewer photons tell it. The report says how many were stored."""
+
+BEAM_K = 40
+"""Volume photons in a ball of the beams' radius about the median one: a beam through it then finds some hundred."""
+
+BEAM_PILOT = 4096
+"""Volume photons of the pilot that the density is told by."""
+
+BEAM_HEADROOM = 64.0
+"""A volume photon may be so many times stronger than the pilot's strongest; what is beyond is cut, and counted."""
+
+IRRADIANCE_REACH = 0.4
+"""How far gather rays look for it, in gather radii: where as few as ten photons lie within one, half of the places
+still find one. Where none is found the ray goes on instead."""
+
+POINTS_A_PHOTON = 2
+"""Surface points a photon: their count then adds little to the noise of the photons' own."""
+
+POINTS_A_DISC = 64
+"""Surface points in the largest gather, at least, however few the photons."""
+
+POINTS_LEAST = 1 << 16
+POINTS_MOST = 1 << 24
+"""Bounds to the number of surface points: 52 bytes each."""
+
+
+def map_plans(pilot: PhotonPilot, settings: RenderSettings, flat: FlatScene) -> tuple[MapPlan, MapPlan, MapPlan]:
+    """Paths and radius of the global, the caustic and the volume map."""
+    world, cell, photons, extent, unit = pilot.world, pilot.cell, pilot.photons, flat.extent, flat.unit
+    area = float(triangle_areas(flat.triangles.positions).sum())
+    stored = [len(part["id"]) for part in photons]
+    asked = [settings.photons, settings.caustic_photons, settings.volume_photons if world.volume_map.paths else 0]
+    wanted = [
+        min(math.ceil(a * pilot.paths / s), PATHS_A_PHOTON * a) if s else PATHS_A_PHOTON * a
+        for a, s in zip(asked, stored, strict=True)
+    ]
+    paths = max(wanted[GLOBAL_MAP] if stored[GLOBAL_MAP] else 0, wanted[VOLUME_MAP] if stored[VOLUME_MAP] else 0)
+    caustic_paths = wanted[CAUSTIC_MAP]
+    every = [paths, caustic_paths if world.caustic_map.paths else 0, paths if world.volume_map.paths else 0]
+    expected = [s * p / pilot.paths for s, p in zip(stored, every, strict=True)]
+    radii = [
+        _given(settings.radius, unit)
+        or _gather_radius(cell, photons[GLOBAL_MAP], settings.k, expected[GLOBAL_MAP], extent),
+        _given(settings.caustic_radius, unit)
+        or _gather_radius(cell, photons[CAUSTIC_MAP], settings.caustic_k, expected[CAUSTIC_MAP], extent),
+        _given(settings.volume_radius, unit) or _beam_radius(photons[VOLUME_MAP], expected[VOLUME_MAP], extent),
+    ]
+    plans = [
+        MapPlan(p, r, settings.band * r, old.read, _point_area(area, r, e))
+        for p, r, e, old in zip(every, radii, expected, world.maps, strict=True)
+    ]
+    return plans[0], plans[1], plans[2]
+
+
+def _given(length: float | None, unit: float) -> float | None:
+    """A length that a person gave in the scene's unit, in the renderer's."""
+    return None if length is None else length / unit
+
+
+def _beam_radius(photons: Arrays, expected: float, extent: float) -> float:
+    """The radius of beams: that of a ball about the median volume photon that holds BEAM_K photons."""
+    position = photons["position"]
+    if len(position) <= PILOT_K or not expected:
+        return extent / 16.0
+    chosen = np.linspace(0, len(position) - 1, min(BEAM_PILOT, len(position))).astype(np.intp)
+    sample = position[chosen].astype(np.float64)
+    distance2 = ((sample[::8, None, :] - sample[None, :, :]) ** 2).sum(axis=2)
+    nearest = math.sqrt(float(np.median(np.partition(distance2, PILOT_K, axis=1)[:, PILOT_K])))
+    if nearest == 0:
+        return extent / 16.0
+    # Photons in space: as many times denser, as many times less volume for the same number.
+    return nearest * (BEAM_K / PILOT_K * len(sample) / expected) ** (1.0 / 3.0)
+
+
+def irradiance_plan(settings: RenderSettings, global_map: MapPlan) -> IrradiancePlan:
+    """What gather rays read of the global map."""
+    if not settings.final_gathers or not global_map.paths:
+        return IrradiancePlan()
+    return IrradiancePlan(IRRADIANCE_SHARE, settings.k, IRRADIANCE_REACH * global_map.radius)
+
+
+def volume_unit(photons: Arrays, volume_map: MapPlan, flat: FlatScene) -> float:
+    """The unit of exact sums along beams, from the strongest photon of the pilot with room above."""
+    largest = float(photons["flux"].max(initial=0.0)) * BEAM_HEADROOM
+    if largest == 0:
+        return 1.0
+    return sum_unit(largest, volume_map.radius, float(np.abs(flat.media.g).max(initial=0.0)))
+
+
+def _gather_radius(cell: Cell, photons: Arrays, k: int, expected: float, extent: float) -> float:
+    """A gather radius from the density of the pilot's photons, scaled to the number expected."""
+    position, normal = photons["position"], photons["normal"]
+    if len(position) <= PILOT_K:
+        return extent / 16.0  # next to nothing lands: any radius of the scene's order serves
+    launcher = cell.replica.launcher
+    device = launcher.device
+    queries = np.linspace(0, len(position) - 1, min(PILOT_GATHERS, len(position))).astype(np.intp)
+    pilot_map = photon_map.build(
+        position, np.ones_like(position), normal, normal, np.arange(len(position), dtype=np.int64), device=device
+    )
+    at = wp.array(position[queries], dtype=wp.vec3, device=device)
+    facing = wp.array(normal[queries], dtype=wp.vec3, device=device)
+    count = len(queries)
+    found = wp.empty(count, dtype=wp.float32, device=device)
+    launcher(
+        gather_kernel,
+        count,
+        photons=pilot_map,
+        position=at,
+        normal=facing,
+        shading_normal=facing,
+        k=PILOT_K,
+        r_max=extent,
+        run=1,
+        irradiance_out=wp.empty(count, dtype=wp.vec3, device=device),
+        count_out=wp.empty(count, dtype=wp.int32, device=device),
+        radius_out=found,
+        truncated_out=wp.empty(count, dtype=wp.bool, device=device),
+    )
+    radius = float(np.quantile(found.numpy(), RADIUS_QUANTILE))
+    # Photons on a surface: as many times denser, as many times less area for the same number.
+    denser = expected / len(position)
+    return RADIUS_MARGIN * radius * math.sqrt(k / PILOT_K / denser)
+
+
+def _point_area(area: float, radius: float, photons: float) -> float:
+    """The area that a surface point stands for, of a map of so many photons on a scene of that area."""
+    wanted = max(POINTS_A_PHOTON * photons, POINTS_A_DISC * area / (math.pi * radius**2), POINTS_LEAST)
+    return area / min(wanted, POINTS_MOST)

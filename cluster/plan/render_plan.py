@@ -1,0 +1,92 @@
+"""From a scene and settings to a World: the pilot, the number of paths, the gather radius, the top tree.
+
+Everything that an image depends on is decided here from the whole scene by a computation that is the same whatever the
+cluster: a fixed pilot of photon paths in one cell. The top tree and who holds which cell come from the cluster's size,
+and the image does not depend on them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.cluster.plan.effects import features_of
+from wdpm.cluster.plan.light_shares import shared_out
+from wdpm.cluster.plan.map_plans import irradiance_plan, map_plans, volume_unit
+from wdpm.cluster.plan.partition import deal, rows_of_cells
+from wdpm.cluster.plan.photon_pilot import fly_pilot
+from wdpm.cluster.plan.top_tree import build_top_tree, photons_in_cells
+from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.work.worker import CellWorker
+from wdpm.cluster.world import World
+from wdpm.kernels.launch import Launcher
+from wdpm.kernels.photons.deposits import GLOBAL_MAP, VOLUME_MAP
+from wdpm.kernels.photons.gather import check_settings
+from wdpm.scenes.flat.flatten import FlatScene
+
+
+@dataclass(frozen=True, eq=False)
+class RenderPlan:
+    """What is decided before any work is handed out.
+
+    Attributes:
+        rows: the triangles of each cell, rows of the flat scene.
+        holders: the worker that holds each cell.
+        pilot: the pilot's one-cell worker, to be used again, where there is but one cell; otherwise None, since it
+            holds the whole scene.
+        pilot_photons: places of the pilot's photons, float32, shape [P, 3].
+    """
+
+    world: World
+    rows: list[NDArray[np.intp]]
+    holders: list[int]
+    pilot: CellWorker | None
+    pilot_photons: NDArray[np.float32]
+
+
+def make_render_plan(
+    flat: FlatScene, settings: RenderSettings, workers: int, launcher: Launcher, cells: int | None = None
+) -> RenderPlan:
+    """Decide what an image depends on, and who will compute what.
+
+    Args:
+        workers: how many will share the work; 0 and 1 are alike.
+        cells: a power of two; None for the least that gives every worker the like.
+    """
+    pilot = fly_pilot(flat, features_of(flat, settings), settings, launcher)
+    maps = map_plans(pilot, settings, flat)
+    for each in maps:
+        check_settings(settings.k, each.radius)
+    irradiance = irradiance_plan(settings, maps[GLOBAL_MAP])
+    # What lies within reach of a cell is estimated there too, from the photons about it.
+    maps = (replace(maps[GLOBAL_MAP], band=maps[GLOBAL_MAP].band + irradiance.reach), *maps[1:])
+    wanted = max(workers, 1) if cells is None else cells
+    levels = (wanted - 1).bit_length()
+    places = np.concatenate([part["position"] for part in pilot.photons])
+    band = max((each.band for each in maps if each.paths), default=maps[0].band)
+    tree = build_top_tree(flat.triangles.positions, places, band, levels, wanted)
+    world = replace(
+        pilot.world,
+        top_tree=tree,
+        global_map=maps[0],
+        caustic_map=maps[1],
+        volume_map=maps[2],
+        emission=shared_out(pilot.world, pilot.flux_by_light()),
+        volume_unit=volume_unit(pilot.photons[VOLUME_MAP], maps[VOLUME_MAP], flat),
+        irradiance=irradiance,
+    )
+    rows = rows_of_cells(flat.triangles.positions, tree, flat.extent, launcher)
+    burdens = np.array([len(r) for r in rows], np.float64) / len(flat.triangles)
+    if len(places):
+        burdens += photons_in_cells(places, tree) / len(places)
+    holders = deal(burdens, max(workers, 1))
+    pilot.worker.forget_photons()
+    return RenderPlan(world, rows, holders, pilot.worker if tree.cells == 1 else None, places)
+
+
+def cells_of(holders: Sequence[int], worker: int) -> list[int]:
+    """The cells that a worker holds."""
+    return [cell for cell, holder in enumerate(holders) if holder == worker]
