@@ -1,4 +1,4 @@
-"""The plan of a render in words: each effect, whether the scene calls for it, because of what, and what it switches on.
+"""The effects of a render in words: each, whether the scene calls for it, because of what, and what it switches on.
 
 For people who want to know what a scene pays for; nothing is decided here (that is done in effects.py and plan.py).
 """
@@ -37,7 +37,7 @@ WITHOUT = {
 
 @dataclass(frozen=True)
 class Effect:
-    """One line of the plan.
+    """One effect, for people.
 
     Attributes:
         name: the field of Features, or what else it is.
@@ -88,7 +88,7 @@ class LightUse:
     why_none: str
 
 
-def plan_of_effects(
+def effects_of(
     flat: FlatScene, asked: FlatScene, media: Sequence[str], world: World, features: Features, settings: RenderSettings
 ) -> tuple[Effect, ...]:
     """Every effect of a render.

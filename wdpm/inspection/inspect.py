@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.effects_in_words import Effect, LightUse, missing_effects, plan_of_effects, uses_of_lights
+from wdpm.cluster.plan.effects_in_words import Effect, LightUse, effects_of, missing_effects, uses_of_lights
 from wdpm.cluster.plan.render_plan import RenderPlan, make_render_plan
 from wdpm.cluster.work.overlap_band import rows_near
 from wdpm.cluster.work.replica import with_camera
@@ -51,7 +51,7 @@ class Inspection:
         radius: largest gather radius of each map [scene units]; 0 for a map that is not made.
         targets: spheres that photons of the caustic pass are aimed at.
         modules: kernel modules that its features call for.
-        effects: the plan.
+        effects: every effect, on or off, and why.
         lights: how photons are shared out among them.
         left_out: what the image would lack, knowingly.
         approximated: what it would only approximate.
@@ -101,7 +101,7 @@ def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:
     compile_kernels("cpu", features)
     plan = make_render_plan(flat, settings, slaves, Launcher("cpu"))
     world = plan.world
-    effects = plan_of_effects(as_it_is, flat, [medium.name for medium in scene.media], world, features, settings)
+    effects = effects_of(as_it_is, flat, [medium.name for medium in scene.media], world, features, settings)
     shining = set(world.lights.names)
     return Inspection(
         name=scene.name,

@@ -14,7 +14,7 @@ import warp as wp
 
 from wdpm.cluster.layers import layers_of
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.effects_in_words import missing_effects, plan_of_effects
+from wdpm.cluster.plan.effects_in_words import effects_of, missing_effects
 from wdpm.cluster.plan.light_samples import light_samples_of
 from wdpm.cluster.plan.photon_pilot import PILOT_PATHS
 from wdpm.cluster.plan.render_plan import RenderPlan, make_render_plan
@@ -205,7 +205,7 @@ def _left_out(
         return ()
     as_it_is = flatten(scene) if settings.without else flat
     media = [medium.name for medium in scene.media]
-    return missing_effects(plan_of_effects(as_it_is, flat, media, world, features, settings), settings)
+    return missing_effects(effects_of(as_it_is, flat, media, world, features, settings), settings)
 
 
 def _partition(triangles: Triangles, plan: RenderPlan) -> Callable[[int], Triangles]:
