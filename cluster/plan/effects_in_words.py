@@ -1,6 +1,7 @@
 """The effects of a render in words: each, whether the scene calls for it, because of what, and what it switches on.
 
-For people who want to know what a scene pays for; nothing is decided here (that is done in effects.py and plan.py).
+For people who want to know what a scene pays for. Nothing is decided here: that is done in effects.py and
+photon_pilot.py.
 """
 
 from __future__ import annotations

@@ -13,8 +13,8 @@ from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, con
 from wdpm.cluster.work import guards, parts
 from wdpm.cluster.work.beams import Beams, start_beams
 from wdpm.cluster.work.final_gather import Actions, FinalGather
-from wdpm.cluster.work.gathers import Gathering
 from wdpm.cluster.work.misses import missed_light, no_hits, start_paths
+from wdpm.cluster.work.photon_gathers import PhotonGathering
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica, orders_of
 from wdpm.cluster.work.shadows import Shadows
@@ -56,7 +56,7 @@ class CameraLight:
         self.guards = guards.Guards(replica)
         self.shadows = Shadows(cell, tree, surfaces, replica, self.guards)
         self.beams = Beams(cell, store, replica, self.guards)
-        self.gathering = Gathering(cell, store, replica, self.guards)
+        self.gathering = PhotonGathering(cell, store, replica, self.guards)
         self.final_gather = FinalGather(surfaces, store, replica)
         self.vertices = 0
 
@@ -239,8 +239,8 @@ class CameraLight:
 
     def _decide(self, paths: Any, arrays: Arrays) -> Actions | None:
         """What the diffuse part of each vertex does, in views that leave a choice."""
-        gathers = self._view.diffuse_light is DiffuseLight.FINAL_GATHER
-        return self.final_gather.decide(paths, arrays) if gathers else None
+        by_rays = self._view.diffuse_light is DiffuseLight.FINAL_GATHER
+        return self.final_gather.decide(paths, arrays) if by_rays else None
 
     def _indirect(self, shaded: Any, arrays: Arrays, actions: Actions | None) -> NDArray[np.float32]:
         """Indirect light that is told at the vertices themselves, by photons or by what was computed from them."""

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from wdpm.cluster.batch import GHOSTS, SCHEMAS, Arrays, Batch, Kind, by_destination, take
 from wdpm.cluster.work.camera_paths import CameraLight
 from wdpm.cluster.work.final_gather import FinalGatherCounters
-from wdpm.cluster.work.gathers import GatherCounters
 from wdpm.cluster.work.guards import PHOTONS_CUT, added
+from wdpm.cluster.work.photon_gathers import PhotonGatherCounters
 from wdpm.cluster.work.photon_store import DEPOSITS_A_PATH, PhotonStore
 from wdpm.cluster.work.replica import Replica
 from wdpm.kernels import columns
@@ -106,7 +106,7 @@ class Cell:
         return self._light.beams.count
 
     @property
-    def gathers(self) -> GatherCounters:
+    def gathers(self) -> PhotonGatherCounters:
         """What gathers did here."""
         return self._light.gathering.counters
 

@@ -94,7 +94,7 @@ GUARDS = (
     ),
     Guard(
         name="gathers that leave the band are counted",
-        file="cluster/work/gathers.py",
+        file="cluster/work/photon_gathers.py",
         prevents="an image that is not exact says that it is",
         changes=(("if plan.band < plan.radius:", "if False:"),),
         tests=(EXACT + "test_a_narrow_band_is_told_and_a_full_one_never_left",),

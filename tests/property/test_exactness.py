@@ -107,8 +107,8 @@ def test_every_setting_gives_the_same_bits(cornell_alone: Image, change: dict[st
 def test_waves_and_full_photon_regions_change_no_bit(monkeypatch: pytest.MonkeyPatch, cornell_alone: Image) -> None:
     monkeypatch.setattr("wdpm.cluster.work.bucket_home.WAVE_SAMPLES", 100)  # a bucket's samples in many waves of one
     monkeypatch.setattr("wdpm.cluster.work.cell.DEPOSITS_A_PATH", 1)  # photons must wait for room
-    monkeypatch.setattr("wdpm.cluster.work.gathers.GATHER_GRAIN", 1)  # many chunks for many threads
-    monkeypatch.setattr("wdpm.cluster.work.gathers.GATHER_RUN", 3)
+    monkeypatch.setattr("wdpm.cluster.work.photon_gathers.GATHER_GRAIN", 1)  # many chunks for many threads
+    monkeypatch.setattr("wdpm.cluster.work.photon_gathers.GATHER_RUN", 3)
     assert same_bits(render_in_process(CORNELL, FEW, workers=2, cells=4, threads=3), cornell_alone)
 
 

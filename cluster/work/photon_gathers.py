@@ -1,4 +1,4 @@
-"""Gathers of camera samples in one cell."""
+"""Gathers of photons for camera samples in one cell. (Final gathering, by rays, is in final_gather.)"""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ in one place, and its radius is not that of a photon which happens to be just so
 
 
 @dataclass
-class GatherCounters:
+class PhotonGatherCounters:
     """What gathers did, for the report; `seconds` is wall-clock time."""
 
     gathers: int = 0
@@ -39,7 +39,7 @@ class GatherCounters:
     seconds: float = 0.0
 
 
-class Gathering:
+class PhotonGathering:
     """Asks the photons of one cell.
 
     Args:
@@ -52,11 +52,11 @@ class Gathering:
         self._store = store
         self._replica = replica
         self._guards = guards
-        self.counters = GatherCounters()
+        self.counters = PhotonGatherCounters()
 
     def begin_view(self) -> None:
         """Count anew."""
-        self.counters = GatherCounters()
+        self.counters = PhotonGatherCounters()
 
     def reflected(
         self, number: int, queries: Any, coats: Any, rays: Arrays, among: NDArray[np.bool_] | None = None
