@@ -18,10 +18,10 @@ from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.goal.gauge import Estimate
 from wdpm.goal.goal import Goal
 from wdpm.goal.outcome import Ending, outcome_of
-from wdpm.goal.pilot import Pilot, Workplace
 from wdpm.goal.plan import Course
 from wdpm.goal.render import Interrupted, render_until
 from wdpm.goal.trial import Trial
+from wdpm.goal.trial_pilot import TrialPilot, Workplace
 from wdpm.images.comparison import compare
 from wdpm.images.image import load as load_image
 from wdpm.progress import SilentProgress
@@ -167,7 +167,7 @@ def test_what_is_not_reached_says_what_would_help() -> None:
 
 def test_bias_that_only_noise_suggests_does_not_keep_the_pilot_at_work(scene: Scene) -> None:
     """A trial whose bias is not known from its noise: passes are rendered rather than trials of ever more photons."""
-    pilot = Pilot(scene, RenderSettings(), frozenset(), Workplace(InProcess(threads=2), SilentProgress()))
+    pilot = TrialPilot(scene, RenderSettings(), frozenset(), Workplace(InProcess(threads=2), SilentProgress()))
     hidden = Trial(RenderSettings(indirect=Indirect.MAP), 0.1, 0.01, 0.01, 1e-4, 1e-2, bias=0.5, likely_bias=0.0)
     pilot.trials = [hidden]
     course, reached = pilot.best(Goal(0.001))
@@ -221,7 +221,7 @@ def test_what_comes_by_photon_maps_alone_may_be_left_out(scene: Scene) -> None:
 
 
 def test_passes_of_the_pilot_count(scene: Scene) -> None:
-    pilot = Pilot(scene, RenderSettings(**FEW), frozenset(FEW), Workplace(InProcess(threads=2), SilentProgress()))
+    pilot = TrialPilot(scene, RenderSettings(**FEW), frozenset(FEW), Workplace(InProcess(threads=2), SilentProgress()))
     pilot.run(Goal(0.3))
     course, reached = pilot.best(Goal(0.3))
     assert reached

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from wdpm.goal.goal import Goal, Metric
 from wdpm.goal.outcome import NAMES
-from wdpm.goal.pilot import Pilot, Workplace
 from wdpm.goal.plan import Course
+from wdpm.goal.trial_pilot import TrialPilot, Workplace
 from wdpm.rendering.scene_settings import settings_for
 from wdpm.report.tables import format_seconds
 from wdpm.scenes.model.scene import Scene
@@ -69,7 +69,7 @@ def predict(
         SceneError, SettingsError, ClusterError: see their messages.
     """
     goals = {error: Goal(error, metric) for error in targets}
-    pilot = Pilot(scene, settings_for(scene, **chosen), frozenset(chosen), work)
+    pilot = TrialPilot(scene, settings_for(scene, **chosen), frozenset(chosen), work)
     pilot.run(goals[min(targets)])
     courses: dict[float, Course | None] = {}
     for error, goal in goals.items():

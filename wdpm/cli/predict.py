@@ -9,8 +9,8 @@ from rich.console import Console
 from wdpm.accuracy.predict import predict
 from wdpm.cli.options import chosen_settings
 from wdpm.clusters import backend_here
-from wdpm.goal.pilot import Workplace
 from wdpm.goal.render import CHOSEN_HERE
+from wdpm.goal.trial_pilot import Workplace
 from wdpm.progress import make_progress
 from wdpm.quiet import quiet_warp
 from wdpm.scenes.errors import SettingsError

@@ -14,9 +14,9 @@ from wdpm.goal.clock import Budget
 from wdpm.goal.gauge import LEAST_PASSES, Estimate, Gauge
 from wdpm.goal.goal import Goal
 from wdpm.goal.outcome import Ending, outcome_of
-from wdpm.goal.pilot import Pilot, Workplace
 from wdpm.goal.plan import Course
 from wdpm.goal.trial import Clock
+from wdpm.goal.trial_pilot import TrialPilot, Workplace
 from wdpm.images.image import Image
 from wdpm.progress import Progress, SilentProgress
 from wdpm.rendering.backend import Backend
@@ -97,13 +97,13 @@ def render_until(
     scene = scene_of(source)
     pixels = scene.camera.width * scene.camera.height
     budget.reserve = WRITING_S + WRITING_S_PER_PIXEL * pixels + ENDING_SHARE * used
-    pilot = Pilot(scene, settings_for(scene, **chosen), frozenset(chosen), Workplace(backend, progress, clock))
+    pilot = TrialPilot(scene, settings_for(scene, **chosen), frozenset(chosen), Workplace(backend, progress, clock))
     progress.start("pilot")
     pilot.run(goal, budget.left)
     return _render(pilot, goal, budget)
 
 
-def _render(pilot: Pilot, goal: Goal, budget: Budget) -> Image:
+def _render(pilot: TrialPilot, goal: Goal, budget: Budget) -> Image:
     """Render what the pilot chose."""
     progress, scene = pilot.work.progress, pilot.scene
     course, expected = pilot.best(goal, budget.left())

@@ -1,4 +1,4 @@
-"""The pilot: trials of a few kinds of passes, until the best of them is one that was tried.
+"""The pilot of a search for an error: trials of a few kinds of passes, until the best of them is one that was tried.
 
 What was not tried yet is guessed from what was. Trials that would cost more than they can save are not made.
 """
@@ -73,7 +73,7 @@ class _SignsOfLife(SilentProgress):
 
 
 @dataclass(eq=False)
-class Pilot:
+class TrialPilot:
     """What is known of a scene before it is rendered.
 
     Attributes:
