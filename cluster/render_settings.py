@@ -102,6 +102,9 @@ class RenderSettings:
 
     def __post_init__(self) -> None:
         self._make_plain()
+        if not isinstance(self.integrator, Integrator):
+            names = ", ".join(integrator.value for integrator in Integrator)
+            raise SettingsError(f"integrator is {self.integrator!r}; expected a member of Integrator: {names}")
         _at_least("photons", self.photons, 0)
         _at_least("caustic_photons", self.caustic_photons, 0)
         _at_least("volume_photons", self.volume_photons, 0)

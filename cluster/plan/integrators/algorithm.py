@@ -45,6 +45,7 @@ class Algorithm(ABC):
         shadow_rays: from what a camera sample sees, where nobody says how many and lights are worth more than one.
         ignored: fields of RenderSettings that it does not look at.
         why_ignored: in words that follow its name; empty if there are none.
+        cannot_leave_out: effects of EFFECTS_TO_LEAVE_OUT that `without` must not name: `check` refuses them.
     """
 
     name: ClassVar[str]
@@ -56,7 +57,6 @@ class Algorithm(ABC):
     ignored: ClassVar[tuple[str, ...]]
     why_ignored: ClassVar[str]
     cannot_leave_out: ClassVar[frozenset[str]]
-    """What `without` must not name, of EFFECTS_TO_LEAVE_OUT."""
 
     @abstractmethod
     def check(self, settings: RenderSettings) -> None:

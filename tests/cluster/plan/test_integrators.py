@@ -54,6 +54,11 @@ def test_a_name_stands_for_its_integrator(integrator: Integrator) -> None:
     assert copy.deepcopy(integrator) is integrator
 
 
+def test_a_name_alone_is_no_integrator() -> None:
+    with pytest.raises(SettingsError, match="integrator is 'path'; expected a member of Integrator: photons, path"):
+        RenderSettings(integrator="path")  # type: ignore[arg-type]
+
+
 @each
 def test_what_it_says_of_settings_holds(integrator: Integrator) -> None:
     algorithm = integrator.algorithm
