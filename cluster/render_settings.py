@@ -7,9 +7,9 @@ import operator
 from dataclasses import dataclass
 from enum import Enum
 
-from wdpm.cluster.plan.integrators.algorithm import Algorithm
-from wdpm.cluster.plan.integrators.indirect import Indirect as Indirect
-from wdpm.cluster.plan.integrators.registry import Integrator as Integrator
+from wdpm.cluster.integrators.algorithm import Algorithm
+from wdpm.cluster.integrators.indirect import Indirect as Indirect
+from wdpm.cluster.integrators.registry import Integrator as Integrator
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.limits import MAX_K
 from wdpm.scenes.errors import SettingsError

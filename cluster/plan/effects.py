@@ -11,6 +11,7 @@ from wdpm.kernels.features import ALL, Features
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.light_table import LIGHT_KINDS
 from wdpm.scenes.flat.material_facts import FEATURE_OF_TEXTURE, MaterialFacts, facts
+from wdpm.scenes.flat.used_media import calls_for_media
 
 if TYPE_CHECKING:
     from wdpm.cluster.render_settings import RenderSettings
@@ -38,13 +39,6 @@ def features_of(flat: FlatScene, settings: RenderSettings) -> Features:
         media=calls_for_media(flat),
         traced=settings.algorithm.diffuse_light(settings) is not DiffuseLight.PHOTON_MAP,
     )
-
-
-def calls_for_media(flat: FlatScene) -> bool:
-    """Whether some light may travel in a medium."""
-    bounded = flat.materials.medium[np.unique(flat.triangles.material)]
-    around = [flat.camera.medium is not None, bool((flat.lights.medium >= 0).any())]
-    return bool((bounded >= 0).any()) or any(around)
 
 
 def calls_for_caustics(flat: FlatScene, features: Features, settings: RenderSettings) -> bool:

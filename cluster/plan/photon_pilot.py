@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays, take
-from wdpm.cluster.plan.effects import calls_for_caustics, calls_for_media
+from wdpm.cluster.plan.effects import calls_for_caustics
 from wdpm.cluster.plan.light_shares import pilot_emission
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.task import PhotonTask
@@ -24,6 +24,7 @@ from wdpm.kernels.launch import Launcher
 from wdpm.kernels.limits import MAPS
 from wdpm.kernels.photons.flight import BOUNCE_BITS
 from wdpm.scenes.flat.flatten import FlatScene
+from wdpm.scenes.flat.used_media import calls_for_media
 
 PILOT_PATHS = 1 << 15
 """Paths of the pilot: its stored photons tell paths per photon to about half a percent, in some 50 ms."""

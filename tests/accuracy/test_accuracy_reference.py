@@ -12,7 +12,7 @@ import pytest
 from wdpm.accuracy.knobs import parse_sweep
 from wdpm.accuracy.reference import STATE, trace_reference
 from wdpm.accuracy.run import Request, measure
-from wdpm.cluster.plan.integrators.registry import REFERENCE
+from wdpm.cluster.integrators.registry import REFERENCE
 from wdpm.cluster.render_settings import EFFECTS_TO_LEAVE_OUT, RenderSettings
 from wdpm.clusters import backend_here
 from wdpm.images.image import Image, load

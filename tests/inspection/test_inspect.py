@@ -14,9 +14,9 @@ from rich.console import Console
 from wdpm import api
 from wdpm.bench import effects_scenes as scenes
 from wdpm.cli import main
+from wdpm.cluster.integrators.photons import RULE
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import WITHOUT, Effect, causes_of
-from wdpm.cluster.plan.integrators.photons import RULE
 from wdpm.cluster.render_settings import EFFECTS_TO_LEAVE_OUT, RenderSettings
 from wdpm.cluster.work.replica import with_camera
 from wdpm.images.image import load as load_image

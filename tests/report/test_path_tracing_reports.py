@@ -9,8 +9,8 @@ import pytest
 from furnaces import box, scene, view
 
 from wdpm.cli import main
-from wdpm.cluster.plan.integrators.path import HIDDEN
-from wdpm.cluster.plan.integrators.photons import RULE
+from wdpm.cluster.integrators.path import HIDDEN
+from wdpm.cluster.integrators.photons import RULE
 from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.images.image import Image
 from wdpm.inspection.inspect import inspect

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.accuracy.error import Truth
-from wdpm.cluster.plan.integrators.registry import REFERENCE
+from wdpm.cluster.integrators.registry import REFERENCE
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.image import Image, load
 from wdpm.progress import Progress

@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from wdpm.accuracy.knobs import KNOBS, MAPS, Sweep, photons_of
-from wdpm.cluster.plan.effects import calls_for_caustics, calls_for_media, features_of
+from wdpm.cluster.plan.effects import calls_for_caustics, features_of
 from wdpm.cluster.plan.light_samples import worth_several_rays
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.world import World
 from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.flat.flatten import FlatScene
+from wdpm.scenes.flat.used_media import calls_for_media
 
 _NAMES = tuple(knob.name for knob in KNOBS)
 _OF_MAP = {kind: tuple(knob.name for knob in KNOBS if knob.map == kind) for kind in MAPS}

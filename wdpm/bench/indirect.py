@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from wdpm.bench.mitsuba import WARM_SEED, Cost
-from wdpm.cluster.plan.integrators.registry import REFERENCE
+from wdpm.cluster.integrators.registry import REFERENCE
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.images.comparison import Region, compare, region_slices
 from wdpm.images.image import Image

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from wdpm.cluster.plan.integrators.registry import REFERENCE
+from wdpm.cluster.integrators.registry import REFERENCE
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.goal.goal import Goal
 from wdpm.goal.plan import FACTORS, Course, nearest, soonest, with_photons

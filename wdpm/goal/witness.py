@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.cluster.plan.integrators.registry import REFERENCE
+from wdpm.cluster.integrators.registry import REFERENCE
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.goal.goal import Metric
 from wdpm.rendering.pass_plan import PassPlan

@@ -19,7 +19,7 @@ LEAST_ROUND_TRIANGLES = 100
 def approximations(scene: Scene, world: World, settings: RenderSettings) -> tuple[str, ...]:
     """One line for each approximation of a render, with its figures."""
     algorithm = settings.algorithm
-    lines = [*algorithm.approximations(scene, world)]
+    lines = [*algorithm.approximations(scene, world.features)]
     for words, plan in (("indirect light", world.global_map), ("caustics", world.caustic_map)):
         if plan.paths:
             lines.append(f"{words}: averaged over the nearest photons within {plan.radius * world.unit:.4g}")

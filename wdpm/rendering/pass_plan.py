@@ -24,7 +24,7 @@ ALPHA = 2.0 / 3.0
 """How slowly the radius shrinks; at 2/3 noise and bias of the mean fall at the same rate (Knaus & Zwicker 2011)."""
 
 SAMPLES_OF_PLAN = 32
-"""Samples a pixel, in one pass, that cluster.plan.CACHE_PLAN is for."""
+"""Samples a pixel, in one pass, that cluster.plan.view.CACHE_PLAN is for."""
 
 LEAST_RAYS, MOST_RAYS = 0.125, 4.0
 """Bounds to a record's gather rays, as a share of that plan's: with fewer, radii and gradients would be noise as well;

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wdpm.cluster.plan.effects import calls_for_media
-from wdpm.cluster.plan.integrators.indirect import Indirect
+from wdpm.cluster.integrators.indirect import Indirect
 from wdpm.scenes.flat.areas import triangle_areas
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.material_sides import gathering_sides, lambertian_sides
+from wdpm.scenes.flat.used_media import calls_for_media
 
 if TYPE_CHECKING:
     from wdpm.cluster.render_settings import RenderSettings

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from wdpm.cluster.plan.indirect_choice import choose_indirect
-from wdpm.cluster.plan.integrators.algorithm import Algorithm, WantedMaps
-from wdpm.cluster.plan.integrators.indirect import Indirect
+from wdpm.cluster.integrators.algorithm import Algorithm, WantedMaps
+from wdpm.cluster.integrators.indirect import Indirect
+from wdpm.cluster.integrators.indirect_choice import choose_indirect
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 
 if TYPE_CHECKING:
     from wdpm.cluster.render_settings import RenderSettings
-    from wdpm.cluster.world import World
+    from wdpm.kernels.features import Features
     from wdpm.scenes.flat.flatten import FlatScene
     from wdpm.scenes.model.scene import Scene
 
@@ -71,8 +71,8 @@ class PhotonMapping(Algorithm):
     def in_words(self, settings: RenderSettings) -> str:
         return _KINDS[settings.indirect]
 
-    def approximations(self, scene: Scene, world: World) -> tuple[str, ...]:
-        return (RULE,) if world.features.goes_on else ()
+    def approximations(self, scene: Scene, features: Features) -> tuple[str, ...]:
+        return (RULE,) if features.goes_on else ()
 
     def kinds_to_try(self, settings: RenderSettings) -> tuple[Indirect, ...]:
         if settings.indirect is not Indirect.AUTO:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from enum import Enum
 
-from wdpm.cluster.plan.integrators.algorithm import Algorithm
-from wdpm.cluster.plan.integrators.path import PathTracing
-from wdpm.cluster.plan.integrators.photons import PhotonMapping
+from wdpm.cluster.integrators.algorithm import Algorithm
+from wdpm.cluster.integrators.path import PathTracing
+from wdpm.cluster.integrators.photons import PhotonMapping
 
 
 class Integrator(Enum):

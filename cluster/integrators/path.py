@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from wdpm.cluster.plan.integrators.algorithm import Algorithm, WantedMaps
-from wdpm.cluster.plan.integrators.indirect import Indirect
+from wdpm.cluster.integrators.algorithm import Algorithm, WantedMaps
+from wdpm.cluster.integrators.indirect import Indirect
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.model.bsdfs import walk
@@ -14,7 +14,7 @@ from wdpm.scenes.model.lights import DeltaLight
 
 if TYPE_CHECKING:
     from wdpm.cluster.render_settings import RenderSettings
-    from wdpm.cluster.world import World
+    from wdpm.kernels.features import Features
     from wdpm.scenes.flat.flatten import FlatScene
     from wdpm.scenes.model.scene import Scene
 
@@ -73,7 +73,7 @@ class PathTracing(Algorithm):
     def in_words(self, settings: RenderSettings) -> str:
         return self.words
 
-    def approximations(self, scene: Scene, world: World) -> tuple[str, ...]:
+    def approximations(self, scene: Scene, features: Features) -> tuple[str, ...]:
         return (HIDDEN,) if _hides_light(scene) else ()
 
     def kinds_to_try(self, settings: RenderSettings) -> tuple[Indirect, ...]:

@@ -9,15 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from wdpm.cluster.plan.integrators.registry import REFERENCE
+from wdpm.cluster.integrators.registry import REFERENCE
 from wdpm.cluster.render_settings import EFFECTS_TO_LEAVE_OUT, Indirect, Integrator, RenderSettings
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.flat.flatten import flatten
 
-ROOT = Path(__file__).parents[3]
-REGISTRY = Path("cluster/plan/integrators/registry.py")
+ROOT = Path(__file__).parents[2]
+REGISTRY = Path("cluster/integrators/registry.py")
 
 each = pytest.mark.parametrize("integrator", Integrator, ids=lambda integrator: integrator.value)
 

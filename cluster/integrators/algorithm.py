@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, ClassVar
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 
 if TYPE_CHECKING:
-    from wdpm.cluster.plan.integrators.indirect import Indirect
+    from wdpm.cluster.integrators.indirect import Indirect
     from wdpm.cluster.render_settings import RenderSettings
-    from wdpm.cluster.world import World
+    from wdpm.kernels.features import Features
     from wdpm.scenes.flat.flatten import FlatScene
     from wdpm.scenes.model.scene import Scene
 
@@ -94,8 +94,12 @@ class Algorithm(ABC):
         """How light is found, for people."""
 
     @abstractmethod
-    def approximations(self, scene: Scene, world: World) -> tuple[str, ...]:
-        """One line for each approximation of its own; those of the maps that it wants are told apart from these."""
+    def approximations(self, scene: Scene, features: Features) -> tuple[str, ...]:
+        """One line for each approximation of its own; those of the maps that it wants are told apart from these.
+
+        Args:
+            features: what kernels are compiled for.
+        """
 
     @abstractmethod
     def kinds_to_try(self, settings: RenderSettings) -> tuple[Indirect, ...]:
