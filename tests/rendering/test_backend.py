@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import wdpm
-from wdpm.cluster.work.worker import Worker
+from wdpm.cluster.work.worker import CellWorker
 from wdpm.clusters import backend_here
 from wdpm.devices import available_cores
 from wdpm.rendering.backend import Backend
@@ -38,7 +38,7 @@ def test_one_backend_renders_scenes_by_turns() -> None:
 
 def workers_in_memory() -> int:
     gc.collect()
-    return sum(isinstance(each, Worker) for each in gc.get_objects())
+    return sum(isinstance(each, CellWorker) for each in gc.get_objects())
 
 
 @pytest.mark.parametrize("workers", [1, 2])

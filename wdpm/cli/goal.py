@@ -9,15 +9,13 @@ import sys
 from collections.abc import Callable
 from dataclasses import fields
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from wdpm import values
 from wdpm.cli.options import SETTING_OPTIONS, chosen_settings
 from wdpm.cluster.render_settings import RenderSettings
+from wdpm.rendering.backend import Backend
 from wdpm.scenes.errors import SettingsError
-
-if TYPE_CHECKING:
-    from wdpm.rendering.backend import Backend
 
 EXIT_NOT_REACHED = 3
 """The image is written, but its error is larger than was asked for."""
