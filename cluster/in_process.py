@@ -28,6 +28,8 @@ from wdpm.cluster.slave.loop import FROM_PEER, SlaveShell
 from wdpm.cluster.slave.machine import Slave
 from wdpm.cluster.transport.memory import Channel, MemoryNetwork, MemoryTransport
 from wdpm.cluster.transport.transport import Role
+from wdpm.cluster.work.forked_tasks import ForkedTasks
+from wdpm.cluster.work.worker import CellWorker
 from wdpm.scenes.errors import ClusterError
 from wdpm.scenes.flat.arrays import Triangles
 
@@ -70,6 +72,13 @@ class Post:
         return channel
 
 
+def _shared(worker: Worker, processes: int) -> ForkedTasks | None:
+    """Processes for the tasks of a worker that has the whole scene."""
+    if processes > 1 and isinstance(worker, CellWorker) and worker.holds_all:
+        return ForkedTasks(worker, processes)
+    return None
+
+
 class MemoryCluster:
     """A master and its slaves in this process; renders any number of sessions.
 
@@ -77,6 +86,7 @@ class MemoryCluster:
         make_worker: makes the compute object of each slave.
         slaves: how many.
         shuffle: shuffles deliveries and jobs, for tests that order does not matter.
+        processes: that do the tasks of a slave that has the whole scene.
     """
 
     def __init__(
@@ -86,6 +96,7 @@ class MemoryCluster:
         *,
         limits: ClusterLimits | None = None,
         shuffle: random.Random | None = None,
+        processes: int = 1,
     ) -> None:
         self._post = Post(shuffle)
         self._transport = MemoryTransport(self._post.put)
@@ -96,18 +107,20 @@ class MemoryCluster:
         listener = network.listen(MASTER, Role.MASTER, FROM_SLAVE)
         self._master = MasterShell(Master(slaves, {}, limits), listener, self._answer)
         self._slaves: dict[object, SlaveShell] = {}
+        self._computes: dict[object, Compute] = {}
         for number in range(slaves):
-            self._add_slave(number, make_worker, limits)
+            self._add_slave(number, make_worker, limits, processes)
             # They join one by one, so that the master's numbers are the places in the list of workers.
             while self._step():
                 pass
 
-    def _add_slave(self, number: int, make_worker: WorkerFactory, limits: ClusterLimits | None) -> None:
+    def _add_slave(self, number: int, make_worker: WorkerFactory, limits: ClusterLimits | None, processes: int) -> None:
         network = self._transport.open(None)
         listener = network.listen(network.address_for_peers(MASTER), Role.SLAVE, FROM_PEER)
-        hello = protocol.Hello({}, "this process", number, 0, 0, listener.endpoint)
+        hello = protocol.Hello({}, "this process", number, 0, 0, listener.endpoint, processes)
         state = Slave(hello, "memory", patience=float("inf"), limits=limits)
-        submit = partial(self._submit, network, Compute(make_worker))
+        self._computes[network] = Compute(make_worker, partial(_shared, processes=processes))
+        submit = partial(self._submit, network)
         shell = self._slaves[network] = SlaveShell(state, network, listener, MASTER, submit, tell=lambda _: None)
         shell.handle(s.Start())
 
@@ -116,7 +129,7 @@ class MemoryCluster:
         self._session, self._progress, self._result = session, progress, None
         self._master.handle(m.Begin(session))
         while self._result is None:
-            if not self._step():
+            if not self._step() and not self._wait_for_tasks():
                 raise AssertionError(f"the cluster waits for nothing in phase {self._master.state.phase.value}")
         self._session = None
         return self._result
@@ -135,6 +148,19 @@ class MemoryCluster:
             raise ClusterError(f"slave {slave.state.number}: {slave.error}")
         return True
 
+    def _wait_for_tasks(self) -> bool:
+        """Take in what came of tasks that other processes are at; False if there are none."""
+        busy = [network for network, compute in self._computes.items() if compute.under_way]
+        for network in busy:
+            for outcome in self._computes[network].wait():
+                self._slaves[network].handle(s.Computed(outcome))
+        return bool(busy)
+
+    def close(self) -> None:
+        """End all processes; may be called again."""
+        for compute in self._computes.values():
+            compute.stop()
+
     def _answer(self, instruction: m.Instruction) -> None:
         match instruction:
             case m.MakePartition(cell):
@@ -148,12 +174,14 @@ class MemoryCluster:
             case _:
                 tell_observer(instruction, self._progress)
 
-    def _submit(self, network: MemoryNetwork, compute: Compute, job: Job) -> None:
+    def _submit(self, network: MemoryNetwork, job: Job) -> None:
         """Have a slave's job done when its turn comes."""
 
         # A worker that raises ends the render with its own exception: here nothing needs to cross a wire.
         def do() -> None:
-            self._slaves[network].handle(s.Computed(compute.run(job)))
+            outcome = self._computes[network].start(job)
+            if outcome is not None:
+                self._slaves[network].handle(s.Computed(outcome))
 
         self._post.put(Channel(network, network), do)
 

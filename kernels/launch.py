@@ -40,13 +40,31 @@ class Launcher:
     def __init__(self, device: str = "cpu", threads: int | None = None) -> None:
         self.device = device
         self.threads = max(1, threads or os.cpu_count() or 1) if device == "cpu" else 1
-        self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
+        self._idle: ThreadPoolExecutor | None = None
+
+    @property
+    def _pool(self) -> ThreadPoolExecutor | None:
+        """Threads, from the first launch that is cut until `rest`."""
+        if self._idle is None and self.threads > 1:
+            self._idle = ThreadPoolExecutor(self.threads)
+        return self._idle
+
+    def rest(self) -> None:
+        """End all threads, so that the process may fork; the next launch starts others."""
+        if self._idle is not None:
+            self._idle.shutdown()
+            self._idle = None
+
+    def use_one_thread(self) -> None:
+        """Launch on the calling thread alone from here on: in a forked process, which is one of several."""
+        self._idle = None
+        self.threads = 1
 
     def chunks(self, count: int, grain: int = GRAIN) -> list[tuple[int, int]]:
         """How `count` items are cut: (start, size) of each chunk, of at least `grain` items where there are several."""
         if count == 0:
             return []
-        parts = 1 if self._pool is None else max(1, min(CHUNKS_A_THREAD * self.threads, count // grain))
+        parts = 1 if self.threads == 1 else max(1, min(CHUNKS_A_THREAD * self.threads, count // grain))
         size = -(-count // parts)
         return [(start, min(size, count - start)) for start in range(0, count, size)]
 
@@ -75,7 +93,7 @@ class Launcher:
 
         None where there is but one thread for them.
         """
-        if self._pool is None:
+        if self.threads == 1:
             return None
 
         def launch(kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any] = ()) -> None:
@@ -85,13 +103,13 @@ class Launcher:
 
     def run(self, kernel: wp.Kernel, launches: Sequence[tuple[int, Sequence[Any]]]) -> None:
         """Run several launches of one kernel, at once where there are threads, and wait for all."""
-        if self._pool is None or len(launches) == 1:
+        pool = None if len(launches) == 1 else self._pool
+        if pool is None:
             for size, inputs in launches:
                 wp.launch(kernel, size, inputs=inputs, device=self.device)
         else:
             futures = [
-                self._pool.submit(wp.launch, kernel, size, inputs=inputs, device=self.device)
-                for size, inputs in launches
+                pool.submit(wp.launch, kernel, size, inputs=inputs, device=self.device) for size, inputs in launches
             ]
             for future in futures:
                 future.result()

@@ -29,6 +29,12 @@ from wdpm.cluster.world import PhotonPlan
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.arrays import Triangles
 
+TASKS_A_PROCESS = 8
+"""Photon tasks for each of several processes: so many that they end together, ..."""
+
+PHOTON_TASK_LEAST = 4096
+"""... and paths of each, so that what a launch costs the interpreter does not count."""
+
 
 class Phase(Enum):
     """What the master waits for."""
@@ -192,7 +198,10 @@ class Phases:
         self.session = session = replace(session, partition=partition_is_gone)
         self.phase = Phase.PHOTONS
         paths = session.world.paths
-        self._tasks.trace(paths, self._limits.photon_task_paths)
+        size = self._limits.photon_task_paths
+        if self._at_once > 1:
+            size = min(size, max(-(-paths // (TASKS_A_PROCESS * self._at_once)), PHOTON_TASK_LEAST))
+        self._tasks.trace(paths, size)
         out: list[Instruction] = [Started("photons", paths)]
         return out + (self._hand_out() if self._tasks.waiting else self._start_maps(now))
 
@@ -220,7 +229,7 @@ class Phases:
 
     def _start_round(self, rounds: RecordRounds) -> list[Instruction]:
         self.phase = Phase.RECORDS
-        self._tasks.make_records(rounds, len(self._members), self._limits)
+        self._tasks.make_records(rounds, max(len(self._members), self._at_once), self._limits)
         return self._hand_out() if self._tasks.waiting else self._end_round(rounds)
 
     def _end_round(self, rounds: RecordRounds) -> list[Instruction]:
@@ -272,7 +281,7 @@ class Phases:
         """Hand out tasks, as far as the slaves' limits allow."""
         buckets = self.phase is Phase.BUCKETS
         limit = self._limits.buckets_in_flight if buckets else self._limits.photon_tasks_in_flight
-        handed_out = self._tasks.hand_out(self._members, limit)
+        handed_out = self._tasks.hand_out(self._members, limit * self._processes)
         return [Send(member.identity, protocol.StartTask(self.epoch, task)) for member, task in handed_out]
 
     def _task_done(self, member: Member, result: TaskResult, now: float) -> list[Instruction]:
@@ -292,6 +301,18 @@ class Phases:
         if self.phase is Phase.RECORDS and rounds is not None:
             return self._end_round(rounds)
         return self._start_statistics(now)
+
+    @property
+    def _processes(self) -> int:
+        """Most tasks that a slave does at once: only where tasks need no other slave."""
+        if self.session is None or len(self.session.holders) > 1:
+            return 1
+        return max(member.hello.processes for member in self._members)
+
+    @property
+    def _at_once(self) -> int:
+        """Tasks that are done at once by processes of slaves."""
+        return self._processes * len(self._members) if self._processes > 1 else 1
 
     # Helpers.
 

@@ -300,9 +300,14 @@ def _partition(message: protocol.Partition, where: str) -> None:
     _require(0 <= message.part < message.parts, where, f"part {message.part} of {message.parts}")
 
 
+MOST_PROCESSES = 4096
+"""Of one slave: tasks in flight are counted by them."""
+
+
 def _hello(hello: protocol.Hello, where: str) -> None:
     _require(len(hello.versions) <= 64, where, f"{len(hello.versions)} versions")
     _require(min(hello.threads, hello.memory, hello.process) >= 0, where, "a negative count")
+    _require(1 <= hello.processes <= MOST_PROCESSES, where, f"{hello.processes} processes")
 
 
 def _welcome(welcome: protocol.Welcome, where: str) -> None:

@@ -33,6 +33,7 @@ class Hello:
         threads: cores that it computes with.
         memory: main memory of the machine [bytes].
         peers: endpoint where its peers reach it.
+        processes: tasks that it does at once where it holds the whole scene.
     """
 
     versions: dict[str, str]
@@ -41,6 +42,7 @@ class Hello:
     threads: int
     memory: int
     peers: str
+    processes: int = 1
 
 
 @dataclass(frozen=True)

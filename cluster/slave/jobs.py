@@ -44,6 +44,20 @@ WorkerFactory = Callable[[int, World, Mapping[int, Triangles], Sequence[int]], W
 """(number, world, cell -> triangles, cell -> number of its holder) -> worker."""
 
 
+class TaskProcesses(Protocol):
+    """Processes that share a worker, and do its tasks; forked_tasks.ForkedTasks is the real one."""
+
+    def start(self, task: Task) -> None: ...
+
+    def wait(self, seconds: float | None) -> Sequence[TaskResult]: ...
+
+    def stop(self) -> None: ...
+
+
+Share = Callable[[Worker], TaskProcesses | None]
+"""worker -> the processes that do its tasks, if it is to be shared."""
+
+
 @dataclass(frozen=True)
 class Build:
     """Make the worker; may compile kernels."""
@@ -122,21 +136,61 @@ class Outcome:
 
 
 class Compute:
-    """Runs jobs, one at a time.
+    """Runs jobs: one at a time here, but tasks in other processes, several at once, where the worker can be shared.
 
     Args:
         make_worker: makes the compute object of a world.
+        share: gives the processes that do a worker's tasks; None if it does them itself.
     """
 
-    def __init__(self, make_worker: WorkerFactory) -> None:
+    def __init__(self, make_worker: WorkerFactory, share: Share | None = None) -> None:
         self._make_worker = make_worker
+        self._share = share
         self._worker: Worker | None = None
+        self._elsewhere: TaskProcesses | None = None
+        self._tasks: dict[int, StartTask] = {}
+
+    def start(self, job: Job) -> Outcome | None:
+        """Run a job and return what it left behind; None if it is under way in another process: see `wait`.
+
+        Raises what the worker raises.
+        """
+        if isinstance(job, StartTask) and self._elsewhere is not None:
+            self._tasks[job.task.number] = job
+            self._elsewhere.start(job.task)
+            return None
+        if self._elsewhere is not None:
+            self._elsewhere.stop()
+        return self.run(job)
+
+    @property
+    def under_way(self) -> int:
+        """Tasks that other processes are at."""
+        return len(self._tasks)
+
+    def wait(self, seconds: float | None = None) -> list[Outcome]:
+        """What came of tasks that are done, as soon as there is one; raises what they raised.
+
+        Args:
+            seconds: to wait at most; None for as long as it takes.
+        """
+        if self._elsewhere is None or not self._tasks:
+            return []
+        results = self._elsewhere.wait(seconds)
+        return [Outcome(self._tasks.pop(result.number), (), (result,)) for result in results]
+
+    def stop(self) -> None:
+        """End other processes; may be called again."""
+        self._tasks.clear()
+        if self._elsewhere is not None:
+            self._elsewhere.stop()
 
     def run(self, job: Job) -> Outcome:
-        """Run a job and return what it left behind; raises what the worker raises."""
+        """Run a job here, whatever it is."""
         if isinstance(job, Build):
             self._worker = None  # frees the world before, so that the two are never in memory together
             self._worker = self._make_worker(job.number, job.world, job.partition, job.holders)
+            self._elsewhere = None if self._share is None else self._share(self._worker)
             # The job is not kept: it would keep triangles that the worker may have let go.
             return Outcome(Build(job.number, job.world, {}, job.holders))
         if self._worker is None:

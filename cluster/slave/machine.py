@@ -50,6 +50,10 @@ SLOW_BUILD_S = 3.0
 """A build that takes longer than this is worth a word to the person who waits."""
 
 
+QUEUED = 2
+"""Tasks of each process that does some: the one that it is at, and one more, so that it need not wait for orders."""
+
+
 class Slave:
     """The state of one slave.
 
@@ -82,8 +86,7 @@ class Slave:
         self._ghosts: deque[Batch] = deque()
         self._batches = Queues()
         self._tasks: deque[jobs.StartTask] = deque()
-        self._running: Job | None = None
-        self._running_epoch = 0
+        self._running: list[tuple[int, Job]] = []  # with the epoch of each
         self._running_since = 0.0
         self._slow_build_told = False
         self._ghosts_handled = 0
@@ -119,7 +122,7 @@ class Slave:
         except ProtocolError as error:
             return self._fail(str(error))
         if not self._ended:
-            out += self._next_job(now)
+            out += self._next_jobs(now)
         return out
 
     def _dispatch(self, event: Event, now: float) -> list[Instruction]:
@@ -170,7 +173,8 @@ class Slave:
         if now >= self._beat_at:
             self._beat_at = now + self._welcome.heartbeat_s
             out.append(ToMaster(protocol.Heartbeat()))
-        building = isinstance(self._running, jobs.Build) and now - self._running_since > SLOW_BUILD_S
+        building = any(isinstance(job, jobs.Build) for _, job in self._running)
+        building = building and now - self._running_since > SLOW_BUILD_S
         if building and not self._slow_build_told:
             self._slow_build_told = True
             text = "builds its cells and compiles kernels; the first time that takes about half a minute"
@@ -359,28 +363,38 @@ class Slave:
         else:
             self._batches.add(batch)
 
-    def _next_job(self, now: float) -> list[Instruction]:
-        if self._running is not None:
-            return []
-        job: Job
+    def _next_jobs(self, now: float) -> list[Instruction]:
+        out: list[Instruction] = []
+        while (job := self._next_job()) is not None:
+            self._running.append((self._epoch, job))
+            self._running_since = now
+            out.append(Run(job))
+        return out
+
+    def _next_job(self) -> Job | None:
+        """One job at a time; but tasks that need no other slave are done several at once, where that is possible."""
+        if self._running:
+            tasks_alone = self._holds_all and all(isinstance(job, jobs.StartTask) for _, job in self._running)
+            room = self._hello.processes > 1 and len(self._running) < QUEUED * self._hello.processes
+            if not (tasks_alone and room and self._tasks) or self._orders:
+                return None
+            return self._tasks.popleft()
         if self._orders:
-            job = self._orders.popleft()
-        elif self._ghosts:
-            job = jobs.HandleBatch(self._ghosts.popleft())
-        elif self._batches:
-            job = jobs.HandleBatch(self._batches.pop())
-        elif self._tasks:
-            job = self._tasks.popleft()
-        else:
-            return []
-        self._running, self._running_epoch, self._running_since = job, self._epoch, now
-        return [Run(job)]
+            return self._orders.popleft()
+        if self._ghosts:
+            return jobs.HandleBatch(self._ghosts.popleft())
+        if self._batches:
+            return jobs.HandleBatch(self._batches.pop())
+        return self._tasks.popleft() if self._tasks else None
+
+    @property
+    def _holds_all(self) -> bool:
+        """Whether the scene is one cell, which this slave holds."""
+        return self._setup is not None and len(self._setup.holders) == 1
 
     def _computed(self, outcome: Outcome) -> list[Instruction]:
-        job, self._running = self._running, None
-        if job is None:
-            raise AssertionError("an outcome without a job")
-        if self._running_epoch != self._epoch:
+        job, epoch = self._end_job(outcome.job)
+        if epoch != self._epoch:
             return self._drop("outcome of another epoch")  # a Setup came while the worker was busy
         out: list[Instruction] = []
         for batch in outcome.batches:
@@ -391,6 +405,16 @@ class Slave:
                 out.append(ToPeer(destination, protocol.PeerBatch(self._epoch, batch)))
         out += [ToMaster(protocol.TaskDone(self._epoch, result)) for result in outcome.results]
         return out + self._acknowledge(job, outcome)
+
+    def _end_job(self, done: Job) -> tuple[Job, int]:
+        """The job that has ended, as it was ordered, and its epoch."""
+        if not self._running:
+            raise AssertionError("an outcome without a job")
+        place = 0
+        if len(self._running) > 1:  # tasks, which end in any order
+            place = next(place for place, (_, job) in enumerate(self._running) if job is done)
+        epoch, job = self._running.pop(place)
+        return job, epoch
 
     def _acknowledge(self, job: Job, outcome: Outcome) -> list[Instruction]:
         match job:

@@ -13,6 +13,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import GHOSTS, SCHEMAS, Arrays, Batch, Kind, by_destination, take
+from wdpm.cluster.work import tally
 from wdpm.cluster.work.camera_paths import CameraLight
 from wdpm.cluster.work.final_gather import FinalGatherCounters
 from wdpm.cluster.work.guards import PHOTONS_CUT, added
@@ -119,6 +120,13 @@ class Cell:
     def guards(self) -> dict[str, int]:
         """What guards did here, by cause: to camera samples of the view, and to photons."""
         return added([self._light.guards.counts, self.store.guards.counts])
+
+    def all_counters(self) -> list[tally.Counter]:
+        """All that is counted here."""
+        of_guards = [self._light.guards.counts, self.store.guards.counts]
+        of_photons = [self.energy, self.store.count, self.store.counters]
+        of_paths = [tally.Number(self._light, "vertices"), tally.Number(self._light.beams, "count")]
+        return [*of_photons, *of_guards, *of_paths, self.gathers, self.final_gather]
 
     def begin_view(self) -> None:
         """Count anew what is counted for each view."""

@@ -132,6 +132,16 @@ class PhotonStore:
         flux = photons["flux"].mean(axis=1, dtype=np.float64)
         self.counters.flux_by_light += np.bincount(key, flux, MAPS * number).reshape(MAPS, number)
 
+    def take_new(self) -> Arrays:
+        """The photons stored since this was last asked, which are let go of: another store takes them in."""
+        photons, self._own = self.so_far(), []
+        return photons
+
+    def add_new(self, photons: Arrays) -> None:
+        """Take in photons of this cell that another store gave. They are counted there."""
+        if len(photons["id"]):
+            self._own.append(photons)
+
     def so_far(self) -> Arrays:
         """The photons stored so far; only before the maps are built."""
         return concatenate(self._own, Kind.GHOST_PHOTONS)

@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from wdpm.cluster.batch import GHOSTS, TO_HOME, Batch, Kind
+from wdpm.cluster.batch import GHOSTS, TO_HOME, Arrays, Batch, Kind, concatenate
 from wdpm.cluster.host_memory import peak_memory
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.queues import Queues
 from wdpm.cluster.records import Records, take_near
 from wdpm.cluster.task import BucketTask, PhotonTask, RecordTask, Task
+from wdpm.cluster.work import tally
 from wdpm.cluster.work.bucket_home import BucketHome
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.final_gather import FinalGatherCounters
@@ -63,6 +64,7 @@ class CellWorker:
         self._busy = 0.0
         self._photon_traffic = dict(self._traffic)  # what they were when the maps were built
         self._photon_busy = 0.0
+        self._shares_bytes = 0
 
     def set_view(self, view: View) -> None:
         """Look through a camera; before buckets are started. What is counted for each view begins anew."""
@@ -147,6 +149,43 @@ class CellWorker:
         if plan is not None:
             self.replica.world = self.replica.world.with_photons(plan)
 
+    @property
+    def holds_all(self) -> bool:
+        """Whether it has the whole scene, in one cell: its tasks need no other worker then."""
+        return len(self.holders) == 1
+
+    def become_share(self) -> None:
+        """Be one of several processes that share this worker's tasks, from here on: take in and count anew.
+
+        What is computed is computed on one core, since the others are for the other processes.
+        """
+        self.replica.launcher.use_one_thread()
+        self.take_share()
+
+    def take_share(self) -> tuple[Arrays, list[Any]]:
+        """The photons that were stored since this was last asked, and what was counted, as plain data."""
+        photons = concatenate([cell.store.take_new() for cell in self.cells.values()], Kind.GHOST_PHOTONS)
+        counters = self._counters()
+        values = tally.read(counters)
+        tally.clear(counters)
+        return photons, values
+
+    def add_share(self, photons: Arrays, values: Sequence[Any], private_bytes: int) -> None:
+        """Take in what a share of this worker gave.
+
+        Args:
+            private_bytes: what all shares together have in memory for themselves.
+        """
+        for cell in self.cells.values():
+            cell.store.add_new(photons)
+        tally.add(self._counters(), values)
+        self._shares_bytes = max(self._shares_bytes, private_bytes)
+
+    def _counters(self) -> list[tally.Counter]:
+        """All that tasks count."""
+        of_cells = [counter for cell in self.cells.values() for counter in cell.all_counters()]
+        return [tally.Number(self, "_busy"), self.replica.paths_by_light, self._guards.counts, *of_cells]
+
     def statistics(self) -> dict[str, Any]:
         """What this worker holds and has done."""
         cells = self.cells.values()
@@ -178,7 +217,7 @@ class CellWorker:
             "beams": sum(cell.beams for cell in cells),
             "guards": added([*(cell.guards for cell in cells), self._guards.counts]),
             "busy_s": self._busy,
-            "peak_memory_bytes": peak_memory(),
+            "peak_memory_bytes": peak_memory() + self._shares_bytes,
             **self._traffic,
         }
 

@@ -10,6 +10,7 @@ from weakref import WeakKeyDictionary
 from wdpm.cluster.in_process import NO_TRIANGLES, MemoryCluster
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
+from wdpm.cluster.work.forked_tasks import can_fork
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import World
 from wdpm.devices import available_cores
@@ -24,7 +25,7 @@ from wdpm.scenes.model.scene import Scene
 
 
 class InProcess(Backend):
-    """Renders in this process, with queues in place of sockets.
+    """Renders in this process, with queues in place of sockets; and, on several cores, in processes forked from it.
 
     Args:
         threads: cores to use; None for all there are.
@@ -48,11 +49,13 @@ class InProcess(Backend):
         self._workers = workers
         self._cells = cells
         self._shuffle = shuffle
+        alone = workers == 1 and cells in (None, 1) and shuffle is None
+        self._processes = self.threads if alone and can_fork(device) else 1
         # By scene, and no longer than whoever renders it holds it: a worker has all its triangles and photons.
         self._clusters: WeakKeyDictionary[Prepared, MemoryCluster] = WeakKeyDictionary()
 
     def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:
-        return prepare(scene, settings, self._workers, self._launcher, progress, self._cells)
+        return prepare(scene, settings, self._workers, self._launcher, progress, self._cells, self._processes)
 
     def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:
         cluster = self._clusters.get(prepared)
@@ -60,9 +63,15 @@ class InProcess(Backend):
             cluster = self._clusters[prepared] = self._cluster_of(prepared.pilot)
         if prepared.pilot is not None:
             session = replace(session, partition=lambda _: NO_TRIANGLES)
-        return cluster.render(session, progress)
+        try:
+            return cluster.render(session, progress)
+        except BaseException:
+            cluster.close()
+            raise
 
     def close(self) -> None:
+        for cluster in self._clusters.values():
+            cluster.close()
         self._clusters.clear()
 
     def _cluster_of(self, pilot: CellWorker | None) -> MemoryCluster:
@@ -77,7 +86,9 @@ class InProcess(Backend):
             pilot.adopt(world)  # the only worker, and it has all triangles already
             return pilot
 
-        return MemoryCluster(make_worker, self._workers if pilot is None else 1, shuffle=self._shuffle)
+        return MemoryCluster(
+            make_worker, self._workers if pilot is None else 1, shuffle=self._shuffle, processes=self._processes
+        )
 
 
 def render_in_process(

@@ -103,12 +103,14 @@ def prepare(
     launcher: Launcher,
     progress: Progress,
     cells: int | None = None,
+    processes: int = 1,
 ) -> Prepared:
     """Compile what is needed, fly the pilot, and divide the scene.
 
     Args:
         workers: how many will share the work; 0 or 1 for one.
         cells: a power of two, or None for the least that serves the workers.
+        processes: that share the tasks of the only worker.
 
     Raises:
         SettingsError: the device is not there, the image has too many pixels, or settings contradict the scene.
@@ -136,7 +138,7 @@ def prepare(
     plan = make_render_plan(flat, settings, workers, launcher, cells)
     world = replace(plan.world, strict=settings.strict)
     triangles = _digest(flat.triangles)
-    view = view_of(flat, settings, workers)
+    view = view_of(flat, settings, max(workers, processes))
     session = Session(
         world=world,
         view=view,

@@ -1,0 +1,41 @@
+"""What a process that shares a worker's tasks tells its parent (cluster.work.forked_tasks); never on any network."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from wdpm.cluster.batch import Batch
+from wdpm.cluster.task import TaskResult
+
+
+@dataclass(frozen=True, eq=False)
+class TaskShared:
+    """A task is done.
+
+    Attributes:
+        photons: that were stored meanwhile, as GHOST_PHOTONS.
+        counted: by the worker meanwhile: {"values": what cluster.work.tally reads}.
+        private_bytes: memory that the process shares with no other.
+    """
+
+    result: TaskResult
+    photons: Batch
+    counted: dict[str, Any]
+    private_bytes: int
+
+
+@dataclass(frozen=True)
+class TaskFailed:
+    """A task raised an error.
+
+    Attributes:
+        kind: name of the error's class; text: its message; trace: where it was raised, for people.
+    """
+
+    kind: str
+    text: str
+    trace: str
+
+
+FromShare = TaskShared | TaskFailed

@@ -1,0 +1,236 @@
+"""Tasks of one worker done by several processes, forked from it: all cores of a machine for one copy of the scene.
+
+A forked process has the worker's cells, trees, maps and compiled kernels for nothing: the operating system copies a
+page only when it is written. It does the tasks that it is handed, and answers each with the task's result and its
+*share*: what the worker took in and counted meanwhile, which the parent adds to its own. So a process that is killed
+takes no more with it than the tasks it was at, and those are done again. Where anything else is asked of the worker
+than tasks (another view, maps built of the photons), the processes end first, and the next task forks others.
+
+Nothing is left behind, whoever is killed: streams are socket pairs without a name, and a process ends when its parent
+does.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import gc
+import os
+import selectors
+import signal
+import sys
+import traceback
+import warnings
+from collections import deque
+from dataclasses import dataclass, field
+from typing import NoReturn
+
+from wdpm.cluster.batch import Batch, Kind
+from wdpm.cluster.host_memory import private_memory
+from wdpm.cluster.messages import packing, protocol, shares
+from wdpm.cluster.task import Task, TaskResult
+from wdpm.cluster.transport import stream
+from wdpm.cluster.work.worker import CellWorker
+from wdpm.scenes import errors
+from wdpm.scenes.errors import ClusterError, WdpmError
+
+MOST_LOSSES = 3
+"""Processes that may be killed before the render ends: what kills so many will kill the next as well."""
+
+_PR_SET_PDEATHSIG = 1  # linux/prctl.h
+
+_FROM_SHARE = packing.by_name(shares.FromShare)
+_FROM_PARENT = {"StartTask": protocol.StartTask}
+
+
+def can_fork(device: str) -> bool:
+    """Whether a process that computes on a device may be forked.
+
+    Not one that has CUDA's state, which forked processes cannot use. On macOS frameworks of the system start threads
+    that do not survive a fork, and Windows has none.
+    """
+    return device == "cpu" and sys.platform == "linux"
+
+
+@dataclass(eq=False)
+class _Process:
+    """A forked process as its parent knows it."""
+
+    pid: int
+    stream: stream.Stream
+    tasks: deque[Task] = field(default_factory=deque)
+    private_bytes: int = 0
+
+
+class ForkedTasks:
+    """Starts tasks of a worker in processes.
+
+    Args:
+        worker: has all cells, so that its tasks need nobody else.
+        processes: how many, at least 1.
+    """
+
+    def __init__(self, worker: CellWorker, processes: int) -> None:
+        self._worker = worker
+        self._count = processes
+        self._processes: list[_Process] = []
+        self._selector = selectors.DefaultSelector()
+        self._losses = 0
+
+    @property
+    def running(self) -> int:
+        """Tasks that are not done."""
+        return sum(len(process.tasks) for process in self._processes)
+
+    def start(self, task: Task) -> None:
+        """Hand a task to the process that has least to do."""
+        if not self._processes:
+            self._fork_all()
+        self._hand(min(self._processes, key=lambda process: len(process.tasks)), task)
+
+    def wait(self, seconds: float | None = None) -> list[TaskResult]:
+        """Results that have come; waits for one, for so long at most.
+
+        Raises:
+            WdpmError: what a task raised.
+            ClusterError: processes were killed, again and again.
+        """
+        results: list[TaskResult] = []
+        for key, _ in self._selector.select(seconds):
+            process: _Process = key.data
+            frames = stream.receive(process.stream)
+            if frames is None:
+                self._replace(process)
+            else:
+                process.tasks.popleft()
+                results.append(self._take(process, frames))
+        return results
+
+    def stop(self) -> None:
+        """End the processes, whatever they are at; the worker may change then. May be called again."""
+        for process in self._processes:
+            process.stream.close()
+            if process.tasks:
+                os.kill(process.pid, signal.SIGKILL)
+        for process in self._processes:
+            os.waitpid(process.pid, 0)
+        self._processes = []
+        self._selector.close()
+        self._selector = selectors.DefaultSelector()
+
+    # The parent's side.
+
+    def _fork_all(self) -> None:
+        self._worker.replica.launcher.rest()
+        gc.freeze()  # so that the collector's marks do not copy the pages of all objects into each process
+        try:
+            for _ in range(self._count):
+                self._fork()
+        finally:
+            gc.unfreeze()
+
+    def _fork(self) -> _Process:
+        ours, theirs = stream.pair()
+        with warnings.catch_warnings():
+            # Python warns of threads, which a fork leaves behind with whatever locks they hold. Those of this process
+            # compute (none does now, the launcher rests), draw a progress bar or wait for a network: none of that is
+            # touched on the other side.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            parent = os.getpid()
+            pid = os.fork()
+        if pid == 0:
+            ours.close()
+            for process in self._processes:
+                process.stream.close()  # or a brother would not see the parent's end of it close
+            _live(self._worker, theirs, parent)
+        theirs.close()
+        process = _Process(pid, ours)
+        self._processes.append(process)
+        self._selector.register(ours, selectors.EVENT_READ, process)
+        return process
+
+    def _hand(self, process: _Process, task: Task) -> None:
+        process.tasks.append(task)
+        with contextlib.suppress(OSError):  # it is gone; `wait` finds that out, and gives its tasks to another
+            stream.send(process.stream, packing.encode(protocol.StartTask(0, task)))
+
+    def _take(self, process: _Process, frames: list[packing.Frame]) -> TaskResult:
+        """The result of a task; its share goes to the worker."""
+        answer: shares.FromShare = packing.decode(frames, _FROM_SHARE)
+        if isinstance(answer, shares.TaskFailed):
+            raise _error_of(answer)
+        process.private_bytes = answer.private_bytes
+        together = sum(process.private_bytes for process in self._processes)
+        self._worker.add_share(answer.photons.arrays, answer.counted["values"], together)
+        return answer.result
+
+    def _replace(self, lost: _Process) -> None:
+        """Give the tasks of a process that is gone to another one."""
+        self._processes.remove(lost)
+        self._selector.unregister(lost.stream)
+        lost.stream.close()
+        _, status = os.waitpid(lost.pid, 0)
+        self._losses += 1
+        if self._losses > MOST_LOSSES:
+            raise ClusterError(
+                f"processes of this render end again and again ({_in_words(status)}); if memory is short, use fewer "
+                "--threads, photons or triangles"
+            )
+        self._worker.replica.launcher.rest()
+        replacement = self._fork()
+        for task in lost.tasks:
+            self._hand(replacement, task)
+
+
+def _in_words(status: int) -> str:
+    if os.WIFSIGNALED(status):
+        return f"killed by signal {os.WTERMSIG(status)}"
+    return f"exit code {os.waitstatus_to_exitcode(status)}"
+
+
+def _error_of(failed: shares.TaskFailed) -> BaseException:
+    """What a task raised, as this process raises it."""
+    kind = getattr(errors, failed.kind, None)
+    if isinstance(kind, type) and issubclass(kind, WdpmError):
+        return kind(failed.text)
+    if failed.kind == MemoryError.__name__:
+        return MemoryError(failed.text)
+    fault = RuntimeError(f"{failed.kind}: {failed.text}")
+    fault.add_note(f"It was raised in a forked process:\n{failed.trace}")
+    return fault
+
+
+# The forked process's side.
+
+
+def _live(worker: CellWorker, parent: stream.Stream, parent_pid: int) -> NoReturn:
+    """Do tasks until the parent closes the stream, or ends. Never returns: the caller's stack is the parent's."""
+    try:
+        # Ctrl-C reaches all processes of a terminal; the parent decides what follows.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() == parent_pid:
+            worker.become_share()
+            while (frames := stream.receive(parent)) is not None:
+                order: protocol.StartTask = packing.decode(frames, _FROM_PARENT)
+                stream.send(parent, packing.encode(_answer(worker, order.task)))
+    except OSError:
+        pass  # the parent is gone
+    except BaseException:
+        traceback.print_exc()
+        os._exit(1)
+    os._exit(0)
+
+
+def _answer(worker: CellWorker, task: Task) -> shares.FromShare:
+    """What the parent is told when a task is done, or has failed."""
+    try:
+        outbox = worker.start(task)
+        if outbox.batches or len(outbox.results) != 1:
+            raise AssertionError(f"task {task.number} was not done by itself")
+        photons, values = worker.take_share()
+        batch = Batch(Kind.GHOST_PHOTONS, -1, 0, 0, 0, photons)
+        return shares.TaskShared(outbox.results[0], batch, {"values": values}, private_memory())
+    except Exception as error:
+        return shares.TaskFailed(type(error).__name__, str(error), traceback.format_exc())

@@ -1,0 +1,211 @@
+"""Tasks in forked processes: the same bits and counts, whoever is killed, and nobody is left behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from digests import same_bits
+from one_cell import ready
+
+from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask
+from wdpm.cluster.work.forked_tasks import MOST_LOSSES, ForkedTasks, can_fork
+from wdpm.cluster.work.worker import CellWorker
+from wdpm.rendering.in_process import render_in_process
+from wdpm.scenes import cornell_box
+from wdpm.scenes.errors import ClusterError, GuardError
+
+pytestmark = pytest.mark.skipif(not can_fork("cpu"), reason="processes are forked on Linux alone")
+
+FEW = RenderSettings(photons=2000, spp=2)
+SCENE = cornell_box((40, 32))
+BUCKETS = [BucketTask(n, x, y, x + 8, y + 8) for n, (x, y) in enumerate((x, y) for y in (0, 8, 16) for x in (0, 8, 16))]
+
+
+@pytest.fixture
+def worker() -> CellWorker:
+    return ready(SCENE, FEW)
+
+
+@pytest.fixture
+def forked(worker: CellWorker) -> Iterator[ForkedTasks]:
+    tasks = ForkedTasks(worker, 3)
+    yield tasks
+    tasks.stop()
+
+
+def processes_of(forked: ForkedTasks) -> list[int]:
+    return [process.pid for process in forked._processes]
+
+
+def is_there(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def finish(forked: ForkedTasks) -> list[Any]:
+    """All results, by number of their tasks."""
+    results: list[Any] = []
+    while forked.running:
+        results += forked.wait(60)
+    return sorted(results, key=lambda result: result.number)
+
+
+def same_pixels(one: list[BucketRendered], other: list[BucketRendered]) -> bool:
+    return all(
+        a.layers.keys() == b.layers.keys() and all(np.array_equal(a.layers[n], b.layers[n]) for n in a.layers)
+        for a, b in zip(one, other, strict=True)
+    )
+
+
+def test_results_are_those_of_the_worker_itself(worker: CellWorker, forked: ForkedTasks) -> None:
+    for task in BUCKETS:
+        forked.start(task)
+    found = finish(forked)
+    assert [result.number for result in found] == list(range(len(BUCKETS)))
+    assert same_pixels(found, [worker.start(task).results[0] for task in BUCKETS])
+
+
+def test_photons_and_counts_come_to_the_worker(worker: CellWorker, forked: ForkedTasks) -> None:
+    alone = ready(SCENE, FEW)
+    tasks = [PhotonTask(n, 500 * n, 500 * (n + 1)) for n in range(7)]
+    for task in tasks:
+        forked.start(task)
+        alone.start(task)
+    traced: list[PhotonsTraced] = finish(forked)
+    forked.stop()
+    assert sum(result.paths for result in traced) == 3500
+    mine, theirs = worker.statistics(), alone.statistics()
+    for name in ("photons", "paths_by_light", "stored_by_light", "guards"):
+        assert mine[name] == theirs[name], name
+    assert mine["photons"][0] > 0
+    np.testing.assert_allclose(mine["energy"], theirs["energy"], rtol=1e-12)
+    ids = [np.sort(one.cells[0].store.so_far()["id"]) for one in (worker, alone)]
+    assert np.array_equal(*ids)
+
+
+def test_what_a_worker_had_before_stays_and_is_not_told_again(worker: CellWorker, forked: ForkedTasks) -> None:
+    worker.start(PhotonTask(0, 0, 500))
+    before = worker.statistics()["photons"][0]
+    forked.start(BUCKETS[0])
+    finish(forked)
+    assert worker.statistics()["photons"][0] == before > 0
+
+
+@pytest.mark.parametrize("victims", [1, MOST_LOSSES])
+def test_tasks_of_killed_processes_are_done_again(worker: CellWorker, forked: ForkedTasks, victims: int) -> None:
+    expected = [worker.start(task).results[0] for task in BUCKETS]
+    for task in BUCKETS:
+        forked.start(task)
+    for pid in processes_of(forked)[:victims]:
+        os.kill(pid, signal.SIGKILL)
+    assert same_pixels(finish(forked), expected)
+
+
+def test_processes_that_are_killed_again_and_again_end_the_render(forked: ForkedTasks) -> None:
+    forked.start(BUCKETS[0])
+
+    def kill_all() -> None:
+        while True:
+            for pid in processes_of(forked):
+                os.kill(pid, signal.SIGKILL)
+            forked.wait(60)
+
+    with pytest.raises(ClusterError, match=r"end again and again \(killed by signal 9\)"):
+        kill_all()
+
+
+def test_what_a_task_raises_is_raised(worker: CellWorker) -> None:
+    def refuse(*_: object) -> None:
+        raise GuardError("strict: this is not to be")
+
+    worker.start = refuse  # type: ignore[method-assign,assignment]
+    forked = ForkedTasks(worker, 2)
+    forked.start(BUCKETS[0])
+    with pytest.raises(GuardError, match="this is not to be"):
+        finish(forked)
+    forked.stop()
+
+
+def test_a_fault_tells_where_it_was(worker: CellWorker) -> None:
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("by nothing")
+
+    worker.start = fail  # type: ignore[method-assign,assignment]
+    forked = ForkedTasks(worker, 2)
+    forked.start(BUCKETS[0])
+    with pytest.raises(RuntimeError, match="ZeroDivisionError: by nothing") as caught:
+        finish(forked)
+    assert "in fail" in caught.value.__notes__[0]
+    forked.stop()
+
+
+def test_no_process_is_left_when_the_worker_changes(forked: ForkedTasks) -> None:
+    forked.start(BUCKETS[0])
+    pids = processes_of(forked)
+    finish(forked)
+    assert len(pids) == 3
+    assert all(map(is_there, pids))
+    forked.stop()
+    assert not any(map(is_there, pids))
+
+
+def test_no_process_is_left_when_the_render_is_given_up(forked: ForkedTasks) -> None:
+    for task in BUCKETS:
+        forked.start(task)
+    pids = processes_of(forked)
+    forked.stop()
+    assert not any(map(is_there, pids))
+
+
+def test_the_report_counts_the_same() -> None:
+    """But for what depends on who did how much: times, traffic, memory, and the last digits of sums of flux."""
+    one, several = (render_in_process(SCENE, FEW, workers=1, threads=threads) for threads in (1, 3))
+    assert same_bits(one, several)
+    reports = [image.metadata["report"] for image in (one, several)]
+    for name in ("gathers", "gathers_truncated", "vertices", "beams", "guards", "nonfinite", "warnings", "triangles"):
+        assert reports[0][name] == reports[1][name], name
+    assert reports[0]["photons"]["stored"] == reports[1]["photons"]["stored"]
+    for name, value in reports[0]["energy"].items():
+        assert reports[1]["energy"][name] == pytest.approx(value, rel=1e-9, abs=1e-12), name
+
+
+KILLED = """
+import os, sys, threading, time
+from wdpm.cluster.work import forked_tasks
+fork = forked_tasks.ForkedTasks._fork
+def noted(self):
+    process = fork(self)
+    print(process.pid, flush=True)
+    return process
+forked_tasks.ForkedTasks._fork = noted
+import wdpm
+from wdpm.quiet import quiet_warp
+quiet_warp()
+wdpm.render("cornell-box", spp=4096, photons=2000, threads=3)
+"""
+
+
+def test_forked_processes_end_with_their_parent(tmp_path: Path) -> None:
+    """Even if it is killed, and cannot say so."""
+    with subprocess.Popen([sys.executable, "-c", KILLED], stdout=subprocess.PIPE, text=True, cwd=tmp_path) as parent:
+        assert parent.stdout is not None
+        pids = [int(parent.stdout.readline()) for _ in range(3)]
+        assert all(map(is_there, pids))
+        parent.kill()
+    deadline = time.monotonic() + 60
+    while any(map(is_there, pids)) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(map(is_there, pids))
