@@ -324,7 +324,7 @@ def test_facts_of_each_material() -> None:
     assert [fact.diffuse for fact in found] == [True, False, True, False, True, False, False]
     assert [fact.transmits for fact in found] == [False, False, True, False, True, True, True]
     assert [fact.calls_for("passing") for fact in found] == [False, False, True, False, False, False, True]
-    assert [fact.rough for fact in found] == [False, False, True, False, False, False, False]
+    assert [fact.calls_for("rough") for fact in found] == [False, False, True, False, False, False, False]
     assert [fact.glossy for fact in found] == [False, False, True, True, True, True, False]
 
 
