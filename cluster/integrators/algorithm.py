@@ -18,7 +18,7 @@ from wdpm.kernels.camera.diffuse_light import DiffuseLight
 
 if TYPE_CHECKING:
     from wdpm.cluster.integrators.indirect import Indirect
-    from wdpm.cluster.render_settings import RenderSettings
+    from wdpm.cluster.integrators.wishes import Wishes
     from wdpm.kernels.features import Features
     from wdpm.scenes.flat.flatten import FlatScene
     from wdpm.scenes.model.scene import Scene
@@ -59,38 +59,38 @@ class Algorithm(ABC):
     cannot_leave_out: ClassVar[frozenset[str]]
 
     @abstractmethod
-    def check(self, settings: RenderSettings) -> None:
+    def check(self, settings: Wishes) -> None:
         """Raise SettingsError for settings that are right by themselves, but not with this integrator."""
 
     @abstractmethod
-    def choose(self, flat: FlatScene, settings: RenderSettings) -> tuple[RenderSettings, str | None]:
-        """Choose what was left to it.
+    def choose(self, flat: FlatScene, settings: Wishes) -> tuple[Indirect, str | None]:
+        """Choose where indirect light comes from, where that was left to it.
 
         Args:
             flat: the scene without what is left out.
 
         Returns:
-            Settings for which `indirect` is not AUTO, and a line on what was chosen and why; None where nothing was.
+            Anything but AUTO, and a line on what was chosen and why; None where nothing was.
         """
 
     @abstractmethod
-    def maps(self, settings: RenderSettings) -> WantedMaps:
+    def maps(self, settings: Wishes) -> WantedMaps:
         """The photon maps that it gathers from, where the scene calls for them."""
 
     @abstractmethod
-    def diffuse_light(self, settings: RenderSettings) -> DiffuseLight:
+    def diffuse_light(self, settings: Wishes) -> DiffuseLight:
         """Where camera paths find the light of diffuse surfaces. What images have follows from it: cluster.layers."""
 
     @abstractmethod
-    def has_irradiance_cache(self, settings: RenderSettings) -> bool:
+    def has_irradiance_cache(self, settings: Wishes) -> bool:
         """Whether irradiance records are made."""
 
     @abstractmethod
-    def traced_by(self, settings: RenderSettings) -> tuple[str, ...]:
+    def traced_by(self, settings: Wishes) -> tuple[str, ...]:
         """The options of the command line for which camera paths go on by diffuse parts."""
 
     @abstractmethod
-    def in_words(self, settings: RenderSettings) -> str:
+    def in_words(self, settings: Wishes) -> str:
         """How light is found, for people."""
 
     @abstractmethod
@@ -102,5 +102,5 @@ class Algorithm(ABC):
         """
 
     @abstractmethod
-    def kinds_to_try(self, settings: RenderSettings) -> tuple[Indirect, ...]:
+    def kinds_to_try(self, settings: Wishes) -> tuple[Indirect, ...]:
         """What a search for the cheapest way to an error may set `indirect` to, the first to be tried first."""

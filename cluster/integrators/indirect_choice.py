@@ -7,7 +7,6 @@ or bumps, which no record serves, the photon map is read where the camera path m
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +18,7 @@ from wdpm.scenes.flat.material_sides import gathering_sides, lambertian_sides
 from wdpm.scenes.flat.used_media import calls_for_media
 
 if TYPE_CHECKING:
-    from wdpm.cluster.render_settings import RenderSettings
+    from wdpm.cluster.integrators.wishes import Wishes
 
 SAMPLES_TO_REPAY = 1 << 17
 """Camera samples of a pass: below, the some hundred thousand gather rays of records cost more than they save."""
@@ -28,17 +27,20 @@ LAMBERTIAN_SHARE = 0.5
 """Of the area that is diffuse at all."""
 
 
-def choose_indirect(flat: FlatScene, settings: RenderSettings) -> tuple[RenderSettings, str | None]:
-    """Settings that leave nothing open, and in words what was chosen and why; None where there was no choice."""
+def choose_indirect(flat: FlatScene, settings: Wishes, *, wanted: bool) -> tuple[Indirect, str | None]:
+    """What is chosen, and in words what and why; None where there was no choice.
+
+    Args:
+        wanted: whether there is a map of indirect light at all.
+    """
     if settings.indirect is not Indirect.AUTO:
-        return settings, None
-    how, why = _choice(flat, settings)
-    said = None if why is None else f"indirect light: {how.value}, since {why}"
-    return replace(settings, indirect=how), said
+        return settings.indirect, None
+    how, why = _choice(flat, settings, wanted)
+    return how, None if why is None else f"indirect light: {how.value}, since {why}"
 
 
-def _choice(flat: FlatScene, settings: RenderSettings) -> tuple[Indirect, str | None]:
-    if not settings.algorithm.maps(settings).indirect:
+def _choice(flat: FlatScene, settings: Wishes, wanted: bool) -> tuple[Indirect, str | None]:
+    if not wanted:
         return Indirect.MAP, None
     if calls_for_media(flat):
         return Indirect.MAP, "the scene has media"

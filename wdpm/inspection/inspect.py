@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -96,7 +96,7 @@ def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:
     as_it_is = flatten(scene)
     flat = flatten(leave_out(scene, settings.without)) if settings.without else as_it_is
     unused = settings_without_effect(settings)
-    settings, _ = settings.algorithm.choose(flat, settings)
+    settings = replace(settings, indirect=settings.algorithm.choose(flat, settings)[0])
     features = with_camera(features_of(flat, settings), flat.camera)
     compile_kernels("cpu", features)
     plan = make_render_plan(flat, settings, slaves, Launcher("cpu"))

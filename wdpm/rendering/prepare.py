@@ -124,7 +124,8 @@ def prepare(
     if settings.strict:
         _demand_all(flat)
     unused = settings_without_effect(settings)
-    settings, chose = settings.algorithm.choose(flat, settings)
+    indirect, chose = settings.algorithm.choose(flat, settings)
+    settings = replace(settings, indirect=indirect)
     settings = replace(settings, light_samples=light_samples_of(flat, settings))
     features = with_camera(features_of(flat, settings), flat.camera)
     progress.start("compile")
