@@ -15,6 +15,8 @@ class ClusterLimits:
             short enough for a person who waits.
         peer_gone_s: time between the news that a connection between slaves broke and the end of the render [s]. One
             of the two may have died, or may be stopping: the master then hears so itself, and can name it.
+        peer_answer_s: time that a slave gives another one to answer its greeting [s]. Far more than any link takes, and
+            a machine that no packet reaches never does.
         join_first_s: first wait of a slave for the master's answer [s]; it doubles with every try ...
         join_longest_s: ... up to this [s]. Both as in the Paranoid Pirate pattern of the ZeroMQ guide.
         photon_task_paths: photon paths a task. Enough for long kernel launches, few enough that the rays of all tasks
@@ -32,6 +34,7 @@ class ClusterLimits:
     heartbeat_s: float = 1.0
     liveness_s: float = 10.0
     peer_gone_s: float = 2.0
+    peer_answer_s: float = 15.0
     join_first_s: float = 1.0
     join_longest_s: float = 32.0
     photon_task_paths: int = 65_536

@@ -7,10 +7,11 @@
     │   └── CacheNotWrittenError   a render whose irradiance records cannot be written; has the image (cache_file.py)
     ├── GuardError      a strict render in which a guard acted
     └── ClusterError    a slave, the master or the connection between them
-        └── ProtocolError   a message that breaks docs/protocol.md
+        ├── ProtocolError       a message that breaks docs/protocol.md
+        └── ClusterEndedError   a slave whose master has gone, or has ended without an image
 
 The message is one line for a person: what is wrong, where, what was expected, what to do.
-The command line prints it without a traceback and exits with 2.
+The command line prints it without a traceback and exits with 2; with 4 for a ClusterEndedError.
 """
 
 from __future__ import annotations
@@ -58,6 +59,10 @@ class ClusterError(WdpmError):
 
 class ProtocolError(ClusterError):
     """A message breaks docs/protocol.md."""
+
+
+class ClusterEndedError(ClusterError):
+    """A slave's master has gone or has ended without an image: nothing is wrong with the slave."""
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

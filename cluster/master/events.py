@@ -65,9 +65,14 @@ class PartitionMade:
 
 @dataclass(frozen=True)
 class Close:
-    """End the cluster: all is done, or the person wants to stop."""
+    """End the cluster: all is done, or the person wants to stop.
+
+    Attributes:
+        completed: whether all is done.
+    """
 
     reason: str
+    completed: bool = True
 
 
 @dataclass(frozen=True)

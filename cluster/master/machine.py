@@ -27,7 +27,7 @@ from wdpm.cluster.master.events import (
     Tick,
     Unreadable,
 )
-from wdpm.cluster.master.members import Members
+from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.master.phases import Phase, Phases
 from wdpm.cluster.messages import protocol
 from wdpm.scenes.errors import ProtocolError
@@ -98,8 +98,8 @@ class Master:
                 return self._process_ended(process, reason)
             case Unreadable(identity, reason):
                 return self._unreadable(identity, reason)
-            case Close(reason):
-                return self._stop_all(reason)
+            case Close(reason, completed):
+                return self._stop_all(reason, completed)
             case Abort(reason):
                 return self._break(reason)
         raise AssertionError(f"unknown event {event}")
@@ -125,15 +125,15 @@ class Master:
             return [Send(event.identity, protocol.Refuse("the cluster has ended"))]
         return []
 
-    def _stop_all(self, reason: str) -> list[Instruction]:
+    def _stop_all(self, reason: str, completed: bool) -> list[Instruction]:
         self._phases.end()
-        return self._to_all(protocol.Stop(reason))
+        return self._to_all(protocol.Stop(reason, completed))
 
     def _to_all(self, message: protocol.FromMaster) -> list[Instruction]:
         return [Send(member.identity, message) for member in self._members]
 
     def _break(self, reason: str) -> list[Instruction]:
-        return [*self._stop_all(reason), Broken(reason)]
+        return [*self._stop_all(reason, False), Broken(reason)]
 
     def _tick(self, now: float) -> list[Instruction]:
         slept, self._ticked_at = now - (now if self._ticked_at is None else self._ticked_at), now
@@ -195,6 +195,8 @@ class Master:
                 text = f"the connection from slave {member.number} to slave {number} broke"
                 self._peer_gone = self._peer_gone or (now + self._limits.peer_gone_s, text)
                 return []
+            case protocol.PeerUnreachable(number, reason):
+                return self._unreachable(member, number, reason)
             case protocol.Note(text):
                 return [Noted(f"slave {member.number} {text}")]
             case protocol.Failed(text):
@@ -210,6 +212,15 @@ class Master:
             return self._phases.progressed(member, message, now)
         except ProtocolError as error:
             return self._break(f"{member} broke the protocol: {error}")
+
+    def _unreachable(self, member: Member, number: int, reason: str) -> list[Instruction]:
+        if not 0 <= number < len(self._members):
+            return self._break(f"{member} broke the protocol: it knows no slave {number}")
+        peer = self._members.number(number)
+        return self._break(
+            f"{member} cannot reach {peer} at {peer.hello.peers}: {reason}; check that a firewall lets slaves connect "
+            "to each other at any port, and that both machines are in one network"
+        )
 
     def _unreadable(self, identity: bytes, reason: str) -> list[Instruction]:
         member = self._members.get(identity)

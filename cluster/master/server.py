@@ -97,7 +97,7 @@ class MasterServer:
             self._mailbox.put(m.Begin(session))
             return self._follow(session, progress)
         except BaseException as error:
-            self.close(f"the master was interrupted ({type(error).__name__})")
+            self._interrupt(error)
             raise
 
     def _follow(self, session: Session, progress: ProgressObserver | None) -> SessionResult:
@@ -116,13 +116,20 @@ class MasterServer:
                 case other:
                     tell_observer(other, progress)
 
-    def close(self, reason: str = "all is rendered") -> None:
-        """Have all slaves stop, and let go of the network; may be called again."""
+    def _interrupt(self, error: BaseException) -> None:
+        self.close(f"the master was interrupted ({type(error).__name__})", completed=False)
+
+    def close(self, reason: str = "all is rendered", *, completed: bool = True) -> None:
+        """Have all slaves stop, and let go of the network; may be called again.
+
+        Args:
+            completed: whether all that was to be rendered is; slaves end with an error otherwise.
+        """
         if self._closed:
             return
         self._closed = True
         if self._thread.is_alive():
-            self._mailbox.put(m.Close(reason))
+            self._mailbox.put(m.Close(reason, completed))
             self._thread.join()
         self._stack.close()
 
@@ -132,4 +139,7 @@ class MasterServer:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.close("all is rendered" if error is None else f"the master was interrupted ({type(error).__name__})")
+        if error is None:
+            self.close()
+        else:
+            self._interrupt(error)

@@ -17,7 +17,7 @@ from wdpm.cluster.task import Task, TaskResult
 from wdpm.cluster.world import PhotonPlan, View, World
 from wdpm.scenes.flat.arrays import Triangles
 
-PROTOCOL = 4
+PROTOCOL = 5
 
 
 # From a slave to the master.
@@ -109,6 +109,14 @@ class PeerGone:
     """The connection to a peer has broken; what travelled on it is lost."""
 
     number: int
+
+
+@dataclass(frozen=True)
+class PeerUnreachable:
+    """A peer did not answer, or is not who it should be; `reason` says which."""
+
+    number: int
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -237,9 +245,14 @@ class ReadStatistics:
 
 @dataclass(frozen=True)
 class Stop:
-    """Leave the cluster and end."""
+    """Leave the cluster and end.
+
+    Attributes:
+        completed: whether all that was to be rendered is.
+    """
 
     reason: str
+    completed: bool
 
 
 # Both ways.
@@ -269,6 +282,13 @@ class PeerHello:
 
 
 @dataclass(frozen=True)
+class PeerWelcome:
+    """The answer to PeerHello: the slave of this number takes batches of the sender."""
+
+    number: int
+
+
+@dataclass(frozen=True)
 class PeerBatch:
     """A batch for a cell or a home of the receiver."""
 
@@ -287,6 +307,7 @@ FromSlave = (
     | PhotonsForgotten
     | Statistics
     | PeerGone
+    | PeerUnreachable
     | Note
     | Failed
     | Goodbye
@@ -309,4 +330,5 @@ FromMaster = (
     | Rejected
 )
 FromPeer = PeerHello | PeerBatch
-Message = FromSlave | FromMaster | FromPeer
+PeerAnswer = PeerWelcome | Rejected
+Message = FromSlave | FromMaster | FromPeer | PeerAnswer

@@ -36,6 +36,14 @@ class PeerSaid:
 
 
 @dataclass(frozen=True)
+class PeerAnswered:
+    """A peer answered over the connection to it."""
+
+    number: int
+    message: protocol.PeerAnswer
+
+
+@dataclass(frozen=True)
 class Unreadable:
     """A message that breaks the protocol came, from the master (identity None) or over a peer connection."""
 
@@ -76,7 +84,19 @@ class Leave:
     reason: str
 
 
-Event = Start | Tick | MasterSaid | PeerSaid | Unreadable | Computed | ComputeFailed | PeerLost | MasterLost | Leave
+Event = (
+    Start
+    | Tick
+    | MasterSaid
+    | PeerSaid
+    | PeerAnswered
+    | Unreadable
+    | Computed
+    | ComputeFailed
+    | PeerLost
+    | MasterLost
+    | Leave
+)
 
 
 # Instructions.
@@ -98,11 +118,11 @@ class ToPeer:
 
 
 @dataclass(frozen=True)
-class AnswerStranger:
-    """Tell the other end of a peer connection why its message was dropped."""
+class AnswerPeer:
+    """Answer over a connection that somebody made to this slave: a greeting, or why a message was dropped."""
 
     identity: bytes
-    message: protocol.Rejected
+    message: protocol.PeerAnswer
 
 
 @dataclass(frozen=True)
@@ -134,9 +154,15 @@ class Tell:
 
 @dataclass(frozen=True)
 class Exit:
-    """End the process; `error` says why if that is a failure."""
+    """End the process.
+
+    Attributes:
+        error: why, if that is a failure.
+        elsewhere: whether the failure was not this slave's: the master has gone, or has ended without an image.
+    """
 
     error: str | None
+    elsewhere: bool = False
 
 
-Instruction = ToMaster | ToPeer | AnswerStranger | ConnectPeers | Run | Reconnect | Tell | Exit
+Instruction = ToMaster | ToPeer | AnswerPeer | ConnectPeers | Run | Reconnect | Tell | Exit

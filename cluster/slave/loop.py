@@ -14,14 +14,14 @@ from wdpm.cluster.slave import events as s
 from wdpm.cluster.slave.computer import ComputeThread
 from wdpm.cluster.slave.jobs import Job
 from wdpm.cluster.slave.machine import Slave
-from wdpm.cluster.transport.transport import TURN_MESSAGES, TURN_S, Accepted, Connection, Listener, Network, Role
-from wdpm.scenes.errors import ClusterError, ProtocolError
+from wdpm.cluster.transport.transport import TURN_MESSAGES, TURN_S, Connection, Listener, Network, Role
+from wdpm.scenes.errors import ClusterEndedError, ClusterError, ProtocolError
 
 FROM_MASTER = packing.by_name(protocol.FromMaster)
 FROM_PEER = packing.by_name(protocol.FromPeer)
 
-NOTHING: Accepted = {}
-"""What is read from a connection to a peer: its own messages come over the one that it makes."""
+PEER_ANSWER = packing.by_name(protocol.PeerAnswer)
+"""What comes over a connection to a peer; its own messages come over the one that it makes."""
 
 Tell = Callable[[str], None]
 """Shows a line to a person."""
@@ -37,7 +37,8 @@ class SlaveShell:
         tell: shows a line to a person.
 
     Attributes:
-        error: why the slave has ended, if that is a failure.
+        error: why the slave has ended, if that is a failure ...
+        failed_elsewhere: ... and whether that was not its own.
     """
 
     def __init__(
@@ -51,6 +52,7 @@ class SlaveShell:
     ) -> None:
         self.state = state
         self.error: str | None = None
+        self.failed_elsewhere = False
         self._network = network
         self._listener = listener
         self._master_address = master
@@ -64,6 +66,7 @@ class SlaveShell:
         """Take in messages that have come."""
         self._receive_from_master()
         self._receive_from_peers()
+        self._receive_answers()
 
     def find_broken_connections(self) -> None:
         """Tell the state machine who is lost."""
@@ -111,6 +114,14 @@ class SlaveShell:
             else:
                 self.handle(s.PeerSaid(identity, message))
 
+    def _receive_answers(self) -> None:
+        for number, connection in list(self._peers.items()):
+            message = connection.receive()
+            if isinstance(message, ProtocolError):
+                self.handle(s.PeerAnswered(number, protocol.Rejected(f"what cannot be read ({message})")))
+            elif message is not None:
+                self.handle(s.PeerAnswered(number, message))
+
     def _obey(self, instruction: s.Instruction) -> None:
         match instruction:
             case s.ToPeer(number, message):
@@ -121,15 +132,15 @@ class SlaveShell:
                 self.tell_master(message)
             case s.ConnectPeers(own, peers):
                 self._connect_peers(own, peers)
-            case s.AnswerStranger(identity, message):
+            case s.AnswerPeer(identity, message):
                 self._listener.send(identity, message)  # a stranger that is gone needs no answer
             case s.Reconnect():
                 self._master.close(deliver=False)
                 self._master = self._connect_master()
             case s.Tell(text):
                 self._tell(text)
-            case s.Exit(error):
-                self.error = error
+            case s.Exit(error, elsewhere):
+                self.error, self.failed_elsewhere = error, elsewhere
 
     def _send_to_peer(self, number: int, message: protocol.FromPeer) -> None:
         connection = self._peers.get(number)
@@ -152,7 +163,7 @@ class SlaveShell:
         self._peers = {}
         for number, endpoint in enumerate(peers):
             if number != own:
-                self._peers[number] = self._network.connect(endpoint, Role.SLAVE, NOTHING)
+                self._peers[number] = self._network.connect(endpoint, Role.SLAVE, PEER_ANSWER)
 
 
 class SlaveLoop:
@@ -186,7 +197,7 @@ class SlaveLoop:
         finally:
             self._computer.stop()
         if shell.error is not None:
-            raise ClusterError(shell.error)
+            raise (ClusterEndedError if shell.failed_elsewhere else ClusterError)(shell.error)
 
     def _turns(self) -> None:
         shell = self._shell

@@ -21,7 +21,7 @@ from wdpm.cluster.messages import checks, protocol
 from wdpm.cluster.queues import Queues
 from wdpm.cluster.slave import jobs
 from wdpm.cluster.slave.events import (
-    AnswerStranger,
+    AnswerPeer,
     Computed,
     ComputeFailed,
     ConnectPeers,
@@ -31,6 +31,7 @@ from wdpm.cluster.slave.events import (
     Leave,
     MasterLost,
     MasterSaid,
+    PeerAnswered,
     PeerLost,
     PeerSaid,
     Reconnect,
@@ -43,6 +44,7 @@ from wdpm.cluster.slave.events import (
     Unreadable,
 )
 from wdpm.cluster.slave.jobs import Job, Outcome
+from wdpm.cluster.slave.peers import Peers
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.arrays import Triangles
 
@@ -80,8 +82,7 @@ class Slave:
         self._parts: dict[int, list[Triangles]] = {}
         self._partition: dict[int, Triangles] = {}
         self._missing: set[int] = set()
-        self._peers: dict[bytes, int] = {}
-        self._connected: tuple[str, ...] = ()
+        self._peers = Peers(self._limits.peer_answer_s)
         self._orders: deque[Job] = deque()
         self._ghosts: deque[Batch] = deque()
         self._batches = Queues()
@@ -132,6 +133,8 @@ class Slave:
                 return self._master_said(message, now)
             case PeerSaid(identity, message):
                 return self._peer_said(identity, message)
+            case PeerAnswered(number, message):
+                return self._peers.answered(number, message)
             case Computed(outcome):
                 return self._computed(outcome)
             case Tick():
@@ -149,11 +152,12 @@ class Slave:
                 return self._fail(text)
             case PeerLost(number):
                 # Not this slave's to judge: the peer may have died, or have been told to stop a moment earlier.
+                self._peers.lost(number)
                 return [ToMaster(protocol.PeerGone(number))]
             case MasterLost():
                 if self._welcome is None:
                     return []  # it does not listen yet
-                return self._exit(f"lost the connection to the master at {self._endpoint}")
+                return self._exit(f"lost the connection to the master at {self._endpoint}", elsewhere=True)
             case Leave(reason):
                 return self._leave(reason)
         raise AssertionError(f"unknown event {event}")
@@ -166,10 +170,12 @@ class Slave:
             return self._try_again(now)
         if slept > self._welcome.liveness_s / 2:
             self._heard_at = now  # this process itself stood still (a laptop's lid): silence says nothing
+            self._peers.stood_still(slept)
         silence = now - self._heard_at
         if silence > self._welcome.liveness_s:
-            return self._exit(f"the master at {self._endpoint} has been silent for {silence:.0f} s; it may have died")
-        out: list[Instruction] = []
+            text = f"the master at {self._endpoint} has been silent for {silence:.0f} s; it may have died"
+            return self._exit(text, elsewhere=True)
+        out = self._peers.overdue(now)
         if now >= self._beat_at:
             self._beat_at = now + self._welcome.heartbeat_s
             out.append(ToMaster(protocol.Heartbeat()))
@@ -203,9 +209,9 @@ class Slave:
     def _fail(self, text: str) -> list[Instruction]:
         return [ToMaster(protocol.Failed(text)), *self._exit(text)]
 
-    def _exit(self, error: str | None) -> list[Instruction]:
+    def _exit(self, error: str | None, *, elsewhere: bool = False) -> list[Instruction]:
         self._ended = True
-        return [Exit(error)]
+        return [Exit(error, elsewhere)]
 
     # Messages.
 
@@ -217,18 +223,24 @@ class Slave:
                 if self._welcome is None:
                     self._beat_at = now + message.heartbeat_s
                     self._welcome = message
-                    return [Tell(f"joined {self._endpoint} as slave {message.number}")]
+                    out: list[Instruction] = [Tell(f"joined {self._endpoint} as slave {message.number}")]
+                    for identity, hello in self._peers.take_early():
+                        out += self._peer_said(identity, hello)
+                    return out
                 return []  # the answer to a second Hello
             case protocol.Refuse(reason):
                 return self._exit(f"the master at {self._endpoint} refused: {reason}")
-            case protocol.Stop(reason):
-                return [ToMaster(protocol.Goodbye("stopped")), Tell(f"stopped: {reason}"), *self._exit(None)]
+            case protocol.Stop(reason, completed):
+                goodbye = ToMaster(protocol.Goodbye("stopped"))
+                if completed:
+                    return [goodbye, Tell(f"stopped: {reason}"), *self._exit(None)]
+                return [goodbye, *self._exit(f"the render ended without an image: {reason}", elsewhere=True)]
             case protocol.Rejected(reason):
                 return self._fail(f"the master could not read a message of this slave: {reason}")
         if self._welcome is None:
             raise ProtocolError(f"{type(message).__name__} came before Welcome")
         if isinstance(message, protocol.Setup):
-            return self._set_up(message, self._welcome)
+            return self._set_up(message, self._welcome, now)
         if message.epoch != self._epoch:
             return self._drop(f"{type(message).__name__} of another epoch")
         return self._ordered(message)
@@ -260,7 +272,7 @@ class Slave:
                 self._orders.append(jobs.ReadStatistics())
         return []
 
-    def _set_up(self, setup: protocol.Setup, welcome: protocol.Welcome) -> list[Instruction]:
+    def _set_up(self, setup: protocol.Setup, welcome: protocol.Welcome, now: float) -> list[Instruction]:
         if setup.epoch <= self._epoch:
             return self._drop("Setup of an older epoch")
         self._check_setup(setup, welcome)
@@ -274,8 +286,7 @@ class Slave:
         self._tasks.clear()
         self._ghosts_handled, self._ghosts_expected = 0, None
         out: list[Instruction] = []
-        if setup.peers != self._connected:
-            self._connected = setup.peers
+        if self._peers.set_up(setup.peers, welcome.number, now):
             out.append(ConnectPeers(welcome.number, setup.peers))
             greeting = protocol.PeerHello(welcome.cluster, welcome.number)
             out += [ToPeer(peer, greeting) for peer in range(len(setup.peers)) if peer != welcome.number]
@@ -314,27 +325,31 @@ class Slave:
 
     def _peer_said(self, identity: bytes, message: protocol.FromPeer) -> list[Instruction]:
         if isinstance(message, protocol.PeerHello):
-            if self._welcome is None or message.cluster != self._welcome.cluster:
+            if self._welcome is None:
+                kept = self._peers.keep_early(identity, message)
+                return [] if kept else self._stranger(identity, "too many PeerHello before Welcome")
+            if message.cluster != self._welcome.cluster:
                 return self._stranger(identity, "PeerHello of another cluster")
-            self._peers[identity] = message.number
-            return []
-        if identity not in self._peers:
+            return self._peers.greeted(identity, message, self._welcome.number)
+        peer = self._peers.number_of(identity)
+        if peer is None:
             return self._stranger(identity, "PeerBatch without PeerHello")
         if message.epoch != self._epoch:
             return self._drop("PeerBatch of another epoch")
-        self._check_destination(message.batch, f"slave {self._peers[identity]}")
+        self._check_destination(message.batch, f"slave {peer}")
         if self._setup is not None:
             checks.check_batch(message.batch, self._setup.world)
         self._enqueue(message.batch)
         return []
 
     def _unreadable_peer(self, identity: bytes, reason: str) -> list[Instruction]:
-        if identity in self._peers:
-            return self._fail(f"cannot read a message of slave {self._peers[identity]}: {reason}")
+        peer = self._peers.number_of(identity)
+        if peer is not None:
+            return self._fail(f"cannot read a message of slave {peer}: {reason}")
         return self._stranger(identity, "unreadable")
 
     def _stranger(self, identity: bytes, reason: str) -> list[Instruction]:
-        return [*self._drop(reason), AnswerStranger(identity, protocol.Rejected(reason))]
+        return [*self._drop(reason), AnswerPeer(identity, protocol.Rejected(reason))]
 
     def _drop(self, reason: str) -> list[Instruction]:
         self._dropped[reason] += 1

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 from wdpm.cli import accuracy, bench, check, compare, inspect, keys, master, render, slave
 from wdpm.cli.interrupts import interrupts_raise, no_lost_interrupts
-from wdpm.scenes.errors import WdpmError
+from wdpm.scenes.errors import ClusterEndedError, WdpmError
 
 COMMANDS = (
     render,
@@ -30,6 +30,7 @@ COMMANDS = (
 )
 
 EXIT_BAD_INPUT = 2
+EXIT_CLUSTER_ENDED = 4
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 
 _EXAMPLES = """\
@@ -42,9 +43,10 @@ wdpm COMMAND --help says more."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code: 0, 1 (compare --equal, check), 2 for bad input, 3, 130 when interrupted.
+    """Run one command; returns the exit code: 0, 1 (compare --equal, check), 2 for bad input, 3, 4, 130 or 143.
 
-    3: the image is there, but not as good as --until-error asked for (wdpm/cli/goal.py).
+    3: the image is there, but not as good as --until-error asked for (wdpm/cli/goal.py). 4: a slave whose master has
+    gone or has ended without an image. 130, 143: interrupted by SIGINT (Ctrl-C) or SIGTERM.
     """
     arguments = sys.argv[1:] if argv is None else argv
     parser = make_parser()
@@ -58,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
     except WdpmError as error:
         print(f"wdpm: error: {error}", file=sys.stderr)
-        return EXIT_BAD_INPUT
+        return EXIT_CLUSTER_ENDED if isinstance(error, ClusterEndedError) else EXIT_BAD_INPUT
     except KeyboardInterrupt:
         print("wdpm: interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED

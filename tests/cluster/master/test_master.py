@@ -296,7 +296,7 @@ def test_strangers_are_answered_and_counted() -> None:
 
 def test_close_stops_everyone() -> None:
     out = Driver().join()(m.Close("done"))
-    assert sent(out) == [p.Stop("done")] * 2
+    assert sent(out) == [p.Stop("done", True)] * 2
     assert not [i for i in out if isinstance(i, m.Broken)]
 
 

@@ -31,7 +31,7 @@ def table(heading: str) -> dict[str, list[str]]:
     [
         ("Messages from a slave to the master", protocol.FromSlave),
         ("Messages from the master to a slave", protocol.FromMaster),
-        ("Messages between slaves", protocol.FromPeer | protocol.Rejected),
+        ("Messages between slaves", protocol.FromPeer | protocol.PeerAnswer),
     ],
 )
 def test_messages_are_as_described(heading: str, union: object) -> None:

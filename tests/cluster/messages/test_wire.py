@@ -71,6 +71,7 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
     p.PhotonsForgotten: st.builds(p.PhotonsForgotten, epochs),
     p.Statistics: st.builds(p.Statistics, epochs, st.dictionaries(texts, plain, max_size=4)),
     p.PeerGone: st.builds(p.PeerGone, counts),
+    p.PeerUnreachable: st.builds(p.PeerUnreachable, counts, texts),
     p.Note: st.builds(p.Note, texts),
     p.Failed: st.builds(p.Failed, texts),
     p.Goodbye: st.builds(p.Goodbye, texts),
@@ -99,8 +100,9 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
     p.SetRecords: st.builds(p.SetRecords, epochs, records),
     p.ForgetPhotons: st.builds(lambda epoch: p.ForgetPhotons(epoch, make_world(1).photon_plan), epochs),
     p.ReadStatistics: st.builds(p.ReadStatistics, epochs),
-    p.Stop: st.builds(p.Stop, texts),
+    p.Stop: st.builds(p.Stop, texts, st.booleans()),
     p.PeerHello: st.builds(p.PeerHello, texts, counts),
+    p.PeerWelcome: st.builds(p.PeerWelcome, counts),
     p.PeerBatch: st.builds(p.PeerBatch, epochs, batches),
 }
 

@@ -70,9 +70,15 @@ def test_a_connection_that_is_refused_before_joining_is_tried_again() -> None:
 
 
 def test_stop_is_no_error() -> None:
-    out = Driver().ready().told(p.Stop("done"))
+    out = Driver().ready().told(p.Stop("done", True))
     assert to_master(out) == [p.Goodbye("stopped")]
     assert out[-1] == s.Exit(None)
+
+
+def test_stop_without_an_image_is_an_error_of_somebody_else() -> None:
+    out = Driver().ready().told(p.Stop("slave 0 failed", False))
+    assert to_master(out) == [p.Goodbye("stopped")]
+    assert out[-1] == s.Exit("the render ended without an image: slave 0 failed", elsewhere=True)
 
 
 def test_heartbeats_go_out_while_the_worker_computes() -> None:
@@ -330,7 +336,7 @@ def test_strangers_are_answered_and_counted() -> None:
         driver(s.Unreadable(b"stranger", "noise")),
     ):
         [answer] = out
-        assert isinstance(answer, s.AnswerStranger)
+        assert isinstance(answer, s.AnswerPeer)
         assert answer.identity == b"stranger"
     assert sum(driver.slave.dropped.values()) == 3
 

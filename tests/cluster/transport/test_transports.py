@@ -16,6 +16,7 @@ from slave_threads import SMALL, SlaveThread, check_picture
 from slow_slaves import AGREED
 
 from wdpm.cluster.batch import Batch, Kind
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.messages import packing, protocol
 from wdpm.cluster.transport import registry
@@ -24,7 +25,7 @@ from wdpm.cluster.transport.memory import MemoryTransport
 from wdpm.cluster.transport.registry import register, transport_of
 from wdpm.cluster.transport.transport import Connection, Network, Role, Transport
 from wdpm.cluster.transport.zeromq.network import ZeroMQTransport
-from wdpm.scenes.errors import ClusterError, ProtocolError, SettingsError
+from wdpm.scenes.errors import ClusterEndedError, ClusterError, ProtocolError, SettingsError
 
 FROM_SLAVE, FROM_MASTER = packing.by_name(protocol.FromSlave), packing.by_name(protocol.FromMaster)
 FROM_PEER = packing.by_name(protocol.FromPeer)
@@ -79,14 +80,14 @@ def test_messages_arrive_in_order_and_are_answered(ends: tuple[Network, Any, Net
         assert connection.send(protocol.PeerGone(number))
     for number in range(5):
         assert soon(listener.receive, here) == (b"slave", protocol.PeerGone(number))
-    assert listener.send(b"slave", protocol.Stop("enough"))
-    assert soon(connection.receive, there) == protocol.Stop("enough")
+    assert listener.send(b"slave", protocol.Stop("enough", True))
+    assert soon(connection.receive, there) == protocol.Stop("enough", True)
     assert not connection.broke()
 
 
 def test_what_is_not_accepted_is_a_protocol_error(ends: tuple[Network, Any, Network, Connection]) -> None:
     here, listener, _, connection = ends
-    assert connection.send(protocol.Stop("a slave says what only the master may"))
+    assert connection.send(protocol.Stop("a slave says what only the master may", True))
     identity, wrong = soon(listener.receive, here)
     assert identity == b"slave"
     assert isinstance(wrong, ProtocolError)
@@ -223,7 +224,33 @@ def test_a_broken_way_between_slaves_ends_the_render(flaky: FlakyTransport) -> N
     master, slaves = a_cluster(f"flaky://{next(names)}")
     with master, pytest.raises(ClusterError, match=r"the connection from slave \d to slave \d broke"):
         master.render(make_session(2, 2))
-    assert [slave.end() for slave in slaves] == [None, None]
+    assert [type(slave.end()) for slave in slaves] == [ClusterEndedError] * 2
+
+
+def test_a_slave_whose_link_is_slower_than_its_peers_joins_like_others(flaky: FlakyTransport) -> None:
+    """Its peers greet it before its own Welcome has come."""
+    flaky.delay_s = lambda role, network: 0.4 if role is Role.MASTER and network == 3 else 0.0
+    own = flaky.open(None)
+    address = f"flaky://{next(names)}"
+    with MasterServer(address, 2, limits=SMALL, agreed=AGREED) as master:
+        first = SlaveThread(address)
+        soon(lambda: flaky.sent, own)
+        second = SlaveThread(address)
+        session = make_session(2, 2)
+        check_picture(session, master.render(session).layers)
+    assert [first.end(), second.end()] == [None, None]
+
+
+def test_slaves_that_cannot_reach_each_other_end_the_render(flaky: FlakyTransport) -> None:
+    flaky.loses = lambda role, message: role is Role.SLAVE  # noqa: ARG005
+    address = f"flaky://{next(names)}"
+    with MasterServer(address, 2, limits=SMALL, agreed=AGREED) as master:
+        slaves = [SlaveThread(address, limits=ClusterLimits(peer_answer_s=0.3)) for _ in range(2)]
+        with pytest.raises(
+            ClusterError, match=r"slave \d \(.*\) cannot reach slave \d \(.*\) at flaky://.*: no answer"
+        ):
+            master.render(make_session(2, 2))
+    assert [type(slave.end()) for slave in slaves] == [ClusterEndedError] * 2
 
 
 def test_a_broken_way_to_the_master_ends_the_render(flaky: FlakyTransport) -> None:

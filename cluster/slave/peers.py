@@ -1,0 +1,91 @@
+"""The other slaves as a slave knows them: whose connection is whose, and who has not answered yet.
+
+A slave greets each peer when a world is set up, and each answers. Without an answer nothing would be sent for certain:
+a connection that never came about (a firewall, a machine that the network does not reach) takes batches without a word.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from wdpm.cluster.messages import protocol
+from wdpm.cluster.slave.events import AnswerPeer, Instruction, ToMaster
+
+MOST_EARLY = 1024
+"""Greetings kept for later. More than a cluster has slaves would be somebody's who means no good."""
+
+
+class Peers:
+    """The state of a slave's connections with its peers.
+
+    Args:
+        answer_s: time that a peer has for its answer [s].
+    """
+
+    def __init__(self, answer_s: float) -> None:
+        self._answer_s = answer_s
+        self._numbers: dict[bytes, int] = {}
+        self._early: dict[bytes, protocol.PeerHello] = {}
+        self._endpoints: tuple[str, ...] = ()
+        self._awaited: dict[int, float] = {}
+
+    def number_of(self, identity: bytes) -> int | None:
+        """Which slave sends over a connection; None if it has not said so."""
+        return self._numbers.get(identity)
+
+    def keep_early(self, identity: bytes, hello: protocol.PeerHello) -> bool:
+        """Keep a greeting that came before this slave knows its own cluster; False if too many are kept.
+
+        The last slave to join may have the slowest link: others then hear of it, and greet it, before its Welcome.
+        """
+        if identity not in self._early and len(self._early) >= MOST_EARLY:
+            return False
+        self._early[identity] = hello
+        return True
+
+    def take_early(self) -> list[tuple[bytes, protocol.PeerHello]]:
+        """The greetings that were kept, in the order in which they came."""
+        early, self._early = list(self._early.items()), {}
+        return early
+
+    def greeted(self, identity: bytes, hello: protocol.PeerHello, own: int) -> list[Instruction]:
+        """A peer of the same cluster has said who it is."""
+        self._numbers[identity] = hello.number
+        return [AnswerPeer(identity, protocol.PeerWelcome(own))]
+
+    def set_up(self, endpoints: tuple[str, ...], own: int, now: float) -> bool:
+        """Wait for the answers of these peers; False if they are those that it has."""
+        if endpoints == self._endpoints:
+            return False
+        self._endpoints = endpoints
+        self._awaited = {peer: now + self._answer_s for peer in range(len(endpoints)) if peer != own}
+        return True
+
+    def answered(self, peer: int, answer: protocol.PeerAnswer) -> list[Instruction]:
+        """A peer has answered; tell the master if it is not who it should be."""
+        self._awaited.pop(peer, None)
+        match answer:
+            case protocol.PeerWelcome(number) if number == peer:
+                return []
+            case protocol.PeerWelcome(number):
+                return self._unreachable([peer], f"slave {number} answers there")
+            case protocol.Rejected(reason):
+                return self._unreachable([peer], f"it answers: {reason}")
+
+    def lost(self, peer: int) -> None:
+        """The connection to a peer broke, which is told to the master; nothing is awaited from it."""
+        self._awaited.pop(peer, None)
+
+    def stood_still(self, seconds: float) -> None:
+        """This process stood still for so long, and could not have heard an answer [s]."""
+        self._awaited = {peer: until + seconds for peer, until in self._awaited.items()}
+
+    def overdue(self, now: float) -> list[Instruction]:
+        """Tell the master of a peer that has not answered in time."""
+        late = [peer for peer, until in self._awaited.items() if now >= until]
+        for peer in late:
+            del self._awaited[peer]
+        return self._unreachable(late, f"no answer within {self._answer_s:g} s")
+
+    def _unreachable(self, peers: Sequence[int], reason: str) -> list[Instruction]:
+        return [ToMaster(protocol.PeerUnreachable(peer, reason)) for peer in peers]

@@ -1,0 +1,135 @@
+"""How slaves greet each other: early, late, wrongly and never. State machines only."""
+
+from __future__ import annotations
+
+import pytest
+from fake_worker import arrays
+from master_driver import Driver as MasterDriver
+from master_driver import broken
+from slave_driver import EPOCH, PEER, PEERS, WELCOME, Driver, setup, to_master
+
+from wdpm.cluster.batch import Batch, Kind
+from wdpm.cluster.limits import ClusterLimits
+from wdpm.cluster.messages import protocol as p
+from wdpm.cluster.slave import events as s
+from wdpm.cluster.slave.peers import MOST_EARLY
+
+PATIENCE_S = ClusterLimits().peer_answer_s
+BATCH = p.PeerBatch(EPOCH, Batch(Kind.PHOTON, 5, 1, 1, 1, arrays(Kind.PHOTON, 1)))
+
+
+def set_up() -> Driver:
+    """As far as Setup, and the greetings that go out then."""
+    driver = Driver()
+    driver(s.Start())
+    driver.told(WELCOME, setup())
+    return driver
+
+
+def tick(driver: Driver, until: float) -> list[p.FromSlave]:
+    """What it tells the master while time goes on, apart from heartbeats; the master is heard all the time."""
+    told = []
+    while driver.now < until:
+        driver.now += 0.5
+        driver.slave.handle(s.MasterSaid(p.Heartbeat()), driver.now)
+        told += to_master(driver.slave.handle(s.Tick(), driver.now))
+    return [message for message in told if not isinstance(message, p.Heartbeat | p.Note)]
+
+
+def test_a_greeting_is_answered() -> None:
+    assert Driver().ready().peer(p.PeerHello("cluster", 2), b"other") == [s.AnswerPeer(b"other", p.PeerWelcome(1))]
+
+
+def test_a_greeting_before_welcome_counts_after_it() -> None:
+    driver = Driver()
+    driver(s.Start())
+    assert driver.peer(p.PeerHello("cluster", 0)) == []
+    assert driver.peer(p.PeerHello("another", 2), b"stranger") == []
+    answers = [i for i in driver.told(WELCOME) if isinstance(i, s.AnswerPeer)]
+    assert answers[0] == s.AnswerPeer(PEER, p.PeerWelcome(1))
+    assert answers[1:] == [s.AnswerPeer(b"stranger", p.Rejected("PeerHello of another cluster"))]
+    driver.told(setup())
+    assert [type(i) for i in driver.peer(BATCH)] == [s.Run]
+    assert driver.slave.dropped == {"PeerHello of another cluster": 1}
+
+
+def test_early_greetings_are_bounded() -> None:
+    driver = Driver()
+    driver(s.Start())
+    for number in range(MOST_EARLY):
+        assert driver.peer(p.PeerHello("cluster", 0), number.to_bytes(4)) == []
+    [answer] = driver.peer(p.PeerHello("cluster", 0), b"one more")
+    assert isinstance(answer, s.AnswerPeer)
+    assert isinstance(answer.message, p.Rejected)
+
+
+def test_peers_that_answer_are_reached() -> None:
+    driver = set_up()
+    for peer in (0, 2):
+        assert driver(s.PeerAnswered(peer, p.PeerWelcome(peer))) == []
+    assert tick(driver, 3 * PATIENCE_S) == []
+
+
+def test_a_peer_that_does_not_answer_is_told_once() -> None:
+    driver = set_up()
+    driver(s.PeerAnswered(0, p.PeerWelcome(0)))
+    assert tick(driver, PATIENCE_S - 1) == []
+    assert tick(driver, 3 * PATIENCE_S) == [p.PeerUnreachable(2, f"no answer within {PATIENCE_S:g} s")]
+
+
+def test_a_slave_that_stood_still_gives_its_peers_more_time() -> None:
+    driver = set_up()
+    tick(driver, 2.0)
+    driver.now = 3600.0
+    driver.slave.handle(s.Tick(), driver.now)
+    assert not driver.slave.ended
+    assert tick(driver, 3600.0 + PATIENCE_S / 2) == []
+
+
+@pytest.mark.parametrize(
+    ("answer", "reason"),
+    [
+        (p.PeerWelcome(0), "slave 0 answers there"),
+        (p.Rejected("PeerHello of another cluster"), "it answers: PeerHello of another cluster"),
+    ],
+)
+def test_a_wrong_answer_is_told(answer: p.PeerAnswer, reason: str) -> None:
+    assert to_master(set_up()(s.PeerAnswered(2, answer))) == [p.PeerUnreachable(2, reason)]
+
+
+def test_a_peer_that_refuses_a_batch_is_told() -> None:
+    driver = Driver().ready()
+    answer = p.Rejected("PeerBatch without PeerHello")
+    assert [type(message) for message in to_master(driver(s.PeerAnswered(2, answer)))] == [p.PeerUnreachable]
+
+
+def test_a_broken_connection_is_told_as_such() -> None:
+    driver = set_up()
+    driver(s.PeerAnswered(0, p.PeerWelcome(0)))
+    assert to_master(driver(s.PeerLost(2))) == [p.PeerGone(2)]
+    assert tick(driver, 3 * PATIENCE_S) == []
+
+
+def test_peers_of_the_next_world_are_not_asked_again() -> None:
+    driver = set_up()
+    for peer in (0, 2):
+        driver(s.PeerAnswered(peer, p.PeerWelcome(peer)))
+    driver.told(setup(EPOCH + 1, peers=PEERS))
+    assert tick(driver, 3 * PATIENCE_S) == []
+
+
+def test_the_master_names_both_machines_and_what_to_check() -> None:
+    driver = MasterDriver()
+    driver.to_photons()
+    reason = broken(driver.says(b"a", p.PeerUnreachable(1, "no answer within 15 s")))
+    assert reason.startswith(
+        "slave 0 (host, process 0) cannot reach slave 1 (host, process 1) at tcp://peer:1: no answer"
+    )
+    assert "firewall" in reason
+
+
+@pytest.mark.parametrize("number", [-1, 2])
+def test_an_unknown_peer_breaks_the_protocol(number: int) -> None:
+    driver = MasterDriver()
+    driver.to_photons()
+    assert "knows no slave" in broken(driver.says(b"a", p.PeerUnreachable(number, "no answer")))
