@@ -12,7 +12,9 @@ from wdpm.cluster.master.server import MasterServer, nobody
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.transport import address
+from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.transport.zeromq.key_files import keys_for
+from wdpm.cluster.transport.zeromq.run_keys import make_run_keys
 from wdpm.devices import available_cores, check_device
 from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
@@ -62,8 +64,10 @@ class Cluster(Backend):
         with ExitStack() as stack:
             processes = LocalSlaves()
             stack.callback(processes.stop)
-            master = stack.enter_context(MasterServer("tcp://127.0.0.1:0", slaves, watch=processes.ended))
-            processes.start(slaves, slave_command(each, device), master.endpoint)
+            keys, line = make_run_keys()  # other people of this machine reach its ports, too
+            server = MasterServer("tcp://127.0.0.1:0", slaves, security=keys, watch=processes.ended)
+            master = stack.enter_context(server)
+            processes.start(slaves, slave_command(each, device), master.endpoint, line)
             return cls(master, slaves, stack.pop_all(), threads=threads, device=device)
 
     @classmethod
@@ -80,7 +84,7 @@ class Cluster(Backend):
             SettingsError: neither keys nor insecure where one is needed, or the keys cannot be read.
             ClusterError: it cannot listen there.
         """
-        security = keys_for(address.resolve(bind), keys, insecure)
+        security = keys_for(address.resolve(bind), keys, insecure, Role.MASTER)
         with ExitStack() as stack:
             master = stack.enter_context(MasterServer(bind, slaves, security=security, watch=nobody))
             return cls(master, slaves, stack.pop_all())

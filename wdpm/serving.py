@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING
 
 from wdpm.cluster.slave.process import PATIENCE_S, run_slave
 from wdpm.cluster.transport import address
+from wdpm.cluster.transport.keys import Keys
+from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.transport.zeromq.key_files import keys_for
+from wdpm.cluster.transport.zeromq.run_keys import FROM_STANDARD_INPUT, slave_keys
 from wdpm.devices import available_cores, check_device
 from wdpm.quiet import quiet_warp
 from wdpm.scenes.errors import SettingsError
@@ -36,6 +39,7 @@ def serve_as_slave(
 
     Args:
         master: tcp://HOST:PORT.
+        keys: folder of keys, or "-" for those that the process that started this one writes to its standard input.
         memory: most memory to use [bytes]; None for no limit.
         patience: how long to wait for the master's first answer [s].
         life_line: end when standard input closes, which the process that started this one holds open.
@@ -47,7 +51,11 @@ def serve_as_slave(
     if device != "cpu":
         quiet_warp()
         check_device(device)
-    security = keys_for(address.resolve(master), keys, insecure)
+    resolved = address.resolve(master)
+    if keys == Path(FROM_STANDARD_INPUT):
+        security: Keys | None = slave_keys(sys.stdin.buffer.readline())
+    else:
+        security = keys_for(resolved, keys, insecure, Role.SLAVE)
     if memory is not None:
         limit_memory(memory)
 

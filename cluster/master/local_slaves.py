@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import os
 import signal
@@ -26,10 +27,13 @@ Command = Callable[[str], Sequence[str]]
 
 
 def slave_command(threads: int, device: str) -> Command:
-    """`wdpm slave` with this interpreter. The life line is its standard input: it ends when that closes."""
+    """`wdpm slave` with this interpreter, for a run with keys of its own.
+
+    Standard input brings the keys, and is the life line: the slave ends when it closes.
+    """
 
     def command(endpoint: str) -> list[str]:
-        options = ["--threads", str(threads), "--device", device, "--life-line"]
+        options = ["--threads", str(threads), "--device", device, "--keys", "-", "--life-line"]
         return [sys.executable, "-m", "wdpm", "slave", endpoint, *options]
 
     return command
@@ -52,8 +56,12 @@ class LocalSlaves:
         self._slaves: list[_Slave] = []
         self._reported: set[int] = set()
 
-    def start(self, count: int, command: Command, endpoint: str) -> None:
-        """Start processes; ClusterError if one cannot be started."""
+    def start(self, count: int, command: Command, endpoint: str, first_line: bytes = b"") -> None:
+        """Start processes; ClusterError if one cannot be started.
+
+        Args:
+            first_line: what each finds on its standard input, before it is only a life line.
+        """
         for _ in range(count):
             log = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `stop`
             try:
@@ -70,6 +78,7 @@ class LocalSlaves:
                 log.close()
                 raise ClusterError(f"cannot start a slave: {error.strerror}") from None
             self._slaves.append(_Slave(process, log))
+            _tell(process, first_line)
 
     @property
     def processes(self) -> list[int]:
@@ -88,7 +97,8 @@ class LocalSlaves:
         """Wait for all to end, kill those that do not; may be called again."""
         for slave in self._slaves:
             if slave.process.stdin is not None:
-                slave.process.stdin.close()
+                with contextlib.suppress(BrokenPipeError):  # what an ended one did not read
+                    slave.process.stdin.close()
         deadline = time.monotonic() + GRACE_S
         for slave in self._slaves:
             try:
@@ -98,6 +108,13 @@ class LocalSlaves:
                 slave.process.wait()
             slave.log.close()
         self._slaves = []
+
+
+def _tell(process: subprocess.Popen[bytes], line: bytes) -> None:
+    if process.stdin is not None and line:
+        with contextlib.suppress(BrokenPipeError):  # it has ended already, and `ended` will tell why
+            process.stdin.write(line)
+            process.stdin.flush()
 
 
 def _environment() -> dict[str, str]:

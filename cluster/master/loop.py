@@ -56,7 +56,10 @@ class MasterShell:
         for instruction in self.state.handle(event, time.monotonic()):
             if not isinstance(instruction, m.Send):
                 self._answer(instruction)
-            elif not self._listener.send(instruction.identity, instruction.message):
+                continue
+            if isinstance(instruction.message, protocol.Welcome):
+                self._listener.admit(instruction.identity)
+            if not self._listener.send(instruction.identity, instruction.message):
                 lost.append(instruction.identity)
         for identity in lost:
             self.handle(m.SlaveLost(identity, "its connection is gone; it may have died"))

@@ -33,6 +33,19 @@ FRAME_BYTES = 64 << 20
 HEADER_BYTES = 4 << 20
 """Longest header. The largest there are name some thousand textures."""
 
+MOST_FRAMES = 1 << 16
+"""Frames of a message. The largest there are send some thousand textures, two frames each."""
+
+STRANGER_BYTES = 16 << 10
+"""Longest header of someone who has not been welcomed: Hello and PeerHello are some hundred bytes, and have no arrays.
+A header of small things takes a thousand times its bytes in memory, and its share of the time to make them."""
+
+_MOST_ITEMS = 1 << 17
+"""Items of one list of a header. The longest there are name the holder of every cell."""
+
+_MOST_TEXT = 1 << 16
+"""Bytes of one text of a header."""
+
 ARRAY_DIMENSIONS = 4
 DTYPES = frozenset({"<f4", "<f8", "<i4", "<i8", "|u1"})
 PLAIN_DEPTH = 6
@@ -53,18 +66,22 @@ def encode(message: Any) -> list[Frame]:
     return [header, *(frame for array in arrays for frame in _split(array))]
 
 
-def decode(frames: Sequence[Frame], expected: Mapping[str, type]) -> Any:
+def decode(frames: Sequence[Frame], expected: Mapping[str, type], *, stranger: bool = False) -> Any:
     """The message that frames hold; its arrays are read-only views of the frames where they can be.
 
     Args:
         expected: messages that may come here, by name.
+        stranger: whether the sender has not been welcomed yet: then the message is one short header.
 
     Raises:
         ProtocolError: anything at all is wrong.
     """
     if not frames:
         raise ProtocolError("a message without frames")
-    name, values = _header(frames[0])
+    most = most_frames(stranger)
+    if len(frames) > most:
+        raise ProtocolError(f"a message of more than {most} frames{' before it was welcomed' if stranger else ''}")
+    name, values = _header(frames[0], STRANGER_BYTES if stranger else HEADER_BYTES)
     if name not in expected:
         raise ProtocolError(f"message {name!r} is not known here; expected one of {', '.join(sorted(expected))}")
     reader = _Frames(frames[1:])
@@ -73,16 +90,30 @@ def decode(frames: Sequence[Frame], expected: Mapping[str, type]) -> Any:
     return message
 
 
+def most_frames(stranger: bool) -> int:
+    """Frames that a message may have."""
+    return 1 if stranger else MOST_FRAMES
+
+
 def by_name(union: Any) -> dict[str, type]:
     """The messages of a union type, by name."""
     return {member.__name__: member for member in typing.get_args(union)}
 
 
-def _header(frame: Frame) -> tuple[str, Any]:
-    if len(frame) > HEADER_BYTES:
-        raise ProtocolError(f"a header of {len(frame)} bytes; at most {HEADER_BYTES} are taken")
+def _header(frame: Frame, most_bytes: int) -> tuple[str, Any]:
+    if len(frame) > most_bytes:
+        raise ProtocolError(f"a header of {len(frame)} bytes; at most {most_bytes} are taken")
     try:
-        header = msgpack.unpackb(frame, raw=False, strict_map_key=True, max_ext_len=0)
+        header = msgpack.unpackb(
+            frame,
+            raw=False,
+            strict_map_key=True,
+            max_array_len=_MOST_ITEMS,
+            max_map_len=_MOST_ITEMS,
+            max_str_len=_MOST_TEXT,
+            max_bin_len=len(MAGIC),
+            max_ext_len=0,
+        )
     except (ValueError, msgpack.UnpackException, RecursionError) as error:
         # msgpack's own errors, and UnicodeDecodeError, are ValueErrors.
         raise ProtocolError(f"the header is not msgpack ({error})") from None

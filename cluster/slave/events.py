@@ -78,6 +78,11 @@ class MasterLost:
 
 
 @dataclass(frozen=True)
+class MasterRefused:
+    """Somebody is at the master's address, but keys do not fit."""
+
+
+@dataclass(frozen=True)
 class Leave:
     """Someone here wants the slave to end: Ctrl-C, or the process that started it has died."""
 
@@ -95,6 +100,7 @@ Event = (
     | ComputeFailed
     | PeerLost
     | MasterLost
+    | MasterRefused
     | Leave
 )
 

@@ -74,6 +74,8 @@ class SlaveShell:
             # Its last words come before the news that it hung up.
             self._receive_from_master()
             self.handle(s.MasterLost())
+        if self._master.refused():
+            self.handle(s.MasterRefused())
         for number, connection in list(self._peers.items()):
             if connection.broke():
                 self._lose_peer(number)
@@ -133,6 +135,8 @@ class SlaveShell:
             case s.ConnectPeers(own, peers):
                 self._connect_peers(own, peers)
             case s.AnswerPeer(identity, message):
+                if isinstance(message, protocol.PeerWelcome):
+                    self._listener.admit(identity)
                 self._listener.send(identity, message)  # a stranger that is gone needs no answer
             case s.Reconnect():
                 self._master.close(deliver=False)

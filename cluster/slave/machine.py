@@ -30,6 +30,7 @@ from wdpm.cluster.slave.events import (
     Instruction,
     Leave,
     MasterLost,
+    MasterRefused,
     MasterSaid,
     PeerAnswered,
     PeerLost,
@@ -76,6 +77,7 @@ class Slave:
         self._welcome: protocol.Welcome | None = None
         self._wait = self._limits.join_first_s
         self._give_up_at = self._retry_at = 0.0
+        self._refused = False
         self._heard_at = self._ticked_at = self._beat_at = 0.0
         self._epoch = 0
         self._setup: protocol.Setup | None = None
@@ -158,6 +160,9 @@ class Slave:
                 if self._welcome is None:
                     return []  # it does not listen yet
                 return self._exit(f"lost the connection to the master at {self._endpoint}", elsewhere=True)
+            case MasterRefused():
+                self._refused = True
+                return []
             case Leave(reason):
                 return self._leave(reason)
         raise AssertionError(f"unknown event {event}")
@@ -189,9 +194,14 @@ class Slave:
 
     def _try_again(self, now: float) -> list[Instruction]:
         if now >= self._give_up_at:
+            if self._refused:
+                return self._exit(
+                    f"the master at {self._endpoint} does not accept this slave's keys; "
+                    "give --keys with the folder that the master has, or none if it has none"
+                )
             return self._exit(
                 f"no master answered at {self._endpoint} within {self._patience:g} s; "
-                "check that `wdpm master` runs there, and its address, port, keys and firewall"
+                "check that `wdpm master` runs there, and its address, port and firewall"
             )
         if now < self._retry_at:
             return []

@@ -18,7 +18,13 @@ class KeyPair:
 
 @dataclass(frozen=True)
 class Keys:
-    """The keys of a cluster."""
+    """The keys of a cluster, as one of its processes has them: no process has a secret that is not its own.
 
-    master: KeyPair
-    slave: KeyPair
+    Attributes:
+        own: the pair of a master, or the one that all slaves share.
+        master, slave: the public keys of both.
+    """
+
+    own: KeyPair
+    master: bytes
+    slave: bytes

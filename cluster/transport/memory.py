@@ -115,6 +115,9 @@ class MemoryListener:
         self._memory.carry(channel, lambda: connection.inbox.put(identity, message))
         return True
 
+    def admit(self, identity: bytes) -> None:
+        """Nothing is read here, so nothing need be short."""
+
     def close(self) -> None:
         """Nobody finds it any more, and whoever is connected hears of it."""
         self.closed = True
@@ -162,6 +165,10 @@ class MemoryConnection:
             return False
         self._told = True
         return True
+
+    def refused(self) -> bool:
+        """Never: there are no keys."""
+        return False
 
     def close(self, *, deliver: bool) -> None:
         """Let go of it. What has been sent is in the carrier's hands."""

@@ -57,6 +57,9 @@ class Listener(Protocol):
     def send(self, identity: bytes, message: Message) -> bool:
         """Answer over a connection. False if it is known to be gone; True says no more than that it is not."""
 
+    def admit(self, identity: bytes) -> None:
+        """Take messages of any length over a connection: of a stranger only short ones without arrays are read."""
+
 
 class Connection(Protocol):
     """A way to somebody's listener."""
@@ -69,6 +72,9 @@ class Connection(Protocol):
 
     def broke(self) -> bool:
         """Whether the other end has closed the connection since this was last asked."""
+
+    def refused(self) -> bool:
+        """Whether somebody is there, who does not know this end: keys do not fit. Asked after `broke`."""
 
     def close(self, *, deliver: bool) -> None:
         """Let go of it.

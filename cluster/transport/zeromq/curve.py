@@ -36,7 +36,7 @@ def admission(context: zmq.Context[Any], keys: Keys | None) -> Iterator[None]:
     authenticator = ThreadAuthenticator(context)
     authenticator.start()
     try:
-        authenticator.configure_curve_callback(DOMAIN, _OnlySlaves(keys.slave.public))
+        authenticator.configure_curve_callback(DOMAIN, _OnlySlaves(keys.slave))
         yield
     finally:
         authenticator.stop()

@@ -10,13 +10,28 @@ from contextlib import ExitStack
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
+from wdpm.cluster.messages import packing
 from wdpm.cluster.messages.protocol import Message
 from wdpm.cluster.transport import address as tcp
-from wdpm.cluster.transport.keys import KeyPair, Keys
+from wdpm.cluster.transport.keys import Keys
 from wdpm.cluster.transport.transport import Accepted, Received, Role
 from wdpm.cluster.transport.zeromq import curve
-from wdpm.cluster.transport.zeromq.sockets import Socket, bind, connect, make_socket, read, receive, send
+from wdpm.cluster.transport.zeromq.sockets import (
+    Socket,
+    bind,
+    connect,
+    make_socket,
+    read,
+    receive_first,
+    receive_rest,
+    send,
+)
 from wdpm.scenes.errors import ClusterError
+
+HANDSHAKE_FAILED = (
+    zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_AUTH
+)
+"""What ZeroMQ tells when keys do not fit, or one end has some and the other has none."""
 
 
 class ZeroMQTransport:
@@ -38,6 +53,7 @@ class ZeroMQListener:
         self._socket = socket
         self._endpoint = endpoint
         self._accepted = accepted
+        self._admitted: set[bytes] = set()
 
     @property
     def endpoint(self) -> str:
@@ -46,8 +62,17 @@ class ZeroMQListener:
 
     def receive(self) -> tuple[bytes, Received] | None:
         """The next message and the routing id that it came from."""
-        frames = receive(self._socket)
-        return None if frames is None else (bytes(frames[0]), read(frames[1:], self._accepted))
+        first = receive_first(self._socket)
+        if first is None:
+            return None
+        identity = bytes(first)
+        stranger = identity not in self._admitted
+        frames = receive_rest(self._socket, packing.most_frames(stranger))
+        return identity, read(frames, self._accepted, stranger=stranger)
+
+    def admit(self, identity: bytes) -> None:
+        """From now on take long messages, and such with arrays."""
+        self._admitted.add(identity)
 
     def send(self, identity: bytes, message: Message) -> bool:
         """Answer. The master's ROUTER knows who is gone; a slave's drops what nobody takes, and says True."""
@@ -67,7 +92,8 @@ class ZeroMQConnection:
         self.socket = socket
         self._network = network
         self._accepted = accepted
-        self._monitor: Socket = socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+        self._monitor: Socket = socket.get_monitor_socket(zmq.EVENT_DISCONNECTED | HANDSHAKE_FAILED)
+        self._refused = False
 
     def send(self, message: Message) -> bool:
         """A DEALER without a connection has no queue to put a message in."""
@@ -79,15 +105,23 @@ class ZeroMQConnection:
 
     def receive(self) -> Received | None:
         """The next answer."""
-        frames = receive(self.socket)
-        return None if frames is None else read(frames, self._accepted)
+        first = receive_first(self.socket)
+        if first is None:
+            return None
+        return read([first, *receive_rest(self.socket, packing.most_frames(stranger=False))], self._accepted)
 
     def broke(self) -> bool:
         """Whether ZeroMQ has told that the other end hung up."""
-        if not self._monitor.poll(0):
-            return False
-        recv_monitor_message(self._monitor)
-        return True
+        broke = False
+        while self._monitor.poll(0):
+            happened = recv_monitor_message(self._monitor)["event"]
+            self._refused = self._refused or bool(happened & HANDSHAKE_FAILED)
+            broke = broke or happened == zmq.EVENT_DISCONNECTED
+        return broke
+
+    def refused(self) -> bool:
+        """Whether ZeroMQ has told that the ends did not agree on who they are."""
+        return self._refused
 
     def close(self, *, deliver: bool) -> None:
         """Close the sockets; what is to be delivered lingers."""
@@ -121,7 +155,7 @@ class ZeroMQNetwork:
             router.router_mandatory = True  # a message to a slave that is gone is an error instead of nothing
             router.router_handover = True  # a slave that had to connect again is the same slave
         if self._keys is not None:
-            curve.serve(router, self._pair(self._keys, role))
+            curve.serve(router, self._keys.own)
         endpoint = _bind(router, address)
         self._poller.register(router, zmq.POLLIN)
         return ZeroMQListener(router, endpoint, accepted)
@@ -131,7 +165,8 @@ class ZeroMQNetwork:
         connection = ZeroMQConnection(self, make_socket(self._context, zmq.DEALER), accepted)
         self._connections.append(connection)
         if self._keys is not None:
-            curve.connect(connection.socket, self._keys.slave, self._pair(self._keys, role).public)
+            server = self._keys.master if role is Role.MASTER else self._keys.slave
+            curve.connect(connection.socket, self._keys.own, server)
         if identity is not None:
             connection.socket.routing_id = identity
         connect(connection.socket, address)
@@ -165,10 +200,6 @@ class ZeroMQNetwork:
             self._connections.remove(connection)
         if connection.socket in self._poller:
             self._poller.unregister(connection.socket)
-
-    @staticmethod
-    def _pair(keys: Keys, role: Role) -> KeyPair:
-        return keys.master if role is Role.MASTER else keys.slave
 
 
 def _bind(router: Socket, where: str) -> str:

@@ -59,18 +59,27 @@ def send(socket: Socket, message: Any, identity: bytes | None = None) -> None:
     socket.send_multipart(frames, flags=zmq.NOBLOCK, copy=False)
 
 
-def receive(socket: Socket) -> list[memoryview] | None:
-    """The frames of the next message, or None; those of a ROUTER begin with the identity."""
+def receive_first(socket: Socket) -> memoryview | None:
+    """The first frame of the next message, a ROUTER's identity; None if there is no message."""
     try:
-        frames = socket.recv_multipart(flags=zmq.NOBLOCK, copy=False)
+        return socket.recv(flags=zmq.NOBLOCK, copy=False).buffer
     except zmq.Again:
         return None
-    return [frame.buffer for frame in frames]
 
 
-def read(frames: Sequence[memoryview], expected: Mapping[str, type]) -> Any:
+def receive_rest(socket: Socket, most: int) -> list[memoryview]:
+    """The frames that follow. No more than one beyond `most` is kept, which says that there were more."""
+    frames: list[memoryview] = []
+    while socket.rcvmore:
+        frame = socket.recv(copy=False)
+        if len(frames) <= most:
+            frames.append(frame.buffer)
+    return frames
+
+
+def read(frames: Sequence[memoryview], expected: Mapping[str, type], *, stranger: bool = False) -> Any:
     """The message of some frames, or the ProtocolError that says what is wrong with it."""
     try:
-        return packing.decode(frames, expected)
+        return packing.decode(frames, expected, stranger=stranger)
     except ProtocolError as error:
         return error

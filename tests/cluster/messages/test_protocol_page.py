@@ -97,6 +97,8 @@ def test_numbers_are_as_described() -> None:
     assert f"the version of this protocol ({protocol.PROTOCOL})" in PAGE
     for row in (
         f"| header | {packing.HEADER_BYTES >> 20} MiB |",
+        f"| header of someone who has not been welcomed | {packing.STRANGER_BYTES >> 10} KiB, ",
+        f"| frames of a message | {packing.MOST_FRAMES:,} |",
         f"| frame | {packing.FRAME_BYTES >> 20} MiB (",
         f"| triangles of one Partition | {limits.part_triangles:,} (",
         f"| cells on their way at once | {limits.cells_in_flight} |",

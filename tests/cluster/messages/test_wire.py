@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import time
 import typing
 from typing import Any
 
@@ -304,6 +305,29 @@ def test_numbers_of_no_diffuse_light_are_refused(number: Any) -> None:
 def test_a_wrong_field_is_not_sent(message: Any) -> None:
     with pytest.raises(ProtocolError):
         packing.encode(message)
+
+
+def test_a_stranger_is_refused_by_the_length_of_what_it_sends() -> None:
+    """Before anything is unpacked: a header of small things takes seconds."""
+    long = msgpack.packb([packing.MAGIC, p.PROTOCOL, "Hello", [[[]] * 100_000 for _ in range(41)]])
+    assert packing.STRANGER_BYTES < len(long) < packing.HEADER_BYTES
+    began = time.perf_counter()
+    with pytest.raises(ProtocolError, match=f"at most {packing.STRANGER_BYTES} are taken"):
+        packing.decode([long], ALL, stranger=True)
+    assert time.perf_counter() - began < 0.1
+    with pytest.raises(ProtocolError, match="more than 1 frames before it was welcomed"):
+        packing.decode([long, b""], ALL, stranger=True)
+
+
+@pytest.mark.parametrize("value", [[0] * ((1 << 17) + 1), "x" * ((1 << 16) + 1), b"a long name"])
+def test_long_things_in_a_header_are_refused(value: Any) -> None:
+    with pytest.raises(ProtocolError, match="is not msgpack"):
+        packing.decode([msgpack.packb([packing.MAGIC, p.PROTOCOL, "Note", [value]])], ALL)
+
+
+def test_the_number_of_frames_is_bounded() -> None:
+    with pytest.raises(ProtocolError, match="more than"):
+        packing.decode([b""] * (packing.MOST_FRAMES + 1), ALL)
 
 
 def test_large_arrays_span_frames(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -66,6 +66,9 @@ class FlakyListener:
     def send(self, identity: bytes, message: Message) -> bool:
         return self._inner.send(identity, message)
 
+    def admit(self, identity: bytes) -> None:
+        self._inner.admit(identity)
+
 
 class FlakyConnection:
     def __init__(self, transport: FlakyTransport, role: Role, inner: Connection, delay_s: float) -> None:
@@ -93,6 +96,9 @@ class FlakyConnection:
     def broke(self) -> bool:
         news, self._news = self._news, False
         return news or self._inner.broke()
+
+    def refused(self) -> bool:
+        return self._inner.refused()
 
     def close(self, *, deliver: bool) -> None:
         self._inner.close(deliver=deliver)

@@ -32,6 +32,7 @@ from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.messages import packing, protocol
 from wdpm.cluster.slave.process import run_slave
 from wdpm.cluster.transport.keys import Keys
+from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.transport.zeromq.key_files import load_keys, make_keys
 from wdpm.cluster.transport.zeromq.sockets import connect, make_socket, send
 from wdpm.scenes.errors import ClusterError
@@ -212,6 +213,22 @@ def test_noise_is_dropped_counted_and_answered() -> None:
     assert slave.end() is None
 
 
+def test_a_long_message_of_a_stranger_is_refused_at_once() -> None:
+    """Millions of empty lists in a Hello kept the loop that beats the heart busy for seconds."""
+    header = msgpack.packb([packing.MAGIC, protocol.PROTOCOL, "Hello", [[[]] * 100_000 for _ in range(13)]])
+    frames = packing.encode(protocol.Hello(AGREED, "host", 1, 1, 0, "tcp://127.0.0.1:9"))
+    with zmq.Context() as context, make_socket(context, zmq.DEALER) as dealer, make_master(1) as master:
+        connect(dealer, master.endpoint)
+        for wrong in ([header], [*frames, *[b"x"] * 100]):
+            began = time.monotonic()
+            dealer.send_multipart(wrong)
+            assert dealer.poll(10_000)
+            assert time.monotonic() - began < 1.0
+            answer = packing.decode(dealer.recv_multipart(), packing.by_name(protocol.FromMaster))
+            assert isinstance(answer, protocol.Rejected)
+        assert master.dropped == {"unreadable message": 2}
+
+
 @pytest.mark.parametrize("error", [ClusterError("no more room"), ValueError("a fault of the program")])
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_a_failing_worker_ends_the_render(error: Exception, capsys: pytest.CaptureFixture[str]) -> None:
@@ -297,26 +314,32 @@ def test_ctrl_c_in_the_master_leaves_no_slave() -> None:
 
 
 @pytest.fixture(scope="module")
-def security(tmp_path_factory: pytest.TempPathFactory) -> Keys:
+def security(tmp_path_factory: pytest.TempPathFactory) -> dict[Role, Keys]:
     folder = tmp_path_factory.mktemp("keys") / "cluster"
     make_keys(folder)
-    return load_keys(folder)
+    return {role: load_keys(folder, role) for role in Role}
 
 
-def test_a_cluster_with_keys(security: Keys, tmp_path: Path) -> None:
+def test_a_cluster_with_keys(security: dict[Role, Keys], tmp_path: Path) -> None:
     make_keys(tmp_path / "others")
-    with make_master(2, security=security) as master:
-        slaves = [SlaveThread(master.endpoint, security=security) for _ in range(2)]
+    with make_master(2, security=security[Role.MASTER]) as master:
+        slaves = [SlaveThread(master.endpoint, security=security[Role.SLAVE]) for _ in range(2)]
         session = make_session(2, 2)
         check_picture(session, master.render(session).layers)
-        for stranger in (None, load_keys(tmp_path / "others")):
-            with pytest.raises(ClusterError, match="no master answered"):
+        for stranger in (None, load_keys(tmp_path / "others", Role.SLAVE)):
+            with pytest.raises(ClusterError, match="does not accept this slave's keys"):
                 run_slave(master.endpoint, FakeWorker, security=stranger, patience=0.5, agreed=AGREED)
         check_picture(session, master.render(session).layers)
     assert [slave.end() for slave in slaves] == [None, None]
 
 
-def test_the_masters_key_lets_nobody_in_as_a_slave(security: Keys) -> None:
-    impostor = Keys(master=security.master, slave=security.master)
-    with make_master(1, security=security) as master, pytest.raises(ClusterError, match="no master answered"):
+def test_keys_where_the_master_has_none(security: dict[Role, Keys]) -> None:
+    with make_master(1) as master, pytest.raises(ClusterError, match="does not accept this slave's keys"):
+        run_slave(master.endpoint, FakeWorker, security=security[Role.SLAVE], patience=0.5, agreed=AGREED)
+
+
+def test_the_masters_key_lets_nobody_in_as_a_slave(security: dict[Role, Keys]) -> None:
+    impostor = security[Role.MASTER]
+    refused = pytest.raises(ClusterError, match="does not accept this slave's keys")
+    with make_master(1, security=impostor) as master, refused:
         run_slave(master.endpoint, FakeWorker, security=impostor, patience=0.5, agreed=AGREED)

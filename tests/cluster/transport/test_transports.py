@@ -131,6 +131,9 @@ def test_arrays_arrive_with_their_bits(transport: Transport, place: tuple[Transp
     listener = here.listen(here.address_for_peers(transport.resolve(place[1])), Role.SLAVE, FROM_PEER)
     connection = there.connect(listener.endpoint, Role.SLAVE, {})
     sent = Batch(Kind.LIT, 1, 0, 0, 1, arrays(Kind.LIT, 9))
+    assert connection.send(protocol.PeerHello("cluster", 0))
+    identity, _ = soon(listener.receive, here)
+    listener.admit(identity)
     assert connection.send(protocol.PeerBatch(3, sent))
     _, message = soon(listener.receive, here)
     assert message.epoch == 3
