@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+MOST_SLAVES = 256
+"""Each has a connection with every other one, which takes three sockets of ZeroMQ's and five of the system's files."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ClusterLimits:

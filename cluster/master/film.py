@@ -53,7 +53,7 @@ class Film:
         }
 
     def check(self, task: BucketTask, result: BucketRendered) -> None:
-        """Raise ProtocolError unless `result` has the place, layers, types and shapes that `task` calls for."""
+        """Raise ProtocolError unless `result` has what `task` calls for: place, layers, types, shapes, and numbers."""
         if (result.x0, result.y0) != (task.x0, task.y0):
             raise ProtocolError(
                 f"bucket {task.number} lies at {(task.x0, task.y0)}; its pixels came for {(result.x0, result.y0)}"
@@ -69,6 +69,11 @@ class Film:
                     f"layer {name} of bucket {task.number} is {pixels.dtype} {pixels.shape}; "
                     f"expected float32 {expected}"
                 )
+            # Slaves count samples that are no numbers and leave them out, so no pixel of theirs is NaN. Infinity may
+            # be: the sum of layers that are huge.
+            wrong = int(np.isnan(pixels).sum())
+            if wrong:
+                raise ProtocolError(f"layer {name} of bucket {task.number} has {wrong} values that are NaN")
 
     def put(self, task: BucketTask, result: BucketRendered) -> None:
         """Copy the pixels of a bucket in; ProtocolError if they do not fit."""
@@ -79,7 +84,7 @@ class Film:
     def holds(self, task: BucketTask, result: BucketRendered) -> bool:
         """Whether the film has these very bits already."""
         self.check(task, result)
-        # NaN differs from itself as a number, so bits are compared.
+        # 0 and -0 are equal as numbers, so bits are compared.
         return all(
             np.array_equal(
                 np.ascontiguousarray(self.layers[name][task.y0 : task.y1, task.x0 : task.x1]).view(np.uint32),

@@ -21,6 +21,7 @@ from wdpm.cluster.master.cells import CellQueue, partition_is_gone, parts_of
 from wdpm.cluster.master.events import Advanced, Finished, Instruction, MakePartition, Send, Started
 from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.master.records import RecordRounds
+from wdpm.cluster.master.statistics import check_statistics
 from wdpm.cluster.master.tasks import Tasks
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.session import Session, SessionResult
@@ -144,8 +145,10 @@ class Phases:
             case protocol.RecordsSet():
                 return self._next_round(session, now) if self._all(Phase.SHARING, member, message) else []
             case protocol.Statistics(_, values):
+                all_have = self._all(Phase.STATISTICS, member, message)
+                check_statistics(values, session.world)
                 member.statistics = values
-                return self._finish() if self._all(Phase.STATISTICS, member, message) else []
+                return self._finish() if all_have else []
 
     def _all(self, phase: Phase, member: Member, message: protocol.FromSlave) -> bool:
         """Note that a slave has done what a phase waits for; tell whether all have."""

@@ -13,7 +13,7 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
-from wdpm.cluster.limits import ClusterLimits
+from wdpm.cluster.limits import MOST_SLAVES, ClusterLimits
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.loop import FROM_SLAVE, MasterLoop, Watch
 from wdpm.cluster.master.machine import Master
@@ -25,7 +25,7 @@ from wdpm.cluster.transport.mailbox import Mailbox
 from wdpm.cluster.transport.registry import transport_of
 from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.versions import versions
-from wdpm.scenes.errors import ClusterError
+from wdpm.scenes.errors import ClusterError, SettingsError
 
 
 def nobody() -> Iterable[tuple[int, str]]:
@@ -44,6 +44,7 @@ class MasterServer:
         agreed: what slaves must have in common with it; None for this process's versions.
 
     Raises:
+        SettingsError: more slaves than can be.
         ClusterError: it cannot listen there.
     """
 
@@ -57,6 +58,8 @@ class MasterServer:
         watch: Watch = nobody,
         agreed: Mapping[str, str] | None = None,
     ) -> None:
+        if slaves > MOST_SLAVES:
+            raise SettingsError(f"{slaves} slaves: at most {MOST_SLAVES} can be connected with each other")
         self._slaves = slaves
         self._told_to_wait = False
         self._closed = False

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Batch, Kind
+from wdpm.cluster.limits import MOST_SLAVES
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.records import CachePlan, Records
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, RecordTask
@@ -101,6 +102,15 @@ LARGEST_HEMISPHERE = 1 << 16
 
 LARGEST_SIDE = 1 << 20
 """Pixels of an image's or a bucket's side."""
+
+LARGEST_TASK = 1 << 20
+"""Photon paths or candidates of one task, and ..."""
+
+LARGEST_BUCKET = 1 << 22
+"""... pixels of one. Each is some hundred bytes at its home, so that no task fills a machine."""
+
+LONGEST_NAME = 256
+"""Characters of a machine's name, an endpoint or a version."""
 
 _ANY_NUMBER = 2**63 - 1
 
@@ -253,10 +263,13 @@ def _bitmap(bitmap: Bitmap, where: str) -> None:
 def _bucket_task(task: BucketTask, where: str) -> None:
     inside = 0 <= task.x0 < task.x1 <= LARGEST_SIDE and 0 <= task.y0 < task.y1 <= LARGEST_SIDE
     _require(task.number >= 0 and inside, where, f"{task} is no bucket")
+    pixels = (task.x1 - task.x0) * (task.y1 - task.y0)
+    _require(pixels <= LARGEST_BUCKET, where, f"a bucket of {pixels} pixels; at most {LARGEST_BUCKET} are taken")
 
 
 def _photon_task(task: PhotonTask, where: str) -> None:
     _require(task.number >= 0 and 0 <= task.start < task.stop, where, f"{task} is no range of paths")
+    _task_size(task.stop - task.start, where)
 
 
 def _photons_traced(result: PhotonsTraced, where: str) -> None:
@@ -274,6 +287,11 @@ def _records(records: Records, where: str) -> None:
 
 def _record_task(task: RecordTask, where: str) -> None:
     _require(task.round >= 0 and 0 <= task.start < task.stop, where, f"{task} is no range of candidates")
+    _task_size(task.stop - task.start, where)
+
+
+def _task_size(size: int, where: str) -> None:
+    _require(size <= LARGEST_TASK, where, f"a task of {size}; at most {LARGEST_TASK} are taken")
 
 
 def _cache_plan(plan: CachePlan, where: str) -> None:
@@ -308,6 +326,22 @@ def _hello(hello: protocol.Hello, where: str) -> None:
     _require(len(hello.versions) <= 64, where, f"{len(hello.versions)} versions")
     _require(min(hello.threads, hello.memory, hello.process) >= 0, where, "a negative count")
     _require(1 <= hello.processes <= MOST_PROCESSES, where, f"{hello.processes} processes")
+    names = [*hello.versions, *hello.versions.values(), hello.host]
+    _require(max(map(len, names)) <= LONGEST_NAME, where, f"a name of more than {LONGEST_NAME} characters")
+    _endpoint(hello.peers, f"{where}.peers")
+
+
+def _endpoint(endpoint: str, where: str) -> None:
+    """What it must look like in any transport; whether it is an address of one, that finds out."""
+    right = "://" in endpoint and endpoint.isascii() and endpoint.isprintable() and len(endpoint) <= LONGEST_NAME
+    _require(right, where, f"{endpoint!r:.80} is no endpoint")
+
+
+def _setup(setup: protocol.Setup, where: str) -> None:
+    slaves = len(setup.peers)
+    _require(slaves <= MOST_SLAVES, where, f"{slaves} slaves; at most {MOST_SLAVES} are connected with")
+    for number, peer in enumerate(setup.peers):
+        _endpoint(peer, f"{where}.peers[{number}]")
 
 
 def _welcome(welcome: protocol.Welcome, where: str) -> None:
@@ -336,5 +370,6 @@ _RANGES: dict[type, Callable[[Any, str], None]] = {
     Batch: _batch,
     protocol.Partition: _partition,
     protocol.Hello: _hello,
+    protocol.Setup: _setup,
     protocol.Welcome: _welcome,
 }

@@ -364,19 +364,30 @@ def _unpack_scalar(hint: Any, value: Any, where: str) -> Any:
         raise TypeError(f"{where} has the type hint {hint}, which the wire does not know")
     if type(value) is not hint:
         raise ProtocolError(f"{where} is {value!r:.80}; expected {hint.__name__}")
+    if hint is str:
+        return printable(value)
     return _whole(value, where) if hint is int else value
+
+
+def printable(text: str) -> str:
+    """Text on one line without control characters: a terminal would take those of a stranger for orders."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else " " if c.isspace() else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 
 def _plain(value: Any, where: str, depth: int = PLAIN_DEPTH) -> Any:
     """Data that no schema describes: numbers, text, lists and maps by text."""
     if depth == 0:
         raise ProtocolError(f"{where} is nested more than {PLAIN_DEPTH} deep")
-    if value is None or isinstance(value, bool | float | str):
+    if value is None or isinstance(value, bool | float):
         return value
+    if isinstance(value, str):
+        return printable(value)
     if isinstance(value, int):
         return _whole(value, where)
     if isinstance(value, list | tuple):
         return [_plain(item, where, depth - 1) for item in value]
     if isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
-        return {key: _plain(item, f"{where}[{key!r}]", depth - 1) for key, item in value.items()}
+        return {printable(key): _plain(item, f"{where}[{key!r}]", depth - 1) for key, item in value.items()}
     raise ProtocolError(f"{where} is a {type(value).__name__}, which the wire does not carry")

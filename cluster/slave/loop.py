@@ -166,8 +166,12 @@ class SlaveShell:
             connection.close(deliver=True)
         self._peers = {}
         for number, endpoint in enumerate(peers):
-            if number != own:
+            if number == own:
+                continue
+            try:
                 self._peers[number] = self._network.connect(endpoint, Role.SLAVE, PEER_ANSWER)
+            except ClusterError as error:
+                self.handle(s.PeerAnswered(number, protocol.Rejected(str(error))))
 
 
 class SlaveLoop:
@@ -193,7 +197,7 @@ class SlaveLoop:
         try:
             self._turns()
         except KeyboardInterrupt:
-            shell.handle(s.Leave("interrupted"))
+            shell.handle(s.Leave("it was interrupted"))
             raise
         except Exception as error:  # a fault of the program: the master should not have to guess
             shell.tell_master(protocol.Failed(f"{type(error).__name__}: {error}"))

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from wdpm.cluster.limits import MOST_SLAVES
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.slave.events import AnswerPeer, Instruction, ToMaster
-
-MOST_EARLY = 1024
-"""Greetings kept for later. More than a cluster has slaves would be somebody's who means no good."""
 
 
 class Peers:
@@ -38,7 +36,7 @@ class Peers:
 
         The last slave to join may have the slowest link: others then hear of it, and greet it, before its Welcome.
         """
-        if identity not in self._early and len(self._early) >= MOST_EARLY:
+        if identity not in self._early and len(self._early) >= MOST_SLAVES:
             return False
         self._early[identity] = hello
         return True
@@ -70,7 +68,7 @@ class Peers:
             case protocol.PeerWelcome(number):
                 return self._unreachable([peer], f"slave {number} answers there")
             case protocol.Rejected(reason):
-                return self._unreachable([peer], f"it answers: {reason}")
+                return self._unreachable([peer], reason)
 
     def lost(self, peer: int) -> None:
         """The connection to a peer broke, which is told to the master; nothing is awaited from it."""

@@ -40,6 +40,15 @@ def join(number: str, port: int | str) -> str:
     return f"tcp://[{number}]:{port}" if ":" in number else f"tcp://{number}:{port}"
 
 
+def is_resolved(address: str) -> bool:
+    """Whether this is the address of a number and a port, so that nobody need be asked what it means."""
+    try:
+        _number(address)
+    except (SettingsError, ValueError):
+        return False
+    return True
+
+
 def is_loopback(resolved: str) -> bool:
     """Whether only this machine can reach a resolved address."""
     return _number(resolved).is_loopback

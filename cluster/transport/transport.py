@@ -106,6 +106,9 @@ class Network(Protocol):
             role: of the listener.
             accepted: answers that may come; empty where none is ever read.
             identity: by which the listener knows the connection, at most one at a time; None for one of its own.
+
+        Raises:
+            ClusterError: this is no address, or there are no more connections.
         """
 
     def address_for_peers(self, master: str) -> str:

@@ -23,7 +23,7 @@ from wdpm.cli import options as cli_options
 from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.images.image import Image, load
 from wdpm.report.report import Report, from_json
-from wdpm.scenes.errors import SceneError
+from wdpm.scenes.errors import ClusterEndedError, SceneError
 from wdpm.scenes.model.scene import Camera, Scene
 
 COMMANDS = [module.__name__.removeprefix("wdpm.cli.") for module in main.COMMANDS]
@@ -200,6 +200,9 @@ def test_errors_and_interruption_have_their_exit_codes(
     monkeypatch.setattr(main.compare, "run", raises(KeyboardInterrupt()))
     assert run(["compare", "a", "b"]) == 130
     assert capsys.readouterr().err == "wdpm: interrupted\n"
+    monkeypatch.setattr(main.compare, "run", raises(ClusterEndedError("the master has gone")))
+    assert run(["compare", "a", "b"]) == 4
+    assert capsys.readouterr().err == "wdpm: error: the master has gone\n"
 
 
 # ---- render and master --------------------------------------------------------------------------------------------

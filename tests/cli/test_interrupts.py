@@ -12,9 +12,12 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from fake_worker import make_session
 
 from wdpm.cli import compare, main
-from wdpm.cli.interrupts import interrupts_raise, no_lost_interrupts
+from wdpm.cli.interrupts import interrupts_raise, no_lost_interrupts, termination_raises
+from wdpm.cluster.master.server import MasterServer
+from wdpm.scenes.errors import ClusterError
 
 COMMAND = ["compare", "a", "b"]
 
@@ -68,30 +71,55 @@ def test_an_interrupt_in_a_destructor_ends_a_command(
     assert signal.getsignal(signal.SIGINT) is disposition
 
 
-@pytest.mark.parametrize("starter", [[], IGNORING], ids=["plain", "ignored"])
-def test_a_signal_ends_a_process(starter: list[str]) -> None:
+@pytest.mark.parametrize(
+    ("starter", "number", "code", "word"),
+    [
+        ([], signal.SIGINT, 130, "interrupted"),
+        (IGNORING, signal.SIGINT, 130, "interrupted"),
+        ([], signal.SIGTERM, 143, "terminated"),
+    ],
+    ids=["plain", "ignored", "terminated"],
+)
+def test_a_signal_ends_a_process(starter: list[str], number: int, code: int, word: str) -> None:
     with subprocess.Popen(
         [*starter, sys.executable, "-c", SLEEPER], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         try:
             assert process.stdout is not None
             assert process.stdout.readline() == "asleep\n"
-            process.send_signal(signal.SIGINT)
+            process.send_signal(number)
             _, err = process.communicate(timeout=50.0)
         finally:
             process.kill()
-    assert (process.returncode, err) == (130, "wdpm: interrupted\n")
+    assert (process.returncode, err) == (code, f"wdpm: {word}\n")
 
 
-def test_a_handler_of_somebody_else_stays() -> None:
+@pytest.mark.parametrize(
+    ("number", "manager"), [(signal.SIGINT, interrupts_raise), (signal.SIGTERM, termination_raises)]
+)
+def test_a_handler_of_somebody_else_stays(number: int, manager: Any) -> None:
     def handler(*_: object) -> None: ...
 
-    before = signal.signal(signal.SIGINT, handler)
+    before = signal.signal(number, handler)
     try:
-        with interrupts_raise():
-            assert signal.getsignal(signal.SIGINT) is handler
+        with manager():
+            assert signal.getsignal(number) is handler
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.signal(number, before)
+
+
+def test_a_terminated_slave_says_goodbye() -> None:
+    """As schedulers end it; the one who waits at the master hears who left."""
+    with MasterServer("tcp://127.0.0.1:0", 2) as master:
+        command = [sys.executable, "-m", "wdpm", "slave", master.endpoint]
+        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+            assert process.stderr is not None
+            assert "joined" in process.stderr.readline()
+            process.send_signal(signal.SIGTERM)
+            _, err = process.communicate(timeout=50.0)
+        assert (process.returncode, err) == (143, "wdpm: terminated\n")
+        with pytest.raises(ClusterError, match=rf"slave 0 \(.*, process {process.pid}\) left: it was interrupted"):
+            master.render(make_session(2, 2))
 
 
 @pytest.mark.usefixtures("disposition")

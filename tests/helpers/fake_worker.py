@@ -13,6 +13,7 @@ import numpy as np
 
 from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind
 from wdpm.cluster.layers import LAYERS
+from wdpm.cluster.master.statistics import COUNTS, SECONDS
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.records import Records
 from wdpm.cluster.render_settings import Routing
@@ -127,7 +128,31 @@ class FakeWorker:
 
     def statistics(self) -> dict[str, Any]:
         assert not self.open
-        return {"triangles": self.triangles, "photons": self.photons, "ghosts": self.ghosts, "cells": self.cells}
+        return statistics_of(
+            self.world,
+            triangles=self.triangles,
+            photons=[self.photons, 0, 0],
+            ghosts=[self.ghosts, 0, 0],
+            cells=self.cells,
+        )
+
+
+def statistics_of(world: World, **known: Any) -> dict[str, Any]:
+    """Statistics of a slave that did nothing but what is known."""
+    lights = len(world.lights.names)
+    return {
+        **dict.fromkeys(COUNTS, 0),
+        **dict.fromkeys(SECONDS, 0.0),
+        "cells": [],
+        "photons": [0, 0, 0],
+        "ghosts": [0, 0, 0],
+        "energy": [0.0, 0.0, 0.0],
+        "paths_by_light": [[0] * lights] * 2,
+        "stored_by_light": [[0] * lights] * 3,
+        "flux_by_light": [[0.0] * lights] * 3,
+        "guards": {},
+        **known,
+    }
 
 
 def arrays(kind: Kind, count: int) -> dict[str, Any]:

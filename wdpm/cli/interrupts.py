@@ -8,6 +8,9 @@ A process may also inherit that SIGINT is ignored: shells without job control st
 master or a slave in good order: what is complete stays, slaves are told, and the exit code is 130. The price: Ctrl-C in
 the terminal of such a script ends what it has put in the background, too; who wants otherwise starts it with setsid.
 SIGHUP, which nohup has ignored, stays as it was.
+
+SIGTERM is how schedulers, containers and service managers ask a process to end. It is an interrupt like Ctrl-C: a slave
+says goodbye, a master tells its slaves, and nothing half written stays. The exit code is 143.
 """
 
 from __future__ import annotations
@@ -21,6 +24,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM came."""
+
+
+def _raise_terminated(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - a signal handler
+    raise Terminated
+
 
 WAIT_S = 0.01
 """Between one look at the main thread and the next."""
@@ -44,6 +56,20 @@ def interrupts_raise() -> Iterator[None]:
 
 
 @contextmanager
+def termination_raises() -> Iterator[None]:
+    """Have SIGTERM raise Terminated, unless somebody has installed a handler. Nothing changes off the main thread."""
+    free = signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    if not free or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signal.signal(signal.SIGTERM, _raise_terminated)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+@contextmanager
 def no_lost_interrupts() -> Iterator[None]:
     """Have a KeyboardInterrupt that Python could not raise come again, once it can; for the main thread."""
     before = sys.unraisablehook
@@ -54,7 +80,7 @@ def no_lost_interrupts() -> Iterator[None]:
     finally:
         sys.unraisablehook = before
         if lost.take():
-            raise KeyboardInterrupt
+            raise lost.kind
 
 
 class _Lost:
@@ -67,6 +93,7 @@ class _Lost:
     def __init__(self, otherwise: Callable[[Any], object]) -> None:
         self._otherwise = otherwise
         self._waiting = False
+        self.kind: type[KeyboardInterrupt] = KeyboardInterrupt
 
     def hook(self, unraisable: Any) -> None:
         """Stands for sys.unraisablehook."""
@@ -74,6 +101,7 @@ class _Lost:
             self._otherwise(unraisable)
         elif not self._waiting:
             self._waiting = True
+            self.kind = unraisable.exc_type
             # Not threading.Thread: a destructor may run while this thread holds the locks of that module.
             _thread.start_new_thread(self._send_again, ())
 
@@ -89,7 +117,8 @@ class _Lost:
             time.sleep(WAIT_S)
             frame = sys._current_frames().get(main or 0)
             if not self._is_deaf(frame) and self.take():
-                signal.pthread_kill(main or 0, signal.SIGINT)
+                again = signal.SIGTERM if self.kind is Terminated else signal.SIGINT
+                signal.pthread_kill(main or 0, again)
 
     def _is_deaf(self, frame: FrameType | None) -> bool:
         while frame is not None:

@@ -14,7 +14,7 @@ from importlib import metadata
 from typing import Any, NoReturn
 
 from wdpm.cli import accuracy, bench, check, compare, inspect, keys, master, render, slave
-from wdpm.cli.interrupts import interrupts_raise, no_lost_interrupts
+from wdpm.cli.interrupts import Terminated, interrupts_raise, no_lost_interrupts, termination_raises
 from wdpm.scenes.errors import ClusterEndedError, WdpmError
 
 COMMANDS = (
@@ -32,6 +32,7 @@ COMMANDS = (
 EXIT_BAD_INPUT = 2
 EXIT_CLUSTER_ENDED = 4
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+EXIT_TERMINATED = 143  # 128 + SIGTERM
 
 _EXAMPLES = """\
 examples:
@@ -55,12 +56,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_BAD_INPUT
     args = parser.parse_args(arguments)
     try:
-        with interrupts_raise(), no_lost_interrupts():
+        with interrupts_raise(), termination_raises(), no_lost_interrupts():
             code: int = args.run(args)
             sys.stdout.flush()
     except WdpmError as error:
         print(f"wdpm: error: {error}", file=sys.stderr)
         return EXIT_CLUSTER_ENDED if isinstance(error, ClusterEndedError) else EXIT_BAD_INPUT
+    except Terminated:
+        print("wdpm: terminated", file=sys.stderr)
+        return EXIT_TERMINATED
     except KeyboardInterrupt:
         print("wdpm: interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED

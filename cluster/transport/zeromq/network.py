@@ -10,6 +10,7 @@ from contextlib import ExitStack
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
+from wdpm.cluster.limits import MOST_SLAVES
 from wdpm.cluster.messages import packing
 from wdpm.cluster.messages.protocol import Message
 from wdpm.cluster.transport import address as tcp
@@ -145,6 +146,7 @@ class ZeroMQNetwork:
         self._connections: list[ZeroMQConnection] = []
         with ExitStack() as stack:
             self._context: zmq.Context[Socket] = stack.enter_context(zmq.Context())
+            self._context.max_sockets = 3 * MOST_SLAVES + 64
             stack.enter_context(curve.admission(self._context, keys))
             self._stack = stack.pop_all()
 
@@ -161,8 +163,13 @@ class ZeroMQNetwork:
         return ZeroMQListener(router, endpoint, accepted)
 
     def connect(self, address: str, role: Role, accepted: Accepted, identity: bytes | None = None) -> ZeroMQConnection:
-        """Connect a DEALER."""
-        connection = ZeroMQConnection(self, make_socket(self._context, zmq.DEALER), accepted)
+        """Connect a DEALER. ZeroMQ would look a name up, or take what is none, and say nothing."""
+        if not tcp.is_resolved(address):
+            raise ClusterError(f"cannot connect to {address!r}: this is no address tcp://NUMBER:PORT")
+        try:
+            connection = ZeroMQConnection(self, make_socket(self._context, zmq.DEALER), accepted)
+        except zmq.ZMQError as error:
+            raise ClusterError(f"no more connections can be opened: {error.strerror.lower()}") from None
         self._connections.append(connection)
         if self._keys is not None:
             server = self._keys.master if role is Role.MASTER else self._keys.slave

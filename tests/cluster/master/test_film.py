@@ -34,8 +34,11 @@ def test_a_film_tells_whether_it_has_the_same_bits() -> None:
     film = Film(8, 8)
     task = BucketTask(0, 2, 2, 6, 6)
     result = pixels_of(task, make_view(8, 8))
-    result.layers["depth"][0, 0] = np.nan
+    result.layers["depth"][0, 0] = np.float32(0.0)
     film.put(task, result)
     assert film.holds(task, result)
+    result.layers["depth"][0, 0] = np.float32(-0.0)
+    assert not film.holds(task, result)
+    result.layers["depth"][0, 0] = np.float32(0.0)
     result.layers["depth"][0, 1] = np.nextafter(result.layers["depth"][0, 1], np.float32(np.inf))
     assert not film.holds(task, result)

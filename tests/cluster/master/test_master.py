@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
-from fake_worker import make_session, make_view, pixels_of, triangles
+from fake_worker import make_session, make_view, make_world, pixels_of, statistics_of, triangles
 from master_driver import EPOCH, LIMITS, A, B, C, Driver, broken, hello, sent, tasks_of
 
 from wdpm.cluster.master import events as m
@@ -113,10 +114,11 @@ def test_buckets_to_the_end() -> None:
         out = driver.says(identity, p.TaskDone(EPOCH, pixels_of(task, view)))
         pending += [(other, task) for other in (A, B) for task in tasks_of(out, other)]
     assert sent(out) == [p.ReadStatistics(EPOCH)] * 2
-    driver.says(B, p.Statistics(EPOCH, {"who": "b"}))
-    [finished] = driver.says(A, p.Statistics(EPOCH, {"who": "a"}))
+    of_a, of_b = (statistics_of(make_world(2), triangles=count, dropped={}) for count in (1, 2))
+    driver.says(B, p.Statistics(EPOCH, of_b))
+    [finished] = driver.says(A, p.Statistics(EPOCH, of_a))
     assert isinstance(finished, m.Finished)
-    assert finished.result.statistics == [{"who": "a"}, {"who": "b"}]
+    assert finished.result.statistics == [of_a, of_b]
     whole = pixels_of(BucketTask(0, 0, 0, 64, 32), view)
     for name, layer in whole.layers.items():
         np.testing.assert_array_equal(finished.result.layers[name], layer)
@@ -177,7 +179,7 @@ def test_a_photon_result_for_a_bucket_ends_the_render() -> None:
     assert "PhotonsTraced came for" in broken(driver.says(A, p.TaskDone(EPOCH, PhotonsTraced(task.number, 1, 1.0))))
 
 
-@pytest.mark.parametrize("fault", ["place", "layers", "dtype", "shape"])
+@pytest.mark.parametrize("fault", ["place", "layers", "dtype", "shape", "nan"])
 def test_a_bucket_that_does_not_fit_ends_the_render(fault: str) -> None:
     driver = Driver()
     task = tasks_of(driver.to_buckets(), A)[0]
@@ -191,7 +193,45 @@ def test_a_bucket_that_does_not_fit_ends_the_render(fault: str) -> None:
             result.layers["depth"] = result.layers["depth"].astype(np.float64)  # type: ignore[assignment]
         case "shape":
             result.layers["depth"] = result.layers["depth"][:1]
+        case "nan":
+            result.layers["beauty"][0, 0, 1] = np.nan
     assert "broke the protocol" in broken(driver.says(A, p.TaskDone(EPOCH, result)))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {},
+        statistics_of(make_world(2)),
+        statistics_of(make_world(2), dropped={}, more=1),
+        *(
+            statistics_of(make_world(2), **{"dropped": {}, name: value})
+            for name, value in (
+                ("triangles", "many"),
+                ("triangles", -1),
+                ("triangles", True),
+                ("busy_s", float("nan")),
+                ("guards", {"a": "b"}),
+                ("cells", [2]),
+                ("photons", [1, 2]),
+                ("flux_by_light", [[1.0]] * 2),
+                ("stored_by_light", [[1.5]] * 3),
+                ("energy", None),
+            )
+        ),
+    ],
+)
+def test_statistics_that_are_none_end_the_render(wrong: dict[str, Any]) -> None:
+    """The report reads them as they are, after all the work."""
+    driver = Driver()
+    out = driver.to_buckets()
+    pending = [(identity, task) for identity in (A, B) for task in tasks_of(out, identity)]
+    while pending:
+        identity, task = pending.pop()
+        out = driver.says(identity, p.TaskDone(EPOCH, pixels_of(task, make_view(64, 32, 16))))
+        pending += [(other, task) for other in (A, B) for task in tasks_of(out, other)]
+    reason = broken(driver.says(B, p.Statistics(EPOCH, wrong)))
+    assert "slave 1 (host, process 1) broke the protocol: Statistics: " in reason
 
 
 @pytest.mark.parametrize("epoch", [0, 2])

@@ -27,7 +27,8 @@ from wdpm.scenes.flat.material_table import MaterialTable
 ALL = packing.by_name(p.Message)
 
 counts = st.integers(0, 2**31 - 1)
-texts = st.text(max_size=30)
+texts = st.text(max_size=30).map(packing.printable)
+endpoints = st.integers(1, 65535).map(lambda port: f"tcp://10.0.0.1:{port}")
 epochs = st.integers(0, 2**62)
 plain = st.recursive(
     st.none() | st.booleans() | st.integers(-(2**63), 2**63 - 1) | st.floats(allow_nan=False) | texts,
@@ -62,7 +63,7 @@ results = (
 )
 
 MESSAGES: dict[type, st.SearchStrategy[Any]] = {
-    p.Hello: st.builds(p.Hello, st.dictionaries(texts, texts, max_size=4), texts, counts, counts, epochs, texts),
+    p.Hello: st.builds(p.Hello, st.dictionaries(texts, texts, max_size=4), texts, counts, counts, epochs, endpoints),
     p.PartitionReceived: st.builds(p.PartitionReceived, epochs, counts),
     p.Ready: st.builds(p.Ready, epochs),
     p.TaskDone: st.builds(p.TaskDone, epochs, results),
@@ -85,7 +86,7 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
         epochs,
         st.integers(0, 4),
         st.lists(counts, max_size=4),
-        st.lists(texts, max_size=4),
+        st.lists(endpoints, max_size=4),
     ),
     p.Partition: st.builds(
         lambda epoch, cell, part, more, count: p.Partition(epoch, cell, part, part + more, triangles(count)),
@@ -323,6 +324,38 @@ def test_a_stranger_is_refused_by_the_length_of_what_it_sends() -> None:
 def test_long_things_in_a_header_are_refused(value: Any) -> None:
     with pytest.raises(ProtocolError, match="is not msgpack"):
         packing.decode([msgpack.packb([packing.MAGIC, p.PROTOCOL, "Note", [value]])], ALL)
+
+
+def over_the_wire(message: Any) -> Any:
+    return packing.decode([bytes(frame) for frame in packing.encode(message)], ALL)
+
+
+@pytest.mark.parametrize("message", [p.Note, p.Refuse, p.Failed, p.Goodbye, p.Rejected])
+def test_text_of_others_has_no_control_characters(message: type) -> None:
+    orders = "\x1b]0;title\x07\x1b[2J red\x9b31m \r\nover \u202e"
+    text = vars(over_the_wire(message(orders))).popitem()[1]
+    assert text.isprintable()
+    assert "over" in text
+    assert over_the_wire(p.Statistics(1, {orders: orders})).values == {text: text}
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [
+        (p.StartTask(1, PhotonTask(0, 0, 300_000_000)), "a task of 300000000; at most"),
+        (p.StartTask(1, RecordTask(0, 0, 0, 300_000_000)), "a task of 300000000; at most"),
+        (p.StartTask(1, BucketTask(0, 0, 0, 1 << 20, 1 << 20)), "pixels; at most"),
+        (p.Setup(1, make_world(1), (0,), ("tcp://10.0.0.1:1",) * 5000), "5000 slaves; at most 256"),
+        (p.Setup(1, make_world(1), (0,), ("garbage",)), r"peers\[0\]: 'garbage' is no endpoint"),
+        (p.Hello({}, "host", 1, 1, 0, "garbage"), "'garbage' is no endpoint"),
+        (p.Hello({}, "host", 1, 1, 0, "tcp://\x1b[2J:1"), "is no endpoint"),
+        (p.Hello({}, "host", 1, 1, 0, "tcp://" + "9" * 300), "is no endpoint"),
+        (p.Hello({}, "h" * 300, 1, 1, 0, "tcp://10.0.0.1:1"), "a name of more than"),
+    ],
+)
+def test_what_would_fill_a_machine_or_stop_another_is_refused(message: Any, reason: str) -> None:
+    with pytest.raises(ProtocolError, match=reason):
+        over_the_wire(message)
 
 
 def test_the_number_of_frames_is_bounded() -> None:

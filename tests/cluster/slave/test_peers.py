@@ -9,10 +9,9 @@ from master_driver import broken
 from slave_driver import EPOCH, PEER, PEERS, WELCOME, Driver, setup, to_master
 
 from wdpm.cluster.batch import Batch, Kind
-from wdpm.cluster.limits import ClusterLimits
+from wdpm.cluster.limits import MOST_SLAVES, ClusterLimits
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.slave import events as s
-from wdpm.cluster.slave.peers import MOST_EARLY
 
 PATIENCE_S = ClusterLimits().peer_answer_s
 BATCH = p.PeerBatch(EPOCH, Batch(Kind.PHOTON, 5, 1, 1, 1, arrays(Kind.PHOTON, 1)))
@@ -56,7 +55,7 @@ def test_a_greeting_before_welcome_counts_after_it() -> None:
 def test_early_greetings_are_bounded() -> None:
     driver = Driver()
     driver(s.Start())
-    for number in range(MOST_EARLY):
+    for number in range(MOST_SLAVES):
         assert driver.peer(p.PeerHello("cluster", 0), number.to_bytes(4)) == []
     [answer] = driver.peer(p.PeerHello("cluster", 0), b"one more")
     assert isinstance(answer, s.AnswerPeer)
@@ -90,7 +89,7 @@ def test_a_slave_that_stood_still_gives_its_peers_more_time() -> None:
     ("answer", "reason"),
     [
         (p.PeerWelcome(0), "slave 0 answers there"),
-        (p.Rejected("PeerHello of another cluster"), "it answers: PeerHello of another cluster"),
+        (p.Rejected("PeerHello of another cluster"), "PeerHello of another cluster"),
     ],
 )
 def test_a_wrong_answer_is_told(answer: p.PeerAnswer, reason: str) -> None:

@@ -32,7 +32,7 @@ def test_a_session_ends_with_the_whole_picture(slaves: int, cells: int, seed: in
     assert result.paths == 1000
     assert [traced.number for traced in result.photons_traced] == list(range(16))
     assert result.emitted == 8.0
-    assert sum(values["photons"] for values in result.statistics) == 16 * cells * 3
+    assert sum(values["photons"][0] for values in result.statistics) == 16 * cells * 3
     assert sum(values["triangles"] for values in result.statistics) == sum(5 + cell for cell in range(cells))
     assert result.seconds.keys() == {"partition", "photons", "map", "render"}
     assert result.dropped == {}

@@ -35,7 +35,7 @@ from wdpm.cluster.transport.keys import Keys
 from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.transport.zeromq.key_files import load_keys, make_keys
 from wdpm.cluster.transport.zeromq.sockets import connect, make_socket, send
-from wdpm.scenes.errors import ClusterError
+from wdpm.scenes.errors import ClusterEndedError, ClusterError
 
 pytestmark = pytest.mark.sockets
 
@@ -227,6 +227,19 @@ def test_a_long_message_of_a_stranger_is_refused_at_once() -> None:
             answer = packing.decode(dealer.recv_multipart(), packing.by_name(protocol.FromMaster))
             assert isinstance(answer, protocol.Rejected)
         assert master.dropped == {"unreadable message": 2}
+
+
+def test_a_member_with_no_address_ends_the_render_and_stops_no_other_slave() -> None:
+    garbage = "tcp://256.1.1.1:9"
+    with zmq.Context() as context, make_socket(context, zmq.DEALER) as dealer, make_master(2) as master:
+        connect(dealer, master.endpoint)
+        send(dealer, protocol.Hello(AGREED, "host", 1, 1, 0, garbage))
+        slave = SlaveThread(master.endpoint)
+        reason = f"slave 1 .* cannot reach slave 0 .* at {garbage}: cannot connect"
+        assert dealer.poll(10_000)
+        with pytest.raises(ClusterError, match=reason):
+            master.render(make_session(2, 2))
+    assert isinstance(slave.end(), ClusterEndedError)
 
 
 @pytest.mark.parametrize("error", [ClusterError("no more room"), ValueError("a fault of the program")])

@@ -1,0 +1,87 @@
+"""What a slave's statistics must look like: the report of a render reads them as they are."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from wdpm.cluster.world import World
+from wdpm.scenes.errors import ProtocolError
+
+MAPS = 3
+"""Global, caustic and volume."""
+
+COUNTS = frozenset(
+    {
+        "triangles",
+        "gathers",
+        "gathers_truncated",
+        "gathers_left_band",
+        "final_gather_rays",
+        "final_gather_short",
+        "final_gather_unread",
+        "final_gather_interpolated",
+        "final_gather_uncovered",
+        "irradiance_points",
+        "records",
+        "vertices",
+        "beams",
+        "peak_memory_bytes",
+        "rays_in",
+        "rays_out",
+        "bytes_in",
+        "bytes_out",
+    }
+)
+SECONDS = frozenset({"gathers_s", "final_gather_read_s", "final_gather_interpolated_s", "irradiance_s", "busy_s"})
+COUNTS_BY_NAME = frozenset({"guards", "dropped"})
+MOST_NAMES = 1024
+
+
+def check_statistics(values: dict[str, Any], world: World) -> None:
+    """Raise ProtocolError unless these are the statistics of a slave of this world, by name and type."""
+    lights = len(world.lights.names)
+    tables: dict[str, tuple[type, tuple[int, ...]]] = {
+        "photons": (int, (MAPS,)),
+        "ghosts": (int, (MAPS,)),
+        "paths_by_light": (int, (2, lights)),
+        "flux_by_light": (float, (MAPS, lights)),
+        "stored_by_light": (int, (MAPS, lights)),
+        "energy": (float, (MAPS,)),
+    }
+    known = {"cells", *COUNTS, *SECONDS, *COUNTS_BY_NAME, *tables}
+    _require(values.keys() == known, f"wrong names: {sorted(known ^ values.keys())!r:.200}")
+    for name in COUNTS:
+        _require(_is_count(values[name]), f"{name} is {values[name]!r:.80}; expected a count")
+    for name in SECONDS:
+        _require(_is_number(values[name]), f"{name} is {values[name]!r:.80}; expected seconds")
+    for name in COUNTS_BY_NAME:
+        counted = values[name]
+        right = isinstance(counted, dict) and len(counted) <= MOST_NAMES and all(map(_is_count, counted.values()))
+        _require(right, f"{name} is {counted!r:.80}; expected counts by name")
+    for name, (item, shape) in tables.items():
+        _require(_is_table(values[name], item, shape), f"{name} is {values[name]!r:.80}; expected numbers of {shape}")
+    cells = values["cells"]
+    inside = isinstance(cells, list) and all(_is_count(cell) and cell < world.top_tree.cells for cell in cells)
+    _require(inside, f"cells is {cells!r:.80}; expected numbers of cells")
+
+
+def _require(condition: bool, what: str) -> None:
+    if not condition:
+        raise ProtocolError(f"Statistics: {what}")
+
+
+def _is_count(value: Any) -> bool:
+    return type(value) is int and value >= 0
+
+
+def _is_number(value: Any) -> bool:
+    """Sums of nothing are whole."""
+    return type(value) in (int, float) and math.isfinite(value)
+
+
+def _is_table(value: Any, item: type, shape: tuple[int, ...]) -> bool:
+    """Whether lists within lists have the lengths of a shape, and numbers of one kind in them."""
+    if not shape:
+        return _is_count(value) if item is int else _is_number(value)
+    return isinstance(value, list) and len(value) == shape[0] and all(_is_table(v, item, shape[1:]) for v in value)
