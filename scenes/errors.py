@@ -4,6 +4,7 @@
     ├── SceneError      something in a scene or model file; names file and line where known
     ├── SettingsError   a setting or an argument of the command line
     ├── ImageError      an image that cannot be read, written or compared
+    │   ├── NotWrittenError        a file that cannot be written where it was to go
     │   └── CacheNotWrittenError   a render whose irradiance records cannot be written; has the image (cache_file.py)
     ├── GuardError      a strict render in which a guard acted
     └── ClusterError    a slave, the master or the connection between them
@@ -47,6 +48,10 @@ class SettingsError(WdpmError):
 
 class ImageError(WdpmError):
     """An image cannot be read, written or compared."""
+
+
+class NotWrittenError(ImageError):
+    """A file cannot be written where it was to go: no room, no right, no folder any more."""
 
 
 class GuardError(WdpmError):

@@ -12,11 +12,18 @@ from wdpm.scenes.meshes.stand_alone import read_stand_alone
 from wdpm.scenes.mitsuba.read import read_mitsuba
 from wdpm.scenes.model.checks import check_scene
 from wdpm.scenes.model.scene import Scene
+from wdpm.scenes.scene_root import check_within, files_within
 
 _EXTENSIONS = (".xml", ".gltf", ".glb", ".obj", ".ply", ".stl", ".off")
 
 
-def load(source: str | Path, *, defines: Mapping[str, str] | None = None, size: tuple[int, int] | None = None) -> Scene:
+def load(
+    source: str | Path,
+    *,
+    defines: Mapping[str, str] | None = None,
+    size: tuple[int, int] | None = None,
+    root: Path | None = None,
+) -> Scene:
     """Loads a scene file or a built-in scene, and checks it.
 
     Args:
@@ -24,6 +31,7 @@ def load(source: str | Path, *, defines: Mapping[str, str] | None = None, size: 
             .off: grey, lit and framed by default) or a built-in scene: "cornell-box", "atrium", "atrium:2M".
         defines: values of a Mitsuba file's `$name` parameters.
         size: width and height in pixels that replace the file's.
+        root: folder that the scene's file and all files that it names must lie in; None for what `files_within` says.
 
     Raises:
         SceneError: with file and line where known.
@@ -34,11 +42,17 @@ def load(source: str | Path, *, defines: Mapping[str, str] | None = None, size: 
     if file is None:
         _refuse_defines(defines, source)
         return check_scene(load_built_in(str(source), size))
+    with files_within(root):
+        check_within(file)
+        return check_scene(_read(file, source, defines, size), file)
+
+
+def _read(file: Path, source: str | Path, defines: Mapping[str, str] | None, size: tuple[int, int] | None) -> Scene:
     if file.suffix.lower() == ".xml":
-        return check_scene(read_mitsuba(file, defines or {}, size), file)
+        return read_mitsuba(file, defines or {}, size)
     _refuse_defines(defines, source)
     reader = read_gltf if file.suffix.lower() in (".gltf", ".glb") else read_stand_alone
-    return check_scene(reader(file, size), file)
+    return reader(file, size)
 
 
 def find(source: str | Path) -> Path | None:

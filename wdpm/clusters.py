@@ -12,6 +12,7 @@ from wdpm.cluster.master.server import MasterServer, nobody
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.transport import address
+from wdpm.cluster.transport.registry import transport_of
 from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.transport.zeromq.key_files import keys_for
 from wdpm.cluster.transport.zeromq.run_keys import make_run_keys
@@ -163,6 +164,18 @@ def backend_here(slaves: int = 0, threads: int | None = None, device: str = "cpu
     if slaves:
         return Cluster.local(slaves, threads=threads, device=device)
     return InProcess(threads=threads, device=device)
+
+
+def check_listening(bind: str, keys: Path | None, insecure: bool) -> None:
+    """Find out before a scene is loaded whether a master could listen: the errors of `Cluster.listen`.
+
+    No master answers meanwhile: a slave that waits for one tries again.
+    """
+    network = transport_of(bind).open(keys_for(address.resolve(bind), keys, insecure, Role.MASTER))
+    try:
+        network.listen(bind, Role.MASTER, {})
+    finally:
+        network.close()
 
 
 def render_as_master(

@@ -21,6 +21,7 @@ RLE_WIDTHS = range(8, 0x8000)  # widths whose scanlines may be run-length encode
 
 _RUN_LIMIT = 127  # a code byte above 128 is a run of (code - 128) equal values
 _LITERAL_LIMIT = 128  # up to 128 it is that many values as they are
+_SMALL = 1 << 20  # pixels of a picture that is unpacked as far as it goes, to say in which row it is broken
 _SHORTEST_RUN = 3  # a run costs two bytes; a shorter one inside literals would not pay
 
 _HEADER = re.compile(rb"#\?(?:RADIANCE|RGBE)[^\n]*\n(.*?\n)?\n-Y (\d+) \+X (\d+)\n", re.DOTALL)
@@ -50,6 +51,8 @@ def rgbe_to_float(rgbe: NDArray[np.uint8]) -> NDArray[np.float32]:
 
 def _decode_rows(body: memoryview, height: int, width: int, name: str) -> NDArray[np.uint8]:
     """All scanlines, shape [height, width, 4]. A file mixes encoded and plain ones at will."""
+    if height * width > _SMALL and height * _least_bytes(width) > len(body):  # memory is not asked for in vain
+        raise ImageError(f"{name}: ends before {height} rows of {width} pixels can be there: broken file")
     rows = np.empty((height, width, 4), dtype=np.uint8)
     marker = bytes((2, 2, width >> 8 & 0xFF, width & 0xFF))
     at = 0
@@ -67,6 +70,11 @@ def _decode_rows(body: memoryview, height: int, width: int, name: str) -> NDArra
             raise ImageError(f"{name}: row {y} uses the run lengths of before 1991, which are not read: save it anew")
         at += 4 * width
     return rows
+
+
+def _least_bytes(width: int) -> int:
+    """Bytes of a scanline that is nothing but runs, or of a plain one where there are none."""
+    return 4 + 4 * 2 * -(-width // _RUN_LIMIT) if width in RLE_WIDTHS else 4 * width
 
 
 def _decode_run_length(body: memoryview, at: int, plane: NDArray[np.uint8], where: str) -> int:

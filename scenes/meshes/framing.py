@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from wdpm.scenes.meshes.primitives import rectangle
 from wdpm.scenes.model.bounds import bounding_box
 from wdpm.scenes.model.bsdfs import BLACK, GREY
+from wdpm.scenes.model.checks import check_reach
 from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene, diffuse
 from wdpm.scenes.model.textures import RGB
 from wdpm.scenes.model.transforms import look_at, rotation, scaling, translation
@@ -77,6 +78,8 @@ def framed_scene(
 
     What is added is said in Scene.warnings.
     """
+    for mesh in meshes:
+        check_reach(mesh, None)
     low, high = bounding_box(meshes)
     if any(glows(mesh) for mesh in meshes):
         # lamps of its own: most likely a room that is open to the front

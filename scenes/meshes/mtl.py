@@ -21,6 +21,7 @@ from wdpm.scenes.meshes.mtl_textures import TextureStatement, read_statement
 from wdpm.scenes.model.bsdfs import BLACK, WHITE
 from wdpm.scenes.model.scene import Material
 from wdpm.scenes.model.textures import RGB, Bitmap, Color, Number
+from wdpm.scenes.scene_root import check_within
 
 # neither do these change how light is scattered
 _IGNORED: Final = frozenset(("Ka", "map_Ka", "sharpness", "map_aat"))
@@ -64,6 +65,7 @@ def read_mtl(file: Path, warnings: list[str]) -> Mapping[str, MtlMaterial]:
 
 
 def _read_entries(file: Path) -> list[_Entry]:
+    check_within(file)
     entries: list[_Entry] = []
     for number, line in enumerate(file.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
         words = line.partition("#")[0].split()

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.model.textures import Wrap
+from wdpm.scenes.scene_root import check_within
 
 # options and how many words at most follow them
 _OPTIONS: Final = {
@@ -68,7 +69,10 @@ def _find(words: Sequence[str], folder: Path) -> Path | None:
     if not words:
         return None
     file = folder / " ".join(words).replace("\\", "/")
-    return file if file.is_file() else None
+    if not file.is_file():
+        return None
+    check_within(file)
+    return file
 
 
 def _is_number(word: str) -> bool:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute, merge_corners, triangulate_fans
 from wdpm.scenes.meshes.vertex_attributes import VERTEX_COLOR
+from wdpm.scenes.model.checks import FARTHEST
 from wdpm.scenes.model.transforms import normalized
 
 NO_MATERIAL = ""
@@ -79,6 +80,12 @@ class _Numbers:
             row = int(np.argmin(finite))
             shown = " ".join(self.rows[row])
             raise SceneError(f'"{self.keyword} {shown}" is not finite', file, self.lines[row])
+        near = (np.abs(values) <= FARTHEST).all(axis=1)
+        if not near.all():
+            row = int(np.argmin(near))
+            shown = " ".join(self.rows[row])
+            message = f'"{self.keyword} {shown}" is beyond {FARTHEST:g}: give the model in a larger unit'
+            raise SceneError(message, file, self.lines[row])
         return values
 
     def _not_a_number(self, file: Path) -> SceneError:

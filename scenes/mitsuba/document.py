@@ -13,8 +13,11 @@ from pathlib import Path
 from xml.parsers import expat
 
 from wdpm.scenes.errors import SceneError, did_you_mean
+from wdpm.scenes.scene_root import check_within
 
 MAX_INCLUDE_DEPTH = 15  # Mitsuba's own limit; a file that includes itself ends here
+
+MAX_NESTING = 32  # elements within elements, in one file; real scenes have some five
 
 PARAMETER_NAME = re.compile(r"\$(?:\{(\w+)\}|(\w+))")
 
@@ -65,6 +68,7 @@ class Document:
         """The file that a scene names, looked up beside the naming file, then in the search paths."""
         for folder in (at.file.parent, *self.search_paths):
             if (folder / name).is_file():
+                check_within(folder / name, at.file, at.line)
                 return folder / name
         raise at.error(f'file "{name}" not found (looked in {", ".join(map(str, self._folders(at)))})')
 
@@ -208,6 +212,8 @@ class _TreeBuilder:
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         element = Element(tag, attributes, self.file, self.parser.CurrentLineNumber)
+        if len(self.stack) == MAX_NESTING:
+            raise element.error(f"<{tag}> lies within {MAX_NESTING} other elements; no deeper nesting is read")
         if self.stack:
             self.stack[-1].children.append(element)
         else:

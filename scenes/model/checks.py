@@ -63,6 +63,23 @@ def _all_sound(values: Iterable[float]) -> bool:
     return all(math.isfinite(value) and value >= 0 for value in values)
 
 
+FARTHEST = 1e37
+"""Largest coordinate. Distances are told in float32, which ends at 3.4e38."""
+
+
+def check_reach(mesh: Mesh, file: Path | None) -> None:
+    """Raise SceneError if a vertex lies so far away that distances are no numbers any more."""
+    far = ((np.abs(mesh.vertices) > FARTHEST) & np.isfinite(mesh.vertices)).any(axis=1)
+    if far.any():
+        first = int(np.argmax(far))
+        where = ", ".join(f"{x:g}" for x in mesh.vertices[first])
+        raise SceneError(
+            f'mesh "{mesh.name}": vertex {first} is ({where}), {int(far.sum())} beyond {FARTHEST:g} in all; '
+            "give the scene in a larger unit",
+            file,
+        )
+
+
 def _check_mesh(mesh: Mesh, material_count: int, file: Path | None) -> None:
     attributes = (
         ("vertex", mesh.vertices),
@@ -80,6 +97,7 @@ def _check_mesh(mesh: Mesh, material_count: int, file: Path | None) -> None:
             first = int(np.argmin(finite))
             bad = f"{what} {first} is ({', '.join(f'{x:g}' for x in values[first])})"
             raise SceneError(f'mesh "{mesh.name}": {bad}, {int(np.sum(~finite))} not finite in all', file)
+    check_reach(mesh, file)
     if len(mesh.faces) and not (mesh.faces.min() >= 0 and mesh.faces.max() < len(mesh.vertices)):
         outside = (mesh.faces < 0) | (mesh.faces >= len(mesh.vertices))
         face = int(np.argmax(outside.any(axis=1)))

@@ -30,6 +30,18 @@ SCENE = """<scene version="3.0.0">
 LAMP = '<shape type="sphere"><emitter type="area"><rgb name="radiance" value="1 1 1"/></emitter></shape>'
 
 
+FAR = (
+    '<scene version="3.0.0"><shape type="obj"><string name="filename" value="far.obj"/></shape>'
+    '<emitter type="constant"/><sensor type="perspective"/></scene>'
+)
+
+
+GLTF = """{"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+"meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+"accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+"bufferViews": [{"buffer": 0, "byteLength": 36}], "buffers": [{"uri": "../out.bin", "byteLength": 36}]}"""
+
+
 def ply(vertices: list[tuple[float, float, float]], faces: list[tuple[int, int, int]], cut: int = 0) -> bytes:
     """A binary PLY file, less its last `cut` bytes."""
     header = (
@@ -161,6 +173,83 @@ def test_an_occupied_port(capsys: pytest.CaptureFixture[str]) -> None:
         port = taken.getsockname()[1]
         line = said(["master", "cornell-box", "--slaves", "1", "--bind", f"tcp://127.0.0.1:{port}", "-q"], capsys)
     assert str(port) in line
+
+
+def nested(depth: int) -> str:
+    return '<scene version="3.0.0">' + '<shape type="sphere">' * depth + "</shape>" * depth + "</scene>"
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "expected"),
+    [
+        ("deep.xml", nested(20_000).encode(), ["deep.xml:1", "no deeper nesting"]),
+        ("far.obj", b"v 0 0 0\nv 1e308 0 0\nv 0 1e308 0\nf 1 2 3\n", ["far.obj:2", "larger unit"]),
+        ("far.xml", FAR.encode(), ["far.obj:2", "beyond 1e+37"]),
+    ],
+)
+def test_a_scene_out_of_all_proportion(
+    name: str, content: bytes, expected: list[str], here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (here / "far.obj").write_bytes(b"v 0 0 0\nv 1e308 0 0\nv 0 1e308 0\nf 1 2 3\n")
+    (here / name).write_bytes(content)
+    line = said(["inspect", name], capsys)
+    assert all(part in line for part in expected), line
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.xml", '<scene version="3.0.0"><include filename="../out.xml"/></scene>'),
+        ("a.xml", '<scene version="3.0.0"><include filename="link.xml"/></scene>'),
+        ("a.xml", FAR.replace("far.obj", "../far.obj")),
+        ("a.gltf", GLTF),
+        ("a.obj", "mtllib ../out.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n"),
+        ("b.obj", "mtllib b.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n"),
+        ("../out.xml", ""),
+    ],
+)
+def test_files_outside_of_the_scene_root(
+    name: str, content: str, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = here / "root"
+    root.mkdir()
+    for outside in ("far.obj", "out.bin", "out.mtl", "out.png"):
+        (here / outside).write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (here / "out.xml").write_text('<scene version="3.0.0"/>')
+    (root / "link.xml").symlink_to(here / "out.xml")
+    (root / "b.mtl").write_text("newmtl a\nmap_Kd ../out.png\n")
+    if content:
+        (root / name).write_text(content)
+    monkeypatch.chdir(root)
+    assert "lies outside of the scene root" in said(["inspect", name, "--scene-root", "."], capsys)
+
+
+def test_a_scene_root_that_is_none(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "is no folder" in said(["inspect", "cornell-box", "--scene-root", "nowhere"], capsys)
+
+
+@pytest.mark.parametrize("size", [(100_000, 100_000), (1, 2_000_000_000)])
+def test_a_picture_that_promises_more_than_it_has(
+    size: tuple[int, int], here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Memory for its pixels, 37 GiB say, is not even asked for."""
+    height, width = size
+    (here / "a.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n\x02\x02\x10" % (height, width))
+    assert f"ends before {height} rows" in said(["compare", "a.hdr", "a.hdr"], capsys)
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (["--bind", "tcp://10.0.0.1:7117"], "--keys FOLDER"),
+        (["--keys", "no-such-folder"], "cannot read the key"),
+        (["--bind", "tcp://192.0.2.1:7117", "--insecure"], "must be an address of this machine"),
+    ],
+)
+def test_a_master_that_cannot_listen_says_so_before_it_reads_the_scene(
+    options: list[str], expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert expected in said(["master", "no-such-scene.xml", "--slaves", "1", *options, "-q"], capsys)
 
 
 def test_an_unreachable_master(capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
@@ -55,6 +57,7 @@ class Renderer:
         monkeypatch.setattr(result, "load_scene", self.load)
         monkeypatch.setattr(api, "render", self.render)
         monkeypatch.setattr(clusters, "render_as_master", self.render)
+        monkeypatch.setattr(clusters, "check_listening", lambda *_: None)
 
     def load(self, name: str, **options: Any) -> Scene:
         self.loaded = {"scene": name, **options}
@@ -308,6 +311,37 @@ def test_a_picture_that_cannot_be_written_does_not_cost_the_others(
     assert run(["render", "a.xml", "-q", "-o", "a.png", "-o", "a.exr"]) == 2
     assert capsys.readouterr().err.startswith("wdpm: error: a.png: 6 pixels are NaN")
     assert load("a.exr").shape == (2, 3)
+
+
+def test_an_image_whose_place_is_gone_is_kept_elsewhere(
+    renderer: Renderer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from wdpm import api
+
+    def render(*arguments: Any, **options: Any) -> Image:
+        Path("out").rmdir()
+        return renderer.render(*arguments, **options)
+
+    Path("out").mkdir()
+    Path("kept").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(Path("kept").resolve()))
+    monkeypatch.setattr(api, "render", render)
+    assert run(["render", "a.xml", "-q", "-o", "out/a.png"]) == 2
+    err = capsys.readouterr().err
+    [kept] = Path("kept").glob("*/a.exr")
+    assert err.startswith("wdpm: error: out/a.png: cannot be written: no such file")
+    assert err.endswith(f"the image is kept in {kept.resolve()}\n")
+    assert load(kept).shape == (2, 3)
+
+
+def test_a_full_disk_is_found_before_the_render(
+    renderer: Renderer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    full = shutil.disk_usage(".")._replace(free=1000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: full)
+    assert run(["render", "a.xml", "-q", "-o", "a.exr"]) == 2
+    assert "has 1000 bytes left" in capsys.readouterr().err
+    assert renderer.rendered == {}
 
 
 def test_records_that_cannot_be_written_cost_neither_image_nor_report(

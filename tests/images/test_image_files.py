@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
+import platform
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wdpm.images.channels import LAYER_CHANNELS, encode_srgb8
-from wdpm.images.files import check_output_path, png_bytes
+from wdpm.images.files import check_output_path, check_place, png_bytes
 from wdpm.images.image import Image, load
 from wdpm.scenes.errors import ImageError
 from wdpm.scenes.images.hdr import decode_hdr, encode_hdr, float_to_rgbe, rgbe_to_float
@@ -392,3 +396,19 @@ def test_the_digest_sees_every_bit_name_and_shape(image: Image) -> None:
 def test_layers_that_are_no_image(layers: dict[str, np.ndarray], message: str) -> None:
     with pytest.raises(ImageError, match=message):
         Image(layers)
+
+
+def test_what_a_killed_process_left_half_written_goes_at_the_next_run(tmp_path: Path) -> None:
+    with subprocess.Popen([sys.executable, "-c", ""]) as ended:
+        ended.wait()
+    node = platform.node() or "unknown"
+    left = tmp_path / f".a.exr.{node}.{ended.pid}.0123456789ab.part"
+    stays = [
+        tmp_path / f".a.exr.{node}.{os.getpid()}.0123456789ab.part",  # of a process that runs
+        tmp_path / f".a.exr.another-machine.{ended.pid}.0123456789ab.part",
+        tmp_path / f".b.exr.{node}.{ended.pid}.0123456789ab.part",
+    ]
+    for path in (left, *stays):
+        path.touch()
+    check_place(tmp_path / "a.exr")
+    assert sorted(tmp_path.iterdir()) == sorted(stays)

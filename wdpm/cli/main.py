@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 from wdpm.cli import accuracy, bench, check, compare, inspect, keys, master, render, slave
 from wdpm.cli.interrupts import Terminated, interrupts_raise, no_lost_interrupts, termination_raises
 from wdpm.scenes.errors import ClusterEndedError, WdpmError
+from wdpm.scenes.scene_root import files_within
 
 COMMANDS = (
     render,
@@ -57,7 +58,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser.parse_args(arguments)
     try:
         with interrupts_raise(), termination_raises(), no_lost_interrupts():
-            code: int = args.run(args)
+            with files_within(getattr(args, "scene_root", None)):
+                code: int = args.run(args)
             sys.stdout.flush()
     except WdpmError as error:
         print(f"wdpm: error: {error}", file=sys.stderr)

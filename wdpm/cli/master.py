@@ -51,7 +51,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> int:
     """Serve, render and write; returns the exit code."""
     from wdpm.cli.result import first_output, render_and_write
-    from wdpm.clusters import Cluster, render_as_master
+    from wdpm.clusters import Cluster, check_listening, render_as_master
+
+    check_listening(args.bind, args.keys, args.insecure)
 
     if asks_for_a_goal(args):
         return render_to_goal(

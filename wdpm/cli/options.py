@@ -184,6 +184,12 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
         help="value of $NAME in a Mitsuba file; may be given several times",
     )
     group.add_argument("--size", type=values.size, metavar="WxH", help="size of the image (default: the scene's)")
+    group.add_argument(
+        "--scene-root",
+        type=Path,
+        metavar="DIR",
+        help="folder that the scene and all files that it names must lie in (default: anywhere)",
+    )
 
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:

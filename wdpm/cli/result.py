@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import shutil
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,13 +17,14 @@ from wdpm.cluster.render_settings import RenderSettings
 from wdpm.goal.render import OUTCOME
 from wdpm.images.files import check_apart, check_output_path, check_place, write_bytes
 from wdpm.images.image import Image
+from wdpm.images.limits import check_memory
 from wdpm.progress import Progress, make_progress
 from wdpm.quiet import quiet_warp
 from wdpm.rendering.cache_file import CacheNotWrittenError
 from wdpm.rendering.scene_settings import settings_for
 from wdpm.report import report
 from wdpm.report.tables import print_report
-from wdpm.scenes.errors import ImageError
+from wdpm.scenes.errors import ImageError, NotWrittenError
 from wdpm.scenes.load import load as load_scene
 from wdpm.scenes.model.scene import Scene
 
@@ -44,6 +47,8 @@ def render_and_write(args: argparse.Namespace, render: Renderer) -> int:
         began = time.perf_counter()
         scene = load_scene(args.scene, defines=dict(args.definitions), size=args.size)
         load_s = time.perf_counter() - began
+        check_memory(scene.camera)
+        _check_room(outputs, scene)
         settings = settings_for(scene, **chosen)
         handed_over = [scene]
         del scene  # a master lets go of what it has sent to its slaves, and so must we
@@ -93,6 +98,32 @@ def _completed(image: Image, load_s: float) -> tuple[Image, report.Report]:
     return replace(image, metadata={**image.metadata, "report": account.to_dict()}), account
 
 
+def _kept_elsewhere(image: Image, path: Path, error: ImageError) -> ImageError:
+    """Keep an image that its own place has no room for, or no more; returns an error that says where it is.
+
+    What no file takes (pixels that are NaN) is not tried again.
+    """
+    if not isinstance(error, NotWrittenError):
+        return error
+    folder = Path(tempfile.mkdtemp(prefix="wdpm-"))
+    kept = folder / f"{path.stem}.exr"
+    try:
+        image.save(kept)
+    except ImageError:
+        folder.rmdir()
+        return error
+    return ImageError(f"{error}; the image is kept in {kept}")
+
+
+def _check_room(outputs: list[Path], scene: Scene) -> None:
+    """Raise ImageError before the render if the place of an image has not even room for one layer of it."""
+    least = 3 * scene.camera.width * scene.camera.height  # a byte a channel: formats compress, but hardly better
+    for path in outputs:
+        free = shutil.disk_usage(path.parent).free
+        if free < least:
+            raise ImageError(f"{path}: {path.parent} has {free} bytes left; the image takes more than {least}")
+
+
 def _write_all(image: Image, account: report.Report, outputs: list[Path], args: argparse.Namespace) -> list[ImageError]:
     """Write every output, even when one fails: a PNG that cannot be written must not cost the EXR.
 
@@ -104,7 +135,7 @@ def _write_all(image: Image, account: report.Report, outputs: list[Path], args: 
         try:
             image.save(path)
         except ImageError as error:
-            errors.append(error)
+            errors.append(_kept_elsewhere(image, path, error))
             continue
         if not args.quiet:
             print(f"wrote {path}")

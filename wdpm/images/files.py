@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import platform
 import uuid
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from wdpm.images.channels import Layers, decode_srgb, screen_pixels
 from wdpm.images.exr import read_exr, write_exr
 from wdpm.images.npy import read_npy, write_npy
-from wdpm.scenes.errors import ImageError
+from wdpm.scenes.errors import ImageError, NotWrittenError
 from wdpm.scenes.images.hdr import decode_hdr, encode_hdr
 from wdpm.scenes.images.pfm import decode_pfm, encode_pfm
 
@@ -56,7 +57,7 @@ def write(layers: Layers, metadata: Metadata, path: Path) -> None:
     try:
         write_whole(path, lambda temporary: _FORMATS[path.suffix.lower()].write(layers, metadata, temporary))
     except OSError as error:
-        raise ImageError(f"{path}: cannot be written: {_reason(error)}") from None
+        raise NotWrittenError(f"{path}: cannot be written: {_reason(error)}") from None
     except ImageError as error:
         raise ImageError(f"{path}: {error}") from None
 
@@ -95,6 +96,7 @@ def check_place(path: Path) -> None:
         raise ImageError(f"{path}: is there already and write-protected")
     probe = _temporary(path)
     try:
+        _remove_left_over(path)
         probe.touch(exist_ok=False)  # asking for rights is not enough: a full or read-only file system says yes
         probe.unlink()
     except OSError as error:
@@ -132,7 +134,32 @@ def write_whole(path: Path, write_to: Callable[[Path], object]) -> None:
 
 def _temporary(path: Path) -> Path:
     # Not tempfile: its files are readable by their owner only, and stay so after the move.
-    return path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}.part")
+    return path.with_name(f"{_part_of(path)}{os.getpid()}.{uuid.uuid4().hex[:12]}.part")
+
+
+def _part_of(path: Path) -> str:
+    """How the names of files begin that this machine writes to become `path`."""
+    return f".{path.name}.{platform.node() or 'unknown'}."
+
+
+def _remove_left_over(path: Path) -> None:
+    """Remove what processes of this machine that were killed have left half written beside `path`."""
+    begin = _part_of(path)
+    for part in path.parent.iterdir():
+        if part.name.startswith(begin) and part.name.endswith(".part"):
+            process = part.name.removeprefix(begin).partition(".")[0]
+            if process.isdigit() and not _runs(int(process)):
+                part.unlink(missing_ok=True)
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # somebody else's
+        return True
+    return True
 
 
 def _reason(error: OSError) -> str:
