@@ -10,7 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 import slave_driver
-from fake_worker import FakeWorker, irradiance_records, make_session, make_view, picture, pixels_of
+from fake_worker import (
+    FakeWorker,
+    irradiance_records,
+    make_session,
+    make_view,
+    make_world,
+    picture,
+    pixels_of,
+    statistics_of,
+)
 from master_driver import EPOCH, LIMITS, VERSIONS, A, B, Driver, broken, sent, tasks_of
 from numpy.typing import NDArray
 
@@ -156,8 +165,9 @@ def test_the_result_has_the_records_as_they_were_made() -> None:
         identity, task = waiting.pop()
         out = driver.says(identity, p.TaskDone(EPOCH, pixels_of(task, cached())))
         waiting += [(other, task) for other in (A, B) for task in tasks_of(out, other)]
-    driver.says(A, p.Statistics(EPOCH, {}))
-    [finished] = driver.says(B, p.Statistics(EPOCH, {}))
+    nothing = statistics_of(make_world(2), dropped={})
+    driver.says(A, p.Statistics(EPOCH, nothing))
+    [finished] = driver.says(B, p.Statistics(EPOCH, nothing))
     assert isinstance(finished, m.Finished)
     assert equal(finished.result.records, all_records(PLAN.rounds))
     rounds = finished.result.records.number >> ROUND_BITS
