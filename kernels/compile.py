@@ -6,7 +6,7 @@ import os
 
 import warp as wp
 
-from wdpm.kernels.camera import add_samples, rays, shadow_rays
+from wdpm.kernels.camera import add_samples, filter_weights, rays, shadow_rays
 from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance import at_photons, cache, gather_places, record_rays, records
 from wdpm.kernels.photons import beam, departure, gather, gather_at_photons, photon_map, surface_points
@@ -28,6 +28,7 @@ COMMON = (
     departure,
     record_rays,
     add_samples,
+    filter_weights,
     shadow_rays,
     surface_points,
 )

@@ -27,7 +27,7 @@ from wdpm.scenes.flat.light_table import LIGHT_KINDS, LightTable
 from wdpm.scenes.flat.material_table import NORMAL_MAP, SAME_MEDIUM, MaterialTable
 from wdpm.scenes.model.leaf_kind import SLOTS
 from wdpm.scenes.model.light_kind import NUMBERS
-from wdpm.scenes.model.scene import Camera
+from wdpm.scenes.model.scene import LARGEST_FILTER, Camera, PixelFilter
 from wdpm.scenes.model.textures import Bitmap, Checkerboard
 
 Shape = tuple[int | str, ...]
@@ -256,6 +256,11 @@ def _camera(camera: Camera, where: str) -> None:
     _require(bool(np.isfinite(camera.to_world).all()), where, "to_world is not finite")
 
 
+def _pixel_filter(given: PixelFilter, where: str) -> None:
+    _require(0 < given.radius <= LARGEST_FILTER and given.stddev > 0, where, f"a filter of radius {given.radius}")
+    _require(0 <= given.b <= 1 and 0 <= given.c <= 1, where, f"a filter with b, c = {given.b}, {given.c}")
+
+
 def _bitmap(bitmap: Bitmap, where: str) -> None:
     _require(bitmap.pixels.size > 0, where, f"texture {bitmap.name} has no pixels")
 
@@ -359,6 +364,7 @@ _RANGES: dict[type, Callable[[Any, str], None]] = {
     PhotonPlan: _photon_plan,
     View: _view,
     Camera: _camera,
+    PixelFilter: _pixel_filter,
     Bitmap: _bitmap,
     Records: _records,
     RecordTask: _record_task,

@@ -21,6 +21,7 @@ from wdpm.cluster.work import parts
 from wdpm.cluster.work.guards import BEAMS_CLAMPED, VOLUME, Guards
 from wdpm.cluster.work.misses import missed_light, no_hits
 from wdpm.cluster.work.replica import Replica
+from wdpm.cluster.work.sample_weights import SampleWeights
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera import add_samples
@@ -61,6 +62,7 @@ class BucketHome:
         x = np.arange(task.x0, task.x1, dtype=np.int32)
         y = np.arange(task.y0, task.y1, dtype=np.int32)
         self._pixels = (y[:, None] * np.int32(view.camera.width) + x[None, :]).reshape(-1)
+        self._weights = SampleWeights.if_needed(replica, view, self._pixels)
         self._samples_a_wave = max(1, min(len(self._samples), WAVE_SAMPLES // len(self._pixels)))
         self._first = self._samples.start
         self._sums = columns.zeros(add_samples.Sums, len(self._pixels), replica.launcher.device)
@@ -206,13 +208,15 @@ class BucketHome:
         """Add the wave's samples to the pixels' sums, in the order of their numbers."""
         launcher, shots = self._replica.launcher, self._view.light_samples
         count = len(self._slots["depth"]) // len(self._pixels)
-        slots = columns.upload(add_samples.Slots, self._slots, launcher.device)
-        later = columns.upload(add_samples.Parts, self._parts_in_order(), launcher.device)
+        slots: Arrays = self._slots
+        later = self._parts_in_order()
+        if self._weights is not None:
+            slots, later = self._weights.weigh(self._rays, slots, later, shots)
         launcher(
             add_samples.add_samples,
             len(self._pixels),
-            slots=slots,
-            parts=later,
+            slots=columns.upload(add_samples.Slots, slots, launcher.device),
+            parts=columns.upload(add_samples.Parts, later, launcher.device),
             samples=count,
             light_samples=shots,
             sums_out=self._sums,

@@ -11,18 +11,15 @@ import math
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
 
+from wdpm.kernels.camera.pixel_filter import FILTER_STEPS, filter_quantiles
 from wdpm.kernels.features import Features
 from wdpm.kernels.maths.directions import concentric_disk
 from wdpm.kernels.maths.random import PURPOSE_PIXEL, sample_2d, stream_of
-from wdpm.scenes.model.scene import Camera, FilterKind, PixelFilter
+from wdpm.scenes.model.scene import Camera
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-
-FILTER_STEPS = 1024
-"""Steps of a filter's inverse distribution: linear between them, it misses a gaussian's by less than 1e-5 pixels."""
 
 # Dimensions of a pixel's random numbers.
 _FILM = wp.constant(0)
@@ -127,37 +124,6 @@ def tangent(degrees: float) -> float:
     return 2.0 * t / ((1.0 - t) * (1.0 + t))
 
 
-def exponential(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """e^x of numbers up to 0 (e^-700 below it), with the same bits on every machine, which np.exp has not.
-
-    e^x = 2^n e^r with |r| <= ln(2) / 2, by the power series.
-    """
-    x = np.maximum(x, -700.0)
-    n = np.rint(x / math.log(2))
-    r = x - n * math.log(2)
-    total = np.ones_like(r)
-    for k in range(15, 0, -1):
-        total = 1.0 + total * r / k
-    return np.ldexp(total, n.astype(np.int64))
-
-
-def filter_quantiles(pixel_filter: PixelFilter) -> NDArray[np.float32]:
-    """The inverse distribution of a pixel filter along one axis, in pixels, float32, shape [FILTER_STEPS + 1].
-
-    Samples are placed in proportion to the filter, and all weigh the same (filter importance sampling, Ernst et al.
-    2006). So a sample counts in its own pixel alone, and the image cannot depend on buckets.
-    """
-    radius = pixel_filter.radius
-    if pixel_filter.kind is FilterKind.BOX:
-        return np.linspace(-radius, radius, FILTER_STEPS + 1, dtype=np.float32)
-    x = np.linspace(-radius, radius, 64 * FILTER_STEPS + 1)
-    scale = -1.0 / (2 * pixel_filter.stddev**2)
-    density = np.maximum(exponential(x**2 * scale) - exponential(np.array(radius**2 * scale)), 0.0)
-    distribution = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2)])
-    distribution /= distribution[-1]
-    return np.interp(np.linspace(0, 1, FILTER_STEPS + 1), distribution, x).astype(np.float32)
-
-
 @wp.func
 def _quantile(table: wp.array[wp.float32], u: wp.float32) -> wp.float32:
     x = u * float(FILTER_STEPS)
@@ -173,6 +139,13 @@ def whole_pixel(camera: CameraView, pixel: wp.int32) -> wp.int32:
     return (row + camera.top) * camera.whole_width + (pixel - row * camera.width) + camera.left
 
 
+@wp.func
+def film_numbers(camera: CameraView, pixel: wp.int32, sample: wp.int32) -> wp.vec2:
+    """The random numbers of a sample's place in its pixel."""
+    item = wp.uint32(whole_pixel(camera, pixel))
+    return sample_2d(wp.uint32(sample), stream_of(camera.seed, PURPOSE_PIXEL, item, _FILM))
+
+
 @functools.cache
 def make_camera(features: Features) -> wp.Function:
     """The function `camera_ray` for cameras with a set of features: (camera, pixel, sample) -> Ray."""
@@ -183,7 +156,7 @@ def make_camera(features: Features) -> wp.Function:
         x = float(pixel % camera.width + camera.left)
         y = float(pixel // camera.width + camera.top)
         item = wp.uint32(whole_pixel(camera, pixel))
-        u = sample_2d(wp.uint32(sample), stream_of(camera.seed, PURPOSE_PIXEL, item, _FILM))
+        u = film_numbers(camera, pixel, sample)
         # In units of half the image, from its centre.
         px = 2.0 * ((x + 0.5 + _quantile(camera.filter, u[0])) / float(camera.whole_width) - 0.5 - camera.shift[0])
         py = 2.0 * ((y + 0.5 + _quantile(camera.filter, u[1])) / float(camera.whole_height) - 0.5 - camera.shift[1])

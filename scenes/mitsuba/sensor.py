@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wdpm.scenes.mitsuba.plugin import Plugin
-from wdpm.scenes.model.scene import Camera, FilterKind, PixelFilter, horizontal_fov
+from wdpm.scenes.mitsuba.rfilter import DEFAULT_FILTER, read_filter
+from wdpm.scenes.model.scene import Camera, PixelFilter, horizontal_fov
 
 Size = tuple[int, int]
 DEFAULT_SIZE: Size = (768, 576)  # Mitsuba's
@@ -32,13 +33,6 @@ _FILE_FORMAT_PARAMETERS = (
     "digits",
     "channel_names",
 )
-
-
-def _gaussian(stddev: float) -> PixelFilter:
-    return PixelFilter(FilterKind.GAUSSIAN, 4.0 * stddev, stddev)  # cut off at four deviations, as in Mitsuba
-
-
-DEFAULT_FILTER = _gaussian(0.5)
 
 
 @dataclass(frozen=True)
@@ -160,7 +154,9 @@ def _read_fov(plugin: Plugin, aspect: float) -> float:
 
 
 def _read_film(plugin: Plugin, size: Size | None, warnings: list[str]) -> _Film:
-    own = _read_extent(plugin, "width", DEFAULT_SIZE[0]), _read_extent(plugin, "height", DEFAULT_SIZE[1])
+    # 0.6's film for tests has defaults of its own
+    size_unless_said, default = ((1, 1), PixelFilter()) if plugin.type == "mfilm" else (DEFAULT_SIZE, DEFAULT_FILTER)
+    own = _read_extent(plugin, "width", size_unless_said[0]), _read_extent(plugin, "height", size_unless_said[1])
     crop = _read_crop(plugin, own)
     if size is not None and crop is not None:
         crop = _scaled_crop(crop, own, size)
@@ -169,7 +165,7 @@ def _read_film(plugin: Plugin, size: Size | None, warnings: list[str]) -> _Film:
     warnings.extend(f"{plugin}: {name} is ignored" for name in ignored)
     nested = plugin.take_one("rfilter")
     plugin.finish()
-    return _Film(size or own, crop, DEFAULT_FILTER if nested is None else _read_filter(nested))
+    return _Film(size or own, crop, default if nested is None else read_filter(nested))
 
 
 def _read_crop(plugin: Plugin, size: Size) -> tuple[int, int, int, int] | None:
@@ -200,18 +196,6 @@ def _read_extent(plugin: Plugin, name: str, default: int) -> int:
     if value < 1:
         raise error
     return value
-
-
-def _read_filter(plugin: Plugin) -> PixelFilter:
-    if plugin.type == "box":
-        error = plugin.value_error("radius", "other than 0.5 is not supported for the box filter")
-        if plugin.take_float("radius", 0.5) != 0.5:
-            raise error
-        pixel_filter = PixelFilter()
-    else:
-        pixel_filter = _gaussian(plugin.take_positive("stddev", 0.5))
-    plugin.finish()
-    return pixel_filter
 
 
 def _read_sampler(plugin: Plugin) -> int:

@@ -13,7 +13,7 @@ _SUPPORTED: dict[str, tuple[str, ...]] = {
     "phase": ("isotropic", "hg"),
     "volume": ("constvolume",),
     "film": ("hdrfilm", "ldrfilm", "mfilm"),
-    "rfilter": ("box", "gaussian"),
+    "rfilter": ("box", "gaussian", "tent", "mitchell", "catmullrom", "lanczos"),
     "sampler": ("independent", "stratified", "multijitter", "orthogonal", "ldsampler", "halton", "hammersley", "sobol"),
     # what these do to the paths they find differs, but not which paths there are up to max_depth
     "integrator": (
@@ -116,7 +116,7 @@ _KNOWN: dict[str, tuple[str, ...]] = {
     "phase": ("blendphase", "rayleigh", "tabphase", "sggx", "kkay", "microflake", "mixturephase"),
     "volume": ("gridvolume", "hgridvolume", "volcache"),
     "film": ("specfilm", "tiledhdrfilm"),
-    "rfilter": ("tent", "mitchell", "catmullrom", "lanczos"),
+    "rfilter": (),
     "sampler": (),
     "integrator": ("depth", "stokes", "volprim_rf_basic", "multichannel", "field"),
 }

@@ -81,20 +81,35 @@ class Mesh:
     bounds: bool = False
 
 
+LARGEST_FILTER = 64.0
+"""Radius of a pixel filter, in pixels: more is a mistake."""
+
+
 class FilterKind(Enum):
     """The pixel's reconstruction filter."""
 
     BOX = "box"
     GAUSSIAN = "gaussian"
+    TENT = "tent"
+    MITCHELL = "mitchell"
+    LANCZOS = "lanczos"
 
 
 @dataclass(frozen=True)
 class PixelFilter:
-    """The pixel's reconstruction filter; lengths in pixels. A gaussian is cut off and lowered to zero at its radius."""
+    """The pixel's reconstruction filter; lengths in pixels. Along x times along y.
+
+    Attributes:
+        radius: where it ends; a lanczos filter has as many lobes.
+        stddev: of a gaussian, which is cut off and lowered to zero at its radius.
+        b, c: of the cubic of Mitchell and Netravali, 1/3 each in "Mitchell's filter", 0 and 1/2 in Catmull and Rom's.
+    """
 
     kind: FilterKind = FilterKind.BOX
     radius: float = 0.5
     stddev: float = 0.5
+    b: float = 1.0 / 3.0
+    c: float = 1.0 / 3.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -122,8 +122,10 @@ def scene_of(meshes: Sequence[Mesh], points: Sequence[PointLight], rng: np.rando
     eye = rng.choice([rng.uniform(-1, 1, 3), [0.25, 0.25, -1.25], [1.2, 0.9, -1.3], [3.0, 2.0, -3.0]])
     towards = rng.choice([rng.uniform(-0.4, 0.4, 3), eye + np.array([0.0, 0.0, 1.0])])
     to_world = look_at(eye, towards, (0.03, 1.0, 0.05))
-    kind = FilterKind.GAUSSIAN if rng.random() < 0.3 else FilterKind.BOX
-    camera = Camera(to_world, float(rng.uniform(30, 90)), size, size - 3, 1e-2, 1e3, filter=PixelFilter(kind))
+    filters = (FilterKind.GAUSSIAN, FilterKind.TENT, FilterKind.MITCHELL, *[FilterKind.BOX] * 6, FilterKind.LANCZOS)
+    kind = filters[int(10 * rng.random())]
+    shape = PixelFilter(kind, 0.5 if kind in (FilterKind.BOX, FilterKind.GAUSSIAN) else 2.0)
+    camera = Camera(to_world, float(rng.uniform(30, 90)), size, size - 3, 1e-2, 1e3, filter=shape)
     return Scene("random", tuple(meshes), materials(rng), tuple(points), camera)
 
 

@@ -15,6 +15,7 @@ from wdpm.scenes import (
     Diffuse,
     FilterKind,
     Interpolation,
+    PixelFilter,
     PointLight,
     Scene,
     SceneError,
@@ -135,6 +136,36 @@ def test_size_argument_replaces_the_film(tmp_path: Path) -> None:
     camera = read(tmp_path, body, size=(64, 64)).camera
     assert (camera.width, camera.height) == (64, 64)
     assert camera.fov_x == pytest.approx(50.0)
+
+
+def rfilter(kind: str, inside: str = "") -> str:
+    return sensor(film(8, 8, f'<rfilter type="{kind}">{inside}</rfilter>'))
+
+
+CUBIC = '<float name="B" value="0.2"/><float name="C" value="0.4"/>'
+
+
+@pytest.mark.parametrize(
+    ("body", "expected"),
+    [
+        (rfilter("box"), PixelFilter()),
+        (rfilter("box", '<float name="radius" value="1"/>'), PixelFilter(FilterKind.BOX, 1.0)),
+        (rfilter("tent"), PixelFilter(FilterKind.TENT, 1.0)),
+        (rfilter("tent", '<float name="radius" value="2.5"/>'), PixelFilter(FilterKind.TENT, 2.5)),
+        (rfilter("mitchell"), PixelFilter(FilterKind.MITCHELL, 2.0, b=1 / 3, c=1 / 3)),
+        (rfilter("mitchell", CUBIC), PixelFilter(FilterKind.MITCHELL, 2.0, b=0.2, c=0.4)),
+        (rfilter("catmullrom"), PixelFilter(FilterKind.MITCHELL, 2.0, b=0.0, c=0.5)),
+        (rfilter("lanczos"), PixelFilter(FilterKind.LANCZOS, 3.0)),
+        (rfilter("lanczos", '<integer name="lobes" value="2"/>'), PixelFilter(FilterKind.LANCZOS, 2.0)),
+    ],
+)
+def test_filters_with_mitsubas_defaults(tmp_path: Path, body: str, expected: PixelFilter) -> None:
+    assert read(tmp_path, body).camera.filter == expected
+
+
+def test_a_film_for_tests_has_defaults_of_its_own(tmp_path: Path) -> None:
+    camera = read(tmp_path, sensor('<film type="mfilm"/>')).camera
+    assert (camera.width, camera.height, camera.filter) == (1, 1, PixelFilter())
 
 
 def test_gaussian_filter_is_cut_at_four_deviations(tmp_path: Path) -> None:
@@ -273,11 +304,12 @@ ERRORS = [
         3,
         "at least 1",
     ),
-    (
-        '<sensor type="perspective"><film type="hdrfilm">\n<rfilter type="mitchell"/></film></sensor>',
-        3,
-        '"mitchell" is not',
-    ),
+    (rfilter("sharp"), 2, 'unknown rfilter plugin "sharp"'),
+    (rfilter("mitchell", '\n<float name="B" value="1.5"/>'), 3, '"b" must lie between 0 and 1'),
+    (rfilter("lanczos", '\n<integer name="lobes" value="0"/>'), 3, '"lobes" must be at least 1'),
+    (rfilter("lanczos", '\n<integer name="lobes" value="65"/>'), 2, "it reaches further than 64 pixels"),
+    (rfilter("tent", '\n<float name="radius" value="0"/>'), 3, '"radius" must be greater than 0'),
+    (rfilter("catmullrom", '\n<float name="radius" value="2"/>'), 3, 'unknown parameter "radius"'),
     ('<sensor type="perspective">\n<float name="fov" value="180"/></sensor>', 3, "between 0 and 180"),
     ('<sensor type="perspective">\n<string name="fov_axis" value="z"/></sensor>', 3, "must be one of x, y,"),
     (

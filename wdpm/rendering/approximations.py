@@ -6,6 +6,7 @@ import numpy as np
 
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.world import World
+from wdpm.kernels.camera.pixel_filter import is_signed, sharpening
 from wdpm.scenes.model.bsdfs import Leaf, walk
 from wdpm.scenes.model.scene import Mesh, Scene
 
@@ -32,6 +33,12 @@ def approximations(scene: Scene, world: World, settings: RenderSettings) -> tupl
     if spheres:
         most = max(len(mesh.faces) for mesh in spheres)
         lines.append(f"spheres that reflect or refract: {len(spheres)}, of up to {most:,} triangles, smooth normals")
+    if is_signed(scene.camera.filter):
+        share = sharpening(scene.camera.filter) / settings.spp
+        lines.append(
+            f"pixel filter with negative lobes: signed samples, at edges off by at most {share:.2g} of the contrast; "
+            "pixels beside edges may be negative"
+        )
     if settings.band < 1 and "band" not in algorithm.ignored:
         lines.append(f"overlap band: {settings.band:g} of the gather radius")
     return tuple(lines)

@@ -12,7 +12,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.kernels.camera import camera as kernel_camera
-from wdpm.kernels.camera.camera import CameraView, exponential, filter_quantiles, make_camera, tangent
+from wdpm.kernels.camera.camera import CameraView, make_camera, tangent
+from wdpm.kernels.camera.pixel_filter import exponential, filter_quantiles
 from wdpm.kernels.features import ALL, Features
 from wdpm.scenes.model.scene import Camera, FilterKind, PixelFilter
 from wdpm.scenes.model.transforms import look_at
