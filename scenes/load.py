@@ -23,6 +23,7 @@ def load(
     defines: Mapping[str, str] | None = None,
     size: tuple[int, int] | None = None,
     root: Path | None = None,
+    lenient: bool = False,
 ) -> Scene:
     """Loads a scene file or a built-in scene, and checks it.
 
@@ -32,6 +33,8 @@ def load(
         defines: values of a Mitsuba file's `$name` parameters.
         size: width and height in pixels that replace the file's.
         root: folder that the scene's file and all files that it names must lie in; None for what `files_within` says.
+        lenient: whether, in a Mitsuba file, the nearest known thing may stand in for what is not known; each such
+            place is a warning of the scene. Other formats are always read so.
 
     Raises:
         SceneError: with file and line where known.
@@ -44,12 +47,19 @@ def load(
         return check_scene(load_built_in(str(source), size))
     with files_within(root):
         check_within(file)
-        return check_scene(_read(file, source, defines, size), file)
+        return check_scene(_read(file, source, defines, size, lenient=lenient), file)
 
 
-def _read(file: Path, source: str | Path, defines: Mapping[str, str] | None, size: tuple[int, int] | None) -> Scene:
+def _read(
+    file: Path,
+    source: str | Path,
+    defines: Mapping[str, str] | None,
+    size: tuple[int, int] | None,
+    *,
+    lenient: bool,
+) -> Scene:
     if file.suffix.lower() == ".xml":
-        return read_mitsuba(file, defines or {}, size)
+        return read_mitsuba(file, defines or {}, size, lenient=lenient)
     _refuse_defines(defines, source)
     reader = read_gltf if file.suffix.lower() in (".gltf", ".glb") else read_stand_alone
     return reader(file, size)

@@ -24,18 +24,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
-
-import numpy as np
 
 from wdpm.scenes.model.bsdfs import (
     BLACK,
     WHITE,
-    Blend,
     Bsdf,
     BumpMap,
-    Conductor,
     Dielectric,
     Diffuse,
     Distribution,
@@ -44,6 +40,7 @@ from wdpm.scenes.model.bsdfs import (
     Principled,
     TwoSided,
 )
+from wdpm.scenes.model.highlights import capped, highlight_over, largest
 from wdpm.scenes.model.textures import RGB, Bitmap, Color, Number
 
 NO_HIGHLIGHT: Final = (0, 1)
@@ -146,24 +143,13 @@ def _opaque(looks: Looks, warn: Warn) -> Bsdf:
     if looks.pbr is not None:
         return _principled(looks, looks.pbr)
     specular = BLACK if looks.illum in NO_HIGHLIGHT else looks.specular
-    most_diffuse, most_specular = largest(looks.diffuse), max(specular)
-    if most_specular == 0.0:
+    if max(specular) == 0.0:
         return Diffuse(_lowered(looks.diffuse, "Kd", warn))
-    total = most_diffuse + most_specular
+    alpha = _roughness(looks)
+    surface, total = highlight_over(looks.diffuse, specular, (alpha, alpha), Distribution.GGX)
     if total > 1.0:
         warn("Ks", f"reflects more than it receives together with Kd: both are divided by {total:.3g}")
-    # each part is divided by its own share, so that the mixture reflects Kd + Ks, lowered where they are above 1
-    divisor = min(total, 1.0)
-    alpha = _roughness(looks)
-    metal = Conductor(
-        specular_reflectance=_capped(scaled(specular, divisor / most_specular)),
-        alpha_u=alpha,
-        alpha_v=alpha,
-        distribution=Distribution.GGX,
-    )
-    if most_diffuse == 0.0:
-        return metal
-    return Blend(Diffuse(_capped(scaled(looks.diffuse, divisor / most_diffuse))), metal, most_specular / total)
+    return surface
 
 
 def _roughness(looks: Looks) -> float:
@@ -176,7 +162,7 @@ def _roughness(looks: Looks) -> float:
 
 def _principled(looks: Looks, pbr: Pbr) -> Principled:
     return Principled(
-        base_color=_capped(looks.diffuse),
+        base_color=capped(looks.diffuse),
         roughness=pbr.roughness,
         metallic=pbr.metallic,
         eta=looks.index if looks.index is not None and looks.index > 1.0 else DEFAULT_INDEX,
@@ -195,32 +181,4 @@ def _bent(looks: Looks, bsdf: Bsdf) -> Bsdf:
 def _lowered(colour: Color, keyword: str, warn: Warn) -> Color:
     if largest(colour) > 1.0:
         warn(keyword, "is above 1: lowered to 1")
-    return _capped(colour)
-
-
-def largest(colour: Color) -> float:
-    """The largest channel of a colour, or of a bitmap's texels."""
-    if isinstance(colour, Bitmap):
-        return float(colour.pixels.max(initial=0.0))
-    assert isinstance(colour, tuple), "MTL files have no other textures"
-    return max(colour)
-
-
-def scaled(colour: Color, factor: float) -> Color:
-    """A colour or a bitmap times a number."""
-    if factor == 1.0:
-        return colour
-    if isinstance(colour, Bitmap):
-        return replace(colour, pixels=colour.pixels * np.float32(factor))
-    assert isinstance(colour, tuple), "MTL files have no other textures"
-    return colour[0] * factor, colour[1] * factor, colour[2] * factor
-
-
-def _capped(colour: Color) -> Color:
-    """A colour with what lies above 1 (if only by rounding) lowered to 1."""
-    if largest(colour) <= 1.0:
-        return colour
-    if isinstance(colour, Bitmap):
-        return replace(colour, pixels=np.minimum(colour.pixels, np.float32(1.0)))
-    assert isinstance(colour, tuple), "MTL files have no other textures"
-    return min(colour[0], 1.0), min(colour[1], 1.0), min(colour[2], 1.0)
+    return capped(colour)

@@ -12,7 +12,7 @@ from typing import Final
 
 from wdpm.scenes.errors import did_you_mean
 from wdpm.scenes.mitsuba.metals import METALS
-from wdpm.scenes.mitsuba.plugin import Plugin
+from wdpm.scenes.mitsuba.plugin import Plugin, numbers
 from wdpm.scenes.mitsuba.refraction_indices import INDICES
 from wdpm.scenes.mitsuba.supported import reads
 from wdpm.scenes.mitsuba.textures import TextureReader
@@ -36,6 +36,7 @@ from wdpm.scenes.model.bsdfs import (
     TwoSided,
     transmits,
 )
+from wdpm.scenes.model.highlights import highlight_over
 from wdpm.scenes.model.textures import Color, Number, Texture
 
 # what stands in for "no difference of index" where light must be refracted; Mitsuba's own values
@@ -165,7 +166,9 @@ def _distribution(plugin: Plugin) -> Distribution:
     plugin.ignore("sample_visible")
     names = [distribution.value for distribution in Distribution]
     if given.lower() not in names:
-        raise at.error(f'{plugin}: "distribution" must be one of {", ".join(names)}, got "{given}"')
+        error = at.error(f'{plugin}: "distribution" must be one of {", ".join(names)}, got "{given}"')
+        plugin.rules.refuse(error, f'{plugin}: distribution "{given}" is not supported', 'it is taken for "beckmann"')
+        return Distribution.BECKMANN
     return Distribution(given.lower())
 
 
@@ -190,13 +193,21 @@ def _is_given(plugin: Plugin, name: str) -> bool:
 @_reads("dielectric")
 def _dielectric(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     eta = _relative_index(plugin, "bk7")
+    _tell_smooth(plugin)
     return Dielectric(eta, *_interface(reader, plugin))
 
 
 @_reads("thindielectric")
 def _thin_dielectric(reader: BsdfReader, plugin: Plugin) -> Bsdf:
     eta = _relative_index(plugin, "bk7")
+    _tell_smooth(plugin)
     return ThinDielectric(eta, *_interface(reader, plugin))
+
+
+def _tell_smooth(plugin: Plugin) -> None:
+    """Files of forks give a smooth dielectric a roughness; Mitsuba 0.6 warns of it."""
+    for name in plugin.ignore("alpha", "distribution"):
+        plugin.rules.tell(plugin.line, f"{plugin}: {name} is ignored: the surface is smooth")
 
 
 @_reads("roughdielectric")
@@ -282,6 +293,95 @@ def _principled_index(plugin: Plugin, *, refracts: bool) -> float:
     if refracts and specular == 0.0:
         specular = _LEAST_SPECULAR
     return 2.0 / (1.0 - math.sqrt(0.08 * specular)) - 1.0
+
+
+@_reads("phong")
+def _phong(reader: BsdfReader, plugin: Plugin) -> Bsdf:
+    """0.6's, whose exponent stands for a roughness (Walter et al. 2007, section 5.2)."""
+    exponent = _plain(plugin, "exponent", 30.0)
+    alpha = math.sqrt(2.0 / (exponent + 2.0))
+    return _highlighted(reader, plugin, (alpha, alpha))
+
+
+@_reads("ward")
+def _ward(reader: BsdfReader, plugin: Plugin) -> Bsdf:
+    """0.6's, whose roughness is that of Beckmann's distribution: Ward's lobe is an approximation of it."""
+    alpha_u, alpha_v = _plain(plugin, "alpha_u", 0.1), _plain(plugin, "alpha_v", 0.1)
+    plugin.ignore("variant")  # which of three approximations
+    return _highlighted(reader, plugin, (alpha_u, alpha_v))
+
+
+def _plain(plugin: Plugin, name: str, default: float) -> float:
+    for texture in plugin.take_nested("texture", name):
+        raise texture.error(f'{plugin}: a texture as "{name}" is not supported; give a number')
+    return plugin.take_positive(name, default)
+
+
+def _highlighted(reader: BsdfReader, plugin: Plugin, alpha: tuple[float, float]) -> Bsdf:
+    diffuse = reader.color(plugin, "diffuse_reflectance", GREY)
+    specular = reader.color(plugin, "specular_reflectance", (0.2, 0.2, 0.2))
+    surface, _ = highlight_over(diffuse, specular, alpha, Distribution.BECKMANN)
+    size = f"{alpha[0]:.3g}" if alpha[0] == alpha[1] else f"{alpha[0]:.3g} and {alpha[1]:.3g}"
+    plugin.rules.tell(
+        plugin.line, f"{plugin}: taken for a mixture of diffuse and rough metal (Beckmann, roughness {size})"
+    )
+    return surface
+
+
+@_reads("coating")
+def _coating(reader: BsdfReader, plugin: Plugin) -> Bsdf:
+    return _coat_over(reader, plugin, Plastic())
+
+
+@_reads("roughcoating")
+def _rough_coating(reader: BsdfReader, plugin: Plugin) -> Bsdf:
+    alpha = _plain(plugin, "alpha", 0.1)
+    return _coat_over(reader, plugin, Plastic(alpha=alpha, distribution=_distribution(plugin)))
+
+
+def _coat_over(reader: BsdfReader, plugin: Plugin, coat: Plastic) -> Bsdf:
+    """0.6's dielectric coat: over a diffuse surface it is a plastic; over others it can only be left away."""
+    at = plugin.at("int_ior")
+    eta = _relative_index(plugin, "bk7")
+    if eta < 1.0:
+        raise at.error(f'{plugin}: "int_ior" must not be less than "ext_ior"')
+    specular = reader.color(plugin, "specular_reflectance")
+    given = plugin.at("sigma_a")
+    absorbs = reader.textures.take_color(plugin, "sigma_a", BLACK) != BLACK
+    plugin.ignore("thickness")  # counts together with sigma_a only
+    if absorbs:
+        what = f"{plugin}: a coat that absorbs (sigma_a) is not supported yet"
+        plugin.rules.refuse(given.error(f"{what}; leave sigma_a out"), what, "it is clear")
+    nested = reader.one_nested(plugin)
+    if isinstance(nested, Diffuse):
+        plugin.rules.tell(plugin.line, f"{plugin}: taken for a plastic with this coat over the diffuse surface")
+        return replace(
+            coat, diffuse_reflectance=nested.reflectance, specular_reflectance=specular, eta=eta, nonlinear=True
+        )
+    what = f"{plugin}: a coat over anything but a diffuse surface is not supported yet"
+    plugin.rules.refuse(plugin.error(f"{what}; use plastic or principled"), what, "the coat is left away")
+    return nested
+
+
+@_reads("mixturebsdf")
+def _mixture(reader: BsdfReader, plugin: Plugin) -> Bsdf:
+    """0.6's, of any number of parts: blends of blends. What the weights leave of 1 is absorbed."""
+    at = plugin.at("weights")
+    weights = numbers(plugin.take_string("weights"), at)
+    found = [reader.read(nested) for nested in plugin.take_nested("bsdf")]
+    if len(found) != len(weights) or not found:
+        raise at.error(f"{plugin}: {len(weights)} weights for {len(found)} nested bsdfs; expected one each")
+    if min(weights) < 0.0 or not sum(weights) > 0.0:
+        raise at.error(f'{plugin}: "weights" must not be negative, and not all 0')
+    total = max(sum(weights), 1.0)  # more than 1 is lowered, as in Mitsuba
+    parts = [*zip(found, (weight / total for weight in weights), strict=True)]
+    if sum(weights) < 1.0:
+        parts.append((Diffuse(BLACK), 1.0 - sum(weights)))
+    mixed, so_far = parts[0]
+    for part, share in parts[1:]:
+        so_far += share
+        mixed = Blend(mixed, part, share / so_far) if share > 0.0 else mixed
+    return mixed
 
 
 @_reads("twosided")

@@ -44,7 +44,7 @@ def read_daylight(plugin: Plugin, *, old_axes: bool, warnings: list[str]) -> Env
     plugin.ignore("complex_sun", "resolution")  # limb darkening, and the size of 0.6's map
     stretch = plugin.value_error("stretch", "other than 1 is not supported")
     if old_axes and plugin.take_float("stretch", 1.0) != 1.0:
-        raise stretch
+        plugin.rules.refuse(stretch, f"{plugin}: stretch is not supported", "the sky is not stretched")
     if light.elevation < 0.0:
         warnings.append(f"line {plugin.line}: {plugin}: the sun is below the horizon: the sky is black")
     pixels = sky.sky_map(light)
@@ -93,7 +93,7 @@ def _take_aperture(plugin: Plugin, *, old_axes: bool) -> float:
     error = plugin.value_error("sun_aperture", "must lie between 0 and 90 degrees")
     aperture = plugin.take_float("sun_aperture", sky.SUN_APERTURE)
     if old_axes:
-        aperture = sky.SUN_APERTURE * plugin.take_positive("sun_radius_scale", 1.0)
+        aperture *= plugin.take_positive("sun_radius_scale", 1.0)
     if not 0.0 < aperture < 90.0:
         raise error
     return aperture

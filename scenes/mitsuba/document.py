@@ -13,6 +13,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from wdpm.scenes.errors import SceneError, did_you_mean
+from wdpm.scenes.mitsuba.rules import Rules
 from wdpm.scenes.scene_root import check_within
 
 MAX_INCLUDE_DEPTH = 15  # Mitsuba's own limit; a file that includes itself ends here
@@ -58,11 +59,13 @@ class Document:
         root: the <scene> element; includes are replaced by what they include.
         search_paths: folders in which file names are looked up, the scene's own first.
         ids: elements by their id, aliases included.
+        rules: what becomes of what nobody understands.
     """
 
     root: Element
     search_paths: list[Path]
     ids: dict[str, Element]
+    rules: Rules = field(default_factory=Rules)
 
     def resolve_file(self, name: str, at: Element) -> Path:
         """The file that a scene names, looked up beside the naming file, then in the search paths."""

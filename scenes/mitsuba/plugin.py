@@ -11,6 +11,7 @@ import numpy as np
 
 from wdpm.scenes.errors import SceneError, did_you_mean
 from wdpm.scenes.mitsuba.document import Document, Element
+from wdpm.scenes.mitsuba.rules import HARMLESS
 from wdpm.scenes.mitsuba.supported import is_known, supported
 from wdpm.scenes.model import transforms
 from wdpm.scenes.model.textures import RGB
@@ -46,6 +47,9 @@ def numbers(text: str, at: Element) -> list[float]:
 class Plugin:
     """One plugin of a scene: its type, its parameters and the plugins nested in it.
 
+    Attributes:
+        replaced: whether it stands in for one that is not known, whose parameters mean nothing here.
+
     Every `take_...` marks what it takes; `finish` complains about the rest. Names are Mitsuba 3's; 0.6's spellings
     are translated.
     """
@@ -57,6 +61,8 @@ class Plugin:
         self.type = element.attribute("type")
         self.id = element.attributes.get("id")
         self.line = element.line
+        self.rules = document.rules
+        self.replaced = False
         self.known_names: set[str] = set()
         self._values: dict[str, Element] = {}
         self._nested: list[tuple[str, Element]] = []
@@ -72,12 +78,13 @@ class Plugin:
                     f'{self}: parameter "{name}" is given twice (first in line {self._values[name].line})'
                 )
             self._values[name] = child
-        elif child.tag == "ref":
-            self._nested.append((snake_case(child.attributes.get("name", "")), self.document.referenced(child)))
-        elif child.tag in OBJECT_TAGS:
-            self._nested.append((snake_case(child.attributes.get("name", "")), child))
+        elif child.tag == "ref" or child.tag in OBJECT_TAGS:
+            nested = self.document.referenced(child) if child.tag == "ref" else child
+            if nested.tag not in OBJECT_TAGS or not left_out(nested, self.document):
+                self._nested.append((snake_case(child.attributes.get("name", "")), nested))
         elif child.tag in FOREIGN_TAGS:
-            raise child.error(f"{self}: <{child.tag}> is not supported yet")
+            what = f"{self}: <{child.tag}> is not supported yet"
+            self.rules.refuse(child.error(what), what, "it is left out")
         else:
             raise unknown_tag(child)
 
@@ -85,10 +92,16 @@ class Plugin:
         types = supported(self.category)
         if self.type in types:
             return
-        what = f'{self.category} plugin "{self.type}"'
-        if is_known(self.category, self.type):
-            raise self.error(f"{what} is not supported yet; supported: {', '.join(types)}")
-        raise self.error(f"unknown {what}{did_you_mean(self.type, types)} (supported: {', '.join(types)})")
+        what, error = _not_supported(self.element)
+        stand_in = self.rules.stand_in(self.category, self.type)
+        if self.category in HARMLESS:
+            self.rules.tell(self.line, f'{what}: it is taken for "{stand_in}", which changes how, not what is computed')
+        elif stand_in is None:
+            raise error
+        else:
+            self.rules.refuse(error, what, f'it is taken for "{stand_in}"')
+        self.replaced = True
+        self.type = stand_in or self.type
 
     def __str__(self) -> str:
         return f'{self.category} "{self.type}"'
@@ -108,6 +121,10 @@ class Plugin:
     def has_nested(self, category: str, name: str) -> bool:
         """Whether a plugin of this category is nested under this name; does not take it."""
         return any(given == name and element.tag == category for given, element in self._nested)
+
+    def nests(self, category: str) -> bool:
+        """Whether a plugin of this category is nested under any name; does not take it."""
+        return any(element.tag == category for _, element in self._nested)
 
     def at(self, name: str) -> Element:
         """Where a parameter is given, for messages; the plugin itself where it is not. Ask before taking it."""
@@ -220,14 +237,44 @@ class Plugin:
         return found[0] if found else None
 
     def finish(self) -> None:
-        """Raises SceneError if anything is left that nothing took."""
+        """Raises SceneError if anything is left that nothing took and that may change the picture."""
         for name, element in self._values.items():
+            what = f'{self}: unknown parameter "{name}"'
             hint = did_you_mean(name, self.known_names) or f" (known: {', '.join(sorted(self.known_names))})"
-            raise element.error(f'{self}: unknown parameter "{name}"{hint}')
+            self._leave(element, what, element.error(what + hint))
         for name, element in self._nested:
             label = f' named "{name}"' if name else ""
             hint = did_you_mean(name, self.known_names) if name else ""
-            raise element.error(f"{self} takes no nested {element.tag}{label}{hint}")
+            what = f"{self} takes no nested {element.tag}{label}"
+            self._leave(element, what, element.error(what + hint))
+
+    def _leave(self, element: Element, what: str, error: SceneError) -> None:
+        if self.category in HARMLESS:
+            self.rules.tell(element.line, f"{what}: it is ignored")
+        else:
+            self.rules.refuse(error, what, "it is ignored")
+
+
+def _not_supported(element: Element) -> tuple[str, SceneError]:
+    """What is not supported, in words, and the error that says so."""
+    category, plugin_type = element.tag, element.attribute("type")
+    types, what = supported(category), f'{category} plugin "{plugin_type}"'
+    if is_known(category, plugin_type):
+        what = f"{what} is not supported yet"
+        return what, element.error(f"{what}; supported: {', '.join(types)}")
+    hint = did_you_mean(plugin_type, types)
+    return f"unknown {what}", element.error(f"unknown {what}{hint} (supported: {', '.join(types)})")
+
+
+def left_out(element: Element, document: Document) -> bool:
+    """Whether a plugin is left out of the scene, as a lenient reader does with one that nothing can stand in for."""
+    category, plugin_type = element.tag, element.attribute("type")
+    rules = document.rules
+    if not rules.lenient or plugin_type in supported(category) or rules.stand_in(category, plugin_type) is not None:
+        return False
+    what, error = _not_supported(element)
+    rules.refuse(error, what, "it is left out")
+    return True
 
 
 def unknown_tag(element: Element) -> SceneError:

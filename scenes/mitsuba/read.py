@@ -19,9 +19,10 @@ from wdpm.scenes.mitsuba.document import Document, Element, read_document
 from wdpm.scenes.mitsuba.emitters import EmitterReader
 from wdpm.scenes.mitsuba.materials import MaterialReader
 from wdpm.scenes.mitsuba.media import MediaReader
-from wdpm.scenes.mitsuba.plugin import OBJECT_TAGS, VALUE_TAGS, Plugin, unknown_tag
+from wdpm.scenes.mitsuba.plugin import OBJECT_TAGS, VALUE_TAGS, Plugin, left_out, unknown_tag
 from wdpm.scenes.mitsuba.sensor import Size, read_integrator, read_sensor
 from wdpm.scenes.mitsuba.shapes import ShapeReader, Use
+from wdpm.scenes.mitsuba.upgrade import upgrade, version_of
 from wdpm.scenes.model.bsdfs import (
     Blend,
     BumpMap,
@@ -39,24 +40,28 @@ from wdpm.scenes.model.scene import Camera, Mesh, Scene
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color
 
 
-def read_mitsuba(file: Path, defines: Mapping[str, str], size: Size | None = None) -> Scene:
+def read_mitsuba(file: Path, defines: Mapping[str, str], size: Size | None = None, *, lenient: bool = False) -> Scene:
     """Reads a scene file.
 
     Args:
         defines: values of the file's `$name` parameters.
         size: width and height in pixels that replace the film's.
+        lenient: whether the nearest known thing may stand in for what is not known (rules).
 
     Raises:
         SceneError: with file and line.
     """
-    return _SceneReader(read_document(file, defines), file).read(size)
+    document = read_document(file, defines)
+    document.rules.lenient = lenient
+    upgrade(document)
+    return _SceneReader(document, file).read(size)
 
 
 class _SceneReader:
     def __init__(self, document: Document, file: Path) -> None:
         self.document = document
         self.file = file
-        self.warnings: list[str] = []
+        self.warnings = document.rules.warnings
         self.materials = MaterialReader(self.warnings)
         self.media = MediaReader(self.warnings)
         self.emitters = EmitterReader(
@@ -93,6 +98,8 @@ class _SceneReader:
         if element.tag == "ref":
             element = self.document.referenced(element)
         match element.tag:
+            case "shape" | "emitter" if left_out(element, self.document):
+                pass
             case "shape":
                 self._read_shape(Plugin(element, self.document))
             case "emitter":
@@ -106,7 +113,8 @@ class _SceneReader:
             case "bsdf" | "texture" | "medium" | "phase" | "volume":
                 self.warnings.append(f"line {element.line}: <{element.tag}> without id: nothing can use it")
             case "subsurface":
-                raise element.error(f"<{element.tag}> is not supported yet")
+                what = f"<{element.tag}> is not supported yet"
+                self.document.rules.refuse(element.error(what), what, "it is left out")
             case tag if tag in VALUE_TAGS | OBJECT_TAGS:
                 raise element.error(f"<{tag}> does not belong directly into <scene>")
             case _:
@@ -170,7 +178,8 @@ class _SceneReader:
 
 def _is_old(document: Document) -> bool:
     """Whether a file says that it is for a version before Mitsuba 1."""
-    return document.root.attributes.get("version", "").startswith("0.")
+    version = version_of(document)
+    return version is not None and version[0] == 0
 
 
 def _count_spheres(document: Document) -> int:

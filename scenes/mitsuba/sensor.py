@@ -214,7 +214,7 @@ _DIRECT_ONLY = ("direct", "direct_projective")
 
 def read_integrator(plugin: Plugin, warnings: list[str]) -> int | None:
     """The longest light path in edges that an integrator asks for; None for no limit."""
-    if plugin.type in _WITH_NESTED:
+    if plugin.type in _WITH_NESTED or (plugin.replaced and plugin.nests("integrator")):
         nested = plugin.take_nested("integrator")
         ignored = plugin.ignore_values()
         plugin.finish()
@@ -225,7 +225,7 @@ def read_integrator(plugin: Plugin, warnings: list[str]) -> int | None:
     depth = 2 if plugin.type in _DIRECT_ONLY else _read_depth(plugin)
     error = plugin.value_error("hide_emitters", "true is not supported: lights are visible")
     if plugin.take_bool("hide_emitters", False):
-        raise error
+        plugin.rules.refuse(error, f"{plugin}: hide_emitters is not supported", "lights stay visible")
     plugin.ignore("rr_depth")  # Russian roulette changes no expected value
     if plugin.type != "path":
         ignored = plugin.ignore_values()

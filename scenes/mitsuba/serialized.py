@@ -121,9 +121,9 @@ def _read_mesh(compressed: bytes, version: int, name: str, file: Path) -> MeshDa
     if version == 4:
         stream.take_text()
     vertex_count, face_count = _COUNTS.unpack(stream.take(_COUNTS.size))
-    if bool(flags & _SINGLE) == bool(flags & _DOUBLE):
-        raise SceneError(f"{name}: flags {flags:#x} say neither single nor double precision", file)
-    real = "<f4" if flags & _SINGLE else "<f8"
+    if flags & _SINGLE and flags & _DOUBLE:
+        raise SceneError(f"{name}: flags {flags:#x} say both single and double precision", file)
+    real = "<f8" if flags & _DOUBLE else "<f4"  # neither, as in early files, means single, as in Mitsuba 3
     vertices = stream.take_array(real, vertex_count, 3).astype(np.float64)
     normals = stream.take_array(real, vertex_count, 3).astype(np.float64) if flags & _HAS_NORMALS else None
     uvs = stream.take_array(real, vertex_count, 2).astype(np.float64) if flags & _HAS_UVS else None

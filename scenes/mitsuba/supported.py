@@ -45,7 +45,7 @@ _SUPPORTED: dict[str, tuple[str, ...]] = {
 }
 
 # Mitsuba 3.9 and Mitsuba 0.6 together; those that are supported need not be here
-_KNOWN: dict[str, tuple[str, ...]] = {
+KNOWN: dict[str, tuple[str, ...]] = {
     "shape": (
         "instance",
         "shapegroup",
@@ -71,11 +71,6 @@ _KNOWN: dict[str, tuple[str, ...]] = {
         "circular",
         "retarder",
         "roughdiffuse",
-        "coating",
-        "roughcoating",
-        "phong",
-        "ward",
-        "mixturebsdf",
         "difftrans",
         "hk",
         "irawan",
@@ -134,4 +129,4 @@ def supported(category: str) -> tuple[str, ...]:
 
 def is_known(category: str, plugin_type: str) -> bool:
     """Whether Mitsuba has a plugin of this name that is not supported here."""
-    return plugin_type in _KNOWN[category]
+    return plugin_type in KNOWN[category]

@@ -125,7 +125,7 @@ class TextureReader:
 def _check_gamma(plugin: Plugin) -> None:
     error = plugin.value_error("gamma", "other than -1 (by the file's type) is not supported; use raw for linear data")
     if plugin.take_float("gamma", -1.0) != -1.0:
-        raise error
+        plugin.rules.refuse(error, f"{plugin}: gamma is not supported", "it goes by the file's type")
 
 
 def _checkerboard(plugin: Plugin) -> Checkerboard:

@@ -435,7 +435,7 @@ ERRORS = [
     (f'<bsdf type="diffuse">\n{rgb("reflectance", "-1")}</bsdf>', 4, "between 0 and 1"),
     *(
         (f'<bsdf type="twosided">\n<bsdf type="{kind}"/></bsdf>', 4, f'"{kind}" is not supported yet')
-        for kind in ("coating", "phong", "ward", "mixturebsdf", "hk", "irawan", "measured", "hair")
+        for kind in ("difftrans", "hk", "irawan", "measured", "hair")
     ),
     *(
         (f'<bsdf type="diffuse">\n<texture type="{kind}" name="reflectance"/></bsdf>', 4, "is not supported yet")

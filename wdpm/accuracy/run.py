@@ -52,7 +52,7 @@ class Request:
     """What is asked for.
 
     Attributes:
-        scene, definitions, size: as on the command line.
+        scene, definitions, size, lenient: as on the command line.
         chosen: settings of the base, by name.
         slaves: of the base.
         sweeps: none for the default ones.
@@ -78,6 +78,7 @@ class Request:
     reference_time: float | None = None
     clock: str = "wall"
     trim: float = 0.0
+    lenient: bool = False
 
     @property
     def reference_seconds(self) -> float:
@@ -89,7 +90,9 @@ class Request:
         words = [self.scene]
         for name, value in self.definitions:
             words += ["-D", f"{name}={value}"]
-        return words if self.size is None else [*words, "--size", f"{self.size[0]}x{self.size[1]}"]
+        if self.size is not None:
+            words += ["--size", f"{self.size[0]}x{self.size[1]}"]
+        return [*words, "--lenient"] if self.lenient else words
 
 
 def measure(request: Request, backends: Backends, progress: Progress) -> Accuracy:
@@ -103,7 +106,7 @@ def measure(request: Request, backends: Backends, progress: Progress) -> Accurac
     """
     _check(request)
     progress.start("load")
-    scene = load(request.scene, defines=dict(request.definitions), size=request.size)
+    scene = load(request.scene, defines=dict(request.definitions), size=request.size, lenient=request.lenient)
     defaults = settings_for(scene)
     base = Point(settings_for(scene, **request.chosen), request.slaves)
     size = (scene.camera.width, scene.camera.height)

@@ -24,7 +24,11 @@ __all__ = ["Checkup", "Finding", "Level", "check"]
 
 
 def check(
-    scene: Scene | str | Path, *, defines: Mapping[str, str] | None = None, size: tuple[int, int] | None = None
+    scene: Scene | str | Path,
+    *,
+    defines: Mapping[str, str] | None = None,
+    size: tuple[int, int] | None = None,
+    lenient: bool = False,
 ) -> Checkup:
     """Look for what is wrong or risky in a scene, without rendering it.
 
@@ -32,6 +36,7 @@ def check(
         scene: a scene, a file or the name of a built-in scene, as for `render`.
         defines: values of a Mitsuba file's `$name` parameters.
         size: width and height in pixels that replace the file's.
+        lenient: as for `load`.
 
     Raises:
         SceneError: a file that cannot be read at all.
@@ -39,7 +44,7 @@ def check(
     file = None
     if not isinstance(scene, Scene):
         file = str(scene) if Path(scene).exists() else None
-        scene = load(scene, defines=defines, size=size)
+        scene = load(scene, defines=defines, size=size, lenient=lenient)
     findings = sorted_findings(_find(scene))
     return Checkup(scene.name, file, len(scene.meshes), sum(len(mesh.faces) for mesh in scene.meshes), findings)
 

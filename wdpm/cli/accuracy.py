@@ -137,6 +137,7 @@ def run(args: argparse.Namespace) -> int:
         sweeps=tuple(args.sweep),
         references=tuple(args.reference),
         folder=folder,
+        lenient=args.lenient,
         **{name: value for name, value in typed.items() if value is not None},
     )
     progress = make_progress(args.quiet)

@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
 def _check(args: argparse.Namespace) -> Checkup:
     from wdpm.checkup.run import check
 
-    return check(args.scene, defines=dict(args.definitions), size=args.size)
+    return check(args.scene, defines=dict(args.definitions), size=args.size, lenient=args.lenient)
 
 
 def _mend(args: argparse.Namespace) -> Mended:

@@ -12,7 +12,7 @@ from enum import Enum
 from typing import Any
 
 from wdpm import values
-from wdpm.cli.options import SETTING_OPTIONS, chosen_settings
+from wdpm.cli.options import SETTING_OPTIONS, chosen_settings, scene_words
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.rendering.backend import Backend
 from wdpm.scenes.errors import SettingsError
@@ -110,11 +110,7 @@ def command(args: argparse.Namespace, settings: dict[str, Any]) -> str:
     Args:
         settings: of the image, as its metadata has them.
     """
-    words = ["wdpm", "render", args.scene]
-    for name, value in args.definitions:
-        words += ["-D", f"{name}={value}"]
-    if args.size is not None:
-        words += ["--size", f"{args.size[0]}x{args.size[1]}"]
+    words = ["wdpm", "render", *scene_words(args)]
     defaults = {field.name: field.default for field in fields(RenderSettings)}
     given = chosen_settings(args)
     for option in SETTING_OPTIONS:

@@ -37,13 +37,13 @@ def run(args: argparse.Namespace) -> int:
     """Print the inspection; returns the exit code."""
     from rich.console import Console
 
+    from wdpm.cli.scene import scene_of
     from wdpm.inspection.inspect import inspect
     from wdpm.inspection.tables import print_inspection
     from wdpm.quiet import quiet_warp
-    from wdpm.scenes.load import load as load_scene
 
     quiet_warp()
-    scene = load_scene(args.scene, defines=dict(args.definitions), size=args.size)
+    scene = scene_of(args)
     inspection = inspect(scene, slaves=args.slaves, **options.chosen_settings(args))
     if args.json:
         print(inspection.to_json())

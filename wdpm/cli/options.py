@@ -167,7 +167,7 @@ def chosen_settings(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def add_scene_options(parser: argparse.ArgumentParser) -> None:
-    """SCENE, -D and --size."""
+    """SCENE, -D, --size and --lenient."""
     parser.add_argument(
         "scene",
         metavar="SCENE",
@@ -190,6 +190,22 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder that the scene and all files that it names must lie in (default: anywhere)",
     )
+    group.add_argument(
+        "--lenient",
+        action="store_true",
+        help="in a Mitsuba file, take the nearest known thing for what is not supported, or leave it out; the report "
+        "lists each (default: an error)",
+    )
+
+
+def scene_words(args: argparse.Namespace) -> list[str]:
+    """The words of a command line that name the same scene."""
+    words = [args.scene]
+    for name, value in args.definitions:
+        words += ["-D", f"{name}={value}"]
+    if args.size is not None:
+        words += ["--size", f"{args.size[0]}x{args.size[1]}"]
+    return [*words, "--lenient"] if args.lenient else words
 
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:

@@ -8,13 +8,13 @@ from rich.console import Console
 
 from wdpm.accuracy.predict import predict
 from wdpm.cli.options import chosen_settings
+from wdpm.cli.scene import scene_of
 from wdpm.clusters import backend_here
 from wdpm.goal.render import CHOSEN_HERE
 from wdpm.goal.trial_pilot import Workplace
 from wdpm.progress import make_progress
 from wdpm.quiet import quiet_warp
 from wdpm.scenes.errors import SettingsError
-from wdpm.scenes.load import load
 
 OF_SWEEPS = ("sweep", "seeds", "budget", "reference", "reference_time", "clock", "trim", "output", "slaves")
 """Options that say how to sweep."""
@@ -38,7 +38,7 @@ def predict_and_print(args: argparse.Namespace) -> int:
     progress = make_progress(args.quiet)
     try:
         progress.start("load")
-        scene = load(args.scene, defines=dict(args.definitions), size=args.size)
+        scene = scene_of(args)
         progress.start("pilot")
         with backend_here(threads=args.threads, device=args.device) as backend:
             found = predict(scene, Workplace(backend, progress), **chosen)

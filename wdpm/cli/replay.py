@@ -8,6 +8,7 @@ from rich.console import Console
 
 from wdpm import api
 from wdpm.cli.options import chosen_settings
+from wdpm.cli.scene import scene_of
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.files import check_output_path, write_bytes
 from wdpm.progress import make_progress
@@ -15,7 +16,6 @@ from wdpm.quiet import quiet_warp
 from wdpm.rendering.scene_settings import settings_for
 from wdpm.replaying.tables import print_replay
 from wdpm.scenes.errors import SettingsError
-from wdpm.scenes.load import load
 
 
 def replay_and_print(args: argparse.Namespace) -> int:
@@ -33,7 +33,7 @@ def replay_and_print(args: argparse.Namespace) -> int:
     progress = make_progress(args.quiet)
     try:
         progress.start("load")
-        scene = load(args.scene, defines=dict(args.definitions), size=args.size)
+        scene = scene_of(args)
         settings = settings_for(scene, **chosen)
         x, y, sample = args.replay
         told = api.replay(scene, x, y, sample, settings, threads=args.threads, device=args.device, progress=progress)

@@ -13,6 +13,7 @@ from pathlib import Path
 from rich.console import Console
 
 from wdpm.cli.options import chosen_settings
+from wdpm.cli.scene import scene_of
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.goal.render import OUTCOME
 from wdpm.images.files import check_apart, check_output_path, check_place, write_bytes
@@ -25,7 +26,6 @@ from wdpm.rendering.scene_settings import settings_for
 from wdpm.report import report
 from wdpm.report.tables import print_report
 from wdpm.scenes.errors import ImageError, NotWrittenError
-from wdpm.scenes.load import load as load_scene
 from wdpm.scenes.model.scene import Scene
 
 Renderer = Callable[[Callable[[], Scene], RenderSettings, Progress], Image]
@@ -45,7 +45,7 @@ def render_and_write(args: argparse.Namespace, render: Renderer) -> int:
     try:
         progress.start("load")
         began = time.perf_counter()
-        scene = load_scene(args.scene, defines=dict(args.definitions), size=args.size)
+        scene = scene_of(args)
         load_s = time.perf_counter() - began
         check_memory(scene.camera)
         _check_room(outputs, scene)
