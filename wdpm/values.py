@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import re
 from argparse import ArgumentTypeError
+
+from wdpm.scenes.model.viewpoint import Viewpoint
 
 _COUNT_UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
 _MEMORY_UNITS = {"k": 2**10, "m": 2**20, "g": 2**30, "t": 2**40}
@@ -26,6 +29,31 @@ def region(text: str) -> tuple[int, int, int, int]:
         raise ArgumentTypeError(f"'{text}' is not a region: expected LEFT,TOP,RIGHT,BOTTOM in pixels, like 0,0,64,64")
     left, top, right, bottom = map(int, match.groups())
     return left, top, right, bottom
+
+
+def viewpoint(text: str) -> Viewpoint:
+    """`0,1,5/0,1,0/0,1,0/40` to a viewpoint; the direction that is up and the field of view may be left out."""
+    try:
+        parts = [tuple(float(number) for number in part.split(",")) for part in text.split("/")]
+        lone = [part[0] for part in parts[2:] if len(part) == 1]
+        points = [(part[0], part[1], part[2]) for part in parts if len(part) == 3]
+    except ValueError:
+        parts, lone, points = [], [], []
+    fine = len(lone) <= 1 and 2 <= len(points) <= 3 and len(points) + len(lone) == len(parts)
+    fine = fine and (not lone or (len(parts[-1]) == 1 and 0.0 < lone[0] < 180.0))
+    if not fine or not all(math.isfinite(axis) for point in points for axis in point):
+        raise ArgumentTypeError(
+            f"'{text}' is not a camera: expected FROM/AT, FROM/AT/UP, FROM/AT/FOV or FROM/AT/UP/FOV, with points x,y,z "
+            "and FOV between 0 and 180 degrees, like 0,1,5/0,1,0/40"
+        )
+    up = points[2] if len(points) == 3 else (0.0, 1.0, 0.0)
+    return Viewpoint(points[0], points[1], up, lone[0] if lone else None)
+
+
+def viewpoint_text(given: Viewpoint) -> str:
+    """What `viewpoint` reads as the same."""
+    points = [",".join(map(repr, point)) for point in (given.origin, given.target, given.up)]
+    return "/".join(points if given.fov is None else [*points, repr(given.fov)])
 
 
 def sample(text: str) -> tuple[int, int, int]:

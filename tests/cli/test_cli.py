@@ -48,13 +48,13 @@ class Renderer:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         from wdpm import api, clusters
-        from wdpm.cli import result
+        from wdpm.cli import scene as loading
 
         self.scene = scene()
         self.pixels = np.full((2, 3, 3), 0.5, dtype=np.float32)
         self.loaded: dict[str, Any] = {}
         self.rendered: dict[str, Any] = {}
-        monkeypatch.setattr(result, "load_scene", self.load)
+        monkeypatch.setattr(loading, "load", self.load)
         monkeypatch.setattr(api, "render", self.render)
         monkeypatch.setattr(clusters, "render_as_master", self.render)
         monkeypatch.setattr(clusters, "check_listening", lambda *_: None)
@@ -221,14 +221,15 @@ def test_defaults_are_those_of_the_settings(renderer: Renderer) -> None:
     assert renderer.rendered["slaves"] == 0
     assert renderer.rendered["device"] == "cpu"
     assert renderer.rendered["threads"] == cli_options.available_cores()
-    assert renderer.loaded == {"scene": "cornell-box", "defines": {}, "size": None}
+    assert renderer.loaded == {"scene": "cornell-box", "defines": {}, "size": None, "lenient": False}
     assert load("cornell-box.exr").shape == (2, 3)
 
 
 def test_every_option_arrives(renderer: Renderer) -> None:
     line = (
         "render a.xml --photons 1M --k 80 --radius 0.5 --spp 64 --light-samples 4 --max-depth 7 --seed 3 --bucket 16 "
-        "--routing merge --band 0.5 --inexact --slaves 4 --threads 3 --device cuda:0 -D a=1 -D b=x --size 64x32 -q"
+        "--routing merge --band 0.5 --inexact --slaves 4 --threads 3 --device cuda:0 -D a=1 -D b=x --size 64x32 "
+        "--lenient -q"
     )
     assert run(line.split()) == 0
     assert renderer.rendered["settings"] == RenderSettings(
@@ -249,7 +250,7 @@ def test_every_option_arrives(renderer: Renderer) -> None:
         "threads": 3,
         "device": "cuda:0",
     }
-    assert renderer.loaded == {"scene": "a.xml", "defines": {"a": "1", "b": "x"}, "size": (64, 32)}
+    assert renderer.loaded == {"scene": "a.xml", "defines": {"a": "1", "b": "x"}, "size": (64, 32), "lenient": True}
 
 
 def test_what_the_scene_asks_for_lies_between_default_and_option(renderer: Renderer) -> None:

@@ -25,6 +25,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         epilog=_EXAMPLES,
     )
     options.add_scene_options(parser)
+    options.add_view_options(parser)
     parser.add_argument(
         "--slaves", type=values.positive_count, default=4, metavar="N", help="slaves to divide it among (default: 4)"
     )
@@ -37,13 +38,13 @@ def run(args: argparse.Namespace) -> int:
     """Print the inspection; returns the exit code."""
     from rich.console import Console
 
-    from wdpm.cli.scene import scene_of
+    from wdpm.cli.scene import viewed_scene_of
     from wdpm.inspection.inspect import inspect
     from wdpm.inspection.tables import print_inspection
     from wdpm.quiet import quiet_warp
 
     quiet_warp()
-    scene = scene_of(args)
+    scene = viewed_scene_of(args)
     inspection = inspect(scene, slaves=args.slaves, **options.chosen_settings(args))
     if args.json:
         print(inspection.to_json())

@@ -30,6 +30,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         epilog=_EXAMPLES,
     )
     options.add_scene_options(parser)
+    options.add_view_options(parser)
     options.add_output_options(parser)
     options.add_setting_options(parser)
     add_pass_options(parser)

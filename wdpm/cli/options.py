@@ -198,6 +198,24 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_view_options(parser: argparse.ArgumentParser) -> None:
+    """--camera and --crop."""
+    group = parser.add_argument_group("view")
+    group.add_argument(
+        "--camera",
+        type=values.viewpoint,
+        metavar="FROM/AT[/UP][/FOV]",
+        help="place the camera elsewhere: three points x,y,z (UP: 0,1,0) and the horizontal field of view in degrees, "
+        "like 0,1,5/0,1,0/40; write --camera=... where it begins with a minus (default: the scene's)",
+    )
+    group.add_argument(
+        "--crop",
+        type=values.region,
+        metavar="LEFT,TOP,RIGHT,BOTTOM",
+        help="render these pixels alone, the same bits as in the whole image (default: all, or the scene's)",
+    )
+
+
 def scene_words(args: argparse.Namespace) -> list[str]:
     """The words of a command line that name the same scene."""
     words = [args.scene]
@@ -205,7 +223,13 @@ def scene_words(args: argparse.Namespace) -> list[str]:
         words += ["-D", f"{name}={value}"]
     if args.size is not None:
         words += ["--size", f"{args.size[0]}x{args.size[1]}"]
-    return [*words, "--lenient"] if args.lenient else words
+    if args.lenient:
+        words.append("--lenient")
+    if args.camera is not None:
+        words.append(f"--camera={values.viewpoint_text(args.camera)}")
+    if args.crop is not None:
+        words += ["--crop", ",".join(map(str, args.crop))]
+    return words
 
 
 def add_output_options(parser: argparse.ArgumentParser) -> None:

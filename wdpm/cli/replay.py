@@ -8,7 +8,7 @@ from rich.console import Console
 
 from wdpm import api
 from wdpm.cli.options import chosen_settings
-from wdpm.cli.scene import scene_of
+from wdpm.cli.scene import viewed_scene_of
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.files import check_output_path, write_bytes
 from wdpm.progress import make_progress
@@ -33,7 +33,7 @@ def replay_and_print(args: argparse.Namespace) -> int:
     progress = make_progress(args.quiet)
     try:
         progress.start("load")
-        scene = scene_of(args)
+        scene = viewed_scene_of(args)
         settings = settings_for(scene, **chosen)
         x, y, sample = args.replay
         told = api.replay(scene, x, y, sample, settings, threads=args.threads, device=args.device, progress=progress)

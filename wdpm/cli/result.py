@@ -13,7 +13,7 @@ from pathlib import Path
 from rich.console import Console
 
 from wdpm.cli.options import chosen_settings
-from wdpm.cli.scene import scene_of
+from wdpm.cli.scene import viewed_scene_of
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.goal.render import OUTCOME
 from wdpm.images.files import check_apart, check_output_path, check_place, write_bytes
@@ -45,7 +45,7 @@ def render_and_write(args: argparse.Namespace, render: Renderer) -> int:
     try:
         progress.start("load")
         began = time.perf_counter()
-        scene = scene_of(args)
+        scene = viewed_scene_of(args)
         load_s = time.perf_counter() - began
         check_memory(scene.camera)
         _check_room(outputs, scene)

@@ -6,6 +6,7 @@ import argparse
 
 from wdpm.scenes.load import load
 from wdpm.scenes.model.scene import Scene
+from wdpm.scenes.model.viewpoint import cropped, seen_from
 
 
 def scene_of(args: argparse.Namespace) -> Scene:
@@ -15,3 +16,15 @@ def scene_of(args: argparse.Namespace) -> Scene:
         SceneError: with file and line where known.
     """
     return load(args.scene, defines=dict(args.definitions), size=args.size, lenient=args.lenient)
+
+
+def viewed_scene_of(args: argparse.Namespace) -> Scene:
+    """The same, seen as --camera and --crop say, for commands with `options.add_view_options`.
+
+    Raises:
+        SceneError: as `scene_of`, or there is no such view.
+    """
+    scene = scene_of(args)
+    if args.camera is not None:
+        scene = seen_from(scene, args.camera)
+    return scene if args.crop is None else cropped(scene, args.crop)
