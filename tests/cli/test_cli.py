@@ -26,7 +26,7 @@ from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.images.image import Image, load
 from wdpm.report.report import Report, from_json
 from wdpm.scenes.errors import ClusterEndedError, SceneError
-from wdpm.scenes.model.scene import Camera, Scene
+from wdpm.scenes.model.scene import Camera, FilterKind, PixelFilter, Scene
 
 COMMANDS = [module.__name__.removeprefix("wdpm.cli.") for module in main.COMMANDS]
 
@@ -251,6 +251,17 @@ def test_every_option_arrives(renderer: Renderer) -> None:
         "device": "cuda:0",
     }
     assert renderer.loaded == {"scene": "a.xml", "defines": {"a": "1", "b": "x"}, "size": (64, 32), "lenient": True}
+
+
+def test_negative_pixels_and_hdr_files_do_not_go_together(
+    renderer: Renderer, capsys: pytest.CaptureFixture[str]
+) -> None:
+    camera = Camera(np.eye(4), 40.0, filter=PixelFilter(FilterKind.LANCZOS, 3.0))
+    renderer.scene = Scene("a scene", (), (), (), camera)
+    assert run(["render", "a.xml", "-o", "a.hdr", "-q"]) == 2
+    assert "negative lobes" in capsys.readouterr().err
+    assert renderer.rendered == {}
+    assert run(["render", "a.xml", "-o", "a.exr", "-q"]) == 0
 
 
 def test_what_the_scene_asks_for_lies_between_default_and_option(renderer: Renderer) -> None:

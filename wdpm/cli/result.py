@@ -19,6 +19,7 @@ from wdpm.goal.render import OUTCOME
 from wdpm.images.files import check_apart, check_output_path, check_place, write_bytes
 from wdpm.images.image import Image
 from wdpm.images.limits import check_memory
+from wdpm.kernels.camera.pixel_filter import is_signed
 from wdpm.progress import Progress, make_progress
 from wdpm.quiet import quiet_warp
 from wdpm.rendering.cache_file import CacheNotWrittenError
@@ -49,6 +50,7 @@ def render_and_write(args: argparse.Namespace, render: Renderer) -> int:
         load_s = time.perf_counter() - began
         check_memory(scene.camera)
         _check_room(outputs, scene)
+        _refuse_negative(scene, outputs)
         settings = settings_for(scene, **chosen)
         handed_over = [scene]
         del scene  # a master lets go of what it has sent to its slaves, and so must we
@@ -77,6 +79,16 @@ def default_output(scene: str) -> Path:
     """`scenes/hall.xml` gives hall.exr, `atrium:2M` gives atrium.exr, both in the working folder."""
     path = Path(scene)
     return Path((path.stem if path.suffix else path.name.partition(":")[0]) + ".exr")
+
+
+def _refuse_negative(scene: Scene, outputs: list[Path]) -> None:
+    """Raise ImageError if an image is to go into a format that cannot hold what the pixel filter makes of it."""
+    for path in outputs:
+        if path.suffix.lower() == ".hdr" and is_signed(scene.camera.filter):
+            raise ImageError(
+                f"{path}: the scene's pixel filter has negative lobes, so pixels may be negative, which .hdr cannot "
+                "hold; name an .exr or .pfm"
+            )
 
 
 def _checked_outputs(args: argparse.Namespace) -> list[Path]:
