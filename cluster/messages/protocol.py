@@ -17,7 +17,7 @@ from wdpm.cluster.task import Task, TaskResult
 from wdpm.cluster.world import PhotonPlan, View, World
 from wdpm.scenes.flat.arrays import Triangles
 
-PROTOCOL = 5
+PROTOCOL = 6
 
 
 # From a slave to the master.
