@@ -229,6 +229,33 @@ def _quanta(x: wp.float64, unit: wp.float64) -> wp.int64:
 
 
 @wp.func
+def _add_photon(
+    photons: PhotonMap,
+    media: Media,
+    cells: Cells,
+    beams: Beams,
+    i: wp.int32,
+    leaf: wp.int32,
+    lane: wp.int32,
+    own_cell: wp.int32,
+    radius2: wp.float64,
+    unit: wp.float64,
+) -> None:
+    """Add a photon of a leaf if the beam passes it in its own cell."""
+    origin = beams.origin[i]
+    direction = beams.direction[i]
+    near = closest_point(origin, direction, _row3(photons.leaves, LEAF_ROWS * leaf, lane))
+    inside = near[1] < radius2 and near[0] >= _ZERO and near[0] < wp.float64(beams.length[i])
+    if inside and cell_of(cells, point_at(origin, direction, near[0])) == own_cell:
+        light = _scattered(photons, media, beams.medium[i], direction, leaf, lane, near, radius2)
+        beams.red[i] = beams.red[i] + _quanta(light[0], unit)
+        beams.green[i] = beams.green[i] + _quanta(light[1], unit)
+        beams.blue[i] = beams.blue[i] + _quanta(light[2], unit)
+        if wp.max(wp.abs(light)) > _LARGEST_QUANTA * unit:
+            beams.clamped[i] = beams.clamped[i] + 1
+
+
+@wp.func
 def _add_leaf(
     photons: PhotonMap,
     media: Media,
@@ -240,25 +267,19 @@ def _add_leaf(
     reach2: wp.float32,
     radius2: wp.float64,
     unit: wp.float64,
+    scratch: wp.array[wp.int32],
+    free: wp.int32,
 ) -> None:
-    """Add the photons of a leaf that the beam passes in its own cell."""
-    origin = beams.origin[i]
-    direction = beams.direction[i]
-    medium = beams.medium[i]
-    length = wp.float64(beams.length[i])
-    row = LEAF_ROWS * leaf
-    margin = _leaf_margin(photons.leaves, row, origin, direction, medium, reach2)
+    """Add the photons of a leaf that the beam passes in its own cell; scratch[free] and the seven behind are free."""
+    margin = _leaf_margin(
+        photons.leaves, LEAF_ROWS * leaf, beams.origin[i], beams.direction[i], beams.medium[i], reach2
+    )
+    end = wp.int32(free)
     for lane in range(8):
-        if margin[lane] > 0.0:
-            near = closest_point(origin, direction, _row3(photons.leaves, row, lane))
-            inside = near[1] < radius2 and near[0] >= _ZERO and near[0] < length
-            if inside and cell_of(cells, point_at(origin, direction, near[0])) == own_cell:
-                light = _scattered(photons, media, medium, direction, leaf, lane, near, radius2)
-                beams.red[i] = beams.red[i] + _quanta(light[0], unit)
-                beams.green[i] = beams.green[i] + _quanta(light[1], unit)
-                beams.blue[i] = beams.blue[i] + _quanta(light[2], unit)
-                if wp.max(wp.abs(light)) > _LARGEST_QUANTA * unit:
-                    beams.clamped[i] = beams.clamped[i] + 1
+        scratch[end] = lane
+        end += wp.int32(margin[lane] > 0.0)
+    for n in range(free, end):
+        _add_photon(photons, media, cells, beams, i, leaf, scratch[n], own_cell, radius2, unit)
 
 
 @wp.kernel
@@ -304,7 +325,12 @@ def add_beams(
                     stack[stacked] = child + c
                     stacked += wp.int32(overlap[c] >= 0.0)
             else:
+                # Listed first: what is done with a leaf is long, and in the unrolled loop it would stand eight times.
+                end = wp.int32(stacked)
                 for c in range(8):
-                    if overlap[c] >= 0.0:
-                        leaf = child + c - photons.inner_count
-                        _add_leaf(photons, media, cells, beams, i, leaf, own_cell, reach * reach, radius2, unit)
+                    stack[end] = child + c - photons.inner_count
+                    end += wp.int32(overlap[c] >= 0.0)
+                for n in range(stacked, end):
+                    _add_leaf(
+                        photons, media, cells, beams, i, stack[n], own_cell, reach * reach, radius2, unit, stack, end
+                    )
