@@ -10,7 +10,19 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from wdpm.bench.commands import caustic, effects, hard_cases, indirect, kernels, mitsuba, paper, peers, predict
+from wdpm.bench.commands import (
+    caustic,
+    cuda,
+    device,
+    effects,
+    hard_cases,
+    indirect,
+    kernels,
+    mitsuba,
+    paper,
+    peers,
+    predict,
+)
 from wdpm.bench.commands.benchmark import Benchmark
 
 BENCHMARKS = (
@@ -23,6 +35,8 @@ BENCHMARKS = (
     indirect.BENCHMARK,
     hard_cases.BENCHMARK,
     predict.BENCHMARK,
+    cuda.BENCHMARK,
+    device.BENCHMARK,
 )
 
 _EXAMPLES = """\

@@ -1,0 +1,44 @@
+"""A cluster on this machine whose slaves compute on different devices."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+
+from wdpm.cluster.master.local_slaves import LocalSlaves, slave_command
+from wdpm.cluster.master.server import MasterServer
+from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.session import Session, SessionResult
+from wdpm.kernels.launch import Launcher
+from wdpm.progress import Progress
+from wdpm.rendering.backend import Backend
+from wdpm.rendering.prepare import Prepared, prepare
+from wdpm.scenes.model.scene import Scene
+
+
+class MixedCluster(Backend):
+    """A master here, which flies the pilot on the CPU, and a slave process for each device.
+
+    Args:
+        devices: Warp's names.
+        threads: cores to use in all, shared out among the slaves.
+    """
+
+    def __init__(self, devices: Sequence[str], threads: int) -> None:
+        super().__init__(slaves=len(devices), threads=threads, device="cpu")
+        with ExitStack() as stack:
+            processes = LocalSlaves()
+            stack.callback(processes.stop)
+            self._master = stack.enter_context(MasterServer("tcp://127.0.0.1:0", len(devices), watch=processes.ended))
+            for device in devices:
+                processes.start(1, slave_command(max(1, threads // len(devices)), device), self._master.endpoint)
+            self._stack = stack.pop_all()
+
+    def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:
+        return prepare(scene, settings, self.slaves, Launcher("cpu", self.threads), progress)
+
+    def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:  # noqa: ARG002
+        return self._master.render(session, progress)
+
+    def close(self) -> None:
+        self._stack.close()
