@@ -6,12 +6,13 @@ RAYS ?= 1e8
 GATHERS ?= 1e6
 SEED ?= 1
 JOBS ?= auto
+DEVICE ?= cuda:0
 
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test fuzz hard-cases guards lint peers clean
+.PHONY: help demo test fuzz hard-cases guards lint peers gpu-check gpu-table clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -43,6 +44,14 @@ lint: $(VENV)/.installed-test  ## check style, types and directions of imports
 	$(BIN)/mypy -p wdpm
 	$(BIN)/lint-imports --no-cache
 
+gpu-check: $(VENV)/.installed  ## compare a GPU's bits and times with the CPU's: ten minutes (DEVICE, WDPM_SCENES)
+	@mkdir -p $(OUT)
+	$(BIN)/wdpm bench device --device $(DEVICE) --json $(OUT)/gpu-check.json --markdown $(OUT)/gpu-check.md
+
+gpu-table: $(VENV)/.installed-cuda  ## compile all kernels for GPUs, without one, and write registers and memory
+	@mkdir -p $(OUT)
+	$(BIN)/wdpm bench cuda --json $(OUT)/gpu-table.json --markdown $(OUT)/gpu-table.md
+
 peers: $(VENV)/.installed-peers  ## install the renderers that wdpm is compared with
 
 clean:  ## remove what was built and rendered, and the virtual environment
@@ -66,6 +75,11 @@ $(VENV)/.installed: pyproject.toml | $(BIN)/python
 $(VENV)/.installed-test: pyproject.toml | $(BIN)/python
 	@echo "Installing wdpm, what it needs and what its tests need into $(VENV) (once; some minutes on a slow line)"
 	$(PIP) install --quiet -e '.[test]'
+	@touch $@ $(VENV)/.installed
+
+$(VENV)/.installed-cuda: pyproject.toml | $(BIN)/python
+	@echo "Installing wdpm and NVIDIA's assembler into $(VENV)"
+	$(PIP) install --quiet -e '.[cuda]'
 	@touch $@ $(VENV)/.installed
 
 $(VENV)/.installed-peers: pyproject.toml | $(BIN)/python

@@ -96,6 +96,14 @@ def upload(struct: wp.Struct, arrays: Mapping[str, NDArray[Any]], device: str) -
     return columns
 
 
+def part_of(struct: wp.Struct, columns: Any) -> Any:
+    """An instance of a Warp struct whose array fields are another's of the same names: nothing is copied."""
+    part = struct()
+    for name in struct.vars:
+        setattr(part, name, getattr(columns, name))
+    return part
+
+
 def empty(struct: wp.Struct, count: int, device: str) -> Any:
     """An instance of a Warp struct whose array fields have `count` items of no particular value."""
     return _none(struct, device) if count == 0 else _empty(struct, count, device)

@@ -326,7 +326,8 @@ class CameraLight:
         first = self._integers(len(paths["slot"]))
         rays = columns.upload(Paths, paths, replica.launcher.device)
         replica.launcher(first_path_cells, len(paths["slot"]), cells=replica.cells, paths=rays, next_cell_out=first)
-        yield from self._send_paths(cause, Kind.PATH, paths, first.numpy(), first.numpy() >= 0)
+        destination = first.numpy()
+        yield from self._send_paths(cause, Kind.PATH, paths, destination, destination >= 0)
 
     def _send_paths(
         self, cause: Batch, kind: Kind, paths: Arrays, destination: NDArray[np.int32], chosen: NDArray[np.bool_]

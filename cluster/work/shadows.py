@@ -45,12 +45,16 @@ class Shadows:
         replica = self._replica
         arrays = columns.download(shots, SCHEMAS[Kind.SHADOW])
         each = len(shots.slot) // len(cause)
-        arrays["radiance"] = self._guards.blacken(arrays["radiance"], guards.DIRECT, cause.arrays, each)
+        radiance = self._guards.blacken(arrays["radiance"], guards.DIRECT, cause.arrays, each)
+        blackened = radiance is not arrays["radiance"]
+        arrays["radiance"] = radiance
         count = len(arrays["slot"])
         if replica.world.top_tree.cells == 1 and not replica.world.features.walks:
             yield self._batch(cause, Kind.SHADOW, self._cell, count, arrays)
             return
-        segments = columns.upload(sr.Segments, arrays, replica.launcher.device)
+        segments = columns.part_of(sr.Segments, shots)
+        if blackened:
+            segments.radiance = wp.array(radiance, dtype=wp.vec3, device=replica.launcher.device)
         first = self._integers(count)
         replica.launcher(sr.first_shadow_cells, count, cells=replica.cells, segments=segments, next_cell_out=first)
         if replica.world.features.walks:

@@ -211,7 +211,8 @@ def measure(
     orders = list(scenes_to_render(scenes, size))
     progress.start("images", len(orders))
     with (
-        InProcess(threads=threads) as cpu,
+        # Not in this process: where CUDA has run, none may be forked, as the CPU's cores are kept busy by.
+        MixedCluster(("cpu",), threads) as cpu,
         InProcess(threads=threads, device=device) as other,
         MixedCluster(("cpu", device), threads) as both,
     ):

@@ -1,0 +1,124 @@
+"""A device with memory of its own, played by the CPU: what a GPU would copy is copied and counted.
+
+On the CPU arrays of Warp and of numpy share memory. Here `wp.array(data)` and `array.numpy()` always copy, as between a
+host and a GPU, so that a render which rests on shared memory gives another image.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.cluster.batch import Batch, Kind
+from wdpm.cluster.work.cell import Cell
+
+
+@dataclass
+class Copies:
+    """Copies between host and device.
+
+    Attributes:
+        up, down: to the device and from it, so far.
+        bytes_up, bytes_down: of these.
+    """
+
+    up: int = 0
+    down: int = 0
+    bytes_up: int = 0
+    bytes_down: int = 0
+
+    def minus(self, other: Copies) -> Copies:
+        """What was added since."""
+        return Copies(*(getattr(self, name) - getattr(other, name) for name in vars(self)))
+
+    def of_now(self) -> Copies:
+        """As they are now."""
+        return Copies(**vars(self))
+
+
+@dataclass
+class Ledger:
+    """What was copied.
+
+    Attributes:
+        total: of everything while the memory is separate.
+        batches: by kind of batch, what a cell copied for each.
+        items: by kind of batch, how many items those had.
+        sites: by place in cluster/work/, file and line: how often, and bytes.
+    """
+
+    total: Copies = field(default_factory=Copies)
+    batches: dict[Kind, list[Copies]] = field(default_factory=lambda: defaultdict(list))
+    items: Counter[Kind] = field(default_factory=Counter)
+    sites: dict[tuple[str, int], list[int]] = field(default_factory=lambda: defaultdict(lambda: [0, 0]))
+
+    def most(self, kind: Kind) -> tuple[int, int]:
+        """Most copies up and down of any one batch of a kind."""
+        every = self.batches[kind]
+        return max(each.up for each in every), max(each.down for each in every)
+
+    def bytes_an_item(self, kind: Kind) -> tuple[int, int]:
+        """Bytes up and down, over the items of a kind's batches."""
+        every, items = self.batches[kind], max(self.items[kind], 1)
+        return round(sum(each.bytes_up for each in every) / items), round(
+            sum(each.bytes_down for each in every) / items
+        )
+
+    def note(self, direction: str, size: int) -> None:
+        """Count a copy that the caller's caller asked for."""
+        setattr(self.total, direction, getattr(self.total, direction) + 1)
+        setattr(self.total, f"bytes_{direction}", getattr(self.total, f"bytes_{direction}") + size)
+        frame = sys._getframe(2)
+        while frame.f_back is not None and Path(frame.f_code.co_filename).parent.name != "work":
+            frame = frame.f_back
+        site = self.sites[Path(frame.f_code.co_filename).name, frame.f_lineno]
+        site[0] += 1
+        site[1] += size
+
+
+@contextmanager
+def separate_memory() -> Iterator[Ledger]:
+    """Have host and device share no memory meanwhile."""
+    ledger = Ledger()
+    make, to_numpy, advance = wp.array.__init__, wp.array.numpy, Cell.advance
+
+    def make_copied(array: wp.array, data: Any = None, *args: Any, **kwargs: Any) -> None:
+        make(array, data, *args, **(kwargs if data is None else {**kwargs, "copy": True}))
+        if data is not None and array.size:
+            ledger.note("up", array.size * wp.types.type_size_in_bytes(array.dtype))
+
+    def numpy_copied(array: wp.array, **kwargs: Any) -> NDArray[Any]:
+        result = np.array(to_numpy(array, **kwargs))
+        if result.size:
+            ledger.note("down", result.nbytes)
+        return result
+
+    def advance_counted(cell: Cell, batch: Batch) -> Iterator[Batch]:
+        copies, follows = Copies(), advance(cell, batch)
+        while True:
+            before = ledger.total.of_now()
+            follow = next(follows, None)
+            for name, value in vars(ledger.total.minus(before)).items():
+                setattr(copies, name, getattr(copies, name) + value)
+            if follow is None:
+                break
+            yield follow
+        ledger.batches[batch.kind].append(copies)
+        ledger.items[batch.kind] += len(batch)
+
+    with (
+        mock.patch.object(wp.array, "__init__", make_copied),
+        mock.patch.object(wp.array, "numpy", numpy_copied),
+        mock.patch.object(Cell, "advance", advance_counted),
+    ):
+        yield ledger
