@@ -14,11 +14,12 @@ from functools import partial
 
 import numpy as np
 
+from wdpm.cluster.display import Display
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.loop import FROM_SLAVE, MasterShell
 from wdpm.cluster.master.machine import Master
-from wdpm.cluster.master.observing import tell_observer
+from wdpm.cluster.master.observing import tell_display, tell_observer
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.progress import ProgressObserver
 from wdpm.cluster.session import Session, SessionResult
@@ -102,6 +103,7 @@ class MemoryCluster:
         self._transport = MemoryTransport(self._post.put)
         self._session: Session | None = None
         self._progress: ProgressObserver | None = None
+        self._display: Display | None = None
         self._result: SessionResult | None = None
         network = self._transport.open(None)
         listener = network.listen(MASTER, Role.MASTER, FROM_SLAVE)
@@ -124,9 +126,11 @@ class MemoryCluster:
         shell = self._slaves[network] = SlaveShell(state, network, listener, MASTER, submit, tell=lambda _: None)
         shell.handle(s.Start())
 
-    def render(self, session: Session, progress: ProgressObserver | None = None) -> SessionResult:
+    def render(
+        self, session: Session, progress: ProgressObserver | None = None, display: Display | None = None
+    ) -> SessionResult:
         """Render a session; ClusterError if a slave fails, and whatever a worker raises."""
-        self._session, self._progress, self._result = session, progress, None
+        self._session, self._progress, self._display, self._result = session, progress, display, None
         self._master.handle(m.Begin(session))
         while self._result is None:
             if not self._step() and not self._wait_for_tasks():
@@ -162,6 +166,7 @@ class MemoryCluster:
             compute.stop()
 
     def _answer(self, instruction: m.Instruction) -> None:
+        tell_display(instruction, self._display)
         match instruction:
             case m.MakePartition(cell):
                 if self._session is None:

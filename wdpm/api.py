@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+from wdpm.cluster.display import Display
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.clusters import backend_here
 from wdpm.goal.checks import goal_in_python
@@ -34,6 +35,7 @@ def render(
     threads: int | None = None,
     device: str = "cpu",
     progress: Progress | None = None,
+    display: Display | None = None,
     journal: Path | None = None,
     resume: bool = False,
     keep: bool = False,
@@ -53,6 +55,7 @@ def render(
         threads: cores to use in all; None for all there are.
         device: "cpu" or a CUDA device, "cuda:0".
         progress: is told how far the render is.
+        display: is shown the image while it is rendered.
         journal: file that keeps the passes of a render in several (`passes=8`), so that it can go on after it was
             interrupted; removed at the end.
         resume: go on from the journal, on any number of slaves, and up to any number of passes.
@@ -73,6 +76,7 @@ def render(
     goal = goal_in_python(until_error, metric, time_budget, beside)
     began = time.perf_counter()
     with backend_here(slaves, threads, device) as backend:
+        backend.display = display
         if goal is not None:
             used = time.perf_counter() - began
             return render_until(source, goal, backend, progress=progress, used=used, **chosen)

@@ -7,6 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from wdpm.cluster.display import Display
 from wdpm.cluster.master.local_slaves import LocalSlaves, slave_command
 from wdpm.cluster.master.server import MasterServer, nobody
 from wdpm.cluster.render_settings import RenderSettings
@@ -101,7 +102,7 @@ class Cluster(Backend):
 
     def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:  # noqa: ARG002
         """Render a session. What slaves have of it already they are not sent again, nor do they trace it again."""
-        return self._master.render(session, progress)
+        return self._master.render(session, progress, self.display)
 
     def render(
         self,
@@ -186,22 +187,15 @@ def render_as_master(
     slaves: int,
     keys: Path | None,
     insecure: bool,
-    progress: Progress | None,
-    journal: Path | None = None,
-    resume: bool = False,
-    keep: bool = False,
-    save_cache: Path | None = None,
-    load_cache: Path | None = None,
+    display: Display | None = None,
+    **how: Any,
 ) -> Image:
-    """What `wdpm master` does: one render with slaves that people start."""
+    """What `wdpm master` does: one render with slaves that people start.
+
+    Args:
+        display: is shown the image while it is rendered.
+        how: progress, journal and files of irradiance records, see Cluster.render.
+    """
     with Cluster.listen(bind, slaves, keys=keys, insecure=insecure) as cluster:
-        return cluster.render(
-            source,
-            settings,
-            progress=progress,
-            journal=journal,
-            resume=resume,
-            keep=keep,
-            save_cache=save_cache,
-            load_cache=load_cache,
-        )
+        cluster.display = display
+        return cluster.render(source, settings, **how)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from wdpm.cluster.display import Bucket, Frame
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.scenes.flat.arrays import Triangles
@@ -126,6 +127,20 @@ class Noted:
 
 
 @dataclass(frozen=True)
+class FrameBegun:
+    """The image begins; for those who show it."""
+
+    frame: Frame
+
+
+@dataclass(frozen=True)
+class BucketDone:
+    """Pixels of the image are there; for those who show it."""
+
+    bucket: Bucket
+
+
+@dataclass(frozen=True)
 class Finished:
     """The session is rendered."""
 
@@ -139,4 +154,4 @@ class Broken:
     reason: str
 
 
-Instruction = Send | MakePartition | Started | Advanced | Noted | Finished | Broken
+Instruction = Send | MakePartition | Started | Advanced | Noted | FrameBegun | BucketDone | Finished | Broken

@@ -1,9 +1,13 @@
-"""From a master's instructions to whoever is told how far a render is."""
+"""From a master's instructions to whoever is told how far a render is, and whoever is shown the image."""
 
 from __future__ import annotations
 
+from wdpm.cluster.display import Bucket, Display, Frame
 from wdpm.cluster.master import events as m
+from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.progress import ProgressObserver
+from wdpm.cluster.session import Session
+from wdpm.cluster.task import BucketRendered, TaskResult
 
 
 def tell_observer(instruction: m.Instruction, observer: ProgressObserver | None) -> None:
@@ -17,3 +21,33 @@ def tell_observer(instruction: m.Instruction, observer: ProgressObserver | None)
             observer.advance(amount)
         case m.Noted(text):
             observer.note(text)
+
+
+def tell_display(answer: object, display: Display | None) -> None:
+    """Pass on what an instruction says about the image; nothing if it says nothing, or nobody looks."""
+    if display is None:
+        return
+    match answer:
+        case m.FrameBegun(frame):
+            display.begin(frame)
+        case m.BucketDone(bucket):
+            display.bucket(bucket)
+        case m.Finished(result):
+            display.end(result.statistics)
+
+
+def frame_begun(session: Session, members: Members) -> m.FrameBegun:
+    """The image of a session begins."""
+    view = session.view
+    slaves = tuple(f"{member.hello.host}, process {member.hello.process}" for member in members)
+    camera = view.camera
+    return m.FrameBegun(
+        Frame(camera.width, camera.height, session.layers, view.first_sample, view.spp, session.holders, slaves)
+    )
+
+
+def bucket_done(member: Member, result: TaskResult) -> list[m.Instruction]:
+    """The pixels that a slave's result brings, if it is one of a bucket."""
+    if not isinstance(result, BucketRendered):
+        return []
+    return [m.BucketDone(Bucket(result.x0, result.y0, result.layers, member.number))]

@@ -20,6 +20,7 @@ from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.cells import CellQueue, partition_is_gone, parts_of
 from wdpm.cluster.master.events import Advanced, Finished, Instruction, MakePartition, Send, Started
 from wdpm.cluster.master.members import Member, Members
+from wdpm.cluster.master.observing import bucket_done, frame_begun
 from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.master.statistics import check_statistics
 from wdpm.cluster.master.tasks import Tasks
@@ -254,7 +255,7 @@ class Phases:
     def _start_buckets(self, session: Session) -> list[Instruction]:
         self.phase = Phase.BUCKETS
         buckets = self._tasks.render(session.view, session.layers)
-        return [Started("render", buckets), *self._hand_out()]
+        return [Started("render", buckets), frame_begun(session, self._members), *self._hand_out()]
 
     def _start_statistics(self, now: float) -> list[Instruction]:
         self._end_phase("render", now)
@@ -292,7 +293,7 @@ class Phases:
         if amount is None:
             self._dropped["repeated result"] += 1
             return []
-        out: list[Instruction] = [Advanced(amount), *self._hand_out()]
+        out: list[Instruction] = [Advanced(amount), *bucket_done(member, result), *self._hand_out()]
         if self._tasks.waiting or any(other.in_flight for other in self._members):
             return out
         return out + self._all_tasks_done(now)

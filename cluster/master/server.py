@@ -13,11 +13,12 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
+from wdpm.cluster.display import Display
 from wdpm.cluster.limits import MOST_SLAVES, ClusterLimits
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.loop import FROM_SLAVE, MasterLoop, Watch
 from wdpm.cluster.master.machine import Master
-from wdpm.cluster.master.observing import tell_observer
+from wdpm.cluster.master.observing import tell_display, tell_observer
 from wdpm.cluster.progress import ProgressObserver
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.transport.keys import Keys
@@ -85,7 +86,9 @@ class MasterServer:
         """Messages that were not used so far, by reason."""
         return self._loop.state.dropped
 
-    def render(self, session: Session, progress: ProgressObserver | None = None) -> SessionResult:
+    def render(
+        self, session: Session, progress: ProgressObserver | None = None, display: Display | None = None
+    ) -> SessionResult:
         """Render a session as soon as all slaves have joined.
 
         Raises:
@@ -98,14 +101,16 @@ class MasterServer:
                 self._told_to_wait = True
                 progress.note(f"waiting for {self._slaves} slaves at {self.endpoint}")
             self._mailbox.put(m.Begin(session))
-            return self._follow(session, progress)
+            return self._follow(session, progress, display)
         except BaseException as error:
             self._interrupt(error)
             raise
 
-    def _follow(self, session: Session, progress: ProgressObserver | None) -> SessionResult:
+    def _follow(self, session: Session, progress: ProgressObserver | None, display: Display | None) -> SessionResult:
         while True:
-            match self._answers.get():
+            answer = self._answers.get()
+            tell_display(answer, display)
+            match answer:
                 case m.Finished(result):
                     return result
                 case m.Broken(reason):

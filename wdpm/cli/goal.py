@@ -72,6 +72,7 @@ def render_to_goal(args: argparse.Namespace, make_backend: Callable[[], Backend]
     Args:
         make_backend: makes what renders, once the scene is loaded.
     """
+    from wdpm.cli.live import live_view
     from wdpm.cli.result import render_and_write
     from wdpm.goal.clock import process_age
     from wdpm.goal.goal import goal_of
@@ -85,13 +86,15 @@ def render_to_goal(args: argparse.Namespace, make_backend: Callable[[], Backend]
     def render(source: Any, _settings: RenderSettings, progress: Any) -> Any:
         try:
             with make_backend() as backend:
+                backend.display = view
                 image = render_until(source, goal, backend, progress=progress, used=process_age(), **chosen)
         except Interrupted as stop:
             image = stop.image  # minutes of passes are worth writing, whoever got tired of them
         asked.append((image.metadata[OUTCOME], image.metadata["settings"]))
         return image
 
-    code = render_and_write(args, render)
+    with live_view(args) as view:
+        code = render_and_write(args, render, view)
     outcome, settings = asked[0]
     if not args.quiet:
         for line in outcome["lines"]:

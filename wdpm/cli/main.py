@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from importlib import metadata
 from typing import Any, NoReturn
 
-from wdpm.cli import accuracy, bench, check, compare, inspect, keys, master, render, slave
+from wdpm.cli import accuracy, bench, check, compare, inspect, keys, master, render, slave, view
 from wdpm.cli.interrupts import Terminated, interrupts_raise, no_lost_interrupts, termination_raises
 from wdpm.scenes.errors import ClusterEndedError, WdpmError
 from wdpm.scenes.scene_root import files_within
@@ -25,6 +25,7 @@ COMMANDS = (
     inspect,
     check,
     compare,
+    view,
     accuracy,
     bench,
     keys,

@@ -8,6 +8,7 @@ from typing import Any
 from wdpm import values
 from wdpm.cli import options
 from wdpm.cli.goal import add_until_options, asks_for_a_goal, render_to_goal
+from wdpm.cli.live import add_view_options, live_view
 from wdpm.cli.passes import add_pass_options, kept_passes
 
 _EXAMPLES = """\
@@ -36,6 +37,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     add_pass_options(parser)
     add_until_options(parser)
     options.add_cache_options(parser)
+    add_view_options(parser)
     cluster = parser.add_argument_group("cluster")
     cluster.add_argument(
         "--bind",
@@ -61,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
             args, lambda: Cluster.listen(args.bind, args.slaves, keys=args.keys, insecure=args.insecure)
         )
 
-    with kept_passes(args, first_output(args)) as journal:
+    with live_view(args) as view, kept_passes(args, first_output(args)) as journal:
         return render_and_write(
             args,
             lambda source, settings, progress: render_as_master(
@@ -71,9 +73,11 @@ def run(args: argparse.Namespace) -> int:
                 slaves=args.slaves,
                 keys=args.keys,
                 insecure=args.insecure,
+                display=view,
                 progress=progress,
                 save_cache=args.save_cache,
                 load_cache=args.load_cache,
                 **journal,
             ),
+            view,
         )

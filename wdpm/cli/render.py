@@ -8,7 +8,9 @@ from typing import Any
 from wdpm import values
 from wdpm.cli import options
 from wdpm.cli.goal import add_until_options, asks_for_a_goal, render_to_goal
+from wdpm.cli.live import add_view_options, live_view
 from wdpm.cli.passes import add_pass_options, kept_passes
+from wdpm.scenes.errors import SettingsError
 
 _EXAMPLES = """\
 examples:
@@ -20,6 +22,7 @@ examples:
   wdpm render scene.xml --passes 32 --spp 512 --resume
   wdpm render scene.xml --until-error 0.02
   wdpm render scene.xml --time-budget 60s
+  wdpm render scene.xml --slaves 4 --passes 64 --spp 1024 --view
   wdpm render scene.xml --strict
   wdpm render scene.xml --replay 10,7,3"""
 
@@ -40,6 +43,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     add_pass_options(parser)
     add_until_options(parser)
     options.add_cache_options(parser)
+    add_view_options(parser)
     options.add_machine_options(parser)
     debugging = parser.add_argument_group("debugging")
     debugging.add_argument(
@@ -67,13 +71,15 @@ def run(args: argparse.Namespace) -> int:
 
         return render_to_goal(args, lambda: backend_here(args.slaves, args.threads, args.device))
     if args.replay is not None:
+        if args.view:
+            raise SettingsError("--replay makes no image that --view could show; leave one of them out")
         from wdpm.cli.replay import replay_and_print
 
         return replay_and_print(args)
     from wdpm import api
     from wdpm.cli.result import first_output, render_and_write
 
-    with kept_passes(args, first_output(args)) as journal:
+    with live_view(args) as view, kept_passes(args, first_output(args)) as journal:
         return render_and_write(
             args,
             lambda source, settings, progress: api.render(
@@ -83,8 +89,10 @@ def run(args: argparse.Namespace) -> int:
                 threads=args.threads,
                 device=args.device,
                 progress=progress,
+                display=view,
                 save_cache=args.save_cache,
                 load_cache=args.load_cache,
                 **journal,
             ),
+            view,
         )

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
@@ -29,19 +30,27 @@ from wdpm.report.tables import print_report
 from wdpm.scenes.errors import ImageError, NotWrittenError
 from wdpm.scenes.model.scene import Scene
 
+if TYPE_CHECKING:
+    from wdpm.view.live import LiveView
+
 Renderer = Callable[[Callable[[], Scene], RenderSettings, Progress], Image]
 
 
-def render_and_write(args: argparse.Namespace, render: Renderer) -> int:
+def render_and_write(args: argparse.Namespace, render: Renderer, view: LiveView | None = None) -> int:
     """Load `args.scene`, have it rendered, write every output and the report; returns the exit code.
 
     Whatever can be found wrong before the render is found before it.
+
+    Args:
+        view: is told of progress; `render` shows it the image.
     """
     outputs = _checked_outputs(args)
     chosen = chosen_settings(args)
     RenderSettings(**chosen)  # a value out of range is an error before the scene is read
     quiet_warp()
     progress = make_progress(args.quiet)
+    if view is not None:
+        progress = view.following(progress)
     failed: list[ImageError] = []
     try:
         progress.start("load")

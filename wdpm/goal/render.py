@@ -132,7 +132,8 @@ def _render(pilot: TrialPilot, goal: Goal, budget: Budget) -> Image:
 def _passes(
     renderer: PassRenderer, course: Course, goal: Goal, gauge: Gauge, budget: Budget, most: float
 ) -> tuple[PassAverage, Estimate | None, Ending]:
-    """Render until the goal is reached, or `most` passes are done, or someone presses Ctrl-C after the first.
+    """Render until the goal is reached, or `most` passes are done, or someone has enough, or presses Ctrl-C
+    after the first.
 
     Returns:
         The mean, the estimate of its error, and what ended it.
@@ -155,6 +156,7 @@ def _passes(
         average.add(result)
         gauge.add(result.layers, samples, shrink(number))
         number += 1
+        renderer.show(average)
         if goal.error is not None and number >= next_check:
             estimate = gauge.estimate()
             next_check = max(number + 1, math.ceil(number * FIRST_CHECKS))
@@ -163,7 +165,7 @@ def _passes(
         if plan not in course.trial.results:
             slowest = max(time.perf_counter() - began, 0.9 * slowest)
         out_of_time = budget.left() < SLOWER * slowest
-        if number >= most or out_of_time:
+        if number >= most or out_of_time or renderer.enough:
             return average, gauge.estimate(), Ending.OUT_OF_TIME if out_of_time else Ending.DONE
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
+from wdpm.cluster.display import Display
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.progress import Progress
@@ -26,12 +27,16 @@ class Backend(ABC):
         slaves: processes that compute in place of this one; 0 where this one does.
         threads: cores of this machine that may be used in all.
         device: that kernels run on: "cpu" or a CUDA device, "cuda:0".
+
+    Attributes:
+        display: is shown images while they are rendered; None where nobody looks.
     """
 
     def __init__(self, *, slaves: int, threads: int, device: str) -> None:
         self.slaves = slaves
         self.threads = threads
         self.device = device
+        self.display: Display | None = None
 
     @abstractmethod
     def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:

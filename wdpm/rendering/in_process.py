@@ -64,7 +64,7 @@ class InProcess(Backend):
         if prepared.pilot is not None:
             session = replace(session, partition=lambda _: NO_TRIANGLES)
         try:
-            return cluster.render(session, progress)
+            return cluster.render(session, progress, self.display)
         except BaseException:
             cluster.close()
             raise

@@ -89,6 +89,18 @@ class PassAverage:
         """What the passes so far tell about the error of their mean; None before there are two."""
         return None if self._error is None else self._error.report()
 
+    def relative_error(self) -> tuple[float, float, float] | None:
+        """relMSE of the mean: the estimate and both ends of its interval; None before there are passes enough.
+
+        Before a bias can be told it is that of noise alone.
+        """
+        error = self.error()
+        if error is None:
+            return None
+        parts = error.rel_mse
+        figure = parts.total or parts.noise
+        return figure.value, figure.low, figure.high
+
     def layers(self) -> dict[str, NDArray[np.float32]]:
         """Of the mean, with `noise` and `bias` where there are passes enough to tell."""
         mean: dict[str, NDArray[np.float32]] = {}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from wdpm.progress import Progress
 
-OF_EACH_PASS = frozenset({"photons", "map", "render"})
+OF_EACH_PASS = frozenset({"photons", "map", "records", "render"})
 """Phases that every pass goes through; only the last has a part in the bar."""
 
 

@@ -83,6 +83,17 @@ class PassRenderer:
         if cache.load is not None:
             self._session = replace(self._session, records=read_records(cache.load, self.prepared.lit_scene))
 
+    @property
+    def enough(self) -> bool:
+        """Whether the person who is shown the image wants no more passes."""
+        display = self._backend.display
+        return display is not None and display.enough
+
+    def show(self, mean: PassAverage) -> None:
+        """Show the mean of the passes so far to whoever looks."""
+        if self._backend.display is not None:
+            self._backend.display.pass_done(mean)
+
     def render(self, plan: PassPlan) -> PassResult:
         """Render a pass.
 
@@ -170,6 +181,10 @@ def _render_all(
             average.add(renderer.render(plan))
             if journal is not None:
                 write_journal(journal, average, prepared)
+            renderer.show(average)
+            if renderer.enough:
+                progress.note(f"good enough: {len(average.plans)} of {len(plans)} passes")
+                break
     finally:
         renderer.progress = progress
     image = average.image()

@@ -1,0 +1,90 @@
+"""Options of commands that show what they render, and the page while they do."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from wdpm.scenes.errors import SettingsError
+from wdpm.view.address import ViewAddress, view_address
+
+if TYPE_CHECKING:
+    from wdpm.view.live import LiveView
+
+
+def add_view_options(parser: argparse.ArgumentParser) -> None:
+    """--view, --view-at and --view-beside."""
+    group = parser.add_argument_group("live view (docs/view.md; changes no bit of the image)")
+    group.add_argument(
+        "--view", action="store_true", help="serve a page that shows the image as it comes; prints its URL"
+    )
+    add_view_address(group)
+    group.add_argument("--view-beside", type=Path, metavar="FILE", help="an image to compare with in the page")
+
+
+def add_view_address(group: argparse._ActionsContainer) -> None:
+    """--view-at."""
+    group.add_argument(
+        "--view-at",
+        type=view_address,
+        metavar="HOST:PORT",
+        help="where to serve it (default: 127.0.0.1 and any free port; another HOST lets others in who have the URL)",
+    )
+
+
+def check_can_view() -> None:
+    """Raise SettingsError if what serves pages is not installed."""
+    try:
+        import aiohttp  # noqa: F401
+    except ModuleNotFoundError:
+        raise SettingsError("the live view needs aiohttp: pip install 'wdpm[view]'") from None
+
+
+@contextmanager
+def live_view(args: argparse.Namespace) -> Iterator[LiveView | None]:
+    """The page of a render while it runs, if `args` ask for one.
+
+    Raises:
+        SettingsError, ImageError: it cannot be served, or the image to compare with cannot be read.
+    """
+    if not args.view:
+        for name in ("view_at", "view_beside"):
+            if getattr(args, name) is not None:
+                raise SettingsError(f"--{name.replace('_', '-')} says how to view: give --view, too")
+        yield None
+        return
+    check_can_view()
+    from wdpm.images.image import load
+    from wdpm.view.live import LiveView
+
+    several = (args.passes or 1) > 1 or args.until_error is not None or args.time_budget is not None
+    beside = None if args.view_beside is None else load(args.view_beside)
+    view = LiveView(args.view_at or ViewAddress(), args.scene, passes=several, beside=beside)
+    how = "failed"
+    try:
+        print_url(view.url, args.view_at or ViewAddress())
+        yield view
+        how = "done: the image is written"
+    except KeyboardInterrupt:
+        how = "stopped"
+        raise
+    except Exception as error:
+        how = f"failed: {error}"
+        raise
+    finally:
+        view.close(how)
+
+
+def print_url(url: str, address: ViewAddress) -> None:
+    """Tell the person what to open; on standard error, so that results can be piped."""
+    print(f"view: {url}", file=sys.stderr, flush=True)
+    if not address.is_loopback:
+        print(
+            f"wdpm: the view at {address.host} is not encrypted: whoever learns its URL can watch, and stop the render",
+            file=sys.stderr,
+            flush=True,
+        )

@@ -1,0 +1,146 @@
+"""What the page tells beside the image: phases, time left, slaves, lines for the person, the error as it falls."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from wdpm.cluster.display import Bucket, Frame
+
+NOTES = 200
+"""Lines that are kept."""
+
+SLAVE_FIGURES = ("busy_s", "peak_memory_bytes", "bytes_in", "bytes_out", "rays_in", "rays_out")
+"""Of a slave's statistics, those that the page shows."""
+
+
+@dataclass
+class SlaveStatus:
+    """What is known of a slave while it renders.
+
+    Attributes:
+        name: host and process.
+        cells: numbers of the cells that it holds.
+        buckets: that it has put together, of all frames.
+        seen: when the last came [s, as the clock of Status].
+        figures: SLAVE_FIGURES of the last frame that is complete.
+        dropped: what its guards dropped or cut there.
+    """
+
+    name: str
+    cells: list[int]
+    buckets: int = 0
+    seen: float = 0.0
+    figures: dict[str, float] | None = None
+    dropped: int = 0
+
+
+class Status:
+    """Kept by the thread that renders, read by that of the server as JSON.
+
+    Args:
+        title: of the page.
+        passes: whether there will be several, so that one can have enough of them.
+        clock: seconds, growing.
+    """
+
+    def __init__(self, title: str, passes: bool, clock: Callable[[], float] = time.monotonic) -> None:
+        self._title = title
+        self._passes = passes
+        self._clock = clock
+        self._began = clock()
+        self._phase, self._done = "", 0
+        self._total: int | None = None
+        self._phase_began = self._began
+        self._notes: deque[str] = deque(maxlen=NOTES)
+        self._slaves: list[SlaveStatus] = []
+        self._errors: list[list[float]] = []
+        self._frames = 0
+        self._ended: str | None = None
+
+    @property
+    def seconds(self) -> float:
+        """Since it began."""
+        return self._clock() - self._began
+
+    def start(self, phase: str, total: int | None) -> None:
+        """A phase begins."""
+        self._phase, self._total, self._done = phase, total, 0
+        self._phase_began = self._clock()
+
+    def advance(self, amount: int) -> None:
+        """Units of it are done."""
+        self._done += amount
+
+    def note(self, text: str) -> None:
+        """A line for the person."""
+        self._notes.append(text)
+
+    def begin(self, frame: Frame, anew: bool) -> None:
+        """A frame begins; `anew` if it is not the next pass of the same image."""
+        self._frames = 1 if anew else self._frames + 1
+        if anew:
+            self._errors = []
+        if [slave.name for slave in self._slaves] != list(frame.slaves):
+            self._slaves = [SlaveStatus(name, []) for name in frame.slaves]
+        for number, slave in enumerate(self._slaves):
+            slave.cells = [cell for cell, holder in enumerate(frame.holders) if holder == number]
+
+    def bucket(self, bucket: Bucket) -> None:
+        """A slave has done one."""
+        slave = self._slaves[bucket.slave]
+        slave.buckets += 1
+        slave.seen = self._clock()
+
+    def end_frame(self, statistics: Sequence[Mapping[str, Any]]) -> None:
+        """What slaves did is known."""
+        for slave, values in zip(self._slaves, statistics, strict=False):
+            slave.figures = {name: float(values[name]) for name in SLAVE_FIGURES if name in values}
+            slave.dropped = sum(values.get("guards", {}).values())
+
+    def error(self, spp: int, figure: tuple[float, float, float]) -> None:
+        """The error of the mean so far."""
+        self._errors.append([self.seconds, float(spp), *figure])
+
+    def end(self, how: str) -> None:
+        """Nothing comes any more."""
+        self._ended = how
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it, as JSON has it (docs/view.md)."""
+        now = self._clock()
+        return {
+            "kind": "status",
+            "title": self._title,
+            "passes": self._passes,
+            "frames": self._frames,
+            "seconds": now - self._began,
+            "phase": self._phase,
+            "total": self._total,
+            "done": self._done,
+            "left": self._left(now),
+            "notes": list(self._notes),
+            "errors": list(self._errors),
+            "slaves": [_of_slave(slave, now) for slave in list(self._slaves)],
+            "ended": self._ended,
+        }
+
+    def _left(self, now: float) -> float | None:
+        """Seconds that the phase will still take, if it goes on as it did."""
+        if not self._total or not self._done:
+            return None
+        return (now - self._phase_began) * max(self._total / self._done - 1.0, 0.0)
+
+
+def _of_slave(slave: SlaveStatus, now: float) -> dict[str, Any]:
+    return {
+        "name": slave.name,
+        "cells": slave.cells,
+        "buckets": slave.buckets,
+        "silent": now - slave.seen if slave.buckets else None,
+        "figures": slave.figures,
+        "dropped": slave.dropped,
+    }
