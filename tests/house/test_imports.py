@@ -37,6 +37,7 @@ WRONG = [
     ("sockets", "cluster/session.py", "import socket"),
     ("wire", "wdpm/rendering/array_file.py", "import msgpack"),
     ("image-files", "wdpm/api.py", "import imageio"),
+    ("pages", "wdpm/api.py", "import aiohttp"),
     ("meshes", "wdpm/api.py", "import trimesh"),
     ("terminal", "wdpm/api.py", "def f():\n    import rich"),
     ("warp", "wdpm/cli/main.py", "import warp"),

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from wdpm.cluster.display import Bucket, Frame, Layers
 from wdpm.images.channels import PARTITION_LAYER
 
-
 NO_CELL = -1.0
 """Of pixels that nobody has shaded yet."""
 
