@@ -20,6 +20,7 @@ from wdpm.cli import live, main
 from wdpm.cluster.display import Bucket, Frame, PassMean
 from wdpm.cluster.render_settings import Indirect
 from wdpm.images.image import Image, load
+from wdpm.view.open_files import FileView
 
 SMALL = ["render", "cornell-box", "--size", "16x16", "--photons", "500", "--spp", "6", "--indirect", "map", "-q"]
 
@@ -116,28 +117,40 @@ def test_pages_hear_how_a_render_ended(how: str, raised: type[BaseException]) ->
     assert kept[0]._state()["ended"] == how
 
 
+async def both_are_shown(page: Page) -> None:
+    await page.until(lambda: bool(page.status))
+    assert page.status["title"] == "one.exr | other.exr"
+    await page.socket.send_json({"kind": "want", "layers": [["a", "beauty"], ["b", "beauty"]]})
+    await page.until(lambda: len(page.layers) == 2)
+    assert page.layers["b", "beauty"][3, 5, 0] == 1.0
+
+
+def flat(value: float) -> Image:
+    return Image({"beauty": np.full((4, 6, 3), value, np.float32)})
+
+
 @pytest.mark.sockets
-def test_files_are_shown_until_the_page_or_a_person_ends_it(tmp_path: Path) -> None:
+def test_files_are_shown_until_someone_presses_ctrl_c(tmp_path: Path) -> None:
     files = [tmp_path / "one.exr", tmp_path / "other.exr"]
     for value, file in enumerate(files):
-        Image({"beauty": np.full((4, 6, 3), value, np.float32)}).save(file)
-    for by_page in (True, False):
-        command = [sys.executable, "-m", "wdpm", "view", *map(str, files)]
-        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-            assert process.stderr is not None
-            url = process.stderr.readline().removeprefix("view: ").strip()
+        flat(value).save(file)
+    command = [sys.executable, "-m", "wdpm", "view", *map(str, files)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        watch(process.stderr.readline().removeprefix("view: ").strip(), both_are_shown)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(50.0) == 130
+        assert process.stderr.read() == "wdpm: interrupted\n"
 
-            async def look(page: Page, by_page: bool = by_page) -> None:
-                await page.until(lambda: bool(page.status))
-                assert page.status["title"] == "one.exr | other.exr"
-                await page.socket.send_json({"kind": "want", "layers": [["a", "beauty"], ["b", "beauty"]]})
-                await page.until(lambda: len(page.layers) == 2)
-                assert page.layers["b", "beauty"][3, 5, 0] == 1.0
-                if by_page:
-                    await page.socket.send_json({"kind": "stop"})
 
-            watch(url, look)
-            if not by_page:
-                process.send_signal(signal.SIGINT)
-            assert process.wait(30.0) == (0 if by_page else 130)
-            assert process.stderr.read() == ("" if by_page else "wdpm: interrupted\n")
+@pytest.mark.sockets
+def test_the_page_can_end_it_too() -> None:
+    view = FileView(live.ViewAddress(), "one.exr | other.exr", flat(0.0), flat(1.0))
+
+    async def look(page: Page) -> None:
+        await both_are_shown(page)
+        await page.socket.send_json({"kind": "stop"})
+
+    watch(view.url, look)
+    view.wait()
+    view.close()
