@@ -55,7 +55,7 @@ function told(message) {
   }
   if (changed) pick();
   show(status, true);
-  if (status.ended !== null) banner(`${status.title}: ${status.ended}. What is shown stays until the page is closed.`, true);
+  if (status.ended !== null) banner(`${status.title}: ${status.ended}. What is shown stays until the page is closed.`, !status.ended.startsWith("failed"));
 }
 
 function took(tile) {
