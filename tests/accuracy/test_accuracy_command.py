@@ -12,7 +12,7 @@ from wdpm.accuracy.predict import Predictions
 from wdpm.cli import main, predict
 from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.goal.goal import Metric
-from wdpm.goal.plan import Course
+from wdpm.goal.schedule import Schedule
 from wdpm.goal.trial import Trial
 
 
@@ -42,9 +42,9 @@ def test_predictions_refuse_options_of_sweeps(
 @pytest.mark.parametrize(("integrator", "photons"), [(Integrator.PATH, "none"), (Integrator.PHOTONS, "250,000")])
 def test_predictions_of_path_tracing_show_no_photons(integrator: Integrator, photons: str) -> None:
     settings = RenderSettings(integrator=integrator)
-    course = Course(settings, Trial(settings, 0.0, 1.0, 1.0, 0.1, 0.1, 0.0), 2.0, 0.1, 0.1)
+    schedule = Schedule(settings, Trial(settings, 0.0, 1.0, 1.0, 0.1, 0.1, 0.0), 2.0, 0.1, 0.1)
     text = io.StringIO()
-    Predictions(Metric.RELMSE, {0.1: course}, 1.0, 1.0).print(Console(file=text, width=120))
+    Predictions(Metric.RELMSE, {0.1: schedule}, 1.0, 1.0).print(Console(file=text, width=120))
     row = text.getvalue().splitlines()[1]
     assert photons in row
     assert ("250,000" in row) == (photons != "none")

@@ -15,11 +15,11 @@ from wdpm.accuracy.predict import predict
 from wdpm.cli.goal import EXIT_NOT_REACHED
 from wdpm.cli.main import main
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
-from wdpm.goal.gauge import Estimate
+from wdpm.goal.convergence import Estimate
 from wdpm.goal.goal import Goal
 from wdpm.goal.outcome import Ending, outcome_of
-from wdpm.goal.plan import Course
 from wdpm.goal.render import Interrupted, render_until
+from wdpm.goal.schedule import Schedule
 from wdpm.goal.trial import Trial
 from wdpm.goal.trial_pilot import TrialPilot, Workplace
 from wdpm.images.comparison import compare
@@ -109,7 +109,7 @@ def test_the_image_is_within_the_error(
     image = render_until(scene, Goal(0.1), InProcess(threads=2), clock=Costs(photons, 0.02, monkeypatch), **FEW)
     monkeypatch.undo()
     if image.metadata["asked"]["passes"] != passes:
-        pytest.fail("another course was chosen than the one that this is about")
+        pytest.fail("another schedule was chosen than the one that this is about")
     truth = wdpm.render(scene, spp=1024, integrator=Integrator.PATH, seed=99, threads=2)
     assert compare(image, truth).rel_mse <= 0.1
     assert image.metadata["settings"]["photons"] == 20_000  # what was given is kept
@@ -132,8 +132,8 @@ def test_a_time_that_is_too_short_for_the_error_gives_an_image_and_says_so(
 
 
 def test_an_error_out_of_reach_ends_with_the_best_there_is(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("wdpm.goal.plan.MOST_PASSES", 8)
-    monkeypatch.setattr("wdpm.goal.witness.MOST_SPP", 8)
+    monkeypatch.setattr("wdpm.goal.schedule.MOST_PASSES", 8)
+    monkeypatch.setattr("wdpm.goal.reference_pair.MOST_SPP", 8)
     image = render_until(scene, Goal(1e-6), InProcess(threads=2), indirect=Indirect.MAP, **FEW)
     asked = image.metadata["asked"]
     assert not asked["reached"]
@@ -152,12 +152,12 @@ def test_a_time_alone_gives_an_image(scene: Scene) -> None:
 def test_what_is_not_reached_says_what_would_help() -> None:
     """Noise calls for samples, bias for photons; and time may just be up."""
     trial = Trial(RenderSettings(passes=4, spp=4), 0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
-    course = Course(trial.settings, trial, 1.0, 0.1, 0.1)
+    schedule = Schedule(trial.settings, trial, 1.0, 0.1, 0.1)
     times = {"seconds": 1.0, "pilot_seconds": 1.0, "compile_seconds": 0.0}
 
     def said(noise: float, bias: float, ending: Ending) -> str:
         parts = [ErrorFigure(value, value, value) for value in (noise, bias, noise + bias)]
-        return outcome_of(Goal(0.01), course, Estimate(*parts), 4, times, ending).lines()[-1]
+        return outcome_of(Goal(0.01), schedule, Estimate(*parts), 4, times, ending).lines()[-1]
 
     assert "mostly noise: some 9 times the samples" in said(0.085, 0.001, Ending.DONE)
     assert "mostly bias" in said(0.001, 0.085, Ending.DONE)
@@ -170,9 +170,9 @@ def test_bias_that_only_noise_suggests_does_not_keep_the_pilot_at_work(scene: Sc
     pilot = TrialPilot(scene, RenderSettings(), frozenset(), Workplace(InProcess(threads=2), SilentProgress()))
     hidden = Trial(RenderSettings(indirect=Indirect.MAP), 0.1, 0.01, 0.01, 1e-4, 1e-2, bias=0.5, likely_bias=0.0)
     pilot.trials = [hidden]
-    course, reached = pilot.best(Goal(0.001))
+    schedule, reached = pilot.best(Goal(0.001))
     assert reached
-    assert course.trial is hidden
+    assert schedule.trial is hidden
     pilot.trials = [replace(hidden, likely_bias=0.4)]
     assert not pilot.best(Goal(1e-9))[1]
 
@@ -215,7 +215,7 @@ def test_ctrl_c_writes_the_image_so_far(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 def test_what_comes_by_photon_maps_alone_may_be_left_out(scene: Scene) -> None:
-    """There is no witness then: paths cannot leave it out."""
+    """There is no reference then: paths cannot leave it out."""
     image = render_until(scene, Goal(0.5), InProcess(threads=2), without=("indirect",), **FEW)
     assert image.metadata["asked"]["reached"]
 
@@ -223,12 +223,12 @@ def test_what_comes_by_photon_maps_alone_may_be_left_out(scene: Scene) -> None:
 def test_passes_of_the_pilot_count(scene: Scene) -> None:
     pilot = TrialPilot(scene, RenderSettings(**FEW), frozenset(FEW), Workplace(InProcess(threads=2), SilentProgress()))
     pilot.run(Goal(0.3))
-    course, reached = pilot.best(Goal(0.3))
+    schedule, reached = pilot.best(Goal(0.3))
     assert reached
     first = pilot.trials[0]
     assert {plan.number for plan in first.results} == {0, 1}
     assert first.sample_noise > 0 < first.sample_cost
-    assert course.samples >= 1
+    assert schedule.samples >= 1
 
 
 def test_slaves_render_the_same_image(scene: Scene) -> None:
@@ -242,7 +242,7 @@ def test_slaves_render_the_same_image(scene: Scene) -> None:
 
 def test_predictions_cost_more_for_less_error(scene: Scene) -> None:
     found = predict(scene, Workplace(InProcess(threads=2), SilentProgress()), targets=(0.5, 0.3), **FEW)
-    large, small = found.courses[0.5], found.courses[0.3]
+    large, small = found.schedules[0.5], found.schedules[0.3]
     assert large is not None
     assert small is not None
     assert large.seconds <= small.seconds

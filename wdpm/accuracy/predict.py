@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from wdpm.goal.goal import Goal, Metric
 from wdpm.goal.outcome import NAMES
-from wdpm.goal.plan import Course
+from wdpm.goal.schedule import Schedule
 from wdpm.goal.trial_pilot import TrialPilot, Workplace
 from wdpm.rendering.scene_settings import settings_for
 from wdpm.report.tables import format_seconds
@@ -24,12 +24,12 @@ class Predictions:
     """Of several errors.
 
     Attributes:
-        courses: what would be rendered, by error; None where the error is out of reach.
+        schedules: what would be rendered, by error; None where the error is out of reach.
         pilot_seconds: that they took to find; compile_seconds: spent on compiling besides.
     """
 
     metric: Metric
-    courses: dict[float, Course | None]
+    schedules: dict[float, Schedule | None]
     pilot_seconds: float
     compile_seconds: float
 
@@ -38,14 +38,16 @@ class Predictions:
         from rich.table import Table
 
         table = Table(NAMES[self.metric], "time", "passes", "samples a pass", "photons a pass", "how", box=None)
-        for error, course in self.courses.items():
-            if course is None:
+        for error, schedule in self.schedules.items():
+            if schedule is None:
                 table.add_row(f"{error:g}", "out of reach", "", "", "", "")
                 continue
-            settings = course.settings
+            settings = schedule.settings
             photons = f"{settings.photons:,}" if settings.algorithm.shoots_photons else "none"
-            counts = (f"{course.passes:,}", f"{course.samples:,}", photons)
-            table.add_row(f"{error:g}", format_seconds(course.seconds), *counts, settings.algorithm.in_words(settings))
+            counts = (f"{schedule.passes:,}", f"{schedule.samples:,}", photons)
+            table.add_row(
+                f"{error:g}", format_seconds(schedule.seconds), *counts, settings.algorithm.in_words(settings)
+            )
         console.print(table)
         console.print(
             f"Predicted by a pilot of {self.pilot_seconds:.1f} s ({self.compile_seconds:.1f} s of compiling besides), "
@@ -71,8 +73,8 @@ def predict(
     goals = {error: Goal(error, metric) for error in targets}
     pilot = TrialPilot(scene, settings_for(scene, **chosen), frozenset(chosen), work)
     pilot.run(goals[min(targets)])
-    courses: dict[float, Course | None] = {}
+    schedules: dict[float, Schedule | None] = {}
     for error, goal in goals.items():
-        course, reached = pilot.best(goal)
-        courses[error] = course if reached else None
-    return Predictions(metric, courses, pilot.seconds, pilot.compile_seconds)
+        schedule, reached = pilot.best(goal)
+        schedules[error] = schedule if reached else None
+    return Predictions(metric, schedules, pilot.seconds, pilot.compile_seconds)

@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 from enum import Enum
 from typing import Any
 
-from wdpm.goal.gauge import Estimate
+from wdpm.goal.convergence import Estimate
 from wdpm.goal.goal import Goal, Metric
-from wdpm.goal.plan import Course
+from wdpm.goal.schedule import Schedule
 from wdpm.report.report import ErrorFigure
 
 
@@ -110,7 +110,7 @@ def in_metric(metric: Metric, figure: ErrorFigure) -> ErrorFigure:
 
 
 def outcome_of(
-    goal: Goal, course: Course, estimate: Estimate | None, passes: int, times: dict[str, float], ending: Ending
+    goal: Goal, schedule: Schedule, estimate: Estimate | None, passes: int, times: dict[str, float], ending: Ending
 ) -> Outcome:
     """From what was measured; `times` are the three of Outcome."""
     return Outcome(
@@ -121,22 +121,23 @@ def outcome_of(
         reached=goal.error is None or (estimate is not None and estimate.total.high <= goal.mean_square),
         ending=ending,
         passes=passes,
-        samples=course.samples,
-        predicted_seconds=course.seconds,
-        expected=goal.metric.figure(course.error),
-        why=reasons(course),
+        samples=schedule.samples,
+        predicted_seconds=schedule.seconds,
+        expected=goal.metric.figure(schedule.error),
+        why=reasons(schedule),
         **times,
     )
 
 
-def reasons(course: Course) -> str:
+def reasons(schedule: Schedule) -> str:
     """What was chosen, and why, in words."""
-    settings, trial = course.settings, course.trial
+    settings, trial = schedule.settings, schedule.trial
     kind = settings.algorithm.in_words(settings)
     if settings.algorithm.shoots_photons:
         kind += f", {settings.photons:,} photons a pass"
     return (
-        f"{kind}, {course.samples} samples a pass: a pass costs {trial.pass_cost:.2g} s and {trial.sample_cost:.2g} s "
-        f"a sample, with mean squares of noise {trial.pass_noise:.2g} and {trial.sample_noise:.2g} a sample, and "
+        f"{kind}, {schedule.samples} samples a pass: a pass costs {trial.pass_cost:.2g} s and "
+        f"{trial.sample_cost:.2g} s a sample, with mean squares of noise {trial.pass_noise:.2g} and "
+        f"{trial.sample_noise:.2g} a sample, and "
         f"squared bias of at most {trial.bias:.2g}"
     )

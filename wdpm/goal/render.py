@@ -11,10 +11,10 @@ from dataclasses import replace
 from typing import Any
 
 from wdpm.goal.clock import Budget
-from wdpm.goal.gauge import LEAST_PASSES, Estimate, Gauge
+from wdpm.goal.convergence import LEAST_PASSES, ConvergenceEstimator, Estimate
 from wdpm.goal.goal import Goal
 from wdpm.goal.outcome import Ending, outcome_of
-from wdpm.goal.plan import Course
+from wdpm.goal.schedule import Schedule
 from wdpm.goal.trial import Clock
 from wdpm.goal.trial_pilot import TrialPilot, Workplace
 from wdpm.images.image import Image
@@ -106,22 +106,22 @@ def render_until(
 def _render(pilot: TrialPilot, goal: Goal, budget: Budget) -> Image:
     """Render what the pilot chose."""
     progress, scene = pilot.work.progress, pilot.scene
-    course, expected = pilot.best(goal, budget.left())
-    progress.note(_promise(course, goal, expected))
+    schedule, expected = pilot.best(goal, budget.left())
+    progress.note(_promise(schedule, goal, expected))
     began = pilot.work.clock()
-    settings = course.settings
+    settings = schedule.settings
     biased = settings.algorithm.biased
     shape = (scene.camera.height, scene.camera.width, 3)
-    gauge = Gauge(shape, goal.metric, biased, pilot.witness)
+    estimator = ConvergenceEstimator(shape, goal.metric, biased, pilot.reference)
     renderer = pilot.work.renderer(scene, settings)
     renderer.progress = progress
-    average, estimate, ending = _passes(renderer, course, goal, gauge, budget, _most(course, goal, expected))
+    average, estimate, ending = _passes(renderer, schedule, goal, estimator, budget, _most(schedule, goal, expected))
     times = {
         "seconds": pilot.work.clock() - began,
         "pilot_seconds": pilot.seconds,
         "compile_seconds": pilot.compile_seconds,
     }
-    outcome = outcome_of(goal, course, estimate, len(average.plans), times, ending)
+    outcome = outcome_of(goal, schedule, estimate, len(average.plans), times, ending)
     image = average.image()
     image = replace(image, metadata={**image.metadata, OUTCOME: outcome.to_dict()})
     if ending is Ending.INTERRUPTED:
@@ -130,7 +130,7 @@ def _render(pilot: TrialPilot, goal: Goal, budget: Budget) -> Image:
 
 
 def _passes(
-    renderer: PassRenderer, course: Course, goal: Goal, gauge: Gauge, budget: Budget, most: float
+    renderer: PassRenderer, schedule: Schedule, goal: Goal, estimator: ConvergenceEstimator, budget: Budget, most: float
 ) -> tuple[PassAverage, Estimate | None, Ending]:
     """Render until the goal is reached, or `most` passes are done, or someone has enough, or presses Ctrl-C
     after the first.
@@ -141,45 +141,46 @@ def _passes(
     average = PassAverage(renderer.prepared)
     camera, bucket = renderer.prepared.session.view.camera, renderer.prepared.session.view.bucket
     buckets = -(-camera.width // bucket) * -(-camera.height // bucket)
-    renderer.progress = PassProgress(renderer.progress, buckets, course.passes)
-    samples, estimate, next_check, slowest = course.samples, None, LEAST_PASSES, 0.0
+    renderer.progress = PassProgress(renderer.progress, buckets, schedule.passes)
+    samples, estimate, next_check, slowest = schedule.samples, None, LEAST_PASSES, 0.0
     number = 0
     while True:
         began = time.perf_counter()
         plan = PassPlan(number, number * samples, samples)
         try:
-            result = course.trial.results.get(plan) or renderer.render(plan)
+            result = schedule.trial.results.get(plan) or renderer.render(plan)
         except KeyboardInterrupt:
             if not number:
                 raise
-            return average, gauge.estimate(), Ending.INTERRUPTED
+            return average, estimator.estimate(), Ending.INTERRUPTED
         average.add(result)
-        gauge.add(result.layers, samples, shrink(number))
+        estimator.add(result.layers, samples, shrink(number))
         number += 1
         renderer.show(average)
         if goal.error is not None and number >= next_check:
-            estimate = gauge.estimate()
+            estimate = estimator.estimate()
             next_check = max(number + 1, math.ceil(number * FIRST_CHECKS))
             if estimate is not None and estimate.total.high <= goal.mean_square:
                 return average, estimate, Ending.DONE
-        if plan not in course.trial.results:
+        if plan not in schedule.trial.results:
             slowest = max(time.perf_counter() - began, 0.9 * slowest)
         out_of_time = budget.left() < SLOWER * slowest
         if number >= most or out_of_time or renderer.enough:
-            return average, gauge.estimate(), Ending.OUT_OF_TIME if out_of_time else Ending.DONE
+            return average, estimator.estimate(), Ending.OUT_OF_TIME if out_of_time else Ending.DONE
 
 
-def _most(course: Course, goal: Goal, expected: bool) -> float:
+def _most(schedule: Schedule, goal: Goal, expected: bool) -> float:
     """Passes after which the error counts as out of reach."""
     if goal.error is None or (goal.seconds is not None and not expected):
         return math.inf  # the time ends it
-    return max(PATIENCE * course.passes, LEAST_FOR_PATIENCE) if expected else course.passes
+    return max(PATIENCE * schedule.passes, LEAST_FOR_PATIENCE) if expected else schedule.passes
 
 
-def _promise(course: Course, goal: Goal, expected: bool) -> str:
+def _promise(schedule: Schedule, goal: Goal, expected: bool) -> str:
     """What is about to be rendered, for the person who waits for it."""
-    figure = goal.metric.figure(course.error)
-    what = f"{course.passes} passes of {course.samples} samples, about {course.seconds:.1f} s, error about {figure:.2g}"
+    figure = goal.metric.figure(schedule.error)
+    counts = f"{schedule.passes} passes of {schedule.samples} samples"
+    what = f"{counts}, about {schedule.seconds:.1f} s, error about {figure:.2g}"
     if goal.error is None or expected:
         return f"chose {what}"
     return f"an error of {goal.error:g} is not expected to be reached; the best found: {what}"

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.render_settings import RenderSettings
-from wdpm.goal.gauge import Gauge, centred_figure
+from wdpm.goal.convergence import ConvergenceEstimator, centred_figure
 from wdpm.goal.goal import Metric
-from wdpm.goal.witness import Witness, coarser
+from wdpm.goal.reference_pair import ReferencePair, coarser
 from wdpm.rendering.pass_plan import PassPlan, PassResult
 from wdpm.rendering.passes import PassRenderer
 from wdpm.report.report import ErrorFigure
@@ -44,7 +44,7 @@ class Trial:
         pass_noise: weighted mean square of one pass that samples do not lessen.
         sample_noise: the same that is divided by the number of samples.
         record_cost: of pass_cost, the irradiance records of a pass of one sample.
-        rare: by how much the estimate of two samples' noise (gauge.py) lies above the above, for fear of rare
+        rare: by how much the estimate of two samples' noise (convergence.py) lies above the above, for fear of rare
             bright ones.
         bias: the squared bias of a pass of the first radius, at most: the upper end of its interval.
         likely_bias: the same, as estimated, at least 0. Far below `bias` where the noise of so few samples hides it.
@@ -70,7 +70,7 @@ def try_out(
     make: Callable[[], PassRenderer],
     settings: RenderSettings,
     metric: Metric,
-    witness: Witness | None,
+    reference: ReferencePair | None,
     clock: Clock = time.perf_counter,
     seconds_left: Callable[[], float] = lambda: math.inf,
 ) -> Trial:
@@ -78,7 +78,7 @@ def try_out(
 
     Args:
         make: makes the renderer of the settings.
-        witness: of the bias; None leaves it at 0.
+        reference: of the bias; None leaves it at 0.
         clock: seconds, growing.
         seconds_left: until a time budget is used up.
     """
@@ -98,7 +98,7 @@ def try_out(
     a, b, c = (result.layers["beauty"].astype(np.float64) for result in results)
     weight = metric.weight((a + b + 2 * c) / 4)
     sample_cost = costs[1] * _share_of(results[1], "render")
-    bias = ErrorFigure(0.0, 0.0, 0.0) if witness is None else bias_of(a, b, c, metric, witness)
+    bias = ErrorFigure(0.0, 0.0, 0.0) if reference is None else bias_of(a, b, c, metric, reference)
     return Trial(
         settings=settings,
         start=start,
@@ -115,13 +115,13 @@ def try_out(
     )
 
 
-def bias_of(a: Values, b: Values, c: Values, metric: Metric, witness: Witness) -> ErrorFigure:
-    """Squared bias of a trial's passes, at the pixels of the witness."""
-    a, b, c = (coarser(each, witness.factor) for each in (a, b, c))
+def bias_of(a: Values, b: Values, c: Values, metric: Metric, reference: ReferencePair) -> ErrorFigure:
+    """Squared bias of a trial's passes, at the pixels of the reference."""
+    a, b, c = (coarser(each, reference.factor) for each in (a, b, c))
     mean = (a + c) / 2  # other samples and other photons: the two are independent
-    squared = (mean - witness.a) * (mean - witness.b) - (a - c) ** 2 / 4
-    # Where so few samples missed an edge of a lamp, the witness knows how bright it is.
-    bright = np.maximum(np.abs(mean), mean_around((witness.a + witness.b) / 2))
+    squared = (mean - reference.a) * (mean - reference.b) - (a - c) ** 2 / 4
+    # Where so few samples missed an edge of a lamp, the reference knows how bright it is.
+    bright = np.maximum(np.abs(mean), mean_around((reference.a + reference.b) / 2))
     return centred_figure(np.nan_to_num(squared * metric.weight(bright)))
 
 
@@ -136,10 +136,10 @@ def mean_around(image: Values) -> Values:
 def rare_of(one: PassResult, other: PassResult, metric: Metric) -> float:
     """What rare samples add to the estimate of the noise of two passes."""
     beauty = [result.layers["beauty"] for result in (one, other)]
-    gauge = Gauge(beauty[0].shape, metric, biased=False)
+    estimator = ConvergenceEstimator(beauty[0].shape, metric, biased=False)
     for result in (one, other):
-        gauge.add(result.layers, 1, 1.0)
-    estimate = gauge.estimate()
+        estimator.add(result.layers, 1, 1.0)
+    estimate = estimator.estimate()
     a, b = (each.astype(np.float64) for each in beauty)
     plain = _finite_mean((a - b) ** 2 / 4 * metric.weight((a + b) / 2))
     return 0.0 if estimate is None else max(estimate.noise.value - plain, 0.0)

@@ -14,9 +14,9 @@ from typing import Any
 from wdpm.cluster.integrators.registry import REFERENCE
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.goal.goal import Goal
-from wdpm.goal.plan import FACTORS, Course, nearest, soonest, with_photons
+from wdpm.goal.reference_pair import ReferencePair, make_reference_pair
+from wdpm.goal.schedule import FACTORS, Schedule, nearest, soonest, with_photons
 from wdpm.goal.trial import Clock, Trial, try_out
-from wdpm.goal.witness import Witness, make_witness
 from wdpm.progress import Progress, SilentProgress
 from wdpm.rendering.backend import Backend
 from wdpm.rendering.passes import PassRenderer
@@ -27,8 +27,8 @@ FIRST_PHOTONS = 1 / 8
 
 PHOTON_FIELDS = frozenset({"photons", "caustic_photons", "volume_photons"})
 
-WITNESS_SHARE = 1 / 6
-"""Of the error asked for: the witness's own uncertainty."""
+REFERENCE_SHARE = 1 / 6
+"""Of the error asked for: the reference's own uncertainty."""
 
 MOST_TRIALS = 5
 
@@ -78,7 +78,7 @@ class TrialPilot:
 
     Attributes:
         settings: with what was chosen; fixed: names of these.
-        witness: of bias; None where nothing is biased, or there was no time.
+        reference: of bias; None where nothing is biased, or there was no time.
         trials: that were made.
         seconds: that all took, of the workplace's clock, without compiling.
         compile_seconds: that went by for compiling.
@@ -88,13 +88,13 @@ class TrialPilot:
     settings: RenderSettings
     fixed: frozenset[str]
     work: Workplace
-    witness: Witness | None = None
+    reference: ReferencePair | None = None
     trials: list[Trial] = field(default_factory=list)
     seconds: float = 0.0
     compile_seconds: float = 0.0
 
-    def best(self, goal: Goal, seconds_left: float = math.inf) -> tuple[Course, bool]:
-        """The course for a goal, and whether it is expected to reach the error.
+    def best(self, goal: Goal, seconds_left: float = math.inf) -> tuple[Schedule, bool]:
+        """The schedule for a goal, and whether it is expected to reach the error.
 
         Args:
             seconds_left: for the passes.
@@ -115,7 +115,7 @@ class TrialPilot:
         return fallback or nearest([least], 100 * (least.pass_cost + least.sample_cost)), False
 
     def run(self, goal: Goal, seconds_left: Callable[[], float] = lambda: math.inf) -> None:
-        """Make the witness and the trials that are worth it.
+        """Make the reference and the trials that are worth it.
 
         Args:
             seconds_left: until a time budget is used up.
@@ -123,18 +123,18 @@ class TrialPilot:
         began = self.work.clock()
         allowed = seconds_left() * PILOT_SHARE
         by_photons = self.settings.algorithm.shoots_photons and self.settings.photons > 0
-        # Paths cannot leave out what comes by a photon map: such an image has no witness.
+        # Paths cannot leave out what comes by a photon map: such an image has no reference.
         whole = not REFERENCE.algorithm.cannot_leave_out.intersection(self.settings.without)
         if by_photons and whole and (goal.error is not None or seconds_left() > LONG_S):
-            wanted = WITNESS_SHARE * goal.mean_square
-            self.witness = make_witness(
+            wanted = REFERENCE_SHARE * goal.mean_square
+            self.reference = make_reference_pair(
                 self.scene, self.settings, goal.metric, wanted, self.work.renderer, 0.5 * allowed
             )
         until = seconds_left() - allowed
         self._try(self._first(), goal, seconds_left)
         for _ in range(MOST_TRIALS - 1):
-            course, reached = self.best(goal, seconds_left())
-            following = self._next(course, reached, seconds_left())
+            schedule, reached = self.best(goal, seconds_left())
+            following = self._next(schedule, reached, seconds_left())
             if following is None or seconds_left() < until:
                 break
             self._try(following, goal, seconds_left)
@@ -148,16 +148,16 @@ class TrialPilot:
         fewer: dict[str, Any] = {name: int(getattr(settings, name) * FIRST_PHOTONS) for name in sorted(PHOTON_FIELDS)}
         return replace(settings, **fewer)
 
-    def _next(self, course: Course, reached: bool, seconds_left: float) -> RenderSettings | None:
-        """Settings to try next; None if the course is good enough to go."""
-        mine = course.trial
+    def _next(self, schedule: Schedule, reached: bool, seconds_left: float) -> RenderSettings | None:
+        """Settings to try next; None if the schedule is good enough to go."""
+        mine = schedule.trial
         if all(mine is not trial for trial in self.trials):
             cost = mine.start + 3 * (mine.pass_cost + mine.sample_cost)
-            if not reached or cost < WORTH * course.seconds:
+            if not reached or cost < WORTH * schedule.seconds:
                 return mine.settings
         kinds = self._kinds_left() if seconds_left > LONG_S else ()
         guess = mine.start + GUESSED_SAMPLES * mine.sample_cost
-        if kinds and (not reached or guess < WORTH * course.seconds):
+        if kinds and (not reached or guess < WORTH * schedule.seconds):
             return replace(mine.settings, indirect=kinds[0])
         return None
 
@@ -167,8 +167,8 @@ class TrialPilot:
 
     def _candidates(self) -> list[Trial]:
         """All trials, and what they let expect of other numbers of photons."""
-        # Nothing but a witness tells what fewer photons would spoil.
-        free = not (PHOTON_FIELDS & self.fixed) and self.witness is not None
+        # Nothing but a reference tells what fewer photons would spoil.
+        free = not (PHOTON_FIELDS & self.fixed) and self.reference is not None
         found = {trial.settings: trial for trial in self.trials}
         for trial in self.trials:
             for factor in FACTORS if free else ():
@@ -181,7 +181,7 @@ class TrialPilot:
             lambda: self.work.renderer(self.scene, settings),
             settings,
             goal.metric,
-            self.witness,
+            self.reference,
             self.work.clock,
             seconds_left,
         )

@@ -27,7 +27,7 @@ from functools import cache
 import numpy as np
 
 from wdpm.cluster.render_settings import RenderSettings
-from wdpm.goal.gauge import LEAST_PASSES
+from wdpm.goal.convergence import LEAST_PASSES
 from wdpm.goal.trial import Trial
 from wdpm.rendering.pass_plan import ALPHA, PassPlan, share_of_rays
 
@@ -57,7 +57,7 @@ MOST_PHOTONS = 4_000_000
 
 
 @dataclass(frozen=True)
-class Course:
+class Schedule:
     """What to render, and what is expected of it.
 
     Attributes:
@@ -123,7 +123,7 @@ def _rays(samples: int) -> float:
     return share_of_rays(samples) / share_of_rays(1)
 
 
-def course(trial: Trial, passes: int, samples: int, *, likely: bool = False) -> Course:
+def schedule_of(trial: Trial, passes: int, samples: int, *, likely: bool = False) -> Schedule:
     """What is expected of so many passes, by the model above; of the likely bias, not of the most that it may be."""
     inverse, mean = _shares(passes)
     biased = trial.settings.algorithm.biased
@@ -131,7 +131,7 @@ def course(trial: Trial, passes: int, samples: int, *, likely: bool = False) -> 
     total = passes * samples
     by_samples = stratified(total) * trial.sample_noise / total + trial.rare * (2 / total) ** RARE_POWER
     noise = pass_noise(trial, samples) * (inverse if biased else 1.0) / passes + by_samples
-    return Course(
+    return Schedule(
         replace(trial.settings, passes=passes, spp=passes * samples),
         trial,
         trial.start + (passes - kept) * (pass_cost(trial, samples) + samples * trial.sample_cost),
@@ -142,8 +142,8 @@ def course(trial: Trial, passes: int, samples: int, *, likely: bool = False) -> 
 
 def soonest(
     trials: Iterable[Trial], mean_square: float, least: int = LEAST_PASSES, *, likely: bool = False
-) -> Course | None:
-    """The course that is expected to be known to have reached an error soonest; None if none does.
+) -> Schedule | None:
+    """The schedule that is expected to be known to have reached an error soonest; None if none does.
 
     Args:
         likely: take bias to be what it is estimated to be, not the most that it may be.
@@ -157,14 +157,14 @@ def soonest(
     return min(found, key=lambda each: each.seconds, default=None)
 
 
-def nearest(trials: Iterable[Trial], seconds: float) -> Course:
-    """The course with the least expected error of those that fit into a time; the shortest if none fits."""
+def nearest(trials: Iterable[Trial], seconds: float) -> Schedule:
+    """The schedule with the least expected error of those that fit into a time; the shortest if none fits."""
     fitting, shortest = [], []
     for trial in trials:
         for samples in _powers_of_two():
             one = pass_cost(trial, samples) + samples * trial.sample_cost
             passes = int(min(max((seconds - trial.start) / max(one, 1e-9), 1), MOST_PASSES))
-            each = course(trial, passes, samples)
+            each = schedule_of(trial, passes, samples)
             shortest.append(each)
             # Many short passes: the last ends close to the time, whatever was expected of them.
             if each.seconds <= seconds and (passes >= LEAST_PASSES or samples == 1):
@@ -172,11 +172,11 @@ def nearest(trials: Iterable[Trial], seconds: float) -> Course:
     return min(fitting, key=lambda e: e.error) if fitting else min(shortest, key=lambda e: e.seconds)
 
 
-def _first_to_reach(trial: Trial, samples: int, mean_square: float, least: int, likely: bool) -> Course | None:
+def _first_to_reach(trial: Trial, samples: int, mean_square: float, least: int, likely: bool) -> Schedule | None:
     """With the fewest passes that do."""
 
     def reaches(passes: int) -> bool:
-        return MARGIN * course(trial, passes, samples, likely=likely).error <= mean_square
+        return MARGIN * schedule_of(trial, passes, samples, likely=likely).error <= mean_square
 
     high = least
     while not reaches(high):
@@ -187,7 +187,7 @@ def _first_to_reach(trial: Trial, samples: int, mean_square: float, least: int, 
     while low < high:
         middle = (low + high) // 2
         low, high = (low, middle) if reaches(middle) else (middle + 1, high)
-    return course(trial, high, samples, likely=likely)
+    return schedule_of(trial, high, samples, likely=likely)
 
 
 def _powers_of_two() -> list[int]:

@@ -26,18 +26,18 @@ Values = NDArray[np.float64]
 MakeRenderer = Callable[[Scene, RenderSettings], PassRenderer]
 
 COARSEST = 4
-"""Pixels of the image along a side of a witness's pixel, at most."""
+"""Pixels of the image along a side of a reference's pixel, at most."""
 
 LEAST_SIDE = 48
-"""Pixels of a witness along its shorter side, if the image has as many: what is blurred within one is not seen."""
+"""Pixels of a reference along its shorter side, if the image has as many: what is blurred within one is not seen."""
 
 FIRST_SPP = 4
 MOST_SPP = 512
-"""Samples of a witness's pixel. So many would be a good image already."""
+"""Samples of a reference's pixel. So many would be a good image already."""
 
 
 @dataclass(frozen=True, eq=False)
-class Witness:
+class ReferencePair:
     """Two images of the same scene, of different seeds.
 
     Attributes:
@@ -52,12 +52,12 @@ class Witness:
     spp: int
 
     def any_of(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Whether any pixel of the image that a pixel of the witness covers is in the mask."""
+        """Whether any pixel of the image that a pixel of the reference covers is in the mask."""
         height, width = self.a.shape[:2]
         return np.asarray(mask.reshape(height, self.factor, width, self.factor).any(axis=(1, 3)))
 
     def finer(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """A mask of the witness's pixels, for those of the image."""
+        """A mask of the reference's pixels, for those of the image."""
         return np.repeat(np.repeat(mask, self.factor, axis=0), self.factor, axis=1)
 
 
@@ -75,19 +75,19 @@ def factor_for(width: int, height: int) -> int:
     return next((factor for factor in fitting if min(width, height) >= LEAST_SIDE * factor), 1)
 
 
-def make_witness(
+def make_reference_pair(
     scene: Scene,
     settings: RenderSettings,
     metric: Metric,
     wanted: float,
     make: MakeRenderer,
     most_seconds: float = math.inf,
-) -> Witness:
-    """Render a witness.
+) -> ReferencePair:
+    """Render both images of a pair.
 
     Args:
         scene: its camera gives the size of the image.
-        settings: of the image; the witness has its own integrator and seeds.
+        settings: of the image; the references have an integrator and seeds of their own.
         wanted: standard deviation that the mean product of both errors may have, weighted mean squares.
         make: makes the renderers, one after the other.
         most_seconds: that it may take, but for compiling and its first samples.
@@ -112,7 +112,7 @@ def make_witness(
         if left:
             image = image + _beauty(renderer, PassPlan(2, spp - left, left)) * (left / spp)
         images.append(image)
-    return Witness(images[0], images[1], factor, spp)
+    return ReferencePair(images[0], images[1], factor, spp)
 
 
 def _beauty(renderer: PassRenderer, plan: PassPlan) -> Values:
@@ -122,6 +122,7 @@ def _beauty(renderer: PassRenderer, plan: PassPlan) -> Values:
 
 def path_settings(settings: RenderSettings, name: str) -> RenderSettings:
     """Of a path-traced image with random numbers of its own."""
+    # Part of the seed, not a name of anything: another word would give other random numbers.
     digest = hashlib.sha256(f"witness {name} of seed {settings.seed}".encode()).digest()
     return replace(settings, integrator=REFERENCE, seed=int.from_bytes(digest[:4], "little"))
 

@@ -9,10 +9,10 @@ half, so that it is not hidden until both halves have seen such samples. That er
 rare, by a factor of up to two. A pixel that is far brighter than all around it is divided by the brightest of these,
 unless both halves have seen it so: then it is no chance, but a lamp as small as the pixel.
 
-**Bias**, from a witness: two independent path-traced images a and b of fewer pixels (witness.py), which are noisy
+**Bias**, from a pair of references: path-traced images a and b of fewer pixels (reference_pair.py), which are noisy
 but not biased. For the mean image x, (x - a)(x - b) is on average exactly x's squared error, whatever causes it, since
 the noise of a and that of b are independent of each other. What noise does not explain of it is bias. Where caustics
-are seen, paths find their light too rarely to bear witness; there, and where there is no witness, bias is told by how
+are seen, paths find their light too rarely to tell; there, and where there is no reference, bias is told by how
 the passes change with their radius (error_layers).
 """
 
@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.goal.goal import Metric
-from wdpm.goal.witness import Witness, coarser
+from wdpm.goal.reference_pair import ReferencePair, coarser
 from wdpm.rendering.error_layers import (
     BY_PHOTONS,
     NORMAL_QUANTILE,
@@ -50,7 +50,7 @@ OUTLIER = 4.0
 """As many times brighter than all pixels around it, a pixel is taken to owe that to chance."""
 
 CAUSTIC_SHARE = 0.1
-"""Of a pixel's light that comes from the caustic map, where the witness is not heard."""
+"""Of a pixel's light that comes from the caustic map, where the reference is not believed."""
 
 
 @dataclass(frozen=True)
@@ -67,24 +67,26 @@ class Estimate:
     total: ErrorFigure
 
 
-class Gauge:
+class ConvergenceEstimator:
     """Takes in pass after pass.
 
     Args:
         shape: of the image, (height, width, 3).
         metric: that the error is measured with.
         biased: whether light comes from photon maps.
-        witness: to measure bias with; None for the passes' radii alone.
+        reference: to measure bias with; None for the passes' radii alone.
     """
 
-    def __init__(self, shape: tuple[int, ...], metric: Metric, biased: bool, witness: Witness | None = None) -> None:
+    def __init__(
+        self, shape: tuple[int, ...], metric: Metric, biased: bool, reference: ReferencePair | None = None
+    ) -> None:
         self.metric = metric
         self._biased = biased
-        self._witness = witness if biased else None
+        self._reference = reference if biased else None
         self._halves: list[Values] = [np.zeros(shape), np.zeros(shape)]
         self._weights = [0.0, 0.0]
         self._batches = Batches(shape)
-        self._coarse = Batches((0,) if self._witness is None else self._witness.a.shape)
+        self._coarse = Batches((0,) if self._reference is None else self._reference.a.shape)
         self._by_radius = ErrorEstimate(shape, biased)
         self._caustic: Values = np.zeros(shape)
         self._passes = 0
@@ -108,8 +110,8 @@ class Gauge:
         self._weights[half] += spp
         self._halves[half] += (image - self._halves[half]) * (spp / self._weights[half])
         self._batches.add(image, spp)
-        if self._witness is not None:
-            self._coarse.add(coarser(image, self._witness.factor), spp)
+        if self._reference is not None:
+            self._coarse.add(coarser(image, self._reference.factor), spp)
         if self._biased:
             # Of a surface that no photon map lights there is no such layer.
             known = layers if any(name in layers for name in BY_PHOTONS) else layers | {"indirect": _black(layers)}
@@ -142,23 +144,23 @@ class Gauge:
     def _bias(self, mean: Values) -> ErrorFigure:
         if not self._biased:
             return ErrorFigure(0.0, 0.0, 0.0)
-        if self._witness is None:
+        if self._reference is None:
             return self._bias_by_radius(np.ones(mean.shape[:2], np.bool_), mean)
         lit = self._caustic > CAUSTIC_SHARE * sum(self._weights) * np.maximum(mean, 0.0)
         caustic = np.asarray(lit.any(axis=2))
-        heard = ~self._witness.any_of(caustic)
-        by_witness = self._bias_by_witness(heard, mean)
-        deaf = ~self._witness.finer(heard)
-        return by_witness if not deaf.any() else _sum(by_witness, self._bias_by_radius(deaf, mean))
+        heard = ~self._reference.any_of(caustic)
+        by_reference = self._bias_by_reference(heard, mean)
+        deaf = ~self._reference.finer(heard)
+        return by_reference if not deaf.any() else _sum(by_reference, self._bias_by_radius(deaf, mean))
 
-    def _bias_by_witness(self, heard: NDArray[np.bool_], mean: Values) -> ErrorFigure:
-        """Where `heard`, in pixels of the witness."""
-        witness = self._witness
-        assert witness is not None
-        seen = coarser(mean, witness.factor)
+    def _bias_by_reference(self, heard: NDArray[np.bool_], mean: Values) -> ErrorFigure:
+        """Where `heard`, in pixels of the reference."""
+        reference = self._reference
+        assert reference is not None
+        seen = coarser(mean, reference.factor)
         weight = self.metric.weight(seen) * heard[..., np.newaxis]
         noise, _ = variance_of_mean(self._coarse)
-        squared = (seen - witness.a) * (seen - witness.b) - noise
+        squared = (seen - reference.a) * (seen - reference.b) - noise
         return centred_figure(squared * weight)
 
     def _bias_by_radius(self, where: NDArray[np.bool_], mean: Values) -> ErrorFigure:

@@ -12,9 +12,18 @@ from hypothesis import strategies as st
 
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.goal.clock import Budget, process_age
-from wdpm.goal.gauge import LEAST_PASSES
+from wdpm.goal.convergence import LEAST_PASSES
 from wdpm.goal.goal import Goal, Metric, goal_of
-from wdpm.goal.plan import MARGIN, MOST_PHOTONS, RECORD_NOISE, course, nearest, soonest, stratified, with_photons
+from wdpm.goal.schedule import (
+    MARGIN,
+    MOST_PHOTONS,
+    RECORD_NOISE,
+    nearest,
+    schedule_of,
+    soonest,
+    stratified,
+    with_photons,
+)
 from wdpm.goal.trial import Trial
 from wdpm.rendering.pass_plan import shrink
 from wdpm.scenes.errors import SettingsError
@@ -39,10 +48,10 @@ trials = st.builds(trial, positive, positive, positive, positive, st.floats(0.0,
 
 def test_the_model_adds_up() -> None:
     shares = [shrink(number) for number in range(3)]
-    found = course(trial(), 3, 4)
+    found = schedule_of(trial(), 3, 4)
     assert found.seconds == pytest.approx(0.5 + 3 * (1.0 + 4 * 0.2))
     assert found.noise == pytest.approx((0.01 * sum(1 / q for q in shares) / 3 + stratified(12) * 0.05 / 4) / 3)
-    feared = course(replace(trial(), rare=0.7), 3, 4)
+    feared = schedule_of(replace(trial(), rare=0.7), 3, 4)
     assert feared.noise - found.noise == pytest.approx(0.7 * (2 / 12) ** 1.5)
     assert found.bias == pytest.approx(0.002 * sum(shares) / 3)
     assert (found.settings.spp, found.settings.passes, found.samples) == (12, 3, 4)
@@ -51,16 +60,16 @@ def test_the_model_adds_up() -> None:
 def test_records_have_rays_by_the_samples_of_a_pass() -> None:
     """From 4 samples on, twice the samples are twice the rays: time and noise go with them."""
     cached = replace(trial(), record_cost=0.4)
-    few, many = course(cached, 2, 4), course(cached, 2, 8)
+    few, many = schedule_of(cached, 2, 4), schedule_of(cached, 2, 8)
     assert few.seconds == pytest.approx(0.5 + 2 * (1.0 + 4 * 0.2))
     assert many.seconds == pytest.approx(0.5 + 2 * (1.0 + 0.4 + 8 * 0.2))
-    plain = course(trial(), 2, 8)
+    plain = schedule_of(trial(), 2, 8)
     assert plain.noise - many.noise == pytest.approx((few.noise - stratified(8) * 0.05 / 8) * RECORD_NOISE / 2)
     assert with_photons(cached, 4.0).pass_cost == pytest.approx(4 * 0.6 + 0.4)
 
 
 def test_path_tracing_has_no_radius_to_shrink() -> None:
-    found = course(trial(bias=0.0, settings=RenderSettings(integrator=Integrator.PATH)), 8, 1)
+    found = schedule_of(trial(bias=0.0, settings=RenderSettings(integrator=Integrator.PATH)), 8, 1)
     assert found.noise == pytest.approx((0.01 + stratified(8) * 0.05) / 8)
 
 
@@ -71,7 +80,7 @@ def test_the_soonest_reaches_the_error_and_no_fewer_passes_do(one: Trial, error:
         return
     assert MARGIN * found.error <= error
     if found.passes > LEAST_PASSES:
-        assert MARGIN * course(one, found.passes - 1, found.samples).error > error
+        assert MARGIN * schedule_of(one, found.passes - 1, found.samples).error > error
 
 
 @given(st.lists(trials, min_size=1, max_size=3), st.floats(1e-3, 1.0), st.floats(1.1, 10.0))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wdpm.goal.gauge import LEAST_PASSES, Gauge, centred_figure, spread_figure
+from wdpm.goal.convergence import LEAST_PASSES, ConvergenceEstimator, centred_figure, spread_figure
 from wdpm.goal.goal import Metric
-from wdpm.goal.witness import Witness, coarser, factor_for
+from wdpm.goal.reference_pair import ReferencePair, coarser, factor_for
 from wdpm.rendering.pass_plan import shrink
 
 Values = NDArray[np.float64]
@@ -44,24 +44,24 @@ class Passes:
         image = photons + 0.5 * self.truth + relative * self.truth
         return {"beauty": image.astype(np.float32), "indirect": photons.astype(np.float32)}
 
-    def witness(self, noise: float) -> Witness:
+    def reference(self, noise: float) -> ReferencePair:
         """Of the truth, with independent noise."""
         small = coarser(self.truth, 4)
         a, b = (small * (1.0 + noise * self.random.normal(size=small.shape)) for _ in range(2))
-        return Witness(a, b, 4, 1)
+        return ReferencePair(a, b, 4, 1)
 
     def error(self, image: Values) -> float:
         return float(((image - self.truth) ** 2 / (self.truth**2 + 0.01)).mean())
 
 
-def run_until(passes: Passes, error: float, witness: Witness | None, biased: bool = True) -> tuple[float, int]:
+def run_until(passes: Passes, error: float, reference: ReferencePair | None, biased: bool = True) -> tuple[float, int]:
     """The true error of where it stops, and after how many passes."""
-    gauge = Gauge(passes.truth.shape, Metric.RELMSE, biased, witness)
+    estimator = ConvergenceEstimator(passes.truth.shape, Metric.RELMSE, biased, reference)
     for number in range(2000):
-        gauge.add(passes.render(number), 1, shrink(number))
-        estimate = gauge.estimate()
+        estimator.add(passes.render(number), 1, shrink(number))
+        estimate = estimator.estimate()
         if estimate is not None and estimate.total.high <= error:
-            return passes.error(gauge.mean()), number + 1
+            return passes.error(estimator.mean()), number + 1
     raise AssertionError("never stopped")
 
 
@@ -73,7 +73,7 @@ def test_where_it_stops_the_true_error_is_within_what_was_asked_for_in_nine_of_t
     errors = []
     for seed in range(40):
         passes = Passes(seed, noise, bias)
-        errors.append(run_until(passes, 0.02, passes.witness(0.1))[0])
+        errors.append(run_until(passes, 0.02, passes.reference(0.1))[0])
     assert np.mean(np.array(errors) <= 0.02) >= 0.9
     assert np.median(errors) >= 0.02 / 4  # and little is spent in vain
 
@@ -83,7 +83,7 @@ def test_it_does_not_stop_while_a_bias_is_too_large() -> None:
     passes = Passes(1, 0.05, 0.3)
     first = passes.error(np.mean([passes.render(number)["beauty"] for number in range(4)], axis=0))
     assert first > 0.04
-    error, count = run_until(Passes(1, 0.05, 0.3), 0.02, passes.witness(0.1))
+    error, count = run_until(Passes(1, 0.05, 0.3), 0.02, passes.reference(0.1))
     assert error <= 0.02
     assert count > 8
 
@@ -93,15 +93,15 @@ def test_rare_bright_samples_are_not_hidden_by_the_brightness_that_they_lend_a_p
     told, naive, true = [], [], []
     for seed in range(12):
         passes = Passes(seed, 0.1, 0.0, rare=1e-4, bright=300.0)
-        gauge = Gauge(passes.truth.shape, Metric.RELMSE, False)
+        estimator = ConvergenceEstimator(passes.truth.shape, Metric.RELMSE, False)
         images = []
         for number in range(16):
             layers = passes.render(number)
             images.append(layers["beauty"].astype(np.float64))
-            gauge.add(layers, 1, 1.0)
-        estimate = gauge.estimate()
+            estimator.add(layers, 1, 1.0)
+        estimate = estimator.estimate()
         assert estimate is not None
-        mean = gauge.mean()
+        mean = estimator.mean()
         told.append(estimate.noise.value)
         naive.append(float((np.var(images, axis=0, ddof=1) / 16 / (mean**2 + 0.01)).mean()))
         true.append(passes.error(mean))
@@ -113,20 +113,20 @@ def test_a_lamp_as_small_as_a_pixel_is_no_chance() -> None:
     """Every pass sees it, with noise of its own: its error counts beside its own brightness."""
     passes = Passes(6, 0.1, 0.0)
     passes.truth[SIZE // 2, SIZE // 2] = 100.0
-    gauge = Gauge(passes.truth.shape, Metric.RELMSE, False)
+    estimator = ConvergenceEstimator(passes.truth.shape, Metric.RELMSE, False)
     for number in range(4):
-        gauge.add(passes.render(number), 1, 1.0)
-    estimate = gauge.estimate()
+        estimator.add(passes.render(number), 1, 1.0)
+    estimate = estimator.estimate()
     assert estimate is not None
     assert estimate.noise.value == pytest.approx(0.1**2 / 4, rel=0.3)
 
 
 def test_without_photons_there_is_no_bias() -> None:
     passes = Passes(3, 0.1, 0.0)
-    gauge = Gauge(passes.truth.shape, Metric.RELMSE, False)
+    estimator = ConvergenceEstimator(passes.truth.shape, Metric.RELMSE, False)
     for number in range(5):
-        gauge.add(passes.render(number), 2, 1.0)
-    estimate = gauge.estimate()
+        estimator.add(passes.render(number), 2, 1.0)
+    estimate = estimator.estimate()
     assert estimate is not None
     assert estimate.bias.high == 0
     assert estimate.total == estimate.noise
@@ -135,10 +135,10 @@ def test_without_photons_there_is_no_bias() -> None:
 
 def test_rmse_is_of_unweighted_squares() -> None:
     passes = Passes(4, 0.1, 0.0)
-    gauge = Gauge(passes.truth.shape, Metric.RMSE, False)
+    estimator = ConvergenceEstimator(passes.truth.shape, Metric.RMSE, False)
     for number in range(5):
-        gauge.add(passes.render(number), 1, 1.0)
-    estimate = gauge.estimate()
+        estimator.add(passes.render(number), 1, 1.0)
+    estimate = estimator.estimate()
     assert estimate is not None
     expected = float(((0.1 * passes.truth) ** 2).mean() / 5)
     assert estimate.noise.value == pytest.approx(expected, rel=0.3)
@@ -147,20 +147,20 @@ def test_rmse_is_of_unweighted_squares() -> None:
 
 def test_one_pass_tells_nothing() -> None:
     passes = Passes(5, 0.1, 0.0)
-    gauge = Gauge(passes.truth.shape, Metric.RELMSE, True)
+    estimator = ConvergenceEstimator(passes.truth.shape, Metric.RELMSE, True)
     for number in range(LEAST_PASSES - 1):
-        gauge.add(passes.render(number), 1, 1.0)
-        assert gauge.estimate() is None
+        estimator.add(passes.render(number), 1, 1.0)
+        assert estimator.estimate() is None
 
 
-def test_a_noisy_witness_widens_the_interval_and_does_not_shift_it() -> None:
+def test_a_noisy_reference_widens_the_interval_and_does_not_shift_it() -> None:
     figures = []
     for seed in range(30):
         passes = Passes(seed, 0.02, 0.1)
-        gauge = Gauge(passes.truth.shape, Metric.RELMSE, True, passes.witness(0.3))
+        estimator = ConvergenceEstimator(passes.truth.shape, Metric.RELMSE, True, passes.reference(0.3))
         for _ in range(4):
-            gauge.add(passes.render(0), 1, 1.0)
-        estimate = gauge.estimate()
+            estimator.add(passes.render(0), 1, 1.0)
+        estimate = estimator.estimate()
         assert estimate is not None
         figures.append(estimate.bias)
     small = Passes(0, 0.0, 0.1)
@@ -170,20 +170,20 @@ def test_a_noisy_witness_widens_the_interval_and_does_not_shift_it() -> None:
     assert np.mean([figure.high >= true for figure in figures]) >= 0.8
 
 
-def test_caustics_are_not_the_witness_s_to_judge() -> None:
+def test_caustics_are_not_the_reference_s_to_judge() -> None:
     """Paths that miss a caustic would call it bias."""
     passes = Passes(6, 0.02, 0.0)
-    dark = passes.witness(0.0)
-    blind = Witness(dark.a * 0.5, dark.b * 0.5, 4, 1)
+    dark = passes.reference(0.0)
+    blind = ReferencePair(dark.a * 0.5, dark.b * 0.5, 4, 1)
     figures = {}
     for with_caustic in (False, True):
-        gauge = Gauge(passes.truth.shape, Metric.RELMSE, True, blind)
+        estimator = ConvergenceEstimator(passes.truth.shape, Metric.RELMSE, True, blind)
         for number in range(6):
             layers = passes.render(number)
             if with_caustic:
                 layers["caustic"] = layers["beauty"] * np.float32(0.5)
-            gauge.add(layers, 1, shrink(number))
-        estimate = gauge.estimate()
+            estimator.add(layers, 1, shrink(number))
+        estimate = estimator.estimate()
         assert estimate is not None
         figures[with_caustic] = estimate.bias.value
     assert figures[False] > 0.1
@@ -202,7 +202,7 @@ def test_intervals_hold_the_truth() -> None:
     assert 0.7 <= np.mean([figure.low <= 1.0 <= figure.high for figure in centred]) <= 0.9
 
 
-def test_a_witness_s_pixels_cover_whole_pixels() -> None:
+def test_a_reference_s_pixels_cover_whole_pixels() -> None:
     assert [factor_for(*size) for size in ((256, 256), (320, 180), (198, 122), (255, 256), (64, 64))] == [4, 2, 2, 1, 1]
     image = np.arange(2 * 4 * 3, dtype=np.float64).reshape(2, 4, 3)
     assert np.array_equal(coarser(image, 2), image.reshape(1, 2, 2, 2, 3).mean(axis=(1, 3)))
