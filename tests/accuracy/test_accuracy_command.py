@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from wdpm.accuracy.predict import Predictions
-from wdpm.cli import main, predict
+from wdpm.cli import main
 from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.goal.goal import Metric
 from wdpm.goal.schedule import Schedule
@@ -32,7 +32,7 @@ from wdpm.goal.trial import Trial
 def test_predictions_refuse_options_of_sweeps(
     options: list[str], named: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(predict, "load", lambda *_, **__: pytest.fail("loaded"))
+    monkeypatch.setattr("wdpm.cli.scene.load", lambda *_, **__: pytest.fail("loaded"))
     assert main.main(["accuracy", "cornell-box", "--predict", *options]) == main.EXIT_BAD_INPUT
     error = capsys.readouterr().err.strip()
     assert f"--predict makes no sweep, and has no use for these: leave {named} out" in error
