@@ -69,6 +69,12 @@ def test_one_pixel_buckets_change_no_bit() -> None:
 
 
 @pytest.mark.parametrize("threads", [2, 3])
+def test_processes_change_no_bit(cornell_alone: Image, threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("wdpm.rendering.in_process.WORTH_FORKING", 0)
+    assert same_bits(render_in_process(CORNELL, FEW, workers=1, threads=threads), cornell_alone)
+
+
+@pytest.mark.parametrize("threads", [2, 3])
 @pytest.mark.parametrize(("workers", "cells"), [(1, 1), (2, 4)])
 def test_threads_change_no_bit(cornell_alone: Image, threads: int, workers: int, cells: int) -> None:
     assert same_bits(render_in_process(CORNELL, FEW, workers=workers, cells=cells, threads=threads), cornell_alone)
@@ -120,7 +126,8 @@ def test_photons_that_wait_for_room_change_no_bit(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("wdpm.cluster.work.cell.DEPOSITS_A_PATH", 1)
     bright = replace(CORNELL, materials=tuple(diffuse(m.name, (0.95, 0.9, 0.9), True) for m in CORNELL.materials))
     reference = alone(bright, FEW)
-    for threads in (2, 3, 4):
+    for threads, worth_forking in ((2, 1 << 16), (3, 0), (4, 1 << 16)):
+        monkeypatch.setattr("wdpm.rendering.in_process.WORTH_FORKING", worth_forking)
         image = render_in_process(bright, FEW, workers=1, cells=1, threads=threads)
         radii = [i.metadata["report"]["settings"]["gather_radius"] for i in (image, reference)]
         assert radii[0] == radii[1]

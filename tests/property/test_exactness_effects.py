@@ -109,7 +109,11 @@ def test_partition_threads_buckets_and_order_change_no_bit(
         assert image.metadata["report"][of_map] == reference.metadata["report"][of_map]
 
 
-def test_threads_change_no_bit_in_one_cell(name: str, reference: Image) -> None:
+@pytest.mark.parametrize("worth_forking", [0, 1 << 16], ids=["processes", "threads"])
+def test_threads_change_no_bit_in_one_cell(
+    name: str, reference: Image, worth_forking: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("wdpm.rendering.in_process.WORTH_FORKING", worth_forking)
     image = render_in_process(CASES[name].scene, replace(FEW, bucket=9), workers=1, cells=1, threads=3)
     assert same_bits(image, reference)
 

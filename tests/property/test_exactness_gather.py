@@ -201,6 +201,13 @@ def test_every_setting_gives_the_same_bits(way: Indirect, change: dict[str, Any]
     assert same_bits(image, expected)
 
 
+def test_processes_change_no_bit(way: Indirect, monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = reference("everything", way)
+    monkeypatch.setattr("wdpm.rendering.in_process.WORTH_FORKING", 0)
+    chosen = replace(FEW, indirect=way, passes=1)
+    assert same_bits(render_in_process(SCENES["everything"], chosen, workers=1, threads=3), expected)
+
+
 def test_small_waves_and_launches_change_no_bit(way: Indirect, monkeypatch: pytest.MonkeyPatch) -> None:
     expected = reference("everything", way)
     monkeypatch.setattr("wdpm.cluster.work.bucket_home.WAVE_SAMPLES", 50)

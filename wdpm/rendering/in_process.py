@@ -21,7 +21,11 @@ from wdpm.rendering.backend import Backend
 from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.prepare import Prepared, prepare
 from wdpm.scenes.flat.arrays import Triangles
-from wdpm.scenes.model.scene import Scene
+from wdpm.scenes.model.scene import Camera, Scene
+
+WORTH_FORKING = 1 << 16
+"""Camera samples of a pass from which on processes are forked: some half a second of one core. A fork takes milliseconds,
+and a render has several: one for the photons, one for each round of irradiance records, one for the image."""
 
 
 class InProcess(Backend):
@@ -55,12 +59,14 @@ class InProcess(Backend):
         self._clusters: WeakKeyDictionary[Prepared, MemoryCluster] = WeakKeyDictionary()
 
     def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:
-        return prepare(scene, settings, self._workers, self._launcher, progress, self._cells, self._processes)
+        return prepare(
+            scene, settings, self._workers, self._launcher, progress, self._cells, self._worth(scene.camera, settings)
+        )
 
     def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:
         cluster = self._clusters.get(prepared)
         if cluster is None:
-            cluster = self._clusters[prepared] = self._cluster_of(prepared.pilot)
+            cluster = self._clusters[prepared] = self._cluster_of(prepared)
         if prepared.pilot is not None:
             session = replace(session, partition=lambda _: NO_TRIANGLES)
         try:
@@ -74,9 +80,15 @@ class InProcess(Backend):
             cluster.close()
         self._clusters.clear()
 
-    def _cluster_of(self, pilot: CellWorker | None) -> MemoryCluster:
+    def _worth(self, camera: Camera, settings: RenderSettings) -> int:
+        """Processes that a render is worth."""
+        samples = camera.width * camera.height * -(-settings.spp // settings.passes)
+        return self._processes if samples >= WORTH_FORKING else 1
+
+    def _cluster_of(self, prepared: Prepared) -> MemoryCluster:
         """A cluster for any number of sessions of a scene."""
-        launcher = self._launcher
+        launcher, pilot = self._launcher, prepared.pilot
+        processes = self._worth(prepared.session.view.camera, prepared.settings)
 
         def make_worker(
             number: int, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]
@@ -87,7 +99,7 @@ class InProcess(Backend):
             return pilot
 
         return MemoryCluster(
-            make_worker, self._workers if pilot is None else 1, shuffle=self._shuffle, processes=self._processes
+            make_worker, self._workers if pilot is None else 1, shuffle=self._shuffle, processes=processes
         )
 
 

@@ -170,8 +170,9 @@ def test_no_process_is_left_when_the_render_is_given_up(forked: ForkedTasks) -> 
     assert not any(map(is_there, pids))
 
 
-def test_the_report_counts_the_same() -> None:
+def test_the_report_counts_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     """But for what depends on who did how much: times, traffic, memory, and the last digits of sums of flux."""
+    monkeypatch.setattr("wdpm.rendering.in_process.WORTH_FORKING", 0)
     one, several = (render_in_process(SCENE, FEW, workers=1, threads=threads) for threads in (1, 3))
     assert same_bits(one, several)
     reports = [image.metadata["report"] for image in (one, several)]
