@@ -24,8 +24,8 @@ from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.model.scene import Camera, Scene
 
 WORTH_FORKING = 1 << 16
-"""Camera samples of a pass from which on processes are forked: some half a second of one core. A fork takes milliseconds,
-and a render has several: one for the photons, one for each round of irradiance records, one for the image."""
+"""Camera samples of a pass from which on processes are forked: some half a second of one core. A fork takes
+milliseconds, and a render has several: for the photons, for each round of irradiance records, and for the image."""
 
 
 class InProcess(Backend):
