@@ -205,18 +205,18 @@ class Stop(Exception):
 
 
 def test_an_interrupted_sweep_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    plain = accuracy_render.Bench.render
+    plain = accuracy_render.PointRenderer.render
     rendered: list[tuple[Any, int]] = []
     limit = 5
 
-    def render(self: accuracy_render.Bench, point: Any, seed: int) -> Any:
+    def render(self: accuracy_render.PointRenderer, point: Any, seed: int) -> Any:
         if seed < 100 and point.settings.integrator.value != "path":  # neither the trial nor the reference
             if len(rendered) == limit:
                 raise Stop
             rendered.append((point, seed))
         return plain(self, point, seed)
 
-    monkeypatch.setattr(accuracy_render.Bench, "render", render)
+    monkeypatch.setattr(accuracy_render.PointRenderer, "render", render)
     monkeypatch.setattr(accuracy_run, "_small", lambda settings: settings)
     with pytest.raises(Stop):
         measure(request(tmp_path, ["k=5,40"]), ONE_THREAD, SilentProgress())
@@ -241,7 +241,7 @@ def test_a_truncated_image_is_told_before_anything_is_rendered(tmp_path: Path, m
     measure(request(tmp_path, ["k=5,20"]), ONE_THREAD, SilentProgress())
     image = next((tmp_path / "renders").glob("*.exr"))
     image.write_bytes(image.read_bytes()[:700])
-    monkeypatch.setattr(accuracy_render.Bench, "render", lambda *_: pytest.fail("rendered"))
+    monkeypatch.setattr(accuracy_render.PointRenderer, "render", lambda *_: pytest.fail("rendered"))
     with pytest.raises(ImageError, match=f"{image.name}: not a whole OpenEXR file.*; delete it and run again"):
         measure(request(tmp_path, ["k=5,20,40"]), ONE_THREAD, SilentProgress())
 
@@ -340,7 +340,7 @@ def test_bad_input_is_one_line_and_nothing_is_rendered(
         raise AssertionError("rendered")
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(accuracy_render.Bench, "render", no_render)
+    monkeypatch.setattr(accuracy_render.PointRenderer, "render", no_render)
     monkeypatch.setattr(accuracy_run, "find_facts", no_render)
     flat(Path("good.exr"))
     flat(Path("nan.exr"), float("nan"))

@@ -145,7 +145,7 @@ def request(folder: Path, sweep: str, **chosen: Any) -> Request:
 def test_they_are_refused_before_anything_is_rendered(
     sweep: str, chosen: dict[str, Any], complaint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(render.Bench, "render", lambda *_: pytest.fail("rendered"))
+    monkeypatch.setattr(render.PointRenderer, "render", lambda *_: pytest.fail("rendered"))
     with pytest.raises(SettingsError, match=complaint) as refused:
         measure(request(tmp_path, sweep, **chosen), ONE_THREAD, SilentProgress())
     assert "\n" not in str(refused.value)

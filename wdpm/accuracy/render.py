@@ -24,7 +24,7 @@ TINY_PHOTONS = 1000
 """Of renders that are done for their side effects: kernels compiled, photons forgotten."""
 
 
-class Bench:
+class PointRenderer:
     """Renders one scene at any point. A context manager: backends that it had made stay up until it is closed.
 
     Args:

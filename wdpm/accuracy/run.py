@@ -26,7 +26,7 @@ from wdpm.accuracy.plan import (
 )
 from wdpm.accuracy.points import LEFT_OPEN, Point, Points, command_of, plan_points
 from wdpm.accuracy.reference import Reference, read_reference, trace_reference, traced_settings
-from wdpm.accuracy.render import Bench
+from wdpm.accuracy.render import PointRenderer
 from wdpm.accuracy.result import Accuracy, curves_of, figures_of, front_of, reference_noise, worst_share
 from wdpm.accuracy.store import Store, make_folder, plain_settings
 from wdpm.accuracy.uses import idle_by_settings, refuse_idle
@@ -114,8 +114,8 @@ def measure(request: Request, backends: Backends, progress: Progress) -> Accurac
     plan_points(base, request.sweeps, dict.fromkeys(LEFT_OPEN, 1))
     refuse_idle(request.sweeps, idle_by_settings(base.settings))
     make_folder(request.folder)
-    with Bench(scene, backends) as bench:
-        here = bench.backend(0)
+    with PointRenderer(scene, backends) as renderer:
+        here = renderer.backend(0)
 
         @cache
         def facts_of(settings: RenderSettings) -> Facts:
@@ -124,11 +124,11 @@ def measure(request: Request, backends: Backends, progress: Progress) -> Accurac
         facts = facts_of(base.settings)
         refuse_idle(request.sweeps, facts.idle)
         store = Store(request.folder, _identity(here, facts))
-        points = _plan(request, base, facts_of, store, bench, given is None, progress)
-        reference = given or _own_reference(request, points, store, bench, progress)
+        points = _plan(request, base, facts_of, store, renderer, given is None, progress)
+        reference = given or _own_reference(request, points, store, renderer, progress)
         seeds = [(base.settings.seed + number) % 2**32 for number in range(request.seeds)]
-        _render_all(points, seeds, store, bench, progress)
-        compile_seconds = bench.compile_seconds
+        _render_all(points, seeds, store, renderer, progress)
+        compile_seconds = renderer.compile_seconds
     threads = None if here.threads == available_cores() else here.threads
     figures = figures_of(
         points,
@@ -200,13 +200,13 @@ def _plan(
     base: Point,
     facts_of: Callable[[RenderSettings], Facts],
     store: Store,
-    bench: Bench,
+    renderer: PointRenderer,
     trace: bool,
     progress: Progress,
 ) -> Points:
     """The points, after a short render that tells what they will cost; says what the plan is."""
     facts = facts_of(base.settings)
-    model = _model(request, base, facts.light_samples, store, bench, progress)
+    model = _model(request, base, facts.light_samples, store, renderer, progress)
     reference = request.reference_seconds if trace else 0.0
     if request.sweeps:
         points = plan_points(base, request.sweeps, facts.chosen)
@@ -221,7 +221,7 @@ def _plan(
 
 
 def _model(
-    request: Request, base: Point, light_samples: int, store: Store, bench: Bench, progress: Progress
+    request: Request, base: Point, light_samples: int, store: Store, renderer: PointRenderer, progress: Progress
 ) -> CostModel:
     """From a short render; or the one from the last time, so that a sweep that goes on has the same points."""
     path = request.folder / MODEL
@@ -230,7 +230,7 @@ def _model(
     if found is None:
         progress.start("trial")
         trial = Point(_small(base.settings), 0)
-        record = bench.render(trial, base.settings.seed)[1]
+        record = renderer.render(trial, base.settings.seed)[1]
         found = CostModel.of(trial, record, light_samples)
         write_bytes(json.dumps({"digest": digest, **asdict(found)}, indent=2).encode(), path)
     return found
@@ -247,12 +247,14 @@ def read_model(path: Path, digest: str) -> CostModel | None:
         raise ImageError(f"{path}: is broken ({error}); delete it to have it measured again") from None
 
 
-def _own_reference(request: Request, points: Points, store: Store, bench: Bench, progress: Progress) -> Reference:
+def _own_reference(
+    request: Request, points: Points, store: Store, renderer: PointRenderer, progress: Progress
+) -> Reference:
     settings = traced_settings(points.base.settings)
     # Settings of quality change nothing in a path-traced image but its noise.
     kept = {name: plain_settings(settings, 0)[name] for name in ("max_depth", "without", "light_samples")}
     return trace_reference(
-        lambda chosen: bench.render(Point(chosen), chosen.seed)[0],
+        lambda chosen: renderer.render(Point(chosen), chosen.seed)[0],
         settings,
         request.reference_seconds,
         request.folder,
@@ -261,7 +263,9 @@ def _own_reference(request: Request, points: Points, store: Store, bench: Bench,
     )
 
 
-def _render_all(points: Points, seeds: Sequence[int], store: Store, bench: Bench, progress: Progress) -> None:
+def _render_all(
+    points: Points, seeds: Sequence[int], store: Store, renderer: PointRenderer, progress: Progress
+) -> None:
     renders = renders_in_order(points, seeds)
     left = []
     for point, seed in renders:
@@ -273,7 +277,7 @@ def _render_all(points: Points, seeds: Sequence[int], store: Store, bench: Bench
         progress.note(f"{len(renders) - len(left)} of {len(renders)} renders are there already")
     progress.start("sweep", len(left))
     for point, seed in left:
-        store.keep(point, seed, *bench.render(point, seed))
+        store.keep(point, seed, *renderer.render(point, seed))
         progress.advance()
 
 

@@ -91,11 +91,11 @@ def measure(
     scene = load(scene_file, size=(width, height))
     setup = Setup(scene_file, width, height, RenderSettings(max_depth=scene.max_depth), threads=backend.threads)
     with MitsubaProcess(setup) as mitsuba:
-        bench = _Bench(scene, reference, bounds, mitsuba, backend, progress)
-        bench.measure_mitsuba()
-        bench.sweep(families)
-        chosen = [(bound, bench.least_to(bound)) for bound in bench.each_bound()]
-    law = ErrorLaw(tuple(bench.points))
+        comparison = _Comparison(scene, reference, bounds, mitsuba, backend, progress)
+        comparison.measure_mitsuba()
+        comparison.sweep(families)
+        chosen = [(bound, comparison.least_to(bound)) for bound in comparison.each_bound()]
+    law = ErrorLaw(tuple(comparison.points))
     reached = [
         Reached(bound, None, law.to(bound)) if ours is None else Reached(bound, ours.wdpm, law.to(bound, ours.speed))
         for bound, ours in chosen
@@ -107,15 +107,15 @@ def measure(
         backend.threads,
         bounds,
         mitsuba.version,
-        tuple(bench.tries),
-        tuple(bench.skipped),
-        bench.refused,
+        tuple(comparison.tries),
+        tuple(comparison.skipped),
+        comparison.refused,
         law,
         tuple(reached),
     )
 
 
-class _Bench:
+class _Comparison:
     """Both on one scene: what was tried, and what came out."""
 
     def __init__(
