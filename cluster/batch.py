@@ -55,6 +55,8 @@ class Kind(Enum):
 
     GHOST_POINTS = "ghost_points"
     """Copies of surface points that lie in the destination cell's overlap band."""
+    COPIED_PHOTONS = "copied_photons"
+    """Photons of the destination cell that landed in another team, which has the same cell."""
 
     PROBED = "probed"
     """What a probe found: hits by slot."""
@@ -71,7 +73,10 @@ class Kind(Enum):
 TO_HOME = frozenset({Kind.PROBED, Kind.SAMPLES, Kind.LIT, Kind.RECORD_SITES, Kind.ENDED})
 
 GHOSTS = frozenset({Kind.GHOST_PHOTONS, Kind.GHOST_POINTS})
-"""What slaves exchange before they build their maps. It belongs to no task, so it has no home (-1)."""
+"""What slaves of a team exchange before they build their maps."""
+
+OF_MAPS = GHOSTS | {Kind.COPIED_PHOTONS}
+"""What maps are built of, besides what landed in the cell itself. It belongs to no task, and is counted by batches."""
 
 SCHEMAS: Final[dict[Kind, Fields]] = {
     Kind.CAMERA: fields.CAMERA_RAY,
@@ -89,6 +94,7 @@ SCHEMAS: Final[dict[Kind, Fields]] = {
     Kind.LANDED: fields.PHOTON,
     Kind.GHOST_PHOTONS: fields.STORED_PHOTON,
     Kind.GHOST_POINTS: fields.SURFACE_POINT,
+    Kind.COPIED_PHOTONS: fields.STORED_PHOTON,
     Kind.PROBED: {**chosen(fields.RAY, "slot"), **fields.HIT},
     Kind.SAMPLES: fields.SAMPLE,
     Kind.LIT: fields.PART,
@@ -103,8 +109,8 @@ class Batch:
     """Arrays of one kind on their way to a cell or to a home.
 
     Attributes:
-        task: number of the task that the contents belong to; -1 where there is none (GHOSTS).
-        home: number of the worker that was handed the task; of ghosts, the worker that they come from.
+        task: number of the task that the contents belong to; -1 where there is none (OF_MAPS).
+        home: number of the worker that was handed the task; of ghosts and copies, the worker that they come from.
         cell: the destination cell; for kinds that go to a home, the cell it comes from.
         credit: the share of the task's credit that travels with the batch (Mattern 1989).
         arrays: as SCHEMAS[kind] says.

@@ -16,8 +16,9 @@ class ClusterLimits:
         heartbeat_s: a process sends something at least this often [s].
         liveness_s: silence that counts as death [s]. Ten heartbeats: long enough for a machine that swaps for a moment,
             short enough for a person who waits.
-        peer_gone_s: time between the news that a connection between slaves broke and the end of the render [s]. One
-            of the two may have died, or may be stopping: the master then hears so itself, and can name it.
+        rejoin_s: how long a master that has lost all its slaves waits for another one [s].
+        peer_gone_s: time between the news that a connection between slaves broke and a new beginning of their team [s].
+            One of the two may have died, or may be stopping: the master then hears so itself.
         peer_answer_s: time that a slave gives another one to answer its greeting [s]. Far more than any link takes, and
             a machine that no packet reaches never does.
         join_first_s: first wait of a slave for the master's answer [s]; it doubles with every try ...
@@ -36,6 +37,7 @@ class ClusterLimits:
 
     heartbeat_s: float = 1.0
     liveness_s: float = 10.0
+    rejoin_s: float = 60.0
     peer_gone_s: float = 2.0
     peer_answer_s: float = 15.0
     join_first_s: float = 1.0

@@ -24,11 +24,12 @@ class Session:
     Attributes:
         world: what photons depend on.
         view: what the camera adds.
-        partition: cell -> the triangles that overlap it. Called once a cell, and not at all if the cluster has this
-            cells from the session before.
-        holders: cell -> number of the slave that holds it.
-        digest: names triangles, holders and the world but for its photon plan; equal digests mean that cells can be
+        partition: cell -> the triangles that overlap it. Called for every slave that is to hold the cell and has it not
+            from a session before.
+        burdens: what each cell weighs, to share cells out among slaves.
+        digest: names triangles, cells and the world but for its photon plan; equal digests mean that cells can be
             used again, and photons too where the plan is equal.
+        least: slaves that have room for the whole scene among them: so many make a team (master.teams).
         retrace: trace the photons again even if the cluster has them.
         layers: name of layer -> channels.
         records: irradiance records that are there already; none are made then.
@@ -37,8 +38,9 @@ class Session:
     world: World
     view: View
     partition: Callable[[int], Triangles]
-    holders: tuple[int, ...]
+    burdens: tuple[float, ...]
     digest: str
+    least: int = 1
     retrace: bool = False
     layers: Mapping[str, int] = field(default_factory=lambda: LAYERS)
     records: Records = NO_RECORDS
@@ -50,12 +52,14 @@ class SessionResult:
 
     Attributes:
         layers: name of layer -> float32, shape [height, width, 3] or [height, width].
-        statistics: of each slave, by its number.
-        photons_traced: of each photon task, by its number. From the session that traced them, if they were reused.
+        statistics: of each slave that was there at the end, with its number as `slave`.
+        photons_traced: of each photon task, in the order of their paths. From the session that traced them, if they
+            were reused.
         seconds: wall-clock time by phase [s]: partition, photons, map, render. A phase that was skipped is missing.
         dropped: messages that were not used, by reason.
         records: irradiance records, those that were there already included.
         record_rays: gather rays that were shot for them.
+        lost: slaves that were lost, whose statistics are missing.
     """
 
     layers: dict[str, NDArray[np.float32]]
@@ -65,6 +69,7 @@ class SessionResult:
     dropped: dict[str, int]
     records: Records = NO_RECORDS
     record_rays: int = 0
+    lost: tuple[str, ...] = ()
 
     @property
     def paths(self) -> int:

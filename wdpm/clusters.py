@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -10,6 +11,7 @@ from typing import Any, Self
 from wdpm.cluster.display import Display
 from wdpm.cluster.master.local_slaves import LocalSlaves, slave_command
 from wdpm.cluster.master.server import MasterServer, nobody
+from wdpm.cluster.plan.copies import Copies, SlaveMemory, slaves_a_team
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.transport import address
@@ -43,19 +45,37 @@ class Cluster(Backend):
     """
 
     def __init__(
-        self, master: MasterServer, slaves: int, stack: ExitStack, *, threads: int | None = None, device: str = "cpu"
+        self,
+        master: MasterServer,
+        slaves: int,
+        stack: ExitStack,
+        *,
+        copies: Copies = Copies.AUTO,
+        threads: int | None = None,
+        device: str = "cpu",
     ) -> None:
         super().__init__(slaves=slaves, threads=threads or available_cores(), device=device)
         self._master = master
         self._stack = stack
+        self._copies = copies
         self._launcher = Launcher(device, threads)
 
     @classmethod
-    def local(cls, slaves: int, *, threads: int | None = None, device: str = "cpu") -> Self:
+    def local(
+        cls,
+        slaves: int,
+        *,
+        copies: Copies = Copies.AUTO,
+        memory: int | None = None,
+        threads: int | None = None,
+        device: str = "cpu",
+    ) -> Self:
         """Start slave processes on this machine.
 
         Args:
             slaves: how many.
+            copies: whether each may hold what others hold, too.
+            memory: most that each may use [bytes]; None for its part of half the machine's.
             threads: cores to use in all, shared out among the slaves; None for all there are.
             device: that they compute on.
         """
@@ -69,16 +89,27 @@ class Cluster(Backend):
             keys, line = make_run_keys()  # other people of this machine reach its ports, too
             server = MasterServer("tcp://127.0.0.1:0", slaves, security=keys, watch=processes.ended)
             master = stack.enter_context(server)
-            processes.start(slaves, slave_command(each, device), master.endpoint, line)
-            return cls(master, slaves, stack.pop_all(), threads=threads, device=device)
+            processes.start(slaves, slave_command(each, device, memory), master.endpoint, line)
+            return cls(master, slaves, stack.pop_all(), copies=copies, threads=threads, device=device)
 
     @classmethod
-    def listen(cls, bind: str, slaves: int, *, keys: Path | None = None, insecure: bool = False) -> Self:
+    def listen(
+        cls,
+        bind: str,
+        slaves: int,
+        *,
+        most: int | None = None,
+        copies: Copies = Copies.AUTO,
+        keys: Path | None = None,
+        insecure: bool = False,
+    ) -> Self:
         """Wait for slaves that people start with `wdpm slave`.
 
         Args:
             bind: tcp://HOST:PORT to listen at.
             slaves: how many to wait for.
+            most: how many there may be at a time, so that more may join later; None for no more.
+            copies: whether each may hold what others hold, too.
             keys: folder that `wdpm keys` made; needed unless only this machine can reach HOST ...
             insecure: ... or anyone may take part.
 
@@ -88,8 +119,8 @@ class Cluster(Backend):
         """
         security = keys_for(address.resolve(bind), keys, insecure, Role.MASTER)
         with ExitStack() as stack:
-            master = stack.enter_context(MasterServer(bind, slaves, security=security, watch=nobody))
-            return cls(master, slaves, stack.pop_all())
+            server = MasterServer(bind, slaves, most=most, security=security, watch=nobody)
+            return cls(stack.enter_context(server), slaves, stack.pop_all(), copies=copies)
 
     @property
     def endpoint(self) -> str:
@@ -98,7 +129,9 @@ class Cluster(Backend):
 
     def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:
         """Make a scene ready for these slaves; the pilot is flown here."""
-        return prepare(scene, settings, self.slaves, self._launcher, progress)
+        slaves = [SlaveMemory(hello.host, hello.memory, hello.own_memory) for hello in self._master.slaves(progress)]
+        team = partial(slaves_a_team, self._copies, slaves)
+        return prepare(scene, settings, len(slaves), self._launcher, progress, team=team)
 
     def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:  # noqa: ARG002
         """Render a session. What slaves have of it already they are not sent again, nor do they trace it again."""
@@ -127,7 +160,7 @@ class Cluster(Backend):
 
         Raises:
             SceneError, SettingsError: see their messages.
-            ClusterError: a slave failed or was lost; the cluster has ended.
+            ClusterError: a slave failed, or all were lost; the cluster has ended.
         """
         return render_in_passes(
             source,
@@ -155,16 +188,48 @@ class Cluster(Backend):
         self._stack.__exit__(kind, error, trace)
 
 
-def backend_here(slaves: int = 0, threads: int | None = None, device: str = "cpu") -> Backend:
+def backend_here(
+    slaves: int = 0,
+    threads: int | None = None,
+    device: str = "cpu",
+    copies: Copies = Copies.AUTO,
+    memory: int | None = None,
+) -> Backend:
     """What renders on this machine: slave processes, or with none of them this process.
 
     Args:
         threads: cores to use in all; None for all there are.
         device: "cpu" or a CUDA device, "cuda:0".
+        copies, memory: of slaves, see Cluster.local.
     """
     if slaves:
-        return Cluster.local(slaves, threads=threads, device=device)
+        return Cluster.local(slaves, copies=copies, memory=memory, threads=threads, device=device)
     return InProcess(threads=threads, device=device)
+
+
+def render_here(
+    source: Source,
+    settings: RenderSettings,
+    *,
+    slaves: int,
+    threads: int | None,
+    device: str,
+    copies: Copies,
+    memory: int | None,
+    display: Display | None = None,
+    save_cache: Path | None = None,
+    load_cache: Path | None = None,
+    **how: Any,
+) -> Image:
+    """What `wdpm render` does: as `wdpm.render`, which has the arguments, with what is asked of slaves besides.
+
+    Args:
+        copies, memory: of slaves, see Cluster.local.
+        how: progress and journal.
+    """
+    with backend_here(slaves, threads, device, copies, memory) as backend:
+        backend.display = display
+        return render_in_passes(source, backend, settings, cache=CacheFiles(save_cache, load_cache), **how)
 
 
 def check_listening(bind: str, keys: Path | None, insecure: bool) -> None:
@@ -185,6 +250,8 @@ def render_as_master(
     *,
     bind: str,
     slaves: int,
+    most: int | None = None,
+    copies: Copies = Copies.AUTO,
     keys: Path | None,
     insecure: bool,
     display: Display | None = None,
@@ -193,9 +260,10 @@ def render_as_master(
     """What `wdpm master` does: one render with slaves that people start.
 
     Args:
+        most, copies: see Cluster.listen.
         display: is shown the image while it is rendered.
         how: progress, journal and files of irradiance records, see Cluster.render.
     """
-    with Cluster.listen(bind, slaves, keys=keys, insecure=insecure) as cluster:
+    with Cluster.listen(bind, slaves, most=most, copies=copies, keys=keys, insecure=insecure) as cluster:
         cluster.display = display
         return cluster.render(source, settings, **how)

@@ -6,6 +6,7 @@ import math
 import re
 from argparse import ArgumentTypeError
 
+from wdpm.cluster.plan.copies import Copies
 from wdpm.scenes.model.viewpoint import Viewpoint
 
 _COUNT_UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
@@ -76,6 +77,24 @@ def count(text: str) -> int:
     raise ArgumentTypeError(
         f"'{text}' is not a count: expected a whole number, or one with k, M or G, like 250k or 1.5M"
     )
+
+
+def slaves(text: str) -> tuple[int, int]:
+    """How many slaves to begin with, and how many there may be: 4, or 2..8."""
+    least, _, most = text.partition("..")
+    numbers = positive_count(least), positive_count(most or least)
+    if numbers[1] < numbers[0]:
+        raise ArgumentTypeError(f"'{text}': begins with more slaves than there may be")
+    return numbers
+
+
+def copies(text: str) -> Copies:
+    """Whether slaves hold copies of what others hold."""
+    try:
+        return Copies(text)
+    except ValueError:
+        known = ", ".join(each.value for each in Copies)
+        raise ArgumentTypeError(f"'{text}': expected one of {known}") from None
 
 
 def positive_count(text: str) -> int:

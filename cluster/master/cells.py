@@ -3,37 +3,67 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 
 from wdpm.cluster.messages import protocol
 from wdpm.scenes.flat.arrays import Triangles
 
 
+@dataclass(frozen=True)
+class Delivery:
+    """A cell that a slave is to get, in an epoch of its team."""
+
+    epoch: int
+    slave: int
+    cell: int
+
+
 class CellQueue:
-    """Which cells wait, and which are on their way: asked for, and not yet received."""
+    """Which cells wait, which are being made, and which are on their way: sent, and not yet received.
 
-    def __init__(self) -> None:
-        self._waiting: deque[int] = deque()
-        self._in_flight: set[int] = set()
+    Args:
+        limit: most that are made or on their way at once.
+    """
 
-    def begin(self, cells: int) -> None:
-        """All cells of a scene wait."""
-        self._waiting = deque(range(cells))
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._waiting: deque[Delivery] = deque()
+        self._made_for: deque[Delivery] = deque()
+        self._on_their_way: set[Delivery] = set()
 
-    def next(self) -> int | None:
-        """The next cell sets out; None if no more waits."""
-        if not self._waiting:
-            return None
-        cell = self._waiting.popleft()
-        self._in_flight.add(cell)
-        return cell
+    def add(self, delivery: Delivery) -> None:
+        """A cell waits."""
+        self._waiting.append(delivery)
 
-    def on_its_way(self, cell: int) -> bool:
-        """Whether a cell has set out, and not arrived."""
-        return cell in self._in_flight
+    def forget(self, epoch: int) -> None:
+        """Nothing of an epoch is wanted any more. What is being made will find nobody."""
+        self._waiting = deque(each for each in self._waiting if each.epoch != epoch)
+        self._made_for = deque(each for each in self._made_for if each.epoch != epoch)
+        self._on_their_way = {each for each in self._on_their_way if each.epoch != epoch}
 
-    def arrived(self, cell: int) -> None:
-        """A cell's holder has it."""
-        self._in_flight.remove(cell)
+    def next(self) -> list[int]:
+        """The cells that are to be made now, once for each delivery that sets out."""
+        cells = []
+        while self._waiting and len(self._made_for) + len(self._on_their_way) < self._limit:
+            self._made_for.append(self._waiting.popleft())
+            cells.append(self._made_for[-1].cell)
+        return cells
+
+    def made(self, cell: int) -> Delivery | None:
+        """A cell was made: for whom; None if nobody wants it any more."""
+        for delivery in self._made_for:
+            if delivery.cell == cell:
+                self._made_for.remove(delivery)
+                self._on_their_way.add(delivery)
+                return delivery
+        return None
+
+    def arrived(self, delivery: Delivery) -> bool:
+        """A slave says that it has a cell; False if that was not on its way to it."""
+        if delivery not in self._on_their_way:
+            return False
+        self._on_their_way.remove(delivery)
+        return True
 
 
 def parts_of(epoch: int, cell: int, triangles: Triangles, size: int) -> list[protocol.Partition]:
@@ -54,8 +84,3 @@ def rows(triangles: Triangles, start: int, count: int) -> Triangles:
         triangles.emitter[part],
         triangles.colors[part] if len(triangles.colors) else triangles.colors,
     )
-
-
-def partition_is_gone(cell: int) -> Triangles:
-    """In the place of a session's partition once nobody may ask for it."""
-    raise AssertionError(f"cell {cell} was asked for after all cells were sent")

@@ -57,6 +57,11 @@ class Begin:
 
 
 @dataclass(frozen=True)
+class WaitForSlaves:
+    """Tell when all slaves have joined that are waited for."""
+
+
+@dataclass(frozen=True)
 class PartitionMade:
     """The answer to MakePartition."""
 
@@ -83,7 +88,7 @@ class Abort:
     reason: str
 
 
-Event = Tick | SlaveSaid | Unreadable | SlaveLost | ProcessEnded | Begin | PartitionMade | Close | Abort
+Event = Tick | SlaveSaid | Unreadable | SlaveLost | ProcessEnded | WaitForSlaves | Begin | PartitionMade | Close | Abort
 
 
 # Instructions.
@@ -102,6 +107,13 @@ class MakePartition:
     """Find the triangles of a cell, which may take long."""
 
     cell: int
+
+
+@dataclass(frozen=True)
+class AllJoined:
+    """The answer to WaitForSlaves: the slaves that are there."""
+
+    slaves: tuple[protocol.Hello, ...]
 
 
 @dataclass(frozen=True)
@@ -154,4 +166,6 @@ class Broken:
     reason: str
 
 
-Instruction = Send | MakePartition | Started | Advanced | Noted | FrameBegun | BucketDone | Finished | Broken
+Instruction = (
+    Send | MakePartition | AllJoined | Started | Advanced | Noted | FrameBegun | BucketDone | Finished | Broken
+)

@@ -26,7 +26,7 @@ Command = Callable[[str], Sequence[str]]
 """The master's endpoint -> command line of a slave."""
 
 
-def slave_command(threads: int, device: str) -> Command:
+def slave_command(threads: int, device: str, memory: int | None = None) -> Command:
     """`wdpm slave` with this interpreter, for a run with keys of its own.
 
     Standard input brings the keys, and is the life line: the slave ends when it closes.
@@ -34,6 +34,7 @@ def slave_command(threads: int, device: str) -> Command:
 
     def command(endpoint: str) -> list[str]:
         options = ["--threads", str(threads), "--device", device, "--keys", "-", "--life-line"]
+        options += [] if memory is None else ["--memory", str(memory)]
         return [sys.executable, "-m", "wdpm", "slave", endpoint, *options]
 
     return command

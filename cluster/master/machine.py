@@ -1,7 +1,9 @@
 """The master as a state machine: events in, instructions out. It touches no socket and no clock.
 
 It welcomes slaves, notices those that are lost, and lets what remains through to the phases of a session
-(phases.py). In this version a slave that is lost ends the cluster.
+(phases.py). A slave that is lost, whatever the reason, is replaced by those that are left, or that come: the cluster
+ends when none is there for a while. A slave that breaks the protocol or whose program fails ends it at once: others
+would do the same.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from collections.abc import Mapping
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.events import (
     Abort,
+    AllJoined,
     Begin,
     Broken,
     Close,
@@ -26,6 +29,7 @@ from wdpm.cluster.master.events import (
     SlaveSaid,
     Tick,
     Unreadable,
+    WaitForSlaves,
 )
 from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.master.phases import Phase, Phases
@@ -41,22 +45,36 @@ class Master:
     Args:
         slaves: how many it waits for.
         versions: what the image's bits depend on, by name; slaves must have the same.
+        most: slaves that may be there at a time; None for no more than it waits for.
     """
 
-    def __init__(self, slaves: int, versions: Mapping[str, str], limits: ClusterLimits | None = None) -> None:
+    def __init__(
+        self,
+        slaves: int,
+        versions: Mapping[str, str],
+        limits: ClusterLimits | None = None,
+        most: int | None = None,
+    ) -> None:
         self._limits = limits or ClusterLimits()
         self._cluster = uuid.uuid4().hex
-        self._members = Members(slaves, versions)
+        self._members = Members(slaves, max(slaves, most or 0), versions)
         self._dropped: Counter[str] = Counter()
         self._phases = Phases(self._members, self._limits, self._dropped)
         self._ticked_at: float | None = None
         self._beat_at = 0.0
-        self._peer_gone: tuple[float, str] | None = None
+        self._awaited = False
+        self._apart: dict[tuple[int, int], tuple[float, str]] = {}  # slaves that miss each other: until when, and why
+        self._alone: tuple[float, str] | None = None  # since when no slave is there, and why
 
     @property
     def phase(self) -> Phase:
         """What the master waits for."""
         return self._phases.phase
+
+    def epoch(self, identity: bytes) -> int:
+        """The epoch that messages with a slave must be of; -1 if it is in no team."""
+        member = self._members.get(identity)
+        return -1 if member is None else self._phases.epoch_of(member)
 
     @property
     def dropped(self) -> dict[str, int]:
@@ -88,14 +106,17 @@ class Master:
             case Tick():
                 return self._tick(now)
             case PartitionMade(cell, triangles):
-                return self._phases.partition_made(cell, triangles)
+                return self._phases.roster.partition_made(cell, triangles)
+            case WaitForSlaves():
+                self._awaited = self.phase is Phase.JOINING
+                return [] if self._awaited else [AllJoined(tuple(self.members))]
             case Begin(session):
                 return self._phases.begin(session, now)
             case SlaveLost(identity, reason):
                 member = self._members.get(identity)
-                return [] if member is None else self._break(f"{member} is lost: {reason}")
+                return [] if member is None else self._lose(member, reason, now)
             case ProcessEnded(process, reason):
-                return self._process_ended(process, reason)
+                return self._process_ended(process, reason, now)
             case Unreadable(identity, reason):
                 return self._unreadable(identity, reason)
             case Close(reason, completed):
@@ -119,7 +140,7 @@ class Master:
                 member.left = True
 
     def _after_end(self, event: Event) -> list[Instruction]:
-        if isinstance(event, Begin):
+        if isinstance(event, Begin | WaitForSlaves):
             return [Broken("the cluster has ended; start another")]
         if isinstance(event, SlaveSaid) and isinstance(event.message, protocol.Hello):
             return [Send(event.identity, protocol.Refuse("the cluster has ended"))]
@@ -137,46 +158,75 @@ class Master:
 
     def _tick(self, now: float) -> list[Instruction]:
         slept, self._ticked_at = now - (now if self._ticked_at is None else self._ticked_at), now
-        for member in self._members:
+        out: list[Instruction] = []
+        for member in list(self._members):
             if slept > self._limits.liveness_s / 2:
                 member.heard_at = now  # this process itself stood still (a laptop's lid): silence says nothing
             silence = now - member.heard_at
             if silence > self._limits.liveness_s:
-                return self._break(f"{member} has been silent for {silence:.0f} s; it may have died")
-        if self._peer_gone is not None and now >= self._peer_gone[0]:
-            return self._break(self._peer_gone[1])
-        if now < self._beat_at:
-            return []
+                out += self._lose(member, f"it has been silent for {silence:.0f} s, and may have died", now)
+        if self._alone is not None and now >= self._alone[0] + self._limits.rejoin_s:
+            return self._break(f"{self._alone[1]}; no slave is left, and none came within {self._limits.rejoin_s:g} s")
+        for pair in [pair for pair, (until, _) in self._apart.items() if now >= until]:
+            out += self._separated(*pair, self._apart.pop(pair)[1], now)
+        out += self._phases.tick(now)
+        if now < self._beat_at or self.phase is Phase.ENDED:
+            return out
         self._beat_at = now + self._limits.heartbeat_s
-        return self._to_all(protocol.Heartbeat())
+        return out + self._to_all(protocol.Heartbeat())
 
-    def _process_ended(self, process: int, reason: str) -> list[Instruction]:
+    def _process_ended(self, process: int, reason: str, now: float) -> list[Instruction]:
         for member in self._members:
             if member.hello.process == process:
-                return self._break(f"{member} is lost: {reason}")
+                return self._lose(member, reason, now, for_good=True)
+        if any(member.hello.process == process for member in self._members.ever):
+            return []  # its connection was lost before
         return self._break(f"a slave (process {process}) ended before it joined: {reason}")
 
+    def _lose(self, member: Member, reason: str, now: float, *, for_good: bool = False) -> list[Instruction]:
+        """A slave is gone; others go on with what it did.
+
+        Args:
+            for_good: nobody will start it again.
+        """
+        self._members.lose(member)
+        left = f"{len(self._members)} of {self._members.expected} left"
+        out: list[Instruction] = [Noted(f"{member} is lost: {reason}; {left}")]
+        out += self._phases.lost(member, now)
+        if len(self._members) or self.phase is Phase.JOINING:
+            return out
+        self._alone = (now, f"{member} is lost: {reason}")
+        return self._break(f"{self._alone[1]}; no slave is left") if for_good else out
+
     def _join(self, identity: bytes, hello: protocol.Hello, now: float) -> list[Instruction]:
+        out: list[Instruction] = []
+        joined: list[Instruction] = []
         member = self._members.get(identity)
+        if member is not None and self.phase is not Phase.JOINING:
+            out += self._lose(member, "it lost its connection, and came back", now)
+            member = None
         if member is None:
             reason = self._members.reason_to_refuse(hello)
             if reason is not None:
                 self._dropped["refused slaves"] += 1
                 return [
+                    *out,
                     Send(identity, protocol.Refuse(reason)),
                     Noted(f"refused {hello.host}, process {hello.process}: {reason}"),
                 ]
             member = self._members.add(identity, hello, now)
-        elif self.phase is not Phase.JOINING:
-            return self._break(f"{member} lost its connection and came back, which this version does not survive")
+            self._alone = None
+            if self.phase is not Phase.JOINING:
+                joined = self._phases.joined(member, now)
         welcome = protocol.Welcome(member.number, self._cluster, self._limits.heartbeat_s, self._limits.liveness_s)
-        out: list[Instruction] = [
+        out += [
             Send(identity, welcome),
             Noted(f"{member} joined, {hello.threads} threads ({len(self._members)} of {self._members.expected})"),
         ]
         if self.phase is Phase.JOINING and len(self._members) == self._members.expected:
+            out += [AllJoined(tuple(self.members))] if self._awaited else []
             out += self._phases.all_joined(now)
-        return out
+        return out + joined
 
     # Messages.
 
@@ -186,26 +236,24 @@ class Master:
         member = self._members.get(identity)
         if member is None:
             self._dropped["message before Hello"] += 1
-            return [Send(identity, protocol.Rejected(f"{type(message).__name__} before Hello"))]
+            return [Send(identity, protocol.Dismissed(f"{type(message).__name__} before Hello"))]
         member.heard_at = now
         match message:
             case protocol.Heartbeat():
                 return []
             case protocol.PeerGone(number):
-                text = f"the connection from slave {member.number} to slave {number} broke"
-                self._peer_gone = self._peer_gone or (now + self._limits.peer_gone_s, text)
-                return []
+                return self._miss(member, number, "", now)
             case protocol.PeerUnreachable(number, reason):
-                return self._unreachable(member, number, reason)
+                return self._miss(member, number, reason, now)
             case protocol.Note(text):
                 return [Noted(f"slave {member.number} {text}")]
             case protocol.Failed(text):
                 return self._break(f"{member} failed: {text}")
             case protocol.Goodbye(reason):
-                return self._break(f"{member} left: {reason}")
+                return self._lose(member, f"it left ({reason})", now)
             case protocol.Rejected(reason):
                 return self._break(f"{member} could not read a message of the master: {reason}")
-        if message.epoch != self._phases.epoch:
+        if message.epoch != self._phases.epoch_of(member):
             self._dropped[f"{type(message).__name__} of another epoch"] += 1
             return []
         try:
@@ -213,14 +261,25 @@ class Master:
         except ProtocolError as error:
             return self._break(f"{member} broke the protocol: {error}")
 
-    def _unreachable(self, member: Member, number: int, reason: str) -> list[Instruction]:
-        if not 0 <= number < len(self._members):
+    def _miss(self, member: Member, number: int, unreachable: str, now: float) -> list[Instruction]:
+        """A slave misses another one. That one may have died, which is known better in a moment."""
+        if not 0 <= number < len(self._members.ever):
             return self._break(f"{member} broke the protocol: it knows no slave {number}")
-        peer = self._members.number(number)
-        return self._break(
-            f"{member} cannot reach {peer} at {peer.hello.peers}: {reason}; check that a firewall lets slaves connect "
-            "to each other at any port, and that both machines are in one network"
-        )
+        self._apart.setdefault((member.number, number), (now + self._limits.peer_gone_s, unreachable))
+        return []
+
+    def _separated(self, number: int, other: int, unreachable: str, now: float) -> list[Instruction]:
+        """Two slaves missed each other a moment ago."""
+        member, peer = self._members.ever[number], self._members.ever[other]
+        if member.left or peer.left:
+            return []
+        if unreachable:
+            return self._break(
+                f"{member} cannot reach {peer} at {peer.hello.peers}: {unreachable}; check that a firewall lets slaves "
+                "connect to each other at any port, and that both machines are in one network"
+            )
+        note = Noted(f"the connection from {member} to {peer} broke; they connect again")
+        return [note, *self._phases.separated(member, peer, now)]
 
     def _unreadable(self, identity: bytes, reason: str) -> list[Instruction]:
         member = self._members.get(identity)

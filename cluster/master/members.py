@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,13 +12,19 @@ from wdpm.cluster.task import Task
 
 @dataclass(eq=False)
 class Member:
-    """A slave as the master knows it."""
+    """A slave as the master knows it.
+
+    Attributes:
+        left: it has said its last word, or is known to be lost.
+        cells: of the scene that was set up last, those that it has built.
+    """
 
     number: int
     identity: bytes
     hello: protocol.Hello
     heard_at: float
     left: bool = False
+    cells: frozenset[int] = frozenset()
     in_flight: dict[int, Task] = field(default_factory=dict)
     statistics: dict[str, Any] = field(default_factory=dict)
 
@@ -27,27 +33,35 @@ class Member:
 
 
 class Members:
-    """The slaves that have joined, numbered in the order in which they did.
+    """The slaves that have joined, numbered in the order in which they did. No number is given twice.
 
     Args:
-        expected: how many may.
+        expected: how many a session waits for at first ...
+        most: ... and how many there may be at a time.
         versions: what they must have, by name.
     """
 
-    def __init__(self, expected: int, versions: Mapping[str, str]) -> None:
+    def __init__(self, expected: int, most: int, versions: Mapping[str, str]) -> None:
         self.expected = expected
+        self.most = most
         self._versions = dict(versions)
+        self._all: list[Member] = []
         self._by_identity: dict[bytes, Member] = {}
 
     def __len__(self) -> int:
         return len(self._by_identity)
 
     def __iter__(self) -> Iterator[Member]:
-        """By number: nobody ever leaves."""
-        return iter(self._by_identity.values())
+        """Those that are there, by number."""
+        return iter(sorted(self._by_identity.values(), key=lambda member: member.number))
+
+    @property
+    def ever(self) -> Sequence[Member]:
+        """All that ever joined, by number."""
+        return self._all
 
     def get(self, identity: bytes) -> Member | None:
-        """The slave of a connection, if it has joined."""
+        """The slave of a connection, if it has joined and is there."""
         return self._by_identity.get(identity)
 
     @property
@@ -55,14 +69,16 @@ class Members:
         """Whether none of them is expected to say anything more."""
         return all(member.left for member in self)
 
-    def number(self, number: int) -> Member:
-        """The slave of this number."""
-        return list(self)[number]
-
     def add(self, identity: bytes, hello: protocol.Hello, now: float) -> Member:
         """Let a slave join."""
-        member = self._by_identity[identity] = Member(len(self), identity, hello, now)
+        member = self._by_identity[identity] = Member(len(self._all), identity, hello, now)
+        self._all.append(member)
         return member
+
+    def lose(self, member: Member) -> None:
+        """A slave is gone. If it comes back, that is another one."""
+        member.left = True
+        del self._by_identity[member.identity]
 
     def reason_to_refuse(self, hello: protocol.Hello) -> str | None:
         """Why a slave may not join, or None."""
@@ -77,6 +93,6 @@ class Members:
                 for name in differing
             )
             return f"versions differ ({listed}), so the image's bits could; install the same on both machines"
-        if len(self) >= self.expected:
-            return f"all {self.expected} slaves that this master waits for have joined"
+        if len(self) >= self.most:
+            return f"all {self.most} slaves that this master waits for have joined"
         return None

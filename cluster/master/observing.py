@@ -36,13 +36,13 @@ def tell_display(answer: object, display: Display | None) -> None:
             display.end(result.statistics)
 
 
-def frame_begun(session: Session, members: Members) -> m.FrameBegun:
+def frame_begun(session: Session, holders: tuple[int, ...], members: Members) -> m.FrameBegun:
     """The image of a session begins."""
     view = session.view
-    slaves = tuple(f"{member.hello.host}, process {member.hello.process}" for member in members)
+    slaves = tuple(f"{member.hello.host}, process {member.hello.process}" for member in members.ever)
     camera = view.camera
     return m.FrameBegun(
-        Frame(camera.width, camera.height, session.layers, view.first_sample, view.spp, session.holders, slaves)
+        Frame(camera.width, camera.height, session.layers, view.first_sample, view.spp, holders, slaves)
     )
 
 

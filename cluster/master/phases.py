@@ -1,41 +1,46 @@
-"""The phases that a master leads its slaves through, session after session.
+"""The phases that a master leads its teams through, session after session.
 
-A phase ends when every slave has said so. That is what keeps slaves from talking to a peer that is not as far: a batch
-of a bucket cannot reach a slave that has not seen its view.
+    joining -> idle -> setup -> photons -> maps -> (records, once a round) -> buckets -> statistics -> idle
 
-    joining -> idle -> setup -> photons -> maps -> view -> buckets -> statistics -> idle
-                  \\-> (forget -> photons) or view, if the cluster has the world already
+A session is in one phase. Each team takes the steps of its own that the phase asks for (`_lead`): its cells, photons,
+maps, view, records, and then tasks. A slave says when it has taken a step, and a team goes on when all its slaves have:
+so a batch of a bucket cannot reach a slave that has not seen its view. Phases in which teams need each other end when
+all have come as far: photons (which all teams trace together) and maps.
 
-Views with an irradiance cache pass through (records -> sharing) once a round, between view and buckets: the records of
-a round are made without knowledge of each other, and all slaves have them before the next begins.
+A team that loses a slave begins anew: an epoch of its own tells what is left of the old one apart. Slaves keep the
+cells that they have. What is finished stays, since it is a function of scene and settings: buckets, rounds of records.
+Photons that were lost are traced again, by all while they trace, later by the team that needs them.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from dataclasses import replace
+from collections import Counter, deque
+from collections.abc import Sequence
 from enum import Enum
 
 from wdpm.cluster.limits import ClusterLimits
-from wdpm.cluster.master.cells import CellQueue, partition_is_gone, parts_of
-from wdpm.cluster.master.events import Advanced, Finished, Instruction, MakePartition, Send, Started
+from wdpm.cluster.master.events import Advanced, Finished, Instruction, Noted, Send, Started
 from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.master.observing import bucket_done, frame_begun
 from wdpm.cluster.master.records import RecordRounds
-from wdpm.cluster.master.statistics import check_statistics
-from wdpm.cluster.master.tasks import Tasks
+from wdpm.cluster.master.roster import Roster, least_of
+from wdpm.cluster.master.statistics import check_statistics, of_nobody
+from wdpm.cluster.master.tasks import Tasks, units
+from wdpm.cluster.master.teams import Team, copies_between
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.session import Session, SessionResult
-from wdpm.cluster.task import TaskResult
+from wdpm.cluster.task import PhotonsTraced, PhotonTask, Task, TaskResult
 from wdpm.cluster.world import PhotonPlan
 from wdpm.scenes.errors import ProtocolError
-from wdpm.scenes.flat.arrays import Triangles
 
 TASKS_A_PROCESS = 8
 """Photon tasks for each of several processes: so many that they end together, ..."""
 
 PHOTON_TASK_LEAST = 4096
 """... and paths of each, so that what a launch costs the interpreter does not count."""
+
+WORTH_REGROUPING = 0.5
+"""A team of several begins anew for a slave that joins while no larger share of the buckets was handed out."""
 
 
 class Phase(Enum):
@@ -44,12 +49,9 @@ class Phase(Enum):
     JOINING = "joining"
     IDLE = "idle"
     SETUP = "setup"
-    FORGET = "forget"
     PHOTONS = "photons"
     MAPS = "maps"
-    VIEW = "view"
     RECORDS = "records"
-    SHARING = "sharing"
     BUCKETS = "buckets"
     STATISTICS = "statistics"
     ENDED = "ended"
@@ -58,37 +60,37 @@ class Phase(Enum):
 class Phases:
     """What a cluster does for one session after another.
 
-    Args:
-        dropped: counts messages that are not used, by reason.
-
     Attributes:
         phase: what is waited for.
-        epoch: number of the setup that messages must be of.
         session: what is rendered, or waits for slaves to join.
+        roster: the slaves that share the work, in teams.
     """
 
     def __init__(self, members: Members, limits: ClusterLimits, dropped: Counter[str]) -> None:
+        """
+        Args:
+            dropped: counts messages that are not used, by reason.
+        """
         self.phase = Phase.JOINING
-        self.epoch = 0
         self.session: Session | None = None
         self._members = members
         self._limits = limits
         self._dropped = dropped
-        self._waiting: set[int] = set()
         self._phase_at = 0.0
         self._seconds: dict[str, float] = {}
         self._digest: str | None = None
         self._plan: PhotonPlan | None = None
-        self._cells = CellQueue()
+        self._trace = self._view = self._records = 0
+        self._setting_up = False
+        self.roster = Roster(members, limits)
         self._tasks = Tasks()
 
     def begin(self, session: Session, now: float) -> list[Instruction]:
         """Render a session, as soon as all slaves have joined."""
         if self.phase not in (Phase.JOINING, Phase.IDLE) or self.session is not None:
             raise AssertionError(f"a session began in phase {self.phase.value}")
-        cells, slaves = session.world.top_tree.cells, self._members.expected
-        if len(session.holders) != cells or not all(0 <= holder < slaves for holder in session.holders):
-            raise AssertionError(f"holders {session.holders} for {cells} cells on {slaves} slaves")
+        if len(session.burdens) != session.world.top_tree.cells:
+            raise AssertionError(f"{len(session.burdens)} burdens for {session.world.top_tree.cells} cells")
         self.session = session
         return self._start_session(session, now) if self.phase is Phase.IDLE else []
 
@@ -102,14 +104,46 @@ class Phases:
         self.phase = Phase.ENDED
         self.session = self._tasks.film = None
 
-    def partition_made(self, cell: int, triangles: Triangles) -> list[Instruction]:
-        """Send a cell that was asked for to its holder."""
-        session = self.session
-        if session is None or self.phase is not Phase.SETUP or not self._cells.on_its_way(cell):
-            raise AssertionError(f"the partition of cell {cell} was not asked for")
-        holder = self._members.number(session.holders[cell])
-        parts = parts_of(self.epoch, cell, triangles, self._limits.part_triangles)
-        return [Send(holder.identity, part) for part in parts]
+    def epoch_of(self, member: Member) -> int:
+        """The epoch of a slave's team, -1 if it has none."""
+        team = self.roster.team_of(member)
+        return -1 if team is None else team.epoch
+
+    # Coming and going.
+
+    def joined(self, member: Member, now: float) -> list[Instruction]:
+        """A slave has joined after the first session began."""
+        self.roster.spare.append(member)
+        if self.session is None or self.phase in (Phase.JOINING, Phase.IDLE):
+            return []
+        return self._use_spare(self.session, now)
+
+    def lost(self, member: Member, now: float) -> list[Instruction]:
+        """A slave is gone. Its team begins anew without it, and its tasks are done by others."""
+        self._tasks.give_back(member)
+        if member in self.roster.spare:
+            self.roster.spare.remove(member)
+        team = self.roster.team_of(member)
+        if team is None:
+            return []
+        team.members.remove(member)
+        return self._broken(team, now)
+
+    def separated(self, one: Member, other: Member, now: float) -> list[Instruction]:
+        """The connection between two slaves broke, and what travelled on it is lost; both live."""
+        team = self.roster.team_of(one)
+        if team is not None and (other in team.members or self.phase is Phase.MAPS):
+            return self._broken(team, now)
+        return []
+
+    def tick(self, now: float) -> list[Instruction]:
+        """Time has passed: tasks may be late."""
+        if self.phase not in (Phase.RECORDS, Phase.BUCKETS) or self._tasks.waiting:
+            return []
+        idle = [member for team in self._working() if not team.at_work for member in team.members[:1]]
+        return self._start_tasks(list(self._tasks.hand_out_late(idle, now)))
+
+    # What slaves say.
 
     def progressed(
         self,
@@ -125,207 +159,337 @@ class Phases:
         now: float,
     ) -> list[Instruction]:
         """A slave says how far it is, or what came of a task; ProtocolError where that cannot be."""
-        session = self.session
+        team, session = self.roster.team_of(member), self.session
+        if team is None:
+            raise AssertionError("a message of no epoch")
+        if isinstance(message, protocol.TaskDone):
+            return self._task_done(team, member, message.result, now)
         if session is None:
             raise ProtocolError(f"{type(message).__name__} came while nothing is rendered")
-        match message:
-            case protocol.PartitionReceived(_, cell):
-                return self._cell_received(member, cell)
-            case protocol.TaskDone(_, result):
-                return self._task_done(member, result, now)
-            case protocol.Ready():
-                out: list[Instruction] = [Advanced(1)]
-                return out + (self._start_photons(session, now) if self._all(Phase.SETUP, member, message) else [])
-            case protocol.PhotonsForgotten():
-                return self._start_photons(session, now) if self._all(Phase.FORGET, member, message) else []
-            case protocol.MapsBuilt():
-                out = [Advanced(1)]
-                return out + (self._start_view(session, now) if self._all(Phase.MAPS, member, message) else [])
-            case protocol.ViewSet():
-                return self._start_records(session, now) if self._all(Phase.VIEW, member, message) else []
-            case protocol.RecordsSet():
-                return self._next_round(session, now) if self._all(Phase.SHARING, member, message) else []
-            case protocol.Statistics(_, values):
-                all_have = self._all(Phase.STATISTICS, member, message)
-                check_statistics(values, session.world)
-                member.statistics = values
-                return self._finish() if all_have else []
-
-    def _all(self, phase: Phase, member: Member, message: protocol.FromSlave) -> bool:
-        """Note that a slave has done what a phase waits for; tell whether all have."""
-        if self.phase is not phase or member.number not in self._waiting:
+        if isinstance(message, protocol.PartitionReceived):
+            return self.roster.cell_received(member, message)
+        if team.awaits is not type(message) or member.number not in team.waiting:
             raise ProtocolError(f"{type(message).__name__} is not expected from it in phase {self.phase.value}")
-        self._waiting.remove(member.number)
-        return not self._waiting
+        if isinstance(message, protocol.Statistics):
+            check_statistics(message.values, session.world)
+            member.statistics = {**message.values, "slave": member.number}
+        if isinstance(message, protocol.Ready):
+            member.cells = frozenset(team.cells_of(member))
+        team.waiting.remove(member.number)
+        counts = (self.phase, type(message)) in ((Phase.SETUP, protocol.Ready), (Phase.MAPS, protocol.MapsBuilt))
+        out: list[Instruction] = [Advanced(1)] if counts else []
+        return out if team.waiting else out + self._step_taken(team, session, now)
 
-    # From one to the next.
+    def _step_taken(self, team: Team, session: Session, now: float) -> list[Instruction]:
+        """All slaves of a team have taken a step: what follows from it."""
+        answer, team.awaits = team.awaits, None
+        if answer in (protocol.Ready, protocol.PhotonsForgotten):  # a world comes without photons
+            team.ready, team.mapped, team.trace = True, False, team.towards
+        elif answer is protocol.MapsBuilt:
+            team.mapped, team.alone = True, None
+        elif answer is protocol.ViewSet:
+            team.view, team.records = team.towards, 0
+        elif answer is protocol.RecordsSet:
+            team.records = team.towards
+        return self._lead(team, session, now) + self._go_on(session, now)
+
+    # A session.
 
     def _start_session(self, session: Session, now: float) -> list[Instruction]:
-        self._seconds = {}
-        self._phase_at = now
-        if session.digest != self._digest:
-            return self._start_setup(session)
+        self._seconds, self._phase_at = {}, now
+        self._view += 1
+        self._records = 0
+        same_scene = session.digest == self._digest
+        if not same_scene:
+            self.roster.form(session, self._tasks)
+        out = self._use_spare(session, now) if same_scene else []
         plan = session.world.photon_plan
-        if session.retrace or plan != self._plan:
-            self._wait_for_all(Phase.FORGET)
-            return self._to_all(protocol.ForgetPhotons(self.epoch, plan))
-        return self._start_view(session, now)
+        self.phase = Phase.SETUP
+        if session.retrace or plan != self._plan or not any(self._has_maps(team) for team in self.roster.teams):
+            self._digest, self._plan = session.digest, plan
+            self._begin_trace(session)
+        else:
+            out += self._start_records(session, now)
+        self._setting_up = not all(team.ready for team in self.roster.teams)
+        if self._setting_up:
+            out.append(Started("partition", sum(len(team.members) for team in self.roster.teams)))
+        return out + self._lead_all(session, now) + self._go_on(session, now)
 
-    def _start_setup(self, session: Session) -> list[Instruction]:
-        self._wait_for_all(Phase.SETUP)
-        self.epoch += 1
-        self._digest = None
-        self._cells.begin(len(session.holders))
-        peers = tuple(member.hello.peers for member in self._members)
-        out: list[Instruction] = [Started("partition", self._members.expected)]
-        out += self._to_all(protocol.Setup(self.epoch, session.world, session.holders, peers))
-        for _ in range(self._limits.cells_in_flight):
-            out += self._next_cell()
-        return out
+    def _has_maps(self, team: Team) -> bool:
+        return team.mapped and team.trace == self._trace
 
-    def _next_cell(self) -> list[Instruction]:
-        cell = self._cells.next()
-        return [] if cell is None else [MakePartition(cell)]
-
-    def _cell_received(self, member: Member, cell: int) -> list[Instruction]:
-        session = self.session
-        expected = session is not None and self._cells.on_its_way(cell) and session.holders[cell] == member.number
-        if not expected:
-            raise ProtocolError(f"it says that it got cell {cell}, which was not sent to it")
-        self._cells.arrived(cell)
-        return self._next_cell()
-
-    def _start_photons(self, session: Session, now: float) -> list[Instruction]:
-        if self.phase is Phase.SETUP:
-            self._end_phase("partition", now)
-        # Nothing here needs the triangles again, and they may be most of this process's memory.
-        self.session = session = replace(session, partition=partition_is_gone)
-        self.phase = Phase.PHOTONS
+    def _begin_trace(self, session: Session) -> None:
+        """All photons are to be traced, by all teams together."""
+        self._trace += 1
         paths = session.world.paths
         size = self._limits.photon_task_paths
-        if self._at_once > 1:
-            size = min(size, max(-(-paths // (TASKS_A_PROCESS * self._at_once)), PHOTON_TASK_LEAST))
+        at_once = self._at_once(session)
+        if at_once > 1:
+            size = min(size, max(-(-paths // (TASKS_A_PROCESS * at_once)), PHOTON_TASK_LEAST))
         self._tasks.trace(paths, size)
-        out: list[Instruction] = [Started("photons", paths)]
-        return out + (self._hand_out() if self._tasks.waiting else self._start_maps(now))
+        for team in self.roster.teams:
+            team.mapped, team.traced, team.alone = False, [], None
+
+    def _go_on(self, session: Session, now: float) -> list[Instruction]:
+        """Enter the next phase if all that this one waits for is done."""
+        teams = self.roster.teams
+        match self.phase:
+            case Phase.SETUP if teams and all(self._traces(team) for team in teams):
+                return self._start_photons(session, now)
+            case Phase.PHOTONS if self._tasks.finished and teams and all(self._traces(team) for team in teams):
+                return self._start_maps(now)
+            case Phase.MAPS if not any(team.awaits is protocol.MapsBuilt for team in teams):
+                self._end_phase("map", now)
+                return self._start_records(session, now) + self._lead_all(session, now) + self._go_on(session, now)
+            case Phase.RECORDS if self._tasks.finished and self._tasks.rounds is not None:
+                return self._end_round(self._tasks.rounds, session, now)
+            case Phase.BUCKETS if self._tasks.finished:
+                return self._start_statistics(session, now)
+            case Phase.STATISTICS if not any(team.awaits is protocol.Statistics for team in teams):
+                return self._finish(session)
+        return []
+
+    def _traces(self, team: Team) -> bool:
+        """Whether a team is ready to trace photons, or does."""
+        return team.ready and team.trace == self._trace and team.awaits is None
+
+    def _start_photons(self, session: Session, now: float) -> list[Instruction]:
+        if self._setting_up:
+            self._end_phase("partition", now)
+        self.phase = Phase.PHOTONS
+        out: list[Instruction] = [Started("photons", session.world.paths)]
+        return out + self._hand_out(now) + self._go_on(session, now)
 
     def _start_maps(self, now: float) -> list[Instruction]:
         self._end_phase("photons", now)
-        self._wait_for_all(Phase.MAPS)
-        return [Started("map", self._members.expected), *self._to_all(protocol.BuildMaps(self.epoch))]
-
-    def _start_view(self, session: Session, now: float) -> list[Instruction]:
-        if self.phase is Phase.MAPS:
-            self._end_phase("map", now)
-            self._digest, self._plan = session.digest, session.world.photon_plan
-        self._wait_for_all(Phase.VIEW)
-        return self._to_all(protocol.SetView(self.epoch, session.view))
+        self.phase = Phase.MAPS
+        copies = copies_between(self.roster.teams)
+        out: list[Instruction] = [Started("map", sum(len(team.members) for team in self.roster.teams))]
+        for team in self.roster.teams:
+            team.wait_for(protocol.MapsBuilt)
+            for member in team.members:
+                awaited = len(team.cells_of(member)) * (len(self.roster.teams) - 1)
+                order = protocol.BuildMaps(team.epoch, copies[member.number], awaited)
+                out.append(Send(member.identity, order))
+        return out
 
     def _start_records(self, session: Session, now: float) -> list[Instruction]:
         """The first round of irradiance records, or those that are there already."""
         self._phase_at = now
         rounds = self._tasks.rounds = RecordRounds(session.view, session.records)
         if len(rounds.records):
-            return self._set_records(rounds)
+            self._records += 1
         if rounds.finished:
             return self._start_buckets(session)
-        return [Started("records", rounds.total), *self._start_round(rounds)]
-
-    def _start_round(self, rounds: RecordRounds) -> list[Instruction]:
         self.phase = Phase.RECORDS
-        self._tasks.make_records(rounds, max(len(self._members), self._at_once), self._limits)
-        return self._hand_out() if self._tasks.waiting else self._end_round(rounds)
+        self._make_records(rounds, session)
+        return [Started("records", rounds.total)]
 
-    def _end_round(self, rounds: RecordRounds) -> list[Instruction]:
-        rounds.end_round()
-        return self._set_records(rounds)
+    def _make_records(self, rounds: RecordRounds, session: Session) -> None:
+        self._tasks.make_records(rounds, max(len(self._members), self._at_once(session)), self._limits)
 
-    def _set_records(self, rounds: RecordRounds) -> list[Instruction]:
-        """Send all records to all slaves: a few megabytes at most, and each keeps those that reach its cells."""
-        self._wait_for_all(Phase.SHARING)
-        return self._to_all(protocol.SetRecords(self.epoch, rounds.shared()))
-
-    def _next_round(self, session: Session, now: float) -> list[Instruction]:
-        rounds = self._tasks.rounds
-        if rounds is not None and not rounds.finished:
-            return self._start_round(rounds)
-        self._end_phase("records", now)
-        return self._start_buckets(session)
+    def _end_round(self, rounds: RecordRounds, session: Session, now: float) -> list[Instruction]:
+        """All get all records before the next round: a few megabytes at most, and each keeps what reaches its cells."""
+        out: list[Instruction] = []
+        while self._tasks.finished and self.phase is Phase.RECORDS:  # a round may be without candidates
+            rounds.end_round()
+            if rounds.finished:
+                self._end_phase("records", now)
+                out = self._start_buckets(session)
+            else:
+                self._make_records(rounds, session)
+        self._records += 1
+        return out + self._lead_all(session, now) + self._go_on(session, now)
 
     def _start_buckets(self, session: Session) -> list[Instruction]:
         self.phase = Phase.BUCKETS
         buckets = self._tasks.render(session.view, session.layers)
-        return [Started("render", buckets), frame_begun(session, self._members), *self._hand_out()]
+        return [Started("render", buckets), frame_begun(session, self.roster.holders(), self._members)]
 
-    def _start_statistics(self, now: float) -> list[Instruction]:
+    def _start_statistics(self, session: Session, now: float) -> list[Instruction]:
         self._end_phase("render", now)
-        self._wait_for_all(Phase.STATISTICS)
-        return self._to_all(protocol.ReadStatistics(self.epoch))
+        self.phase = Phase.STATISTICS
+        out: list[Instruction] = []
+        for team in self._working():
+            if not team.at_work:
+                out += self._order(team, protocol.Statistics, protocol.ReadStatistics(team.epoch))
+        return out + self._go_on(session, now)
 
-    def _finish(self) -> list[Instruction]:
+    def _finish(self, session: Session) -> list[Instruction]:
         film, rounds = self._tasks.film, self._tasks.rounds
         if film is None or rounds is None:
             raise AssertionError("a session ended without a film")
         result = SessionResult(
             film.layers,
-            [member.statistics for member in self._members],
+            [member.statistics for member in self._members if member.statistics] or [of_nobody(session.world)],
             self._tasks.photons,
             self._seconds,
             dict(self._dropped),
             rounds.records,
             rounds.rays,
+            tuple(str(member) for member in self._members.ever if member not in list(self._members)),
         )
         self.phase = Phase.IDLE
         self.session = self._tasks.film = self._tasks.rounds = None
+        for member in self._members:
+            member.statistics = {}
         return [Finished(result)]
+
+    # Teams.
+
+    def _lead(self, team: Team, session: Session, now: float) -> list[Instruction]:
+        """Have a team take its next step, if there is one that does not wait for others."""
+        if team.awaits is not None or team.at_work or self.phase in (Phase.STATISTICS, Phase.IDLE, Phase.ENDED):
+            return []
+        if not team.ready:
+            return self.roster.set_up(team, session, self._trace)
+        if team.trace != self._trace:
+            plan = protocol.ForgetPhotons(team.epoch, session.world.photon_plan)
+            return self._order(team, protocol.PhotonsForgotten, plan, self._trace)
+        if not team.mapped:
+            return self._trace_alone(team, now)
+        if team.view != self._view:
+            return self._order(team, protocol.ViewSet, protocol.SetView(team.epoch, session.view), self._view)
+        rounds = self._tasks.rounds
+        if rounds is not None and team.records != self._records:
+            records = protocol.SetRecords(team.epoch, rounds.shared())
+            return self._order(team, protocol.RecordsSet, records, self._records)
+        return self._hand_out(now)
+
+    def _lead_all(self, session: Session, now: float) -> list[Instruction]:
+        return [instruction for team in list(self.roster.teams) for instruction in self._lead(team, session, now)]
+
+    def _trace_alone(self, team: Team, now: float) -> list[Instruction]:
+        """A team that has no maps while others go on traces all photons for itself. Early it traces with the others."""
+        if self.phase is Phase.PHOTONS:
+            return self._hand_out(now)
+        if self.phase in (Phase.SETUP, Phase.MAPS):
+            return []
+        if team.alone is None:
+            team.alone = deque(self._tasks.trace_again())
+        if not team.alone:
+            return self._order(team, protocol.MapsBuilt, protocol.BuildMaps(team.epoch))
+        return self._hand_out_alone(team)
+
+    def _use_spare(self, session: Session, now: float) -> list[Instruction]:
+        """Make teams of slaves that are in none, or have them help out where that is worth a new beginning."""
+        out: list[Instruction] = []
+        least = least_of(session)
+        while len(self.roster.spare) >= least:
+            members, self.roster.spare = self.roster.spare[:least], self.roster.spare[least:]
+            self.roster.teams.append(Team(members, least))
+            out += self._lead(self.roster.teams[-1], session, now)
+        early = self.phase in (Phase.IDLE, Phase.SETUP, Phase.PHOTONS, Phase.RECORDS)
+        early = early or (self.phase is Phase.BUCKETS and self._tasks.begun <= WORTH_REGROUPING)
+        smallest = min(self.roster.teams, key=lambda team: len(team.members), default=None)
+        if self.roster.spare and smallest is None:
+            self.roster.teams.append(Team(self.roster.spare, len(self.roster.spare)))
+            self.roster.spare = []
+            return out + self._lead(self.roster.teams[-1], session, now)
+        if self.roster.spare and smallest is not None and early and len(smallest.members) < len(session.burdens):
+            return out + self._broken(smallest, now, wanted=len(smallest.members) + 1)
+        return out
+
+    def _broken(self, team: Team, now: float, wanted: int = 0) -> list[Instruction]:
+        """A team begins anew, with the slaves that it has left and spare ones.
+
+        Args:
+            wanted: how many slaves it should have, if more than it was meant to.
+        """
+        session = self.session
+        if self.phase is Phase.PHOTONS:
+            self._tasks.lose_photons(team.traced)
+        together = [team]
+        if self.phase is Phase.MAPS:  # what landed in this team may not have come to the others
+            together = list(self.roster.teams)
+        for each in together:
+            self.roster.dissolve(each, self._tasks)
+        team.size = max(team.size, wanted)
+        while self.roster.spare and len(team.members) < team.size:
+            team.members.append(self.roster.spare.pop(0))
+        if not team.members:
+            self.roster.teams.remove(team)
+        if session is None:
+            return []
+        out: list[Instruction] = []
+        if self.phase is Phase.MAPS:
+            self.phase = Phase.SETUP
+            self._begin_trace(session)
+            out.append(Noted("photons are traced again: some were lost before all slaves had them"))
+        return out + self._lead_all(session, now) + self._go_on(session, now) + self.roster.next_cells()
+
+    def _working(self) -> list[Team]:
+        """Teams that have all that tasks of the view need."""
+        return [
+            team
+            for team in self.roster.teams
+            if team.awaits is None and self._has_maps(team) and (team.view, team.records) == (self._view, self._records)
+        ]
+
+    def _order(
+        self, team: Team, answer: type[protocol.FromSlave], order: protocol.FromMaster, towards: int = 0
+    ) -> list[Instruction]:
+        """Tell all slaves of a team something that they have to answer."""
+        team.wait_for(answer, towards)
+        return [Send(member.identity, order) for member in team.members]
 
     # Tasks.
 
-    def _hand_out(self) -> list[Instruction]:
+    def _hand_out(self, now: float) -> list[Instruction]:
         """Hand out tasks, as far as the slaves' limits allow."""
-        buckets = self.phase is Phase.BUCKETS
-        limit = self._limits.buckets_in_flight if buckets else self._limits.photon_tasks_in_flight
-        handed_out = self._tasks.hand_out(self._members, limit * self._processes)
-        return [Send(member.identity, protocol.StartTask(self.epoch, task)) for member, task in handed_out]
+        photons = self.phase is Phase.PHOTONS
+        limit = self._limits.photon_tasks_in_flight if photons else self._limits.buckets_in_flight
+        if photons:
+            teams = [team for team in self.roster.teams if self._traces(team)]
+        elif self.phase in (Phase.RECORDS, Phase.BUCKETS):
+            teams = self._working()
+        else:
+            teams = []
+        places = [(member, limit * self._processes(member)) for team in teams for member in team.members]
+        return self._start_tasks(list(self._tasks.hand_out(places, now)))
 
-    def _task_done(self, member: Member, result: TaskResult, now: float) -> list[Instruction]:
-        amount = self._tasks.take(member, result)
-        if amount is None:
-            self._dropped["repeated result"] += 1
+    def _hand_out_alone(self, team: Team) -> list[Instruction]:
+        """Hand out tasks of a team's own trace."""
+        handed_out: list[tuple[Member, Task]] = []
+        for member in team.members:
+            while team.alone and len(member.in_flight) < self._limits.photon_tasks_in_flight:
+                task = team.alone.popleft()
+                member.in_flight[task.number] = task
+                handed_out.append((member, task))
+        return self._start_tasks(handed_out)
+
+    def _start_tasks(self, handed_out: Sequence[tuple[Member, Task]]) -> list[Instruction]:
+        return [Send(member.identity, protocol.StartTask(self.epoch_of(member), task)) for member, task in handed_out]
+
+    def _task_done(self, team: Team, member: Member, result: TaskResult, now: float) -> list[Instruction]:
+        session = self.session
+        if session is None:  # another slave was faster, and the session has ended
+            if member.in_flight.pop(result.number, None) is None:
+                raise ProtocolError(f"a result came for task {result.number} while nothing is rendered")
             return []
-        out: list[Instruction] = [Advanced(amount), *bucket_done(member, result), *self._hand_out()]
-        if self._tasks.waiting or any(other.in_flight for other in self._members):
-            return out
-        return out + self._all_tasks_done(now)
+        if team.alone is not None and isinstance(result, PhotonsTraced) and result.number in member.in_flight:
+            self._tasks.take_again(member, result)
+            out = self._hand_out_alone(team)
+            return out if team.at_work else out + self._lead(team, session, now)
+        task = self._tasks.take(member, result, now)
+        if task is None:
+            self._dropped["repeated result"] += 1
+            return self._lead(team, session, now)
+        if isinstance(task, PhotonTask):
+            team.traced.append(task)
+        shown: list[Instruction] = [Advanced(units(task)), *bucket_done(member, result)]
+        return shown + self._hand_out(now) + self._go_on(session, now)
 
-    def _all_tasks_done(self, now: float) -> list[Instruction]:
-        if self.phase is Phase.PHOTONS:
-            return self._start_maps(now)
-        rounds = self._tasks.rounds
-        if self.phase is Phase.RECORDS and rounds is not None:
-            return self._end_round(rounds)
-        return self._start_statistics(now)
+    def _processes(self, member: Member) -> int:
+        """Most tasks that a slave does at once: several only where tasks need no other slave."""
+        alone = self.session is not None and len(self.session.burdens) == 1
+        return member.hello.processes if alone else 1
 
-    @property
-    def _processes(self) -> int:
-        """Most tasks that a slave does at once: only where tasks need no other slave."""
-        if self.session is None or len(self.session.holders) > 1:
-            return 1
-        return max(member.hello.processes for member in self._members)
-
-    @property
-    def _at_once(self) -> int:
-        """Tasks that are done at once by processes of slaves."""
-        return self._processes * len(self._members) if self._processes > 1 else 1
-
-    # Helpers.
-
-    def _to_all(self, message: protocol.FromMaster) -> list[Instruction]:
-        return [Send(member.identity, message) for member in self._members]
-
-    def _wait_for_all(self, phase: Phase) -> None:
-        self.phase = phase
-        self._waiting = set(range(self._members.expected))
+    def _at_once(self, session: Session) -> int:
+        """Tasks that are done at once without waiting for each other."""
+        if len(session.burdens) > 1:
+            return len(self.roster.teams)
+        return sum(member.hello.processes for member in self._members)
 
     def _end_phase(self, name: str, now: float) -> None:
         self._seconds[name] = now - self._phase_at

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Iterable, Mapping
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import Self
 
@@ -19,6 +19,7 @@ from wdpm.cluster.master import events as m
 from wdpm.cluster.master.loop import FROM_SLAVE, MasterLoop, Watch
 from wdpm.cluster.master.machine import Master
 from wdpm.cluster.master.observing import tell_display, tell_observer
+from wdpm.cluster.messages import protocol
 from wdpm.cluster.progress import ProgressObserver
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.transport.keys import Keys
@@ -40,6 +41,7 @@ class MasterServer:
     Args:
         listen_at: an address of any transport, tcp://HOST:PORT say; port 0 takes a free one.
         slaves: how many it waits for.
+        most: slaves that may be there at a time; None for no more than it waits for.
         security: keys of the cluster, or None.
         watch: tells of slave processes that were started here and have ended.
         agreed: what slaves must have in common with it; None for this process's versions.
@@ -54,13 +56,15 @@ class MasterServer:
         listen_at: str,
         slaves: int,
         *,
+        most: int | None = None,
         security: Keys | None = None,
         limits: ClusterLimits | None = None,
         watch: Watch = nobody,
         agreed: Mapping[str, str] | None = None,
     ) -> None:
-        if slaves > MOST_SLAVES:
-            raise SettingsError(f"{slaves} slaves: at most {MOST_SLAVES} can be connected with each other")
+        together = max(slaves, most or 0)
+        if together > MOST_SLAVES:
+            raise SettingsError(f"{together} slaves: at most {MOST_SLAVES} can be connected with each other")
         self._slaves = slaves
         self._told_to_wait = False
         self._closed = False
@@ -73,7 +77,7 @@ class MasterServer:
             self.endpoint = listener.endpoint
             self._mailbox = Mailbox()
             self._stack.callback(self._mailbox.close)
-            state = Master(slaves, versions() if agreed is None else agreed, limits)
+            state = Master(slaves, versions() if agreed is None else agreed, limits, most)
             self._loop = MasterLoop(state, network, listener, self._mailbox, watch, self._answers)
             self._thread = threading.Thread(target=self._loop.run, name="wdpm master", daemon=True)
             self._thread.start()
@@ -86,6 +90,20 @@ class MasterServer:
         """Messages that were not used so far, by reason."""
         return self._loop.state.dropped
 
+    def slaves(self, progress: ProgressObserver | None = None) -> tuple[protocol.Hello, ...]:
+        """The slaves that are there, once all have joined that it waits for.
+
+        Raises:
+            ClusterError: the cluster has ended because of an error, and cannot be used any more.
+        """
+        with self._interruptible():
+            self._tell_to_wait(progress)
+            self._mailbox.put(m.WaitForSlaves())
+            joined = self._follow(None, progress, None)
+        if not isinstance(joined, m.AllJoined):
+            raise AssertionError("a session ended before it began")
+        return joined.slaves
+
     def render(
         self, session: Session, progress: ProgressObserver | None = None, display: Display | None = None
     ) -> SessionResult:
@@ -94,28 +112,42 @@ class MasterServer:
         Raises:
             ClusterError: the cluster has ended because of an error, and cannot be used any more.
         """
+        with self._interruptible():
+            self._tell_to_wait(progress)
+            self._mailbox.put(m.Begin(session))
+            finished = self._follow(session, progress, display)
+        if not isinstance(finished, m.Finished):
+            raise AssertionError("a session ended without a result")
+        return finished.result
+
+    @contextmanager
+    def _interruptible(self) -> Iterator[None]:
+        """Whatever is raised meanwhile ends the cluster."""
         if self._closed:
             raise ClusterError("the cluster has been closed; start another")
         try:
-            if progress is not None and not self._told_to_wait:
-                self._told_to_wait = True
-                progress.note(f"waiting for {self._slaves} slaves at {self.endpoint}")
-            self._mailbox.put(m.Begin(session))
-            return self._follow(session, progress, display)
+            yield
         except BaseException as error:
             self._interrupt(error)
             raise
 
-    def _follow(self, session: Session, progress: ProgressObserver | None, display: Display | None) -> SessionResult:
+    def _tell_to_wait(self, progress: ProgressObserver | None) -> None:
+        if progress is not None and not self._told_to_wait:
+            self._told_to_wait = True
+            progress.note(f"waiting for {self._slaves} slaves at {self.endpoint}")
+
+    def _follow(
+        self, session: Session | None, progress: ProgressObserver | None, display: Display | None
+    ) -> m.Finished | m.AllJoined:
         while True:
             answer = self._answers.get()
             tell_display(answer, display)
             match answer:
-                case m.Finished(result):
-                    return result
+                case m.Finished() | m.AllJoined():
+                    return answer
                 case m.Broken(reason):
                     raise ClusterError(reason)
-                case m.MakePartition(cell):
+                case m.MakePartition(cell) if session is not None:
                     self._mailbox.put(m.PartitionMade(cell, session.partition(cell)))
                 case BaseException() as error:
                     raise error

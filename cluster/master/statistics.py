@@ -43,6 +43,7 @@ def check_statistics(values: dict[str, Any], world: World) -> None:
     lights = len(world.lights.names)
     tables: dict[str, tuple[type, tuple[int, ...]]] = {
         "photons": (int, (MAPS,)),
+        "copies": (int, (MAPS,)),
         "ghosts": (int, (MAPS,)),
         "paths_by_light": (int, (2, lights)),
         "flux_by_light": (float, (MAPS, lights)),
@@ -64,6 +65,15 @@ def check_statistics(values: dict[str, Any], world: World) -> None:
     cells = values["cells"]
     inside = isinstance(cells, list) and all(_is_count(cell) and cell < world.top_tree.cells for cell in cells)
     _require(inside, f"cells is {cells!r:.80}; expected numbers of cells")
+
+
+def of_nobody(world: World) -> dict[str, Any]:
+    """The statistics of a render whose slaves were all lost when it was done."""
+    lights = len(world.lights.names)
+    none: dict[str, Any] = dict.fromkeys(COUNTS, 0) | dict.fromkeys(SECONDS, 0.0)
+    none |= {name: {} for name in COUNTS_BY_NAME} | {name: [0] * MAPS for name in ("photons", "copies", "ghosts")}
+    by_light = {"paths_by_light": [[0] * lights] * 2, "stored_by_light": [[0] * lights] * MAPS}
+    return none | by_light | {"flux_by_light": [[0.0] * lights] * MAPS, "energy": [0.0] * MAPS, "cells": [], "slave": 0}
 
 
 def _require(condition: bool, what: str) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.film import Film, spiral
-from wdpm.cluster.master.members import Member, Members
+from wdpm.cluster.master.members import Member
 from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.task import (
     BucketRendered,
@@ -22,9 +23,32 @@ from wdpm.cluster.task import (
 from wdpm.cluster.world import View
 from wdpm.scenes.errors import ProtocolError
 
+LATE = 4.0
+"""A task is late if it takes so many times the mean of those that are done ..."""
+
+LATE_S = 10.0
+"""... and at least so long [s]: another slave that has nothing to do is given it, too."""
+
+
+@dataclass
+class _Flying:
+    """A task that slaves are at.
+
+    Attributes:
+        since: when it was handed out first [s].
+        slaves: their numbers.
+    """
+
+    task: Task
+    since: float
+    slaves: set[int]
+
 
 class Tasks:
     """Tasks of one kind after another: photon paths, rounds of records, buckets.
+
+    A task whose slave is lost waits again. Its result has the same bits whoever brings it, so it may also be with two
+    slaves at once; the first result counts.
 
     Attributes:
         film: the image, from its first bucket until the session ends.
@@ -34,10 +58,14 @@ class Tasks:
     def __init__(self) -> None:
         self.film: Film | None = None
         self.rounds: RecordRounds | None = None
-        self._photons: dict[int, PhotonsTraced] = {}
+        self._photons: dict[int, PhotonsTraced] = {}  # by first path
+        self._paths: list[tuple[int, int]] = []
         self._waiting: deque[Task] = deque()
+        self._flying: dict[int, _Flying] = {}
         self._done: dict[int, Task] = {}
+        self._seconds: list[float] = []  # that each of those took
         self._next_number = 0
+        self._total = 0
 
     @property
     def waiting(self) -> bool:
@@ -45,80 +73,159 @@ class Tasks:
         return bool(self._waiting)
 
     @property
+    def finished(self) -> bool:
+        """Whether none waits, and slaves are at none."""
+        return not self._waiting and not self._flying
+
+    @property
+    def begun(self) -> float:
+        """The share of the tasks that were handed out."""
+        return 1.0 - len(self._waiting) / max(self._total, 1)
+
+    @property
     def photons(self) -> tuple[PhotonsTraced, ...]:
-        """What came of the photon paths that the maps are of, by task."""
-        return tuple(self._photons[number] for number in sorted(self._photons))
+        """What came of the photon paths that the maps are of, in the order of the paths."""
+        return tuple(self._photons[start] for start in sorted(self._photons))
 
     def trace(self, paths: int, size: int) -> None:
         """Photon paths are to be traced, `size` a task."""
         self._photons = {}
-        self._begin(
-            [
-                PhotonTask(self._next_number + index, start, min(start + size, paths))
-                for index, start in enumerate(range(0, paths, size))
-            ]
-        )
+        self._paths = [(start, min(start + size, paths)) for start in range(0, paths, size)]
+        self._begin(self.trace_again())
+
+    def trace_again(self) -> list[PhotonTask]:
+        """The tasks of that trace once more, for slaves that have to do it by themselves."""
+        tasks = [PhotonTask(self._next_number + index, *paths) for index, paths in enumerate(self._paths)]
+        self._next_number += len(tasks)
+        return tasks
 
     def make_records(self, rounds: RecordRounds, slaves: int, limits: ClusterLimits) -> None:
         """The records of a round are to be made."""
         self.rounds = rounds
-        self._begin(rounds.tasks(slaves, limits, self._next_number))
+        tasks = rounds.tasks(slaves, limits, self._next_number)
+        self._next_number += len(tasks)
+        self._begin(tasks)
 
     def render(self, view: View, layers: Mapping[str, int]) -> int:
         """An image is to be rendered. Returns how many buckets it has."""
         self.film = Film(view.camera.width, view.camera.height, layers)
         buckets = spiral(view.camera.width, view.camera.height, view.bucket, self._next_number)
+        self._next_number += len(buckets)
         self._begin(buckets)
         return len(buckets)
 
     def _begin(self, tasks: Sequence[Task]) -> None:
-        self._done = {}
+        self._flying, self._done, self._seconds = {}, {}, []
         self._waiting = deque(tasks)
-        self._next_number += len(tasks)
+        self._total = len(tasks)
 
-    def hand_out(self, members: Members, limit: int) -> Iterator[tuple[Member, Task]]:
-        """Tasks, one each in turn, as far as they and the limit of tasks in flight go."""
-        for depth in range(limit):
-            for member in members:
-                if self._waiting and len(member.in_flight) == depth:
+    def hand_out(self, places: Sequence[tuple[Member, int]], now: float) -> Iterator[tuple[Member, Task]]:
+        """Tasks, one each in turn, as far as they go.
+
+        Args:
+            places: slaves, and how many tasks each may be at.
+        """
+        for depth in range(max((limit for _, limit in places), default=0)):
+            for member, limit in places:
+                if self._waiting and depth < limit and len(member.in_flight) == depth:
                     task = self._waiting.popleft()
+                    self._flying[task.number] = _Flying(task, now, {member.number})
                     member.in_flight[task.number] = task
                     yield member, task
 
-    def take(self, member: Member, result: TaskResult) -> int | None:
-        """Keep what came of a task. Returns the units of work that it was; None if the same has come before."""
-        task = member.in_flight.get(result.number)
-        if task is None:
-            self._check_repeated(result)
+    def hand_out_late(self, idle: Sequence[Member], now: float) -> Iterator[tuple[Member, Task]]:
+        """For slaves that have nothing to do: tasks that others take very long for, each to one more slave."""
+        if self._waiting or not self._seconds:
+            return
+        limit = max(LATE_S, LATE * sum(self._seconds) / len(self._seconds))
+        late = [
+            each
+            for each in self._flying.values()
+            if now - each.since > limit and len(each.slaves) == 1 and not isinstance(each.task, PhotonTask)
+        ]
+        for member, flying in zip(idle, sorted(late, key=lambda each: each.since), strict=False):
+            flying.slaves.add(member.number)
+            member.in_flight[flying.task.number] = flying.task
+            yield member, flying.task
+
+    def give_back(self, member: Member) -> None:
+        """What a slave was at waits again, unless another one is at it, too."""
+        again = []
+        for number, task in member.in_flight.items():
+            flying = self._flying.get(number)
+            if flying is not None:
+                flying.slaves.discard(member.number)
+                if not flying.slaves:
+                    del self._flying[number]
+                    again.append(task)
+        self._waiting.extendleft(reversed(again))
+        member.in_flight.clear()
+
+    def lose_photons(self, traced: Sequence[PhotonTask]) -> None:
+        """What tasks brought is lost with the slaves that had it: they wait again."""
+        for task in traced:
+            del self._photons[task.start], self._done[task.number]
+        self._waiting.extendleft(reversed(traced))
+
+    def take(self, member: Member, result: TaskResult, now: float) -> Task | None:
+        """Keep what came of a task. Returns the task; None if its result is there, or is not wanted any more."""
+        handed = member.in_flight.get(result.number)
+        flying = self._flying.get(result.number)
+        if handed is None or flying is None:
+            self._check_repeated(result, handed)
+            member.in_flight.pop(result.number, None)
             return None
+        self._keep(handed, result)
+        self._seconds.append(now - flying.since)
+        del member.in_flight[handed.number], self._flying[handed.number]
+        self._done[handed.number] = handed
+        return handed
+
+    def take_again(self, member: Member, result: TaskResult) -> None:
+        """A slave has done a task of a trace of its own: what it brings is known, or as good as that of the others."""
+        task = member.in_flight.get(result.number)
+        if not (isinstance(task, PhotonTask) and isinstance(result, PhotonsTraced)):
+            raise ProtocolError(f"{type(result).__name__} came for {task}")
+        _check_paths(task, result)
+        self._photons[task.start] = result
+        del member.in_flight[task.number]
+
+    def _keep(self, task: Task, result: TaskResult) -> None:
         if isinstance(task, PhotonTask) and isinstance(result, PhotonsTraced):
-            paths = task.stop - task.start
-            if result.paths != paths:
-                raise ProtocolError(f"photon task {task.number} has {paths} paths; it says {result.paths}")
-            self._photons[task.number] = result
-            amount = result.paths
+            _check_paths(task, result)
+            self._photons[task.start] = result
         elif isinstance(task, BucketTask) and isinstance(result, BucketRendered) and self.film is not None:
             self.film.put(task, result)
-            amount = 1
         elif isinstance(task, RecordTask) and isinstance(result, RecordsMade) and self.rounds is not None:
             self.rounds.put(task, result)
-            amount = task.stop - task.start
         else:
             raise ProtocolError(f"{type(result).__name__} came for {task}")
-        del member.in_flight[task.number]
-        self._done[task.number] = task
-        return amount
 
-    def _check_repeated(self, result: TaskResult) -> None:
-        """A result of a task that is not in flight: harmless if it says the same again."""
+    def _check_repeated(self, result: TaskResult, handed: Task | None) -> None:
+        """A result that is there already: harmless if it says the same again."""
         task = self._done.get(result.number)
+        if task is None:
+            if handed is None:
+                raise ProtocolError(f"a result came for task {result.number}, which it was not handed")
+            return  # of a phase that has ended: another slave was faster
         if isinstance(task, BucketTask) and isinstance(result, BucketRendered) and self.film is not None:
             same = self.film.holds(task, result)
         elif isinstance(task, PhotonTask) and isinstance(result, PhotonsTraced):
-            same = self._photons[task.number] == result
+            same = replace(self._photons[task.start], number=result.number) == result
         elif isinstance(task, RecordTask) and isinstance(result, RecordsMade) and self.rounds is not None:
             same = self.rounds.holds(task, result)
         else:
-            raise ProtocolError(f"a result came for task {result.number}, which it was not handed")
+            raise ProtocolError(f"{type(result).__name__} came for {task}")
         if not same:
             raise ProtocolError(f"two results of task {result.number} differ")
+
+
+def units(task: Task) -> int:
+    """How much work a task is, as progress counts it: paths, candidates, buckets."""
+    return 1 if isinstance(task, BucketTask) else task.stop - task.start
+
+
+def _check_paths(task: PhotonTask, result: PhotonsTraced) -> None:
+    paths = task.stop - task.start
+    if result.paths != paths:
+        raise ProtocolError(f"photon task {task.number} has {paths} paths; it says {result.paths}")

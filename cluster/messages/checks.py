@@ -329,7 +329,7 @@ MOST_PROCESSES = 4096
 
 def _hello(hello: protocol.Hello, where: str) -> None:
     _require(len(hello.versions) <= 64, where, f"{len(hello.versions)} versions")
-    _require(min(hello.threads, hello.memory, hello.process) >= 0, where, "a negative count")
+    _require(min(hello.threads, hello.memory, hello.own_memory, hello.process) >= 0, where, "a negative count")
     _require(1 <= hello.processes <= MOST_PROCESSES, where, f"{hello.processes} processes")
     names = [*hello.versions, *hello.versions.values(), hello.host]
     _require(max(map(len, names)) <= LONGEST_NAME, where, f"a name of more than {LONGEST_NAME} characters")
@@ -343,10 +343,16 @@ def _endpoint(endpoint: str, where: str) -> None:
 
 
 def _setup(setup: protocol.Setup, where: str) -> None:
-    slaves = len(setup.peers)
+    slaves = sum(bool(peer) for peer in setup.peers)
     _require(slaves <= MOST_SLAVES, where, f"{slaves} slaves; at most {MOST_SLAVES} are connected with")
     for number, peer in enumerate(setup.peers):
-        _endpoint(peer, f"{where}.peers[{number}]")
+        if peer:  # of the team
+            _endpoint(peer, f"{where}.peers[{number}]")
+
+
+def _copy(copy: protocol.Copy, where: str) -> None:
+    _require(min(copy.cell, copy.slave, copy.epoch) >= 0, where, f"{copy} makes no sense")
+    _endpoint(copy.endpoint, f"{where}.endpoint")
 
 
 def _welcome(welcome: protocol.Welcome, where: str) -> None:
@@ -377,5 +383,6 @@ _RANGES: dict[type, Callable[[Any, str], None]] = {
     protocol.Partition: _partition,
     protocol.Hello: _hello,
     protocol.Setup: _setup,
+    protocol.Copy: _copy,
     protocol.Welcome: _welcome,
 }

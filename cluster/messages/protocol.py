@@ -2,8 +2,9 @@
 
 `PROTOCOL` grows by one with every change that an older process would not understand.
 
-Every message that belongs to a render carries the epoch. It grows by one whenever the cells get new holders; a message
-of an older epoch is dropped, since what it speaks of is gone.
+Every message that belongs to a render carries the epoch of a team: the slaves that have all cells of the scene among
+them. Each team has an epoch of its own, and a new one whenever its cells get new holders; a message of another epoch is
+dropped, since what it speaks of is gone.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from wdpm.cluster.task import Task, TaskResult
 from wdpm.cluster.world import PhotonPlan, View, World
 from wdpm.scenes.flat.arrays import Triangles
 
-PROTOCOL = 6
+PROTOCOL = 7
 
 
 # From a slave to the master.
@@ -31,7 +32,8 @@ class Hello:
         versions: what the image's bits depend on, by name; must equal the master's.
         host: name of the machine; process: its process number there; for messages.
         threads: cores that it computes with.
-        memory: main memory of the machine [bytes].
+        memory: main memory of the machine [bytes] ...
+        own_memory: ... and what the slave may use of it, if somebody said so; 0 otherwise [bytes].
         peers: endpoint where its peers reach it.
         processes: tasks that it does at once where it holds the whole scene.
     """
@@ -43,6 +45,7 @@ class Hello:
     memory: int
     peers: str
     processes: int = 1
+    own_memory: int = 0
 
 
 @dataclass(frozen=True)
@@ -169,17 +172,19 @@ class Refuse:
 
 @dataclass(frozen=True)
 class Setup:
-    """A new world; the slave's cells follow as Partitions.
+    """A world without photons; the slave's cells follow as Partitions, but for those that it keeps.
 
     Attributes:
-        holders: cell -> number of the slave that holds it.
-        peers: number of a slave -> its endpoint for peers.
+        holders: cell -> number of the slave of the team that holds it.
+        peers: number of a slave -> its endpoint for peers; empty for those that are not of the team.
+        kept: cells of this world that the slave has, built, from an epoch before.
     """
 
     epoch: int
     world: World
     holders: tuple[int, ...]
     peers: tuple[str, ...]
+    kept: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -206,10 +211,32 @@ class StartTask:
 
 
 @dataclass(frozen=True)
+class Copy:
+    """The photons of a cell that landed in one team are needed in another.
+
+    Attributes:
+        slave: holds the cell in the other team, and is reached at `endpoint`.
+        epoch: of the other team.
+    """
+
+    cell: int
+    slave: int
+    epoch: int
+    endpoint: str
+
+
+@dataclass(frozen=True)
 class BuildMaps:
-    """All photons have landed: send ghosts to the peers, and build the maps when theirs have come."""
+    """All photons have landed: send copies to other teams, ghosts to the peers, and build maps when theirs have come.
+
+    Attributes:
+        copies: of photons that landed here.
+        awaited: how many batches of copies come from other teams.
+    """
 
     epoch: int
+    copies: tuple[Copy, ...] = ()
+    awaited: int = 0
 
 
 @dataclass(frozen=True)
@@ -253,6 +280,13 @@ class Stop:
 
     reason: str
     completed: bool
+
+
+@dataclass(frozen=True)
+class Dismissed:
+    """The sender is no member, or no longer one: it may join, under another name than it had."""
+
+    reason: str
 
 
 # Both ways.
@@ -325,6 +359,7 @@ FromMaster = (
     | SetRecords
     | ForgetPhotons
     | ReadStatistics
+    | Dismissed
     | Stop
     | Heartbeat
     | Rejected

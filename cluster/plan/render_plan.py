@@ -7,7 +7,6 @@ and the image does not depend on them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.light_shares import shared_out
 from wdpm.cluster.plan.map_plans import irradiance_plan, map_plans, volume_unit
-from wdpm.cluster.plan.partition import deal, rows_of_cells
+from wdpm.cluster.plan.partition import rows_of_cells
 from wdpm.cluster.plan.photon_pilot import fly_pilot
 from wdpm.cluster.plan.top_tree import build_top_tree, photons_in_cells
 from wdpm.cluster.render_settings import RenderSettings
@@ -34,7 +33,7 @@ class RenderPlan:
 
     Attributes:
         rows: the triangles of each cell, rows of the flat scene.
-        holders: the worker that holds each cell.
+        burdens: what each cell weighs: its shares of all triangles and of all photons.
         pilot: the pilot's one-cell worker, to be used again, where there is but one cell; otherwise None, since it
             holds the whole scene.
         pilot_photons: places of the pilot's photons, float32, shape [P, 3].
@@ -42,7 +41,7 @@ class RenderPlan:
 
     world: World
     rows: list[NDArray[np.intp]]
-    holders: list[int]
+    burdens: tuple[float, ...]
     pilot: CellWorker | None
     pilot_photons: NDArray[np.float32]
 
@@ -82,11 +81,6 @@ def make_render_plan(
     burdens = np.array([len(r) for r in rows], np.float64) / len(flat.triangles)
     if len(places):
         burdens += photons_in_cells(places, tree) / len(places)
-    holders = deal(burdens, max(workers, 1))
     pilot.worker.forget_photons()
-    return RenderPlan(world, rows, holders, pilot.worker if tree.cells == 1 else None, places)
-
-
-def cells_of(holders: Sequence[int], worker: int) -> list[int]:
-    """The cells that a worker holds."""
-    return [cell for cell, holder in enumerate(holders) if holder == worker]
+    weights = tuple(float(burden) for burden in burdens)
+    return RenderPlan(world, rows, weights, pilot.worker if tree.cells == 1 else None, places)

@@ -133,10 +133,9 @@ class AnswerPeer:
 
 @dataclass(frozen=True)
 class ConnectPeers:
-    """Open a connection to each peer but oneself."""
+    """Be connected with these peers, by number and endpoint, and with no others. What stands is not touched."""
 
-    number: int
-    peers: tuple[str, ...]
+    peers: tuple[tuple[int, str], ...]
 
 
 @dataclass(frozen=True)
@@ -148,7 +147,13 @@ class Run:
 
 @dataclass(frozen=True)
 class Reconnect:
-    """Open a fresh connection to the master; what waits in the old one is thrown away."""
+    """Open a fresh connection to the master; what waits in the old one is thrown away.
+
+    Attributes:
+        fresh: whether under a name that the master has not seen: it may know the old one for lost.
+    """
+
+    fresh: bool = False
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from wdpm.cluster.batch import Batch
+from wdpm.cluster.messages.protocol import Copy
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.records import NO_RECORDS, Records
 from wdpm.cluster.task import Task, TaskResult
@@ -26,6 +27,10 @@ class Worker(Protocol):
     def start(self, task: Task) -> Outbox: ...
 
     def handle(self, batch: Batch) -> Outbox: ...
+
+    def regroup(self, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]) -> None: ...
+
+    def copies(self, cells: Sequence[int]) -> Sequence[Batch]: ...
 
     def exchange_ghosts(self) -> Sequence[Batch]: ...
 
@@ -60,12 +65,17 @@ Share = Callable[[Worker], TaskProcesses | None]
 
 @dataclass(frozen=True)
 class Build:
-    """Make the worker; may compile kernels."""
+    """Make the worker, or go on with the one that there is; may compile kernels.
+
+    Attributes:
+        kept: cells of this world that the worker has from before. It is made anew if there are none.
+    """
 
     number: int
     world: World
     partition: Mapping[int, Triangles]
     holders: tuple[int, ...]
+    kept: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -81,6 +91,13 @@ class StartTask:
 @dataclass(frozen=True)
 class HandleBatch:
     batch: Batch
+
+
+@dataclass(frozen=True)
+class SendCopies:
+    """Send what landed here to other teams: one batch for each of `copies`, in their order."""
+
+    copies: tuple[Copy, ...]
 
 
 @dataclass(frozen=True)
@@ -113,7 +130,16 @@ class ReadStatistics:
 
 
 Job = (
-    Build | SetView | StartTask | HandleBatch | ExchangeGhosts | BuildMaps | SetRecords | ForgetPhotons | ReadStatistics
+    Build
+    | SetView
+    | StartTask
+    | HandleBatch
+    | SendCopies
+    | ExchangeGhosts
+    | BuildMaps
+    | SetRecords
+    | ForgetPhotons
+    | ReadStatistics
 )
 
 
@@ -188,14 +214,20 @@ class Compute:
     def run(self, job: Job) -> Outcome:
         """Run a job here, whatever it is."""
         if isinstance(job, Build):
-            self._worker = None  # frees the world before, so that the two are never in memory together
-            self._worker = self._make_worker(job.number, job.world, job.partition, job.holders)
-            self._elsewhere = None if self._share is None else self._share(self._worker)
-            # The job is not kept: it would keep triangles that the worker may have let go.
-            return Outcome(Build(job.number, job.world, {}, job.holders))
+            return self._build(job)
         if self._worker is None:
             raise AssertionError(f"{type(job).__name__} before Build")
         return self._run(self._worker, job)
+
+    def _build(self, job: Build) -> Outcome:
+        if job.kept and self._worker is not None:
+            self._worker.regroup(job.world, job.partition, job.holders)
+        else:
+            self._worker = None  # frees the world before, so that the two are never in memory together
+            self._worker = self._make_worker(job.number, job.world, job.partition, job.holders)
+            self._elsewhere = None if self._share is None else self._share(self._worker)
+        # The job is not kept: it would keep triangles that the worker may have let go.
+        return Outcome(Build(job.number, job.world, {}, job.holders, job.kept))
 
     def _run(self, worker: Worker, job: Job) -> Outcome:
         match job:
@@ -207,6 +239,8 @@ class Compute:
                 return Outcome(job, outbox.batches, outbox.results)
             case SetView(view):
                 worker.set_view(view)
+            case SendCopies(copies):
+                return Outcome(job, worker.copies([copy.cell for copy in copies]))
             case ExchangeGhosts():
                 return Outcome(job, worker.exchange_ghosts(), ghosts_expected=worker.ghosts_expected())
             case BuildMaps():

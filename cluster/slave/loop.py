@@ -60,6 +60,7 @@ class SlaveShell:
         self._tell = tell
         self._identity = uuid.uuid4().bytes
         self._peers: dict[int, Connection] = {}
+        self._endpoints: dict[int, str] = {}
         self._master = self._connect_master()
 
     def receive(self) -> None:
@@ -132,14 +133,15 @@ class SlaveShell:
                 self._submit(job)
             case s.ToMaster(message):
                 self.tell_master(message)
-            case s.ConnectPeers(own, peers):
-                self._connect_peers(own, peers)
+            case s.ConnectPeers(peers):
+                self._connect_peers(dict(peers))
             case s.AnswerPeer(identity, message):
                 if isinstance(message, protocol.PeerWelcome):
                     self._listener.admit(identity)
                 self._listener.send(identity, message)  # a stranger that is gone needs no answer
-            case s.Reconnect():
+            case s.Reconnect(fresh):
                 self._master.close(deliver=False)
+                self._identity = uuid.uuid4().bytes if fresh else self._identity
                 self._master = self._connect_master()
             case s.Tell(text):
                 self._tell(text)
@@ -161,15 +163,15 @@ class SlaveShell:
         # The same identity again, so that a second connection is known for the same slave.
         return self._network.connect(self._master_address, Role.MASTER, FROM_MASTER, self._identity)
 
-    def _connect_peers(self, own: int, peers: tuple[str, ...]) -> None:
-        for connection in self._peers.values():
-            connection.close(deliver=True)
-        self._peers = {}
-        for number, endpoint in enumerate(peers):
-            if number == own:
+    def _connect_peers(self, peers: dict[int, str]) -> None:
+        for number in [number for number in self._peers if peers.get(number) != self._endpoints[number]]:
+            self._peers.pop(number).close(deliver=True)
+        for number, endpoint in peers.items():
+            if number in self._peers:
                 continue
             try:
                 self._peers[number] = self._network.connect(endpoint, Role.SLAVE, PEER_ANSWER)
+                self._endpoints[number] = endpoint
             except ClusterError as error:
                 self.handle(s.PeerAnswered(number, protocol.Rejected(str(error))))
 

@@ -11,15 +11,13 @@ The shell in loop.py brings events and carries out instructions.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Sequence
 
-import numpy as np
-
-from wdpm.cluster.batch import GHOSTS, TO_HOME, Batch
+from wdpm.cluster.batch import OF_MAPS, TO_HOME, Batch
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.messages import checks, protocol
 from wdpm.cluster.queues import Queues
 from wdpm.cluster.slave import jobs
+from wdpm.cluster.slave.cells import ArrivingCells
 from wdpm.cluster.slave.events import (
     AnswerPeer,
     Computed,
@@ -45,9 +43,9 @@ from wdpm.cluster.slave.events import (
     Unreadable,
 )
 from wdpm.cluster.slave.jobs import Job, Outcome
+from wdpm.cluster.slave.map_material import MapMaterial
 from wdpm.cluster.slave.peers import Peers
 from wdpm.scenes.errors import ProtocolError
-from wdpm.scenes.flat.arrays import Triangles
 
 SLOW_BUILD_S = 3.0
 """A build that takes longer than this is worth a word to the person who waits."""
@@ -81,19 +79,17 @@ class Slave:
         self._heard_at = self._ticked_at = self._beat_at = 0.0
         self._epoch = 0
         self._setup: protocol.Setup | None = None
-        self._parts: dict[int, list[Triangles]] = {}
-        self._partition: dict[int, Triangles] = {}
-        self._missing: set[int] = set()
+        self._arriving: ArrivingCells | None = None
+        self._had: frozenset[int] = frozenset()  # cells of the worker that was built last
         self._peers = Peers(self._limits.peer_answer_s)
         self._orders: deque[Job] = deque()
-        self._ghosts: deque[Batch] = deque()
+        self._material = MapMaterial()
         self._batches = Queues()
         self._tasks: deque[jobs.StartTask] = deque()
         self._running: list[tuple[int, Job]] = []  # with the epoch of each
         self._running_since = 0.0
         self._slow_build_told = False
-        self._ghosts_handled = 0
-        self._ghosts_expected: int | None = None
+        self._joined_before = False
         self._dropped: Counter[str] = Counter()
         self._ended = False
 
@@ -159,7 +155,7 @@ class Slave:
             case MasterLost():
                 if self._welcome is None:
                     return []  # it does not listen yet
-                return self._exit(f"lost the connection to the master at {self._endpoint}", elsewhere=True)
+                return self._join_again("the connection broke", now)
             case MasterRefused():
                 self._refused = True
                 return []
@@ -178,8 +174,7 @@ class Slave:
             self._peers.stood_still(slept)
         silence = now - self._heard_at
         if silence > self._welcome.liveness_s:
-            text = f"the master at {self._endpoint} has been silent for {silence:.0f} s; it may have died"
-            return self._exit(text, elsewhere=True)
+            return self._join_again(f"it has been silent for {silence:.0f} s", now)
         out = self._peers.overdue(now)
         if now >= self._beat_at:
             self._beat_at = now + self._welcome.heartbeat_s
@@ -199,6 +194,9 @@ class Slave:
                     f"the master at {self._endpoint} does not accept this slave's keys; "
                     "give --keys with the folder that the master has, or none if it has none"
                 )
+            if self._joined_before:
+                lost = f"lost the master at {self._endpoint}, and none answered there within {self._patience:g} s"
+                return self._exit(lost, elsewhere=True)
             return self._exit(
                 f"no master answered at {self._endpoint} within {self._patience:g} s; "
                 "check that `wdpm master` runs there, and its address, port and firewall"
@@ -212,6 +210,26 @@ class Slave:
             Reconnect(),
             ToMaster(self._hello),
         ]
+
+    def _join_again(self, reason: str, now: float) -> list[Instruction]:
+        """The master is lost: it, or another one at its address, may be back soon. What was begun is forgotten."""
+        self._welcome, self._setup, self._arriving = None, None, None
+        self._joined_before = True
+        self._clear(epoch=0)
+        self._peers.forget()
+        self._wait = self._limits.join_first_s
+        self._give_up_at, self._retry_at = now + self._patience, now + self._wait
+        text = f"lost the master at {self._endpoint} ({reason}); tries to join again for {self._patience:g} s"
+        return [Tell(text), ConnectPeers(()), Reconnect(fresh=True), ToMaster(self._hello)]
+
+    def _clear(self, epoch: int) -> None:
+        """Begin an epoch: what was ordered and came before is void, and so is what a running job will bring."""
+        self._epoch = epoch
+        self._orders.clear()
+        self._material = MapMaterial()
+        self._batches = Queues()
+        self._tasks.clear()
+        self._running = [(-1, job) for _, job in self._running]
 
     def _leave(self, reason: str) -> list[Instruction]:
         return [ToMaster(protocol.Goodbye(reason)), *self._exit(reason)]
@@ -245,6 +263,8 @@ class Slave:
                 if completed:
                     return [goodbye, Tell(f"stopped: {reason}"), *self._exit(None)]
                 return [goodbye, *self._exit(f"the render ended without an image: {reason}", elsewhere=True)]
+            case protocol.Dismissed(reason):
+                return self._join_again(f"it takes this slave for lost: {reason}", now)
             case protocol.Rejected(reason):
                 return self._fail(f"the master could not read a message of this slave: {reason}")
         if self._welcome is None:
@@ -253,7 +273,7 @@ class Slave:
             return self._set_up(message, self._welcome, now)
         if message.epoch != self._epoch:
             return self._drop(f"{type(message).__name__} of another epoch")
-        return self._ordered(message)
+        return self._ordered(message, now)
 
     def _ordered(
         self,
@@ -264,6 +284,7 @@ class Slave:
         | protocol.SetRecords
         | protocol.ForgetPhotons
         | protocol.ReadStatistics,
+        now: float,
     ) -> list[Instruction]:
         match message:
             case protocol.Partition():
@@ -271,7 +292,7 @@ class Slave:
             case protocol.StartTask(_, task):
                 self._tasks.append(jobs.StartTask(task))
             case protocol.BuildMaps():
-                self._orders.append(jobs.ExchangeGhosts())
+                return self._build_maps(message, now)
             case protocol.SetView(_, view):
                 self._orders.append(jobs.SetView(view))
             case protocol.SetRecords(_, records):
@@ -285,53 +306,43 @@ class Slave:
     def _set_up(self, setup: protocol.Setup, welcome: protocol.Welcome, now: float) -> list[Instruction]:
         if setup.epoch <= self._epoch:
             return self._drop("Setup of an older epoch")
-        self._check_setup(setup, welcome)
-        self._epoch = setup.epoch
+        self._arriving = ArrivingCells(setup, welcome.number, self._had)
         self._setup = setup
-        self._parts, self._partition = {}, {}
-        self._missing = {cell for cell, holder in enumerate(setup.holders) if holder == welcome.number}
-        self._orders.clear()
-        self._ghosts.clear()
-        self._batches = Queues()
-        self._tasks.clear()
-        self._ghosts_handled, self._ghosts_expected = 0, None
-        out: list[Instruction] = []
-        if self._peers.set_up(setup.peers, welcome.number, now):
-            out.append(ConnectPeers(welcome.number, setup.peers))
-            greeting = protocol.PeerHello(welcome.cluster, welcome.number)
-            out += [ToPeer(peer, greeting) for peer in range(len(setup.peers)) if peer != welcome.number]
-        self._build_if_complete()
+        self._clear(setup.epoch)
+        team = {number: peer for number, peer in enumerate(setup.peers) if peer and number != welcome.number}
+        out = self._connect(team, welcome, now)
+        self._build_if_complete(self._arriving, setup)
         return out
 
-    def _check_setup(self, setup: protocol.Setup, welcome: protocol.Welcome) -> None:
-        cells = setup.world.top_tree.cells
-        if len(setup.holders) != cells:
-            raise ProtocolError(f"Setup names holders of {len(setup.holders)} cells; its top tree has {cells}")
-        if not all(0 <= holder < len(setup.peers) for holder in setup.holders):
-            raise ProtocolError(f"Setup names a holder outside 0 to {len(setup.peers) - 1}")
-        if not welcome.number < len(setup.peers):
-            raise ProtocolError(f"Setup has no endpoint for slave {welcome.number}")
+    def _connect(self, peers: dict[int, str], welcome: protocol.Welcome, now: float) -> list[Instruction]:
+        """Be connected with these peers and no others."""
+        new = self._peers.set_up(peers, now)
+        greeting = protocol.PeerHello(welcome.cluster, welcome.number)
+        return [ConnectPeers(tuple(sorted(peers.items()))), *(ToPeer(peer, greeting) for peer in new)]
+
+    def _build_maps(self, order: protocol.BuildMaps, now: float) -> list[Instruction]:
+        """Other teams may be needed for that, which this slave has no connection with."""
+        if self._setup is None or self._welcome is None:
+            raise ProtocolError("BuildMaps came before Setup")
+        for copy in order.copies:
+            if not (copy.cell < len(self._setup.holders) and self._setup.holders[copy.cell] == self.number):
+                raise ProtocolError(f"BuildMaps asks for copies of cell {copy.cell}, which is not held here")
+        self._orders += self._material.ordered(order)
+        others = {copy.slave: copy.endpoint for copy in order.copies}
+        return self._connect({**self._peers.endpoints, **others}, self._welcome, now) if others else []
 
     def _receive(self, message: protocol.Partition) -> list[Instruction]:
-        if self._setup is None or message.cell not in self._missing:
+        if self._setup is None or self._arriving is None:
             raise ProtocolError(f"the master sent cell {message.cell}, which is not expected here")
-        parts = self._parts.setdefault(message.cell, [])
-        if message.part != len(parts) or message.parts <= message.part:
-            raise ProtocolError(f"part {message.part} of {message.parts} of cell {message.cell} is out of order")
-        parts.append(message.triangles)
-        if len(parts) < message.parts:
+        if not self._arriving.receive(message):
             return []
-        triangles = join(self._parts.pop(message.cell))
-        checks.check_triangles(triangles, self._setup.world, f"cell {message.cell}")
-        self._partition[message.cell] = triangles
-        self._missing.remove(message.cell)
-        self._build_if_complete()
+        self._build_if_complete(self._arriving, self._setup)
         return [ToMaster(protocol.PartitionReceived(self._epoch, message.cell))]
 
-    def _build_if_complete(self) -> None:
-        if self._setup is not None and not self._missing:
-            partition, self._partition = self._partition, {}
-            self._orders.append(jobs.Build(self.number, self._setup.world, partition, self._setup.holders))
+    def _build_if_complete(self, arriving: ArrivingCells, setup: protocol.Setup) -> None:
+        if arriving.complete:
+            self._arriving = None
+            self._orders.append(jobs.Build(self.number, setup.world, arriving.take(), setup.holders, setup.kept))
 
     def _peer_said(self, identity: bytes, message: protocol.FromPeer) -> list[Instruction]:
         if isinstance(message, protocol.PeerHello):
@@ -370,8 +381,8 @@ class Slave:
     def _destination(self, batch: Batch, source: str) -> int:
         holders = () if self._setup is None else self._setup.holders
         slaves = 0 if self._setup is None else len(self._setup.peers)
-        least_home = -1 if batch.kind in GHOSTS else 0
-        if not (0 <= batch.cell < len(holders) and least_home <= batch.home < slaves):
+        home_known = batch.kind in OF_MAPS or 0 <= batch.home < slaves
+        if not (0 <= batch.cell < len(holders) and home_known):
             raise ProtocolError(
                 f"a {batch.kind.value} batch of {source} is for cell {batch.cell} and home {batch.home}; "
                 f"there are {len(holders)} cells and {slaves} slaves"
@@ -383,8 +394,8 @@ class Slave:
             raise ProtocolError(f"a {batch.kind.value} batch of {source} is not for slave {self.number}")
 
     def _enqueue(self, batch: Batch) -> None:
-        if batch.kind in GHOSTS:
-            self._ghosts.append(batch)  # counted, so they must not be joined
+        if batch.kind in OF_MAPS:
+            self._material.add(batch)
         else:
             self._batches.add(batch)
 
@@ -406,8 +417,8 @@ class Slave:
             return self._tasks.popleft()
         if self._orders:
             return self._orders.popleft()
-        if self._ghosts:
-            return jobs.HandleBatch(self._ghosts.popleft())
+        if self._material:
+            return jobs.HandleBatch(self._material.pop())
         if self._batches:
             return jobs.HandleBatch(self._batches.pop())
         return self._tasks.popleft() if self._tasks else None
@@ -419,8 +430,15 @@ class Slave:
 
     def _computed(self, outcome: Outcome) -> list[Instruction]:
         job, epoch = self._end_job(outcome.job)
+        if isinstance(job, jobs.Build):
+            self._had = frozenset(cell for cell, holder in enumerate(job.holders) if holder == job.number)
         if epoch != self._epoch:
             return self._drop("outcome of another epoch")  # a Setup came while the worker was busy
+        if isinstance(job, jobs.SendCopies):
+            return [
+                ToPeer(copy.slave, protocol.PeerBatch(copy.epoch, batch))
+                for copy, batch in zip(job.copies, outcome.batches, strict=True)
+            ]
         out: list[Instruction] = []
         for batch in outcome.batches:
             destination = self._destination(batch, "this slave")
@@ -457,28 +475,7 @@ class Slave:
                 values = {**(outcome.statistics or {}), "dropped": self.dropped}
                 return [ToMaster(protocol.Statistics(self._epoch, values))]
             case jobs.ExchangeGhosts():
-                self._ghosts_expected = outcome.ghosts_expected
-                self._build_maps_if_complete()
-            case jobs.HandleBatch(batch) if batch.kind in GHOSTS:
-                self._ghosts_handled += 1
-                self._build_maps_if_complete()
+                self._orders += self._material.exchanged(outcome.ghosts_expected)
+            case jobs.HandleBatch(batch) if batch.kind in OF_MAPS:
+                self._orders += self._material.handled(batch)
         return []
-
-    def _build_maps_if_complete(self) -> None:
-        if self._ghosts_expected is None or self._ghosts_handled < self._ghosts_expected:
-            return
-        if self._ghosts_handled > self._ghosts_expected:
-            raise ProtocolError(
-                f"{self._ghosts_handled} batches of ghosts and points came; expected {self._ghosts_expected}"
-            )
-        self._ghosts_handled, self._ghosts_expected = 0, None
-        self._orders.append(jobs.BuildMaps())
-
-
-def join(parts: Sequence[Triangles]) -> Triangles:
-    """Triangles of several parts of a cell as one."""
-    whole = parts[0]
-    if len(parts) > 1:
-        names = ("ids", "positions", "normals", "uvs", "material", "emitter", "colors")
-        whole = Triangles(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
-    return whole

@@ -6,7 +6,7 @@ a connection that never came about (a firewall, a machine that the network does 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from wdpm.cluster.limits import MOST_SLAVES
 from wdpm.cluster.messages import protocol
@@ -24,7 +24,7 @@ class Peers:
         self._answer_s = answer_s
         self._numbers: dict[bytes, int] = {}
         self._early: dict[bytes, protocol.PeerHello] = {}
-        self._endpoints: tuple[str, ...] = ()
+        self._endpoints: dict[int, str] = {}
         self._awaited: dict[int, float] = {}
 
     def number_of(self, identity: bytes) -> int | None:
@@ -51,13 +51,22 @@ class Peers:
         self._numbers[identity] = hello.number
         return [AnswerPeer(identity, protocol.PeerWelcome(own))]
 
-    def set_up(self, endpoints: tuple[str, ...], own: int, now: float) -> bool:
-        """Wait for the answers of these peers; False if they are those that it has."""
-        if endpoints == self._endpoints:
-            return False
-        self._endpoints = endpoints
-        self._awaited = {peer: now + self._answer_s for peer in range(len(endpoints)) if peer != own}
-        return True
+    @property
+    def endpoints(self) -> dict[int, str]:
+        """Those that it is connected with, or tries to be, by number."""
+        return dict(self._endpoints)
+
+    def set_up(self, endpoints: Mapping[int, str], now: float) -> list[int]:
+        """Be connected with these peers and no others. Returns those that are new, whose answers are awaited."""
+        new = [peer for peer, endpoint in endpoints.items() if self._endpoints.get(peer) != endpoint]
+        self._endpoints = dict(endpoints)
+        self._awaited = {peer: until for peer, until in self._awaited.items() if peer in endpoints}
+        self._awaited |= dict.fromkeys(new, now + self._answer_s)
+        return new
+
+    def forget(self) -> None:
+        """The cluster is gone: nobody is known, and nobody awaited."""
+        self._endpoints, self._awaited, self._numbers = {}, {}, {}
 
     def answered(self, peer: int, answer: protocol.PeerAnswer) -> list[Instruction]:
         """A peer has answered; tell the master if it is not who it should be."""
@@ -71,8 +80,9 @@ class Peers:
                 return self._unreachable([peer], reason)
 
     def lost(self, peer: int) -> None:
-        """The connection to a peer broke, which is told to the master; nothing is awaited from it."""
+        """The connection to a peer broke, which is told to the master. It is new when it is wanted again."""
         self._awaited.pop(peer, None)
+        self._endpoints.pop(peer, None)
 
     def stood_still(self, seconds: float) -> None:
         """This process stood still for so long, and could not have heard an answer [s]."""

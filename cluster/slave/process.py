@@ -66,8 +66,9 @@ def run_slave(
             platform.node() or "unknown",
             os.getpid(),
             threads,
-            machine_memory() if memory is None else memory,
+            machine_memory(),
             listener.endpoint,
+            own_memory=memory or 0,
         )
         state = Slave(hello, master, patience, limits)
         computer = ComputeThread(Compute(make_worker))

@@ -78,6 +78,8 @@ class Cell:
         self._check(batch)
         if batch.kind in GHOSTS:
             self.store.add_ghosts(batch)
+        elif batch.kind is Kind.COPIED_PHOTONS:
+            self.store.add_copies(batch.arrays)
         elif batch.kind in self._actions:
             yield from self._actions[batch.kind](batch)
         else:

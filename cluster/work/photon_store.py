@@ -80,6 +80,7 @@ class PhotonStore:
         self._surfaces = surfaces
         self._replica = replica
         self._own: list[Arrays] = []
+        self._copies: list[Arrays] = []
         self._ghosts: list[Arrays] = []
         self._deposits: Any = None
         self._own_points: Arrays = {}
@@ -90,6 +91,7 @@ class PhotonStore:
         self.irradiance_count = 0
         self.irradiance_s = 0.0
         self.count = np.zeros(MAPS, np.int64)
+        self.copy_count = np.zeros(MAPS, np.int64)
         self.ghost_count = np.zeros(MAPS, np.int64)
         number = len(replica.world.lights.names)
         self.guards = Guards(replica)
@@ -142,8 +144,13 @@ class PhotonStore:
         if len(photons["id"]):
             self._own.append(photons)
 
+    def add_copies(self, photons: Arrays) -> None:
+        """Take in photons of this cell that landed in another team. They are counted there."""
+        self._copies.append(photons)
+        self.copy_count += np.bincount(photons["map"], minlength=MAPS)
+
     def so_far(self) -> Arrays:
-        """The photons stored so far; only before the maps are built."""
+        """The photons that landed here so far; only before the maps are built."""
         return concatenate(self._own, Kind.GHOST_PHOTONS)
 
     def add_ghosts(self, batch: Batch) -> None:
@@ -159,8 +166,8 @@ class PhotonStore:
         replica, world = self._replica, self._replica.world
         low, high = cells.cell_boxes(world.top_tree.axis, world.top_tree.split)
         self._own_points = self._spread_points()
-        photons = concatenate(self._own, Kind.GHOST_PHOTONS)
-        self._own = [photons]
+        photons = concatenate([*self._own, *self._copies], Kind.GHOST_PHOTONS)
+        self._own, self._copies = [photons], []
         copied = [(Kind.GHOST_PHOTONS, _ByMap(photons)), (Kind.GHOST_POINTS, _ByMap(self._own_points))]
         # Distances are rounded, and photons lie a rounding off their surfaces: pad covers both.
         bands = [plan.band + replica.pad if plan.paths else 0.0 for plan in world.maps]
@@ -292,11 +299,12 @@ class PhotonStore:
 
     def forget(self) -> None:
         """Let go of all photons and what was counted about them."""
-        self._own, self._ghosts = [], []
+        self._own, self._copies, self._ghosts = [], [], []
         self._own_points, self._ghost_points, self.points = {}, [], [None] * MAPS
         self.maps = [None] * MAPS
         self.irradiance, self.irradiance_count, self.irradiance_s = None, 0, 0.0
         self.count[:] = 0
+        self.copy_count[:] = 0
         self.ghost_count[:] = 0
         self.counters.by_light[:] = 0
         self.counters.flux_by_light[:] = 0.0

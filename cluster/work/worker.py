@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from wdpm.cluster.batch import GHOSTS, TO_HOME, Arrays, Batch, Kind, concatenate
+from wdpm.cluster.batch import OF_MAPS, TO_HOME, Arrays, Batch, Kind, concatenate
 from wdpm.cluster.host_memory import peak_memory
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.queues import Queues
@@ -34,7 +34,7 @@ from wdpm.scenes.flat.arrays import Triangles
 
 Home = PhotonHome | RecordHome | BucketHome
 
-RAYS = frozenset(set(Kind) - TO_HOME - GHOSTS)
+RAYS = frozenset(set(Kind) - TO_HOME - OF_MAPS)
 
 
 class CellWorker:
@@ -80,6 +80,19 @@ class CellWorker:
         self.replica.world = world
         self.replica.share_out()
 
+    def regroup(self, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]) -> None:
+        """Hold other cells of the same scene: those that stay are kept, the photons are not, and no task is known.
+
+        Args:
+            partition: the triangles of each cell that is new here.
+        """
+        self.holders = tuple(holders)
+        kept = {cell: held for cell, held in self.cells.items() if self.holders[cell] == self.number}
+        new = {cell: Cell(cell, triangles, self.replica) for cell, triangles in partition.items()}
+        self.cells = dict(sorted((kept | new).items()))
+        self._homes.clear()
+        self.adopt(world)
+
     def start(self, task: Task) -> Outbox:
         """Become a task's home."""
         began = time.perf_counter()
@@ -117,6 +130,13 @@ class CellWorker:
         low, high = cell_boxes(tree.axis, tree.split)
         self.replica.set_records(take_near(records, [(low[cell] - pad, high[cell] + pad) for cell in self.cells]))
         self._busy += time.perf_counter() - began
+
+    def copies(self, cells: Sequence[int]) -> list[Batch]:
+        """The photons that landed in these own cells, for workers of other teams that have them; one batch each."""
+        landed = {cell: self.cells[cell].store.so_far() for cell in set(cells)}
+        batches = [Batch(Kind.COPIED_PHOTONS, -1, self.number, cell, 0, landed[cell]) for cell in cells]
+        self._traffic["bytes_out"] += sum(batch.nbytes for batch in batches)
+        return batches
 
     def exchange_ghosts(self) -> list[Batch]:
         """Ghosts and surface points of each own cell for every cell of another worker; between own cells at once."""
@@ -193,6 +213,7 @@ class CellWorker:
             "cells": list(self.cells),
             "triangles": sum(cell.triangle_count for cell in cells),
             "photons": _whole(np.sum([cell.store.count for cell in cells], axis=0)),
+            "copies": _whole(np.sum([cell.store.copy_count for cell in cells], axis=0)),
             "ghosts": _whole(np.sum([cell.store.ghost_count for cell in cells], axis=0)),
             "paths_by_light": [_whole(row) for row in self.replica.paths_by_light],
             "flux_by_light": [

@@ -45,7 +45,7 @@ class FakeWorker:
         self.triangles = sum(len(triangles) for triangles in partition.values())
         self.view: View | None = None
         self.open: dict[int, tuple[Task, int]] = {}
-        self.photons = self.ghosts = 0
+        self.photons = self.ghosts = self.copied = 0
         self.maps_built = False
 
     def set_view(self, view: View) -> None:
@@ -82,6 +82,10 @@ class FakeWorker:
         if batch.kind is Kind.GHOST_PHOTONS:
             self.ghosts += len(batch)
             return
+        if batch.kind is Kind.COPIED_PHOTONS:
+            assert not self.maps_built
+            self.copied += len(batch)
+            return
         if batch.kind is Kind.LANDED:
             assert not self.maps_built
             self.photons += len(batch)
@@ -105,6 +109,19 @@ class FakeWorker:
             assert self.view is not None
             outbox.results.append(pixels_of(task, self.view))
 
+    def regroup(self, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]) -> None:
+        kept = {cell for cell in self.cells if holders[cell] == self.number}
+        assert kept | set(partition) == {cell for cell, holder in enumerate(holders) if holder == self.number}
+        self.triangles = sum(5 + cell for cell in kept) + sum(len(triangles) for triangles in partition.values())
+        self.cells, self.holders = sorted(kept | set(partition)), holders
+        self.open.clear()
+        self.forget_photons(world.photon_plan)
+
+    def copies(self, cells: Sequence[int]) -> list[Batch]:
+        assert not self.open
+        assert not self.maps_built
+        return [Batch(Kind.COPIED_PHOTONS, -1, self.number, cell, 0, arrays(Kind.COPIED_PHOTONS, 1)) for cell in cells]
+
     def exchange_ghosts(self) -> list[Batch]:
         assert not self.open
         foreign = [cell for cell, holder in enumerate(self.holders) if holder != self.number]
@@ -123,7 +140,7 @@ class FakeWorker:
 
     def forget_photons(self, plan: PhotonPlan) -> None:
         self.world = self.world.with_photons(plan)
-        self.photons = self.ghosts = 0
+        self.photons = self.ghosts = self.copied = 0
         self.maps_built = False
 
     def statistics(self) -> dict[str, Any]:
@@ -132,6 +149,7 @@ class FakeWorker:
             self.world,
             triangles=self.triangles,
             photons=[self.photons, 0, 0],
+            copies=[self.copied, 0, 0],
             ghosts=[self.ghosts, 0, 0],
             cells=self.cells,
         )
@@ -145,6 +163,7 @@ def statistics_of(world: World, **known: Any) -> dict[str, Any]:
         **dict.fromkeys(SECONDS, 0.0),
         "cells": [],
         "photons": [0, 0, 0],
+        "copies": [0, 0, 0],
         "ghosts": [0, 0, 0],
         "energy": [0.0, 0.0, 0.0],
         "paths_by_light": [[0] * lights] * 2,
@@ -263,12 +282,13 @@ def make_view(width: int = 50, height: int = 34, bucket: int = 16, seed: int = 0
 
 
 def make_session(slaves: int, cells: int, digest: str = "a", paths: int = 1000, **others: Any) -> Session:
-    """A session whose cell c has 5 + c triangles."""
+    """A session whose cell c has 5 + c triangles, for one team of all slaves."""
     return Session(
         world=make_world(cells, paths),
         view=others.pop("view", make_view()),
         partition=lambda cell: triangles(5 + cell, 10 * cell),
-        holders=tuple(cell % slaves for cell in range(cells)),
+        burdens=(1.0,) * cells,
         digest=digest,
+        least=others.pop("least", slaves),
         **others,
     )

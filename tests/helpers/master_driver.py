@@ -67,6 +67,11 @@ def sent(instructions: list[m.Instruction], identity: bytes | None = None) -> li
     return [i.message for i in instructions if isinstance(i, m.Send) and (identity is None or i.identity == identity)]
 
 
+def noted(instructions: list[m.Instruction]) -> str:
+    """What people are told."""
+    return "; ".join(i.text for i in instructions if isinstance(i, m.Noted))
+
+
 def tasks_of(instructions: list[m.Instruction], identity: bytes) -> list[Any]:
     return [message.task for message in sent(instructions, identity) if isinstance(message, p.StartTask)]
 

@@ -52,8 +52,13 @@ class Driver:
         return self
 
 
-def setup(epoch: int = EPOCH, holders: tuple[int, ...] = HOLDERS, peers: tuple[str, ...] = PEERS) -> p.Setup:
-    return p.Setup(epoch, make_world(4), holders, peers)
+def setup(
+    epoch: int = EPOCH,
+    holders: tuple[int, ...] = HOLDERS,
+    peers: tuple[str, ...] = PEERS,
+    kept: tuple[int, ...] = (),
+) -> p.Setup:
+    return p.Setup(epoch, make_world(4), holders, peers, kept)
 
 
 def part(cell: int, index: int = 0, parts: int = 1, held: Triangles | None = None, epoch: int = EPOCH) -> p.Partition:

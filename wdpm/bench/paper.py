@@ -44,7 +44,7 @@ class Run:
         routing: of camera rays; None without slaves, where there is but one cell.
         phases: wall-clock seconds by phase.
         speed_up: time without slaves over time of this run, of photons, map and render.
-        photons: of each slave, own and ghosts, as a share of all stored.
+        photons: of each slave, own, copies and ghosts, as a share of all stored.
         triangles: of each slave, as a share of all.
         bytes: sent by all slaves to each other and to the master.
         mse, max_abs: of the beauty layer against the image without slaves.
@@ -168,7 +168,7 @@ def _run_of(name: str, slaves: int, routing: Routing | None, image: Image, alone
         routing=None if routing is None else routing.value,
         phases=account.phases,
         speed_up=work_seconds(single.phases) / work_seconds(account.phases),
-        photons=tuple((slave.photons + slave.ghosts) / stored for slave in account.slaves),
+        photons=tuple(slave.held / stored for slave in account.slaves),
         triangles=tuple(slave.triangles / triangles for slave in account.slaves),
         bytes=sum(slave.bytes_out for slave in account.slaves),
         mse=difference.mse,

@@ -46,7 +46,14 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         metavar="tcp://HOST:PORT",
         help="address to listen on (default: tcp://127.0.0.1:7117, this machine only)",
     )
-    cluster.add_argument("--slaves", type=values.positive_count, required=True, metavar="N", help="slaves to wait for")
+    cluster.add_argument(
+        "--slaves",
+        type=values.slaves,
+        required=True,
+        metavar="N",
+        help="slaves to wait for; 2..8 begins with two, and takes up to eight",
+    )
+    options.add_copies_option(cluster)
     options.add_security_options(parser)
     return parser
 
@@ -60,7 +67,15 @@ def run(args: argparse.Namespace) -> int:
 
     if asks_for_a_goal(args):
         return render_to_goal(
-            args, lambda: Cluster.listen(args.bind, args.slaves, keys=args.keys, insecure=args.insecure)
+            args,
+            lambda: Cluster.listen(
+                args.bind,
+                args.slaves[0],
+                most=args.slaves[1],
+                copies=args.copies,
+                keys=args.keys,
+                insecure=args.insecure,
+            ),
         )
 
     with live_view(args) as view, kept_passes(args, first_output(args)) as journal:
@@ -70,7 +85,9 @@ def run(args: argparse.Namespace) -> int:
                 source,
                 settings,
                 bind=args.bind,
-                slaves=args.slaves,
+                slaves=args.slaves[0],
+                most=args.slaves[1],
+                copies=args.copies,
                 keys=args.keys,
                 insecure=args.insecure,
                 display=view,

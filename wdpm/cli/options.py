@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from wdpm import values
+from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import (
     EFFECTS_TO_LEAVE_OUT,
     MOST_SHADOW_RAYS,
@@ -272,6 +273,18 @@ def add_machine_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--device", type=values.device, default="cpu", metavar="NAME", help="cpu or cuda:N (default: cpu)"
+    )
+
+
+def add_copies_option(group: argparse._ArgumentGroup) -> None:
+    """Whether slaves hold copies of what others hold."""
+    group.add_argument(
+        "--copies",
+        type=values.copies,
+        default=Copies.AUTO,
+        metavar="none|auto",
+        help="auto: slaves with room for it hold the whole scene, so that no ray travels; none: each holds its part of "
+        "the scene (default: auto)",
     )
 
 

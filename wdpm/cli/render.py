@@ -61,6 +61,13 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         metavar="N",
         help="slave processes to start; 0 renders in this one (default: 0)",
     )
+    options.add_copies_option(cluster)
+    cluster.add_argument(
+        "--memory",
+        type=values.memory,
+        metavar="SIZE",
+        help="most memory of each slave, like 4G (default: its part of half the machine's)",
+    )
     return parser
 
 
@@ -69,25 +76,29 @@ def run(args: argparse.Namespace) -> int:
     if asks_for_a_goal(args):
         from wdpm.clusters import backend_here
 
-        return render_to_goal(args, lambda: backend_here(args.slaves, args.threads, args.device))
+        return render_to_goal(
+            args, lambda: backend_here(args.slaves, args.threads, args.device, args.copies, args.memory)
+        )
     if args.replay is not None:
         if args.view:
             raise SettingsError("--replay makes no image that --view could show; leave one of them out")
         from wdpm.cli.replay import replay_and_print
 
         return replay_and_print(args)
-    from wdpm import api
     from wdpm.cli.result import first_output, render_and_write
+    from wdpm.clusters import render_here
 
     with live_view(args) as view, kept_passes(args, first_output(args)) as journal:
         return render_and_write(
             args,
-            lambda source, settings, progress: api.render(
+            lambda source, settings, progress: render_here(
                 source,
                 settings,
                 slaves=args.slaves,
                 threads=args.threads,
                 device=args.device,
+                copies=args.copies,
+                memory=args.memory,
                 progress=progress,
                 display=view,
                 save_cache=args.save_cache,

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from wdpm.cluster.deal import deal
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import Effect, LightUse, effects_of, missing_effects, uses_of_lights
 from wdpm.cluster.plan.render_plan import RenderPlan, make_render_plan
@@ -143,15 +144,14 @@ def _shares(plan: RenderPlan, flat: FlatScene, slaves: int) -> tuple[Share, ...]
     tree = plan.world.top_tree
     low, high = cell_boxes(tree.axis, tree.split)
     triangles, photons, ghosts = np.zeros(slaves), np.zeros(slaves), np.zeros(slaves)
-    for cell, worker in enumerate(plan.holders):
+    holders = deal(np.array(plan.burdens), slaves)
+    for cell, worker in enumerate(holders):
         inside = np.count_nonzero(np.all((position >= low[cell]) & (position < high[cell]), axis=1))
         near = len(rows_near(position, low[cell], high[cell], band))
         triangles[worker] += len(plan.rows[cell]) / len(flat.triangles)
         photons[worker] += inside / max(len(position), 1)
         ghosts[worker] += (near - inside) / max(len(position), 1)
     return tuple(
-        Share(
-            worker, plan.holders.count(worker), float(triangles[worker]), float(photons[worker]), float(ghosts[worker])
-        )
+        Share(worker, holders.count(worker), float(triangles[worker]), float(photons[worker]), float(ghosts[worker]))
         for worker in range(slaves)
     )

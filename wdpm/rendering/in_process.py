@@ -36,6 +36,7 @@ class InProcess(Backend):
         device: "cpu" or a CUDA device, "cuda:0".
         workers: how many share the work, for tests; they take turns.
         cells: a power of two, at least `workers`; None for the least that serves them.
+        team: how many of them hold the whole scene together; None for all.
         shuffle: shuffles the order in which messages arrive, for tests that it does not matter.
     """
 
@@ -46,12 +47,14 @@ class InProcess(Backend):
         device: str = "cpu",
         workers: int = 1,
         cells: int | None = None,
+        team: int | None = None,
         shuffle: random.Random | None = None,
     ) -> None:
         super().__init__(slaves=0, threads=threads or available_cores(), device=device)
         self._launcher = Launcher(device, threads)
         self._workers = workers
         self._cells = cells
+        self._team = workers if team is None else team
         self._shuffle = shuffle
         alone = workers == 1 and cells in (None, 1) and shuffle is None
         self._processes = self.threads if alone and can_fork(device) else 1
@@ -60,7 +63,14 @@ class InProcess(Backend):
 
     def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:
         return prepare(
-            scene, settings, self._workers, self._launcher, progress, self._cells, self._worth(scene.camera, settings)
+            scene,
+            settings,
+            self._workers,
+            self._launcher,
+            progress,
+            self._cells,
+            self._worth(scene.camera, settings),
+            lambda _: self._team,
         )
 
     def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:
@@ -109,6 +119,7 @@ def render_in_process(
     *,
     workers: int,
     cells: int | None = None,
+    team: int | None = None,
     threads: int | None = None,
     shuffle: random.Random | None = None,
 ) -> Image:
@@ -116,7 +127,8 @@ def render_in_process(
 
     Args:
         cells: a power of two, at least `workers`; None for the least that serves them.
+        team: how many of them hold the whole scene together; None for all.
         shuffle: shuffles the order in which messages arrive.
     """
-    with InProcess(threads=threads, workers=workers, cells=cells, shuffle=shuffle) as backend:
+    with InProcess(threads=threads, workers=workers, cells=cells, team=team, shuffle=shuffle) as backend:
         return render_in_passes(scene, backend, settings)

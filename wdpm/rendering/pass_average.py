@@ -22,7 +22,7 @@ from wdpm.report.report import ErrorReport, PassReport
 LARGEST = frozenset({"peak_memory_bytes"})
 """Statistics of slaves of which the largest of all passes counts."""
 
-LATEST = frozenset({"cells", "triangles"})
+LATEST = frozenset({"slave", "cells", "triangles"})
 """Statistics of slaves that are of the scene, not of what was done with it."""
 
 
@@ -48,6 +48,7 @@ class PassAverage:
         self._traced = PhotonsTraced(0, 0, 0.0)
         self._seconds: dict[str, float] = {}
         self._dropped: dict[str, int] = {}
+        self._lost: tuple[str, ...] = ()  # since this process began
 
     @property
     def plans(self) -> tuple[PassPlan, ...]:
@@ -114,7 +115,9 @@ class PassAverage:
 
     def image(self) -> Image:
         """The mean, the error layers, and the report of all passes together."""
-        together = SessionResult(self.layers(), self._statistics, (self._traced,), dict(self._seconds), self._dropped)
+        together = SessionResult(
+            self.layers(), self._statistics, (self._traced,), dict(self._seconds), self._dropped, lost=self._lost
+        )
         return image_of(self._prepared, together, tuple(self._reports), self.error())
 
     def _allot(self, layers: Mapping[str, NDArray[np.float32]]) -> None:
@@ -146,6 +149,7 @@ class PassAverage:
         for phase, seconds in result.seconds.items():
             self._seconds[phase] = self._seconds.get(phase, 0.0) + seconds
         self._dropped = merged(self._dropped, outcome.dropped)
+        self._lost = outcome.lost
 
     # What a journal keeps (pass_journal).
 
@@ -210,5 +214,5 @@ def _side_by_side(
     one: Sequence[dict[str, Any]], other: Sequence[dict[str, Any]]
 ) -> list[tuple[dict[str, Any], dict[str, Any]]]:
     """By the numbers of slaves; where a render went on with more or fewer, those that are missing did nothing."""
-    count = max(len(one), len(other))
-    return [(one[i] if i < len(one) else {}, other[i] if i < len(other) else {}) for i in range(count)]
+    before, after = ({each["slave"]: each for each in statistics} for statistics in (one, other))
+    return [(before.get(number, {}), after.get(number, {})) for number in sorted(before | after)]

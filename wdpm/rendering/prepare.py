@@ -13,6 +13,7 @@ import numpy as np
 import warp as wp
 
 from wdpm.cluster.layers import layers_of
+from wdpm.cluster.plan.copies import largest_team, scene_bytes
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import effects_of, missing_effects
 from wdpm.cluster.plan.light_samples import light_samples_of
@@ -33,6 +34,7 @@ from wdpm.kernels.launch import Launcher
 from wdpm.kernels.variants import make_variants
 from wdpm.progress import Progress
 from wdpm.rendering.approximations import approximations, settings_without_effect
+from wdpm.rendering.spool import spooled
 from wdpm.report.report import (
     KernelReport,
 )
@@ -104,13 +106,15 @@ def prepare(
     progress: Progress,
     cells: int | None = None,
     processes: int = 1,
+    team: Callable[[float], int] | None = None,
 ) -> Prepared:
     """Compile what is needed, fly the pilot, and divide the scene.
 
     Args:
         workers: how many will share the work; 0 or 1 for one.
-        cells: a power of two, or None for the least that serves the workers.
+        cells: a power of two, or None for the least that serves a team of the workers.
         processes: that share the tasks of the only worker.
+        team: memory of the whole scene in one process [bytes] -> how many workers hold it together; None for all.
 
     Raises:
         SettingsError: the device is not there, the image has too many pixels, or settings contradict the scene.
@@ -136,16 +140,21 @@ def prepare(
     progress.start("plan")
     flattened = began - flattening
     began = time.perf_counter() - flattened
-    plan = make_render_plan(flat, settings, workers, launcher, cells)
+    photons = settings.photons + settings.caustic_photons + settings.volume_photons
+    workers = max(workers, 1)
+    least = workers if team is None else team(scene_bytes(len(flat.triangles), photons))
+    plan = make_render_plan(flat, settings, largest_team(workers, least), launcher, cells)
     world = replace(plan.world, strict=settings.strict)
     triangles = _digest(flat.triangles)
     view = view_of(flat, settings, max(workers, processes))
+    alone = workers == 1 and plan.pilot is not None
     session = Session(
         world=world,
         view=view,
-        partition=_partition(flat.triangles, plan),
-        holders=tuple(plan.holders),
-        digest=_digest(world.with_photons(NO_PHOTONS), triangles, plan.holders),
+        partition=_partition(flat.triangles if alone else spooled(flat.triangles), plan),
+        burdens=plan.burdens,
+        digest=_digest(world.with_photons(NO_PHOTONS), triangles, least),
+        least=least,
         layers=layers_of(plan.world, view),
     )
     seconds["partition"] = time.perf_counter() - began
@@ -155,7 +164,7 @@ def prepare(
         dropped += (f"none of {PILOT_PATHS:,} photon paths stored a photon: there is no indirect light",)
     left_out = _left_out(scene, flat, plan.world, features, settings)
     return Prepared(
-        plan.pilot,
+        plan.pilot if alone else None,
         session,
         settings,
         len(flat.triangles),
@@ -212,17 +221,9 @@ def _left_out(
 
 
 def _partition(triangles: Triangles, plan: RenderPlan) -> Callable[[int], Triangles]:
-    """Hands out each cell's triangles once; after the last cell nothing holds the scene's triangles any more."""
-    left = dict(enumerate(plan.rows))
-    source = [triangles]
-
-    def of_cell(cell: int) -> Triangles:
-        part = source[0].take(left.pop(cell))
-        if not left:
-            source.clear()
-        return part
-
-    return of_cell
+    """Hands out each cell's triangles, as often as slaves need them."""
+    rows = plan.rows
+    return lambda cell: triangles.take(rows[cell])
 
 
 def _digest(*parts: Any) -> str:

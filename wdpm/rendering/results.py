@@ -57,13 +57,14 @@ def report_of(
     absorbed, escaped, cut = np.sum([slave["energy"] for slave in slaves], axis=0) * flux
     acted = guards.added([*(slave["guards"] for slave in slaves), {guards.DROPPED: prepared.dropped}])
     counts = _photon_counts(prepared, result, times)
+    lost = tuple(f"{slave} was lost; what it had counted is missing in this report" for slave in result.lost)
     return Report(
         phases={**prepared.seconds, **result.seconds, "partition": _sum_of("partition", prepared, result)},
         triangles=prepared.triangles,
         photons=counts[GLOBAL_MAP],
         caustics=counts[CAUSTIC_MAP],
         volume=counts[VOLUME_MAP],
-        slaves=tuple(_slave_report(number, slave) for number, slave in enumerate(slaves)),
+        slaves=tuple(_slave_report(slave) for slave in slaves),
         kernels=prepared.kernels,
         vertices=sum(slave["vertices"] for slave in slaves),
         chains_cut=acted.get(guards.PATHS_CUT, 0),
@@ -84,7 +85,7 @@ def report_of(
         chose=prepared.chose,
         left_out=prepared.left_out,
         approximated=prepared.approximated,
-        warnings=prepared.warnings,
+        warnings=prepared.warnings + lost,
         passes=passes,
         error=error,
         settings=_settings(prepared, passes),
@@ -148,12 +149,12 @@ def _use_of_lights(result: SessionResult) -> NDArray[np.float64] | None:
     return np.round(share, 9)  # sums of floats over slaves differ in their last bits, reports should not
 
 
-def _slave_report(number: int, slave: dict[str, Any]) -> SlaveReport:
+def _slave_report(slave: dict[str, Any]) -> SlaveReport:
     counted = {name: slave[name] for name in ("triangles", "rays_in", "rays_out")}
-    counted |= {name: sum(slave[name]) for name in ("photons", "ghosts")}
+    counted |= {name: sum(slave[name]) for name in ("photons", "ghosts", "copies")}
     used = {name: slave[name] for name in ("bytes_in", "bytes_out", "busy_s", "peak_memory_bytes")}
     records = slave.get("records", 0)
-    return SlaveReport(slave=f"slave {number}", cells=len(slave["cells"]), records=records, **counted, **used)
+    return SlaveReport(slave=f"slave {slave['slave']}", cells=len(slave["cells"]), records=records, **counted, **used)
 
 
 def _final_gather(prepared: Prepared, result: SessionResult) -> FinalGatherReport | None:

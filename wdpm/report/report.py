@@ -56,7 +56,8 @@ class SlaveReport:
         slave: its name.
         cells: cells of the partition that it held.
         triangles: triangles that overlap its cells.
-        photons: photons that its cells own.
+        photons: photons that landed in its cells, of paths that its team traced.
+        copies: photons of its cells that landed in another team.
         ghosts: copies of photons of its neighbours, in the overlap band.
         records: irradiance records that reach its cells.
         rays_in, rays_out: rays that came from other cells, and that were sent there.
@@ -77,6 +78,12 @@ class SlaveReport:
     busy_s: float
     peak_memory_bytes: int
     records: int = 0
+    copies: int = 0
+
+    @property
+    def held(self) -> int:
+        """Photons in its memory."""
+        return self.photons + self.copies + self.ghosts
 
 
 @dataclass(frozen=True)

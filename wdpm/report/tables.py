@@ -113,7 +113,8 @@ def _light_cells(lights: Sequence[LightPhotons], counts: PhotonCounts) -> tuple[
 def _held(report: Report) -> Table:
     title = "Slaves: what they held (shares of the scene's triangles and of all stored photons)"
     records = ("records",) if any(slave.records for slave in report.slaves) else ()
-    table = _table(title, "slave", "cells", "triangles", "share", "photons", "ghosts", "share", *records)
+    copies = ("copies",) if any(slave.copies for slave in report.slaves) else ()
+    table = _table(title, "slave", "cells", "triangles", "share", "photons", *copies, "ghosts", "share", *records)
     for slave in report.slaves:
         table.add_row(
             escape(slave.slave),
@@ -121,8 +122,9 @@ def _held(report: Report) -> Table:
             f"{slave.triangles:,}",
             _percent(slave.triangles, report.triangles),
             f"{slave.photons:,}",
+            *([f"{slave.copies:,}"] if copies else []),
             f"{slave.ghosts:,}",
-            _percent(slave.photons + slave.ghosts, report.stored),
+            _percent(slave.held, report.stored),
             *([f"{slave.records:,}"] if records else []),
         )
     return table

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 from fake_worker import make_session, make_view, make_world, pixels_of, statistics_of, triangles
-from master_driver import EPOCH, LIMITS, A, B, C, Driver, broken, hello, sent, tasks_of
+from master_driver import EPOCH, LIMITS, A, B, C, Driver, broken, hello, noted, sent, tasks_of
 
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.machine import Phase
+from wdpm.cluster.master.tasks import LATE_S
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.task import BucketTask, PhotonsTraced, PhotonTask
 
@@ -70,15 +71,6 @@ def test_cells_go_out_one_after_another_in_parts() -> None:
     assert (empty.part, empty.parts, len(empty.triangles)) == (0, 1, 0)
 
 
-def test_triangles_are_let_go() -> None:
-    driver = Driver()
-    driver.to_photons()
-    session = driver.master._phases.session
-    assert session is not None
-    with pytest.raises(AssertionError, match="after all cells were sent"):
-        session.partition(0)
-
-
 def test_two_photon_tasks_are_in_flight_for_each_slave() -> None:
     driver = Driver()
     out = driver.to_photons()
@@ -118,7 +110,7 @@ def test_buckets_to_the_end() -> None:
     driver.says(B, p.Statistics(EPOCH, of_b))
     [finished] = driver.says(A, p.Statistics(EPOCH, of_a))
     assert isinstance(finished, m.Finished)
-    assert finished.result.statistics == [of_a, of_b]
+    assert finished.result.statistics == [{**of_a, "slave": 0}, {**of_b, "slave": 1}]
     whole = pixels_of(BucketTask(0, 0, 0, 64, 32), view)
     for name, layer in whole.layers.items():
         np.testing.assert_array_equal(finished.result.layers[name], layer)
@@ -253,8 +245,10 @@ def test_an_answer_out_of_turn_ends_the_render(message: p.FromSlave) -> None:
     assert "not expected from it in phase photons" in broken(driver.says(A, message))
 
 
-def test_an_answer_while_nothing_is_rendered_ends_the_cluster() -> None:
-    assert "while nothing is rendered" in broken(Driver().join().says(A, p.Ready(0)))
+def test_an_answer_while_nothing_is_rendered_is_dropped() -> None:
+    driver = Driver().join()
+    assert driver.says(A, p.Ready(0)) == []
+    assert driver.master.dropped == {"Ready of another epoch": 1}
 
 
 def test_a_cell_that_was_not_sent_ends_the_render() -> None:
@@ -264,16 +258,16 @@ def test_a_cell_that_was_not_sent_ends_the_render() -> None:
     assert "got cell 1" in broken(driver.says(A, p.PartitionReceived(EPOCH, 1)))
 
 
-def test_a_silent_slave_ends_the_render() -> None:
+def test_a_silent_slave_is_lost() -> None:
     driver = Driver()
     driver.to_photons()
     for second in range(1, 9):
         out = driver.master.handle(m.Tick(), second)
         assert sent(out, A) == [p.Heartbeat()]
         driver.master.handle(m.SlaveSaid(A, p.Heartbeat()), second)
-    assert driver.master.phase is Phase.PHOTONS
-    reason = broken(driver.master.handle(m.Tick(), 11.0))
-    assert "slave 1 (host, process 1) has been silent" in reason
+    out = driver.master.handle(m.Tick(), 11.0)
+    assert "slave 1 (host, process 1) is lost: it has been silent" in noted(out)
+    assert [type(message) for message in sent(out, A)] == [p.Setup, p.Heartbeat]
 
 
 def test_a_master_that_slept_does_not_blame_the_slaves() -> None:
@@ -287,18 +281,14 @@ def test_a_master_that_slept_does_not_blame_the_slaves() -> None:
 @pytest.mark.parametrize(
     ("event", "reason"),
     [
-        (m.SlaveLost(B, "its connection is gone"), "slave 1 (host, process 1) is lost: its connection is gone"),
-        (m.ProcessEnded(1, "killed by SIGKILL"), "slave 1 (host, process 1) is lost: killed by SIGKILL"),
         (m.ProcessEnded(9, "killed by SIGKILL"), "a slave (process 9) ended before it joined: killed by SIGKILL"),
         (m.SlaveSaid(B, p.Failed("no memory")), "slave 1 (host, process 1) failed: no memory"),
-        (m.SlaveSaid(B, p.Goodbye("interrupted")), "slave 1 (host, process 1) left: interrupted"),
         (m.SlaveSaid(B, p.Rejected("what?")), "slave 1 (host, process 1) could not read"),
-        (m.SlaveSaid(B, hello(1)), "slave 1 (host, process 1) lost its connection and came back"),
         (m.Unreadable(B, "7 frames"), "slave 1 (host, process 1) broke the protocol: 7 frames"),
         (m.Abort("the disk is full"), "the disk is full"),
     ],
 )
-def test_losing_a_slave_ends_the_render_and_names_it(event: m.Event, reason: str) -> None:
+def test_what_no_other_slave_can_mend_ends_the_render(event: m.Event, reason: str) -> None:
     driver = Driver()
     driver.to_photons()
     assert broken(driver(event)).startswith(reason)
@@ -308,27 +298,137 @@ def test_losing_a_slave_ends_the_render_and_names_it(event: m.Event, reason: str
     assert [type(message) for message in sent(driver.says(C, hello()))] == [p.Refuse]
 
 
-def test_a_broken_connection_between_slaves_waits_for_a_better_explanation() -> None:
+@pytest.mark.parametrize(
+    ("event", "reason"),
+    [
+        (m.SlaveLost(B, "its connection is gone"), "its connection is gone"),
+        (m.ProcessEnded(1, "killed by SIGKILL"), "killed by SIGKILL"),
+        (m.SlaveSaid(B, p.Goodbye("interrupted")), "it left (interrupted)"),
+    ],
+)
+def test_others_go_on_when_a_slave_is_lost(event: m.Event, reason: str) -> None:
+    driver = Driver()
+    driver.to_photons()
+    out = driver(event)
+    assert noted(out) == f"slave 1 (host, process 1) is lost: {reason}; 1 of 2 left"
+    [setup] = sent(out, A)
+    assert (setup.holders, setup.kept, setup.peers) == ((0, 0), (0,), ("tcp://peer:0", ""))
+    assert [i for i in out if isinstance(i, m.MakePartition)] == [m.MakePartition(1)]
+    [part] = sent(driver(m.PartitionMade(1, triangles(3))), A)
+    assert (part.epoch, part.cell) == (setup.epoch, 1)
+    # What was said before it knew of the new epoch is void.
+    assert driver.says(A, p.TaskDone(EPOCH, PhotonsTraced(0, 100, 1.0))) == []
+    driver.says(A, p.PartitionReceived(setup.epoch, 1))
+    again = tasks_of(driver.says(A, p.Ready(setup.epoch)), A)
+    assert [(task.start, task.stop) for task in again] == [(0, 100), (200, 300)]
+
+
+def test_buckets_that_are_done_stay() -> None:
+    driver = Driver()
+    out = driver.to_buckets()
+    first, second = tasks_of(out, A)[:2]
+    view = make_view(64, 32, 16)
+    driver.says(A, p.TaskDone(EPOCH, pixels_of(first, view)))
+    out = driver(m.SlaveLost(B, "killed"))
+    epoch = sent(out, A)[0].epoch
+    driver(m.PartitionMade(1, triangles(3)))
+    driver.says(A, p.PartitionReceived(epoch, 1))
+    pending = driver.says(A, p.Ready(epoch))
+    assert sent(pending) == [p.BuildMaps(epoch)]  # no photon path is to be traced in this scene
+    for answer in (p.MapsBuilt(epoch), p.ViewSet(epoch)):
+        pending = driver.says(A, answer)
+    numbers = set()
+    while tasks := tasks_of(pending, A):
+        pending = []
+        for task in tasks:
+            numbers.add(task.number)
+            pending += driver.says(A, p.TaskDone(epoch, pixels_of(task, view)))
+    assert second.number in numbers
+    assert first.number not in numbers
+    assert sent(pending) == [p.ReadStatistics(epoch)]
+    values = statistics_of(make_world(2), dropped={})
+    [finished] = driver.says(A, p.Statistics(epoch, values))
+    assert isinstance(finished, m.Finished)
+    assert finished.result.lost == ("slave 1 (host, process 1)",)
+
+
+def test_a_slave_that_lost_its_connection_comes_back() -> None:
+    driver = Driver()
+    driver.to_photons()
+    out = driver.says(B, hello(1))
+    assert "is lost: it lost its connection, and came back" in noted(out)
+    [welcome, setup] = sent(out, B)
+    assert (welcome.number, setup.kept) == (2, ())
+
+
+def test_a_master_without_slaves_waits_for_one_and_gives_up() -> None:
+    driver = Driver()
+    driver.to_photons()
+    driver(m.SlaveLost(A, "killed"))
+    driver(m.SlaveLost(B, "killed"))
+    assert driver.master.phase is Phase.PHOTONS
+    driver.master.handle(m.Tick(), LIMITS.rejoin_s)
+    out = driver.master.handle(m.Tick(), LIMITS.rejoin_s + 1)
+    [reason] = [i.reason for i in out if isinstance(i, m.Broken)]
+    assert reason == "slave 1 (host, process 1) is lost: killed; no slave is left, and none came within 60 s"
+
+
+def test_nobody_starts_a_slave_of_this_process_again() -> None:
+    driver = Driver()
+    driver.to_photons()
+    driver(m.ProcessEnded(0, "killed by SIGKILL"))
+    out = driver(m.ProcessEnded(1, "killed by SIGKILL"))
+    [reason] = [i.reason for i in out if isinstance(i, m.Broken)]
+    assert reason == "slave 1 (host, process 1) is lost: killed by SIGKILL; no slave is left"
+
+
+def test_a_broken_connection_to_a_slave_that_is_lost_is_no_news() -> None:
     driver = Driver()
     driver.to_photons()
     assert driver.says(A, p.PeerGone(1)) == []
-    assert not [i for i in driver.master.handle(m.Tick(), 1.0) if isinstance(i, m.Broken)]
-    assert "slave 1 (host, process 1) is lost" in broken(driver(m.SlaveLost(B, "killed")))
+    driver(m.SlaveLost(B, "killed"))
+    assert not noted(driver.master.handle(m.Tick(), driver.now + LIMITS.peer_gone_s))
 
 
-def test_a_broken_connection_between_live_slaves_ends_the_render() -> None:
+def test_a_broken_connection_between_live_slaves_is_mended() -> None:
     driver = Driver()
     driver.to_photons()
     driver.says(A, p.PeerGone(1))
-    reason = broken(driver.master.handle(m.Tick(), driver.now + LIMITS.peer_gone_s))
-    assert reason == "the connection from slave 0 to slave 1 broke"
+    out = driver.master.handle(m.Tick(), driver.now + LIMITS.peer_gone_s)
+    expected = "the connection from slave 0 (host, process 0) to slave 1 (host, process 1) broke; they connect again"
+    assert noted(out) == expected
+    assert [setup.kept for setup in sent(out) if isinstance(setup, p.Setup)] == [(0,), (1,)]
+
+
+def test_a_task_that_takes_very_long_is_given_to_another_slave() -> None:
+    driver = Driver().join()
+    driver(m.Begin(make_session(2, 1, paths=0, least=1, view=make_view(64, 32, 16))))
+    for identity in (A, B):
+        driver(m.PartitionMade(0, triangles(3)))
+        driver.says(identity, p.PartitionReceived(driver.master.epoch(identity), 0))
+        driver.says(identity, p.Ready(driver.master.epoch(identity)))
+    for answer in (p.MapsBuilt, p.ViewSet):
+        out = [i for identity in (A, B) for i in driver.says(identity, answer(driver.master.epoch(identity)))]
+    late, pending = tasks_of(out, A), tasks_of(out, B)
+    assert late
+    view = make_view(64, 32, 16)
+    while pending:
+        done = driver.says(B, p.TaskDone(driver.master.epoch(B), pixels_of(pending.pop(), view)))
+        pending += tasks_of(done, B)
+    assert not tasks_of(driver.master.handle(m.Tick(), driver.now + 1.0), B)
+    driver.now += LATE_S + 1.0
+    again = tasks_of(driver(m.Tick()), B)
+    assert [task.number for task in again] == [late[0].number]
+    assert m.Advanced(1) in driver.says(B, p.TaskDone(driver.master.epoch(B), pixels_of(again[0], view)))
+    assert driver.says(A, p.TaskDone(driver.master.epoch(A), pixels_of(late[0], view))) == []
+    assert driver.master.dropped == {"repeated result": 1}
 
 
 def test_strangers_are_answered_and_counted() -> None:
     driver = Driver()
     driver.to_photons()
     assert sent(driver(m.Unreadable(C, "noise"))) == [p.Rejected("noise")]
-    assert [type(message) for message in sent(driver.says(C, p.Ready(EPOCH)))] == [p.Rejected]
+    assert [type(message) for message in sent(driver.says(C, p.Ready(EPOCH)))] == [p.Dismissed]
     assert driver(m.SlaveLost(C, "gone")) == []
     assert driver.master.dropped == {"unreadable message": 1, "message before Hello": 1}
     assert driver.master.phase is Phase.PHOTONS
@@ -357,7 +457,7 @@ def test_an_ended_cluster_knows_who_is_still_to_say_goodbye(last_word: p.FromSla
 def test_nobody_waits_for_the_goodbye_of_a_lost_slave(event: m.Event) -> None:
     driver = Driver().join()
     driver(event)
-    assert driver.master.phase is Phase.ENDED
+    driver(m.Close("all is rendered"))
     assert not driver.master.all_left
     driver.says(B, p.Goodbye("stopped"))
     assert driver.master.all_left

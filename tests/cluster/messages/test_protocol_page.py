@@ -42,6 +42,7 @@ def test_messages_are_as_described(heading: str, union: object) -> None:
 @pytest.mark.parametrize(
     "record",
     [
+        protocol.Copy,
         task.PhotonTask,
         task.RecordTask,
         task.RecordsMade,

@@ -82,11 +82,14 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
     p.Welcome: st.builds(p.Welcome, counts, texts, st.floats(0.1, 10), st.floats(0.1, 100)),
     p.Refuse: st.builds(p.Refuse, texts),
     p.Setup: st.builds(
-        lambda epoch, levels, holders, peers: p.Setup(epoch, make_world(1 << levels), tuple(holders), tuple(peers)),
+        lambda epoch, levels, holders, peers, kept: p.Setup(
+            epoch, make_world(1 << levels), tuple(holders), tuple(peers), tuple(kept)
+        ),
         epochs,
         st.integers(0, 4),
         st.lists(counts, max_size=4),
-        st.lists(endpoints, max_size=4),
+        st.lists(endpoints | st.just(""), max_size=4),
+        st.lists(counts, max_size=4),
     ),
     p.Partition: st.builds(
         lambda epoch, cell, part, more, count: p.Partition(epoch, cell, part, part + more, triangles(count)),
@@ -97,7 +100,13 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
         st.integers(0, 20),
     ),
     p.StartTask: st.builds(p.StartTask, epochs, tasks),
-    p.BuildMaps: st.builds(p.BuildMaps, epochs),
+    p.BuildMaps: st.builds(
+        lambda epoch, copies, awaited: p.BuildMaps(epoch, tuple(copies), awaited),
+        epochs,
+        st.lists(st.builds(p.Copy, counts, counts, epochs, endpoints), max_size=4),
+        counts,
+    ),
+    p.Dismissed: st.builds(p.Dismissed, texts),
     p.SetView: st.builds(p.SetView, epochs, views),
     p.SetRecords: st.builds(p.SetRecords, epochs, records),
     p.ForgetPhotons: st.builds(lambda epoch: p.ForgetPhotons(epoch, make_world(1).photon_plan), epochs),

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import pytest
 from fake_worker import arrays
+from master_driver import LIMITS, broken
 from master_driver import Driver as MasterDriver
-from master_driver import broken
 from slave_driver import EPOCH, PEER, PEERS, WELCOME, Driver, setup, to_master
 
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.limits import MOST_SLAVES, ClusterLimits
+from wdpm.cluster.master import events as m
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.slave import events as s
 
@@ -120,7 +121,8 @@ def test_peers_of_the_next_world_are_not_asked_again() -> None:
 def test_the_master_names_both_machines_and_what_to_check() -> None:
     driver = MasterDriver()
     driver.to_photons()
-    reason = broken(driver.says(b"a", p.PeerUnreachable(1, "no answer within 15 s")))
+    assert driver.says(b"a", p.PeerUnreachable(1, "no answer within 15 s")) == []
+    reason = broken(driver.master.handle(m.Tick(), driver.now + LIMITS.peer_gone_s))
     assert reason.startswith(
         "slave 0 (host, process 0) cannot reach slave 1 (host, process 1) at tcp://peer:1: no answer"
     )

@@ -93,9 +93,11 @@ def test_heartbeats_go_out_while_the_worker_computes() -> None:
 def test_a_silent_master_is_left() -> None:
     driver = Driver().ready()
     for second in range(1, 10):
-        assert not driver.slave.ended
+        assert driver.slave.number == 1
         driver.slave.handle(s.Tick(), second)
-    assert "has been silent" in error_of(driver.slave.handle(s.Tick(), 11.0))
+    out = driver.slave.handle(s.Tick(), 11.0)
+    assert s.Reconnect(fresh=True) in out
+    assert "silent for" in next(i.text for i in out if isinstance(i, s.Tell))
 
 
 def test_a_slave_that_slept_does_not_blame_the_master() -> None:
@@ -136,8 +138,42 @@ def test_what_ends_a_slave_is_told_to_the_master(event: s.Event, message: p.From
     assert last_words == message or (message is None and isinstance(last_words, p.Failed))
 
 
-def test_a_lost_master_ends_it() -> None:
-    assert "lost the connection" in error_of(Driver().ready()(s.MasterLost()))
+def test_a_slave_joins_again_when_the_master_is_lost() -> None:
+    driver = Driver(patience=20.0).ready()
+    driver.told(p.StartTask(EPOCH, PhotonTask(5, 0, 10)))
+    out = driver(s.MasterLost())
+    assert [i for i in out if not isinstance(i, s.Tell)] == [
+        s.ConnectPeers(()),
+        s.Reconnect(fresh=True),
+        s.ToMaster(HELLO),
+    ]
+    assert driver.slave.number == -1
+    # What the worker was at when the master went is void, though another master may count epochs from the same number.
+    again = p.Welcome(0, "another", 1.0, 10.0)
+    driver.told(again, setup(holders=(0, 0, 1, 1)))
+    job = c.StartTask(PhotonTask(5, 0, 10))
+    assert to_master(driver.computed(job, results=[PhotonsTraced(5, 10, 1.0)])) == []
+    driver.told(part(0), part(1))
+    assert driver.slave.number == 0
+
+
+def test_a_slave_without_a_master_gives_up() -> None:
+    driver = Driver(patience=20.0).ready()
+    driver(s.MasterLost())
+    tenth = 0
+    while not driver.slave.ended:
+        tenth += 1
+        out = driver.slave.handle(s.Tick(), driver.now + tenth / 10)
+    assert 200 <= tenth <= 202
+    [ending] = [i for i in out if isinstance(i, s.Exit)]
+    assert ending.elsewhere
+    assert "lost the master at tcp://master:1, and none answered there within 20 s" in error_of(out)
+
+
+def test_a_slave_that_was_taken_for_lost_joins_again() -> None:
+    out = Driver().ready().told(p.Dismissed("Heartbeat before Hello"))
+    assert s.Reconnect(fresh=True) in out
+    assert to_master(out) == [HELLO]
 
 
 def test_a_lost_peer_is_for_the_master_to_judge() -> None:
@@ -154,7 +190,8 @@ def test_setup_connects_greets_and_builds() -> None:
     driver(s.Start())
     out = driver.told(WELCOME, setup())
     greeting = p.PeerHello("cluster", 1)
-    assert out[1:] == [s.ConnectPeers(1, PEERS), s.ToPeer(0, greeting), s.ToPeer(2, greeting)]
+    connect = s.ConnectPeers(((0, PEERS[0]), (2, PEERS[2])))
+    assert out[1:] == [connect, s.ToPeer(0, greeting), s.ToPeer(2, greeting)]
     assert driver.told(part(3, 0, 2)) == []
     assert to_master(driver.told(part(3, 1, 2))) == [p.PartitionReceived(EPOCH, 3)]
     [build] = jobs(driver.told(part(1)))
@@ -171,10 +208,55 @@ def test_a_slave_without_cells_builds_too() -> None:
     assert build.partition == {}
 
 
-def test_peers_stay_connected_for_the_next_world() -> None:
+def test_peers_are_greeted_once() -> None:
     driver = Driver().ready()
     out = driver.told(setup(EPOCH + 1))
-    assert not [i for i in out if isinstance(i, s.ConnectPeers)]
+    assert not [i for i in out if isinstance(i, s.ToPeer)]
+    driver(s.PeerLost(2))
+    out = driver.told(setup(EPOCH + 2))
+    assert [i.number for i in out if isinstance(i, s.ToPeer)] == [2]
+
+
+def test_a_team_is_connected_with_itself_alone() -> None:
+    driver = Driver()
+    driver(s.Start())
+    out = driver.told(WELCOME, setup(holders=(1, 1, 2, 2), peers=("", *PEERS[1:])))
+    assert [i.peers for i in out if isinstance(i, s.ConnectPeers)] == [((2, PEERS[2]),)]
+
+
+def test_cells_are_kept_for_the_next_epoch() -> None:
+    driver = Driver().ready()
+    out = driver.told(setup(EPOCH + 1, holders=(1, 1, 1, 1), kept=(1, 3)), part(0, epoch=EPOCH + 1))
+    assert jobs(out) == []
+    [build] = jobs(driver.told(part(2, epoch=EPOCH + 1)))
+    assert isinstance(build, c.Build)
+    assert sorted(build.partition) == [0, 2]
+    assert build.kept == (1, 3)
+    assert to_master(driver.computed(build)) == [p.Ready(EPOCH + 1)]
+
+
+def test_copies_go_to_other_teams() -> None:
+    driver = Driver().ready()
+    copies = (p.Copy(1, 7, 9, "tcp://g:1"), p.Copy(3, 8, 9, "tcp://h:1"))
+    out = driver.told(p.BuildMaps(EPOCH, copies, 2))
+    assert [i.number for i in out if isinstance(i, s.ToPeer)] == [7, 8]
+    [send] = jobs(out)
+    own = [batch(Kind.COPIED_PHOTONS, cell=cell) for cell in (1, 3)]
+    out = driver.computed(send, *own)
+    assert [i for i in out if isinstance(i, s.ToPeer)] == [
+        s.ToPeer(7, p.PeerBatch(9, own[0])),
+        s.ToPeer(8, p.PeerBatch(9, own[1])),
+    ]
+    theirs = batch(Kind.COPIED_PHOTONS, cell=3, home=12)
+    for _ in range(2):
+        assert jobs(driver.peer(p.PeerBatch(EPOCH, theirs))) == [c.HandleBatch(theirs)]
+        out = driver.computed(c.HandleBatch(theirs))
+    assert jobs(out) == [c.ExchangeGhosts()]
+
+
+def test_copies_of_a_cell_that_is_not_held_are_refused() -> None:
+    copies = (p.Copy(0, 7, 9, "tcp://g:1"),)
+    assert "cell 0, which is not held here" in error_of(Driver().ready().told(p.BuildMaps(EPOCH, copies)))
 
 
 @pytest.mark.parametrize(
@@ -182,8 +264,9 @@ def test_peers_stay_connected_for_the_next_world() -> None:
     [
         ([part(1)], "Partition came before Welcome"),
         ([WELCOME, setup(holders=(0, 1))], "holders of 2 cells; its top tree has 4"),
-        ([WELCOME, setup(holders=(0, 1, 2, 3))], "a holder outside 0 to 2"),
+        ([WELCOME, setup(holders=(0, 1, 2, 3))], "a holder without an endpoint among 3 slaves"),
         ([WELCOME, setup(holders=(0, 0, 0, 0), peers=PEERS[:1])], "no endpoint for slave 1"),
+        ([WELCOME, setup(kept=(1,))], "keeps cells [1]; it has []"),
         ([WELCOME, setup(), part(0)], "cell 0, which is not expected"),
         ([WELCOME, setup(), part(1, 1, 2)], "part 1 of 2 of cell 1 is out of order"),
         ([WELCOME, setup(), part(1, 0, 2), part(1, 0, 2)], "out of order"),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import wdpm
+from wdpm.cluster.plan.copies import Copies
 
 pytestmark = pytest.mark.sockets
 
@@ -30,10 +31,12 @@ def alone(scene: wdpm.Scene) -> wdpm.Image:
     return wdpm.render(scene, **SETTINGS)
 
 
-@pytest.mark.parametrize("slaves", [2, 4])
-def test_a_cluster_gives_the_bits_of_one_process(slaves: int, scene: wdpm.Scene, alone: wdpm.Image) -> None:
+@pytest.mark.parametrize(("slaves", "copies"), [(2, Copies.NONE), (3, Copies.AUTO)])
+def test_a_cluster_gives_the_bits_of_one_process(
+    slaves: int, copies: Copies, scene: wdpm.Scene, alone: wdpm.Image
+) -> None:
     expected = pixels(alone)
-    with wdpm.Cluster.local(slaves=slaves) as cluster:
+    with wdpm.Cluster.local(slaves=slaves, copies=copies) as cluster:
         for routing in wdpm.Routing:
             image = cluster.render(scene, **SETTINGS, routing=routing)
             assert pixels(image).keys() == expected.keys()
@@ -42,4 +45,5 @@ def test_a_cluster_gives_the_bits_of_one_process(slaves: int, scene: wdpm.Scene,
         report = image.metadata["report"]
         assert len(report["slaves"]) == slaves
         assert sum(slave["photons"] for slave in report["slaves"]) == report["photons"]["stored"] > 0
-        assert sum(slave["rays_in"] for slave in report["slaves"]) > 0
+        travelled = sum(slave["rays_in"] for slave in report["slaves"])
+        assert travelled > 0 if copies is Copies.NONE else travelled == 0

@@ -79,9 +79,7 @@ def test_no_photon_paths() -> None:
 
 def test_run_takes_workers_that_are_built_already() -> None:
     session = make_session(2, 2)
-    workers = [
-        FakeWorker(number, session.world, {number: session.partition(number)}, session.holders) for number in range(2)
-    ]
+    workers = [FakeWorker(number, session.world, {number: session.partition(number)}, (0, 1)) for number in range(2)]
 
     def forbidden(cell: int) -> Triangles:
         raise AssertionError(cell)

@@ -38,7 +38,7 @@ class MixedCluster(Backend):
             self._stack = stack.pop_all()
 
     def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:
-        return prepare(scene, settings, self.slaves, Launcher("cpu", self.threads), progress)
+        return prepare(scene, settings, self.slaves, Launcher("cpu", self.threads), progress, team=lambda _: 1)
 
     def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:  # noqa: ARG002
         return self._master.render(session, progress)

@@ -1,0 +1,98 @@
+"""Who is in which team, and the cells that they are sent."""
+
+from __future__ import annotations
+
+from wdpm.cluster.limits import ClusterLimits
+from wdpm.cluster.master.cells import CellQueue, Delivery, parts_of
+from wdpm.cluster.master.events import Instruction, MakePartition, Send
+from wdpm.cluster.master.members import Member, Members
+from wdpm.cluster.master.tasks import Tasks
+from wdpm.cluster.master.teams import Team, formed
+from wdpm.cluster.messages import protocol
+from wdpm.cluster.session import Session
+from wdpm.scenes.errors import ProtocolError
+from wdpm.scenes.flat.arrays import Triangles
+
+
+class Roster:
+    """The teams of a cluster.
+
+    Attributes:
+        teams: the slaves that share the work.
+        spare: those that are in no team.
+    """
+
+    def __init__(self, members: Members, limits: ClusterLimits) -> None:
+        self.teams: list[Team] = []
+        self.spare: list[Member] = []
+        self._members = members
+        self._part_triangles = limits.part_triangles
+        self._cells = CellQueue(limits.cells_in_flight)
+        self._epoch = 0
+
+    def form(self, session: Session, tasks: Tasks) -> None:
+        """Make teams for a scene that nobody knows."""
+        for team in self.teams:
+            self.dissolve(team, tasks)
+        for member in self._members:
+            member.cells = frozenset()
+        self.teams, self.spare = formed(list(self._members), least_of(session), len(session.burdens))
+
+    def team_of(self, member: Member) -> Team | None:
+        """The team that a slave is in, if it is in one."""
+        return next((team for team in self.teams if member in team.members), None)
+
+    def holders(self) -> tuple[int, ...]:
+        """Who holds each cell in the first team."""
+        return self.teams[0].holders if self.teams else ()
+
+    def dissolve(self, team: Team, tasks: Tasks) -> None:
+        """What a team does is void, and so is what it holds, but for cells."""
+        for member in team.members:
+            tasks.give_back(member)
+        self._cells.forget(team.epoch)
+        team.dissolve()
+
+    def set_up(self, team: Team, session: Session, trace: int) -> list[Instruction]:
+        """Begin an epoch: cells are dealt out among the slaves of a team, who keep what they have of them."""
+        self._epoch += 1
+        team.begin(self._epoch, session.burdens)
+        peers = [""] * len(self._members.ever)
+        for member in team.members:
+            peers[member.number] = member.hello.peers
+        out: list[Instruction] = []
+        team.wait_for(protocol.Ready, trace)
+        for member in team.members:
+            cells = team.cells_of(member)
+            kept = tuple(cell for cell in cells if cell in member.cells)
+            member.cells = frozenset(kept)
+            setup = protocol.Setup(team.epoch, session.world, team.holders, tuple(peers), kept)
+            out.append(Send(member.identity, setup))
+        for cell, holder in enumerate(team.holders):
+            if cell not in self._members.ever[holder].cells:
+                self._cells.add(Delivery(team.epoch, holder, cell))
+        return out + self.next_cells()
+
+    def next_cells(self) -> list[Instruction]:
+        """Cells that may set out now."""
+        return [MakePartition(cell) for cell in self._cells.next()]
+
+    def partition_made(self, cell: int, triangles: Triangles) -> list[Instruction]:
+        """Send a cell that was asked for to whom it was made for."""
+        delivery = self._cells.made(cell)
+        if delivery is None:
+            return []
+        slave = self._members.ever[delivery.slave]
+        parts = parts_of(delivery.epoch, cell, triangles, self._part_triangles)
+        return [Send(slave.identity, part) for part in parts]
+
+    def cell_received(self, member: Member, message: protocol.PartitionReceived) -> list[Instruction]:
+        """A slave says that it has a cell."""
+        if not self._cells.arrived(Delivery(message.epoch, member.number, message.cell)):
+            raise ProtocolError(f"it says that it got cell {message.cell}, which was not sent to it")
+        return self.next_cells()
+
+
+def least_of(session: Session) -> int:
+    """Slaves that a team needs: no more than there are cells."""
+    return min(session.least, len(session.burdens))

@@ -1,0 +1,121 @@
+"""Teams: slaves that have all cells of the scene among them, so that a ray of theirs never leaves the team.
+
+Where a slave has room for the whole scene it is a team by itself. Where nobody has, all slaves are one team. In between
+there are several teams of several slaves: each holds a copy of what the others hold.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from wdpm.cluster.deal import deal
+from wdpm.cluster.master.members import Member
+from wdpm.cluster.messages import protocol
+from wdpm.cluster.task import PhotonTask
+
+
+@dataclass(eq=False)
+class Team:
+    """Some slaves, and how far they are.
+
+    Attributes:
+        size: slaves that it is meant to have.
+        epoch: of its messages; a new one for every set-up. -1 while it has none.
+        holders: cell -> number of the slave that holds it.
+        awaits: the answer that it owes, from the slaves in `waiting` ...
+        towards: ... and the number of the trace, view or records that it will have then.
+        ready: its cells are built.
+        trace: number of the trace whose photons its slaves hold, or will.
+        mapped: its maps are built.
+        traced: tasks of a trace of all teams that this one has done.
+        alone: tasks of a trace of its own that are not handed out; None if it makes none.
+        view, records: numbers of the view and of the irradiance records that its slaves have.
+    """
+
+    members: list[Member]
+    size: int
+    epoch: int = -1
+    holders: tuple[int, ...] = ()
+    awaits: type[protocol.FromSlave] | None = None
+    waiting: set[int] = field(default_factory=set)
+    towards: int = 0
+    ready: bool = False
+    trace: int = 0
+    mapped: bool = False
+    traced: list[PhotonTask] = field(default_factory=list)
+    alone: deque[PhotonTask] | None = None
+    view: int = 0
+    records: int = 0
+
+    @property
+    def at_work(self) -> bool:
+        """Whether one of its slaves has a task."""
+        return any(member.in_flight for member in self.members)
+
+    def dissolve(self) -> None:
+        """What its slaves did is void, and what they say of it: they are of no epoch until the next begins."""
+        self.epoch = -1
+        self.awaits, self.waiting = None, set()
+        self.ready = self.mapped = False
+        self.traced, self.alone = [], None
+        self.trace = self.view = self.records = 0
+
+    def begin(self, epoch: int, burdens: Sequence[float]) -> None:
+        """Begin an epoch: the cells are dealt out anew."""
+        self.dissolve()
+        self.epoch = epoch
+        self.holders = self._dealt(burdens)
+
+    def _dealt(self, burdens: Sequence[float]) -> tuple[int, ...]:
+        """As `deal` has it, but each slave goes on with the share of which it has most already."""
+        shares = deal(np.array(burdens), len(self.members))
+        left = list(range(len(self.members)))
+        holders = [0] * len(burdens)
+        for member in sorted(self.members, key=lambda member: -len(member.cells)):
+            best = max(left, key=lambda share: sum(shares[cell] == share for cell in member.cells))
+            left.remove(best)
+            for cell, share in enumerate(shares):
+                if share == best:
+                    holders[cell] = member.number
+        return tuple(holders)
+
+    def cells_of(self, member: Member) -> list[int]:
+        """What a slave is to hold."""
+        return [cell for cell, holder in enumerate(self.holders) if holder == member.number]
+
+    def wait_for(self, answer: type[protocol.FromSlave], towards: int = 0) -> None:
+        """All its slaves owe an answer."""
+        self.awaits, self.waiting = answer, {member.number for member in self.members}
+        self.towards = towards
+
+
+def formed(members: Sequence[Member], least: int, cells: int) -> tuple[list[Team], list[Member]]:
+    """Teams of at least so many slaves, as many and as equal as can be, and the slaves that are left over.
+
+    Args:
+        least: slaves that a team needs to hold all cells; with fewer in all there is one team.
+        cells: no team can have more slaves than there are cells.
+    """
+    if not members:
+        return [], []
+    count = max(1, len(members) // least)
+    dealt = [list(members[index::count]) for index in range(count)]
+    teams = [Team(each[:cells], min(len(each), cells)) for each in dealt]
+    return teams, [member for each in dealt for member in each[cells:]]
+
+
+def copies_between(teams: Sequence[Team]) -> dict[int, tuple[protocol.Copy, ...]]:
+    """Who sends what landed in his cells to whom: slave -> copies. Every team gets what landed in all others."""
+    endpoints = {member.number: member.hello.peers for team in teams for member in team.members}
+    copies: dict[int, list[protocol.Copy]] = {number: [] for number in endpoints}
+    for source in teams:
+        for target in teams:
+            if target is not source:
+                for cell, holder in enumerate(source.holders):
+                    receiver = target.holders[cell]
+                    copies[holder].append(protocol.Copy(cell, receiver, target.epoch, endpoints[receiver]))
+    return {number: tuple(of_slave) for number, of_slave in copies.items()}
