@@ -51,6 +51,7 @@ class Cluster(Backend):
         stack: ExitStack,
         *,
         copies: Copies = Copies.AUTO,
+        processes: LocalSlaves | None = None,
         threads: int | None = None,
         device: str = "cpu",
     ) -> None:
@@ -58,6 +59,7 @@ class Cluster(Backend):
         self._master = master
         self._stack = stack
         self._copies = copies
+        self._processes = processes
         self._launcher = Launcher(device, threads)
 
     @classmethod
@@ -90,7 +92,8 @@ class Cluster(Backend):
             server = MasterServer("tcp://127.0.0.1:0", slaves, security=keys, watch=processes.ended)
             master = stack.enter_context(server)
             processes.start(slaves, slave_command(each, device, memory), master.endpoint, line)
-            return cls(master, slaves, stack.pop_all(), copies=copies, threads=threads, device=device)
+            kept = stack.pop_all()
+            return cls(master, slaves, kept, copies=copies, processes=processes, threads=threads, device=device)
 
     @classmethod
     def listen(
@@ -121,6 +124,11 @@ class Cluster(Backend):
         with ExitStack() as stack:
             server = MasterServer(bind, slaves, most=most, security=security, watch=nobody)
             return cls(stack.enter_context(server), slaves, stack.pop_all(), copies=copies)
+
+    @property
+    def processes(self) -> tuple[int, ...]:
+        """Process numbers of slaves that were started here, and have not ended."""
+        return () if self._processes is None else tuple(self._processes.processes)
 
     @property
     def endpoint(self) -> str:

@@ -83,8 +83,8 @@ class LocalSlaves:
 
     @property
     def processes(self) -> list[int]:
-        """Their process numbers."""
-        return [slave.process.pid for slave in self._slaves]
+        """Numbers of those that run."""
+        return [slave.process.pid for slave in self._slaves if slave.process.poll() is None]
 
     def ended(self) -> Iterator[tuple[int, str]]:
         """Processes that have ended since this was last asked: number, and why."""

@@ -38,6 +38,9 @@ from wdpm.scenes.errors import ProtocolError
 
 __all__ = ["Master", "Phase"]
 
+MOST_MISHAPS = 16
+"""Losses and separations of slaves in a row, without a task that is done, that a render survives."""
+
 
 class Master:
     """The state of a cluster.
@@ -65,6 +68,7 @@ class Master:
         self._awaited = False
         self._apart: dict[tuple[int, int], tuple[float, str]] = {}  # slaves that miss each other: until when, and why
         self._alone: tuple[float, str] | None = None  # since when no slave is there, and why
+        self._mishaps = (0, 0)  # tasks that were done when slaves were last lost or separated, and how often since then
 
     @property
     def phase(self) -> Phase:
@@ -192,6 +196,9 @@ class Master:
         self._members.lose(member)
         left = f"{len(self._members)} of {self._members.expected} left"
         out: list[Instruction] = [Noted(f"{member} is lost: {reason}; {left}")]
+        hopeless = self._again_and_again(f"{member} is lost: {reason}")
+        if hopeless:
+            return out + hopeless
         out += self._phases.lost(member, now)
         if len(self._members) or self.phase is Phase.JOINING:
             return out
@@ -201,8 +208,8 @@ class Master:
     def _join(self, identity: bytes, hello: protocol.Hello, now: float) -> list[Instruction]:
         out: list[Instruction] = []
         joined: list[Instruction] = []
-        member = self._members.get(identity)
-        if member is not None and self.phase is not Phase.JOINING:
+        member = self._members.get(identity) or self._members.at(hello.peers)
+        if member is not None and (member.identity != identity or self.phase is not Phase.JOINING):
             out += self._lose(member, "it lost its connection, and came back", now)
             member = None
         if member is None:
@@ -278,8 +285,20 @@ class Master:
                 f"{member} cannot reach {peer} at {peer.hello.peers}: {unreachable}; check that a firewall lets slaves "
                 "connect to each other at any port, and that both machines are in one network"
             )
-        note = Noted(f"the connection from {member} to {peer} broke; they connect again")
-        return [note, *self._phases.separated(member, peer, now)]
+        text = f"the connection from {member} to {peer} broke"
+        return self._again_and_again(text) or [
+            Noted(f"{text}; they connect again"),
+            *self._phases.separated(member, peer, now),
+        ]
+
+    def _again_and_again(self, mishap: str) -> list[Instruction]:
+        """End a cluster that begins anew all the time and gets nothing done."""
+        done, times = self._mishaps
+        self._mishaps = (self._phases.tasks_done, 1 if self._phases.tasks_done > done else times + 1)
+        if self._mishaps[1] <= MOST_MISHAPS:
+            return []
+        times_in_words = f"slaves were lost or separated {MOST_MISHAPS} times"
+        return self._break(f"{times_in_words}, and no task was done since then: {mishap}")
 
     def _unreadable(self, identity: bytes, reason: str) -> list[Instruction]:
         member = self._members.get(identity)

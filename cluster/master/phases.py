@@ -25,6 +25,7 @@ from wdpm.cluster.master.observing import bucket_done, frame_begun
 from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.master.roster import Roster, least_of
 from wdpm.cluster.master.statistics import check_statistics, of_nobody
+from wdpm.cluster.master.task_sizes import at_once, photon_task_size, processes_of
 from wdpm.cluster.master.tasks import Tasks, units
 from wdpm.cluster.master.teams import Team, copies_between
 from wdpm.cluster.messages import protocol
@@ -32,12 +33,6 @@ from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.task import PhotonsTraced, PhotonTask, Task, TaskResult
 from wdpm.cluster.world import PhotonPlan
 from wdpm.scenes.errors import ProtocolError
-
-TASKS_A_PROCESS = 8
-"""Photon tasks for each of several processes: so many that they end together, ..."""
-
-PHOTON_TASK_LEAST = 4096
-"""... and paths of each, so that what a launch costs the interpreter does not count."""
 
 WORTH_REGROUPING = 0.5
 """A team of several begins anew for a slave that joins while no larger share of the buckets was handed out."""
@@ -82,8 +77,14 @@ class Phases:
         self._plan: PhotonPlan | None = None
         self._trace = self._view = self._records = 0
         self._setting_up = False
+        self._lost: list[Member] = []
         self.roster = Roster(members, limits)
         self._tasks = Tasks()
+
+    @property
+    def tasks_done(self) -> int:
+        """Of all sessions so far."""
+        return self._tasks.ever_done
 
     def begin(self, session: Session, now: float) -> list[Instruction]:
         """Render a session, as soon as all slaves have joined."""
@@ -120,6 +121,7 @@ class Phases:
 
     def lost(self, member: Member, now: float) -> list[Instruction]:
         """A slave is gone. Its team begins anew without it, and its tasks are done by others."""
+        self._lost.append(member)
         self._tasks.give_back(member)
         if member in self.roster.spare:
             self.roster.spare.remove(member)
@@ -197,6 +199,7 @@ class Phases:
 
     def _start_session(self, session: Session, now: float) -> list[Instruction]:
         self._seconds, self._phase_at = {}, now
+        self._lost = []
         self._view += 1
         self._records = 0
         same_scene = session.digest == self._digest
@@ -221,12 +224,7 @@ class Phases:
     def _begin_trace(self, session: Session) -> None:
         """All photons are to be traced, by all teams together."""
         self._trace += 1
-        paths = session.world.paths
-        size = self._limits.photon_task_paths
-        at_once = self._at_once(session)
-        if at_once > 1:
-            size = min(size, max(-(-paths // (TASKS_A_PROCESS * at_once)), PHOTON_TASK_LEAST))
-        self._tasks.trace(paths, size)
+        self._tasks.trace(session.world.paths, photon_task_size(session, self._at_once(session), self._limits))
         for team in self.roster.teams:
             team.mapped, team.traced, team.alone = False, [], None
 
@@ -258,7 +256,7 @@ class Phases:
             self._end_phase("partition", now)
         self.phase = Phase.PHOTONS
         out: list[Instruction] = [Started("photons", session.world.paths)]
-        return out + self._hand_out(now) + self._go_on(session, now)
+        return out + self._hand_out(session, now) + self._go_on(session, now)
 
     def _start_maps(self, now: float) -> list[Instruction]:
         self._end_phase("photons", now)
@@ -327,7 +325,7 @@ class Phases:
             dict(self._dropped),
             rounds.records,
             rounds.rays,
-            tuple(str(member) for member in self._members.ever if member not in list(self._members)),
+            tuple(map(str, self._lost)),
         )
         self.phase = Phase.IDLE
         self.session = self._tasks.film = self._tasks.rounds = None
@@ -347,22 +345,22 @@ class Phases:
             plan = protocol.ForgetPhotons(team.epoch, session.world.photon_plan)
             return self._order(team, protocol.PhotonsForgotten, plan, self._trace)
         if not team.mapped:
-            return self._trace_alone(team, now)
+            return self._trace_alone(team, session, now)
         if team.view != self._view:
             return self._order(team, protocol.ViewSet, protocol.SetView(team.epoch, session.view), self._view)
         rounds = self._tasks.rounds
         if rounds is not None and team.records != self._records:
             records = protocol.SetRecords(team.epoch, rounds.shared())
             return self._order(team, protocol.RecordsSet, records, self._records)
-        return self._hand_out(now)
+        return self._hand_out(session, now)
 
     def _lead_all(self, session: Session, now: float) -> list[Instruction]:
         return [instruction for team in list(self.roster.teams) for instruction in self._lead(team, session, now)]
 
-    def _trace_alone(self, team: Team, now: float) -> list[Instruction]:
+    def _trace_alone(self, team: Team, session: Session, now: float) -> list[Instruction]:
         """A team that has no maps while others go on traces all photons for itself. Early it traces with the others."""
         if self.phase is Phase.PHOTONS:
-            return self._hand_out(now)
+            return self._hand_out(session, now)
         if self.phase in (Phase.SETUP, Phase.MAPS):
             return []
         if team.alone is None:
@@ -435,7 +433,7 @@ class Phases:
 
     # Tasks.
 
-    def _hand_out(self, now: float) -> list[Instruction]:
+    def _hand_out(self, session: Session, now: float) -> list[Instruction]:
         """Hand out tasks, as far as the slaves' limits allow."""
         photons = self.phase is Phase.PHOTONS
         limit = self._limits.photon_tasks_in_flight if photons else self._limits.buckets_in_flight
@@ -445,7 +443,7 @@ class Phases:
             teams = self._working()
         else:
             teams = []
-        places = [(member, limit * self._processes(member)) for team in teams for member in team.members]
+        places = [(member, limit * processes_of(session, member)) for team in teams for member in team.members]
         return self._start_tasks(list(self._tasks.hand_out(places, now)))
 
     def _hand_out_alone(self, team: Team) -> list[Instruction]:
@@ -478,18 +476,10 @@ class Phases:
         if isinstance(task, PhotonTask):
             team.traced.append(task)
         shown: list[Instruction] = [Advanced(units(task)), *bucket_done(member, result)]
-        return shown + self._hand_out(now) + self._go_on(session, now)
-
-    def _processes(self, member: Member) -> int:
-        """Most tasks that a slave does at once: several only where tasks need no other slave."""
-        alone = self.session is not None and len(self.session.burdens) == 1
-        return member.hello.processes if alone else 1
+        return shown + self._hand_out(session, now) + self._go_on(session, now)
 
     def _at_once(self, session: Session) -> int:
-        """Tasks that are done at once without waiting for each other."""
-        if len(session.burdens) > 1:
-            return len(self.roster.teams)
-        return sum(member.hello.processes for member in self._members)
+        return at_once(session, self._members, len(self.roster.teams))
 
     def _end_phase(self, name: str, now: float) -> None:
         self._seconds[name] = now - self._phase_at

@@ -26,6 +26,7 @@ class RecordRounds:
         self._round = view.cache.rounds if len(given) else 0
         self._made: list[RecordsMade] = []
         self.records = given
+        self._shared: Records | None = None
 
     @property
     def finished(self) -> bool:
@@ -65,10 +66,13 @@ class RecordRounds:
         """All tasks of the round are done."""
         self._round += 1
         self.records = joined([made.records for made in self._made])
+        self._shared = None
 
     def shared(self) -> Records:
-        """The records as slaves use them."""
-        return replace(self.records, radius=clamped(self.records.position, self.records.radius))
+        """The records as slaves use them, worked out once for all."""
+        if self._shared is None:
+            self._shared = replace(self.records, radius=clamped(self.records.position, self.records.radius))
+        return self._shared
 
     def _candidates(self, number: int) -> int:
         camera = self._view.camera

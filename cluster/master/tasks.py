@@ -53,6 +53,7 @@ class Tasks:
     Attributes:
         film: the image, from its first bucket until the session ends.
         rounds: of records, from the first until the session ends.
+        ever_done: tasks that were done in all sessions.
     """
 
     def __init__(self) -> None:
@@ -66,6 +67,7 @@ class Tasks:
         self._seconds: list[float] = []  # that each of those took
         self._next_number = 0
         self._total = 0
+        self.ever_done = 0
 
     @property
     def waiting(self) -> bool:
@@ -179,6 +181,7 @@ class Tasks:
         self._seconds.append(now - flying.since)
         del member.in_flight[handed.number], self._flying[handed.number]
         self._done[handed.number] = handed
+        self.ever_done += 1
         return handed
 
     def take_again(self, member: Member, result: TaskResult) -> None:
@@ -188,6 +191,7 @@ class Tasks:
             raise ProtocolError(f"{type(result).__name__} came for {task}")
         _check_paths(task, result)
         self._photons[task.start] = result
+        self.ever_done += 1
         del member.in_flight[task.number]
 
     def _keep(self, task: Task, result: TaskResult) -> None:

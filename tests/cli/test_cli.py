@@ -47,7 +47,7 @@ class Renderer:
     """Stands for the loader and for wdpm.api: remembers what it was asked for and gives a small image."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        from wdpm import api, clusters
+        from wdpm import clusters
         from wdpm.cli import scene as loading
 
         self.scene = scene()
@@ -55,7 +55,7 @@ class Renderer:
         self.loaded: dict[str, Any] = {}
         self.rendered: dict[str, Any] = {}
         monkeypatch.setattr(loading, "load", self.load)
-        monkeypatch.setattr(api, "render", self.render)
+        monkeypatch.setattr(clusters, "render_here", self.render)
         monkeypatch.setattr(clusters, "render_as_master", self.render)
         monkeypatch.setattr(clusters, "check_listening", lambda *_: None)
 
@@ -328,7 +328,7 @@ def test_a_picture_that_cannot_be_written_does_not_cost_the_others(
 def test_an_image_whose_place_is_gone_is_kept_elsewhere(
     renderer: Renderer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from wdpm import api
+    from wdpm import clusters
 
     def render(*arguments: Any, **options: Any) -> Image:
         Path("out").rmdir()
@@ -337,7 +337,7 @@ def test_an_image_whose_place_is_gone_is_kept_elsewhere(
     Path("out").mkdir()
     Path("kept").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(Path("kept").resolve()))
-    monkeypatch.setattr(api, "render", render)
+    monkeypatch.setattr(clusters, "render_here", render)
     assert run(["render", "a.xml", "-q", "-o", "out/a.png"]) == 2
     err = capsys.readouterr().err
     [kept] = Path("kept").glob("*/a.exr")
@@ -359,13 +359,13 @@ def test_a_full_disk_is_found_before_the_render(
 def test_records_that_cannot_be_written_cost_neither_image_nor_report(
     renderer: Renderer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from wdpm import api
+    from wdpm import clusters
     from wdpm.rendering.cache_file import CacheNotWrittenError
 
     def failing(*_: Any, **__: Any) -> Image:
         raise CacheNotWrittenError("a.rec: cannot be written", renderer.image())
 
-    monkeypatch.setattr(api, "render", failing)
+    monkeypatch.setattr(clusters, "render_here", failing)
     assert run(["render", "a.xml", "-q", "-o", "a.exr", "--report", "a.json", "--save-cache", "a.rec"]) == 2
     assert capsys.readouterr().err == "wdpm: error: a.rec: cannot be written\n"
     assert load("a.exr").shape == (2, 3)

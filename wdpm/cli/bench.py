@@ -22,12 +22,16 @@ from wdpm.bench.commands import (
     paper,
     peers,
     predict,
+    scaling,
 )
 from wdpm.bench.commands.benchmark import Benchmark
+from wdpm.cluster.plan.copies import Copies
+from wdpm.rendering.backend import Backend
 
 BENCHMARKS = (
     kernels.BENCHMARK,
     paper.BENCHMARK,
+    scaling.BENCHMARK,
     effects.BENCHMARK,
     mitsuba.BENCHMARK,
     caustic.BENCHMARK,
@@ -43,6 +47,7 @@ _EXAMPLES = """\
 examples:
   wdpm bench kernels
   wdpm bench paper scene.xml --slaves 0,2,4 --routing both --markdown table.md
+  wdpm bench scaling scene.xml --slaves 1,4,8 --copies auto
   wdpm bench effects --plot effects.svg
   wdpm bench mitsuba scene.xml --reference reference.exr
   wdpm bench caustic glass.xml --reference reference.exr --region 136,222,226,250
@@ -87,7 +92,11 @@ def run(args: argparse.Namespace) -> int:
     progress = make_progress()
     try:
         threads = getattr(args, "threads", None)  # some benchmarks are of one core, and have no such option
-        measured = args.benchmark.run(args, lambda slaves: backend_here(slaves, threads), progress)
+
+        def backends(slaves: int, copies: Copies = Copies.AUTO, cores: int | None = None, /) -> Backend:
+            return backend_here(slaves, cores or threads, copies=copies)
+
+        measured = args.benchmark.run(args, backends, progress)
     finally:
         progress.finish()
     console = Console() if sys.stdout.isatty() else Console(width=LOG_WIDTH)

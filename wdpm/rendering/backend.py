@@ -5,9 +5,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
 from wdpm.cluster.display import Display
+from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.progress import Progress
@@ -37,6 +38,11 @@ class Backend(ABC):
         self.threads = threads
         self.device = device
         self.display: Display | None = None
+
+    @property
+    def processes(self) -> tuple[int, ...]:
+        """Process numbers of slaves that were started here."""
+        return ()
 
     @abstractmethod
     def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:
@@ -72,3 +78,9 @@ class Backend(ABC):
 
 Backends = Callable[[int], Backend]
 """Makes a backend with a number of slaves, 0 for this process; for what compares several of them."""
+
+
+class ClusterBackends(Protocol):
+    """Makes a backend of slaves with some threads in all."""
+
+    def __call__(self, slaves: int, copies: Copies = ..., threads: int | None = ..., /) -> Backend: ...

@@ -149,7 +149,7 @@ class PassAverage:
         for phase, seconds in result.seconds.items():
             self._seconds[phase] = self._seconds.get(phase, 0.0) + seconds
         self._dropped = merged(self._dropped, outcome.dropped)
-        self._lost = outcome.lost
+        self._lost += outcome.lost
 
     # What a journal keeps (pass_journal).
 

@@ -41,7 +41,7 @@ def test_versions_that_differ_are_named() -> None:
 
 
 def test_one_slave_too_many_is_refused() -> None:
-    [refusal] = sent(Driver().join().says(C, hello()))
+    [refusal] = sent(Driver().join().says(C, hello(2)))
     assert isinstance(refusal, p.Refuse)
     assert "all 2 slaves" in refusal.reason
 
@@ -50,7 +50,7 @@ def test_a_session_waits_for_the_slaves() -> None:
     driver = Driver()
     assert driver(m.Begin(make_session(2, 2))) == []
     driver.says(A, hello())
-    out = driver.says(B, hello())
+    out = driver.says(B, hello(1))
     assert [type(message) for message in sent(out, A)] == [p.Setup]
 
 
@@ -359,6 +359,14 @@ def test_a_slave_that_lost_its_connection_comes_back() -> None:
     assert "is lost: it lost its connection, and came back" in noted(out)
     [welcome, setup] = sent(out, B)
     assert (welcome.number, setup.kept) == (2, ())
+
+
+def test_a_slave_comes_back_before_it_is_missed() -> None:
+    driver = Driver()
+    driver.to_photons()
+    out = driver.says(C, hello(1))
+    assert "slave 1 (host, process 1) is lost: it lost its connection, and came back" in noted(out)
+    assert [type(message) for message in sent(out, C)] == [p.Welcome, p.Setup]
 
 
 def test_a_master_without_slaves_waits_for_one_and_gives_up() -> None:

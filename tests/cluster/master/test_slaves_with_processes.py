@@ -11,7 +11,7 @@ from master_driver import EPOCH, LIMITS, A, Driver, hello, sent, tasks_of
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.machine import Master
-from wdpm.cluster.master.phases import PHOTON_TASK_LEAST, TASKS_A_PROCESS
+from wdpm.cluster.master.task_sizes import PHOTON_TASK_LEAST, TASKS_A_PROCESS
 from wdpm.cluster.messages import protocol as p
 
 

@@ -1,37 +1,55 @@
-"""The master does not hold what it has sent: neither the scene's triangles nor the pilot's copy of them."""
+"""The master holds no triangles in memory: they lie on disk, to be sent to slaves that come later."""
 
 from __future__ import annotations
 
-import gc
-import weakref
+import tempfile
 from collections.abc import Callable
 from typing import Any
+
+import numpy as np
+import pytest
 
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import SilentProgress
-from wdpm.rendering.prepare import prepare
+from wdpm.rendering.prepare import Prepared, prepare
+from wdpm.rendering.spool import spooled
 from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.arrays import Triangles
+from wdpm.scenes.flat.flatten import flatten
+
+
+def prepared_for(workers: int) -> Prepared:
+    return prepare(cornell_box((8, 8)), RenderSettings(photons=1000), workers, Launcher("cpu", 1), SilentProgress())
 
 
 def held_triangles(function: Callable[..., Any]) -> Triangles:
     """The triangles that a partition function has in its closure."""
-    lists = [cell.cell_contents for cell in function.__closure__ or () if isinstance(cell.cell_contents, list)]
-    (triangles,) = (item for held in lists for item in held)
-    assert isinstance(triangles, Triangles)
+    held = [cell.cell_contents for cell in function.__closure__ or ()]
+    [triangles] = (item for item in held if isinstance(item, Triangles))
     return triangles
 
 
-def test_after_the_last_cell_nothing_holds_the_triangles() -> None:
-    prepared = prepare(cornell_box((8, 8)), RenderSettings(photons=1000), 4, Launcher("cpu", 1), SilentProgress())
+def test_the_triangles_lie_on_disk() -> None:
+    prepared = prepared_for(4)
     assert prepared.pilot is None
     partition = prepared.session.partition
-    watched = weakref.ref(held_triangles(partition).positions)
-    parts = [partition(cell) for cell in range(3)]
-    gc.collect()
-    assert watched() is not None
-    parts.append(partition(3))
-    gc.collect()
-    assert watched() is None
-    assert len({int(i) for part in parts for i in part.ids}) == prepared.triangles
+    held = held_triangles(partition)
+    for name in ("positions", "normals", "ids"):
+        assert isinstance(getattr(held, name).base, np.memmap)
+    for _ in range(2):  # a slave that comes later gets them, too
+        parts = [partition(cell) for cell in range(4)]
+        assert len({int(i) for part in parts for i in part.ids}) == prepared.triangles
+
+
+def test_what_was_spooled_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    triangles = flatten(cornell_box((8, 8))).triangles
+    for name, array in vars(spooled(triangles)).items():
+        np.testing.assert_array_equal(array, getattr(triangles, name))
+        assert array.dtype == getattr(triangles, name).dtype
+    monkeypatch.setattr(tempfile, "TemporaryFile", no_room)
+    assert spooled(triangles) is triangles
+
+
+def no_room(**_: Any) -> Any:
+    raise OSError(28, "No space left on device")

@@ -6,6 +6,7 @@ Slaves are threads where nothing has to die, and processes where something has.
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import signal
 import socket
@@ -196,7 +197,7 @@ def noise(endpoint: str) -> None:
         for _ in wrong:
             assert dealer.poll(10_000)
             answer = packing.decode(dealer.recv_multipart(), packing.by_name(protocol.FromMaster))
-            assert isinstance(answer, protocol.Rejected)
+            assert isinstance(answer, protocol.Rejected | protocol.Dismissed)
 
 
 def test_noise_is_dropped_counted_and_answered() -> None:
@@ -259,18 +260,50 @@ def test_a_failing_worker_ends_the_render(error: Exception, capsys: pytest.Captu
     assert traceback_printed == isinstance(error, ValueError)
 
 
-def test_a_killed_slave_ends_the_render_and_leaves_no_process() -> None:
+@pytest.mark.parametrize("team", [1, 3])
+@pytest.mark.parametrize("phase", ["photons", "render"])
+def test_a_render_survives_killed_slaves(team: int, phase: str) -> None:
     slaves = LocalSlaves()
     with contextlib.ExitStack() as stack:
         stack.callback(slaves.stop)
-        master = stack.enter_context(make_master(2, watch=slaves.ended))
-        slaves.start(2, slow_slave(0.2, "life-line"), master.endpoint)
+        master = stack.enter_context(make_master(3, watch=slaves.ended))
+        slaves.start(3, slow_slave(0.02, "life-line"), master.endpoint)
         processes = slaves.processes
-        victim = processes[1]
-        session = make_session(2, 2, view=make_view(640, 640))
-        with pytest.raises(ClusterError, match=rf"slave \d \(.*, process {victim}\) is lost"):
-            master.render(session, At("render", lambda: os.kill(victim, signal.SIGKILL)))
+
+        def kill() -> None:
+            for victim in processes[:2]:
+                os.kill(victim, signal.SIGKILL)
+
+        session = make_session(3, 4, view=make_view(160, 160), least=team)
+        result = master.render(session, At(phase, kill))
+        check_picture(session, result.layers)
+        assert result.paths == 1000
+        assert len(result.lost) == 2
     assert not any(is_running(process) for process in processes)
+
+
+def test_the_last_slave_that_is_killed_ends_the_render() -> None:
+    slaves = LocalSlaves()
+    with contextlib.ExitStack() as stack:
+        stack.callback(slaves.stop)
+        master = stack.enter_context(make_master(1, watch=slaves.ended))
+        slaves.start(1, slow_slave(0.2, "life-line"), master.endpoint)
+        [victim] = slaves.processes
+        session = make_session(1, 2, view=make_view(640, 640))
+        with pytest.raises(ClusterError, match=rf"slave 0 \(.*, process {victim}\) is lost.*no slave is left"):
+            master.render(session, At("render", lambda: os.kill(victim, signal.SIGKILL)))
+    assert not is_running(victim)
+
+
+def test_a_slave_joins_a_render_that_runs() -> None:
+    with make_master(1, most=2) as master:
+        slaves = [SlaveThread(master.endpoint, functools.partial(FakeWorker, delay=0.02))]
+        session = make_session(1, 2, view=make_view(320, 160), least=1)
+        late = functools.partial(SlaveThread, master.endpoint, functools.partial(FakeWorker, delay=0.02))
+        result = master.render(session, At("render", lambda: slaves.append(late())))
+        check_picture(session, result.layers)
+        assert {each["slave"] for each in result.statistics} == {0, 1}
+    assert [slave.end() for slave in slaves] == [None, None]
 
 
 def test_a_slave_that_cannot_start_ends_the_render() -> None:
@@ -312,7 +345,8 @@ def master_process(*options: str) -> Iterator[tuple[subprocess.Popen[str], list[
                 os.kill(slave, signal.SIGKILL)
 
 
-@pytest.mark.parametrize("options", [("life-line",), ()], ids=["local", "remote"])
+# A slave on another machine waits a little whether its master comes back.
+@pytest.mark.parametrize("options", [("life-line",), ("patience=1",)], ids=["local", "remote"])
 def test_a_killed_master_leaves_no_slave(options: tuple[str, ...]) -> None:
     with master_process(*options) as (process, slaves):
         process.kill()

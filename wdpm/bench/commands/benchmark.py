@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from wdpm.progress import Progress
-from wdpm.rendering.backend import Backends
+from wdpm.rendering.backend import ClusterBackends
 
 if TYPE_CHECKING:
     from wdpm.report.grid import Grid
@@ -51,4 +51,4 @@ class Benchmark:
     help: str
     description: str
     add_arguments: Callable[[argparse.ArgumentParser], None]
-    run: Callable[[argparse.Namespace, Backends, Progress], Measured]
+    run: Callable[[argparse.Namespace, ClusterBackends, Progress], Measured]

@@ -1,0 +1,33 @@
+"""How many tasks are done at once, and how large they are for that."""
+
+from __future__ import annotations
+
+from wdpm.cluster.limits import ClusterLimits
+from wdpm.cluster.master.members import Member, Members
+from wdpm.cluster.session import Session
+
+TASKS_A_PROCESS = 8
+"""Photon tasks for each of several processes: so many that they end together, ..."""
+
+PHOTON_TASK_LEAST = 4096
+"""... and paths of each, so that what a launch costs the interpreter does not count."""
+
+
+def processes_of(session: Session, member: Member) -> int:
+    """Most tasks that a slave does at once: several only where tasks need no other slave."""
+    return member.hello.processes if len(session.burdens) == 1 else 1
+
+
+def at_once(session: Session, members: Members, teams: int) -> int:
+    """Tasks that are done at once without waiting for each other."""
+    if len(session.burdens) > 1:
+        return teams
+    return sum(member.hello.processes for member in members)
+
+
+def photon_task_size(session: Session, tasks: int, limits: ClusterLimits) -> int:
+    """Photon paths a task, where so many tasks are done at once."""
+    size = limits.photon_task_paths
+    if tasks > 1:
+        size = min(size, max(-(-session.world.paths // (TASKS_A_PROCESS * tasks)), PHOTON_TASK_LEAST))
+    return size

@@ -1,0 +1,55 @@
+"""`wdpm bench scaling`: its options, and what it does with them."""
+
+from __future__ import annotations
+
+import argparse
+
+from wdpm import values
+from wdpm.bench.commands.arguments import find_all, slave_counts
+from wdpm.bench.commands.benchmark import Benchmark, Measured
+from wdpm.cluster.plan.copies import Copies
+from wdpm.progress import Progress
+from wdpm.rendering.backend import ClusterBackends
+
+_DESCRIPTION = """\
+Render scenes in one process and with clusters of slaves on this machine, with
+copies of the scene and without: CPU seconds of all processes against those of
+one, what is sent, and what a slave holds at most."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add its options."""
+    parser.add_argument("scenes", nargs="+", metavar="SCENE", help="scene files or built-in scenes")
+    parser.add_argument(
+        "--slaves",
+        type=slave_counts,
+        default=(1, 2, 4, 8),
+        metavar="N,N,...",
+        help="numbers of slaves; one process is always measured (default: 1,2,4,8)",
+    )
+    parser.add_argument(
+        "--copies",
+        type=values.copies,
+        action="append",
+        metavar="none|auto",
+        help="may be given twice (default: both)",
+    )
+    parser.add_argument("--size", type=values.size, metavar="WxH", help="size of the images (default: the scene's)")
+    parser.add_argument(
+        "--spp", type=values.positive_count, metavar="N", help="samples a pixel (default: the scene's, or 16)"
+    )
+    parser.add_argument("--photons", type=values.count, metavar="N", help="photons to be stored (default: 250k)")
+
+
+def run(args: argparse.Namespace, backends: ClusterBackends, progress: Progress) -> Measured:
+    """What more slaves cost."""
+    from wdpm.bench.scaling import measure
+
+    find_all(args.scenes)
+    chosen = {name: getattr(args, name) for name in ("spp", "photons") if getattr(args, name) is not None}
+    copies = tuple(dict.fromkeys(args.copies or (Copies.AUTO, Copies.NONE)))
+    scenes = [measure(name, args.slaves, copies, backends, progress, size=args.size, **chosen) for name in args.scenes]
+    return Measured([each.grid() for each in scenes], {"scaling": [each.to_dict() for each in scenes]})
+
+
+BENCHMARK = Benchmark("scaling", "what more slaves cost", _DESCRIPTION, add_arguments, run)
