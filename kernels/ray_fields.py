@@ -113,6 +113,13 @@ SURFACE_POINT: Final[Fields] = {
 }
 """Points that measure how much surface there is: kernels.photons.surface_points."""
 
+IRRADIANCE_POINT: Final[Fields] = {
+    "place": integer("among the photons of the cell that carry one, by number", least=0),
+    "radiance": vector("that a white surface sends back [W/(m² sr)]"),
+    "radius": number("of the gather that it comes from [scene units]"),
+}
+"""Irradiance at photons, as light that a white surface reflects: kernels.irradiance.at_photons."""
+
 SAMPLE: Final[Fields] = {
     **_SLOT,
     "emission": vector("light of the first surface itself [W/(m² sr)]"),

@@ -263,11 +263,12 @@ class Phases:
         self.phase = Phase.MAPS
         copies = copies_between(self.roster.teams)
         out: list[Instruction] = [Started("map", sum(len(team.members) for team in self.roster.teams))]
-        for team in self.roster.teams:
+        parts = len(self.roster.teams)
+        for part, team in enumerate(self.roster.teams):
             team.wait_for(protocol.MapsBuilt)
             for member in team.members:
-                awaited = len(team.cells_of(member)) * (len(self.roster.teams) - 1)
-                order = protocol.BuildMaps(team.epoch, copies[member.number], awaited)
+                awaited = len(team.cells_of(member)) * (parts - 1)
+                order = protocol.BuildMaps(team.epoch, copies[member.number], awaited, part, parts)
                 out.append(Send(member.identity, order))
         return out
 

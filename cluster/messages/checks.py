@@ -350,6 +350,11 @@ def _setup(setup: protocol.Setup, where: str) -> None:
             _endpoint(peer, f"{where}.peers[{number}]")
 
 
+def _build_maps(order: protocol.BuildMaps, where: str) -> None:
+    _require(order.awaited >= 0, where, f"{order.awaited} batches awaited")
+    _require(0 <= order.part < order.parts, where, f"part {order.part} of {order.parts}")
+
+
 def _copy(copy: protocol.Copy, where: str) -> None:
     _require(min(copy.cell, copy.slave, copy.epoch) >= 0, where, f"{copy} makes no sense")
     _endpoint(copy.endpoint, f"{where}.endpoint")
@@ -384,5 +389,6 @@ _RANGES: dict[type, Callable[[Any, str], None]] = {
     protocol.Hello: _hello,
     protocol.Setup: _setup,
     protocol.Copy: _copy,
+    protocol.BuildMaps: _build_maps,
     protocol.Welcome: _welcome,
 }

@@ -230,13 +230,16 @@ class BuildMaps:
     """All photons have landed: send copies to other teams, ghosts to the peers, and build maps when theirs have come.
 
     Attributes:
-        copies: of photons that landed here.
-        awaited: how many batches of copies come from other teams.
+        copies: who wants what landed here, and then what was worked out here.
+        awaited: how many batches of each come from other teams.
+        part, parts: which part of the irradiance at photons is worked out here, from 0, and how many there are.
     """
 
     epoch: int
     copies: tuple[Copy, ...] = ()
     awaited: int = 0
+    part: int = 0
+    parts: int = 1
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,9 @@ class Worker(Protocol):
 
     def ghosts_expected(self) -> int: ...
 
-    def build_maps(self) -> None: ...
+    def build_maps(self, part: int, parts: int, cells: Sequence[int]) -> Sequence[Batch]: ...
+
+    def finish_maps(self) -> None: ...
 
     def statistics(self) -> dict[str, Any]: ...
 
@@ -107,7 +109,21 @@ class ExchangeGhosts:
 
 @dataclass(frozen=True)
 class BuildMaps:
-    """Build the maps: all ghosts are here."""
+    """Build the maps, of which all is here, and send the part of the irradiance at photons that is worked out here.
+
+    Attributes:
+        copies: to whom: one batch for each, in their order.
+        part, parts: which part, from 0, and of how many.
+    """
+
+    copies: tuple[Copy, ...] = ()
+    part: int = 0
+    parts: int = 1
+
+
+@dataclass(frozen=True)
+class FinishMaps:
+    """All parts of the irradiance at photons are here."""
 
 
 @dataclass(frozen=True)
@@ -137,6 +153,7 @@ Job = (
     | SendCopies
     | ExchangeGhosts
     | BuildMaps
+    | FinishMaps
     | SetRecords
     | ForgetPhotons
     | ReadStatistics
@@ -243,8 +260,10 @@ class Compute:
                 return Outcome(job, worker.copies([copy.cell for copy in copies]))
             case ExchangeGhosts():
                 return Outcome(job, worker.exchange_ghosts(), ghosts_expected=worker.ghosts_expected())
-            case BuildMaps():
-                worker.build_maps()
+            case BuildMaps(copies, part, parts):
+                return Outcome(job, worker.build_maps(part, parts, [copy.cell for copy in copies]))
+            case FinishMaps():
+                worker.finish_maps()
             case SetRecords(records):
                 worker.set_records(records)
                 # The job is not kept: the worker keeps those that reach its cells.

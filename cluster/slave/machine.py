@@ -434,7 +434,9 @@ class Slave:
             self._had = frozenset(cell for cell, holder in enumerate(job.holders) if holder == job.number)
         if epoch != self._epoch:
             return self._drop("outcome of another epoch")  # a Setup came while the worker was busy
-        if isinstance(job, jobs.SendCopies):
+        if isinstance(job, jobs.SendCopies | jobs.BuildMaps):
+            if isinstance(job, jobs.BuildMaps):
+                self._orders += self._material.built()
             return [
                 ToPeer(copy.slave, protocol.PeerBatch(copy.epoch, batch))
                 for copy, batch in zip(job.copies, outcome.batches, strict=True)
@@ -469,7 +471,7 @@ class Slave:
                 return [ToMaster(protocol.RecordsSet(self._epoch))]
             case jobs.ForgetPhotons():
                 return [ToMaster(protocol.PhotonsForgotten(self._epoch))]
-            case jobs.BuildMaps():
+            case jobs.FinishMaps():
                 return [ToMaster(protocol.MapsBuilt(self._epoch))]
             case jobs.ReadStatistics():
                 values = {**(outcome.statistics or {}), "dropped": self.dropped}

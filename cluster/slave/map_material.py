@@ -1,30 +1,32 @@
 """What photon maps are built of, as it comes from other slaves: counted by batches, so that nothing is missing.
 
-First come copies of photons from slaves of other teams that hold the same cells, then ghosts from slaves of the same
-team: a ghost may be of a photon that was copied.
+First come photons from slaves of other teams that hold the same cells, then ghosts from slaves of the same team: a ghost
+may be of a photon that was copied. Last comes the irradiance at photons that other teams have worked out, each a part.
 """
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 
-from wdpm.cluster.batch import GHOSTS, Batch
+from wdpm.cluster.batch import GHOSTS, Batch, Kind
 from wdpm.cluster.messages.protocol import BuildMaps
 from wdpm.cluster.slave import jobs
 from wdpm.scenes.errors import ProtocolError
 
+PHOTONS, GHOST, IRRADIANCE = "copies of photons", "ghosts and points", "copies of irradiance"
+
 
 class MapMaterial:
-    """Batches of copies and ghosts that wait, and how many more are due before the next step.
+    """Batches that wait to be taken in, and how many more are due before the next step.
 
     Batches may come before the order to build maps, since others may have had theirs earlier.
     """
 
     def __init__(self) -> None:
         self._waiting: deque[Batch] = deque()
-        self._copies = self._ghosts = 0
-        self._copies_due: int | None = None
-        self._ghosts_due: int | None = None
+        self._came: Counter[str] = Counter()
+        self._due: dict[str, int] = {}
+        self._order: BuildMaps | None = None
 
     def __bool__(self) -> bool:
         return bool(self._waiting)
@@ -39,35 +41,49 @@ class MapMaterial:
 
     def ordered(self, order: BuildMaps) -> list[jobs.Job]:
         """The master wants maps: what is to be done first."""
-        self._copies_due = order.awaited
+        self._order = order
+        self._due[PHOTONS] = order.awaited
         first: list[jobs.Job] = [jobs.SendCopies(order.copies)] if order.copies else []
         return first + self._next()
 
     def handled(self, batch: Batch) -> list[jobs.Job]:
         """A batch was taken in: what is to be done next."""
         if batch.kind in GHOSTS:
-            self._ghosts += 1
+            self._came[GHOST] += 1
         else:
-            self._copies += 1
+            self._came[PHOTONS if batch.kind is Kind.COPIED_PHOTONS else IRRADIANCE] += 1
         return self._next()
 
     def exchanged(self, ghosts_due: int) -> list[jobs.Job]:
         """The slave's own ghosts are on their way, and it knows how many come: what is to be done next."""
-        self._ghosts_due = ghosts_due
+        self._due[GHOST] = ghosts_due
+        return self._next()
+
+    def built(self) -> list[jobs.Job]:
+        """The slave's own maps are built: what is to be done next."""
+        if self._order is not None:
+            self._due[IRRADIANCE] = self._order.awaited
         return self._next()
 
     def _next(self) -> list[jobs.Job]:
-        if self._copies_due is not None and self._copies >= self._copies_due:
-            _require_equal(self._copies, self._copies_due, "copies of photons")
-            self._copies, self._copies_due = 0, None
+        if self._order is None:
+            return []
+        order = self._order
+        if self._complete(PHOTONS):
             return [jobs.ExchangeGhosts()]
-        if self._ghosts_due is not None and self._ghosts >= self._ghosts_due:
-            _require_equal(self._ghosts, self._ghosts_due, "ghosts and points")
-            self._ghosts, self._ghosts_due = 0, None
-            return [jobs.BuildMaps()]
+        if self._complete(GHOST):
+            return [jobs.BuildMaps(order.copies, order.part, order.parts)]
+        if self._complete(IRRADIANCE):
+            self._order = None
+            return [jobs.FinishMaps()]
         return []
 
-
-def _require_equal(came: int, due: int, what: str) -> None:
-    if came != due:
-        raise ProtocolError(f"{came} batches of {what} came; expected {due}")
+    def _complete(self, what: str) -> bool:
+        """Whether all is here that a step waits for, which happens once."""
+        due = self._due.get(what)
+        if due is None or self._came[what] < due:
+            return False
+        if self._came[what] > due:
+            raise ProtocolError(f"{self._came[what]} batches of {what} came; expected {due}")
+        del self._due[what], self._came[what]
+        return True

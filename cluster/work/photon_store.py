@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, concatenate, take
+from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, concatenate, take, zeros
 from wdpm.cluster.work.guards import PHOTON, Guards
 from wdpm.cluster.work.overlap_band import rows_near
 from wdpm.cluster.work.replica import Replica
@@ -26,6 +26,7 @@ from wdpm.kernels.photons.flight import BOUNCE_BITS
 from wdpm.kernels.photons.gather_at_photons import gather_at_photons
 from wdpm.kernels.photons.surface_points import reflect_gathered, spread
 from wdpm.kernels.rays import cells
+from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.areas import triangle_areas
 
 DEPOSITS_A_PATH = 6
@@ -88,6 +89,8 @@ class PhotonStore:
         self.maps: list[BuiltMap | None] = [None] * MAPS
         self.points: list[Any] = [None] * MAPS
         self.irradiance: Any = None
+        self._carriers: Arrays = {}
+        self._irradiance_parts: list[Arrays] = []  # of this store first, once it has one
         self.irradiance_count = 0
         self.irradiance_s = 0.0
         self.count = np.zeros(MAPS, np.int64)
@@ -191,8 +194,11 @@ class PhotonStore:
                 parts.append({"map": np.full(len(position), number, np.int32), "position": position, "normal": normal})
         return concatenate(parts, Kind.GHOST_POINTS)
 
-    def build(self) -> None:
-        """Build the trees of photons and of surface points, own and ghosts, and let go of what they are built from."""
+    def build(self, part: int = 0, parts: int = 1) -> None:
+        """Build the trees of photons and of surface points, own and ghosts, and let go of what they are built from.
+
+        Irradiance is worked out at one of so many parts of the photons that carry it; the others come from others.
+        """
         photons = concatenate([*self._own, *self._ghosts], Kind.GHOST_PHOTONS)
         self._own, self._ghosts, self._deposits = [], [], None
         for number, plan in enumerate(self._replica.world.maps):
@@ -202,9 +208,41 @@ class PhotonStore:
         for number in SURFACE_MAPS:
             self.points[number] = self._tree_of_points(take(points, np.flatnonzero(points["map"] == number)))
         if self._replica.world.irradiance.share and self.maps[GLOBAL_MAP] is not None:
-            self._compute_irradiance(take(photons, np.flatnonzero(photons["map"] == int(GLOBAL_MAP))))
+            self._compute_irradiance(take(photons, np.flatnonzero(photons["map"] == int(GLOBAL_MAP))), part, parts)
 
-    def _compute_irradiance(self, photons: Arrays) -> None:
+    def irradiance_part(self) -> Arrays:
+        """What was worked out here, as COPIED_IRRADIANCE."""
+        return self._irradiance_parts[0] if self._irradiance_parts else zeros(Kind.COPIED_IRRADIANCE)
+
+    def add_irradiance(self, part: Arrays) -> None:
+        """Take in what was worked out elsewhere. It may come before this store has built its maps."""
+        self._irradiance_parts.append(part)
+
+    def finish(self) -> None:
+        """Build the tree of irradiance: all parts are here."""
+        carriers, self._carriers = self._carriers, {}
+        parts, self._irradiance_parts = concatenate(self._irradiance_parts, Kind.COPIED_IRRADIANCE), []
+        if not carriers:
+            return
+        began = time.perf_counter()
+        count = len(carriers["id"])
+        places = np.sort(parts["place"])
+        if not np.array_equal(places, np.arange(count)):
+            raise ProtocolError(f"irradiance came for {len(places)} photons of cell {self._cell}; expected {count}")
+        order = np.argsort(parts["place"])
+        launcher = self._replica.launcher
+        self.irradiance = at_photons.build(
+            carriers["position"],
+            parts["radiance"][order],
+            carriers["normal"],
+            parts["radius"][order],
+            carriers["id"],
+            launcher.device,
+            launcher.build_launcher(),
+        )
+        self.irradiance_s += time.perf_counter() - began
+
+    def _compute_irradiance(self, photons: Arrays, part: int, parts: int) -> None:
         """Estimate what reaches the surface at some photons, own ones and all that gather rays of this cell may read.
 
         The photons about a ghost within reach are all here, since the band is that much wider than the radius: its
@@ -217,9 +255,15 @@ class PhotonStore:
         near = rows_near(photons["position"], low[self._cell], high[self._cell], world.irradiance.reach + replica.pad)
         ids = np.sort(photons["id"])
         photons = take(photons, near[at_photons.chosen(photons["id"][near], world.irradiance.share)])
-        # Neighbours one after another: the search for one begins with the radius of the one before.
-        order = np.lexsort(_along(photons["position"], plan.radius))
+        # By number first, so that all who hold the cell have them in one order. Then neighbours one after another: the
+        # search for one begins with the radius of the one before.
+        by_number = np.argsort(photons["id"])
+        order = by_number[np.lexsort(_along(photons["position"][by_number], plan.radius))]
         photons = {name: column[order] for name, column in photons.items()}
+        self._carriers = {name: photons[name] for name in ("position", "normal", "id")}
+        whole = len(photons["id"])
+        first, end = whole * part // parts, whole * (part + 1) // parts
+        photons = take(photons, slice(first, end))
         count, device = len(photons["id"]), launcher.device
         facing = np.where(photons["front"][:, None] == 1, photons["normal"], -photons["normal"])
         position, normal, front = (
@@ -262,15 +306,12 @@ class PhotonStore:
             radiance_out=radiance,
         )
         self.irradiance_count = count
-        self.irradiance = at_photons.build(
-            photons["position"],
-            radiance.numpy(),
-            photons["normal"],
-            radius.numpy(),
-            photons["id"],
-            device,
-            launcher.build_launcher(),
-        )
+        own = {
+            "place": np.arange(first, end, dtype=np.int32),
+            "radiance": radiance.numpy(),
+            "radius": radius.numpy(),
+        }
+        self._irradiance_parts.insert(0, own)
         self.irradiance_s = time.perf_counter() - began
 
     def _tree_of_points(self, points: Arrays) -> Any:
@@ -303,6 +344,7 @@ class PhotonStore:
         self._own_points, self._ghost_points, self.points = {}, [], [None] * MAPS
         self.maps = [None] * MAPS
         self.irradiance, self.irradiance_count, self.irradiance_s = None, 0, 0.0
+        self._carriers, self._irradiance_parts = {}, []
         self.count[:] = 0
         self.copy_count[:] = 0
         self.ghost_count[:] = 0

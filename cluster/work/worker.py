@@ -151,11 +151,29 @@ class CellWorker:
         """Batches of ghosts and of surface points that other workers send to this one."""
         return 2 * len(self.cells) * (len(self.holders) - len(self.cells))
 
-    def build_maps(self) -> None:
-        """Build the photon maps of all cells."""
+    def build_maps(self, part: int = 0, parts: int = 1, cells: Sequence[int] = ()) -> list[Batch]:
+        """Build the photon maps of all cells, and a part of the irradiance at photons.
+
+        Args:
+            part, parts: which, from 0, and of how many.
+            cells: of which others want that part: one batch for each.
+        """
         began = time.perf_counter()
         for cell in self.cells.values():
-            cell.store.build()
+            cell.store.build(part, parts)
+        batches = [
+            Batch(Kind.COPIED_IRRADIANCE, -1, self.number, cell, 0, self.cells[cell].store.irradiance_part())
+            for cell in cells
+        ]
+        self._traffic["bytes_out"] += sum(batch.nbytes for batch in batches)
+        self._busy += time.perf_counter() - began
+        return batches
+
+    def finish_maps(self) -> None:
+        """All parts of the irradiance at photons are here."""
+        began = time.perf_counter()
+        for cell in self.cells.values():
+            cell.store.finish()
         self._busy += time.perf_counter() - began
         self._photon_traffic, self._photon_busy = dict(self._traffic), self._busy
 

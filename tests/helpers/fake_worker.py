@@ -86,6 +86,8 @@ class FakeWorker:
             assert not self.maps_built
             self.copied += len(batch)
             return
+        if batch.kind is Kind.COPIED_IRRADIANCE:
+            return
         if batch.kind is Kind.LANDED:
             assert not self.maps_built
             self.photons += len(batch)
@@ -131,8 +133,13 @@ class FakeWorker:
     def ghosts_expected(self) -> int:
         return len(self.cells) * (len(self.holders) - len(self.cells))
 
-    def build_maps(self) -> None:
+    def build_maps(self, part: int, parts: int, cells: Sequence[int]) -> list[Batch]:
         assert self.ghosts == 2 * self.ghosts_expected()
+        assert 0 <= part < parts
+        kind = Kind.COPIED_IRRADIANCE
+        return [Batch(kind, -1, self.number, cell, 0, arrays(kind, 1)) for cell in cells]
+
+    def finish_maps(self) -> None:
         self.maps_built = True
 
     def set_records(self, records: Records) -> None:

@@ -248,6 +248,7 @@ def test_coincident_photons(strict: bool) -> None:
     worker.exchange_ghosts()
     worker.cells[0].store.add_ghosts(Batch(Kind.GHOST_PHOTONS, -1, 0, 0, 0, photons))
     worker.build_maps()
+    worker.finish_maps()
     batch = one(Kind.VERTEX, **ray)
     if strict:
         with pytest.raises(GuardError, match=f"{guards.CAUSES[guards.COINCIDENT]}: pixel 3,1, sample 1"):

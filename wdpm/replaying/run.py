@@ -149,4 +149,5 @@ def _with_photons(prepared: Prepared, world: World, progress: Progress) -> CellW
     progress.start("map")
     worker.exchange_ghosts()
     worker.build_maps()
+    worker.finish_maps()
     return worker

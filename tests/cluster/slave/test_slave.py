@@ -238,7 +238,7 @@ def test_cells_are_kept_for_the_next_epoch() -> None:
 def test_copies_go_to_other_teams() -> None:
     driver = Driver().ready()
     copies = (p.Copy(1, 7, 9, "tcp://g:1"), p.Copy(3, 8, 9, "tcp://h:1"))
-    out = driver.told(p.BuildMaps(EPOCH, copies, 2))
+    out = driver.told(p.BuildMaps(EPOCH, copies, 2, 0, 3))
     assert [i.number for i in out if isinstance(i, s.ToPeer)] == [7, 8]
     [send] = jobs(out)
     own = [batch(Kind.COPIED_PHOTONS, cell=cell) for cell in (1, 3)]
@@ -252,6 +252,18 @@ def test_copies_go_to_other_teams() -> None:
         assert jobs(driver.peer(p.PeerBatch(EPOCH, theirs))) == [c.HandleBatch(theirs)]
         out = driver.computed(c.HandleBatch(theirs))
     assert jobs(out) == [c.ExchangeGhosts()]
+    [build] = jobs(driver.computed(c.ExchangeGhosts(), ghosts_expected=0))
+    assert build == c.BuildMaps(copies, 0, 3)
+    worked_out = [batch(Kind.COPIED_IRRADIANCE, cell=cell) for cell in (1, 3)]
+    out = driver.computed(build, *worked_out)
+    assert [i.message.batch for i in out if isinstance(i, s.ToPeer)] == worked_out
+    for _ in range(2):
+        assert to_master(out) == []
+        theirs = batch(Kind.COPIED_IRRADIANCE, cell=1, home=12)
+        driver.peer(p.PeerBatch(EPOCH, theirs))
+        out = driver.computed(c.HandleBatch(theirs))
+    assert jobs(out) == [c.FinishMaps()]
+    assert to_master(driver.computed(c.FinishMaps())) == [p.MapsBuilt(EPOCH)]
 
 
 def test_copies_of_a_cell_that_is_not_held_are_refused() -> None:
@@ -353,7 +365,8 @@ def test_maps_are_built_when_the_last_ghosts_are_in(early: int) -> None:
         driver.peer(p.PeerBatch(EPOCH, ghosts))
         out = driver.computed(c.HandleBatch(ghosts))
     assert jobs(out) == [c.BuildMaps()]
-    assert to_master(driver.computed(c.BuildMaps())) == [p.MapsBuilt(EPOCH)]
+    assert jobs(driver.computed(c.BuildMaps())) == [c.FinishMaps()]
+    assert to_master(driver.computed(c.FinishMaps())) == [p.MapsBuilt(EPOCH)]
 
 
 def test_too_many_ghosts_are_an_error() -> None:
