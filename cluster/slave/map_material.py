@@ -1,7 +1,7 @@
 """What photon maps are built of, as it comes from other slaves: counted by batches, so that nothing is missing.
 
-First come photons from slaves of other teams that hold the same cells, then ghosts from slaves of the same team: a ghost
-may be of a photon that was copied. Last comes the irradiance at photons that other teams have worked out, each a part.
+First come photons from slaves of other teams that hold the same cells, then ghosts from slaves of the same team, which
+may be of photons that were copied. Last comes the irradiance at photons that other teams have worked out, each a part.
 """
 
 from __future__ import annotations
