@@ -38,6 +38,7 @@ WRONG = [
     ("wire", "wdpm/rendering/array_file.py", "import msgpack"),
     ("image-files", "wdpm/api.py", "import imageio"),
     ("pages", "wdpm/api.py", "import aiohttp"),
+    ("blender", "wdpm/api.py", "import bpy"),
     ("meshes", "wdpm/api.py", "import trimesh"),
     ("terminal", "wdpm/api.py", "def f():\n    import rich"),
     ("warp", "wdpm/cli/main.py", "import warp"),

@@ -1,0 +1,1 @@
+"""From what Blender has evaluated to a wdpm Scene, without a file between."""
