@@ -7,10 +7,9 @@ from contextlib import AbstractContextManager
 from typing import Any
 
 import bpy
-import numpy as np
 
 from wdpm.blender.export.scene import read_scene
-from wdpm.blender.layers import COMBINED, Layers, passes_of, pixels_of, steepness_of
+from wdpm.blender.layers import COMBINED, Layers, depth_of, passes_of, pixels_of
 from wdpm.blender.progress import BlenderDisplay, BlenderProgress, Cancelled
 from wdpm.blender.settings import SLAVES, TIME, chosen_from, goal_from, keys_from, threads_from
 from wdpm.blender.workplace import WORKPLACE
@@ -47,21 +46,29 @@ class WdpmRenderEngine(bpy.types.RenderEngine):
         except Cancelled:
             self.update_stats("", "Cancelled")
         except WdpmError as error:
-            self.report({"ERROR"}, f"wdpm: {error}")
+            self.tell("ERROR", str(error))
             self.error_set(f"wdpm: {error}")
+
+    def tell(self, kind: str, text: str) -> None:
+        """A line for the person.
+
+        Args:
+            kind: INFO, WARNING or ERROR.
+        """
+        self.report({kind}, f"wdpm: {text}")
 
     def _render(self, depsgraph: Any) -> None:
         self.update_stats("", "Reading the scene")
         scene = read_scene(depsgraph)
         for line in scene.warnings:
-            self.report({"WARNING"}, f"wdpm: {line}")
+            self.tell("WARNING", line)
         view_layer = depsgraph.view_layer_eval
         extra = tuple(passes_of(view_layer, depsgraph.scene.wdpm.light_layers))
         show = _writer(self, scene, depsgraph.view_layer.name, (COMBINED, *extra))
         image = self._image(scene, depsgraph.scene, show)
         for line in image.metadata.get("report", {}).get("warnings", ()):
             if line not in scene.warnings:
-                self.report({"WARNING"}, f"wdpm: {line}")
+                self.tell("INFO", line)
         show(image.layers, 0, 0)
 
     def _image(self, scene: Scene, source: Any, show: Callable[[Layers, int, int], None]) -> Image:
@@ -92,18 +99,17 @@ def _backend(source: Any) -> AbstractContextManager[Backend]:
 
 def _writer(engine: Any, scene: Scene, layer: str, passes: tuple[Any, ...]) -> Callable[[Layers, int, int], None]:
     """What writes pixels into Blender's result, whose lowest row is the first."""
-    steepness = steepness_of(scene.camera)
+    depth = depth_of(scene.camera)
 
     def show(layers: Layers, x0: int, y0: int) -> None:
         height, width = layers["beauty"].shape[:2]
-        part = steepness[y0 : y0 + height, x0 : x0 + width]
+        part = depth.part(x0, y0, width, height)
         bottom = scene.camera.height - y0 - height
         result = engine.begin_result(x0, bottom, width, height, layer=layer)
         found = {each.name: each for each in result.layers[0].passes}
         for each in passes:
             if each.name in found:
-                pixels = pixels_of(each, layers, part)
-                found[each.name].rect.foreach_set(np.ascontiguousarray(pixels))
+                found[each.name].rect.foreach_set(pixels_of(each, layers, part))
         engine.end_result(result)
 
     return show

@@ -1,17 +1,18 @@
 """Blender's lights in our units.
 
-Blender gives the power of a light in watts, and of a sun its irradiance [W/m²]. What Cycles 4.5 makes of that is held by
-tests against it.
+Blender gives the power of a light in watts, and of a sun its irradiance [W/m²]. What Cycles 4.5 makes of that is held
+by tests against it.
 
 Lights with a size are meshes that glow: spheres and, to the front, areas. Light passes through them, as in Blender; but
-a camera sees them, which it does not in Blender.
+a camera sees them, which it does not in Blender. So those in view, and others that we have no mesh for (a sun, a spot
+with a size), are clouds of lights without size: as soft, in steps.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,7 @@ INTENSITY_OF_WATT = 1.0 / (4.0 * math.pi)
 RADIANCE_OF_WATT = 1.0 / math.pi
 """Radiance [W/(m² sr)] of an area light of 1 W and 1 m²."""
 
-_AROUND_SPHERE = 16
+_AROUND_SPHERE = 32
 _AROUND_DISK = 32
 _TURNED = np.diag([-1.0, 1.0, -1.0, 1.0])
 """Blender's lights shine along -z; ours along +z."""
@@ -41,11 +42,17 @@ _TURNED = np.diag([-1.0, 1.0, -1.0, 1.0])
 WIDEST_PATTERN = 80.0
 """Half angle of a spot in degrees up to which its edge is drawn as Blender does: the pattern lies in a plane."""
 
+WIDEST_COSINE = 84.0
+"""Half angle of the spots that stand for an area in view."""
+
 PATTERN = 128
 """Side of a spot's pattern in pixels."""
 
 SHARP_SUN = math.radians(1.0)
-"""Angle of a sun up to which its shadows are sharp without a word about it; ours has no size."""
+"""Angle of a sun up to which its shadows are sharp."""
+
+CLOUD = 64
+"""Lights that stand for one with a size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,18 +77,16 @@ def read_lights(depsgraph: Any, camera: Camera, notes: Notes) -> Iterator[Light 
     """
     for each in depsgraph.object_instances:
         if each.object.type == "LIGHT" and each.show_self:
-            found = _read(each.object, np.array(each.matrix_world, np.float64), camera, notes)
-            if found is not None:
-                yield found
+            yield from _read(each.object, np.array(each.matrix_world, np.float64), camera, notes)
 
 
-def _read(thing: Any, to_world: Array, camera: Camera, notes: Notes) -> Light | Lamp | None:
+def _read(thing: Any, to_world: Array, camera: Camera, notes: Notes) -> Sequence[Light | Lamp]:
     light, owner = thing.data, f'light "{thing.name}"'
     colour = _color(light, owner, notes)
     if not max(colour) > 0.0:
-        return None
+        return ()
     if light.type == "SUN":
-        return _sun(thing.name, light, to_world, colour, notes)
+        return _sun(thing.name, light, to_world, colour)
     if light.type == "AREA":
         return _area(thing, to_world, colour, camera, notes)
     if light.type == "SPOT":
@@ -118,33 +123,45 @@ def _nodes_factor(light: Any, owner: str, notes: Notes) -> Array:
     return np.array(look.emission.mean)
 
 
-def _point(thing: Any, to_world: Array, colour: RGB, camera: Camera, notes: Notes) -> Light | Lamp:
+def _point(thing: Any, to_world: Array, colour: RGB, camera: Camera, notes: Notes) -> Sequence[Light | Lamp]:
     light = thing.data
     place = to_world[:3, 3]
     radius = float(light.shadow_soft_size)
     intensity = _times(colour, INTENSITY_OF_WATT)
     if not getattr(light, "normalize", True) and radius > 0.0:
         intensity = _times(intensity, 4.0 * math.pi * radius**2)
-    if radius > 0.0 and not thing.visible_camera and in_view(camera, place[None]):
-        notes.add(f'light "{thing.name}"', "it is in view, where Blender hides it: it has no size, and sharp shadows")
-        radius = 0.0
     if radius <= 0.0:
-        return PointLight(thing.name, (float(place[0]), float(place[1]), float(place[2])), intensity)
+        return (_point_at(thing.name, place, intensity),)
+    if not thing.visible_camera and in_view(camera, place[None]):
+        _note_cloud(thing.name, notes)
+        share = _times(intensity, 1.0 / CLOUD)
+        return [_point_at(thing.name, place + radius * way, share) for way in on_sphere(CLOUD)]
     ball = sphere(_AROUND_SPHERE, true_area=True)
-    ball = MeshData(ball.vertices * radius + place, ball.faces, ball.normals)
-    return Lamp(thing.name, ball, _times(intensity, 1.0 / (math.pi * radius**2)))
+    ball = MeshData(ball.vertices * radius + place, ball.faces)
+    return (Lamp(thing.name, ball, _times(intensity, 1.0 / (math.pi * radius**2))),)
 
 
-def _sun(name: str, light: Any, to_world: Array, colour: RGB, notes: Notes) -> Light:
-    if light.angle > SHARP_SUN:
-        notes.add(f'light "{name}"', f"its angle of {math.degrees(light.angle):.3g}° is left out: shadows are sharp")
-    x, y, z = (-to_world[:3, 2] / np.linalg.norm(to_world[:3, 2])).tolist()
-    return DirectionalLight(name, (x, y, z), colour)
+def _point_at(name: str, place: Array, intensity: RGB) -> PointLight:
+    x, y, z = (float(each) for each in place)
+    return PointLight(name, (x, y, z), intensity)
 
 
-def _spot(name: str, light: Any, to_world: Array, colour: RGB, notes: Notes) -> Light:
-    if light.shadow_soft_size > 0.0:
-        notes.add(f'light "{name}"', "the radius of a spot is left out: shadows are sharp")
+def _sun(name: str, light: Any, to_world: Array, colour: RGB) -> Sequence[Light]:
+    axes = to_world[:3, :3] / np.linalg.norm(to_world[:3, :3], axis=0)
+    if light.angle <= SHARP_SUN:
+        ways = -axes[:, 2][None]
+    else:
+        across = on_disk(CLOUD) * math.tan(min(light.angle, math.radians(170.0)) / 2.0)
+        ways = across @ axes[:, :2].T - axes[:, 2]
+    share = _times(colour, 1.0 / len(ways))
+    suns = []
+    for way in ways / np.linalg.norm(ways, axis=1, keepdims=True):
+        x, y, z = (float(each) for each in way)
+        suns.append(DirectionalLight(name, (x, y, z), share))
+    return suns
+
+
+def _spot(name: str, light: Any, to_world: Array, colour: RGB, notes: Notes) -> Sequence[Light]:
     if light.use_square:
         notes.add(f'light "{name}"', "square spots are not supported: its cone is round")
     cutoff = min(light.spot_size / 2.0, math.radians(89.9))
@@ -154,14 +171,24 @@ def _spot(name: str, light: Any, to_world: Array, colour: RGB, notes: Notes) -> 
     drawn = light.spot_blend > 0.0 and angle <= WIDEST_PATTERN
     unscaled = np.array(to_world)
     unscaled[:3, :3] /= np.linalg.norm(unscaled[:3, :3], axis=0)
-    return SpotLight(
+    radius = float(light.shadow_soft_size)
+    offsets = np.zeros((1, 2)) if radius <= 0.0 else radius * on_disk(CLOUD)
+    spot = SpotLight(
         name,
         unscaled @ _TURNED,
-        _times(colour, INTENSITY_OF_WATT),
+        _times(colour, INTENSITY_OF_WATT / len(offsets)),
         cutoff_angle=angle,
         beam_width=angle if drawn or light.spot_blend == 0.0 else min(beam, angle),
         texture=_soft_edge(math.tan(cutoff), edge, full) if drawn else None,
     )
+    return [replace(spot, to_world=_moved(spot.to_world, offset)) for offset in offsets]
+
+
+def _moved(to_world: Array, offset: Array) -> Array:
+    """Moved along its own x and y."""
+    moved = np.array(to_world)
+    moved[:3, 3] += moved[:3, :2] @ offset
+    return moved
 
 
 def _soft_edge(tangent: float, edge: float, full: float) -> Bitmap:
@@ -173,7 +200,7 @@ def _soft_edge(tangent: float, edge: float, full: float) -> Bitmap:
     return Bitmap("spot", np.repeat(fall[..., None], 3, axis=2).astype(np.float32), Wrap.CLAMP)
 
 
-def _area(thing: Any, to_world: Array, colour: RGB, camera: Camera, notes: Notes) -> Lamp:
+def _area(thing: Any, to_world: Array, colour: RGB, camera: Camera, notes: Notes) -> Sequence[Light | Lamp]:
     light, owner = thing.data, f'light "{thing.name}"'
     if light.spread < math.pi - 1e-3:
         notes.add(owner, f"a spread of {math.degrees(light.spread):.0f}° is not supported: it shines to all sides")
@@ -186,11 +213,68 @@ def _area(thing: Any, to_world: Array, colour: RGB, camera: Camera, notes: Notes
     faces = shape.faces if np.linalg.det(to_world[:3, :3]) > 0 else shape.faces[:, ::-1]
     area = float(np.linalg.norm(np.cross(to_world[:3, 0] * width, to_world[:3, 1] * height)))
     area *= math.pi / 4.0 if round_one else 1.0
+    strength = RADIANCE_OF_WATT / area if getattr(light, "normalize", True) else RADIANCE_OF_WATT
     facing = -to_world[:3, 2] @ (camera.to_world[:3, 3] - to_world[:3, 3]) > 0.0
     if facing and not thing.visible_camera and in_view(camera, vertices):
-        notes.add(owner, "the camera sees its shape, which Blender hides: move it out of the picture if that disturbs")
-    strength = RADIANCE_OF_WATT / area if getattr(light, "normalize", True) else RADIANCE_OF_WATT
-    return Lamp(thing.name, MeshData(vertices, faces), _times(colour, strength))
+        _note_cloud(thing.name, notes)
+        spread = on_disk(CLOUD) if round_one else on_square(8)
+        return _cosine_spots(thing.name, to_world @ half, spread, _times(colour, strength * area))
+    return (Lamp(thing.name, MeshData(vertices, faces), _times(colour, strength)),)
+
+
+def _cosine_spots(name: str, to_world: Array, places: Array, intensity: RGB) -> Sequence[Light]:
+    """Lights without size that stand for an area.
+
+    Args:
+        to_world: from the area, which is within the unit square or disk and shines along -z.
+        places: of the lights there, shape [N, 2].
+        intensity: of all together, on the axis [W/sr].
+    """
+    axes = to_world[:3, :3].copy()
+    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
+    axes[:, 2] *= np.sign(axes[:, 2] @ to_world[:3, 2]) or 1.0
+    frame = np.eye(4)
+    frame[:3, 2] = -axes[:, 2] / np.linalg.norm(axes[:, 2])
+    frame[:3, 0] = axes[:, 0] / np.linalg.norm(axes[:, 0])
+    frame[:3, 1] = np.cross(frame[:3, 2], frame[:3, 0])
+    tangent = math.tan(math.radians(WIDEST_COSINE))
+    across = ((np.arange(2 * PATTERN) + 0.5) / (2 * PATTERN) * 2.0 - 1.0) * tangent
+    cosine = 1.0 / np.sqrt(1.0 + across[:, None] ** 2 + across[None, :] ** 2)
+    pattern = Bitmap("area", np.repeat(cosine[..., None], 3, axis=2).astype(np.float32), Wrap.CLAMP)
+    # The cone leaves out what goes out along the surface; the rest is brighter by as much.
+    share = _times(intensity, 1.0 / (len(places) * math.sin(math.radians(WIDEST_COSINE)) ** 2))
+    spots = []
+    for place in places:
+        frame[:3, 3] = to_world[:3, 3] + to_world[:3, :2] @ place
+        spots.append(SpotLight(name, frame.copy(), share, WIDEST_COSINE, WIDEST_COSINE, pattern))
+    return spots
+
+
+def _note_cloud(name: str, notes: Notes) -> None:
+    notes.add(
+        f'light "{name}"', f"it is in view, where Blender hides it: {CLOUD} lights without size, that nothing reflects"
+    )
+
+
+def on_disk(count: int) -> Array:
+    """Points spread evenly over the unit disk, shape [count, 2] (Vogel 1979: a sunflower)."""
+    number = np.arange(count) + 0.5
+    turn = number * (math.pi * (3.0 - math.sqrt(5.0)))
+    return np.sqrt(number / count)[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+
+
+def on_square(side: int) -> Array:
+    """Points spread evenly over the square [-1, 1]², shape [side², 2]."""
+    steps = (np.arange(side) + 0.5) / side * 2.0 - 1.0
+    return np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+
+
+def on_sphere(count: int) -> Array:
+    """Points spread evenly over the unit sphere, shape [count, 3]."""
+    z = 1.0 - 2.0 * (np.arange(count) + 0.5) / count
+    turn = np.arange(count) * (math.pi * (3.0 - math.sqrt(5.0)))
+    radius = np.sqrt(1.0 - z**2)
+    return np.stack([radius * np.cos(turn), radius * np.sin(turn), z], axis=1)
 
 
 def in_view(camera: Camera, points: Array) -> bool:

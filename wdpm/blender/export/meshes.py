@@ -14,10 +14,13 @@ from wdpm.scenes.model.transforms import apply_to_normals, apply_to_points
 
 Array = NDArray[np.float64]
 
-SURFACES = frozenset({"MESH", "CURVE", "SURFACE", "FONT", "META"})
-"""Types of objects that have faces."""
+SURFACES = frozenset({"MESH"})
+"""Types of objects whose faces are rendered: what else has faces (curves, text, metaballs) is followed by a mesh of
+them, which Blender makes for the render."""
 
-SILENT = frozenset({"EMPTY", "CAMERA", "LIGHT", "ARMATURE", "LATTICE", "SPEAKER", "LIGHT_PROBE"})
+SILENT = frozenset(
+    {"EMPTY", "CAMERA", "LIGHT", "ARMATURE", "LATTICE", "SPEAKER", "LIGHT_PROBE", "CURVE", "SURFACE", "FONT", "META"}
+)
 """Types of objects that no picture shows, or that are read elsewhere."""
 
 

@@ -110,8 +110,8 @@ def _eta(node: Output, values: Values) -> float:
 def base_share(roughness: float, eta: float) -> float:
     """What the base colour of Disney's material has to be multiplied by to reflect as much as Blender's.
 
-    With a white base, of light that comes from all directions, Blender's base reflects 1 - F, F what the gloss reflects;
-    Disney's reflects the mean over both hemispheres of its diffuse term (Burley 2012, section 5.3).
+    With a white base, of light that comes from all directions, Blender's base reflects 1 - F, F what the gloss
+    reflects; Disney's reflects the mean over both hemispheres of its diffuse term (Burley 2012, section 5.3).
     """
     cosines = (np.arange(32) + 0.5) / 32.0
     turns = (np.arange(32) + 0.5) * (math.pi / 32.0)
