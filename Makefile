@@ -1,6 +1,7 @@
 # Everything is installed into $(VENV), in this folder; nothing else on the machine is touched.
 PYTHON ?= python3
 VENV ?= .venv
+BLENDER_VENV ?= .venv-blender
 OUT ?= out
 RAYS ?= 1e8
 GATHERS ?= 1e6
@@ -12,7 +13,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test fuzz hard-cases guards lint peers gpu-check gpu-table clean
+.PHONY: help demo test test-blender fuzz hard-cases guards lint peers gpu-check gpu-table clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -28,6 +29,10 @@ demo: $(VENV)/.installed  ## render a Cornell box with a master and four slaves
 test: $(VENV)/.installed-test  ## run the tests (those marked slow are left out) in random order on JOBS cores
 	$(BIN)/python tests/compile_kernels.py
 	$(BIN)/python -m pytest -m "not slow" -n $(JOBS) --dist worksteal
+
+test-blender:  ## compare the add-on with Cycles in Blender's module (Python 3.11; its own VENV=.venv-blender)
+	$(MAKE) VENV=$(BLENDER_VENV) $(BLENDER_VENV)/.installed-blender
+	$(BLENDER_VENV)/bin/python -m pytest tests/blender
 
 fuzz: $(VENV)/.installed-test  ## fuzz rays, routing and gathers against brute force (RAYS, GATHERS, SEED)
 	$(BIN)/python tests/fuzz/run.py --rays $(RAYS) --gathers $(GATHERS) --seed $(SEED) -o $(OUT)/fuzz
@@ -55,7 +60,7 @@ gpu-table: $(VENV)/.installed-cuda  ## compile all kernels for GPUs, without one
 peers: $(VENV)/.installed-peers  ## install the renderers that wdpm is compared with
 
 clean:  ## remove what was built and rendered, and the virtual environment
-	rm -rf $(VENV) $(OUT) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) $(BLENDER_VENV) $(OUT) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find wdpm kernels cluster scenes tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 # The stamps are older than pyproject.toml when what is to be installed may have changed.
@@ -76,6 +81,11 @@ $(VENV)/.installed-test: pyproject.toml | $(BIN)/python
 	@echo "Installing wdpm, what it needs and what its tests need into $(VENV) (once; some minutes on a slow line)"
 	$(PIP) install --quiet -e '.[test]'
 	@touch $@ $(VENV)/.installed
+
+$(VENV)/.installed-blender: pyproject.toml | $(BIN)/python
+	@echo "Installing wdpm, its tests and Blender's module into $(VENV) (once; 350 MB)"
+	$(PIP) install --quiet -e '.[test,blender]'
+	@touch $@
 
 $(VENV)/.installed-cuda: pyproject.toml | $(BIN)/python
 	@echo "Installing wdpm and NVIDIA's assembler into $(VENV)"

@@ -1,4 +1,4 @@
-"""Checks of the engine inside Blender: python checks_in_blender.py NAME FOLDER. Prints what came of it as one line of JSON."""
+"""Checks of the engine inside Blender: python checks_in_blender.py NAME FOLDER. Its last line of output is JSON."""
 
 from __future__ import annotations
 
@@ -18,6 +18,8 @@ from scenes_in_blender import SCENES, ball, camera, empty, grey, lamp, material,
 from wdpm.blender import addon, engine, progress
 from wdpm.blender.export.scene import read_scene
 from wdpm.scenes.errors import WdpmError
+
+TELL = engine.WdpmRenderEngine.tell
 
 
 def notes() -> list[str]:
@@ -54,6 +56,20 @@ def bad_scenes(_: Path) -> Any:
     render_settings.border_min_x = render_settings.border_max_x = 0.5
     found["no region"] = refused()
     return found
+
+
+def failed(folder: Path) -> Any:
+    """F12 on a scene without light, with the word that Blender's operator has about it."""
+    engine.WdpmRenderEngine.tell = TELL
+    empty()
+    camera((0, 0, 5), (0, 0, 0))
+    plane(1, grey())
+    prepare()
+    try:
+        render("WDPM", folder / "dark.exr")
+    except RuntimeError as error:
+        return str(error)
+    return "it was not refused"
 
 
 def unsupported(_: Path) -> Any:
@@ -163,9 +179,8 @@ def installed(folder: Path) -> Any:
     return here | {"left": hasattr(scene, "wdpm")}
 
 
-CHECKS = {
-    each.__name__: each for each in (bad_scenes, unsupported, goals, cancelled, view_layers, on_slaves, installed)
-}
+EVERY = (bad_scenes, failed, unsupported, goals, cancelled, view_layers, on_slaves, installed)
+CHECKS = {each.__name__: each for each in EVERY}
 
 
 def main(name: str, folder: Path) -> int:

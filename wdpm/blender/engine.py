@@ -8,6 +8,7 @@ from typing import Any
 
 import bpy
 
+from wdpm.blender.export.camera import render_region
 from wdpm.blender.export.scene import read_scene
 from wdpm.blender.layers import COMBINED, Layers, depth_of, passes_of, pixels_of
 from wdpm.blender.progress import BlenderDisplay, BlenderProgress, Cancelled
@@ -41,6 +42,7 @@ class WdpmRenderEngine(bpy.types.RenderEngine):
 
     def render(self, depsgraph: Any) -> None:
         """Render a view layer; what goes wrong is one line in Blender."""
+        self._begin_black(depsgraph)
         try:
             self._render(depsgraph)
         except Cancelled:
@@ -48,6 +50,12 @@ class WdpmRenderEngine(bpy.types.RenderEngine):
         except WdpmError as error:
             self.tell("ERROR", str(error))
             self.error_set(f"wdpm: {error}")
+
+    def _begin_black(self, depsgraph: Any) -> None:
+        """Have a result whatever happens: Blender 4.5 crashes if it is to save one that nothing was written to."""
+        _, _, width, height = render_region(depsgraph.scene.render)
+        if width > 0 and height > 0:
+            self.end_result(self.begin_result(0, 0, width, height, layer=depsgraph.view_layer.name))
 
     def tell(self, kind: str, text: str) -> None:
         """A line for the person.

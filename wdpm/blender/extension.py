@@ -37,8 +37,8 @@ __all__ = ["register", "unregister"]
 '''
 
 _PLATFORMS = (
-    (re.compile(r"linux_x86_64$"), "linux-x64"),
-    (re.compile(r"linux_aarch64$"), "linux-arm64"),
+    (re.compile(r"linux.*_x86_64$"), "linux-x64"),
+    (re.compile(r"linux.*_aarch64$"), "linux-arm64"),
     (re.compile(r"macosx_\d+_\d+_(arm64|universal2)$"), "macos-arm64"),
     (re.compile(r"macosx_\d+_\d+_x86_64$"), "macos-x64"),
     (re.compile(r"win_amd64$"), "windows-x64"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -13,10 +14,19 @@ from wdpm.blender.settings import ERROR, SLAVES, TIME
 _LIKE_OURS = "BLENDER_EEVEE_NEXT"
 """The engine whose panels of materials, lights and worlds are those of nodes."""
 
-_NOT_OURS = ("RENDER_PT_eevee", "VIEWLAYER_PT_eevee", "RENDER_PT_shadows", "RENDER_PT_motion_blur")
+_NOT_OURS = re.compile(
+    r"eevee_(next_)?(raytracing|sampling|motion|volumes|performance|film|hair|depth|denoise|gi|clamping)|lightprobe"
+    r"|light_(distance|shadow|influence)|light_probes|WORLD_PT_(mist|settings|sun|volume)|MATERIAL_PT_(settings|thickness)"
+    r"|layer_passes|freestyle|lineset|linestyle|shading_render_pass|grease_?pencil|gpencil|stereoscopy"
+    r"|PT_filter|RENDER_PT_eevee",
+    re.IGNORECASE,
+)
+"""Those of its panels that have knobs of its own, or of things that we do not render."""
 
 
-class _Panel(bpy.types.Panel):
+class _Panel:
+    """What our panels share."""
+
     bl_space_type = "PROPERTIES"
     bl_region_type = "WINDOW"
     bl_context = "render"
@@ -28,7 +38,7 @@ class _Panel(bpy.types.Panel):
         return bool(context.engine in cls.COMPAT_ENGINES)
 
 
-class RENDER_PT_wdpm_quality(_Panel):
+class RENDER_PT_wdpm_quality(_Panel, bpy.types.Panel):
     """How good, or how long; the knobs below."""
 
     bl_idname = "RENDER_PT_wdpm_quality"
@@ -49,7 +59,7 @@ class RENDER_PT_wdpm_quality(_Panel):
                 self.layout.prop(settings, name)
 
 
-class RENDER_PT_wdpm_light(_Panel):
+class RENDER_PT_wdpm_light(_Panel, bpy.types.Panel):
     """Knobs that are there whatever is asked for."""
 
     bl_idname = "RENDER_PT_wdpm_light"
@@ -65,7 +75,7 @@ class RENDER_PT_wdpm_light(_Panel):
         self.layout.prop(context.scene.render, "filter_size")
 
 
-class RENDER_PT_wdpm_where(_Panel):
+class RENDER_PT_wdpm_where(_Panel, bpy.types.Panel):
     """Which computers."""
 
     bl_idname = "RENDER_PT_wdpm_where"
@@ -86,7 +96,7 @@ class RENDER_PT_wdpm_where(_Panel):
                 self.layout.prop(render, "threads")
 
 
-class VIEWLAYER_PT_wdpm_passes(_Panel):
+class VIEWLAYER_PT_wdpm_passes(_Panel, bpy.types.Panel):
     """Passes of a view layer."""
 
     bl_idname = "VIEWLAYER_PT_wdpm_passes"
@@ -108,7 +118,7 @@ def blenders_panels() -> Iterator[Any]:
     """Blender's panels that we want shown: those that Eevee shows, but for its own knobs."""
     for panel in bpy.types.Panel.__subclasses__():
         engines = getattr(panel, "COMPAT_ENGINES", ())
-        if _LIKE_OURS in engines and not panel.__name__.startswith(_NOT_OURS):
+        if _LIKE_OURS in engines and not _NOT_OURS.search(panel.__name__):
             yield panel
 
 
@@ -123,7 +133,7 @@ def register_panels() -> None:
 def unregister_panels() -> None:
     """Take them away again."""
     for panel in bpy.types.Panel.__subclasses__():
-        if ENGINE in getattr(panel, "COMPAT_ENGINES", ()) and panel not in PANELS and panel is not _Panel:
+        if ENGINE in getattr(panel, "COMPAT_ENGINES", ()) and panel not in PANELS:
             panel.COMPAT_ENGINES.discard(ENGINE)
     for panel in reversed(PANELS):
         bpy.utils.unregister_class(panel)

@@ -111,11 +111,20 @@ def _cropped(camera: Camera, render: Any) -> Camera:
     """Only Blender's render region (border), if there is one."""
     if not render.use_border:
         return camera
-    # Blender multiplies in float32 and cuts off; its y runs upwards.
-    wide, high = np.float32(camera.width), np.float32(camera.height)
+    left, bottom, width, height = render_region(render)
+    if width < 1 or height < 1:
+        raise SceneError("the render region is empty: draw a larger one (Ctrl-B), or clear it (Ctrl-Alt-B)")
+    window = (left, camera.height - bottom - height, width, height)
+    return replace(camera, crop=window, full_size=(camera.width, camera.height), width=width, height=height)
+
+
+def render_region(render: Any) -> tuple[int, int, int, int]:
+    """What Blender's engines render of the image: left, bottom (y runs upwards), width and height in pixels."""
+    width, height = image_size(render)
+    if not render.use_border:
+        return 0, 0, width, height
+    # Blender multiplies in float32 and cuts off.
+    wide, high = np.float32(width), np.float32(height)
     left, right = int(np.float32(render.border_min_x) * wide), int(np.float32(render.border_max_x) * wide)
     bottom, top = int(np.float32(render.border_min_y) * high), int(np.float32(render.border_max_y) * high)
-    if right <= left or top <= bottom:
-        raise SceneError("the render region is empty: draw a larger one (Ctrl-B), or clear it (Ctrl-Alt-B)")
-    window = (left, camera.height - top, right - left, top - bottom)
-    return replace(camera, crop=window, full_size=(camera.width, camera.height), width=window[2], height=window[3])
+    return left, bottom, right - left, top - bottom
