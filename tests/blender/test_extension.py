@@ -28,7 +28,7 @@ def wheels_of_everything(folder: Path) -> list[str]:
 
 def test_a_file_without_wheels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "wdpm.zip"
-    assert main(["blender-addon", str(file)]) == 0
+    assert main(["blender", str(file)]) == 0
     assert "without wheels" in capsys.readouterr().out
     with zipfile.ZipFile(file) as inside:
         assert sorted(inside.namelist()) == ["__init__.py", "blender_manifest.toml"]
@@ -84,7 +84,7 @@ def test_files_that_cannot_be_written(
     tmp_path: Path, name: str, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "b.zip").touch()
-    assert main(["blender-addon", str(tmp_path / name)]) == 2
+    assert main(["blender", str(tmp_path / name)]) == 2
     said = capsys.readouterr().err
     assert message in said
     assert len(said.splitlines()) == 1

@@ -28,7 +28,7 @@ from wdpm.report.report import Report, from_json
 from wdpm.scenes.errors import ClusterEndedError, SceneError
 from wdpm.scenes.model.scene import Camera, FilterKind, PixelFilter, Scene
 
-COMMANDS = [module.__name__.removeprefix("wdpm.cli.").replace("_", "-") for module in main.COMMANDS]
+COMMANDS = [module.__name__.removeprefix("wdpm.cli.") for module in main.COMMANDS]
 
 
 def run(arguments: list[str]) -> int:

@@ -30,7 +30,7 @@ except ModuleNotFoundError as error:
 
     raise ImportError(
         f"{error.name} is missing in Blender's Python: run  {sys.executable} -m pip install wdpm  and switch the "
-        "add-on on again, or install a file made with  wdpm blender-addon FILE.zip --wheels FOLDER"
+        "add-on on again, or install a file made with  wdpm blender FILE.zip --wheels FOLDER"
     ) from None
 
 __all__ = ["register", "unregister"]

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from importlib import metadata
 from typing import Any, NoReturn
 
-from wdpm.cli import accuracy, bench, blender_addon, check, compare, inspect, keys, master, render, slave, view
+from wdpm.cli import accuracy, bench, blender, check, compare, inspect, keys, master, render, slave, view
 from wdpm.cli.interrupts import Terminated, interrupts_raise, no_lost_interrupts, termination_raises
 from wdpm.scenes.errors import ClusterEndedError, WdpmError
 from wdpm.scenes.scene_root import files_within
@@ -29,7 +29,7 @@ COMMANDS = (
     accuracy,
     bench,
     keys,
-    blender_addon,
+    blender,
 )
 
 EXIT_BAD_INPUT = 2

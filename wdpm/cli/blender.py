@@ -1,4 +1,4 @@
-"""`wdpm blender-addon`: write the file that Blender installs."""
+"""`wdpm blender`: write the file that Blender installs."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 
 _EXAMPLES = """\
 examples:
-  wdpm blender-addon wdpm.zip
+  wdpm blender wdpm.zip
   pip wheel --wheel-dir wheels wdpm   (with Python 3.11)
-  wdpm blender-addon wdpm.zip --wheels wheels
+  wdpm blender wdpm.zip --wheels wheels
 
 Then in Blender: Edit > Preferences > Get Extensions > Install from Disk."""
 
@@ -18,7 +18,7 @@ Then in Blender: Edit > Preferences > Get Extensions > Install from Disk."""
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """Add the command to the parser."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
-        "blender-addon",
+        "blender",
         help="write the add-on that Blender installs",
         description="Write an extension that makes wdpm a render engine of Blender (docs/blender.md). Without wheels, "
         "wdpm must be installed into Blender's Python; with them, the file has all that it needs.",
