@@ -12,7 +12,7 @@ class ProgressObserver(Protocol):
         """A phase begins, and ends the one before; `total` units of work, or None if not known."""
 
     def advance(self, amount: int = 1) -> None:
-        """`amount` more units of the phase are done."""
+        """`amount` more units of the phase are done; 0, also before the first phase, says that the render lives."""
 
     def note(self, text: str) -> None:
         """One line for the person."""

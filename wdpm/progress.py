@@ -62,6 +62,8 @@ class PlainProgress:
 
     def advance(self, amount: int = 1) -> None:
         self._done += amount
+        if not amount and self._total is None:
+            return  # a sign of life tells a reader of the log nothing
         now = self._clock()
         if now - self._last_line >= PLAIN_INTERVAL_S:
             self._last_line = now

@@ -29,6 +29,9 @@ from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.versions import versions
 from wdpm.scenes.errors import ClusterError, SettingsError
 
+PULSE_S = 0.2
+"""Between one word to an observer and the next, while nothing comes."""
+
 
 def nobody() -> Iterable[tuple[int, str]]:
     """Watches no process."""
@@ -140,7 +143,7 @@ class MasterServer:
         self, session: Session | None, progress: ProgressObserver | None, display: Display | None
     ) -> m.Finished | m.AllJoined:
         while True:
-            answer = self._answers.get()
+            answer = self._next_answer(progress)
             tell_display(answer, display)
             match answer:
                 case m.Finished() | m.AllJoined():
@@ -155,6 +158,16 @@ class MasterServer:
                     raise AssertionError("the loop sends by itself")
                 case other:
                     tell_observer(other, progress)
+
+    def _next_answer(self, progress: ProgressObserver | None) -> m.Instruction | BaseException:
+        """What the loop says next. An observer hears of no progress meanwhile, so that one that wants the render to end
+        can raise: slaves that are waited for may never join."""
+        while True:
+            try:
+                return self._answers.get(timeout=PULSE_S)
+            except queue.Empty:
+                if progress is not None:
+                    progress.advance(0)
 
     def _interrupt(self, error: BaseException) -> None:
         self.close(f"the master was interrupted ({type(error).__name__})", completed=False)

@@ -48,6 +48,25 @@ def test_plain_lines_come_at_most_every_two_seconds() -> None:
     assert stream.flushes >= len(lines)
 
 
+def test_signs_of_life_are_no_lines_where_there_is_nothing_to_count() -> None:
+    stream, clock = io.StringIO(), Clock()
+    progress = PlainProgress(stream, clock)
+    clock.now += 10
+    progress.advance(0)
+    progress.start("compile")
+    clock.now += 10
+    progress.advance(0)
+    progress.start("render", 10)
+    clock.now += 10
+    progress.advance(0)
+    assert stream.getvalue().splitlines() == [
+        "compile ...",
+        "compile: done in 10.0 s",
+        "render ...",
+        "render: 0 of 10 (0%)",
+    ]
+
+
 def test_the_time_left_is_in_proportion() -> None:
     stream, clock = io.StringIO(), Clock()
     progress = PlainProgress(stream, clock)

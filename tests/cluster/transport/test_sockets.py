@@ -95,6 +95,30 @@ def test_sessions_over_sockets(count: int) -> None:
     assert [slave.end() for slave in slaves] == [None] * count
 
 
+class Impatient(At):
+    """Has enough at the third sign of life."""
+
+    def __init__(self) -> None:
+        super().__init__("never", lambda: None)
+        self.signs = 0
+
+    def advance(self, amount: int = 1) -> None:
+        assert amount == 0
+        self.signs += 1
+        if self.signs == 3:
+            raise KeyboardInterrupt
+
+
+def test_an_observer_can_end_the_wait_for_slaves() -> None:
+    observer = Impatient()
+    with make_master(1) as master:
+        with pytest.raises(KeyboardInterrupt):
+            master.render(make_session(1, 1), observer)
+        with pytest.raises(ClusterError, match="has been closed"):
+            master.render(make_session(1, 1))
+    assert observer.signs == 3
+
+
 def test_an_ended_cluster_says_so() -> None:
     with make_master(1) as master:
         slave = SlaveThread(master.endpoint)
