@@ -23,7 +23,7 @@ from wdpm.images.channels import encode_srgb8
 HERE = Path(__file__).resolve().parent
 sys.path.append(str(HERE.parent / "tests" / "blender"))
 
-from scenes_in_blender import add, ball, camera, empty, grey, lamp, material, plane  # noqa: E402
+from stage_in_blender import add, ball, camera, empty, grey, lamp, material, plane  # noqa: E402
 
 WIDTH, HEIGHT = 400, 300
 EXPOSURE = 1.3

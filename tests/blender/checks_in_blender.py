@@ -13,7 +13,8 @@ from typing import Any
 import bpy
 import numpy as np
 from render_in_blender import prepare, render
-from scenes_in_blender import SCENES, ball, camera, empty, grey, lamp, material, plane, stage, world
+from scenes_in_blender import SCENES
+from stage_in_blender import ball, camera, empty, grey, lamp, material, plane, stage, world
 
 from wdpm.blender import addon, engine, progress
 from wdpm.blender.export.scene import read_scene
@@ -123,6 +124,21 @@ def _cancel_after(asked: list[int], count: int) -> Any:
     return check
 
 
+def cancelled_while_waiting(folder: Path) -> Any:
+    """Esc while slaves are waited for that nobody starts; and the next render has nothing left of them."""
+    SCENES["light_point"]()
+    prepare()
+    settings = bpy.context.scene.wdpm
+    settings.where, settings.slaves, settings.address = "SLAVES", 1, "tcp://127.0.0.1:47232"
+    check = progress.BlenderProgress._check
+    asked: list[int] = []
+    progress.BlenderProgress._check = _cancel_after(asked, 8)
+    black = render("WDPM", folder / "waiting.exr")["Combined"][..., :3].max()
+    progress.BlenderProgress._check = check
+    settings.where = "HERE"
+    return {"black": float(black), "then": float(render("WDPM", folder / "here.exr")["Combined"][..., :3].max())}
+
+
 def view_layers(folder: Path) -> Any:
     """A view layer with an object less, and one with another material everywhere."""
     SCENES["light_point"]()
@@ -179,7 +195,7 @@ def installed(folder: Path) -> Any:
     return here | {"left": hasattr(scene, "wdpm")}
 
 
-EVERY = (bad_scenes, failed, unsupported, goals, cancelled, view_layers, on_slaves, installed)
+EVERY = (bad_scenes, failed, unsupported, goals, cancelled, cancelled_while_waiting, view_layers, on_slaves, installed)
 CHECKS = {each.__name__: each for each in EVERY}
 
 

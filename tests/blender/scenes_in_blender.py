@@ -8,6 +8,21 @@ from typing import Any
 
 import bpy
 import numpy as np
+from stage_in_blender import (
+    add,
+    ball,
+    camera,
+    empty,
+    grey,
+    lamp,
+    made_of,
+    material,
+    picture,
+    plane,
+    shader_of,
+    stage,
+    world,
+)
 
 SCENES: dict[str, Callable[[], None]] = {}
 
@@ -16,100 +31,6 @@ def scene(function: Callable[[], None]) -> Callable[[], None]:
     """Add one to the list, by its name."""
     SCENES[function.__name__] = function
     return function
-
-
-def empty(width: int = 48, height: int = 32) -> Any:
-    """A file with nothing in it."""
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    render = bpy.context.scene.render
-    render.resolution_x, render.resolution_y, render.resolution_percentage = width, height, 100
-    return bpy.context.scene
-
-
-def add(name: str, data: Any, location: Any = (0, 0, 0), rotation: Any = (0, 0, 0), scale: Any = (1, 1, 1)) -> Any:
-    thing = bpy.data.objects.new(name, data)
-    bpy.context.scene.collection.objects.link(thing)
-    thing.location, thing.rotation_euler, thing.scale = location, rotation, scale
-    return thing
-
-
-def camera(location: Any, rotation: Any, **settings: Any) -> Any:
-    lens = bpy.data.cameras.new("Eye")
-    for name, value in settings.items():
-        setattr(lens, name, value)
-    bpy.context.scene.camera = add("Eye", lens, location, rotation)
-    return bpy.context.scene.camera
-
-
-def lamp(kind: str, location: Any = (0.5, 0, 2), rotation: Any = (0, 0, 0), scale: Any = (1, 1, 1), **how: Any) -> Any:
-    light = bpy.data.lights.new(kind.capitalize(), kind)
-    for name, value in how.items():
-        setattr(light, name, value)
-    return add(kind.capitalize(), light, location, rotation, scale)
-
-
-def material(kind: str = "ShaderNodeBsdfDiffuse", name: str = "Paint", **inputs: Any) -> Any:
-    """A material of one shader node; inputs by name, with _ for a space."""
-    made = bpy.data.materials.new(name)
-    made.use_nodes = True
-    nodes = made.node_tree.nodes
-    nodes.clear()
-    shader = nodes.new(kind)
-    made.node_tree.links.new(shader.outputs[0], nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
-    for each, value in inputs.items():
-        shader.inputs[each.replace("_", " ")].default_value = value
-    return made
-
-
-def shader_of(made: Any) -> Any:
-    return made.node_tree.nodes[0]
-
-
-def plane(size: float, made: Any = None, location: Any = (0, 0, 0), rotation: Any = (0, 0, 0)) -> Any:
-    bpy.ops.mesh.primitive_plane_add(size=size, location=location, rotation=rotation)
-    return _made_of(made)
-
-
-def ball(location: Any = (0, 0, 0), made: Any = None, radius: float = 1.0) -> Any:
-    bpy.ops.mesh.primitive_uv_sphere_add(radius=radius, location=location, segments=48, ring_count=24)
-    bpy.ops.object.shade_smooth()
-    return _made_of(made)
-
-
-def _made_of(made: Any) -> Any:
-    thing = bpy.context.object
-    if made is not None:
-        thing.data.materials.append(made)
-    return thing
-
-
-def world(colour: Any = (0.5, 0.5, 0.5, 1), strength: float = 1.0) -> Any:
-    """A world of one colour; returns its node tree."""
-    made = bpy.data.worlds.new("World")
-    bpy.context.scene.world = made
-    made.use_nodes = True
-    background = made.node_tree.nodes["Background"]
-    background.inputs[0].default_value, background.inputs[1].default_value = colour, strength
-    return made.node_tree
-
-
-def picture(width: int, height: int, light: bool = False) -> Any:
-    """An image that is different everywhere, so that whatever turns or mirrors it is seen."""
-    image = bpy.data.images.new("Picture", width, height, float_buffer=light)
-    x, y = np.meshgrid((np.arange(width) + 0.5) / width, (np.arange(height) + 0.5) / height)
-    squares = ((x * 4).astype(int) + (y * 4).astype(int)) % 2 * 0.8
-    image.pixels.foreach_set(np.stack([x, y, squares, np.ones_like(x)], -1).astype(np.float32).ravel())
-    return image
-
-
-def grey(value: float = 0.8) -> Any:
-    return material(Color=(value, value, value, 1))
-
-
-def stage(**how: Any) -> None:
-    """A grey floor, seen from the side."""
-    camera((0, -3, 3), (math.radians(45), 0, 0), **how)
-    plane(20, grey())
 
 
 def ball_on_plane() -> None:
@@ -188,7 +109,7 @@ def modifiers_and_instances() -> None:
     paint = grey()
     plane(20, paint)
     bpy.ops.mesh.primitive_cube_add(size=0.6, location=(-2, 0, 0.5))
-    row = _made_of(paint)
+    row = made_of(paint)
     row.scale = (1, 1, -1.3)
     array = row.modifiers.new("Row", "ARRAY")
     array.count, array.relative_offset_displace = 4, (1.5, 0.5, 0)
@@ -201,7 +122,7 @@ def modifiers_and_instances() -> None:
         place = add("Place", None, (x, -1, 0), scale=(1, 2, 0.5))
         place.instance_type, place.instance_collection = "COLLECTION", group
     bpy.ops.object.text_add(location=(-1, -3, 0.2))
-    _made_of(paint).data.extrude = 0.1
+    made_of(paint).data.extrude = 0.1
     lamp("SUN", (0, 0, 5), (0.5, 0.3, 0), energy=3)
     world((0.3, 0.4, 0.5, 1))
 
@@ -409,7 +330,111 @@ def interior() -> None:
     empty()
     camera((0, -3.6, 1.5), (math.radians(88), 0, 0), lens=24)
     bpy.ops.mesh.primitive_cube_add(size=4, location=(0, 0, 2))
-    room = _made_of(grey(0.7))
+    room = made_of(grey(0.7))
     room.scale = (1, 1.9, 1)
     ball((0.6, 0.5, 0.8), material("ShaderNodeBsdfPrincipled", Base_Color=BROWN), 0.8)
     lamp("AREA", (-1.9, -1, 2.5), (0, math.radians(-90), 0), energy=100, size=1.5)
+
+
+def _bumpy_floor(kind: str) -> None:
+    """A floor with an image of waves, as heights or as normals."""
+    empty()
+    camera((0, -2, 2), (math.radians(45), 0, 0))
+    paint = grey()
+    tree = paint.node_tree
+    x = (np.arange(64) + 0.5) / 64 * 2 * math.pi
+    waves = np.ones((64, 64, 4), np.float32)
+    if kind == "Bump":
+        waves[:, :, :3] = (0.5 + 0.5 * np.sin(2 * x)[None, :] * np.cos(x)[:, None])[..., None]
+    else:
+        slopes = np.stack([np.broadcast_to(0.5 * np.sin(2 * x), (64, 64)), np.tile(0.2 * np.cos(x)[:, None], 64)], -1)
+        normals = np.concatenate([slopes, np.ones((64, 64, 1))], -1)
+        waves[:, :, :3] = normals / np.linalg.norm(normals, axis=-1, keepdims=True) * 0.5 + 0.5
+    pixels = bpy.data.images.new("Waves", 64, 64, float_buffer=True)
+    pixels.pixels.foreach_set(waves.ravel())
+    image, bend = tree.nodes.new("ShaderNodeTexImage"), tree.nodes.new(f"ShaderNode{kind}")
+    image.image = pixels
+    tree.links.new(image.outputs[0], bend.inputs["Height" if kind == "Bump" else "Color"])
+    tree.links.new(bend.outputs[0], shader_of(paint).inputs["Normal"])
+    if kind == "Bump":
+        bend.inputs["Strength"].default_value, bend.inputs["Distance"].default_value = 0.6, 0.2
+    else:
+        bend.inputs["Strength"].default_value = 0.7
+    plane(4, paint)
+    lamp("SUN", rotation=(0.5, 0.4, 0), energy=3)
+
+
+@scene
+def normal_map() -> None:
+    _bumpy_floor("NormalMap")
+
+
+@scene
+def bump_map() -> None:
+    _bumpy_floor("Bump")
+
+
+@scene
+def color_attribute() -> None:
+    empty()
+    stage()
+    paint = material()
+    tree = paint.node_tree
+    tree.links.new(tree.nodes.new("ShaderNodeVertexColor").outputs["Color"], shader_of(paint).inputs["Color"])
+    tree.nodes[-1].layer_name = "Spots"
+    thing = plane(2, paint, (0, 0, 0.3))
+    spots = thing.data.color_attributes.new("Spots", "FLOAT_COLOR", "POINT")
+    spots.data.foreach_set("color", [1, 0, 0, 1, 0, 1, 0, 1, 0, 0, 1, 1, 0.8, 0.8, 0.2, 1])
+    lamp("SUN", rotation=(0.2, 0, 0), energy=3)
+
+
+@scene
+def coloured_glass() -> None:
+    """A ball that absorbs light on its way through."""
+    empty()
+    camera((0, -4, 0), (math.radians(90), 0, 0))
+    paint = material("ShaderNodeBsdfGlass", IOR=1.2)
+    tree = paint.node_tree
+    inside = tree.nodes.new("ShaderNodeVolumeAbsorption")
+    inside.inputs["Color"].default_value, inside.inputs["Density"].default_value = (0.9, 0.4, 0.1, 1), 1.5
+    output = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial")
+    tree.links.new(inside.outputs[0], output.inputs["Volume"])
+    ball((0, 0, 0), paint)
+    world((1, 1, 1, 1))
+
+
+@scene
+def cut_out() -> None:
+    """A plane that an image makes holes in."""
+    empty()
+    stage()
+    paint = material(Color=BROWN)
+    tree = paint.node_tree
+    mix, clear, image = (tree.nodes.new(f"ShaderNode{name}") for name in ("MixShader", "BsdfTransparent", "TexImage"))
+    image.image, image.interpolation = picture(64, 32, light=True), "Closest"
+    split = tree.nodes.new("ShaderNodeSeparateColor")
+    tree.links.new(image.outputs[0], split.inputs[0])
+    tree.links.new(split.outputs["Blue"], mix.inputs[0])
+    tree.links.new(clear.outputs[0], mix.inputs[1])
+    tree.links.new(shader_of(paint).outputs[0], mix.inputs[2])
+    output = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial")
+    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    plane(2, paint, (0, 0, 0.5))
+    lamp("SUN", rotation=(0.2, 0, 0), energy=3)
+
+
+@scene
+def diffuse_under_gloss() -> None:
+    empty()
+    camera((0, -3, 0), (math.radians(90), 0, 0))
+    paint = material(Color=BROWN)
+    tree = paint.node_tree
+    mix, gloss, fresnel = (tree.nodes.new(f"ShaderNode{name}") for name in ("MixShader", "BsdfAnisotropic", "Fresnel"))
+    gloss.inputs["Roughness"].default_value, gloss.inputs["Color"].default_value = 0.2, (1, 1, 1, 1)
+    tree.links.new(fresnel.outputs[0], mix.inputs[0])
+    tree.links.new(shader_of(paint).outputs[0], mix.inputs[1])
+    tree.links.new(gloss.outputs[0], mix.inputs[2])
+    output = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial")
+    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    ball((0, 0, 0), paint)
+    world((1, 1, 1, 1))

@@ -68,6 +68,13 @@ def test_esc_ends_a_render(check: Check) -> None:
     assert said == []
 
 
+@pytest.mark.sockets
+def test_esc_ends_the_wait_for_slaves(check: Check) -> None:
+    found, _ = check("cancelled_while_waiting")
+    assert found["black"] == 0.0
+    assert found["then"] > 0.1
+
+
 def test_each_view_layer_is_rendered_with_its_own_objects_and_material(check: Check) -> None:
     found, _ = check("view_layers")
     assert found["Black.Combined"] == 0.0

@@ -32,6 +32,7 @@ FAR_MEAN = {
     "light_in_view": 0.02,  # 64 lights stand for each
     "light_soft_sun_and_spot": 0.03,
     "interior": 0.03,
+    "diffuse_under_gloss": 0.04,  # plastic: its base is darker, where Blender's Fresnel only mixes
 }
 
 SPREAD = 0.07
@@ -41,6 +42,9 @@ FAR_SPREAD = {"principled_half_there": 0.13, "glass_and_gloss": 0.15, "interior"
 
 EDGE = 0.09
 """Share of pixels whose depth is another one: those that an edge goes through."""
+
+NO_EDGES = {"depth_of_field", "cut_out"}
+"""Where depth is another one: ours is a mean over the lens, and that of a mask where Cycles has what is behind it."""
 
 
 @pytest.fixture(scope="session")
@@ -76,7 +80,7 @@ def test_the_picture_is_that_of_cycles(name: str, pictures: Callable[[str], tupl
 
 
 @pytest.mark.timeout(1500)
-@pytest.mark.parametrize("name", [name for name in names_of_scenes() if name != "depth_of_field"])
+@pytest.mark.parametrize("name", [name for name in names_of_scenes() if name not in NO_EDGES])
 def test_things_are_where_cycles_has_them(name: str, pictures: Callable[[str], tuple[Passes, Passes, str]]) -> None:
     ours, cycles, _ = pictures(name)
     a, b = ours["Depth.Z"], cycles["Depth.Z"]

@@ -132,7 +132,7 @@ def _point(thing: Any, to_world: Array, colour: RGB, camera: Camera, notes: Note
         intensity = _times(intensity, 4.0 * math.pi * radius**2)
     if radius <= 0.0:
         return (_point_at(thing.name, place, intensity),)
-    if not thing.visible_camera and in_view(camera, place[None]):
+    if not thing.visible_camera and in_view(camera, place + radius * on_sphere(CLOUD)):
         _note_cloud(thing.name, notes)
         share = _times(intensity, 1.0 / CLOUD)
         return [_point_at(thing.name, place + radius * way, share) for way in on_sphere(CLOUD)]
@@ -215,9 +215,10 @@ def _area(thing: Any, to_world: Array, colour: RGB, camera: Camera, notes: Notes
     area *= math.pi / 4.0 if round_one else 1.0
     strength = RADIANCE_OF_WATT / area if getattr(light, "normalize", True) else RADIANCE_OF_WATT
     facing = -to_world[:3, 2] @ (camera.to_world[:3, 3] - to_world[:3, 3]) > 0.0
-    if facing and not thing.visible_camera and in_view(camera, vertices):
+    spread = on_disk(CLOUD) if round_one else on_square(8)
+    everywhere = np.concatenate([vertices, apply_to_points(to_world @ half, np.pad(spread, ((0, 0), (0, 1))))])
+    if facing and not thing.visible_camera and in_view(camera, everywhere):
         _note_cloud(thing.name, notes)
-        spread = on_disk(CLOUD) if round_one else on_square(8)
         return _cosine_spots(thing.name, to_world @ half, spread, _times(colour, strength * area))
     return (Lamp(thing.name, MeshData(vertices, faces), _times(colour, strength)),)
 
