@@ -110,7 +110,7 @@ def test_progress_adds_up() -> None:
 
 def test_a_worker_that_raises_ends_the_render_with_its_error() -> None:
     class Failing(FakeWorker):
-        def build_maps(self) -> None:
+        def finish_maps(self) -> None:
             raise ClusterError("no memory")
 
     with pytest.raises(ClusterError, match="no memory"):

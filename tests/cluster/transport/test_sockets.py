@@ -271,7 +271,7 @@ def test_a_member_with_no_address_ends_the_render_and_stops_no_other_slave() -> 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 def test_a_failing_worker_ends_the_render(error: Exception, capsys: pytest.CaptureFixture[str]) -> None:
     class Failing(FakeWorker):
-        def build_maps(self) -> None:
+        def finish_maps(self) -> None:
             raise error
 
     with make_master(2) as master:
