@@ -5,6 +5,8 @@ BLENDER_VENV ?= .venv-blender
 OUT ?= out
 RAYS ?= 1e8
 GATHERS ?= 1e6
+MESSAGES ?= 1e6
+RENDERS ?= 1e3
 SEED ?= 1
 JOBS ?= auto
 DEVICE ?= cuda:0
@@ -34,8 +36,9 @@ test-blender:  ## compare the add-on with Cycles in Blender's module (Python 3.1
 	$(MAKE) VENV=$(BLENDER_VENV) $(BLENDER_VENV)/.installed-blender
 	$(BLENDER_VENV)/bin/python -m pytest tests/blender
 
-fuzz: $(VENV)/.installed-test  ## fuzz rays, routing and gathers against brute force (RAYS, GATHERS, SEED)
-	$(BIN)/python tests/fuzz/run.py --rays $(RAYS) --gathers $(GATHERS) --seed $(SEED) -o $(OUT)/fuzz
+fuzz: $(VENV)/.installed-test  ## fuzz rays, routing and gathers against brute force, and the wire (RAYS, GATHERS, MESSAGES, RENDERS, SEED)
+	$(BIN)/python tests/fuzz/run.py --rays $(RAYS) --gathers $(GATHERS) --messages $(MESSAGES) \
+		--renders $(RENDERS) --seed $(SEED) -o $(OUT)/fuzz
 
 hard-cases: $(VENV)/.installed-test  ## run the hard cases in full and write out/hard-cases/index.html (WDPM_SCENES)
 	$(BIN)/python tests/hard_cases/run.py -o $(OUT)/hard-cases

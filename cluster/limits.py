@@ -7,6 +7,10 @@ from dataclasses import dataclass
 MOST_SLAVES = 256
 """Each has a connection with every other one, which takes three sockets of ZeroMQ's and five of the system's files."""
 
+DEAD_S = 90.0
+"""Silence that counts as death [s]: a laptop's lid, a process that is stopped for a minute or a switch that starts
+again are none. It is only waited for where nothing else tells: a process that dies closes its connections."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ClusterLimits:
@@ -14,15 +18,17 @@ class ClusterLimits:
 
     Attributes:
         heartbeat_s: a process sends something at least this often [s].
-        liveness_s: silence that counts as death [s]. Ten heartbeats: long enough for a machine that swaps for a moment,
-            short enough for a person who waits.
+        late_s: silence that is worth a word [s]. Ten heartbeats: long enough for a machine that swaps for a moment.
+        dead_s: silence that counts as death [s].
         rejoin_s: how long a master that has lost all its slaves waits for another one [s].
         peer_gone_s: time between the news that a connection between slaves broke and a new beginning of their team [s].
             One of the two may have died, or may be stopping: the master then hears so itself.
-        peer_answer_s: time that a slave gives another one to answer its greeting [s]. Far more than any link takes, and
-            a machine that no packet reaches never does.
+        peer_answer_s: time after which the person hears that a slave has not answered another one's greeting [s]. Far
+            more than any link takes; a machine that no packet reaches never does. After `dead_s` the render ends.
         join_first_s: first wait of a slave for the master's answer [s]; it doubles with every try ...
         join_longest_s: ... up to this [s]. Both as in the Paranoid Pirate pattern of the ZeroMQ guide.
+        join_timeout_s: how long a master that has something to render waits for slaves that have not joined [s] ...
+        join_news_s: ... and how often it says who has [s].
         photon_task_paths: photon paths a task. Enough for long kernel launches, few enough that the rays of all tasks
             in flight stay within some 10 MB.
         photon_tasks_in_flight: photon tasks handed to a slave at once; the second keeps it busy while the first one's
@@ -36,12 +42,15 @@ class ClusterLimits:
     """
 
     heartbeat_s: float = 1.0
-    liveness_s: float = 10.0
+    late_s: float = 10.0
+    dead_s: float = DEAD_S
     rejoin_s: float = 60.0
     peer_gone_s: float = 2.0
     peer_answer_s: float = 15.0
     join_first_s: float = 1.0
     join_longest_s: float = 32.0
+    join_timeout_s: float = 600.0
+    join_news_s: float = 30.0
     photon_task_paths: int = 65_536
     photon_tasks_in_flight: int = 2
     record_tasks: int = 4

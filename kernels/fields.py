@@ -28,7 +28,7 @@ class Field:
         shape: of one item: () for a number, (3,) for a vector.
         meaning: what it says; where a number has a unit, in brackets.
         least: smallest value that a receiver takes; None for any.
-        end: the first integer beyond what a receiver takes: a number, or that of how many things; None for any.
+        end: the first whole number beyond what a receiver takes: a number, or that of how many things; None for any.
     """
 
     dtype: str
@@ -52,9 +52,9 @@ def long_integer(meaning: str, least: int | None = None) -> Field:
     return Field("<i8", (), meaning, least)
 
 
-def number(meaning: str) -> Field:
+def number(meaning: str, least: int | None = None, end: int | None = None) -> Field:
     """A float32."""
-    return Field("<f4", (), meaning)
+    return Field("<f4", (), meaning, least, end)
 
 
 def vector(meaning: str) -> Field:

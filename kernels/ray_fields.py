@@ -23,8 +23,9 @@ RAY: Final[Fields] = {
 HIT: Final[Fields] = {
     "t": number("distance of the best hit so far [lengths of the direction]"),
     "prim": integer("global triangle number, -1 for none yet", least=-1),
-    "u": number("barycentric coordinate of the triangle's corner 1"),
-    "v": number("barycentric coordinate of the triangle's corner 2"),
+    # In 0 to 1 but for rounding. From others photons would set out from nowhere, and be looked for in cells there.
+    "u": number("barycentric coordinate of the triangle's corner 1", least=-1, end=2),
+    "v": number("barycentric coordinate of the triangle's corner 2", least=-1, end=2),
     "owner": integer("the cell that contains the hit point, -1 for none", least=-1, end=Many.CELLS),
 }
 

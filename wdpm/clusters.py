@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from wdpm.cluster.cluster_events import ClusterObserver
 from wdpm.cluster.display import Display
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.local_slaves import LocalSlaves, slave_command
-from wdpm.cluster.master.server import MasterServer, nobody
+from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.plan.copies import Copies, SlaveMemory, slaves_a_team
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
@@ -18,7 +21,7 @@ from wdpm.cluster.transport import address
 from wdpm.cluster.transport.registry import transport_of
 from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.transport.zeromq.key_files import keys_for
-from wdpm.cluster.transport.zeromq.run_keys import make_run_keys
+from wdpm.cluster.transport.zeromq.run_keys import RunKeys
 from wdpm.devices import available_cores, check_device
 from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
@@ -30,6 +33,8 @@ from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.prepare import Prepared, Source, prepare
 from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.model.scene import Scene
+
+JOIN_TIMEOUT_S = ClusterLimits().join_timeout_s
 
 
 class Cluster(Backend):
@@ -88,10 +93,10 @@ class Cluster(Backend):
         with ExitStack() as stack:
             processes = LocalSlaves()
             stack.callback(processes.stop)
-            keys, line = make_run_keys()  # other people of this machine reach its ports, too
-            server = MasterServer("tcp://127.0.0.1:0", slaves, security=keys, watch=processes.ended)
+            keys = RunKeys()  # other people of this machine reach its ports, too
+            server = MasterServer("tcp://127.0.0.1:0", slaves, security=keys.master, watch=processes.ended)
             master = stack.enter_context(server)
-            processes.start(slaves, slave_command(each, device, memory), master.endpoint, line)
+            processes.start(slaves, slave_command(each, device, memory), master.endpoint, keys.for_slave)
             kept = stack.pop_all()
             return cls(master, slaves, kept, copies=copies, processes=processes, threads=threads, device=device)
 
@@ -105,6 +110,8 @@ class Cluster(Backend):
         copies: Copies = Copies.AUTO,
         keys: Path | None = None,
         insecure: bool = False,
+        join_timeout: float = JOIN_TIMEOUT_S,
+        observers: Sequence[ClusterObserver] = (),
     ) -> Self:
         """Wait for slaves that people start with `wdpm slave`.
 
@@ -113,8 +120,10 @@ class Cluster(Backend):
             slaves: how many to wait for.
             most: how many there may be at a time, so that more may join later; None for no more.
             copies: whether each may hold what others hold, too.
-            keys: folder that `wdpm keys` made; needed unless only this machine can reach HOST ...
+            keys: the master's folder, that `wdpm keys` made; needed unless only this machine can reach HOST ...
             insecure: ... or anyone may take part.
+            join_timeout: how long a render waits for slaves that have not joined [s].
+            observers: are told what happens to the cluster, on a thread of its own.
 
         Raises:
             SettingsError: neither keys nor insecure where one is needed, or the keys cannot be read.
@@ -122,7 +131,8 @@ class Cluster(Backend):
         """
         security = keys_for(address.resolve(bind), keys, insecure, Role.MASTER)
         with ExitStack() as stack:
-            server = MasterServer(bind, slaves, most=most, security=security, watch=nobody)
+            limits = ClusterLimits(join_timeout_s=join_timeout)
+            server = MasterServer(bind, slaves, most=most, security=security, limits=limits, observers=observers)
             return cls(stack.enter_context(server), slaves, stack.pop_all(), copies=copies)
 
     @property
@@ -258,20 +268,17 @@ def render_as_master(
     *,
     bind: str,
     slaves: int,
-    most: int | None = None,
-    copies: Copies = Copies.AUTO,
-    keys: Path | None,
-    insecure: bool,
+    terms: Mapping[str, Any],
     display: Display | None = None,
     **how: Any,
 ) -> Image:
     """What `wdpm master` does: one render with slaves that people start.
 
     Args:
-        most, copies: see Cluster.listen.
+        terms: most, copies, keys, insecure, join_timeout and observers, see Cluster.listen.
         display: is shown the image while it is rendered.
         how: progress, journal and files of irradiance records, see Cluster.render.
     """
-    with Cluster.listen(bind, slaves, most=most, copies=copies, keys=keys, insecure=insecure) as cluster:
+    with Cluster.listen(bind, slaves, **terms) as cluster:
         cluster.display = display
         return cluster.render(source, settings, **how)

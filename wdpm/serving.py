@@ -39,7 +39,7 @@ def serve_as_slave(
 
     Args:
         master: tcp://HOST:PORT.
-        keys: folder of keys, or "-" for those that the process that started this one writes to its standard input.
+        keys: this slave's folder of keys, or "-" for those that the process that started it writes to standard input.
         memory: most memory to use [bytes]; None for no limit.
         patience: how long to wait for the master's first answer [s].
         life_line: end when standard input closes, which the process that started this one holds open.

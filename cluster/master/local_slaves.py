@@ -57,11 +57,11 @@ class LocalSlaves:
         self._slaves: list[_Slave] = []
         self._reported: set[int] = set()
 
-    def start(self, count: int, command: Command, endpoint: str, first_line: bytes = b"") -> None:
+    def start(self, count: int, command: Command, endpoint: str, first_line: Callable[[], bytes] = bytes) -> None:
         """Start processes; ClusterError if one cannot be started.
 
         Args:
-            first_line: what each finds on its standard input, before it is only a life line.
+            first_line: gives what one of them finds on its standard input, before it is only a life line.
         """
         for _ in range(count):
             log = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `stop`
@@ -79,7 +79,7 @@ class LocalSlaves:
                 log.close()
                 raise ClusterError(f"cannot start a slave: {error.strerror}") from None
             self._slaves.append(_Slave(process, log))
-            _tell(process, first_line)
+            _tell(process, first_line())
 
     @property
     def processes(self) -> list[int]:

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import queue
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
+from wdpm.cluster.cluster_events import ClusterObserver
 from wdpm.cluster.master import events as m
+from wdpm.cluster.master.chronicle import Chronicle
 from wdpm.cluster.master.machine import Master
 from wdpm.cluster.messages import packing, protocol
 from wdpm.cluster.transport.mailbox import Mailbox
@@ -31,12 +33,20 @@ class MasterShell:
     Args:
         listener: where slaves reach the master.
         answer: takes the instructions that are no messages to slaves, in order.
+        observers: are told what happens.
     """
 
-    def __init__(self, state: Master, listener: Listener, answer: Callable[[m.Instruction], None]) -> None:
+    def __init__(
+        self,
+        state: Master,
+        listener: Listener,
+        answer: Callable[[m.Instruction], None],
+        observers: Sequence[ClusterObserver] = (),
+    ) -> None:
         self.state = state
         self._listener = listener
         self._answer = answer
+        self._chronicle = Chronicle(observers)
 
     def receive(self) -> None:
         """Take in messages that have come."""
@@ -53,7 +63,10 @@ class MasterShell:
     def handle(self, event: m.Event) -> None:
         """Tell the state machine, and do what it says."""
         lost: list[bytes] = []
-        for instruction in self.state.handle(event, time.monotonic()):
+        now = time.monotonic()
+        instructions = self.state.handle(event, now)
+        self._chronicle.tell(event, instructions, now)
+        for instruction in instructions:
             if not isinstance(instruction, m.Send):
                 self._answer(instruction)
                 continue
@@ -78,6 +91,7 @@ class MasterLoop:
         mailbox: brings events of other threads.
         watch: tells of slave processes that were started here and have ended.
         answers: takes instructions that are no messages to slaves, and at last what ended the loop if that failed.
+        observers: are told what happens, on this thread.
     """
 
     def __init__(
@@ -88,9 +102,10 @@ class MasterLoop:
         mailbox: Mailbox,
         watch: Watch,
         answers: queue.SimpleQueue[m.Instruction | BaseException],
+        observers: Sequence[ClusterObserver] = (),
     ) -> None:
         self.state = state
-        self._shell = MasterShell(state, listener, answers.put)
+        self._shell = MasterShell(state, listener, answers.put, observers)
         self._network = network
         self._mailbox = mailbox
         self._watch = watch

@@ -31,6 +31,7 @@ from wdpm.cluster.master.events import (
     Unreadable,
     WaitForSlaves,
 )
+from wdpm.cluster.master.joining import JoinWait
 from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.master.phases import Phase, Phases
 from wdpm.cluster.messages import protocol
@@ -63,6 +64,7 @@ class Master:
         self._members = Members(slaves, max(slaves, most or 0), versions)
         self._dropped: Counter[str] = Counter()
         self._phases = Phases(self._members, self._limits, self._dropped)
+        self._joining = JoinWait(self._limits, self._members)
         self._ticked_at: float | None = None
         self._beat_at = 0.0
         self._awaited = False
@@ -164,11 +166,18 @@ class Master:
         slept, self._ticked_at = now - (now if self._ticked_at is None else self._ticked_at), now
         out: list[Instruction] = []
         for member in list(self._members):
-            if slept > self._limits.liveness_s / 2:
+            if slept > self._limits.late_s / 2:
                 member.heard_at = now  # this process itself stood still (a laptop's lid): silence says nothing
-            silence = now - member.heard_at
-            if silence > self._limits.liveness_s:
+            silence = member.silence(now)
+            if silence > self._limits.dead_s:
                 out += self._lose(member, f"it has been silent for {silence:.0f} s, and may have died", now)
+            elif (news := member.news_of_silence(now, self._limits)) is not None:
+                out.append(Noted(news))
+        if self.phase is Phase.JOINING and self._phases.session is not None:
+            if (news := self._joining.tick(now)) is not None:
+                out.append(Noted(news))
+            if (overdue := self._joining.overdue()) is not None:
+                return self._break(overdue)
         if self._alone is not None and now >= self._alone[0] + self._limits.rejoin_s:
             return self._break(f"{self._alone[1]}; no slave is left, and none came within {self._limits.rejoin_s:g} s")
         for pair in [pair for pair, (until, _) in self._apart.items() if now >= until]:
@@ -225,7 +234,7 @@ class Master:
             self._alone = None
             if self.phase is not Phase.JOINING:
                 joined = self._phases.joined(member, now)
-        welcome = protocol.Welcome(member.number, self._cluster, self._limits.heartbeat_s, self._limits.liveness_s)
+        welcome = protocol.Welcome(member.number, self._cluster, self._limits.heartbeat_s, self._limits.dead_s)
         out += [
             Send(identity, welcome),
             Noted(f"{member} joined, {hello.threads} threads ({len(self._members)} of {self._members.expected})"),
@@ -281,8 +290,9 @@ class Master:
         if member.left or peer.left:
             return []
         if unreachable:
+            endpoint = peer.hello.peers.partition("#")[0]  # the rest is a key
             return self._break(
-                f"{member} cannot reach {peer} at {peer.hello.peers}: {unreachable}; check that a firewall lets slaves "
+                f"{member} cannot reach {peer} at {endpoint}: {unreachable}; check that a firewall lets slaves "
                 "connect to each other at any port, and that both machines are in one network"
             )
         text = f"the connection from {member} to {peer} broke"

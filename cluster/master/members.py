@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.task import Task
 
@@ -25,11 +26,26 @@ class Member:
     heard_at: float
     left: bool = False
     cells: frozenset[int] = frozenset()
+    late: bool = False
     in_flight: dict[int, Task] = field(default_factory=dict)
     statistics: dict[str, Any] = field(default_factory=dict)
 
     def __str__(self) -> str:
         return f"slave {self.number} ({self.hello.host}, process {self.hello.process})"
+
+    def silence(self, now: float) -> float:
+        """How long nothing has been heard of it [s]."""
+        return now - self.heard_at
+
+    def news_of_silence(self, now: float, limits: ClusterLimits) -> str | None:
+        """What to tell the person when it becomes late, or is no longer; None while nothing changes."""
+        silence = self.silence(now)
+        late, self.late = self.late, silence > limits.late_s
+        if self.late == late:
+            return None
+        if late:
+            return f"{self} is back"
+        return f"{self} has been silent for {silence:.0f} s; it is waited for {limits.dead_s - silence:.0f} s more"
 
 
 class Members:

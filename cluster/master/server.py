@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import Self
 
+from wdpm.cluster.cluster_events import ClusterObserver
 from wdpm.cluster.display import Display
 from wdpm.cluster.limits import MOST_SLAVES, ClusterLimits
 from wdpm.cluster.master import events as m
@@ -48,6 +49,7 @@ class MasterServer:
         security: keys of the cluster, or None.
         watch: tells of slave processes that were started here and have ended.
         agreed: what slaves must have in common with it; None for this process's versions.
+        observers: are told what happens to the cluster, on a thread of the master's own.
 
     Raises:
         SettingsError: more slaves than can be.
@@ -64,6 +66,7 @@ class MasterServer:
         limits: ClusterLimits | None = None,
         watch: Watch = nobody,
         agreed: Mapping[str, str] | None = None,
+        observers: Sequence[ClusterObserver] = (),
     ) -> None:
         together = max(slaves, most or 0)
         if together > MOST_SLAVES:
@@ -81,7 +84,7 @@ class MasterServer:
             self._mailbox = Mailbox()
             self._stack.callback(self._mailbox.close)
             state = Master(slaves, versions() if agreed is None else agreed, limits, most)
-            self._loop = MasterLoop(state, network, listener, self._mailbox, watch, self._answers)
+            self._loop = MasterLoop(state, network, listener, self._mailbox, watch, self._answers, observers)
             self._thread = threading.Thread(target=self._loop.run, name="wdpm master", daemon=True)
             self._thread.start()
         except BaseException:

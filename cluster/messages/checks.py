@@ -136,7 +136,7 @@ def check_triangles(triangles: Triangles, world: World, where: str) -> None:
 
 
 def check_batch(batch: Batch, world: World) -> None:
-    """Raise ProtocolError unless every index in a batch of a peer is one that kernels can use.
+    """Raise ProtocolError unless every index, and every weight, in a batch of a peer is one that kernels can use.
 
     Slots are for the home to check, which knows how many it has.
     """
@@ -173,9 +173,10 @@ def _require(condition: bool, where: str, what: str) -> None:
         raise ProtocolError(f"{where}: {what}")
 
 
-def _indices(array: NDArray[np.int32], least: int, end: int, where: str) -> None:
+def _indices(array: NDArray[Any], least: int, end: int, where: str) -> None:
+    """Whole numbers, or weights of a triangle's corners; NaN is outside, too."""
     if len(array) and not (array.min() >= least and array.max() < end):
-        raise ProtocolError(f"{where} is {array.min()} to {array.max()}; expected {least} to {end - 1}")
+        raise ProtocolError(f"{where} is {array.min()} to {array.max()}; expected {least} to less than {end}")
 
 
 def _positive(value: float) -> bool:

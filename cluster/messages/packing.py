@@ -27,11 +27,12 @@ from wdpm.scenes.errors import ProtocolError
 
 MAGIC = b"wdpm"
 
-FRAME_BYTES = 64 << 20
-"""Longest frame. Larger arrays span several: a receiver's socket can then refuse longer frames before it reads them."""
-
 HEADER_BYTES = 4 << 20
 """Longest header. The largest there are name some thousand textures."""
+
+FRAME_BYTES = HEADER_BYTES
+"""Longest frame. Larger arrays span several: a receiver's socket refuses longer frames before it reads them, so that
+whoever has not even shown a key has little to fill memory with."""
 
 MOST_FRAMES = 1 << 16
 """Frames of a message. The largest there are send some thousand textures, two frames each."""

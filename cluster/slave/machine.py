@@ -76,12 +76,13 @@ class Slave:
         self._wait = self._limits.join_first_s
         self._give_up_at = self._retry_at = 0.0
         self._refused = False
+        self._master_late = False
         self._heard_at = self._ticked_at = self._beat_at = 0.0
         self._epoch = 0
         self._setup: protocol.Setup | None = None
         self._arriving: ArrivingCells | None = None
         self._had: frozenset[int] = frozenset()  # cells of the worker that was built last
-        self._peers = Peers(self._limits.peer_answer_s)
+        self._peers = Peers(self._limits.peer_answer_s, self._limits.dead_s)
         self._orders: deque[Job] = deque()
         self._material = MapMaterial()
         self._batches = Queues()
@@ -169,13 +170,13 @@ class Slave:
         slept, self._ticked_at = now - self._ticked_at, now
         if self._welcome is None:
             return self._try_again(now)
-        if slept > self._welcome.liveness_s / 2:
+        if slept > self._limits.late_s / 2:
             self._heard_at = now  # this process itself stood still (a laptop's lid): silence says nothing
             self._peers.stood_still(slept)
         silence = now - self._heard_at
         if silence > self._welcome.liveness_s:
             return self._join_again(f"it has been silent for {silence:.0f} s", now)
-        out = self._peers.overdue(now)
+        out = self._news_of_silence(silence) + self._peers.overdue(now)
         if now >= self._beat_at:
             self._beat_at = now + self._welcome.heartbeat_s
             out.append(ToMaster(protocol.Heartbeat()))
@@ -187,12 +188,20 @@ class Slave:
             out += [ToMaster(protocol.Note(text)), Tell(text)]
         return out
 
+    def _news_of_silence(self, silence: float) -> list[Instruction]:
+        late, self._master_late = self._master_late, silence > self._limits.late_s
+        if self._master_late == late:
+            return []
+        return [
+            Tell("the master is back" if late else f"the master has been silent for {silence:.0f} s; it is waited for")
+        ]
+
     def _try_again(self, now: float) -> list[Instruction]:
         if now >= self._give_up_at:
             if self._refused:
                 return self._exit(
                     f"the master at {self._endpoint} does not accept this slave's keys; "
-                    "give --keys with the folder that the master has, or none if it has none"
+                    "give --keys with the folder that `wdpm keys add` made for it, or none if the master has none"
                 )
             if self._joined_before:
                 lost = f"lost the master at {self._endpoint}, and none answered there within {self._patience:g} s"

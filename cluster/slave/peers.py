@@ -17,15 +17,18 @@ class Peers:
     """The state of a slave's connections with its peers.
 
     Args:
-        answer_s: time that a peer has for its answer [s].
+        answer_s: time after which the person hears that a peer has not answered [s].
+        dead_s: time after which the master does, and the render ends: the peer may only be stopped [s].
     """
 
-    def __init__(self, answer_s: float) -> None:
-        self._answer_s = answer_s
+    def __init__(self, answer_s: float, dead_s: float) -> None:
+        self._answer_s = min(answer_s, dead_s)
+        self._dead_s = dead_s
         self._numbers: dict[bytes, int] = {}
         self._early: dict[bytes, protocol.PeerHello] = {}
         self._endpoints: dict[int, str] = {}
         self._awaited: dict[int, float] = {}
+        self._late: set[int] = set()
 
     def number_of(self, identity: bytes) -> int | None:
         """Which slave sends over a connection; None if it has not said so."""
@@ -60,8 +63,9 @@ class Peers:
         """Be connected with these peers and no others. Returns those that are new, whose answers are awaited."""
         new = [peer for peer, endpoint in endpoints.items() if self._endpoints.get(peer) != endpoint]
         self._endpoints = dict(endpoints)
-        self._awaited = {peer: until for peer, until in self._awaited.items() if peer in endpoints}
-        self._awaited |= dict.fromkeys(new, now + self._answer_s)
+        self._awaited = {peer: since for peer, since in self._awaited.items() if peer in endpoints}
+        self._awaited |= dict.fromkeys(new, now)
+        self._late = self._late.intersection(endpoints).difference(new)
         return new
 
     def forget(self) -> None:
@@ -86,14 +90,23 @@ class Peers:
 
     def stood_still(self, seconds: float) -> None:
         """This process stood still for so long, and could not have heard an answer [s]."""
-        self._awaited = {peer: until + seconds for peer, until in self._awaited.items()}
+        self._awaited = {peer: since + seconds for peer, since in self._awaited.items()}
 
     def overdue(self, now: float) -> list[Instruction]:
-        """Tell the master of a peer that has not answered in time."""
-        late = [peer for peer, until in self._awaited.items() if now >= until]
-        for peer in late:
+        """Tell the master of peers that have not answered: first a word for the person, later that none comes."""
+        dead = [peer for peer, since in self._awaited.items() if now - since >= self._dead_s]
+        for peer in dead:
             del self._awaited[peer]
-        return self._unreachable(late, f"no answer within {self._answer_s:g} s")
+        late = [
+            peer for peer, since in self._awaited.items() if now - since >= self._answer_s and peer not in self._late
+        ]
+        self._late.update(late)
+        return [*(self._note(peer) for peer in late), *self._unreachable(dead, f"no answer within {self._dead_s:g} s")]
+
+    def _note(self, peer: int) -> ToMaster:
+        endpoint, left = self._endpoints[peer].partition("#")[0], self._dead_s - self._answer_s
+        waits = f"after {self._answer_s:g} s; it waits for {left:g} s more (does a firewall keep slaves apart?)"
+        return ToMaster(protocol.Note(f"has no answer of slave {peer} at {endpoint} {waits}"))
 
     def _unreachable(self, peers: Sequence[int], reason: str) -> list[Instruction]:
         return [ToMaster(protocol.PeerUnreachable(peer, reason)) for peer in peers]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 
 @dataclass(frozen=True)
@@ -16,15 +17,38 @@ class KeyPair:
         return f"KeyPair({self.public.decode()})"
 
 
+class Guests(Protocol):
+    """Whom a process lets in."""
+
+    def admits(self, public: bytes) -> bool:
+        """Whether the owner of a public key may come in. Asked each time that somebody knocks."""
+
+
+class KnownKeys:
+    """The owners of some public keys, to which more may be added at any time."""
+
+    def __init__(self) -> None:
+        self._known: set[bytes] = set()
+
+    def add(self, public: bytes) -> None:
+        """Let the owner of this one in, too."""
+        self._known.add(public)
+
+    def admits(self, public: bytes) -> bool:
+        """Whether it has been added."""
+        return public in self._known
+
+
 @dataclass(frozen=True)
 class Keys:
     """The keys of a cluster, as one of its processes has them: no process has a secret that is not its own.
 
     Attributes:
-        own: the pair of a master, or the one that all slaves share.
-        master, slave: the public keys of both.
+        own: its pair.
+        master: public key of the master.
+        guests: whom it lets in from the start. A slave's peers it learns of from the master, with their endpoints.
     """
 
     own: KeyPair
     master: bytes
-    slave: bytes
+    guests: Guests

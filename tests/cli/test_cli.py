@@ -384,10 +384,11 @@ def test_a_picture_that_cannot_be_written_does_not_cost_the_report(
 
 
 def test_the_master_gets_its_options(renderer: Renderer) -> None:
-    line = "master a.xml -q --slaves 3 --bind tcp://10.0.0.1:7000 --keys folder --spp 2"
+    line = "master a.xml -q --slaves 3 --bind tcp://10.0.0.1:7000 --keys folder --spp 2 --join-timeout 2m"
     assert run(line.split()) == 0
-    asked = {name: renderer.rendered[name] for name in ("bind", "slaves", "keys", "insecure")}
-    assert asked == {"bind": "tcp://10.0.0.1:7000", "slaves": 3, "keys": Path("folder"), "insecure": False}
+    terms = {"keys": Path("folder"), "insecure": False, "join_timeout": 120.0, "observers": ()}
+    asked = {name: renderer.rendered[name] for name in ("bind", "slaves", "terms")}
+    assert asked == {"bind": "tcp://10.0.0.1:7000", "slaves": 3, "terms": terms}
     assert renderer.rendered["settings"].spp == 2
 
 
@@ -481,15 +482,3 @@ def test_a_reader_that_leaves_is_no_error() -> None:
         process.stdout.close()
         assert process.stderr.read() == b""
     assert process.returncode == 1
-
-
-# ---- keys ---------------------------------------------------------------------------------------------------------
-
-
-def test_keys_are_made_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = tmp_path / "keys"
-    assert run(["keys", str(folder)]) == 0
-    written = [line.removeprefix("wrote ") for line in capsys.readouterr().out.splitlines()]
-    assert sorted(written) == sorted(str(path) for path in folder.iterdir())
-    assert run(["keys", str(folder)]) == 2
-    assert "exists already" in capsys.readouterr().err

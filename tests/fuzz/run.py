@@ -1,6 +1,6 @@
-"""Fuzz for as long as it takes: rays and gathers against brute force, over all cores, with the time left.
+"""Fuzz for as long as it takes, over all cores, with the time left: rays and gathers against brute force, and the wire.
 
-    python tests/fuzz/run.py --rays 1e8 --gathers 1e6 --seed 1
+    python tests/fuzz/run.py --rays 1e8 --gathers 1e6 --messages 1e6 --seed 1
     python tests/fuzz/run.py --case traversal:1000000123     # one case again
 
 A case is a function of its number alone, so the name and the number that a failure is reported with reproduce it. The
@@ -26,7 +26,16 @@ from fuzz_failure import Failure
 
 from wdpm.quiet import quiet_warp
 
-FUZZERS = {"traversal": "rays", "watertight": "rays", "routing": "rays", "gather": "gathers"}
+sys.path.append(str(Path(__file__).resolve().parents[1] / "helpers"))  # pytest has it from pyproject.toml
+
+FUZZERS = {
+    "traversal": "rays",
+    "watertight": "rays",
+    "routing": "rays",
+    "gather": "gathers",
+    "wire": "messages",
+    "cells": "renders",
+}
 """What each one counts; fuzz_<name>.py has run_case(number) -> (how many, failures)."""
 
 CASES_A_SEED = 10**9
@@ -47,7 +56,7 @@ class Tally:
 
 
 def run_batch(name: str, first: int, count: int) -> tuple[int, list[tuple[int, Failure]]]:
-    """Some cases, one after another: how many rays or gathers, and the failures by case."""
+    """Some cases, one after another: how many rays, gathers or messages, and the failures by case."""
     quiet_warp()
     run_case = importlib.import_module(f"fuzz_{name}").run_case
     done, failures = 0, []
@@ -59,7 +68,7 @@ def run_batch(name: str, first: int, count: int) -> tuple[int, list[tuple[int, F
 
 
 def fuzz(name: str, wanted: int, first: int, pool: ProcessPoolExecutor, jobs: int) -> Tally:
-    """Cases from `first` on until so many rays or gathers are done, with a line every few seconds."""
+    """Cases from `first` on until so many rays, gathers or messages are done, with a line every few seconds."""
     tally = Tally()
     start = told = time.monotonic()
     waiting: set[Future[tuple[int, list[tuple[int, Failure]]]]] = set()
@@ -114,7 +123,7 @@ def main() -> int:
         print(f"{name}:{case}: {done:,} {FUZZERS[name]}, {len(failures)} failures")
         report(args.output, name, Tally(done, 1, failures))
         return bool(failures)
-    wanted = {name: int(args.gathers if kind == "gathers" else args.rays) for name, kind in FUZZERS.items()}
+    wanted = {name: int(getattr(args, kind)) for name, kind in FUZZERS.items()}
     first = args.seed * CASES_A_SEED
     failed = 0
     start = time.monotonic()
@@ -134,6 +143,8 @@ def parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rays", type=float, default=1e7, help="rays of each fuzzer of rays (default: 1e7)")
     parser.add_argument("--gathers", type=float, default=1e5, help="gathers (default: 1e5)")
+    parser.add_argument("--messages", type=float, default=1e5, help="messages with something wrong (default: 1e5)")
+    parser.add_argument("--renders", type=float, default=1e3, help="renders with numbers of a liar (default: 1e3)")
     parser.add_argument("--seed", type=int, default=0, help="other seeds are other cases (default: 0)")
     parser.add_argument("--only", nargs="+", choices=FUZZERS, default=list(FUZZERS), help="these fuzzers only")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: all cores)")

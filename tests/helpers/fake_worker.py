@@ -182,13 +182,13 @@ def statistics_of(world: World, **known: Any) -> dict[str, Any]:
 
 
 def arrays(kind: Kind, count: int) -> dict[str, Any]:
-    """Arrays of a kind, counting up; those that point at cells, lights, media and maps point at the first."""
+    """Arrays of a kind, counting up; those that point at cells, lights, media, maps and corners point at the first."""
     counting = {
         name: np.arange(count * int(np.prod(field.shape, dtype=int))).reshape(count, *field.shape).astype(field.dtype)
         for name, field in SCHEMAS[kind].items()
     }
     return {
-        name: np.zeros_like(array) if name in ("owner", "cell", "light", "medium", "map") else array
+        name: np.zeros_like(array) if name in ("owner", "cell", "light", "medium", "map", "u", "v") else array
         for name, array in counting.items()
     }
 

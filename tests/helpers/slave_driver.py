@@ -15,7 +15,7 @@ from wdpm.cluster.slave.machine import Slave
 from wdpm.scenes.flat.arrays import Triangles
 
 HELLO = p.Hello({}, "host", 1, 1, 0, "tcp://here:1")
-WELCOME = p.Welcome(1, "cluster", 1.0, 10.0)
+WELCOME = p.Welcome(1, "cluster", 1.0, 90.0)
 PEERS = ("tcp://a:1", "tcp://b:1", "tcp://c:1")
 HOLDERS = (0, 1, 2, 1)
 EPOCH = 3

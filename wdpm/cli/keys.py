@@ -6,10 +6,16 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from wdpm.scenes.errors import SettingsError
+
+_ADD = "add"
+
 _EXAMPLES = """\
 examples:
-  wdpm keys cluster-keys
-  scp -rp cluster-keys other-machine:"""
+  wdpm keys cluster-keys                      the master's pair, in a new folder
+  wdpm keys add cluster-keys anna bert        a pair for each of two slaves
+  scp -rp cluster-keys/anna anna:slave-keys   to its machine; the master does not need the folder, remove it there
+  rm cluster-keys/slaves/anna.key             let anna in no more"""
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -17,18 +23,31 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "keys",
         help="make the keys of a cluster",
-        description="Make CURVE keys, with which master and slaves encrypt and know each other. Copy the folder to "
-        "every machine and keep it secret.",
+        description="Make CURVE keys, with which master and slaves encrypt and know each other: a pair for the master, "
+        "and one for each slave. A master that runs lets new ones in at once.",
+        usage="wdpm keys FOLDER | wdpm keys add FOLDER NAME...",
         epilog=_EXAMPLES,
     )
-    parser.add_argument("folder", type=Path, metavar="FOLDER", help="new folder for the keys")
+    parser.add_argument(
+        "words",
+        nargs="+",
+        metavar="FOLDER",
+        help="new folder for the master's keys; or `add`, its folder and names of slaves",
+    )
     return parser
 
 
 def run(args: argparse.Namespace) -> int:
     """Make the keys; returns the exit code."""
-    from wdpm.cluster.transport.zeromq.key_files import make_keys
+    from wdpm.cluster.transport.zeromq.key_files import add_slave, make_keys
 
-    for path in make_keys(args.folder):
+    match args.words:
+        case [str(folder)] if folder != _ADD:
+            written = make_keys(Path(folder))
+        case [command, folder, *names] if command == _ADD and names:
+            written = [path for name in names for path in add_slave(Path(folder), name)]
+        case words:
+            raise SettingsError(f"wdpm keys {' '.join(words)}: expected a FOLDER, or: add FOLDER NAME...")
+    for path in written:
         print(f"wrote {path}")
     return 0

@@ -7,8 +7,9 @@ from typing import Any
 
 from wdpm import values
 from wdpm.cli import options
-from wdpm.cli.goal import add_until_options, asks_for_a_goal, render_to_goal
+from wdpm.cli.goal import add_until_options, asks_for_a_goal, duration, render_to_goal
 from wdpm.cli.live import add_view_options, live_view
+from wdpm.cli.monitoring import add_monitoring_options, observers
 from wdpm.cli.passes import add_pass_options, kept_passes
 
 _EXAMPLES = """\
@@ -16,9 +17,9 @@ examples:
   on one machine:
     wdpm master scene.xml -o scene.exr --slaves 2
     wdpm slave tcp://127.0.0.1:7117        (in two other terminals)
-  on several, with the folder of `wdpm keys cluster-keys` copied to each:
+  on several, with keys for each (wdpm keys --help):
     wdpm master scene.xml --bind tcp://192.168.1.10:7117 --slaves 4 --keys cluster-keys
-    wdpm slave tcp://192.168.1.10:7117 --keys cluster-keys"""
+    wdpm slave tcp://192.168.1.10:7117 --keys slave-keys"""
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -54,7 +55,15 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         help="slaves to wait for; 2..8 begins with two, and takes up to eight",
     )
     options.add_copies_option(cluster)
+    cluster.add_argument(
+        "--join-timeout",
+        type=duration,
+        default=600.0,
+        metavar="TIME",
+        help="how long to wait for slaves that have not joined, like 90s or 30m (default: 10m)",
+    )
     options.add_security_options(parser)
+    add_monitoring_options(parser)
     return parser
 
 
@@ -63,38 +72,32 @@ def run(args: argparse.Namespace) -> int:
     from wdpm.cli.result import first_output, render_and_write
     from wdpm.clusters import Cluster, check_listening, render_as_master
 
-    check_listening(args.bind, args.keys, args.insecure)
-
-    if asks_for_a_goal(args):
-        return render_to_goal(
-            args,
-            lambda: Cluster.listen(
-                args.bind,
-                args.slaves[0],
-                most=args.slaves[1],
-                copies=args.copies,
-                keys=args.keys,
-                insecure=args.insecure,
-            ),
-        )
-
-    with live_view(args) as view, kept_passes(args, first_output(args)) as journal:
-        return render_and_write(
-            args,
-            lambda source, settings, progress: render_as_master(
-                source,
-                settings,
-                bind=args.bind,
-                slaves=args.slaves[0],
-                most=args.slaves[1],
-                copies=args.copies,
-                keys=args.keys,
-                insecure=args.insecure,
-                display=view,
-                progress=progress,
-                save_cache=args.save_cache,
-                load_cache=args.load_cache,
-                **journal,
-            ),
-            view,
-        )
+    with observers(args) as told:
+        check_listening(args.bind, args.keys, args.insecure)
+        terms = {
+            "most": args.slaves[1],
+            "copies": args.copies,
+            "keys": args.keys,
+            "insecure": args.insecure,
+            "join_timeout": args.join_timeout,
+            "observers": told,
+        }
+        if asks_for_a_goal(args):
+            return render_to_goal(args, lambda: Cluster.listen(args.bind, args.slaves[0], **terms))
+        with live_view(args) as view, kept_passes(args, first_output(args)) as journal:
+            return render_and_write(
+                args,
+                lambda source, settings, progress: render_as_master(
+                    source,
+                    settings,
+                    bind=args.bind,
+                    slaves=args.slaves[0],
+                    terms=terms,
+                    display=view,
+                    progress=progress,
+                    save_cache=args.save_cache,
+                    load_cache=args.load_cache,
+                    **journal,
+                ),
+                view,
+            )

@@ -292,7 +292,7 @@ def add_security_options(parser: argparse.ArgumentParser) -> None:
     """--keys or --insecure."""
     group = parser.add_argument_group("security (needed beyond this machine)")
     either = group.add_mutually_exclusive_group()
-    either.add_argument("--keys", type=Path, metavar="FOLDER", help="CURVE keys of the cluster, made by wdpm keys")
+    either.add_argument("--keys", type=Path, metavar="FOLDER", help="this process's CURVE keys, made by wdpm keys")
     either.add_argument(
         "--insecure",
         action="store_true",

@@ -11,7 +11,7 @@ from wdpm.cli import options
 _EXAMPLES = """\
 examples:
   wdpm slave tcp://127.0.0.1:7117
-  wdpm slave tcp://192.168.1.10:7117 --keys cluster-keys --threads 8 --memory 16G"""
+  wdpm slave tcp://192.168.1.10:7117 --keys slave-keys --threads 8 --memory 16G"""
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:

@@ -1,47 +1,124 @@
 """Files of a cluster's keys, as ZeroMQ's own tools write them.
 
-One folder serves a whole cluster: the master's pair and one pair that all slaves share. Whoever has the folder can take
-part; so it is to be copied over a safe way, and kept secret. A process reads its own secret key and the public ones:
-slaves need no `master.key_secret`.
+    FOLDER/master.key, master.key_secret   the master's pair
+    FOLDER/slaves/NAME.key                 public keys of the slaves that are let in
+    FOLDER/NAME/                           for the slave NAME, to be moved to its machine: its own pair (slave.key,
+                                           slave.key_secret) and the master's public key (master.key)
+
+The master reads FOLDER, a slave the folder that was made for it: nobody has a secret that is not its own. A slave whose
+file in FOLDER/slaves is removed is let in no more, one whose file is added is let in at once.
 """
 
 from __future__ import annotations
 
+import contextlib
+import re
+import shutil
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import zmq.auth
 
 from wdpm.cluster.transport.address import is_loopback
-from wdpm.cluster.transport.keys import KeyPair, Keys
+from wdpm.cluster.transport.keys import KeyPair, Keys, KnownKeys
 from wdpm.cluster.transport.transport import Role
 from wdpm.scenes.errors import SettingsError
 
+SLAVES = "slaves"
+"""Where in a master's folder the public keys of its slaves are."""
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+
+_READ_AGAIN_S = 1.0
+"""Whoever knocks more often than this does not have the folder read again."""
+
 
 def make_keys(folder: Path) -> list[Path]:
-    """Make the keys of a cluster in a new folder that only its owner can read; returns the files.
+    """Make the pair of a master in a new folder that only its owner can read; returns the files.
 
     Raises:
         SettingsError: the folder exists already, or cannot be made.
     """
+    _make_folder(folder)
+    _make_folder(folder / SLAVES)
+    return _make_pair(folder, "master")
+
+
+def add_slave(folder: Path, name: str) -> list[Path]:
+    """Make a pair for one more slave of a master; returns what was made: a public key, and a folder to be moved.
+
+    Args:
+        folder: of `make_keys`.
+        name: of the slave; letters, digits, dots, dashes and underscores.
+
+    Raises:
+        SettingsError: the folder is none of a master, the name is none or is taken, or a file cannot be written.
+    """
+    if _NAME.fullmatch(name) is None or name == SLAVES:
+        raise SettingsError(f"'{name}' is no name of a slave; expected letters, digits, '.', '-' and '_'")
+    _load_public(folder / "master.key")
+    public = folder / SLAVES / f"{name}.key"
+    if public.exists():
+        raise SettingsError(
+            f"{public} exists already; choose another name, or remove the file to let that slave in no more"
+        )
+    own = folder / name
+    _make_folder(own)
     try:
-        folder.mkdir(mode=0o700, parents=True)
-    except FileExistsError:
-        raise SettingsError(f"{folder} exists already; name a new folder, so that no key is overwritten") from None
+        _make_pair(own, "slave")
+        shutil.copy(folder / "master.key", own)
+        shutil.copy(own / "slave.key", public)  # last: nobody is let in whose keys are not complete
     except OSError as error:
-        raise SettingsError(f"cannot make the folder {folder}: {error.strerror}") from None
-    paths: list[Path] = []
-    for name in ("master", "slave"):
-        public, secret = zmq.auth.create_certificates(folder, name)
-        paths += [Path(public), Path(secret)]
-    for path in paths:
-        path.chmod(0o600)
-    return paths
+        raise SettingsError(f"cannot write {error.filename or own}: {error.strerror}") from None
+    return [public, own]
+
+
+class KeyFolder:
+    """The owners of all public keys in a folder, which is read while people add and remove files.
+
+    Args:
+        folder: of files NAME.key.
+
+    Raises:
+        SettingsError: one of them is no key, or there is none.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._known = {_load_public(path) for path in folder.glob("*.key")}
+        self._read_at = time.monotonic()
+        if not self._known:
+            raise SettingsError(
+                f"{folder} has no key of a slave; make one for each with `wdpm keys add {folder.parent} NAME`"
+            )
+
+    def admits(self, public: bytes) -> bool:
+        """Whether one of the files has this key by now; a file that cannot be read lets nobody in."""
+        if time.monotonic() - self._read_at >= _READ_AGAIN_S:
+            self._known = set(self._readable())
+            self._read_at = time.monotonic()
+        return public in self._known
+
+    def _readable(self) -> Iterator[bytes]:
+        for path in self._folder.glob("*.key"):
+            with contextlib.suppress(SettingsError):  # half written, perhaps: whoever owns it tries again
+                yield _load_public(path)
 
 
 def load_keys(folder: Path, role: Role) -> Keys:
-    """Read of what make_keys wrote what a process of this role needs; SettingsError if it is missing or damaged."""
+    """Read what a process of this role needs: a master the folder of make_keys, a slave its own of add_slave.
+
+    Raises:
+        SettingsError: something is missing, damaged, or can be read by others.
+    """
+    if role is Role.SLAVE and (folder / SLAVES).exists():
+        raise SettingsError(
+            f"{folder} has the master's keys; give the slave the folder that `wdpm keys add {folder} NAME` makes"
+        )
     own = _load_pair(folder / f"{role.value}.key_secret")
-    return Keys(own, _load_public(folder / "master.key"), _load_public(folder / "slave.key"))
+    guests = KeyFolder(folder / SLAVES) if role is Role.MASTER else KnownKeys()
+    return Keys(own, _load_public(folder / "master.key"), guests)
 
 
 def keys_for(resolved: str, folder: Path | None, insecure: bool, role: Role) -> Keys | None:
@@ -55,8 +132,8 @@ def keys_for(resolved: str, folder: Path | None, insecure: bool, role: Role) -> 
     if insecure or is_loopback(resolved):
         return None
     raise SettingsError(
-        f"{resolved} can be reached from other machines: make keys with `wdpm keys FOLDER` and give --keys FOLDER "
-        "to the master and every slave, or accept anyone who reaches the port with --insecure"
+        f"{resolved} can be reached from other machines: make keys with `wdpm keys` and give --keys FOLDER to the "
+        "master and every slave, or accept anyone who reaches the port with --insecure"
     )
 
 
@@ -84,3 +161,19 @@ def _load(path: Path, *, secret: bool) -> tuple[bytes, bytes | None]:
     if len(public) != 40:
         raise SettingsError(f"{path} holds no key; make it with `wdpm keys`")
     return public, private
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(mode=0o700, parents=True)
+    except FileExistsError:
+        raise SettingsError(f"{folder} exists already; name a new folder, so that no key is overwritten") from None
+    except OSError as error:
+        raise SettingsError(f"cannot make the folder {folder}: {error.strerror}") from None
+
+
+def _make_pair(folder: Path, name: str) -> list[Path]:
+    paths = [Path(path) for path in zmq.auth.create_certificates(folder, name)]
+    for path in paths:
+        path.chmod(0o600)
+    return paths

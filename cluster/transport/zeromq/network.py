@@ -5,18 +5,21 @@ docs/protocol.md is the norm for what sockets there are, and how they are set up
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 
 import zmq
 from zmq.utils.monitor import recv_monitor_message
 
 from wdpm.cluster.limits import MOST_SLAVES
 from wdpm.cluster.messages import packing
-from wdpm.cluster.messages.protocol import Message
+from wdpm.cluster.messages.protocol import Heartbeat, Message
 from wdpm.cluster.transport import address as tcp
-from wdpm.cluster.transport.keys import Keys
+from wdpm.cluster.transport.keys import Keys, KnownKeys
 from wdpm.cluster.transport.transport import Accepted, Received, Role
 from wdpm.cluster.transport.zeromq import curve
+from wdpm.cluster.transport.zeromq.heartbeat_lane import ONLY_HEARTBEATS, HeartbeatLane, lane_of, owner
 from wdpm.cluster.transport.zeromq.sockets import (
     Socket,
     bind,
@@ -58,7 +61,7 @@ class ZeroMQListener:
 
     @property
     def endpoint(self) -> str:
-        """Where it is bound."""
+        """Where it is bound; a slave's that has keys says which is its own."""
         return self._endpoint
 
     def receive(self) -> tuple[bytes, Received] | None:
@@ -67,8 +70,11 @@ class ZeroMQListener:
         if first is None:
             return None
         identity = bytes(first)
-        stranger = identity not in self._admitted
+        beating = owner(identity)
+        stranger = beating is not None or identity not in self._admitted
         frames = receive_rest(self._socket, packing.most_frames(stranger))
+        if beating is not None:
+            return beating, read(frames, ONLY_HEARTBEATS, stranger=True)
         return identity, read(frames, self._accepted, stranger=stranger)
 
     def admit(self, identity: bytes) -> None:
@@ -77,6 +83,11 @@ class ZeroMQListener:
 
     def send(self, identity: bytes, message: Message) -> bool:
         """Answer. The master's ROUTER knows who is gone; a slave's drops what nobody takes, and says True."""
+        if isinstance(message, Heartbeat):
+            self._send(lane_of(identity), message)
+        return self._send(identity, message)
+
+    def _send(self, identity: bytes, message: Message) -> bool:
         try:
             send(self._socket, message, identity)
         except zmq.ZMQError as error:
@@ -87,10 +98,18 @@ class ZeroMQListener:
 
 
 class ZeroMQConnection:
-    """A DEALER to someone, and the socket on which ZeroMQ tells that it broke."""
+    """A DEALER to someone, and the socket on which ZeroMQ tells that it broke.
 
-    def __init__(self, network: ZeroMQNetwork, socket: Socket, accepted: Accepted) -> None:
+    Args:
+        open_lane: opens a second connection for heartbeats, with the first of them; None for none.
+    """
+
+    def __init__(
+        self, network: ZeroMQNetwork, socket: Socket, accepted: Accepted, open_lane: Callable[[], HeartbeatLane] | None
+    ) -> None:
         self.socket = socket
+        self.lane: HeartbeatLane | None = None
+        self._open_lane = open_lane
         self._network = network
         self._accepted = accepted
         self._monitor: Socket = socket.get_monitor_socket(zmq.EVENT_DISCONNECTED | HANDSHAKE_FAILED)
@@ -98,6 +117,9 @@ class ZeroMQConnection:
 
     def send(self, message: Message) -> bool:
         """A DEALER without a connection has no queue to put a message in."""
+        if isinstance(message, Heartbeat) and self._open_lane is not None:
+            self.lane = self.lane or self._open_lane()
+            self.lane.send(message)
         try:
             send(self.socket, message)
         except zmq.Again:
@@ -105,7 +127,9 @@ class ZeroMQConnection:
         return True
 
     def receive(self) -> Received | None:
-        """The next answer."""
+        """The next answer; heartbeats first."""
+        if self.lane is not None and (beat := receive_first(self.lane.socket)) is not None:
+            return read([beat, *receive_rest(self.lane.socket, 1)], ONLY_HEARTBEATS, stranger=True)
         first = receive_first(self.socket)
         if first is None:
             return None
@@ -130,6 +154,8 @@ class ZeroMQConnection:
         self.socket.disable_monitor()
         self._monitor.close(linger=0)
         self.socket.close(None if deliver else 0)
+        if self.lane is not None:
+            self.lane.socket.close()
 
 
 class ZeroMQNetwork:
@@ -144,10 +170,13 @@ class ZeroMQNetwork:
         self._poller = zmq.Poller()
         self._watched: set[int] = set()
         self._connections: list[ZeroMQConnection] = []
+        self._peers = KnownKeys()
         with ExitStack() as stack:
             self._context: zmq.Context[Socket] = stack.enter_context(zmq.Context())
-            self._context.max_sockets = 3 * MOST_SLAVES + 64
-            stack.enter_context(curve.admission(self._context, keys))
+            self._context.max_sockets = 3 * MOST_SLAVES + 64  # a lane is one of the 64
+            self._door = None if keys is None else self._doorkeeper(keys)
+            if self._door is not None:
+                stack.callback(self._door.close)
             self._stack = stack.pop_all()
 
     def listen(self, address: str, role: Role, accepted: Accepted) -> ZeroMQListener:
@@ -159,27 +188,62 @@ class ZeroMQNetwork:
         if self._keys is not None:
             curve.serve(router, self._keys.own)
         endpoint = _bind(router, address)
+        if self._keys is not None and role is Role.SLAVE:
+            endpoint = curve.with_key(endpoint, self._keys.own.public)
         self._poller.register(router, zmq.POLLIN)
         return ZeroMQListener(router, endpoint, accepted)
 
     def connect(self, address: str, role: Role, accepted: Accepted, identity: bytes | None = None) -> ZeroMQConnection:
         """Connect a DEALER. ZeroMQ would look a name up, or take what is none, and say nothing."""
+        address, server = self._who_is_at(address, role)
         if not tcp.is_resolved(address):
             raise ClusterError(f"cannot connect to {address!r}: this is no address tcp://NUMBER:PORT")
-        try:
-            connection = ZeroMQConnection(self, make_socket(self._context, zmq.DEALER), accepted)
-        except zmq.ZMQError as error:
-            raise ClusterError(f"no more connections can be opened: {error.strerror.lower()}") from None
+
+        def attach(socket: Socket) -> None:
+            if self._keys is not None:
+                curve.connect(socket, self._keys.own, server)
+            connect(socket, address)
+            if accepted:
+                self._poller.register(socket, zmq.POLLIN)
+
+        lane = None
+        if role is Role.MASTER and identity is not None:
+            lane = partial(HeartbeatLane, identity, self._dealer, attach)
+        connection = ZeroMQConnection(self, self._dealer(), accepted, lane)
         self._connections.append(connection)
-        if self._keys is not None:
-            server = self._keys.master if role is Role.MASTER else self._keys.slave
-            curve.connect(connection.socket, self._keys.own, server)
         if identity is not None:
             connection.socket.routing_id = identity
-        connect(connection.socket, address)
-        if accepted:
-            self._poller.register(connection.socket, zmq.POLLIN)
+        attach(connection.socket)
         return connection
+
+    def _doorkeeper(self, keys: Keys) -> curve.Doorkeeper:
+        def admits(public: bytes) -> bool:
+            return keys.guests.admits(public) or self._peers.admits(public)
+
+        is_master = keys.own.public == keys.master  # knows its slaves already; those learn of each other from it
+        door = curve.Doorkeeper(self._context, admits, 0.0 if is_master else curve.WAIT_FOR_NEWS_S)
+        self._poller.register(door.socket, zmq.POLLIN)
+        return door
+
+    def _who_is_at(self, endpoint: str, role: Role) -> tuple[str, bytes]:
+        """An address, and whose public key must be there. A peer that this process connects to is let in, too."""
+        address, key = curve.split_key(endpoint)
+        if self._keys is None:
+            if key is not None:
+                raise ClusterError(f"cannot connect to {endpoint!r}: it takes keys, and there are none here")
+            return address, b""
+        if role is Role.MASTER:
+            return address, self._keys.master
+        if key is None:
+            raise ClusterError(f"cannot connect to {endpoint!r}: it has no key")
+        self._peers.add(key)
+        return address, key
+
+    def _dealer(self) -> Socket:
+        try:
+            return make_socket(self._context, zmq.DEALER)
+        except zmq.ZMQError as error:
+            raise ClusterError(f"no more connections can be opened: {error.strerror.lower()}") from None
 
     def address_for_peers(self, master: str) -> str:
         """Any port of the interface that leads to the master."""
@@ -193,6 +257,8 @@ class ZeroMQNetwork:
     def wait(self, seconds: float) -> set[int]:
         """Poll all sockets that are read from, and what is watched."""
         ready = self._poller.poll(round(seconds * 1000))
+        if self._door is not None:
+            self._door.answer()
         return {place for place, _ in ready if place in self._watched}
 
     def close(self) -> None:
@@ -205,8 +271,9 @@ class ZeroMQNetwork:
         """A connection closes."""
         if connection in self._connections:
             self._connections.remove(connection)
-        if connection.socket in self._poller:
-            self._poller.unregister(connection.socket)
+        for socket in (connection.socket, connection.lane and connection.lane.socket):
+            if socket is not None and socket in self._poller:
+                self._poller.unregister(socket)
 
 
 def _bind(router: Socket, where: str) -> str:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import zmq
 
-from wdpm.cluster.transport.keys import KeyPair, Keys
+from wdpm.cluster.transport.keys import KeyPair, Keys, KnownKeys
 from wdpm.scenes.errors import SettingsError
 
 FROM_STANDARD_INPUT = "-"
@@ -15,23 +13,23 @@ FROM_STANDARD_INPUT = "-"
 _KEY_LENGTH = 40
 
 
-class RunKeys(NamedTuple):
-    """Keys of a run.
+class RunKeys:
+    """New keys for a run.
 
     Attributes:
         master: what the master has.
-        line: what a slave gets, as one line.
     """
 
-    master: Keys
-    line: bytes
+    def __init__(self) -> None:
+        self._slaves = KnownKeys()
+        own = KeyPair(*zmq.curve_keypair())
+        self.master = Keys(own, own.public, self._slaves)
 
-
-def make_run_keys() -> RunKeys:
-    """New keys."""
-    master, slave = (KeyPair(*zmq.curve_keypair()) for _ in range(2))
-    line = b" ".join((master.public, slave.public, slave.secret)) + b"\n"
-    return RunKeys(Keys(master, master.public, slave.public), line)
+    def for_slave(self) -> bytes:
+        """A pair for one more slave, whom the master lets in from now on; as the line that the slave gets."""
+        public, secret = zmq.curve_keypair()
+        self._slaves.add(public)
+        return b" ".join((self.master.own.public, public, secret)) + b"\n"
 
 
 def slave_keys(line: bytes) -> Keys:
@@ -40,4 +38,4 @@ def slave_keys(line: bytes) -> Keys:
     if len(words) != 3 or any(len(word) != _KEY_LENGTH for word in words):
         raise SettingsError("--keys - : the first line of standard input is no keys of a run; give a folder of keys")
     master, public, secret = words
-    return Keys(KeyPair(public, secret), master, public)
+    return Keys(KeyPair(public, secret), master, KnownKeys())

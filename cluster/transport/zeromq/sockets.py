@@ -7,6 +7,7 @@ from typing import Any
 
 import zmq
 
+from wdpm.cluster.limits import DEAD_S
 from wdpm.cluster.messages import packing
 from wdpm.scenes.errors import ProtocolError
 
@@ -14,6 +15,9 @@ Socket = zmq.Socket[bytes]
 
 LINGER_MS = 1000
 """How long a closing socket tries to get rid of its last words (Stop, Failed)."""
+
+_PROBE_S = 10
+"""Between two probes of a connection on which nothing is sent [s]."""
 
 STOP_CONNECTING = -1
 """Value of RECONNECT_IVL. ZeroMQ would mend a broken connection without a word, and messages would be missing."""
@@ -28,7 +32,20 @@ def make_socket(context: zmq.Context[Socket], kind: int) -> Socket:
     socket.maxmsgsize = packing.FRAME_BYTES  # of one frame; a longer one closes the connection before it is read
     socket.linger = LINGER_MS
     socket.reconnect_ivl = STOP_CONNECTING
+    _notice_silent_links(socket)
     return socket
+
+
+def _notice_silent_links(socket: Socket) -> None:
+    """Have the system close a connection that takes no byte for DEAD_S, or has none to take and answers no probe.
+
+    Heartbeats tell whether a process lives; a connection beside theirs may have been cut off without a word (a router
+    that forgot it), and nothing else would ever tell.
+    """
+    socket.tcp_maxrt = round(1000 * DEAD_S)
+    socket.tcp_keepalive, socket.tcp_keepalive_idle = 1, _PROBE_S
+    socket.tcp_keepalive_intvl, socket.tcp_keepalive_cnt = _PROBE_S, round(DEAD_S / _PROBE_S) - 1
+    socket.handshake_ivl = round(1000 * DEAD_S)
 
 
 def bind(socket: Socket, address: str) -> str:

@@ -258,18 +258,6 @@ def test_a_cell_that_was_not_sent_ends_the_render() -> None:
     assert "got cell 1" in broken(driver.says(A, p.PartitionReceived(EPOCH, 1)))
 
 
-def test_a_silent_slave_is_lost() -> None:
-    driver = Driver()
-    driver.to_photons()
-    for second in range(1, 9):
-        out = driver.master.handle(m.Tick(), second)
-        assert sent(out, A) == [p.Heartbeat()]
-        driver.master.handle(m.SlaveSaid(A, p.Heartbeat()), second)
-    out = driver.master.handle(m.Tick(), 11.0)
-    assert "slave 1 (host, process 1) is lost: it has been silent" in noted(out)
-    assert [type(message) for message in sent(out, A)] == [p.Setup, p.Heartbeat]
-
-
 def test_a_master_that_slept_does_not_blame_the_slaves() -> None:
     driver = Driver()
     driver.to_photons()

@@ -14,7 +14,7 @@ from wdpm.cluster.master import events as m
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.slave import events as s
 
-PATIENCE_S = ClusterLimits().peer_answer_s
+ANSWER_S, PATIENCE_S = ClusterLimits().peer_answer_s, ClusterLimits().dead_s
 BATCH = p.PeerBatch(EPOCH, Batch(Kind.PHOTON, 5, 1, 1, 1, arrays(Kind.PHOTON, 1)))
 
 
@@ -26,14 +26,19 @@ def set_up() -> Driver:
     return driver
 
 
-def tick(driver: Driver, until: float) -> list[p.FromSlave]:
+def told_master(driver: Driver, until: float) -> list[p.FromSlave]:
     """What it tells the master while time goes on, apart from heartbeats; the master is heard all the time."""
     told = []
     while driver.now < until:
         driver.now += 0.5
         driver.slave.handle(s.MasterSaid(p.Heartbeat()), driver.now)
         told += to_master(driver.slave.handle(s.Tick(), driver.now))
-    return [message for message in told if not isinstance(message, p.Heartbeat | p.Note)]
+    return [message for message in told if not isinstance(message, p.Heartbeat)]
+
+
+def tick(driver: Driver, until: float) -> list[p.FromSlave]:
+    """The same without what is only for a person."""
+    return [message for message in told_master(driver, until) if not isinstance(message, p.Note)]
 
 
 def test_a_greeting_is_answered() -> None:
@@ -75,6 +80,15 @@ def test_a_peer_that_does_not_answer_is_told_once() -> None:
     driver(s.PeerAnswered(0, p.PeerWelcome(0)))
     assert tick(driver, PATIENCE_S - 1) == []
     assert tick(driver, 3 * PATIENCE_S) == [p.PeerUnreachable(2, f"no answer within {PATIENCE_S:g} s")]
+
+
+def test_a_person_hears_of_a_peer_that_does_not_answer_long_before_it_is_given_up() -> None:
+    driver = set_up()
+    driver(s.PeerAnswered(0, p.PeerWelcome(0)))
+    assert [m for m in told_master(driver, ANSWER_S - 1) if "slave 2" in str(m)] == []
+    [note] = [m for m in told_master(driver, PATIENCE_S - 1) if "slave 2" in str(m)]
+    assert isinstance(note, p.Note)
+    assert note.text.startswith(f"has no answer of slave 2 at {PEERS[2]} after 15 s; it waits for 75 s more")
 
 
 def test_a_slave_that_stood_still_gives_its_peers_more_time() -> None:

@@ -90,14 +90,26 @@ def test_heartbeats_go_out_while_the_worker_computes() -> None:
     assert beats in (4, 5)
 
 
+def silent_master(driver: Driver, seconds: range) -> list[str]:
+    """What the person at a slave is told while its master says nothing; it does not leave."""
+    out = [instruction for second in seconds for instruction in driver.slave.handle(s.Tick(), second)]
+    assert not driver.slave.ended
+    return [instruction.text for instruction in out if isinstance(instruction, s.Tell)]
+
+
 def test_a_silent_master_is_left() -> None:
     driver = Driver().ready()
-    for second in range(1, 10):
-        assert driver.slave.number == 1
-        driver.slave.handle(s.Tick(), second)
-    out = driver.slave.handle(s.Tick(), 11.0)
+    assert silent_master(driver, range(1, 90)) == ["the master has been silent for 11 s; it is waited for"]
+    out = driver.slave.handle(s.Tick(), 91.0)
     assert s.Reconnect(fresh=True) in out
     assert "silent for" in next(i.text for i in out if isinstance(i, s.Tell))
+
+
+def test_a_master_that_is_late_may_come_back() -> None:
+    driver = Driver().ready()
+    silent_master(driver, range(1, 61))
+    driver.slave.handle(s.MasterSaid(p.Heartbeat()), 60.5)
+    assert silent_master(driver, range(61, 70)) == ["the master is back"]
 
 
 def test_a_slave_that_slept_does_not_blame_the_master() -> None:

@@ -8,8 +8,9 @@ import pytest
 
 from wdpm.cluster.transport import address
 from wdpm.cluster.transport.transport import Role
-from wdpm.cluster.transport.zeromq.key_files import keys_for, load_keys, make_keys
-from wdpm.cluster.transport.zeromq.run_keys import make_run_keys, slave_keys
+from wdpm.cluster.transport.zeromq import key_files
+from wdpm.cluster.transport.zeromq.key_files import SLAVES, add_slave, keys_for, load_keys, make_keys
+from wdpm.cluster.transport.zeromq.run_keys import RunKeys, slave_keys
 from wdpm.scenes.errors import SettingsError
 
 
@@ -18,33 +19,99 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "keys"
 
 
-def test_keys_are_for_their_owner_only(folder: Path) -> None:
-    paths = make_keys(folder)
-    assert {path.name for path in paths} == {"master.key", "master.key_secret", "slave.key", "slave.key_secret"}
-    assert all(path.stat().st_mode & 0o777 == 0o600 for path in paths)
-    assert folder.stat().st_mode & 0o777 == 0o700
-    master, slave = load_keys(folder, Role.MASTER), load_keys(folder, Role.SLAVE)
+@pytest.fixture
+def slave_folder(folder: Path) -> Path:
+    """That of the slave anna, beside the master's, to which it was added."""
+    make_keys(folder)
+    public, own = add_slave(folder, "anna")
+    assert public == folder / "slaves" / "anna.key"
+    return own.rename(folder.parent / "slave-keys")
+
+
+def files(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_keys_are_for_their_owner_only(folder: Path, slave_folder: Path) -> None:
+    assert files(folder) == {"master.key", "master.key_secret", "slaves"}
+    assert files(slave_folder) == {"slave.key", "slave.key_secret", "master.key"}
+    assert all(
+        (path / f).stat().st_mode & 0o777 == 0o600 for path in (folder, slave_folder) for f in files(path) - {SLAVES}
+    )
+    assert folder.stat().st_mode & 0o777 == slave_folder.stat().st_mode & 0o777 == 0o700
+    master, slave = load_keys(folder, Role.MASTER), load_keys(slave_folder, Role.SLAVE)
     assert len({master.own.public, master.own.secret, slave.own.public, slave.own.secret}) == 4
-    assert (master.master, master.slave) == (slave.master, slave.slave) == (master.own.public, slave.own.public)
+    assert master.master == slave.master == master.own.public
+    assert master.guests.admits(slave.own.public)
+    assert not master.guests.admits(master.own.public)
+    assert not slave.guests.admits(master.own.public)
     assert master.own.secret.decode() not in repr(master)
 
 
-def test_a_slave_needs_no_secret_of_the_master(folder: Path) -> None:
+def test_no_two_slaves_have_the_same_keys(folder: Path) -> None:
     make_keys(folder)
-    (folder / "master.key_secret").unlink()
-    load_keys(folder, Role.SLAVE)
-    with pytest.raises(SettingsError, match=r"cannot read the key .*master.key_secret"):
+    owns = {load_keys(add_slave(folder, name)[1], Role.SLAVE).own.public for name in ("anna", "bert")}
+    assert len(owns) == 2
+    assert all(map(load_keys(folder, Role.MASTER).guests.admits, owns))
+
+
+def test_slaves_come_and_go_while_the_master_runs(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    make_keys(folder)
+    first, _ = add_slave(folder, "anna")
+    guests = load_keys(folder, Role.MASTER).guests
+    _, own = add_slave(folder, "bert")
+    bert = load_keys(own, Role.SLAVE).own.public
+    assert not guests.admits(bert), "read again less than a second later"
+    monkeypatch.setattr(key_files, "_READ_AGAIN_S", 0.0)
+    assert guests.admits(bert)
+    (folder / "slaves" / "carl.key").write_text("half a file")
+    first.unlink()
+    assert guests.admits(bert)
+    (folder / "slaves" / "bert.key").unlink()
+    assert not guests.admits(bert)
+
+
+def test_a_master_whom_nobody_may_join(folder: Path) -> None:
+    make_keys(folder)
+    with pytest.raises(SettingsError, match="has no key of a slave; make one for each with `wdpm keys add"):
         load_keys(folder, Role.MASTER)
 
 
+def test_the_masters_folder_is_no_slaves(folder: Path) -> None:
+    make_keys(folder)
+    with pytest.raises(SettingsError, match=r"has the master's keys; give the slave the folder that `wdpm keys add"):
+        load_keys(folder, Role.SLAVE)
+
+
+@pytest.mark.parametrize("name", ["", "slaves", "../anna", ".", "-x", "a" * 65, "anna/bert"])
+def test_what_is_no_name_of_a_slave(folder: Path, name: str) -> None:
+    make_keys(folder)
+    with pytest.raises(SettingsError, match="is no name of a slave"):
+        add_slave(folder, name)
+
+
+def test_a_name_is_given_once(folder: Path, slave_folder: Path) -> None:
+    assert slave_folder.exists()
+    with pytest.raises(SettingsError, match=r"anna\.key exists already"):
+        add_slave(folder, "anna")
+
+
+def test_a_slave_of_no_master(tmp_path: Path) -> None:
+    with pytest.raises(SettingsError, match=r"cannot read the key .*master\.key: no such file"):
+        add_slave(tmp_path, "anna")
+
+
 def test_keys_of_a_run_go_over_a_pipe() -> None:
-    master, line = make_run_keys()
-    slave = slave_keys(line)
-    assert (master.master, master.slave) == (slave.master, slave.slave)
-    assert slave.own.public == slave.slave
-    assert slave.own.secret in line
-    assert master.own.secret not in line
-    assert make_run_keys().line != line
+    run = RunKeys()
+    lines = [run.for_slave() for _ in range(2)]
+    first, second = map(slave_keys, lines)
+    assert first.own != second.own
+    assert first.master == second.master == run.master.master
+    assert all(run.master.guests.admits(keys.own.public) for keys in (first, second))
+    assert not run.master.guests.admits(run.master.own.public)
+    assert not RunKeys().master.guests.admits(first.own.public)
+    assert first.own.secret in lines[0]
+    assert run.master.own.secret not in lines[0]
 
 
 @pytest.mark.parametrize("line", [b"", b"one two three\n", b"a" * 40 + b"\n"])
@@ -73,26 +140,36 @@ def test_missing_keys(folder: Path) -> None:
 @pytest.mark.parametrize(
     "text", ["", "metadata\ncurve\n", 'curve\n    public-key = "short"\n    secret-key = "short"\n']
 )
-def test_damaged_keys(folder: Path, text: str) -> None:
-    make_keys(folder)
-    (folder / "slave.key_secret").write_text(text)
+def test_damaged_keys(slave_folder: Path, text: str) -> None:
+    (slave_folder / "slave.key_secret").write_text(text)
     with pytest.raises(SettingsError, match=r"slave.key_secret holds no"):
-        load_keys(folder, Role.SLAVE)
+        load_keys(slave_folder, Role.SLAVE)
 
 
-def test_keys_that_others_can_read(folder: Path) -> None:
-    make_keys(folder)
-    (folder / "slave.key_secret").chmod(0o644)
+def test_a_damaged_key_of_a_slave(folder: Path, slave_folder: Path) -> None:
+    assert slave_folder.exists()
+    (folder / "slaves" / "carl.key").write_text("")
+    with pytest.raises(SettingsError, match=r"carl.key holds no key"):
+        load_keys(folder, Role.MASTER)
+
+
+def test_keys_that_others_can_read(slave_folder: Path) -> None:
+    (slave_folder / "slave.key_secret").chmod(0o644)
     with pytest.raises(SettingsError, match="chmod 600"):
-        load_keys(folder, Role.SLAVE)
+        load_keys(slave_folder, Role.SLAVE)
 
 
-def test_this_machine_needs_no_keys(folder: Path) -> None:
+def test_this_machine_needs_no_keys() -> None:
     assert keys_for("tcp://127.0.0.1:1", None, False, Role.SLAVE) is None
     assert keys_for("tcp://[::1]:1", None, False, Role.SLAVE) is None
     assert keys_for("tcp://10.0.0.1:1", None, True, Role.SLAVE) is None
-    make_keys(folder)
-    assert keys_for("tcp://10.0.0.1:1", folder, False, Role.MASTER) == load_keys(folder, Role.MASTER)
+
+
+def test_keys_are_used_where_they_are_given(folder: Path, slave_folder: Path) -> None:
+    for role, own in ((Role.MASTER, folder), (Role.SLAVE, slave_folder)):
+        keys = keys_for("tcp://10.0.0.1:1", own, False, role)
+        assert keys is not None
+        assert keys.own == load_keys(own, role).own
 
 
 @pytest.mark.parametrize("where", ["tcp://10.0.0.1:1", "tcp://0.0.0.0:1", "tcp://[::]:1"])

@@ -32,9 +32,6 @@ from wdpm.cluster.master.local_slaves import LocalSlaves
 from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.messages import packing, protocol
 from wdpm.cluster.slave.process import run_slave
-from wdpm.cluster.transport.keys import Keys
-from wdpm.cluster.transport.transport import Role
-from wdpm.cluster.transport.zeromq.key_files import load_keys, make_keys
 from wdpm.cluster.transport.zeromq.sockets import connect, make_socket, send
 from wdpm.scenes.errors import ClusterEndedError, ClusterError
 
@@ -382,35 +379,3 @@ def test_ctrl_c_in_the_master_leaves_no_slave() -> None:
         process.send_signal(signal.SIGINT)
         assert process.wait(20.0) != 0
         assert not any(map(is_running, slaves))
-
-
-@pytest.fixture(scope="module")
-def security(tmp_path_factory: pytest.TempPathFactory) -> dict[Role, Keys]:
-    folder = tmp_path_factory.mktemp("keys") / "cluster"
-    make_keys(folder)
-    return {role: load_keys(folder, role) for role in Role}
-
-
-def test_a_cluster_with_keys(security: dict[Role, Keys], tmp_path: Path) -> None:
-    make_keys(tmp_path / "others")
-    with make_master(2, security=security[Role.MASTER]) as master:
-        slaves = [SlaveThread(master.endpoint, security=security[Role.SLAVE]) for _ in range(2)]
-        session = make_session(2, 2)
-        check_picture(session, master.render(session).layers)
-        for stranger in (None, load_keys(tmp_path / "others", Role.SLAVE)):
-            with pytest.raises(ClusterError, match="does not accept this slave's keys"):
-                run_slave(master.endpoint, FakeWorker, security=stranger, patience=0.5, agreed=AGREED)
-        check_picture(session, master.render(session).layers)
-    assert [slave.end() for slave in slaves] == [None, None]
-
-
-def test_keys_where_the_master_has_none(security: dict[Role, Keys]) -> None:
-    with make_master(1) as master, pytest.raises(ClusterError, match="does not accept this slave's keys"):
-        run_slave(master.endpoint, FakeWorker, security=security[Role.SLAVE], patience=0.5, agreed=AGREED)
-
-
-def test_the_masters_key_lets_nobody_in_as_a_slave(security: dict[Role, Keys]) -> None:
-    impostor = security[Role.MASTER]
-    refused = pytest.raises(ClusterError, match="does not accept this slave's keys")
-    with make_master(1, security=impostor) as master, refused:
-        run_slave(master.endpoint, FakeWorker, security=impostor, patience=0.5, agreed=AGREED)

@@ -117,7 +117,7 @@ def test_the_same_identity_again_takes_the_place_of_the_first(
     ends: tuple[Network, Any, Network, Connection],
 ) -> None:
     here, listener, there, first = ends
-    assert first.send(protocol.Heartbeat())
+    assert first.send(protocol.Note("first"))
     soon(listener.receive, here)
     first.close(deliver=False)
     second = there.connect(listener.endpoint, Role.MASTER, FROM_MASTER, b"slave")
@@ -270,7 +270,7 @@ def test_slaves_that_cannot_reach_each_other_end_the_render(flaky: FlakyTranspor
     flaky.loses = lambda role, message: role is Role.SLAVE  # noqa: ARG005
     address = f"flaky://{next(names)}"
     with MasterServer(address, 2, limits=SMALL, agreed=AGREED) as master:
-        slaves = [SlaveThread(address, limits=ClusterLimits(peer_answer_s=0.3)) for _ in range(2)]
+        slaves = [SlaveThread(address, limits=ClusterLimits(dead_s=0.3)) for _ in range(2)]
         with pytest.raises(
             ClusterError, match=r"slave \d \(.*\) cannot reach slave \d \(.*\) at flaky://.*: no answer"
         ):

@@ -9,7 +9,7 @@ from wdpm.cluster.master.local_slaves import LocalSlaves, slave_command
 from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
-from wdpm.cluster.transport.zeromq.run_keys import make_run_keys
+from wdpm.cluster.transport.zeromq.run_keys import RunKeys
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backend
@@ -30,11 +30,12 @@ class MixedCluster(Backend):
         with ExitStack() as stack:
             processes = LocalSlaves()
             stack.callback(processes.stop)
-            keys, line = make_run_keys()  # other people of this machine reach its ports, too
-            server = MasterServer("tcp://127.0.0.1:0", len(devices), security=keys, watch=processes.ended)
+            keys = RunKeys()  # other people of this machine reach its ports, too
+            server = MasterServer("tcp://127.0.0.1:0", len(devices), security=keys.master, watch=processes.ended)
             self._master = stack.enter_context(server)
             for device in devices:
-                processes.start(1, slave_command(max(1, threads // len(devices)), device), self._master.endpoint, line)
+                command = slave_command(max(1, threads // len(devices)), device)
+                processes.start(1, command, self._master.endpoint, keys.for_slave)
             self._stack = stack.pop_all()
 
     def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:

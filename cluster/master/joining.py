@@ -1,0 +1,42 @@
+"""How long a master waits for slaves that have not joined, and what it says meanwhile."""
+
+from __future__ import annotations
+
+from wdpm.cluster.limits import ClusterLimits
+from wdpm.cluster.master.members import Members
+
+
+class JoinWait:
+    """The wait for slaves, from the moment when there is something to render."""
+
+    def __init__(self, limits: ClusterLimits, members: Members) -> None:
+        self._limits = limits
+        self._members = members
+        self._ticked_at: float | None = None
+        self._waited_s = 0.0
+        self._told_s = 0.0
+
+    def tick(self, now: float) -> str | None:
+        """Time has passed; returns who has come, and how long the others are waited for, now and then."""
+        passed = 0.0 if self._ticked_at is None else now - self._ticked_at
+        self._ticked_at = now
+        # A longer step than any loop takes means that this process itself stood still (a laptop's lid).
+        self._waited_s += min(passed, self._limits.late_s / 2)
+        if self._waited_s - self._told_s < self._limits.join_news_s:
+            return None
+        self._told_s = self._waited_s
+        left = self._limits.join_timeout_s - self._waited_s
+        return f"{self._who_has_come()}; the others are waited for {left:.0f} s more"
+
+    def overdue(self) -> str | None:
+        """Why the render ends, if the wait is over."""
+        if self._waited_s < self._limits.join_timeout_s:
+            return None
+        return (
+            f"{self._who_has_come()} within {self._limits.join_timeout_s:g} s; start the others with `wdpm slave`, "
+            "or give them longer with --join-timeout"
+        )
+
+    def _who_has_come(self) -> str:
+        names = ", ".join(map(str, self._members))
+        return f"{len(self._members)} of {self._members.expected} slaves have joined" + (f" ({names})" if names else "")

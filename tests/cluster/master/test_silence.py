@@ -1,0 +1,39 @@
+"""Slaves that say nothing: late at first, lost much later."""
+
+from __future__ import annotations
+
+from master_driver import A, B, Driver, noted, sent
+
+from wdpm.cluster.master import events as m
+from wdpm.cluster.master.machine import Phase
+from wdpm.cluster.messages import protocol as p
+
+
+def silent_slave(driver: Driver, seconds: range) -> list[str]:
+    """What the person is told while slave 1 says nothing and slave 0 does."""
+    told = []
+    for second in seconds:
+        out = driver.master.handle(m.Tick(), second)
+        assert sent(out, A) == [p.Heartbeat()]
+        driver.master.handle(m.SlaveSaid(A, p.Heartbeat()), second)
+        told += [i.text for i in out if isinstance(i, m.Noted)]
+    return told
+
+
+def test_a_silent_slave_is_lost() -> None:
+    driver = Driver()
+    driver.to_photons()
+    told = silent_slave(driver, range(1, 90))
+    assert told == ["slave 1 (host, process 1) has been silent for 11 s; it is waited for 79 s more"]
+    out = driver.master.handle(m.Tick(), 91.0)
+    assert "slave 1 (host, process 1) is lost: it has been silent" in noted(out)
+    assert [type(message) for message in sent(out, A)] == [p.Setup, p.Heartbeat]
+
+
+def test_a_slave_that_is_late_may_come_back() -> None:
+    driver = Driver()
+    driver.to_photons()
+    silent_slave(driver, range(1, 61))
+    driver.master.handle(m.SlaveSaid(B, p.Heartbeat()), 60.5)
+    assert silent_slave(driver, range(61, 71)) == ["slave 1 (host, process 1) is back"]
+    assert driver.master.phase is Phase.PHOTONS
