@@ -51,14 +51,14 @@ def _struct(cls: type, members: dict[str, Any]) -> wp.Struct:
 def loader(columns: wp.Struct, item: wp.Struct) -> wp.Function:
     """A function of kernels, load(columns, i): item i. Members without an array are zero."""
     lines = [f"    item.{member} = columns.{name}[i]" for name, member in _shared(columns, item)]
-    signature = f"def load_{item.key}_of_{columns.key}(columns: Columns, i: wp.int32) -> Item:"
+    signature = f"def load_{item.key}_of_{columns.key}(columns: wp.ref[Columns], i: wp.int32) -> Item:"
     return _function([signature, "    item = Item()", *lines, "    return item"], columns, item)
 
 
 def storer(columns: wp.Struct, item: wp.Struct) -> wp.Function:
     """A function of kernels, store(item, i, columns_out): writes item i, as far as there are arrays for its members."""
     lines = [f"    columns_out.{name}[i] = item.{member}" for name, member in _shared(columns, item)]
-    signature = f"def store_{item.key}_in_{columns.key}(item: Item, i: wp.int32, columns_out: Columns) -> None:"
+    signature = f"def store_{item.key}_in_{columns.key}(item: Item, i: wp.int32, columns_out: wp.ref[Columns]) -> None:"
     return _function([signature, *lines], columns, item)
 
 

@@ -133,14 +133,14 @@ def _quantile(table: wp.array[wp.float32], u: wp.float32) -> wp.float32:
 
 
 @wp.func
-def whole_pixel(camera: CameraView, pixel: wp.int32) -> wp.int32:
+def whole_pixel(camera: wp.ref[CameraView], pixel: wp.int32) -> wp.int32:
     """The number that a pixel has in the whole image: the item of its random numbers."""
     row = pixel // camera.width
     return (row + camera.top) * camera.whole_width + (pixel - row * camera.width) + camera.left
 
 
 @wp.func
-def film_numbers(camera: CameraView, pixel: wp.int32, sample: wp.int32) -> wp.vec2:
+def film_numbers(camera: wp.ref[CameraView], pixel: wp.int32, sample: wp.int32) -> wp.vec2:
     """The random numbers of a sample's place in its pixel."""
     item = wp.uint32(whole_pixel(camera, pixel))
     return sample_2d(wp.uint32(sample), stream_of(camera.seed, PURPOSE_PIXEL, item, _FILM))
@@ -151,7 +151,7 @@ def make_camera(features: Features) -> wp.Function:
     """The function `camera_ray` for cameras with a set of features: (camera, pixel, sample) -> Ray."""
 
     @wp.func
-    def camera_ray(camera: CameraView, pixel: wp.int32, sample: wp.int32) -> Ray:
+    def camera_ray(camera: wp.ref[CameraView], pixel: wp.int32, sample: wp.int32) -> Ray:
         """The ray of a sample of a pixel; it starts on the near clip plane and ends on the far one."""
         x = float(pixel % camera.width + camera.left)
         y = float(pixel // camera.width + camera.top)

@@ -23,7 +23,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @wp.func
-def _sign(camera: CameraView, signs: wp.array[wp.float32], pixel: wp.int32, sample: wp.int32) -> wp.float32:
+def _sign(camera: wp.ref[CameraView], signs: wp.array[wp.float32], pixel: wp.int32, sample: wp.int32) -> wp.float32:
     u = film_numbers(camera, pixel, sample)
     last = FILTER_STEPS - 1
     # the steps that camera_ray looks up

@@ -32,7 +32,7 @@ def make_gather(features: Features) -> wp.Kernel:
     eval_diffuse = make_bsdf(features).eval_diffuse
 
     @wp.func
-    def arrival(photons: PhotonMap, place: wp.int32) -> wp.vec3:
+    def arrival(photons: wp.ref[PhotonMap], place: wp.int32) -> wp.vec3:
         """Where a photon came from."""
         row = LEAF_ROWS * (place >> 3)
         c = place & 7
@@ -40,10 +40,10 @@ def make_gather(features: Features) -> wp.Kernel:
 
     @wp.func
     def term(
-        photons: PhotonMap,
+        photons: wp.ref[PhotonMap],
         photon_edges: wp.array[wp.int32],
-        queries: Queries,
-        coats: Coats,
+        queries: wp.ref[Queries],
+        coats: wp.ref[Coats],
         q: wp.int32,
         place: wp.int32,
         max_depth: wp.int32,

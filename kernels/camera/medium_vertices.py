@@ -52,7 +52,7 @@ _DIMENSIONS = wp.constant(2)
 
 
 @wp.func
-def length_to(lights: Lights, p: Vertex) -> wp.float32:
+def length_to(lights: wp.ref[Lights], p: Vertex) -> wp.float32:
     """Distance from a path's last vertex to the surface that it meets; beyond the scene if it meets none."""
     if p.prim < 0:
         return lights.far_away
@@ -66,7 +66,7 @@ def _number(seed: wp.uint32, p: Vertex, dimension: wp.int32) -> wp.float32:
 
 
 @wp.func
-def flight_of(media: Media, lights: Lights, p: Vertex, seed: wp.uint32) -> DistanceSample:
+def flight_of(media: wp.ref[Media], lights: wp.ref[Lights], p: Vertex, seed: wp.uint32) -> DistanceSample:
     """Whether a path collides in the medium that it is in before it meets a surface, and where.
 
     A medium that scatters nothing takes its share without a choice: there is nothing to be found at a collision. One
@@ -104,7 +104,9 @@ def make_shade_medium(features: Features) -> wp.Function:
     sample_direct = make_lights(features).sample_direct
 
     @wp.func
-    def shade_medium(scene: Scene, p: Vertex, flight: DistanceSample, orders: Orders, shaded_out: Shaded) -> None:
+    def shade_medium(
+        scene: wp.ref[Scene], p: Vertex, flight: DistanceSample, orders: Orders, shaded_out: wp.ref[Shaded]
+    ) -> None:
         """Shadow rays and the ray that goes on from a collision.
 
         Args:

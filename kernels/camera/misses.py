@@ -26,7 +26,7 @@ def make_path_misses(features: Features) -> wp.Kernel:
     environment_radiance = light.environment_radiance
 
     @wp.func
-    def escaped(scene: Scene, p: Vertex, orders: Orders, stretches_out: Stretches) -> wp.vec3:
+    def escaped(scene: wp.ref[Scene], p: Vertex, orders: Orders, stretches_out: wp.ref[Stretches]) -> wp.vec3:
         """What its environment and, without end, its medium send back to a ray that leaves the scene."""
         radiance = wp.vec3(0.0)
         if wp.static(features.environment):

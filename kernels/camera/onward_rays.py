@@ -47,13 +47,13 @@ def make_go_on(features: Features) -> wp.Function:
 
     @wp.func
     def go_on(
-        scene: Scene,
+        scene: wp.ref[Scene],
         s: Surface,
         p: Vertex,
         w_from: wp.vec3,
         diffuse_share: wp.float32,
         orders: Orders,
-        paths_out: Paths,
+        paths_out: wp.ref[Paths],
     ) -> None:
         """The ray that goes on by one part, or straight through; a throughput of zero where none does.
 

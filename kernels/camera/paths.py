@@ -39,7 +39,7 @@ store_hit = storer(Paths, Hit)
 
 
 @wp.func
-def camera_path(camera: CameraView, paths: Paths, i: wp.int32) -> Vertex:
+def camera_path(camera: wp.ref[CameraView], paths: wp.ref[Paths], i: wp.int32) -> Vertex:
     """Where a camera path arrives."""
     p = load_path(paths, i)
     p.item = wp.uint32(whole_pixel(camera, p.pixel))

@@ -23,13 +23,13 @@ def make_query(features: Features) -> wp.Function:
 
     @wp.func
     def query(
-        surfaces: Surfaces,
+        surfaces: wp.ref[Surfaces],
         s: Surface,
         p: Vertex,
         w_from: wp.vec3,
         orders: Orders,
-        queries_out: Queries,
-        coats_out: Coats,
+        queries_out: wp.ref[Queries],
+        coats_out: wp.ref[Coats],
     ) -> wp.vec3:
         """Where photons are wanted, and for what. Returns the albedo of the surface, for its layer."""
         i = p.row

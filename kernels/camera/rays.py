@@ -46,7 +46,7 @@ def make_first_vertex(features: Features) -> wp.Function:
     camera_ray = make_camera(features)
 
     @wp.func
-    def first_vertex(camera: CameraView, rays: Rays, i: wp.int32) -> Vertex:
+    def first_vertex(camera: wp.ref[CameraView], rays: wp.ref[Rays], i: wp.int32) -> Vertex:
         """A camera ray as the beginning of a path."""
         p = load_ray(rays, i)
         ray = camera_ray(camera, p.pixel, p.sample)

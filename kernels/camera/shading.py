@@ -63,7 +63,7 @@ def make_shading(features: Features) -> Shading:
     shade_medium = make_shade_medium(features)
 
     @wp.func
-    def shade(scene: Scene, p: Vertex, orders: Orders, shaded_out: Shaded) -> None:
+    def shade(scene: wp.ref[Scene], p: Vertex, orders: Orders, shaded_out: wp.ref[Shaded]) -> None:
         """A vertex on a surface, or, in BY_PATHS, in the medium before it."""
         reached = wp.bool(True)
         if wp.static(features.media):

@@ -53,7 +53,7 @@ def make_surface_light(features: Features) -> SurfaceLight:
     emitted_radiance = light.emitted_radiance
 
     @wp.func
-    def emitted(scene: Scene, s: Surface, p: Vertex) -> wp.vec3:
+    def emitted(scene: wp.ref[Scene], s: Surface, p: Vertex) -> wp.vec3:
         """Radiance of the surface itself, weighted against the shadow rays that might have found it."""
         radiance = wp.vec3(0.0)
         if s.emitter >= 0 and s.front == 1:
@@ -66,14 +66,14 @@ def make_surface_light(features: Features) -> SurfaceLight:
 
     @wp.func
     def direct(
-        scene: Scene,
+        scene: wp.ref[Scene],
         s: Surface,
         p: Vertex,
         w_from: wp.vec3,
         diffuse_share: wp.float32,
         orders: Orders,
         j: wp.int32,
-        shots_out: Shots,
+        shots_out: wp.ref[Shots],
     ) -> None:
         """One sample of the direct light that a surface reflects: shadow segment j, and what it carries.
 

@@ -47,7 +47,9 @@ def make_shade_surface(features: Features) -> wp.Function:
     go_on = make_go_on(features)
 
     @wp.func
-    def shade_surface(scene: Scene, p: Vertex, reached: wp.bool, orders: Orders, shaded_out: Shaded) -> None:
+    def shade_surface(
+        scene: wp.ref[Scene], p: Vertex, reached: wp.bool, orders: Orders, shaded_out: wp.ref[Shaded]
+    ) -> None:
         """A vertex on a surface.
 
         Args:

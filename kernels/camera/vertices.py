@@ -210,7 +210,12 @@ def path_from(p: Vertex) -> Vertex:
 
 @wp.func
 def carry_on(
-    p: Vertex, onward: Vertex, roulette_from: wp.int32, survival_most: wp.float32, seed: wp.uint32, paths_out: Paths
+    p: Vertex,
+    onward: Vertex,
+    roulette_from: wp.int32,
+    survival_most: wp.float32,
+    seed: wp.uint32,
+    paths_out: wp.ref[Paths],
 ) -> None:
     """Write down the ray that goes on from a vertex, unless Russian roulette ends it: a throughput of zero says so.
 
@@ -236,7 +241,7 @@ def carry_on(
 
 
 @wp.func
-def stretch(p: Vertex, length: wp.float32, light_samples: wp.int32, stretches_out: Stretches) -> None:
+def stretch(p: Vertex, length: wp.float32, light_samples: wp.int32, stretches_out: wp.ref[Stretches]) -> None:
     """Write down the stretch of the ray before a vertex, if it is in a medium."""
     passed = Stretch()
     passed.slot = p.slot
@@ -251,7 +256,7 @@ def stretch(p: Vertex, length: wp.float32, light_samples: wp.int32, stretches_ou
 
 
 @wp.func
-def nothing_seen(p: Vertex, seen_out: Seen, queries_out: Queries) -> None:
+def nothing_seen(p: Vertex, seen_out: wp.ref[Seen], queries_out: wp.ref[Queries]) -> None:
     """A vertex on no surface has nothing to show, and asks for no photons."""
     i = p.row
     seen_out.emission[i] = wp.vec3(0.0)
@@ -277,13 +282,13 @@ def shot_of(p: Vertex, diffuse: wp.int32, orders: Orders, j: wp.int32) -> Shot:
 
 
 @wp.func
-def shoot(p: Vertex, orders: Orders, j: wp.int32, shot: Shot, shots_out: Shots) -> None:
+def shoot(p: Vertex, orders: Orders, j: wp.int32, shot: Shot, shots_out: wp.ref[Shots]) -> None:
     """Write down shadow ray j of a vertex."""
     store_shot(shot, p.row * orders.shots + j, shots_out)
 
 
 @wp.func
-def nothing_goes_on(p: Vertex, seed: wp.uint32, paths_out: Paths) -> None:
+def nothing_goes_on(p: Vertex, seed: wp.uint32, paths_out: wp.ref[Paths]) -> None:
     """A path ends at a vertex."""
     ended = path_from(p)
     carry_on(p, ended, ROULETTE_FROM, SURVIVAL_MOST, seed, paths_out)

@@ -115,7 +115,7 @@ def _entry_distance2(entry: wp.uint64) -> wp.float32:
 
 @wp.func
 def _push_children(
-    points: PhotonMap,
+    points: wp.ref[PhotonMap],
     node: wp.int32,
     x: wp.vec3,
     radius2: wp.float32,
@@ -144,7 +144,7 @@ def _push_children(
 
 
 @wp.func
-def _search_leaf(points: PhotonMap, leaf: wp.int32, x: wp.vec3, n: wp.vec3, best: Found) -> Found:
+def _search_leaf(points: wp.ref[PhotonMap], leaf: wp.int32, x: wp.vec3, n: wp.vec3, best: Found) -> Found:
     """The better of the best so far and the leaf's points that pass the filter."""
     row = LEAF_ROWS * leaf
     distance2 = distance2_to(points.leaves[row + 0], points.leaves[row + 1], points.leaves[row + 2], x, n)
@@ -169,7 +169,9 @@ def _search_leaf(points: PhotonMap, leaf: wp.int32, x: wp.vec3, n: wp.vec3, best
 
 
 @wp.func
-def nearest_point(points: PhotonMap, x: wp.vec3, n: wp.vec3, reach: wp.float32, stack: wp.array[wp.uint64]) -> Found:
+def nearest_point(
+    points: wp.ref[PhotonMap], x: wp.vec3, n: wp.vec3, reach: wp.float32, stack: wp.array[wp.uint64]
+) -> Found:
     """The nearest point whose normal is like that of the query.
 
     The search goes down to the leaf nearest to x first, whose best point rules out nearly all of the tree.
@@ -199,13 +201,13 @@ def nearest_point(points: PhotonMap, x: wp.vec3, n: wp.vec3, reach: wp.float32, 
 
 
 @wp.func
-def value_at(points: PhotonMap, place: wp.int32) -> wp.vec3:
+def value_at(points: wp.ref[PhotonMap], place: wp.int32) -> wp.vec3:
     """What is read at a point that was found."""
     return points.flux[place]
 
 
 @wp.func
-def radius_at(points: PhotonMap, place: wp.int32) -> wp.float32:
+def radius_at(points: wp.ref[PhotonMap], place: wp.int32) -> wp.float32:
     """Radius of the estimate at a point that was found [scene units]."""
     return points.leaves[LEAF_ROWS * (place >> 3) + _RADIUS_ROW][place & 7]
 

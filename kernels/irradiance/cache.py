@@ -113,7 +113,7 @@ def _insert(key: wp.uint64, count: wp.int32, found: wp.array[wp.uint64]) -> wp.i
 
 @wp.func
 def _find(
-    cache: IrradianceCache, x: wp.vec3, n: wp.vec3, stack: wp.array[wp.int32], found: wp.array[wp.uint64]
+    cache: wp.ref[IrradianceCache], x: wp.vec3, n: wp.vec3, stack: wp.array[wp.int32], found: wp.array[wp.uint64]
 ) -> wp.int32:
     """Keys of the records that reach a point, in the order of ranks; how many."""
     count = wp.int32(0)

@@ -65,13 +65,13 @@ class LeafSeen:
 
 
 @wp.func
-def _corner(lights: Lights, element: wp.int32, corner: wp.int32, position: wp.vec3) -> wp.vec3d:
+def _corner(lights: wp.ref[Lights], element: wp.int32, corner: wp.int32, position: wp.vec3) -> wp.vec3d:
     """A corner of a glowing triangle as seen from a place."""
     return wp.vec3d(lights.corners[element, corner]) - wp.vec3d(position)
 
 
 @wp.func
-def _angle(lights: Lights, element: wp.int32, position: wp.vec3) -> wp.float64:
+def _angle(lights: wp.ref[Lights], element: wp.int32, position: wp.vec3) -> wp.float64:
     return solid_angle(
         _corner(lights, element, 0, position),
         _corner(lights, element, 1, position),
@@ -80,7 +80,7 @@ def _angle(lights: Lights, element: wp.int32, position: wp.vec3) -> wp.float64:
 
 
 @wp.func
-def leaf_seen(lights: Lights, leaf: wp.int32, position: wp.vec3) -> LeafSeen:
+def leaf_seen(lights: wp.ref[Lights], leaf: wp.int32, position: wp.vec3) -> LeafSeen:
     """How a leaf is seen from a place."""
     seen = LeafSeen()
     node = lights.tree.nodes[leaf]
@@ -100,7 +100,7 @@ def leaf_seen(lights: Lights, leaf: wp.int32, position: wp.vec3) -> LeafSeen:
 
 @wp.func
 def _choose_seen(
-    lights: Lights, first: wp.int32, last: wp.int32, seen: LeafSeen, position: wp.vec3, u: wp.vec2d
+    lights: wp.ref[Lights], first: wp.int32, last: wp.int32, seen: LeafSeen, position: wp.vec3, u: wp.vec2d
 ) -> ElementChoice:
     """A point of a leaf that is near, even over the solid angle; its probability is that within the leaf."""
     c = ElementChoice()
@@ -125,7 +125,7 @@ def _choose_seen(
 
 
 @wp.func
-def choose_light(lights: Lights, position: wp.vec3, u: wp.vec2d) -> ElementChoice:
+def choose_light(lights: wp.ref[Lights], position: wp.vec3, u: wp.vec2d) -> ElementChoice:
     """An element that may light a place, chosen by what it may send there (light_tree), and a point on it.
 
     The first number chooses, and what is left of it goes into the point: points that are stratified in the unit square
@@ -189,7 +189,7 @@ def turned(across: wp.vec2, apex: wp.int32) -> wp.vec2:
 
 
 @wp.func
-def chance_of_light(lights: Lights, element: wp.int32, position: wp.vec3) -> ElementChoice:
+def chance_of_light(lights: wp.ref[Lights], element: wp.int32, position: wp.vec3) -> ElementChoice:
     """Probability with which choose_light chooses an element for a place, and how it does so: no u, no weights."""
     c = ElementChoice()
     c.element = element
@@ -216,7 +216,7 @@ def chance_of_light(lights: Lights, element: wp.int32, position: wp.vec3) -> Ele
 
 
 @wp.func
-def pdf_on_triangle(lights: Lights, c: ElementChoice, distance2: wp.float32, cosine: wp.float32) -> wp.float32:
+def pdf_on_triangle(lights: wp.ref[Lights], c: ElementChoice, distance2: wp.float32, cosine: wp.float32) -> wp.float32:
     """pdf_solid_angle about the place of a point on the glowing triangle that was chosen, or may be.
 
     Args:

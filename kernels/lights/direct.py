@@ -52,7 +52,9 @@ def make_direct(features: Features) -> DirectCode:
     direct_delta = make_direct_delta(features)
 
     @wp.func
-    def to_triangle(lights: Lights, textures: Textures, position: wp.vec3, chosen: ElementChoice) -> DirectSample:
+    def to_triangle(
+        lights: wp.ref[Lights], textures: wp.ref[Textures], position: wp.vec3, chosen: ElementChoice
+    ) -> DirectSample:
         """The way to the chosen point of a triangle."""
         element = chosen.element
         normal = lights.normal[element]
@@ -68,7 +70,9 @@ def make_direct(features: Features) -> DirectCode:
         return s
 
     @wp.func
-    def sample_direct(lights: Lights, textures: Textures, position: wp.vec3, point: wp.vec2d) -> DirectSample:
+    def sample_direct(
+        lights: wp.ref[Lights], textures: wp.ref[Textures], position: wp.vec3, point: wp.vec2d
+    ) -> DirectSample:
         """A way from a place to a light.
 
         Args:
@@ -99,7 +103,9 @@ def make_direct(features: Features) -> DirectCode:
         return s
 
     @wp.func
-    def pdf_triangle(lights: Lights, prim: wp.int32, origin: wp.vec3, position: wp.vec3, normal: wp.vec3) -> wp.float32:
+    def pdf_triangle(
+        lights: wp.ref[Lights], prim: wp.int32, origin: wp.vec3, position: wp.vec3, normal: wp.vec3
+    ) -> wp.float32:
         """pdf_solid_angle with which sample_direct from `origin` goes to a point of a triangle; 0 for one not lit.
 
         Args:
@@ -119,7 +125,7 @@ def make_direct(features: Features) -> DirectCode:
         return pdf_on_triangle(lights, chance_of_light(lights, element, origin), distance2, cosine)
 
     @wp.func
-    def pdf_environment(lights: Lights, origin: wp.vec3, direction: wp.vec3) -> wp.float32:
+    def pdf_environment(lights: wp.ref[Lights], origin: wp.vec3, direction: wp.vec3) -> wp.float32:
         """pdf_solid_angle with which sample_direct from `origin` goes in a direction (unit) to the environment."""
         pdf = wp.float32(0.0)
         if wp.static(features.environment):
@@ -129,7 +135,7 @@ def make_direct(features: Features) -> DirectCode:
         return pdf
 
     @wp.func
-    def environment_radiance(lights: Lights, direction: wp.vec3) -> wp.vec3:
+    def environment_radiance(lights: wp.ref[Lights], direction: wp.vec3) -> wp.vec3:
         """Radiance that arrives from infinitely far away in a direction (unit, pointing to where it comes from)."""
         value = wp.vec3(0.0)
         if wp.static(features.environment):

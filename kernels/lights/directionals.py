@@ -19,7 +19,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def direct_directional(
-    lights: Lights, textures: Textures, number: wp.int32, position: wp.vec3, probability: wp.float32
+    lights: wp.ref[Lights], textures: wp.ref[Textures], number: wp.int32, position: wp.vec3, probability: wp.float32
 ) -> DirectSample:
     """The way from a place against the light's direction, out of the scene."""
     s = DirectSample()
@@ -33,9 +33,9 @@ def direct_directional(
 
 @wp.func
 def emit_directional(
-    lights: Lights,
-    textures: Textures,
-    targets: Targets,
+    lights: wp.ref[Lights],
+    textures: wp.ref[Textures],
+    targets: wp.ref[Targets],
     aimed: wp.int32,
     number: wp.int32,
     u_position: wp.vec2,

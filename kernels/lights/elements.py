@@ -137,7 +137,7 @@ def probability_of(cumulative: wp.array[wp.float64], element: wp.int32) -> wp.fl
 
 
 @wp.func
-def element_of_prim(lights: Lights, prim: wp.int32) -> wp.int32:
+def element_of_prim(lights: wp.ref[Lights], prim: wp.int32) -> wp.int32:
     """The element of a triangle by its global number; -1 where it does not glow."""
     if lights.triangles == 0:
         return -1
@@ -155,7 +155,7 @@ def element_of_prim(lights: Lights, prim: wp.int32) -> wp.int32:
 
 
 @wp.func
-def point_of_triangle(lights: Lights, element: wp.int32, w: wp.vec2) -> wp.vec3:
+def point_of_triangle(lights: wp.ref[Lights], element: wp.int32, w: wp.vec2) -> wp.vec3:
     """A point of a glowing triangle by the weights of corners 1 and 2, combined in double and rounded once."""
     p0 = wp.vec3d(lights.corners[element, 0])
     p1 = wp.vec3d(lights.corners[element, 1])

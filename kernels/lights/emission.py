@@ -37,9 +37,9 @@ def make_emission(features: Features) -> wp.Function:
 
     @wp.func
     def from_triangle(
-        lights: Lights,
-        textures: Textures,
-        targets: Targets,
+        lights: wp.ref[Lights],
+        textures: wp.ref[Textures],
+        targets: wp.ref[Targets],
         aimed: wp.int32,
         element: wp.int32,
         u_position: wp.vec2,
@@ -67,10 +67,10 @@ def make_emission(features: Features) -> wp.Function:
 
     @wp.func
     def emit(
-        lights: Lights,
-        textures: Textures,
+        lights: wp.ref[Lights],
+        textures: wp.ref[Textures],
         cumulative: wp.array[wp.float64],
-        targets: Targets,
+        targets: wp.ref[Targets],
         aimed: wp.int32,
         u_element: wp.float64,
         u_position: wp.vec2,

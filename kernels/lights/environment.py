@@ -119,12 +119,12 @@ def _cumulative(weight: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 @wp.func
-def _texel(e: Environment, row: wp.int32, column: wp.int32) -> wp.vec3:
+def _texel(e: wp.ref[Environment], row: wp.int32, column: wp.int32) -> wp.vec3:
     return e.texel[row * e.width + column % e.width]
 
 
 @wp.func
-def _patch(e: Environment, row: wp.int32, column: wp.int32, fx: wp.float32, fy: wp.float32) -> wp.vec3:
+def _patch(e: wp.ref[Environment], row: wp.int32, column: wp.int32, fx: wp.float32, fy: wp.float32) -> wp.vec3:
     """Radiance at a place in the patch between four nodes."""
     top = _texel(e, row, column) * (1.0 - fx) + _texel(e, row, column + 1) * fx
     bottom = _texel(e, row + 1, column) * (1.0 - fx) + _texel(e, row + 1, column + 1) * fx
@@ -137,7 +137,7 @@ def _mean(rgb: wp.vec3) -> wp.float32:
 
 
 @wp.func
-def _place(e: Environment, direction: wp.vec3) -> wp.vec3:
+def _place(e: wp.ref[Environment], direction: wp.vec3) -> wp.vec3:
     """Column and row of a direction, and the sine of its theta."""
     x = wp.dot(direction, e.x)
     y = wp.dot(direction, e.y)
@@ -151,7 +151,7 @@ def _place(e: Environment, direction: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def environment_value(e: Environment, direction: wp.vec3) -> wp.vec3:
+def environment_value(e: wp.ref[Environment], direction: wp.vec3) -> wp.vec3:
     """Radiance that arrives from a direction (unit, pointing to where it comes from)."""
     if e.width == 1:
         return e.texel[0]
@@ -162,7 +162,7 @@ def environment_value(e: Environment, direction: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def environment_pdf(e: Environment, direction: wp.vec3) -> wp.float32:
+def environment_pdf(e: wp.ref[Environment], direction: wp.vec3) -> wp.float32:
     """pdf_solid_angle with which sample_environment makes a direction."""
     if e.width == 1:
         return _INV_SPHERE
@@ -176,7 +176,7 @@ def environment_pdf(e: Environment, direction: wp.vec3) -> wp.float32:
 
 
 @wp.func
-def _search_rows(e: Environment, u: wp.float32) -> wp.int32:
+def _search_rows(e: wp.ref[Environment], u: wp.float32) -> wp.int32:
     """The first row of patches whose cumulative share exceeds u."""
     low = wp.int32(0)
     high = e.height - 2
@@ -190,7 +190,7 @@ def _search_rows(e: Environment, u: wp.float32) -> wp.int32:
 
 
 @wp.func
-def _search_columns(e: Environment, row: wp.int32, u: wp.float32) -> wp.int32:
+def _search_columns(e: wp.ref[Environment], row: wp.int32, u: wp.float32) -> wp.int32:
     low = wp.int32(0)
     high = e.width - 1
     while low < high:
@@ -225,7 +225,7 @@ def _linear(u: wp.float32, a: wp.float32, b: wp.float32) -> wp.float32:
 
 
 @wp.func
-def sample_environment(e: Environment, u: wp.vec2) -> EnvironmentSample:
+def sample_environment(e: wp.ref[Environment], u: wp.vec2) -> EnvironmentSample:
     """A direction in proportion to radiance (mean of the channels); a uniform one where it is constant."""
     s = EnvironmentSample()
     if e.width == 1:

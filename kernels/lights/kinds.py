@@ -53,7 +53,7 @@ def make_emit_delta(features: Features) -> wp.Function:
 
 @wp.func
 def _direct_none(
-    lights: Lights, textures: Textures, number: wp.int32, position: wp.vec3, probability: wp.float32
+    lights: wp.ref[Lights], textures: wp.ref[Textures], number: wp.int32, position: wp.vec3, probability: wp.float32
 ) -> DirectSample:
     return DirectSample()
 
@@ -63,7 +63,7 @@ def _direct_of(kind: int, own: wp.Function, others: wp.Function) -> wp.Function:
 
     @wp.func
     def direct(
-        lights: Lights, textures: Textures, number: wp.int32, position: wp.vec3, probability: wp.float32
+        lights: wp.ref[Lights], textures: wp.ref[Textures], number: wp.int32, position: wp.vec3, probability: wp.float32
     ) -> DirectSample:
         if lights.deltas.kind[number] == kind:
             return own(lights, textures, number, position, probability)
@@ -74,9 +74,9 @@ def _direct_of(kind: int, own: wp.Function, others: wp.Function) -> wp.Function:
 
 @wp.func
 def _emit_none(
-    lights: Lights,
-    textures: Textures,
-    targets: Targets,
+    lights: wp.ref[Lights],
+    textures: wp.ref[Textures],
+    targets: wp.ref[Targets],
     aimed: wp.int32,
     number: wp.int32,
     u_position: wp.vec2,
@@ -91,9 +91,9 @@ def _emit_of(kind: int, own: wp.Function, others: wp.Function) -> wp.Function:
 
     @wp.func
     def emit(
-        lights: Lights,
-        textures: Textures,
-        targets: Targets,
+        lights: wp.ref[Lights],
+        textures: wp.ref[Textures],
+        targets: wp.ref[Targets],
         aimed: wp.int32,
         number: wp.int32,
         u_position: wp.vec2,

@@ -15,8 +15,8 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.func
 def parallel_emission(
-    lights: Lights,
-    targets: Targets,
+    lights: wp.ref[Lights],
+    targets: wp.ref[Targets],
     aimed: wp.int32,
     direction: wp.vec3,
     irradiance: wp.vec3,

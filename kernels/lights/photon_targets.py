@@ -53,7 +53,7 @@ def upload_targets(center: NDArray[np.float32], radius: NDArray[np.float32], dev
 
 
 @wp.func
-def cone_height(targets: Targets, target: wp.int32, origin: wp.vec3) -> wp.float32:
+def cone_height(targets: wp.ref[Targets], target: wp.int32, origin: wp.vec3) -> wp.float32:
     """1 - cos of the half angle that a sphere subtends; 4, which is more than any, from inside of it."""
     d = targets.center[target] - origin
     distance2 = wp.dot(d, d)
@@ -66,7 +66,7 @@ def cone_height(targets: Targets, target: wp.int32, origin: wp.vec3) -> wp.float
 
 @wp.func
 def _lit(
-    targets: Targets, target: wp.int32, origin: wp.vec3, axis: wp.vec3, cutoff: wp.float32, height: wp.float32
+    targets: wp.ref[Targets], target: wp.int32, origin: wp.vec3, axis: wp.vec3, cutoff: wp.float32, height: wp.float32
 ) -> wp.bool:
     """Whether a sphere reaches into the light's own cone about `axis`: cos of angle to it above cos(cutoff + alpha)."""
     d = wp.normalize(targets.center[target] - origin)
@@ -78,7 +78,7 @@ def _lit(
 
 
 @wp.func
-def sum_of_cones(targets: Targets, origin: wp.vec3, axis: wp.vec3, cutoff: wp.float32) -> wp.float32:
+def sum_of_cones(targets: wp.ref[Targets], origin: wp.vec3, axis: wp.vec3, cutoff: wp.float32) -> wp.float32:
     """Sum of the cones' heights (solid angle / 2 pi) of all spheres that a light of a half angle can reach.
 
     Args:
@@ -95,7 +95,7 @@ def sum_of_cones(targets: Targets, origin: wp.vec3, axis: wp.vec3, cutoff: wp.fl
 
 @wp.func
 def aim(
-    targets: Targets,
+    targets: wp.ref[Targets],
     origin: wp.vec3,
     axis: wp.vec3,
     cutoff: wp.float32,
@@ -134,7 +134,7 @@ def aim(
 
 
 @wp.func
-def sum_of_discs(targets: Targets) -> wp.float32:
+def sum_of_discs(targets: wp.ref[Targets]) -> wp.float32:
     """Sum of the squared radii of all silhouettes."""
     total = wp.float32(0.0)
     for i in range(targets.count):
@@ -143,7 +143,9 @@ def sum_of_discs(targets: Targets) -> wp.float32:
 
 
 @wp.func
-def aim_parallel(targets: Targets, direction: wp.vec3, total: wp.float32, u_target: wp.float32, u: wp.vec2) -> Aim:
+def aim_parallel(
+    targets: wp.ref[Targets], direction: wp.vec3, total: wp.float32, u_target: wp.float32, u: wp.vec2
+) -> Aim:
     """A point in the silhouette of one of the spheres, seen along `direction`; it lies near that sphere's centre.
 
     Args:

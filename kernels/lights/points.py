@@ -22,7 +22,7 @@ _SPHERE = wp.constant(wp.float32(2.0))  # 1 - cos of the half angle
 
 @wp.func
 def direct_point(
-    lights: Lights, textures: Textures, number: wp.int32, position: wp.vec3, probability: wp.float32
+    lights: wp.ref[Lights], textures: wp.ref[Textures], number: wp.int32, position: wp.vec3, probability: wp.float32
 ) -> DirectSample:
     """The way from a place to a point light."""
     s = towards(position, lights.deltas.position[number], probability)
@@ -35,9 +35,9 @@ def direct_point(
 
 @wp.func
 def emit_point(
-    lights: Lights,
-    textures: Textures,
-    targets: Targets,
+    lights: wp.ref[Lights],
+    textures: wp.ref[Textures],
+    targets: wp.ref[Targets],
     aimed: wp.int32,
     number: wp.int32,
     u_position: wp.vec2,

@@ -33,7 +33,9 @@ def make_radiance(features: Features) -> RadianceCode:
     lookup = make_textures(features).lookup
 
     @wp.func
-    def emitted_radiance(lights: Lights, textures: Textures, emitter: wp.int32, uv: wp.vec2, color: wp.vec3) -> wp.vec3:
+    def emitted_radiance(
+        lights: wp.ref[Lights], textures: wp.ref[Textures], emitter: wp.int32, uv: wp.vec2, color: wp.vec3
+    ) -> wp.vec3:
         """Radiance of a glowing mesh's lit side.
 
         Args:
@@ -47,7 +49,7 @@ def make_radiance(features: Features) -> RadianceCode:
         return radiance
 
     @wp.func
-    def radiance_of(lights: Lights, textures: Textures, element: wp.int32, w: wp.vec2) -> wp.vec3:
+    def radiance_of(lights: wp.ref[Lights], textures: wp.ref[Textures], element: wp.int32, w: wp.vec2) -> wp.vec3:
         """Radiance of a glowing triangle at the weights of corners 1 and 2."""
         emitter = lights.emitter[element]
         radiance = lights.emitter_radiance[emitter]

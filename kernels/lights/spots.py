@@ -30,7 +30,9 @@ def make_spots(features: Features) -> DeltaLightCode:
     lookup = make_textures(features).lookup
 
     @wp.func
-    def spot_intensity(lights: Lights, textures: Textures, spot: wp.int32, direction: wp.vec3) -> wp.vec3:
+    def spot_intensity(
+        lights: wp.ref[Lights], textures: wp.ref[Textures], spot: wp.int32, direction: wp.vec3
+    ) -> wp.vec3:
         """Intensity in a direction away from the light, unit."""
         deltas = lights.deltas
         cosine = wp.dot(direction, deltas.z[spot])
@@ -50,7 +52,7 @@ def make_spots(features: Features) -> DeltaLightCode:
 
     @wp.func
     def direct_spot(
-        lights: Lights, textures: Textures, number: wp.int32, position: wp.vec3, probability: wp.float32
+        lights: wp.ref[Lights], textures: wp.ref[Textures], number: wp.int32, position: wp.vec3, probability: wp.float32
     ) -> DirectSample:
         s = towards(position, lights.deltas.position[number], probability)
         way = s.end - position
@@ -61,9 +63,9 @@ def make_spots(features: Features) -> DeltaLightCode:
 
     @wp.func
     def emit_spot(
-        lights: Lights,
-        textures: Textures,
-        targets: Targets,
+        lights: wp.ref[Lights],
+        textures: wp.ref[Textures],
+        targets: wp.ref[Targets],
         aimed: wp.int32,
         number: wp.int32,
         u_position: wp.vec2,

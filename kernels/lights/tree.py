@@ -135,7 +135,7 @@ def upload(table: LightTable, device: str) -> LightTree:
 
 
 @wp.func
-def importance(tree: LightTree, number: wp.int32, position: wp.vec3) -> wp.float32:
+def importance(tree: wp.ref[LightTree], number: wp.int32, position: wp.vec3) -> wp.float32:
     """What a node may send to a place; 0 only where it certainly sends nothing."""
     node = tree.nodes[number]
     way = position - node.center
@@ -177,7 +177,7 @@ def defensive(value: wp.float64, total: wp.float64, active: wp.int32) -> wp.floa
 
 
 @wp.func
-def _start(tree: LightTree, position: wp.vec3, u: wp.float64) -> LeafChoice:
+def _start(tree: wp.ref[LightTree], position: wp.vec3, u: wp.float64) -> LeafChoice:
     """A head, or DISTANT, or NOTHING."""
     c = LeafChoice()
     c.u = u
@@ -220,7 +220,7 @@ def _start(tree: LightTree, position: wp.vec3, u: wp.float64) -> LeafChoice:
 
 
 @wp.func
-def find_leaf(tree: LightTree, position: wp.vec3, u: wp.float64) -> LeafChoice:
+def find_leaf(tree: wp.ref[LightTree], position: wp.vec3, u: wp.float64) -> LeafChoice:
     """A leaf, chosen for a place.
 
     Args:
@@ -251,7 +251,7 @@ def find_leaf(tree: LightTree, position: wp.vec3, u: wp.float64) -> LeafChoice:
 
 
 @wp.func
-def chance_of_start(tree: LightTree, number: wp.int32, position: wp.vec3) -> wp.float32:
+def chance_of_start(tree: wp.ref[LightTree], number: wp.int32, position: wp.vec3) -> wp.float32:
     """Probability with which a walk for a place starts at a head, or DISTANT."""
     if tree.choices == 1:
         return 1.0
@@ -272,7 +272,7 @@ def chance_of_start(tree: LightTree, number: wp.int32, position: wp.vec3) -> wp.
 
 
 @wp.func
-def chance_of_leaf(tree: LightTree, leaf: wp.int32, position: wp.vec3) -> wp.float32:
+def chance_of_leaf(tree: wp.ref[LightTree], leaf: wp.int32, position: wp.vec3) -> wp.float32:
     """Probability with which find_leaf comes to a leaf."""
     probability = wp.float32(1.0)
     node = wp.int32(leaf)

@@ -169,7 +169,9 @@ def make_dielectric(features: Features) -> LeafCode:
     value, roughness = make_parameters(features).value, make_parameters(features).roughness
 
     @wp.func
-    def read(materials: Materials, textures: Textures, node: wp.int32, uv: wp.vec2, color: wp.vec3) -> Bsdf:
+    def read(
+        materials: wp.ref[Materials], textures: wp.ref[Textures], node: wp.int32, uv: wp.vec2, color: wp.vec3
+    ) -> Bsdf:
         b = Bsdf()
         b.kind = DIELECTRIC
         b.distribution = materials.distribution[node]

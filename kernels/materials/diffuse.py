@@ -43,7 +43,9 @@ def make_diffuse(features: Features) -> LeafCode:
     value = make_parameters(features).value
 
     @wp.func
-    def read(materials: Materials, textures: Textures, node: wp.int32, uv: wp.vec2, color: wp.vec3) -> Bsdf:
+    def read(
+        materials: wp.ref[Materials], textures: wp.ref[Textures], node: wp.int32, uv: wp.vec2, color: wp.vec3
+    ) -> Bsdf:
         b = Bsdf()
         b.kind = DIFFUSE
         b.color = value(materials, textures, node, _REFLECTANCE, uv, color)

@@ -61,7 +61,12 @@ def make_leaves(features: Features) -> wp.Function:
 
 @wp.func
 def _black(
-    materials: Materials, textures: Textures, node: wp.int32, kind: wp.int32, uv: wp.vec2, color: wp.vec3
+    materials: wp.ref[Materials],
+    textures: wp.ref[Textures],
+    node: wp.int32,
+    kind: wp.int32,
+    uv: wp.vec2,
+    color: wp.vec3,
 ) -> Bsdf:
     b = Bsdf()
     b.kind = BLACK
@@ -73,7 +78,12 @@ def _read(own_kind: int, read: wp.Function, others: wp.Function) -> wp.Function:
 
     @wp.func
     def leaf_at(
-        materials: Materials, textures: Textures, node: wp.int32, kind: wp.int32, uv: wp.vec2, color: wp.vec3
+        materials: wp.ref[Materials],
+        textures: wp.ref[Textures],
+        node: wp.int32,
+        kind: wp.int32,
+        uv: wp.vec2,
+        color: wp.vec3,
     ) -> Bsdf:
         if kind == own_kind:
             return read(materials, textures, node, uv, color)

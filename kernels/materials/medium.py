@@ -98,7 +98,7 @@ def _transmitted_channels(sigma_t: wp.vec3, distance: wp.float32) -> wp.vec3:
 
 
 @wp.func
-def transmittance(media: Media, medium: wp.int32, distance: wp.float32) -> wp.vec3:
+def transmittance(media: wp.ref[Media], medium: wp.int32, distance: wp.float32) -> wp.vec3:
     """Share of light that gets through `distance` >= 0, which may be infinite; 1 in empty space."""
     if medium < 0:
         return wp.vec3(1.0)
@@ -114,7 +114,7 @@ def free_path_of(sigma_t: wp.float32, u_distance: wp.float32) -> wp.float32:
 
 
 @wp.func
-def free_path(media: Media, medium: wp.int32, u_channel: wp.float32, u_distance: wp.float32) -> wp.float32:
+def free_path(media: wp.ref[Media], medium: wp.int32, u_channel: wp.float32, u_distance: wp.float32) -> wp.float32:
     """Distance to the next collision, were the medium endless; inf where there is none.
 
     Args:
@@ -134,7 +134,7 @@ def _over_mean(weight: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def scatter_weight(media: Media, medium: wp.int32, t: wp.float32) -> wp.vec3:
+def scatter_weight(media: wp.ref[Media], medium: wp.int32, t: wp.float32) -> wp.vec3:
     """Weight of a collision at t, a distance that `free_path` gave: sigma_t times transmittance over its pdf.
 
     Its mean is the share of light that collides. Of that the albedo is scattered: it is not in the weight.
@@ -144,7 +144,7 @@ def scatter_weight(media: Media, medium: wp.int32, t: wp.float32) -> wp.vec3:
 
 
 @wp.func
-def pass_weight(media: Media, medium: wp.int32, t: wp.float32) -> wp.vec3:
+def pass_weight(media: wp.ref[Media], medium: wp.int32, t: wp.float32) -> wp.vec3:
     """Weight of reaching t, no further than the `free_path`, without a collision: transmittance over probability."""
     if medium < 0:
         return wp.vec3(1.0)
@@ -176,21 +176,21 @@ def over_shares(weight: wp.vec3, share: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def scatter_weight_by(media: Media, medium: wp.int32, t: wp.float32, share: wp.vec3) -> wp.vec3:
+def scatter_weight_by(media: wp.ref[Media], medium: wp.int32, t: wp.float32, share: wp.vec3) -> wp.vec3:
     """As scatter_weight, where the channel was chosen by `share`."""
     sigma_t = media.sigma_t[medium]
     return over_shares(wp.cw_mul(sigma_t, _transmitted_channels(sigma_t, t)), share)
 
 
 @wp.func
-def pass_weight_by(media: Media, medium: wp.int32, t: wp.float32, share: wp.vec3) -> wp.vec3:
+def pass_weight_by(media: wp.ref[Media], medium: wp.int32, t: wp.float32, share: wp.vec3) -> wp.vec3:
     """As pass_weight, where the channel was chosen by `share`."""
     return over_shares(_transmitted_channels(media.sigma_t[medium], t), share)
 
 
 @wp.func
 def sample_distance(
-    media: Media, medium: wp.int32, t_max: wp.float32, u_channel: wp.float32, u_distance: wp.float32
+    media: wp.ref[Media], medium: wp.int32, t_max: wp.float32, u_channel: wp.float32, u_distance: wp.float32
 ) -> DistanceSample:
     """A collision before t_max, or none.
 

@@ -78,7 +78,7 @@ def upload(table: MaterialTable, device: str) -> Materials:
 
 
 @wp.func
-def medium_beyond(materials: Materials, root: wp.int32, front: wp.int32, medium: wp.int32) -> wp.int32:
+def medium_beyond(materials: wp.ref[Materials], root: wp.int32, front: wp.int32, medium: wp.int32) -> wp.int32:
     """The medium that a ray is in after it has crossed a surface, -1 for none.
 
     Args:
@@ -116,7 +116,12 @@ def make_parameters(features: Features) -> ParameterCode:
 
     @wp.func
     def value(
-        materials: Materials, textures: Textures, node: wp.int32, slot: wp.int32, uv: wp.vec2, color: wp.vec3
+        materials: wp.ref[Materials],
+        textures: wp.ref[Textures],
+        node: wp.int32,
+        slot: wp.int32,
+        uv: wp.vec2,
+        color: wp.vec3,
     ) -> wp.vec3:
         found = materials.value[node, slot]
         if wp.static(features.textures):
@@ -127,7 +132,12 @@ def make_parameters(features: Features) -> ParameterCode:
 
     @wp.func
     def number(
-        materials: Materials, textures: Textures, node: wp.int32, slot: wp.int32, uv: wp.vec2, color: wp.vec3
+        materials: wp.ref[Materials],
+        textures: wp.ref[Textures],
+        node: wp.int32,
+        slot: wp.int32,
+        uv: wp.vec2,
+        color: wp.vec3,
     ) -> wp.float32:
         found = materials.value[node, slot][0]
         if wp.static(features.textures):
@@ -138,12 +148,19 @@ def make_parameters(features: Features) -> ParameterCode:
 
     @wp.func
     def roughness(
-        materials: Materials, textures: Textures, node: wp.int32, slot: wp.int32, uv: wp.vec2, color: wp.vec3
+        materials: wp.ref[Materials],
+        textures: wp.ref[Textures],
+        node: wp.int32,
+        slot: wp.int32,
+        uv: wp.vec2,
+        color: wp.vec3,
     ) -> wp.float32:
         return wp.max(number(materials, textures, node, slot, uv, color), 0.0)
 
     @wp.func
-    def share(materials: Materials, textures: Textures, node: wp.int32, uv: wp.vec2, color: wp.vec3) -> wp.float32:
+    def share(
+        materials: wp.ref[Materials], textures: wp.ref[Textures], node: wp.int32, uv: wp.vec2, color: wp.vec3
+    ) -> wp.float32:
         return wp.clamp(number(materials, textures, node, 0, uv, color), 0.0, 1.0)
 
     return ParameterCode(value, number, roughness, share)

@@ -28,7 +28,7 @@ def sample_straight(b: Bsdf, w_from: wp.vec3, u_lobe: wp.float32, u: wp.vec2, mo
 
 
 @wp.func
-def read(materials: Materials, textures: Textures, node: wp.int32, uv: wp.vec2, color: wp.vec3) -> Bsdf:
+def read(materials: wp.ref[Materials], textures: wp.ref[Textures], node: wp.int32, uv: wp.vec2, color: wp.vec3) -> Bsdf:
     """It has no parameters."""
     b = Bsdf()
     b.kind = NULL

@@ -394,7 +394,9 @@ def make_principled(features: Features) -> LeafCode:
     value, number = make_parameters(features).value, make_parameters(features).number
 
     @wp.func
-    def read(materials: Materials, textures: Textures, node: wp.int32, uv: wp.vec2, color: wp.vec3) -> Bsdf:
+    def read(
+        materials: wp.ref[Materials], textures: wp.ref[Textures], node: wp.int32, uv: wp.vec2, color: wp.vec3
+    ) -> Bsdf:
         b = Bsdf()
         b.kind = PRINCIPLED
         b.distribution = materials.distribution[node]

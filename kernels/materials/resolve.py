@@ -98,8 +98,8 @@ def make_materials(features: Features) -> MaterialCode:
 
     @wp.func
     def resolve(
-        materials: Materials,
-        textures: Textures,
+        materials: wp.ref[Materials],
+        textures: wp.ref[Textures],
         root: wp.int32,
         uv: wp.vec2,
         color: wp.vec3,
@@ -195,8 +195,8 @@ def _make_bending(features: Features) -> wp.Function:
 
     @wp.func
     def bent_frame(
-        materials: Materials,
-        textures: Textures,
+        materials: wp.ref[Materials],
+        textures: wp.ref[Textures],
         node: wp.int32,
         kind: wp.int32,
         uv: wp.vec2,

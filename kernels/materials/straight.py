@@ -31,7 +31,12 @@ class StraightCode:
 
 @wp.func
 def _all(
-    materials: Materials, textures: Textures, node: wp.int32, uv: wp.vec2, color: wp.vec3, cos_theta: wp.float32
+    materials: wp.ref[Materials],
+    textures: wp.ref[Textures],
+    node: wp.int32,
+    uv: wp.vec2,
+    color: wp.vec3,
+    cos_theta: wp.float32,
 ) -> wp.vec3:
     """What goes through NULL, and through the holes of a MASK."""
     return wp.vec3(1.0)
@@ -42,7 +47,12 @@ def _through(kind: int, straight: wp.Function, others: wp.Function) -> wp.Functi
 
     @wp.func
     def through(
-        materials: Materials, textures: Textures, node: wp.int32, uv: wp.vec2, color: wp.vec3, cos_theta: wp.float32
+        materials: wp.ref[Materials],
+        textures: wp.ref[Textures],
+        node: wp.int32,
+        uv: wp.vec2,
+        color: wp.vec3,
+        cos_theta: wp.float32,
     ) -> wp.vec3:
         if materials.kind[node] == kind:
             return straight(materials, textures, node, uv, color, cos_theta)
@@ -61,7 +71,9 @@ def make_straight(features: Features) -> StraightCode:
             through = _through(leaf.kind, leaf.straight, through)
 
     @wp.func
-    def share_of(materials: Materials, textures: Textures, node: wp.int32, uv: wp.vec2, color: wp.vec3) -> wp.float32:
+    def share_of(
+        materials: wp.ref[Materials], textures: wp.ref[Textures], node: wp.int32, uv: wp.vec2, color: wp.vec3
+    ) -> wp.float32:
         """Probability that choices lead to a node; to its holes, for a MASK."""
         product = wp.float32(1.0)
         below = wp.int32(node)
@@ -85,7 +97,12 @@ def make_straight(features: Features) -> StraightCode:
 
     @wp.func
     def straight_transmittance(
-        materials: Materials, textures: Textures, root: wp.int32, uv: wp.vec2, color: wp.vec3, cos_theta: wp.float32
+        materials: wp.ref[Materials],
+        textures: wp.ref[Textures],
+        root: wp.int32,
+        uv: wp.vec2,
+        color: wp.vec3,
+        cos_theta: wp.float32,
     ) -> wp.vec3:
         """Factor by which light is dimmed that goes straight through a material.
 
@@ -107,7 +124,9 @@ def make_straight(features: Features) -> StraightCode:
         return total
 
     @wp.func
-    def opacity_at(materials: Materials, textures: Textures, root: wp.int32, uv: wp.vec2, color: wp.vec3) -> wp.float32:
+    def opacity_at(
+        materials: wp.ref[Materials], textures: wp.ref[Textures], root: wp.int32, uv: wp.vec2, color: wp.vec3
+    ) -> wp.float32:
         """Share of light, in [0, 1], that does not pass through holes of masks or boundaries of media."""
         opacity = wp.float32(1.0)
         if wp.static(features.passing):

@@ -105,7 +105,7 @@ def front_normals(triangles: Triangles) -> tuple[NDArray[np.float32], NDArray[np
 
 
 @wp.func
-def row_of(surfaces: Surfaces, prim: wp.int32) -> wp.int32:
+def row_of(surfaces: wp.ref[Surfaces], prim: wp.int32) -> wp.int32:
     """The row of a global triangle number; the triangle must be in the cell."""
     # A cell that holds the whole scene finds it at once.
     guess = wp.min(prim, surfaces.count - 1)
@@ -123,7 +123,7 @@ def row_of(surfaces: Surfaces, prim: wp.int32) -> wp.int32:
 
 
 @wp.func
-def position_at(surfaces: Surfaces, row: wp.int32, u: wp.float32, v: wp.float32) -> wp.vec3:
+def position_at(surfaces: wp.ref[Surfaces], row: wp.int32, u: wp.float32, v: wp.float32) -> wp.vec3:
     """A point of a triangle, combined in double and rounded once.
 
     That is what makes the offset of leaving rays provable (constants.OFFSET_SHARE).
@@ -138,7 +138,7 @@ def position_at(surfaces: Surfaces, row: wp.int32, u: wp.float32, v: wp.float32)
 
 
 @wp.func
-def clearance(surfaces: Surfaces, prim: wp.int32, position: wp.vec3) -> wp.float32:
+def clearance(surfaces: wp.ref[Surfaces], prim: wp.int32, position: wp.vec3) -> wp.float32:
     """Distance of a point of a triangle to the nearest of its edges."""
     row = row_of(surfaces, prim)
     nearest = wp.float32(3.0e38)
@@ -195,7 +195,7 @@ def make_surface(features: Features) -> SurfaceCode:
     resolve = make_materials(features).resolve
 
     @wp.func
-    def tangents(surfaces: Surfaces, row: wp.int32) -> wp.mat22:
+    def tangents(surfaces: wp.ref[Surfaces], row: wp.int32) -> wp.mat22:
         """Inverse of the matrix of the uv differences along edges 1 and 2; zero where it has none."""
         a = surfaces.uvs[row, 1] - surfaces.uvs[row, 0]
         b = surfaces.uvs[row, 2] - surfaces.uvs[row, 0]
@@ -207,9 +207,9 @@ def make_surface(features: Features) -> SurfaceCode:
 
     @wp.func
     def surface_at(
-        surfaces: Surfaces,
-        materials: Materials,
-        textures: Textures,
+        surfaces: wp.ref[Surfaces],
+        materials: wp.ref[Materials],
+        textures: wp.ref[Textures],
         prim: wp.int32,
         u: wp.float32,
         v: wp.float32,

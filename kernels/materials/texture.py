@@ -99,7 +99,7 @@ def luminance(color: wp.vec3) -> wp.float32:
 
 
 @wp.func
-def _mapped(textures: Textures, texture: wp.int32, uv: wp.vec2) -> wp.vec2:
+def _mapped(textures: wp.ref[Textures], texture: wp.int32, uv: wp.vec2) -> wp.vec2:
     """uv as the texture wants it."""
     u = textures.to_uv[texture, 0] * uv[0] + textures.to_uv[texture, 1] * uv[1] + textures.to_uv[texture, 2]
     v = textures.to_uv[texture, 3] * uv[0] + textures.to_uv[texture, 4] * uv[1] + textures.to_uv[texture, 5]
@@ -124,7 +124,7 @@ def _wrapped(i: wp.int32, n: wp.int32, wrap: wp.int32) -> wp.int32:
 
 
 @wp.func
-def _texel(textures: Textures, texture: wp.int32, column: wp.int32, row: wp.int32) -> wp.vec3:
+def _texel(textures: wp.ref[Textures], texture: wp.int32, column: wp.int32, row: wp.int32) -> wp.vec3:
     width = textures.width[texture]
     height = textures.height[texture]
     wrap = textures.wrap[texture]
@@ -134,7 +134,7 @@ def _texel(textures: Textures, texture: wp.int32, column: wp.int32, row: wp.int3
 
 
 @wp.func
-def _place(textures: Textures, texture: wp.int32, uv: wp.vec2) -> wp.vec2:
+def _place(textures: wp.ref[Textures], texture: wp.int32, uv: wp.vec2) -> wp.vec2:
     """Column and row of a place in an image; texel centres lie at half-integers, v grows upwards from the last row."""
     mapped = _mapped(textures, texture, uv)
     u = mapped[0]
@@ -152,7 +152,7 @@ def _place(textures: Textures, texture: wp.int32, uv: wp.vec2) -> wp.vec2:
 
 
 @wp.func
-def bitmap_at(textures: Textures, texture: wp.int32, uv: wp.vec2) -> wp.vec3:
+def bitmap_at(textures: wp.ref[Textures], texture: wp.int32, uv: wp.vec2) -> wp.vec3:
     """An image texture at uv."""
     place = _place(textures, texture, uv)
     if textures.nearest[texture] == 1:
@@ -173,7 +173,7 @@ def bitmap_at(textures: Textures, texture: wp.int32, uv: wp.vec2) -> wp.vec3:
 
 
 @wp.func
-def bitmap_slope(textures: Textures, texture: wp.int32, uv: wp.vec2) -> wp.vec2:
+def bitmap_slope(textures: wp.ref[Textures], texture: wp.int32, uv: wp.vec2) -> wp.vec2:
     """Derivative of an image texture's luminance by u and v, that of the bilinear patch between four texels.
 
     Without interpolation the image is a staircase, whose slope is 0.
@@ -204,7 +204,7 @@ def bitmap_slope(textures: Textures, texture: wp.int32, uv: wp.vec2) -> wp.vec2:
 
 
 @wp.func
-def checkerboard_at(textures: Textures, texture: wp.int32, uv: wp.vec2) -> wp.vec3:
+def checkerboard_at(textures: wp.ref[Textures], texture: wp.int32, uv: wp.vec2) -> wp.vec3:
     """A checkerboard at uv: color0 where u and v lie in like halves of their repeats, as in Mitsuba."""
     mapped = _mapped(textures, texture, uv)
     first = mapped[0] - wp.floor(mapped[0]) > 0.5
@@ -234,7 +234,7 @@ def make_textures(features: Features) -> TextureCode:
     """Lookup for the kinds of textures that features name."""
 
     @wp.func
-    def lookup(textures: Textures, texture: wp.int32, uv: wp.vec2, color: wp.vec3) -> wp.vec3:
+    def lookup(textures: wp.ref[Textures], texture: wp.int32, uv: wp.vec2, color: wp.vec3) -> wp.vec3:
         if wp.static(features.checkerboards):
             if textures.kind[texture] == CHECKERBOARD:
                 return checkerboard_at(textures, texture, uv)
@@ -247,7 +247,7 @@ def make_textures(features: Features) -> TextureCode:
         return wp.vec3(0.0)
 
     @wp.func
-    def slope(textures: Textures, texture: wp.int32, uv: wp.vec2) -> wp.vec2:
+    def slope(textures: wp.ref[Textures], texture: wp.int32, uv: wp.vec2) -> wp.vec2:
         if wp.static(features.bitmaps):
             if textures.kind[texture] == BITMAP:
                 return bitmap_slope(textures, texture, uv)

@@ -48,7 +48,9 @@ def make_thin_dielectric(features: Features) -> LeafCode:
     value = make_parameters(features).value
 
     @wp.func
-    def read(materials: Materials, textures: Textures, node: wp.int32, uv: wp.vec2, color: wp.vec3) -> Bsdf:
+    def read(
+        materials: wp.ref[Materials], textures: wp.ref[Textures], node: wp.int32, uv: wp.vec2, color: wp.vec3
+    ) -> Bsdf:
         b = Bsdf()
         b.kind = THIN_DIELECTRIC
         b.distribution = materials.distribution[node]
@@ -59,7 +61,12 @@ def make_thin_dielectric(features: Features) -> LeafCode:
 
     @wp.func
     def straight(
-        materials: Materials, textures: Textures, node: wp.int32, uv: wp.vec2, color: wp.vec3, cos_theta: wp.float32
+        materials: wp.ref[Materials],
+        textures: wp.ref[Textures],
+        node: wp.int32,
+        uv: wp.vec2,
+        color: wp.vec3,
+        cos_theta: wp.float32,
     ) -> wp.vec3:
         through = 1.0 - pane_reflectance(cos_theta, materials.value[node, _ETA][0])
         return value(materials, textures, node, _TRANSMITTANCE, uv, color) * through

@@ -134,7 +134,7 @@ def biweight(distance2: wp.float64, radius2: wp.float64) -> wp.float64:
 
 
 @wp.func
-def _largest_coordinate(photons: PhotonMap) -> wp.float32:
+def _largest_coordinate(photons: wp.ref[PhotonMap]) -> wp.float32:
     """Of all photons, by magnitude, from the root's boxes. The map is not empty."""
     largest = wp.float32(0.0)
     for axis in range(3):
@@ -200,8 +200,8 @@ def _row3(rows: wp.array[vec8], row: wp.int32, lane: wp.int32) -> wp.vec3:
 
 @wp.func
 def _scattered(
-    photons: PhotonMap,
-    media: Media,
+    photons: wp.ref[PhotonMap],
+    media: wp.ref[Media],
     medium: wp.int32,
     direction: wp.vec3,
     leaf: wp.int32,
@@ -230,10 +230,10 @@ def _quanta(x: wp.float64, unit: wp.float64) -> wp.int64:
 
 @wp.func
 def _add_photon(
-    photons: PhotonMap,
-    media: Media,
-    cells: Cells,
-    beams: Beams,
+    photons: wp.ref[PhotonMap],
+    media: wp.ref[Media],
+    cells: wp.ref[Cells],
+    beams: wp.ref[Beams],
     i: wp.int32,
     leaf: wp.int32,
     lane: wp.int32,
@@ -257,10 +257,10 @@ def _add_photon(
 
 @wp.func
 def _add_leaf(
-    photons: PhotonMap,
-    media: Media,
-    cells: Cells,
-    beams: Beams,
+    photons: wp.ref[PhotonMap],
+    media: wp.ref[Media],
+    cells: wp.ref[Cells],
+    beams: wp.ref[Beams],
     i: wp.int32,
     leaf: wp.int32,
     own_cell: wp.int32,

@@ -46,7 +46,7 @@ _store = storer(StoredPhotons, Deposit)
 
 
 @wp.func
-def store(deposits: Deposits, chunk: wp.int32, p: Photon, d: Deposit) -> bool:
+def store(deposits: wp.ref[Deposits], chunk: wp.int32, p: Photon, d: Deposit) -> bool:
     """Store a photon in its chunk's region; False where no room is left."""
     slot = wp.atomic_add(deposits.count, chunk, 1)
     if slot >= deposits.capacity:

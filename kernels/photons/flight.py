@@ -115,7 +115,7 @@ def number_2d(p: Photon, dimension: wp.int32) -> wp.vec2:
 
 
 @wp.func
-def load_photon(flight: Flight, i: wp.int32, seed: wp.uint32) -> Photon:
+def load_photon(flight: wp.ref[Flight], i: wp.int32, seed: wp.uint32) -> Photon:
     """Take a photon up."""
     return _with_numbers(_load(flight, i), seed)
 
@@ -145,7 +145,7 @@ def without_hit(p: Photon) -> Photon:
 
 
 @wp.func
-def into_medium(p: Photon, media: Media, cells: Cells, offset_min: wp.float32) -> Photon:
+def into_medium(p: Photon, media: wp.ref[Media], cells: wp.ref[Cells], offset_min: wp.float32) -> Photon:
     """The photon as it sets out through its medium: it will collide at the end of its free path, if nothing is before.
 
     Args:

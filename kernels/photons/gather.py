@@ -223,7 +223,7 @@ def next_above(value: wp.float32) -> wp.float32:
 
 @wp.func
 def _search_leaf(
-    photons: PhotonMap,
+    photons: wp.ref[PhotonMap],
     leaf: wp.int32,
     x: wp.vec3,
     n: wp.vec3,
@@ -248,7 +248,7 @@ def _search_leaf(
 
 @wp.func
 def _search(
-    photons: PhotonMap,
+    photons: wp.ref[PhotonMap],
     x: wp.vec3,
     n: wp.vec3,
     k: wp.int32,
@@ -290,7 +290,7 @@ def _search(
 
 
 @wp.func
-def _guess_from_density(photons: PhotonMap, x: wp.vec3, k: wp.int32) -> wp.float32:
+def _guess_from_density(photons: wp.ref[PhotonMap], x: wp.vec3, k: wp.int32) -> wp.float32:
     """Radius of a disc that holds k + 1 photons, were they spread evenly over the largest face of the box around x.
 
     The box is that of the smallest node near x with more than 2 k photons.
@@ -325,7 +325,7 @@ def _weight(n: wp.vec3, s: wp.vec3, d: wp.vec3) -> wp.float32:
 
 
 @wp.func
-def contribution(photons: PhotonMap, place: wp.int32, n: wp.vec3, s: wp.vec3, smooth: wp.bool) -> wp.vec3:
+def contribution(photons: wp.ref[PhotonMap], place: wp.int32, n: wp.vec3, s: wp.vec3, smooth: wp.bool) -> wp.vec3:
     flux = photons.flux[place]
     if smooth:
         row = LEAF_ROWS * (place >> 3)
@@ -337,7 +337,7 @@ def contribution(photons: PhotonMap, place: wp.int32, n: wp.vec3, s: wp.vec3, sm
 
 @wp.func
 def estimate(
-    photons: PhotonMap,
+    photons: wp.ref[PhotonMap],
     candidates: wp.array[wp.uint64],
     count: wp.int32,
     n: wp.vec3,
@@ -370,7 +370,7 @@ def estimate(
 
 @wp.func
 def nearest(
-    photons: PhotonMap,
+    photons: wp.ref[PhotonMap],
     x: wp.vec3,
     n: wp.vec3,
     k: wp.int32,
@@ -413,7 +413,7 @@ def nearest(
 
 @wp.func
 def gather(
-    photons: PhotonMap,
+    photons: wp.ref[PhotonMap],
     x: wp.vec3,
     n: wp.vec3,
     s: wp.vec3,

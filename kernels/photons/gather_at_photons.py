@@ -31,7 +31,9 @@ def excess_of_self(sites: wp.float32) -> wp.float32:
 
 
 @wp.func
-def _self_last(photons: PhotonMap, rank: wp.int32, count: wp.int32, candidates: wp.array[wp.uint64]) -> wp.int32:
+def _self_last(
+    photons: wp.ref[PhotonMap], rank: wp.int32, count: wp.int32, candidates: wp.array[wp.uint64]
+) -> wp.int32:
     """Moves the photon of a rank behind the other candidates; returns how many these are."""
     others = wp.int32(count)
     for i in range(count):

@@ -190,7 +190,7 @@ def adjoint_factor(s: Surface, to_source: wp.vec3, away: wp.vec3) -> wp.float32:
 
 
 @wp.func
-def fly(scene: TraceScene, own_cell: wp.int32, p: Photon) -> Leg:
+def fly(scene: wp.ref[TraceScene], own_cell: wp.int32, p: Photon) -> Leg:
     """Look for where a photon's ray ends: in this cell, in another, or nowhere."""
     leg = Leg()
     leg.status = GOES_ON
@@ -211,7 +211,7 @@ def fly(scene: TraceScene, own_cell: wp.int32, p: Photon) -> Leg:
 
 
 @wp.func
-def arrive_in_medium(scene: TraceScene, p: Photon, caustic: bool) -> Arrival:
+def arrive_in_medium(scene: wp.ref[TraceScene], p: Photon, caustic: bool) -> Arrival:
     """At a collision in a medium: stored, and scattered by the phase function."""
     a = Arrival()
     media = scene.media
@@ -290,7 +290,7 @@ def make_arrive(features: Features) -> wp.Function:
     sample_glossy = bsdf.sample_glossy
 
     @wp.func
-    def arrive_on_surface(scene: TraceScene, orders: TraceOrders, p: Photon, caustic: bool) -> Arrival:
+    def arrive_on_surface(scene: wp.ref[TraceScene], orders: TraceOrders, p: Photon, caustic: bool) -> Arrival:
         """At a hit: stored where it gathers, and scattered by one of the surface's parts."""
         a = Arrival()
         to_source = -p.direction  # photons' directions have length 1
@@ -341,7 +341,7 @@ def make_arrive(features: Features) -> wp.Function:
         return a
 
     @wp.func
-    def arrive(scene: TraceScene, orders: TraceOrders, p: Photon, caustic: bool) -> Arrival:
+    def arrive(scene: wp.ref[TraceScene], orders: TraceOrders, p: Photon, caustic: bool) -> Arrival:
         if wp.static(features.media):
             if p.hit.prim < 0:
                 return arrive_in_medium(scene, p, caustic)

@@ -123,7 +123,9 @@ def spread(
 
 
 @wp.func
-def count_within(points: PhotonMap, x: wp.vec3, n: wp.vec3, radius2: wp.float32, stack: wp.array[wp.int32]) -> wp.int32:
+def count_within(
+    points: wp.ref[PhotonMap], x: wp.vec3, n: wp.vec3, radius2: wp.float32, stack: wp.array[wp.int32]
+) -> wp.int32:
     """Points that pass the filters and the metric of a gather at x with the normal n."""
     found = wp.int32(0)
     stacked = wp.int32(1)

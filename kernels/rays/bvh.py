@@ -79,14 +79,14 @@ def build(positions: NDArray[np.float32], ids: NDArray[np.int32], pad: float, de
 
 
 @wp.func
-def leaf_candidates(bvh: Bvh, first: int, size: int, ray: Ray) -> int:
+def leaf_candidates(bvh: wp.ref[Bvh], first: int, size: int, ray: Ray) -> int:
     """Mask of the triangles of a leaf that the ray may hit."""
     inside = lanes_inside(bvh.corners, first, size, ray.origin, ray.direction, float(ray.longest))
     return lanes_not_above(vec8(0.0), inside) & ((1 << size) - 1)
 
 
 @wp.func
-def intersect_lane(bvh: Bvh, first: int, size: int, lane: int, ray: Ray) -> wp.vec3:
+def intersect_lane(bvh: wp.ref[Bvh], first: int, size: int, lane: int, ray: Ray) -> wp.vec3:
     """(t, u, v) of one triangle of a leaf, as intersect_triangle gives it."""
     at = 9 * first + lane
     return intersect_turned(
@@ -105,7 +105,7 @@ def leaf_first(code: int) -> int:
 
 
 @wp.func
-def closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, best: Hit) -> Hit:
+def closest_hit(bvh: wp.ref[Bvh], origin: wp.vec3, direction: wp.vec3, best: Hit) -> Hit:
     """The smaller of `best` and the nearest hit in this tree, by (t, triangle id).
 
     Args:
@@ -182,7 +182,7 @@ def closest_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, best: Hit) -> Hit
 
 
 @wp.func
-def any_hit(bvh: Bvh, origin: wp.vec3, direction: wp.vec3, t_max: float) -> bool:
+def any_hit(bvh: wp.ref[Bvh], origin: wp.vec3, direction: wp.vec3, t_max: float) -> bool:
     """Whether closest_hit would find a hit with 0 < t < t_max in this tree."""
     stack_node = node_stack_of_ints()
     stack_mask = node_stack_of_ints()

@@ -100,7 +100,7 @@ def bin_of(centre: float, low: float, scale: float, bins: int) -> int:
 
 
 @wp.func
-def range_box(s: Scratch, begin: int, end: int) -> vec8:
+def range_box(s: wp.ref[Scratch], begin: int, end: int) -> vec8:
     box = empty_box()
     for i in range(begin, end):
         box = wp.min(box, s.boxes[i])
@@ -130,7 +130,9 @@ def blocks(count: int) -> float:
 
 
 @wp.func
-def partition(s: Scratch, begin: int, end: int, axis: int, low: float, scale: float, bins: int, last_left: int) -> int:
+def partition(
+    s: wp.ref[Scratch], begin: int, end: int, axis: int, low: float, scale: float, bins: int, last_left: int
+) -> int:
     """Move the triangles whose bin is at most `last_left` to the front; returns where the others begin."""
     i = int(begin)
     j = int(end - 1)
@@ -149,7 +151,7 @@ def partition(s: Scratch, begin: int, end: int, axis: int, low: float, scale: fl
 
 
 @wp.func
-def split(s: Scratch, begin: int, end: int) -> int:
+def split(s: wp.ref[Scratch], begin: int, end: int) -> int:
     """Reorder a range of at least two triangles and return where its second part begins; neither part is empty."""
     count = end - begin
     low = wp.vec3(FAR)
@@ -211,7 +213,7 @@ def split(s: Scratch, begin: int, end: int) -> int:
 
 
 @wp.func
-def next_slot(s: Scratch, slots: int, halving: bool) -> int:
+def next_slot(s: wp.ref[Scratch], slots: int, halving: bool) -> int:
     """Which child to split next: that of the largest area (when halving, the most triangles); -1 if all are leaves.
 
     A range that fits a leaf is not split even where there is room: a leaf of eight costs no more than a leaf of one.

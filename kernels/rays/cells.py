@@ -66,7 +66,7 @@ def inverse_direction(direction: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def cell_of(cells: Cells, point: wp.vec3) -> wp.int32:
+def cell_of(cells: wp.ref[Cells], point: wp.vec3) -> wp.int32:
     """The cell that contains a point."""
     inner = cells.count - 1
     node = wp.int32(0)
@@ -79,7 +79,7 @@ def cell_of(cells: Cells, point: wp.vec3) -> wp.int32:
 
 
 @wp.func
-def entry_of(cells: Cells, cell: wp.int32, origin: wp.vec3, inverse: wp.vec3, t_max: wp.float32) -> wp.float32:
+def entry_of(cells: wp.ref[Cells], cell: wp.int32, origin: wp.vec3, inverse: wp.vec3, t_max: wp.float32) -> wp.float32:
     """Where a ray enters a cell's grown box, at least 0; -1 if it doesn't before t_max."""
     a = wp.cw_mul(cells.low[cell] - origin, inverse)
     b = wp.cw_mul(cells.high[cell] - origin, inverse)
@@ -93,7 +93,9 @@ def entry_of(cells: Cells, cell: wp.int32, origin: wp.vec3, inverse: wp.vec3, t_
 
 
 @wp.func
-def next_cell(cells: Cells, origin: wp.vec3, direction: wp.vec3, t_max: wp.float32, current: wp.int32) -> wp.int32:
+def next_cell(
+    cells: wp.ref[Cells], origin: wp.vec3, direction: wp.vec3, t_max: wp.float32, current: wp.int32
+) -> wp.int32:
     """The cell that a ray visits after `current` (-1: before the first), or -1 when none is left."""
     if cells.count == 1:
         return -1 - current  # the only cell, once: 0 after -1, -1 after 0

@@ -17,6 +17,8 @@ from wdpm.kernels.photons.beam import Beams
 from wdpm.kernels.photons.deposits import StoredPhotons
 from wdpm.kernels.photons.flight import Flight, load_photon, store_photon
 
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
 
 @wp.kernel
 def copy_paths(paths: Paths, paths_out: Paths) -> None:
