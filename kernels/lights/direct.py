@@ -69,7 +69,7 @@ def make_direct(features: Features) -> DirectCode:
             s.pdf = 0.0
         return s
 
-    @wp.func
+    @wp.func(inline=False)  # at surfaces and in media
     def sample_direct(
         lights: wp.ref[Lights], textures: wp.ref[Textures], position: wp.vec3, point: wp.vec2d
     ) -> DirectSample:

@@ -160,7 +160,7 @@ def _sample_ggx(alpha: wp.vec2, w: wp.vec3, u: wp.vec2) -> wp.vec3:
     return wp.normalize(wp.vec3(alpha[0] * (d[0] * spread + v[0]), alpha[1] * (d[1] * spread + v[1]), z))
 
 
-@wp.func
+@wp.func(inline=False)  # each rough material samples by it
 def sample_visible_normal(distribution: wp.int32, alpha: wp.vec2, w: wp.vec3, u: wp.vec2) -> wp.vec3:
     """A microfacet's normal, in proportion to the area that is seen from w.
 

@@ -231,7 +231,7 @@ def main_reflectance(b: Bsdf, eta: wp.float32, at: Interface, weight: wp.float32
     return value
 
 
-@wp.func
+@wp.func(inline=False)  # evaluated, and sampled in two ways
 def reflected(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3, m: wp.vec3) -> Lobes:
     """Reflection at facets with a normal m (m.z > 0), for directions on one side."""
     s = Lobes()

@@ -233,7 +233,7 @@ class TextureCode:
 def make_textures(features: Features) -> TextureCode:
     """Lookup for the kinds of textures that features name."""
 
-    @wp.func
+    @wp.func(inline=False)  # parameters are read in some thirty places
     def lookup(textures: wp.ref[Textures], texture: wp.int32, uv: wp.vec2, color: wp.vec3) -> wp.vec3:
         if wp.static(features.checkerboards):
             if textures.kind[texture] == CHECKERBOARD:
