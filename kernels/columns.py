@@ -14,6 +14,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from wdpm.kernels import blocks
 from wdpm.kernels.fields import Field, Fields
 
 _WARP_TYPES = {("<i4", ()): wp.int32, ("<i8", ()): wp.int64, ("<f4", ()): wp.float32, ("<f4", (3,)): wp.vec3}
@@ -86,13 +87,29 @@ def upload(struct: wp.Struct, arrays: Mapping[str, NDArray[Any]], device: str) -
     """An instance of a Warp struct whose array fields hold the arrays of the same names.
 
     On the CPU they share memory with arrays that may be written to, so a kernel that refines them in place refines the
-    caller's; what came over a wire is read-only, and is copied.
+    caller's; what came over a wire is read-only, and is copied. To another device all go in one copy.
     """
     columns = struct()
-    for name, var in struct.vars.items():
+    dtypes = _dtypes(struct)
+    if not blocks.shares_memory(device):
+        made = blocks.from_host([arrays[name] for name in dtypes], list(dtypes.values()), device)
+        return _fill(columns, dtypes, made)
+    for name, dtype in dtypes.items():
         array = np.ascontiguousarray(arrays[name])
         copy = not array.flags.writeable
-        setattr(columns, name, wp.array(array, dtype=var.type.dtype, device=device, copy=copy))
+        setattr(columns, name, wp.array(array, dtype=dtype, device=device, copy=copy))
+    return columns
+
+
+@functools.cache
+def _dtypes(struct: wp.Struct) -> dict[str, Any]:
+    """Warp's type of the items of each column."""
+    return {name: var.type.dtype for name, var in struct.vars.items()}
+
+
+def _fill(columns: Any, names: Iterable[str], arrays: Iterable[Any]) -> Any:
+    for name, array in zip(names, arrays, strict=True):
+        setattr(columns, name, array)
     return columns
 
 
@@ -135,8 +152,8 @@ def empty_nested(struct: wp.Struct, counts: Mapping[str, int], device: str) -> A
 
 
 def _make_room(struct: wp.Struct, columns: Any, count: int, device: str) -> None:
-    for name, var in struct.vars.items():
-        setattr(columns, name, wp.empty(count, dtype=var.type.dtype, device=device))
+    dtypes = _dtypes(struct)
+    _fill(columns, dtypes, blocks.room(list(dtypes.values()), count, device))
 
 
 def zeros(struct: wp.Struct, count: int, device: str) -> Any:
@@ -149,9 +166,66 @@ def zeros(struct: wp.Struct, count: int, device: str) -> Any:
 
 def chosen(struct: wp.Struct, columns: Any, rows: NDArray[np.intp], device: str) -> Any:
     """Some items of an instance of a Warp struct, as another instance."""
-    return upload(struct, {name: getattr(columns, name).numpy()[rows] for name in struct.vars}, device)
+    if blocks.shares_memory(device):
+        return upload(struct, {name: getattr(columns, name).numpy()[rows] for name in struct.vars}, device)
+    some = rows_of({name: getattr(columns, name) for name in struct.vars}, rows, device)
+    return _fill(struct(), some, some.values())
+
+
+def outputs(dtypes: Mapping[str, Any], count: int, device: str) -> dict[str, Any]:
+    """Arrays of `count` items of no particular value, by name: what a kernel writes besides a struct's columns."""
+    return dict(zip(dtypes, blocks.room(list(dtypes.values()), count, device), strict=True))
+
+
+def rows_of(arrays: Mapping[str, Any], rows: NDArray[np.intp], device: str) -> dict[str, Any]:
+    """Some items of arrays, in that order, as other arrays. A device with memory of its own gathers them there."""
+    if blocks.shares_memory(device):
+        return {
+            name: wp.array(array.numpy()[rows], dtype=array.dtype, device=device, copy=False)
+            for name, array in arrays.items()
+        }
+    some = outputs({name: array.dtype for name, array in arrays.items()}, len(rows), device)
+    if len(rows):
+        indices = wp.array(rows, dtype=wp.int32, device=device)
+        for name, array in arrays.items():
+            wp.copy(some[name], array[indices])
+    return some
+
+
+def member(structs: Any, name: str) -> Any:
+    """One member of an array of structs, as an array of its own: nothing is copied."""
+    struct = structs.dtype
+    place = getattr(struct.ctype, name).offset
+    part = wp.array(
+        ptr=structs.ptr + place,
+        dtype=struct.vars[name].type,
+        shape=structs.shape,
+        strides=structs.strides,
+        device=structs.device,
+    )
+    part.whole = structs  # which stays as long as its part
+    return part
+
+
+def to_host(arrays: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """Arrays as numpy arrays; on the CPU they share memory with the device's."""
+    if all(blocks.shares_memory(array.device.alias) for array in arrays.values()):
+        return {name: array.numpy() for name, array in arrays.items()}
+    return blocks.to_host(arrays)
 
 
 def download(columns: Any, names: Iterable[str]) -> dict[str, NDArray[Any]]:
     """The named arrays as numpy arrays; on the CPU they share memory with the device's."""
-    return {name: getattr(columns, name).numpy() for name in names}
+    return to_host({name: getattr(columns, name) for name in names})
+
+
+def download_part(columns: Any, names: Iterable[str], first: int, count: int) -> dict[str, NDArray[Any]]:
+    """Items `first` to `first + count` of the named arrays, as arrays of their own: no more than these are copied."""
+    arrays = {name: getattr(columns, name) for name in names}
+    device = next(iter(arrays.values())).device.alias
+    if blocks.shares_memory(device):
+        return {name: array.numpy()[first : first + count].copy() for name, array in arrays.items()}
+    packed = outputs({name: array.dtype for name, array in arrays.items()}, count, device)
+    for name, array in arrays.items():
+        wp.copy(packed[name], array, src_offset=first, count=count)
+    return blocks.to_host(packed)

@@ -52,8 +52,7 @@ class Beams:
         built = self._store.maps[VOLUME_MAP]
         count = len(batch)
         self.count += count
-        clamped = np.zeros(count, np.int32)
-        beams = columns.upload(beam.Beams, {**batch.arrays, "clamped": clamped}, device)
+        beams = columns.upload(beam.Beams, {**batch.arrays, "clamped": np.zeros(count, np.int32)}, device)
         if built is not None:
             plan = world.volume_map
             replica.launcher(
@@ -67,8 +66,9 @@ class Beams:
                 radius=plan.radius,
                 unit=world.volume_unit,
             )
-            clamped = beams.clamped.numpy()
-        arrays = {**batch.arrays, **columns.download(beams, _SUMS)}
+        told = columns.download(beams, [*_SUMS, "clamped"])
+        clamped = told.pop("clamped")
+        arrays = {**batch.arrays, **told}
         arrays["radiance"] = self._told_of(arrays["radiance"], clamped)
         onward = next_beam_cells(replica, arrays, self._cell)
         for cell, rows in by_destination(onward, onward >= 0):
@@ -100,8 +100,8 @@ def start_beams(replica: Replica, cause: Batch, stretches: Any) -> Iterator[Batc
     """Send the stretches that lie in a medium to the first cell on their way. Each carries a credit of one."""
     if replica.world.volume_map.paths == 0:
         return
-    arrays = columns.download(stretches, STRETCH)
-    chosen, weight = chosen_samples(replica.view, stretches.sample.numpy())
+    arrays = columns.download(stretches, [*STRETCH, "sample"])
+    chosen, weight = chosen_samples(replica.view, arrays.pop("sample"))
     lit = (arrays["medium"] >= 0) & (arrays["length"] > 0) & arrays["radiance"].any(axis=1)
     rows = np.flatnonzero(lit & chosen)
     if not len(rows):

@@ -248,7 +248,7 @@ class CameraLight:
             return self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays)
         lambertian = np.ones(len(actions.codes), np.bool_)
         if self._replica.world.features.coated:
-            lambertian = shaded.coats.bsdf.numpy()["kind"] == int(DIFFUSE)
+            lambertian = columns.member(shaded.coats.bsdf, "kind").numpy() == int(DIFFUSE)
         # What other surfaces reflect depends on where the light comes from, and where paths may only be so long it is
         # photons that know how long theirs are: these vertices ask the photons themselves.
         asks = (actions.codes == int(sh.READ_MAP)) & (~lambertian | (self._view.max_depth is not None))

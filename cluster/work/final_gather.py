@@ -162,21 +162,20 @@ class FinalGather:
             self.counters.unread += len(rays)
             return
         launcher, device = self._replica.launcher, self._replica.launcher.device
-        outputs = [wp.empty(len(rays), dtype=t, device=device) for t in (wp.vec3, wp.float32, wp.bool)]
+        made = columns.outputs({"value": wp.vec3, "radius": wp.float32, "found": wp.bool}, len(rays), device)
         began = time.perf_counter()
         launcher(
             read_irradiance,
             len(rays),
             points=points,
-            position=self._some(places.position, rays),
-            normal=self._some(places.normal, rays),
+            **self._some(places, ("position", "normal"), rays),
             reach=plan.reach,
-            value_out=outputs[0],
-            radius_out=outputs[1],
-            found_out=outputs[2],
+            value_out=made["value"],
+            radius_out=made["radius"],
+            found_out=made["found"],
         )
         self.counters.read_s += time.perf_counter() - began
-        value, radius, found = (output.numpy() for output in outputs)
+        value, radius, found = columns.to_host(made).values()
         near = found.astype(bool)
         long = (actions.length[rays] >= radius) | (diffuse[rays] > 1)
         self.counters.unread += int(np.count_nonzero(~near))
@@ -202,21 +201,20 @@ class FinalGather:
     def _from_cache(self, places: Any, rows: NDArray[np.intp]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Irradiance and the weight of the records that tell it, float32, shapes [rows, 3] and [rows]."""
         launcher, device = self._replica.launcher, self._replica.launcher.device
-        irradiance = wp.empty(len(rows), dtype=wp.vec3, device=device)
-        weight = wp.empty(len(rows), dtype=wp.float32, device=device)
+        made = columns.outputs({"irradiance": wp.vec3, "weight": wp.float32, "count": wp.int32}, len(rows), device)
         began = time.perf_counter()
         launcher(
             interpolate,
             len(rows),
             cache=self._replica.cache,
-            position=self._some(places.position, rows),
-            shading_normal=self._some(places.shading_normal, rows),
-            irradiance_out=irradiance,
-            weight_out=weight,
-            count_out=wp.empty(len(rows), dtype=wp.int32, device=device),
+            **self._some(places, ("position", "shading_normal"), rows),
+            irradiance_out=made["irradiance"],
+            weight_out=made["weight"],
+            count_out=made["count"],
         )
         self.counters.interpolated_s += time.perf_counter() - began
-        return irradiance.numpy(), weight.numpy()
+        told = columns.to_host({name: made[name] for name in ("irradiance", "weight")})
+        return told["irradiance"], told["weight"]
 
     def _cacheable(self, places: Any) -> NDArray[np.bool_]:
         """Where the diffuse part is Lambertian, on the seen side."""
@@ -224,11 +222,12 @@ class FinalGather:
         seen: NDArray[np.bool_] = (self._replica.lambertian_sides[material] & (2 - front)) != 0
         return seen
 
-    def _some(self, column: Any, rows: NDArray[np.intp]) -> Any:
-        """Some rows of an array of vectors."""
-        if len(rows) == len(column):
-            return column
-        return wp.array(column.numpy()[rows], dtype=wp.vec3, device=self._replica.launcher.device)
+    def _some(self, places: Any, names: tuple[str, ...], rows: NDArray[np.intp]) -> dict[str, Any]:
+        """Some rows of the named columns of places."""
+        found = {name: getattr(places, name) for name in names}
+        if len(rows) == len(places.position):
+            return found
+        return columns.rows_of(found, rows, self._replica.launcher.device)
 
     def _places(self, paths: Any, count: int) -> Any:
         launcher = self._replica.launcher

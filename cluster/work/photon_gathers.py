@@ -29,6 +29,16 @@ COINCIDENT_WITHIN = 2.0**-20
 in one place, and its radius is not that of a photon which happens to be just so far away."""
 
 
+_GATHERED = {
+    "irradiance": wp.vec3,
+    "count": wp.int32,
+    "radius": wp.float32,
+    "truncated": wp.bool,
+    "radiance": wp.vec3,
+}
+"""What gathers tell of each query, and what is reflected of it."""
+
+
 @dataclass
 class PhotonGatherCounters:
     """What gathers did, for the report; `seconds` is wall-clock time."""
@@ -91,20 +101,11 @@ class PhotonGathering:
         plan, built = replica.world.maps[number], self._store.maps[number]
         if built is None or replica.view is None:
             raise AssertionError(f"map {number} is not there")
-        radiance = wp.empty(count, dtype=wp.vec3, device=device)
-        irradiance = wp.empty(count, dtype=wp.vec3, device=device)
-        used = wp.empty(count, dtype=wp.int32, device=device)
-        radius = wp.empty(count, dtype=wp.float32, device=device)
-        truncated = wp.empty(count, dtype=wp.bool, device=device)
+        made = columns.outputs(_GATHERED, count, device)
         k = replica.view.caustic_k if number == CAUSTIC_MAP else replica.view.k
         began = time.perf_counter()
-        outputs = {
-            "irradiance_out": irradiance,
-            "count_out": used,
-            "radius_out": radius,
-            "truncated_out": truncated,
-        }
-        self._gather(built, plan, queries, coats, k, outputs)
+        outputs = ("irradiance", "count", "radius", "truncated")
+        self._gather(built, plan, queries, coats, k, {f"{name}_out": made[name] for name in outputs})
         self.counters.seconds += time.perf_counter() - began
         replica.launcher(
             reflect_gathered,
@@ -114,17 +115,18 @@ class PhotonGathering:
             front_normal=queries.front_normal,
             clearance=queries.clearance,
             albedo=queries.weight,
-            irradiance=irradiance,
-            radius=radius,
+            irradiance=made["irradiance"],
+            radius=made["radius"],
             point_area=plan.point_area,
             r_max=plan.radius,
             scale=1.0 / plan.paths,
-            radiance_out=radiance,
+            radiance_out=made["radiance"],
         )
-        self._count(built, plan, queries, k, radius.numpy(), truncated.numpy(), rays)
+        told = columns.to_host({name: made[name] for name in ("radius", "truncated", "radiance")})
+        self._count(built, plan, queries, k, told["radius"], told["truncated"], rays)
         if replica.observer is not None:
-            replica.observer.gathered(number, queries, used, radius, truncated)
-        return np.asarray(radiance.numpy())
+            replica.observer.gathered(number, queries, made["count"], made["radius"], made["truncated"])
+        return told["radiance"]
 
     def _gather(
         self, built: BuiltMap, plan: MapPlan, queries: Any, coats: Any, k: int, outputs: Mapping[str, Any]
@@ -161,11 +163,9 @@ class PhotonGathering:
     ) -> NDArray[np.bool_]:
         """Which of some queries have more than k photons next to themselves, shape [rows]."""
         launcher, count = self._replica.launcher, len(rows)
-        places = {
-            name: wp.array(getattr(queries, name).numpy()[rows], dtype=wp.vec3, device=launcher.device)
-            for name in ("position", "normal", "shading_normal")
-        }
-        truncated = wp.empty(count, dtype=wp.bool, device=launcher.device)
+        names = ("position", "normal", "shading_normal")
+        places = columns.rows_of({name: getattr(queries, name) for name in names}, rows, launcher.device)
+        made = columns.outputs(_GATHERED, count, launcher.device)
         launcher(
             gather_kernel,
             count,
@@ -174,12 +174,12 @@ class PhotonGathering:
             k=k,
             r_max=max(plan.radius * COINCIDENT_WITHIN, MIN_GATHER_RADIUS),
             run=1,
-            irradiance_out=wp.empty(count, dtype=wp.vec3, device=launcher.device),
-            count_out=wp.empty(count, dtype=wp.int32, device=launcher.device),
-            radius_out=wp.empty(count, dtype=wp.float32, device=launcher.device),
-            truncated_out=truncated,
+            irradiance_out=made["irradiance"],
+            count_out=made["count"],
+            radius_out=made["radius"],
+            truncated_out=made["truncated"],
         )
-        return ~np.asarray(truncated.numpy(), np.bool_)
+        return ~np.asarray(made["truncated"].numpy(), np.bool_)
 
     def _count(
         self,

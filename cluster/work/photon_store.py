@@ -112,13 +112,11 @@ class PhotonStore:
     def keep(self, deposits: Any, capacity: int) -> None:
         """Take stored photons out of the regions of a launch."""
         names = SCHEMAS[Kind.GHOST_PHOTONS]
-        regions = columns.download(deposits.photons, [*names, "light"])
         for chunk, asked in enumerate(deposits.count.numpy()):
             kept = min(int(asked), capacity)
             if kept:
-                region = slice(chunk * capacity, chunk * capacity + kept)
-                photons = {name: regions[name][region].copy() for name in names}
-                light = regions["light"][region].copy()
+                photons = columns.download_part(deposits.photons, [*names, "light"], chunk * capacity, kept)
+                light = photons.pop("light")
                 finite = np.isfinite(photons["flux"]).all(axis=1)
                 if not finite.all():
                     bad, number = np.flatnonzero(~finite), photons["id"]

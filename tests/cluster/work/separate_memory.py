@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.work.cell import Cell
+from wdpm.kernels import blocks
 
 
 @dataclass
@@ -91,6 +92,7 @@ def separate_memory() -> Iterator[Ledger]:
     """Have host and device share no memory meanwhile."""
     ledger = Ledger()
     make, to_numpy, advance = wp.array.__init__, wp.array.numpy, Cell.advance
+    send, fetch = blocks.send, blocks.fetch
 
     def make_copied(array: wp.array, data: Any = None, *args: Any, **kwargs: Any) -> None:
         make(array, data, *args, **(kwargs if data is None else {**kwargs, "copy": True}))
@@ -116,7 +118,18 @@ def separate_memory() -> Iterator[Ledger]:
         ledger.batches[batch.kind].append(copies)
         ledger.items[batch.kind] += len(batch)
 
+    def sent(block: Any, staged: Any, size: int) -> None:
+        ledger.note("up", size)
+        send(block, staged, size)
+
+    def fetched(staged: Any, block: Any, first: int, size: int) -> None:
+        ledger.note("down", size)
+        fetch(staged, block, first, size)
+
     with (
+        mock.patch.object(blocks, "shares_memory", return_value=False),
+        mock.patch.object(blocks, "send", sent),
+        mock.patch.object(blocks, "fetch", fetched),
         mock.patch.object(wp.array, "__init__", make_copied),
         mock.patch.object(wp.array, "numpy", numpy_copied),
         mock.patch.object(Cell, "advance", advance_counted),
