@@ -25,6 +25,8 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import NoReturn
 
+import warp as wp
+
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.host_memory import private_memory
 from wdpm.cluster.messages import packing, protocol, shares
@@ -44,12 +46,12 @@ _FROM_PARENT = {"StartTask": protocol.StartTask}
 
 
 def can_fork(device: str) -> bool:
-    """Whether a process that computes on a device may be forked.
+    """Whether this process may be forked now, to compute on a device.
 
-    Not one that has CUDA's state, which forked processes cannot use. On macOS frameworks of the system start threads
-    that do not survive a fork, and Windows has none.
+    Not once it has used CUDA for anything, whose state and threads do not survive a fork. On macOS frameworks of the
+    system start threads that do not either, and Windows has no fork.
     """
-    return device == "cpu" and sys.platform == "linux"
+    return device == "cpu" and sys.platform == "linux" and not any(gpu.has_context for gpu in wp.get_cuda_devices())
 
 
 @dataclass(eq=False)

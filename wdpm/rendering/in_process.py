@@ -56,8 +56,7 @@ class InProcess(Backend):
         self._cells = cells
         self._team = workers if team is None else team
         self._shuffle = shuffle
-        alone = workers == 1 and cells in (None, 1) and shuffle is None
-        self._processes = self.threads if alone and can_fork(device) else 1
+        self._alone = workers == 1 and cells in (None, 1) and shuffle is None
         # By scene, and no longer than whoever renders it holds it: a worker has all its triangles and photons.
         self._clusters: WeakKeyDictionary[Prepared, MemoryCluster] = WeakKeyDictionary()
 
@@ -91,9 +90,9 @@ class InProcess(Backend):
         self._clusters.clear()
 
     def _worth(self, camera: Camera, settings: RenderSettings) -> int:
-        """Processes that a render is worth."""
+        """Processes that a render is worth; 1 where none may be forked now."""
         samples = camera.width * camera.height * -(-settings.spp // settings.passes)
-        return self._processes if samples >= WORTH_FORKING else 1
+        return self.threads if self._alone and samples >= WORTH_FORKING and can_fork(self.device) else 1
 
     def _cluster_of(self, prepared: Prepared) -> MemoryCluster:
         """A cluster for any number of sessions of a scene."""

@@ -9,10 +9,12 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+import warp as wp
 from digests import same_bits
 from one_cell import ready
 
@@ -210,3 +212,13 @@ def test_forked_processes_end_with_their_parent(tmp_path: Path) -> None:
     while any(map(is_there, pids)) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not any(map(is_there, pids))
+
+
+def test_no_process_forks_that_has_used_cuda(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Used by whatever part of the process; a GPU that is there and unused is no hindrance."""
+    gpus = [SimpleNamespace(has_context=False), SimpleNamespace(has_context=False)]
+    monkeypatch.setattr(wp, "get_cuda_devices", lambda: gpus)
+    assert can_fork("cpu")
+    assert not can_fork("cuda:0")
+    gpus[1].has_context = True
+    assert not can_fork("cpu")
