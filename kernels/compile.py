@@ -8,7 +8,7 @@ import warp as wp
 
 from wdpm.kernels.camera import add_samples, filter_weights, rays, shadow_rays
 from wdpm.kernels.features import Features
-from wdpm.kernels.irradiance import at_photons, cache, gather_places, record_rays, records
+from wdpm.kernels.irradiance import at_photons, cache, gather_places, record_clamp, record_rays, records
 from wdpm.kernels.photons import beam, departure, gather, gather_at_photons, photon_map, surface_points
 from wdpm.kernels.rays import bvh, bvh_build, overlap
 from wdpm.kernels.variants import make_variants
@@ -26,6 +26,7 @@ COMMON = (
     overlap,
     photon_map,
     departure,
+    record_clamp,
     record_rays,
     add_samples,
     filter_weights,

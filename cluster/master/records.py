@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from wdpm.cluster.limits import ClusterLimits
-from wdpm.cluster.master.record_clamp import clamped
 from wdpm.cluster.records import Records, candidates, check_records, equal, joined
 from wdpm.cluster.task import RecordsMade, RecordTask
 from wdpm.cluster.world import View
+from wdpm.kernels.irradiance.record_clamp import clamped
 
 
 class RecordRounds:

@@ -58,6 +58,12 @@ class TaskProcesses(Protocol):
 
     def wait(self, seconds: float | None) -> Sequence[TaskResult]: ...
 
+    def set_view(self, view: View) -> None: ...
+
+    def set_records(self, records: Records) -> None: ...
+
+    def forget_photons(self, plan: PhotonPlan) -> None: ...
+
     def stop(self) -> None: ...
 
 
@@ -203,7 +209,7 @@ class Compute:
             self._elsewhere.start(job.task)
             return None
         if self._elsewhere is not None:
-            self._elsewhere.stop()
+            _tell(self._elsewhere, job)
         return self.run(job)
 
     @property
@@ -273,3 +279,18 @@ class Compute:
             case ReadStatistics():
                 return Outcome(job, statistics=worker.statistics())
         return Outcome(job)
+
+
+def _tell(processes: TaskProcesses, job: Job) -> None:
+    """Have processes that share a worker change with it, or end where they cannot."""
+    match job:
+        case SetView(view):
+            processes.set_view(view)
+        case SetRecords(records):
+            processes.set_records(records)
+        case ForgetPhotons(plan):
+            processes.forget_photons(plan)
+        case ReadStatistics():
+            pass  # changes nothing
+        case _:
+            processes.stop()

@@ -3,11 +3,12 @@
 A forked process has the worker's cells, trees, maps and compiled kernels for nothing: the operating system copies a
 page only when it is written. It does the tasks that it is handed, and answers each with the task's result and its
 *share*: what the worker took in and counted meanwhile, which the parent adds to its own. So a process that is killed
-takes no more with it than the tasks it was at, and those are done again. Where anything else is asked of the worker
-than tasks (another view, maps built of the photons), the processes end first, and the next task forks others.
+takes no more with it than the tasks it was at, and those are done again. What is small and changes often (the view,
+irradiance records, the plan of photons to come) the processes are told, and change as the worker does. Where more is
+asked of the worker than that (maps built of the photons), they end first, and the next task forks others.
 
-Nothing is left behind, whoever is killed: streams are socket pairs without a name, and a process ends when its parent
-does.
+Nothing is left behind, whoever is killed: streams are socket pairs without a name, a process ends when its parent
+does, and all end with the object that started them.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import signal
 import sys
 import traceback
 import warnings
+import weakref
 from collections import deque
 from dataclasses import dataclass, field
 from typing import NoReturn
@@ -30,9 +32,11 @@ import warp as wp
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.host_memory import private_memory
 from wdpm.cluster.messages import packing, protocol, shares
+from wdpm.cluster.records import Records
 from wdpm.cluster.task import Task, TaskResult
 from wdpm.cluster.transport import stream
 from wdpm.cluster.work.worker import CellWorker
+from wdpm.cluster.world import PhotonPlan, View
 from wdpm.scenes import errors
 from wdpm.scenes.errors import ClusterError, WdpmError
 
@@ -42,7 +46,10 @@ MOST_LOSSES = 3
 _PR_SET_PDEATHSIG = 1  # linux/prctl.h
 
 _FROM_SHARE = packing.by_name(shares.FromShare)
-_FROM_PARENT = {"StartTask": protocol.StartTask}
+_Change = protocol.SetView | protocol.SetRecords | protocol.ForgetPhotons
+"""What processes are told of the worker's changes, as slaves are. Epochs are 0: nothing is ever late here."""
+
+_FROM_PARENT = packing.by_name(protocol.StartTask | _Change)
 
 
 def can_fork(device: str) -> bool:
@@ -78,6 +85,7 @@ class ForkedTasks:
         self._processes: list[_Process] = []
         self._selector = selectors.DefaultSelector()
         self._losses = 0
+        weakref.finalize(self, _end, self._processes, os.getpid())
 
     @property
     def running(self) -> int:
@@ -108,15 +116,21 @@ class ForkedTasks:
                 results.append(self._take(process, frames))
         return results
 
+    def set_view(self, view: View) -> None:
+        """The worker will look through a camera; so will the processes. None may be at a task, here and below."""
+        self._tell(protocol.SetView(0, view))
+
+    def set_records(self, records: Records) -> None:
+        """The worker will have these irradiance records in place of those before; so will the processes."""
+        self._tell(protocol.SetRecords(0, records))
+
+    def forget_photons(self, plan: PhotonPlan) -> None:
+        """The worker will let go of its photons, and trace others by this plan; so will the processes."""
+        self._tell(protocol.ForgetPhotons(0, plan))
+
     def stop(self) -> None:
         """End the processes, whatever they are at; the worker may change then. May be called again."""
-        for process in self._processes:
-            process.stream.close()
-            if process.tasks:
-                os.kill(process.pid, signal.SIGKILL)
-        for process in self._processes:
-            os.waitpid(process.pid, 0)
-        self._processes = []
+        _end(self._processes, os.getpid())
         self._selector.close()
         self._selector = selectors.DefaultSelector()
 
@@ -153,8 +167,13 @@ class ForkedTasks:
 
     def _hand(self, process: _Process, task: Task) -> None:
         process.tasks.append(task)
-        with contextlib.suppress(OSError):  # it is gone; `wait` finds that out, and gives its tasks to another
-            stream.send(process.stream, packing.encode(protocol.StartTask(0, task)))
+        _send(process, packing.encode(protocol.StartTask(0, task)))
+
+    def _tell(self, change: _Change) -> None:
+        if self._processes:
+            frames = packing.encode(change)
+            for process in self._processes:
+                _send(process, frames)
 
     def _take(self, process: _Process, frames: list[packing.Frame]) -> TaskResult:
         """The result of a task; its share goes to the worker."""
@@ -182,6 +201,25 @@ class ForkedTasks:
         replacement = self._fork()
         for task in lost.tasks:
             self._hand(replacement, task)
+
+
+def _send(process: _Process, frames: list[packing.Frame]) -> None:
+    """If it is gone, `wait` finds that out, and another one, forked of the worker as it is then, gets its tasks."""
+    with contextlib.suppress(OSError):
+        stream.send(process.stream, frames)
+
+
+def _end(processes: list[_Process], parent: int) -> None:
+    """End all of these processes, if this is the one that forked them."""
+    if os.getpid() != parent:
+        return
+    for process in processes:
+        process.stream.close()
+        if process.tasks:
+            os.kill(process.pid, signal.SIGKILL)
+    for process in processes:
+        os.waitpid(process.pid, 0)
+    processes.clear()
 
 
 def _in_words(status: int) -> str:
@@ -215,14 +253,29 @@ def _live(worker: CellWorker, parent: stream.Stream, parent_pid: int) -> NoRetur
         if os.getppid() == parent_pid:
             worker.become_share()
             while (frames := stream.receive(parent)) is not None:
-                order: protocol.StartTask = packing.decode(frames, _FROM_PARENT)
-                stream.send(parent, packing.encode(_answer(worker, order.task)))
+                order: protocol.StartTask | _Change = packing.decode(frames, _FROM_PARENT)
+                if isinstance(order, protocol.StartTask):
+                    stream.send(parent, packing.encode(_answer(worker, order.task)))
+                else:
+                    _change(worker, order)
     except OSError:
         pass  # the parent is gone
     except BaseException:
         traceback.print_exc()
         os._exit(1)
     os._exit(0)
+
+
+def _change(worker: CellWorker, change: _Change) -> None:
+    """Change as the parent's worker does, which counts what that takes."""
+    match change:
+        case protocol.SetView(_, view):
+            worker.set_view(view)
+        case protocol.SetRecords(_, records):
+            worker.set_records(records)
+        case protocol.ForgetPhotons(_, plan):
+            worker.forget_photons(plan)
+    worker.take_share()
 
 
 def _answer(worker: CellWorker, task: Task) -> shares.FromShare:

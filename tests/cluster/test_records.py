@@ -27,7 +27,6 @@ from wdpm.cluster.batch import Batch
 from wdpm.cluster.in_process import MemoryCluster
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.machine import Master, Phase
-from wdpm.cluster.master.record_clamp import clamped
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.records import (
@@ -44,6 +43,7 @@ from wdpm.cluster.records import (
 from wdpm.cluster.slave import jobs as c
 from wdpm.cluster.task import PhotonsTraced, RecordsMade, RecordTask
 from wdpm.cluster.world import View
+from wdpm.kernels.irradiance.record_clamp import clamped
 from wdpm.scenes.errors import ProtocolError
 
 PLAN = CachePlan(rounds=3, spacing=16, rows=2, columns=6, error=0.3, least=1.0, most=9.0, wanted=0.3)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -18,8 +20,9 @@ import warp as wp
 from digests import same_bits
 from one_cell import ready
 
-from wdpm.cluster.render_settings import RenderSettings
-from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask
+from wdpm.cluster.records import CachePlan, equal
+from wdpm.cluster.render_settings import Indirect, RenderSettings
+from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, RecordsMade, RecordTask
 from wdpm.cluster.work.forked_tasks import MOST_LOSSES, ForkedTasks, can_fork
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.rendering.in_process import render_in_process
@@ -30,6 +33,7 @@ pytestmark = pytest.mark.skipif(not can_fork("cpu"), reason="processes are forke
 
 FEW = RenderSettings(photons=2000, spp=2)
 SCENE = cornell_box((40, 32))
+ROUND = CachePlan(rounds=1, spacing=4, rows=2, columns=4, error=0.5, least=2.0, most=40.0, wanted=0.3)
 BUCKETS = [BucketTask(n, x, y, x + 8, y + 8) for n, (x, y) in enumerate((x, y) for y in (0, 8, 16) for x in (0, 8, 16))]
 
 
@@ -98,6 +102,76 @@ def test_photons_and_counts_come_to_the_worker(worker: CellWorker, forked: Forke
     assert np.array_equal(*ids)
 
 
+def test_processes_follow_the_worker_to_another_view_and_other_records() -> None:
+    worker = ready(SCENE, replace(FEW, indirect=Indirect.CACHE))
+    forked = ForkedTasks(worker, 2)
+    forked.start(BUCKETS[0])
+    finish(forked)
+    pids = processes_of(forked)
+    assert worker.replica.view is not None
+    turned = replace(worker.replica.view, seed=3, cache=ROUND)
+    forked.set_view(turned)
+    worker.set_view(turned)
+    made: list[RecordsMade] = [worker.start(RecordTask(0, 0, 0, 40)).results[0]]  # type: ignore[list-item]
+    forked.start(RecordTask(0, 0, 0, 40))
+    assert equal(finish(forked)[0].records, made[0].records)
+    assert len(made[0].records) > 10
+    before = worker.start(BUCKETS[4]).results
+    forked.set_records(made[0].records)
+    worker.set_records(made[0].records)
+    counted = worker.statistics()["final_gather_interpolated"]
+    forked.start(BUCKETS[4])
+    found = finish(forked)
+    assert worker.statistics()["final_gather_interpolated"] > counted
+    assert same_pixels(found, worker.start(BUCKETS[4]).results)  # type: ignore[arg-type]
+    assert not same_pixels(found, before)  # type: ignore[arg-type]
+    assert processes_of(forked) == pids
+    forked.stop()
+
+
+def test_processes_trace_the_photons_of_another_plan(worker: CellWorker, forked: ForkedTasks) -> None:
+    forked.start(PhotonTask(0, 0, 100))
+    finish(forked)
+    plan = replace(worker.replica.world.photon_plan, seed=7)
+    pids = processes_of(forked)
+    forked.forget_photons(plan)
+    worker.forget_photons(plan)
+    forked.start(PhotonTask(1, 0, 800))
+    finish(forked)
+    alone = ready(SCENE, FEW)
+    alone.forget_photons(plan)
+    alone.start(PhotonTask(1, 0, 800))
+    mine, theirs = (np.sort(one.cells[0].store.so_far()["flux"], axis=0) for one in (worker, alone))
+    assert np.array_equal(mine, theirs)
+    assert worker.statistics()["paths_by_light"] == alone.statistics()["paths_by_light"]
+    assert processes_of(forked) == pids
+
+
+def test_a_process_that_was_killed_before_a_change_is_replaced_by_one_that_knows_it(
+    worker: CellWorker, forked: ForkedTasks
+) -> None:
+    forked.start(BUCKETS[0])
+    finish(forked)
+    for pid in processes_of(forked):
+        os.kill(pid, signal.SIGKILL)
+    assert worker.replica.view is not None
+    view = replace(worker.replica.view, seed=5)
+    forked.set_view(view)
+    worker.set_view(view)
+    forked.start(BUCKETS[1])
+    assert same_pixels(finish(forked), worker.start(BUCKETS[1]).results)  # type: ignore[arg-type]
+
+
+def test_no_process_is_left_when_nobody_holds_them_any_more(worker: CellWorker) -> None:
+    forked = ForkedTasks(worker, 2)
+    forked.start(BUCKETS[0])
+    pids = processes_of(forked)
+    assert all(map(is_there, pids))
+    del forked
+    gc.collect()
+    assert not any(map(is_there, pids))
+
+
 def test_what_a_worker_had_before_stays_and_is_not_told_again(worker: CellWorker, forked: ForkedTasks) -> None:
     worker.start(PhotonTask(0, 0, 500))
     before = worker.statistics()["photons"][0]
@@ -154,7 +228,7 @@ def test_a_fault_tells_where_it_was(worker: CellWorker) -> None:
     forked.stop()
 
 
-def test_no_process_is_left_when_the_worker_changes(forked: ForkedTasks) -> None:
+def test_no_process_is_left_when_they_are_stopped(forked: ForkedTasks) -> None:
     forked.start(BUCKETS[0])
     pids = processes_of(forked)
     finish(forked)

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from wdpm.cluster.master.record_clamp import clamped
 from wdpm.kernels.irradiance.cache import CAPACITY, interpolate
+from wdpm.kernels.irradiance.record_clamp import clamped
 from wdpm.kernels.irradiance.record_tree import build, kd_order
 from wdpm.scenes.errors import WdpmError
 
