@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.rows import take_rows
 from wdpm.kernels import ray_fields as fields
 from wdpm.kernels.fields import Fields, chosen
 from wdpm.scenes.errors import ProtocolError
@@ -152,9 +153,11 @@ class Batch:
 
 def take(arrays: Arrays, rows: NDArray[np.intp] | slice) -> dict[str, NDArray[Any]]:
     """Some rows of every array, ascending; the arrays themselves where that is all of them."""
-    if not isinstance(rows, slice) and len(rows) == len(next(iter(arrays.values()))):
+    if isinstance(rows, slice):
+        return {name: array[rows] for name, array in arrays.items()}
+    if len(rows) == len(next(iter(arrays.values()))):
         return dict(arrays)
-    return {name: array[rows] for name, array in arrays.items()}
+    return {name: take_rows(array, rows) for name, array in arrays.items()}
 
 
 def concatenate(parts: Iterable[Arrays], kind: Kind) -> dict[str, NDArray[Any]]:

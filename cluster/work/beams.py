@@ -10,6 +10,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, take
+from wdpm.cluster.rows import any_of
 from wdpm.cluster.work import guards
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica
@@ -102,7 +103,7 @@ def start_beams(replica: Replica, cause: Batch, stretches: Any) -> Iterator[Batc
         return
     arrays = columns.download(stretches, [*STRETCH, "sample"])
     chosen, weight = chosen_samples(replica.view, arrays.pop("sample"))
-    lit = (arrays["medium"] >= 0) & (arrays["length"] > 0) & arrays["radiance"].any(axis=1)
+    lit = (arrays["medium"] >= 0) & (arrays["length"] > 0) & any_of(arrays["radiance"])
     rows = np.flatnonzero(lit & chosen)
     if not len(rows):
         return

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, concatenate, take
 from wdpm.cluster.layers import layers_of
 from wdpm.cluster.render_settings import Routing
+from wdpm.cluster.rows import in_order, put_rows, take_rows
 from wdpm.cluster.task import BucketRendered, BucketTask
 from wdpm.cluster.work import parts
 from wdpm.cluster.work.guards import BEAMS_CLAMPED, VOLUME, Guards
@@ -154,7 +155,7 @@ class BucketHome:
             if whole:
                 self._slots[name] = arrays[name]
             else:
-                self._slots[name][slot] = arrays[name]
+                put_rows(self._slots[name], slot, arrays[name])
 
     def _add_parts(self, arrays: Arrays) -> None:
         """Direct light at the first surface has slots of its own; all other parts wait to be put in order."""
@@ -162,9 +163,11 @@ class BucketHome:
         place = arrays["place"]
         first = place < shots
         if first.all():
-            self._slots["direct"][arrays["slot"] * np.int32(shots) + place] = arrays["radiance"]
+            put_rows(self._slots["direct"], arrays["slot"] * np.int32(shots) + place, arrays["radiance"])
             return
-        self._slots["direct"][(arrays["slot"] * np.int32(shots) + place)[first]] = arrays["radiance"][first]
+        rows = np.flatnonzero(first)
+        whose = arrays["slot"][rows] * np.int32(shots) + place[rows]
+        put_rows(self._slots["direct"], whose, take_rows(arrays["radiance"], rows))
         later = take(arrays, np.flatnonzero(~first))
         if self._guards.strict:
             self._demand_finite(later)
@@ -231,13 +234,13 @@ class BucketHome:
     def _parts_in_order(self) -> Arrays:
         """All parts beyond the first surface, by slot and place, and where those of each slot begin."""
         together = concatenate(self._later, Kind.LIT)
-        order = np.lexsort((together["place"], together["slot"]))
+        order = in_order(together["slot"], together["place"])
         slot = together["slot"][order]
         samples = len(self._slots["depth"])
         return {
             "begin": np.searchsorted(slot, np.arange(samples + 1)).astype(np.int32),
             "layer": parts.layer_of(together["place"][order], self._view.light_samples),
-            "radiance": together["radiance"][order],
+            "radiance": take_rows(together["radiance"], order),
         }
 
     def sums(self) -> dict[str, NDArray[Any]]:

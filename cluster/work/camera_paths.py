@@ -10,6 +10,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
+from wdpm.cluster.rows import any_of, take_rows
 from wdpm.cluster.work import guards, parts
 from wdpm.cluster.work.beams import Beams, start_beams
 from wdpm.cluster.work.final_gather import Actions, FinalGather
@@ -260,9 +261,9 @@ class CameraLight:
     def _part(self, arrays: Arrays, part: int, radiance: NDArray[np.float32]) -> Arrays:
         """One part of each vertex, where it is not black."""
         radiance = self.guards.blacken(radiance, _CAUSE[part], arrays)
-        rows = np.flatnonzero(radiance.any(axis=1))
+        rows = np.flatnonzero(any_of(radiance))
         place = parts.place_of(arrays["bounce"][rows], arrays["diffuse"][rows], part, self._view.light_samples)
-        return {"slot": arrays["slot"][rows], "place": place, "radiance": radiance[rows]}
+        return {"slot": arrays["slot"][rows], "place": place, "radiance": take_rows(radiance, rows)}
 
     def _shade(self, kernel: wp.Kernel | None, rays: Any, count: int, shots: int, actions: Actions | None) -> Any:
         """Run a kernel that shades vertices; returns kernels.camera.vertices.Shaded.
@@ -319,7 +320,7 @@ class CameraLight:
         paths["throughput"] = self.guards.blacken(paths["throughput"], guards.THROUGHPUT, cause.arrays)
         # The kernel ends them all there; hardly any has not been ended by Russian roulette long before.
         self.guards.act(guards.PATHS_CUT, np.flatnonzero(paths["bounce"] >= parts.LAST_BOUNCE), cause.arrays)
-        carrying = np.flatnonzero(paths["throughput"].any(axis=1))
+        carrying = np.flatnonzero(any_of(paths["throughput"]))
         if not len(carrying):
             return
         paths = take(paths, carrying)

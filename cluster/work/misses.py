@@ -10,6 +10,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, take
+from wdpm.cluster.rows import any_of, take_rows
 from wdpm.cluster.work import parts
 from wdpm.cluster.work.beams import start_beams
 from wdpm.cluster.work.guards import EMISSION, Guards
@@ -84,13 +85,13 @@ def missed_light(
         yield from follows
         return
     light = guards.blacken(radiance.numpy(), EMISSION, rays)
-    rows = np.flatnonzero(light.any(axis=1))
+    rows = np.flatnonzero(any_of(light))
     none = np.zeros(len(rows), np.int32)
     bounce, diffuse = (rays["bounce"][rows], rays["diffuse"][rows]) if later else (none, none)
     lit = {
         "slot": rays["slot"][rows],
         "place": parts.place_of(bounce, diffuse, parts.EMISSION, view.light_samples),
-        "radiance": light[rows],
+        "radiance": take_rows(light, rows),
     }
     yield Batch(Kind.LIT, cause.task, cause.home, cell, left, lit)
     yield from follows

@@ -38,6 +38,8 @@ LAST_BOUNCE: Final = CHAIN_LIMIT
 
 DIRECT_LAYER, INDIRECT_LAYER, CAUSTIC_LAYER, VOLUME_LAYER = range(4)
 
+_SEEN, _SURFACE, _MEDIUM = np.array([SEEN_SECTION, SURFACE_SECTION, MEDIUM_SECTION], np.int32)
+
 _NO_LAYER = -1
 _LAYER_OF_PART = np.array([DIRECT_LAYER, INDIRECT_LAYER, CAUSTIC_LAYER, VOLUME_LAYER, _NO_LAYER], np.int32)
 
@@ -49,9 +51,10 @@ def place_of(bounce: NDArray[np.int32], diffuse: NDArray[np.int32], part: int, l
         diffuse: as in kernels.ray_fields.PATH.
     """
     beyond = diffuse > (1 if part == EMISSION else 0)
-    section = np.where(beyond, int(SURFACE_SECTION), np.where(diffuse < 0, int(MEDIUM_SECTION), int(SEEN_SECTION)))
-    row = bounce + section * int(BOUNCES)
-    return (row * np.int32(light_samples + PARTS) + np.int32(light_samples + part)).astype(np.int32)
+    section = np.where(beyond, _SURFACE, np.where(diffuse < 0, _MEDIUM, _SEEN))
+    row = bounce + section * np.int32(BOUNCES)
+    place: NDArray[np.int32] = row * np.int32(light_samples + PARTS) + np.int32(light_samples + part)
+    return place
 
 
 def bounce_of(place: NDArray[np.int32], light_samples: int) -> NDArray[np.int32]:

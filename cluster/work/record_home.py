@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
 from wdpm.cluster.records import NO_RECORDS, RAY_SAMPLES, ROUND_BITS, Records, candidates, joined
+from wdpm.cluster.rows import in_order, summed, take_rows
 from wdpm.cluster.task import RecordsMade, RecordTask
 from wdpm.cluster.work import parts
 from wdpm.cluster.work.misses import no_hits
@@ -95,7 +96,7 @@ class RecordHome:
         self._searching = False
         sites = concatenate(self._found, Kind.RECORD_SITES)
         order = np.argsort(sites["slot"])
-        self._found, self._sites = [], {name: column[order] for name, column in sites.items()}
+        self._found, self._sites = [], {name: take_rows(column, order) for name, column in sites.items()}
 
     def _check_slots(self, batch: Batch, count: int) -> None:
         slot = batch.arrays["slot"]
@@ -166,7 +167,8 @@ class RecordHome:
     def _without_reaches(self, lit: Arrays) -> Arrays:
         """Light alone; how far rays went is noted."""
         reach = parts.part_of(lit["place"], self._view.light_samples) == parts.REACH
-        self._distance[lit["slot"][reach]] = lit["radiance"][reach, 0]
+        rows = np.flatnonzero(reach)
+        self._distance[lit["slot"][rows]] = lit["radiance"][rows, 0]
         return take(lit, np.flatnonzero(~reach))
 
     def result(self) -> RecordsMade | None:
@@ -202,10 +204,9 @@ class RecordHome:
         """What came along each gather ray, added in the order of the parts' places, float32, shape [rays, 3]."""
         together = concatenate(self._lit, Kind.LIT)
         self._lit = []
-        order = np.lexsort((together["place"], together["slot"]))
-        sums = np.zeros((len(self._distance), 3), np.float64)
-        np.add.at(sums, together["slot"][order], together["radiance"][order].astype(np.float64))
-        return sums.astype(np.float32)
+        order = in_order(together["slot"], together["place"])
+        slot, radiance = together["slot"][order], take_rows(together["radiance"], order)
+        return summed(slot, radiance, len(self._distance)).astype(np.float32)
 
     def _batch(self, kind: Kind, cell: int, credit: int, arrays: Arrays) -> Batch:
         return Batch(kind, self.task.number, self._number, cell, credit, arrays)

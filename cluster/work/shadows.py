@@ -125,7 +125,7 @@ class Shadows:
         """Bring home what arrived, and the credit of what did not."""
         clear = np.flatnonzero(onward == sr.SHADOW_CLEAR)
         if len(clear):
-            lit = {name: arrays[name][clear] for name in SCHEMAS[Kind.LIT]}
+            lit = take({name: arrays[name] for name in SCHEMAS[Kind.LIT]}, clear)
             yield self._batch(cause, Kind.LIT, self._cell, len(clear), lit)
         blocked = int(np.count_nonzero(onward == sr.SHADOW_BLOCKED))
         if blocked:

@@ -1,0 +1,51 @@
+"""Rows of arrays against NumPy's plain ways."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from wdpm.cluster.rows import any_of, in_order, largest_of, put_rows, summed, take_rows
+
+RNG = np.random.default_rng(3)
+VECTORS = RNG.normal(size=(50, 3)).astype(np.float32) * RNG.integers(0, 2, (50, 3)).astype(np.float32)
+
+
+@pytest.mark.parametrize("array", [VECTORS, VECTORS[:, 0].copy(), np.arange(50)])
+@pytest.mark.parametrize("rows", [[], [3], [49, 0, 7]])
+def test_taken_and_put(array: np.ndarray, rows: list[int]) -> None:
+    where = np.array(rows, np.intp)
+    taken = take_rows(array, where)
+    assert np.array_equal(taken, array[where])
+    taken += 1  # a copy
+    expected, found = array.copy(), array.copy()
+    expected[where] = taken
+    put_rows(found, where, taken)
+    assert np.array_equal(found, expected)
+
+
+def test_a_row_that_is_not_there() -> None:
+    with pytest.raises(IndexError):
+        take_rows(VECTORS, np.array([50]))
+    with pytest.raises(IndexError):
+        put_rows(VECTORS.copy(), np.array([50]), VECTORS[:1])
+
+
+def test_vectors() -> None:
+    odd = np.concatenate([VECTORS, np.array([[0, np.nan, 0], [-0.0, 0, 0], [np.inf, 0, 0]], np.float32)])
+    assert np.array_equal(any_of(odd), odd.any(axis=1))
+    assert np.array_equal(largest_of(odd), odd.max(axis=1), equal_nan=True)
+
+
+def test_order_is_by_slot_then_place_then_as_they_come() -> None:
+    slot, place = (RNG.integers(0, 4, 400).astype(np.int32) for _ in range(2))
+    place[::7] = np.iinfo(np.int32).max
+    assert np.array_equal(in_order(slot, place), np.lexsort((place, slot)))
+
+
+def test_sums_are_those_of_one_addition_after_another() -> None:
+    slot = np.sort(RNG.integers(0, 9, 200)).astype(np.int32)
+    vectors = (RNG.normal(size=(200, 3)) * 10.0 ** RNG.integers(-20, 20, (200, 1))).astype(np.float32)
+    expected = np.zeros((12, 3))
+    np.add.at(expected, slot, vectors.astype(np.float64))
+    assert summed(slot, vectors, 12).tobytes() == expected.tobytes()
