@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import resource
 import sys
+import time
 
 
 def machine_memory() -> int:
@@ -18,8 +19,26 @@ def peak_memory() -> int:
     return peak if sys.platform == "darwin" else peak * 1024
 
 
-def private_memory() -> int:
-    """Memory that this process shares with no other [bytes]: of a forked one, what it has written. Linux alone."""
-    with open("/proc/self/smaps_rollup") as rollup:
-        lines = [line.split() for line in rollup]
-    return sum(int(words[1]) * 1024 for words in lines if words[0] in ("Private_Clean:", "Private_Dirty:"))
+class PrivateMemory:
+    """Memory that this process shares with no other: of a forked one, what it has written. Linux alone.
+
+    The system counts pages one by one, milliseconds for some hundred megabytes, so it is asked for a hundredth of the
+    time at most.
+    """
+
+    def __init__(self) -> None:
+        self._bytes = 0
+        self._again = 0.0
+
+    def bytes(self) -> int:
+        """As much as when it was last asked for [bytes]."""
+        began = time.monotonic()
+        if began >= self._again:
+            with open("/proc/self/smaps_rollup") as rollup:
+                lines = [line.split() for line in rollup]
+            self._bytes = sum(
+                int(words[1]) * 1024 for words in lines if words[0] in ("Private_Clean:", "Private_Dirty:")
+            )
+            ended = time.monotonic()
+            self._again = ended + 100.0 * (ended - began)
+        return self._bytes

@@ -33,9 +33,11 @@ class ClusterLimits:
             in flight stay within some 10 MB.
         photon_tasks_in_flight: photon tasks handed to a slave at once; the second keeps it busy while the first one's
             last photons travel.
-        record_tasks: tasks of a round of irradiance records for each slave, where there are several ...
-        record_task_least, record_task_most: ... within these numbers of candidates a task. All of an early round become
-            records, few of a late one.
+        record_parts: where there are several slaves, a task of a round of irradiance records has this fraction of an
+            even share of the candidates that are left, as a divisor: so the last ones are small ...
+        record_task_spread: ... but none is smaller than the first by more than this factor ...
+        record_task_least, record_task_most: ... and all are within these numbers of candidates. All of an early round
+            become records, few of a late one.
         buckets_in_flight: buckets handed to a slave at once. Buckets wait for their peers more than photons do.
         cells_in_flight: cells on their way to slaves at once. Bounds what the master holds besides the scene.
         part_triangles: triangles of one Partition message, 140 bytes each: about 64 MB.
@@ -53,9 +55,10 @@ class ClusterLimits:
     join_news_s: float = 30.0
     photon_task_paths: int = 65_536
     photon_tasks_in_flight: int = 2
-    record_tasks: int = 4
-    record_task_least: int = 64
-    record_task_most: int = 16_384
+    record_parts: float = 1.5
+    record_task_spread: int = 8
+    record_task_least: int = 32
+    record_task_most: int = 65_536
     buckets_in_flight: int = 3
     cells_in_flight: int = 2
     part_triangles: int = 450_000

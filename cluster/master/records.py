@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from wdpm.cluster.limits import ClusterLimits
@@ -44,14 +45,20 @@ class RecordRounds:
         return sum(self._candidates(number) for number in range(self._view.cache.rounds))
 
     def tasks(self, slaves: int, limits: ClusterLimits, first_number: int) -> list[RecordTask]:
-        """The tasks of the round that is next."""
-        count = self._candidates(self._round)
-        tasks = limits.record_tasks * slaves if slaves > 1 else 1
-        size = min(max(-(-count // tasks), limits.record_task_least), limits.record_task_most)
-        return [
-            RecordTask(first_number + index, self._round, start, min(start + size, count))
-            for index, start in enumerate(range(0, count, size))
-        ]
+        """The tasks of the round that is next: ever smaller ones, so that all slaves end together.
+
+        Each takes the same part of the candidates that are left (guided self-scheduling, Polychronopoulos & Kuck 1987).
+        """
+        count, start = self._candidates(self._round), 0
+        out: list[RecordTask] = []
+        parts = math.ceil(limits.record_parts * slaves) if slaves > 1 else 1
+        least = max(limits.record_task_least, -(-count // (parts * limits.record_task_spread)))
+        while start < count:
+            size = min(max(-(-(count - start) // parts), least), limits.record_task_most)
+            stop = min(start + size, count)
+            out.append(RecordTask(first_number + len(out), self._round, start, stop))
+            start = stop
+        return out
 
     def put(self, task: RecordTask, result: RecordsMade) -> None:
         """Keep a task's records."""

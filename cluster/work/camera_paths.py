@@ -10,7 +10,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
-from wdpm.cluster.rows import any_of, take_rows
+from wdpm.cluster.rows import any_of, largest_of, take_rows
 from wdpm.cluster.work import guards, parts
 from wdpm.cluster.work.beams import Beams, start_beams
 from wdpm.cluster.work.final_gather import Actions, FinalGather
@@ -320,7 +320,11 @@ class CameraLight:
         paths["throughput"] = self.guards.blacken(paths["throughput"], guards.THROUGHPUT, cause.arrays)
         # The kernel ends them all there; hardly any has not been ended by Russian roulette long before.
         self.guards.act(guards.PATHS_CUT, np.flatnonzero(paths["bounce"] >= parts.LAST_BOUNCE), cause.arrays)
-        carrying = np.flatnonzero(any_of(paths["throughput"]))
+        carries = largest_of(paths["throughput"]) > 0.0
+        if replica.world.top_tree.cells == 1:
+            yield from self._send_paths(cause, Kind.PATH, paths, np.zeros(len(carries), np.int32), carries)
+            return
+        carrying = np.flatnonzero(carries)
         if not len(carrying):
             return
         paths = take(paths, carrying)

@@ -30,7 +30,7 @@ from typing import NoReturn
 import warp as wp
 
 from wdpm.cluster.batch import Batch, Kind
-from wdpm.cluster.host_memory import private_memory
+from wdpm.cluster.host_memory import PrivateMemory
 from wdpm.cluster.messages import packing, protocol, shares
 from wdpm.cluster.records import Records
 from wdpm.cluster.task import Task, TaskResult
@@ -252,10 +252,11 @@ def _live(worker: CellWorker, parent: stream.Stream, parent_pid: int) -> NoRetur
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() == parent_pid:
             worker.become_share()
+            memory = PrivateMemory()
             while (frames := stream.receive(parent)) is not None:
                 order: protocol.StartTask | _Change = packing.decode(frames, _FROM_PARENT)
                 if isinstance(order, protocol.StartTask):
-                    stream.send(parent, packing.encode(_answer(worker, order.task)))
+                    stream.send(parent, packing.encode(_answer(worker, order.task, memory)))
                 else:
                     _change(worker, order)
     except OSError:
@@ -278,7 +279,7 @@ def _change(worker: CellWorker, change: _Change) -> None:
     worker.take_share()
 
 
-def _answer(worker: CellWorker, task: Task) -> shares.FromShare:
+def _answer(worker: CellWorker, task: Task, memory: PrivateMemory) -> shares.FromShare:
     """What the parent is told when a task is done, or has failed."""
     try:
         outbox = worker.start(task)
@@ -286,6 +287,6 @@ def _answer(worker: CellWorker, task: Task) -> shares.FromShare:
             raise AssertionError(f"task {task.number} was not done by itself")
         photons, values = worker.take_share()
         batch = Batch(Kind.GHOST_PHOTONS, -1, 0, 0, 0, photons)
-        return shares.TaskShared(outbox.results[0], batch, {"values": values}, private_memory())
+        return shares.TaskShared(outbox.results[0], batch, {"values": values}, memory.bytes())
     except Exception as error:
         return shares.TaskFailed(type(error).__name__, str(error), traceback.format_exc())

@@ -25,8 +25,10 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Batch
 from wdpm.cluster.in_process import MemoryCluster
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.machine import Master, Phase
+from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.records import (
@@ -112,6 +114,25 @@ def shared_with(out: list[m.Instruction], identity: bytes) -> Records:
 
 
 # The master.
+
+
+@pytest.mark.parametrize("slaves", [1, 2, 7, 64])
+def test_tasks_grow_smaller_and_cover_a_round(slaves: int) -> None:
+    rounds = RecordRounds(cached(make_view(512, 512, 16)), NO_RECORDS)
+    count = len(candidates(512, 512, PLAN, 0))
+    tasks = rounds.tasks(slaves, ClusterLimits(), 10)
+    assert [task.number for task in tasks] == list(range(10, 10 + len(tasks)))
+    assert [task.start for task in tasks] == [0, *(task.stop for task in tasks[:-1])]
+    assert tasks[-1].stop == count
+    sizes = [task.stop - task.start for task in tasks]
+    assert sizes == sorted(sizes, reverse=True)
+    if slaves == 1:
+        assert sizes == [count]
+    elif slaves == 2:
+        assert max(sizes) == -(-count // 3)
+        assert max(sizes[-2:]) <= count // 20
+    else:
+        assert len(tasks) >= min(2 * slaves, count // ClusterLimits().record_task_least)
 
 
 def test_every_candidate_of_a_round_is_in_one_task() -> None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import random
+import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from weakref import WeakKeyDictionary
 
 from wdpm.cluster.in_process import NO_TRIANGLES, MemoryCluster
 from wdpm.cluster.render_settings import RenderSettings
@@ -24,8 +24,8 @@ from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.model.scene import Camera, Scene
 
 WORTH_FORKING = 1 << 16
-"""Camera samples of a pass from which on processes are forked: some half a second of one core. A fork takes
-milliseconds, and a render has several: for the photons, for each round of irradiance records, and for the image."""
+"""Camera samples of a pass from which on processes are forked: some half a second of one core. A fork takes some ten
+milliseconds, and a pass has two: for the photons, and for records and image when the maps of the photons are built."""
 
 
 class InProcess(Backend):
@@ -58,7 +58,7 @@ class InProcess(Backend):
         self._shuffle = shuffle
         self._alone = workers == 1 and cells in (None, 1) and shuffle is None
         # By scene, and no longer than whoever renders it holds it: a worker has all its triangles and photons.
-        self._clusters: WeakKeyDictionary[Prepared, MemoryCluster] = WeakKeyDictionary()
+        self._clusters: weakref.WeakKeyDictionary[Prepared, MemoryCluster] = weakref.WeakKeyDictionary()
 
     def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:
         return prepare(
@@ -76,6 +76,7 @@ class InProcess(Backend):
         cluster = self._clusters.get(prepared)
         if cluster is None:
             cluster = self._clusters[prepared] = self._cluster_of(prepared)
+            weakref.finalize(prepared, cluster.close)
         if prepared.pilot is not None:
             session = replace(session, partition=lambda _: NO_TRIANGLES)
         try:

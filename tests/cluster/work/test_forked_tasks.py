@@ -25,7 +25,8 @@ from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, RecordsMade, RecordTask
 from wdpm.cluster.work.forked_tasks import MOST_LOSSES, ForkedTasks, can_fork
 from wdpm.cluster.work.worker import CellWorker
-from wdpm.rendering.in_process import render_in_process
+from wdpm.rendering.in_process import InProcess, render_in_process
+from wdpm.rendering.passes import render_in_passes
 from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import ClusterError, GuardError
 
@@ -257,6 +258,25 @@ def test_the_report_counts_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     assert reports[0]["photons"]["stored"] == reports[1]["photons"]["stored"]
     for name, value in reports[0]["energy"].items():
         assert reports[1]["energy"][name] == pytest.approx(value, rel=1e-9, abs=1e-12), name
+
+
+def test_no_process_is_left_when_a_render_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not even while the backend lives on: processes end with what they render, and live on from pass to pass."""
+    monkeypatch.setattr("wdpm.rendering.in_process.WORTH_FORKING", 0)
+    forked: list[int] = []
+    fork = ForkedTasks._fork
+
+    def noted(self: ForkedTasks) -> Any:
+        process = fork(self)
+        forked.append(process.pid)
+        return process
+
+    monkeypatch.setattr(ForkedTasks, "_fork", noted)
+    with InProcess(threads=2) as backend:
+        render_in_passes(SCENE, backend, replace(FEW, passes=2))
+        assert not any(map(is_there, forked))
+    # For the photons of both passes; the maps of each are other ones.
+    assert len(forked) == 2 * 3
 
 
 KILLED = """
