@@ -3,7 +3,7 @@
 A forked process has the worker's cells, trees, maps and compiled kernels for nothing: the operating system copies a
 page only when it is written. It does the tasks that it is handed, and answers each with the task's result and its
 *share*: what the worker took in and counted meanwhile, which the parent adds to its own. So a process that is killed
-takes no more with it than the tasks it was at, and those are done again. What is small and changes often (the view,
+takes no more with it than the task it was at, and that is done again. What is small and changes often (the view,
 irradiance records, the plan of photons to come) the processes are told, and change as the worker does. Where more is
 asked of the worker than that (maps built of the photons), they end first, and the next task forks others.
 
@@ -24,7 +24,7 @@ import traceback
 import warnings
 import weakref
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NoReturn
 
 import warp as wp
@@ -67,12 +67,12 @@ class _Process:
 
     pid: int
     stream: stream.Stream
-    tasks: deque[Task] = field(default_factory=deque)
+    task: Task | None = None
     private_bytes: int = 0
 
 
 class ForkedTasks:
-    """Starts tasks of a worker in processes.
+    """Starts tasks of a worker in processes: one in each, while others wait here for whichever process is done first.
 
     Args:
         worker: has all cells, so that its tasks need nobody else.
@@ -83,6 +83,7 @@ class ForkedTasks:
         self._worker = worker
         self._count = processes
         self._processes: list[_Process] = []
+        self._waiting: deque[Task] = deque()
         self._selector = selectors.DefaultSelector()
         self._losses = 0
         weakref.finalize(self, _end, self._processes, os.getpid())
@@ -90,13 +91,15 @@ class ForkedTasks:
     @property
     def running(self) -> int:
         """Tasks that are not done."""
-        return sum(len(process.tasks) for process in self._processes)
+        return len(self._waiting) + sum(process.task is not None for process in self._processes)
 
     def start(self, task: Task) -> None:
-        """Hand a task to the process that has least to do."""
+        """Have a task done after those that were started before."""
         if not self._processes:
             self._fork_all()
-        self._hand(min(self._processes, key=lambda process: len(process.tasks)), task)
+        self._waiting.append(task)
+        for process in self._processes:
+            self._hand_next(process)
 
     def wait(self, seconds: float | None = None) -> list[TaskResult]:
         """Results that have come; waits for one, for so long at most.
@@ -112,7 +115,8 @@ class ForkedTasks:
             if frames is None:
                 self._replace(process)
             else:
-                process.tasks.popleft()
+                process.task = None
+                self._hand_next(process)  # before all else, since it waits
                 results.append(self._take(process, frames))
         return results
 
@@ -130,6 +134,7 @@ class ForkedTasks:
 
     def stop(self) -> None:
         """End the processes, whatever they are at; the worker may change then. May be called again."""
+        self._waiting.clear()
         _end(self._processes, os.getpid())
         self._selector.close()
         self._selector = selectors.DefaultSelector()
@@ -165,9 +170,11 @@ class ForkedTasks:
         self._selector.register(ours, selectors.EVENT_READ, process)
         return process
 
-    def _hand(self, process: _Process, task: Task) -> None:
-        process.tasks.append(task)
-        _send(process, packing.encode(protocol.StartTask(0, task)))
+    def _hand_next(self, process: _Process) -> None:
+        """Hand a process that is at no task the next one, if there is one."""
+        if process.task is None and self._waiting:
+            process.task = self._waiting.popleft()
+            _send(process, packing.encode(protocol.StartTask(0, process.task)))
 
     def _tell(self, change: _Change) -> None:
         if self._processes:
@@ -186,7 +193,7 @@ class ForkedTasks:
         return answer.result
 
     def _replace(self, lost: _Process) -> None:
-        """Give the tasks of a process that is gone to another one."""
+        """Give the task of a process that is gone to another one."""
         self._processes.remove(lost)
         self._selector.unregister(lost.stream)
         lost.stream.close()
@@ -198,13 +205,13 @@ class ForkedTasks:
                 "--threads, photons or triangles"
             )
         self._worker.replica.launcher.rest()
-        replacement = self._fork()
-        for task in lost.tasks:
-            self._hand(replacement, task)
+        if lost.task is not None:
+            self._waiting.appendleft(lost.task)
+        self._hand_next(self._fork())
 
 
 def _send(process: _Process, frames: list[packing.Frame]) -> None:
-    """If it is gone, `wait` finds that out, and another one, forked of the worker as it is then, gets its tasks."""
+    """If it is gone, `wait` finds that out, and another one, forked of the worker as it is then, gets its task."""
     with contextlib.suppress(OSError):
         stream.send(process.stream, frames)
 
@@ -215,7 +222,7 @@ def _end(processes: list[_Process], parent: int) -> None:
         return
     for process in processes:
         process.stream.close()
-        if process.tasks:
+        if process.task is not None:
             os.kill(process.pid, signal.SIGKILL)
     for process in processes:
         os.waitpid(process.pid, 0)

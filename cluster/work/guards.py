@@ -88,8 +88,8 @@ class Guards:
 
     def blacken(self, values: NDArray[np.float32], cause: str, rays: Arrays, each: int = 1) -> NDArray[np.float32]:
         """The values, shape [rays * each, 3], with rows that hold a NaN or an infinity made black, and counted."""
-        if np.isfinite(values.sum(dtype=np.float64)):
-            return values  # a sum is finite only if its terms are
+        if np.isfinite(values).all():
+            return values
         bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
         blackened = values.copy()
         blackened[bad] = 0.0

@@ -173,6 +173,19 @@ def test_no_process_is_left_when_nobody_holds_them_any_more(worker: CellWorker) 
     assert not any(map(is_there, pids))
 
 
+def test_no_task_waits_for_one_process_while_another_is_idle(forked: ForkedTasks) -> None:
+    for task in BUCKETS:
+        forked.start(task)
+    assert forked.running == len(BUCKETS)
+    assert [process.task for process in forked._processes] == BUCKETS[:3]
+    left = len(BUCKETS)
+    while left > 3:
+        left -= len(forked.wait(60))
+        at_work = {process.task.number for process in forked._processes if process.task is not None}
+        assert len(at_work) == min(3, left)
+    finish(forked)
+
+
 def test_what_a_worker_had_before_stays_and_is_not_told_again(worker: CellWorker, forked: ForkedTasks) -> None:
     worker.start(PhotonTask(0, 0, 500))
     before = worker.statistics()["photons"][0]
