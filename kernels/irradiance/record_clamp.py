@@ -20,7 +20,7 @@ from wdpm.kernels.irradiance.record_tree import kd_order
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-BLOCK = wp.constant(64)
+BLOCK = wp.constant(16)
 """Records that share a box, and blocks that share one in turn."""
 
 MARGIN = wp.constant(wp.float64(1.0 - 2.0**-40))

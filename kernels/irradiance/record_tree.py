@@ -120,14 +120,22 @@ def kd_order(position: NDArray[np.float32]) -> NDArray[np.intp]:
     """
     count = len(position)
     order = np.arange(count)
+    along = np.ascontiguousarray(_in_integers(position).T)
     for bits in range(max(count - 1, 1).bit_length(), 3, -1):
         block = np.arange(count) >> bits
-        first = np.flatnonzero(np.diff(block, prepend=-1))
-        placed = position[order]
+        first = np.arange(0, count, 1 << bits)
+        placed = position.take(order, axis=0)
         size = np.maximum.reduceat(placed, first) - np.minimum.reduceat(placed, first)
         axis = np.argmax(size, axis=1)[block]
-        order = order[np.lexsort((np.take_along_axis(placed, axis[:, None], axis=1)[:, 0], block))]
+        # One key of block and coordinate: NumPy sorts integers several times as fast as it sorts by two arrays.
+        order = order.take(np.argsort((block << 32) + along[axis, order], kind="stable"))
     return order
+
+
+def _in_integers(values: NDArray[np.float32]) -> NDArray[np.int64]:
+    """32-bit integers in the order of some floats; 0 and -0 are alike."""
+    bits = (values + np.float32(0.0)).view(np.int32)  # -0 + 0 is 0
+    return np.where(bits < 0, bits ^ np.int32(0x7FFFFFFF), bits).astype(np.int64)
 
 
 def _padded(values: NDArray[Any], size: int, filler: float) -> NDArray[Any]:
