@@ -52,7 +52,8 @@ class RecordRounds:
         count, start = self._candidates(self._round), 0
         out: list[RecordTask] = []
         parts = math.ceil(limits.record_parts * slaves) if slaves > 1 else 1
-        least = max(limits.record_task_least, -(-count // (parts * limits.record_task_spread)))
+        worth = min(-(-count * limits.record_task_rays // max(self._rays_expected(count), 1)), -(-count // slaves))
+        least = max(limits.record_task_least, -(-count // (parts * limits.record_task_spread)), worth)
         while start < count:
             size = min(max(-(-(count - start) // parts), least), limits.record_task_most)
             stop = min(start + size, count)
@@ -80,6 +81,14 @@ class RecordRounds:
         if self._shared is None:
             self._shared = replace(self.records, radius=clamped(self.records.position, self.records.radius))
         return self._shared
+
+    def _rays_expected(self, candidates: int) -> int:
+        """Gather rays of the round that is next, about: rounds have like numbers of records, once they are many."""
+        rays = math.prod(self._view.cache.strata(self._round))
+        if self._round == 0:
+            return candidates * rays
+        before = sum(len(made.records) for made in self._made if made.round == self._round - 1)
+        return min(candidates, before) * rays
 
     def _candidates(self, number: int) -> int:
         camera = self._view.camera

@@ -118,8 +118,9 @@ def shared_with(out: list[m.Instruction], identity: bytes) -> Records:
 
 @pytest.mark.parametrize("slaves", [1, 2, 7, 64])
 def test_tasks_grow_smaller_and_cover_a_round(slaves: int) -> None:
-    rounds = RecordRounds(cached(make_view(512, 512, 16)), NO_RECORDS)
-    count = len(candidates(512, 512, PLAN, 0))
+    plan = replace(PLAN, rows=16, columns=50)
+    rounds = RecordRounds(replace(make_view(512, 512, 16), cache=plan), NO_RECORDS)
+    count = len(candidates(512, 512, plan, 0))
     tasks = rounds.tasks(slaves, ClusterLimits(), 10)
     assert [task.number for task in tasks] == list(range(10, 10 + len(tasks)))
     assert [task.start for task in tasks] == [0, *(task.stop for task in tasks[:-1])]
@@ -133,6 +134,19 @@ def test_tasks_grow_smaller_and_cover_a_round(slaves: int) -> None:
         assert max(sizes[-2:]) <= count // 20
     else:
         assert len(tasks) >= min(2 * slaves, count // ClusterLimits().record_task_least)
+
+
+def test_a_round_of_few_rays_is_one_small_task_for_each_slave() -> None:
+    """As many as there are processes, and no more: what the interpreter does for each would not be worth it."""
+    rounds = RecordRounds(replace(make_view(512, 512, 16), cache=PLAN), NO_RECORDS)
+    assert len(rounds.tasks(4, ClusterLimits(), 0)) == 4
+    several = rounds.tasks(2, replace(ClusterLimits(), record_task_rays=1), 0)
+    for task in several:
+        rounds.put(task, made(task))
+    rounds.end_round()
+    wanted = replace(ClusterLimits(), record_task_rays=2000)
+    expected = sum(len(made(task).records) for task in several) * math.prod(PLAN.strata(1))
+    assert 2 < len(rounds.tasks(2, wanted, 0)) <= expected // 2000 + 1
 
 
 def test_every_candidate_of_a_round_is_in_one_task() -> None:
