@@ -167,7 +167,7 @@ def zeros(struct: wp.Struct, count: int, device: str) -> Any:
 def chosen(struct: wp.Struct, columns: Any, rows: NDArray[np.intp], device: str) -> Any:
     """Some items of an instance of a Warp struct, as another instance."""
     if blocks.shares_memory(device):
-        return upload(struct, {name: getattr(columns, name).numpy()[rows] for name in struct.vars}, device)
+        return upload(struct, {name: getattr(columns, name).numpy().take(rows, axis=0) for name in struct.vars}, device)
     some = rows_of({name: getattr(columns, name) for name in struct.vars}, rows, device)
     return _fill(struct(), some, some.values())
 
@@ -181,7 +181,7 @@ def rows_of(arrays: Mapping[str, Any], rows: NDArray[np.intp], device: str) -> d
     """Some items of arrays, in that order, as other arrays. A device with memory of its own gathers them there."""
     if blocks.shares_memory(device):
         return {
-            name: wp.array(array.numpy()[rows], dtype=array.dtype, device=device, copy=False)
+            name: wp.array(array.numpy().take(rows, axis=0), dtype=array.dtype, device=device, copy=False)
             for name, array in arrays.items()
         }
     some = outputs({name: array.dtype for name, array in arrays.items()}, len(rows), device)
