@@ -12,6 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.guide import NO_GUIDE, LightGuide
 from wdpm.cluster.records import NO_CACHE, CachePlan
 from wdpm.cluster.render_settings import Routing
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
@@ -175,6 +176,7 @@ class View:
         first_sample: number of the first of the `spp` samples of each pixel.
         diffuse_light: where the indirect light of diffuse parts comes from.
         cache: how irradiance records are made.
+        guide: how shadow rays choose among lights.
     """
 
     camera: Camera
@@ -190,3 +192,4 @@ class View:
     diffuse_light: DiffuseLight = DiffuseLight.PHOTON_MAP
     first_sample: int = 0
     cache: CachePlan = NO_CACHE
+    guide: LightGuide = NO_GUIDE

@@ -6,7 +6,7 @@ import os
 
 import warp as wp
 
-from wdpm.kernels.camera import add_samples, filter_weights, rays, shadow_rays
+from wdpm.kernels.camera import add_samples, filter_weights, guide_pilot, rays, shadow_rays
 from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance import at_photons, cache, gather_places, record_clamp, record_rays, records
 from wdpm.kernels.photons import beam, departure, gather, gather_at_photons, photon_map, surface_points
@@ -38,7 +38,10 @@ COMMON = (
 WITH_MEDIA = (beam,)
 """The same, for scenes with participating media only."""
 
-MODULES = (*COMMON, *WITH_MEDIA)
+WITH_CHOICE = (guide_pilot,)
+"""For scenes with an environment, or with lights to be chosen among."""
+
+MODULES = (*COMMON, *WITH_MEDIA, *WITH_CHOICE)
 
 
 def compile_kernels(device: str, features: Features | None = None) -> None:
@@ -47,8 +50,9 @@ def compile_kernels(device: str, features: Features | None = None) -> None:
     Args:
         features: the effects of the scene that is to be rendered; None where none is.
     """
-    media = features is not None and features.media
-    names = {module.__name__ for module in (MODULES if media else COMMON)}
+    called = features or Features()
+    some = ((called.media, WITH_MEDIA), (called.environment, WITH_CHOICE))
+    names = {module.__name__ for on, group in ((True, COMMON), *some) if on for module in group}
     modules = [wp.get_module(name) for name in sorted(names)]
     if features is not None:
         modules += make_variants(features).modules()

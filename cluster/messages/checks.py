@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Batch, Kind
+from wdpm.cluster.guide import LightGuide
 from wdpm.cluster.limits import MOST_SLAVES
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.records import CachePlan, Records
@@ -251,6 +252,22 @@ def _view(view: View, where: str) -> None:
     _require(view.max_depth is None or view.max_depth >= 1, where, f"max_depth {view.max_depth}")
 
 
+def _light_guide(guide: LightGuide, where: str) -> None:
+    """Tiles must also be those of the World's environment: the replica sees to that."""
+    regions = len(guide)
+    right = (
+        (guide.chance.ndim, guide.starts.ndim, guide.distant.ndim) == (3, 2, 2)
+        and regions & (regions - 1) == 0
+        and len(guide.axis) == max(regions - 1, 0)
+    )
+    _require(right and guide.split.shape == guide.axis.shape, where, f"{regions} regions, {len(guide.axis)} planes")
+    _indices(guide.axis, 0, 3, f"{where}.axis")
+    tables = (guide.chance, guide.starts, guide.distant)
+    _require(all(len(table) == regions for table in tables), where, "a table is not one row for each region")
+    sound = all(bool(np.isfinite(table).all() and (table >= 0).all()) for table in tables)
+    _require(sound and bool(np.isfinite(guide.split).all()), where, "a plane or a factor is no number, or negative")
+
+
 def _camera(camera: Camera, where: str) -> None:
     size = (camera.width, camera.height)
     _require(all(1 <= side <= LARGEST_SIDE for side in size), where, f"an image of {size} pixels")
@@ -375,6 +392,7 @@ _RANGES: dict[type, Callable[[Any, str], None]] = {
     IrradiancePlan: _irradiance_plan,
     PhotonPlan: _photon_plan,
     View: _view,
+    LightGuide: _light_guide,
     Camera: _camera,
     PixelFilter: _pixel_filter,
     Bitmap: _bitmap,

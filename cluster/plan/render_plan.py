@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.plan.effects import features_of
+from wdpm.cluster.plan.light_guide import Learnt, learn_guide
 from wdpm.cluster.plan.light_shares import shared_out
 from wdpm.cluster.plan.map_plans import irradiance_plan, map_plans, volume_unit
 from wdpm.cluster.plan.partition import rows_of_cells
 from wdpm.cluster.plan.photon_pilot import fly_pilot
 from wdpm.cluster.plan.top_tree import build_top_tree, photons_in_cells
+from wdpm.cluster.plan.view import view_of
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import World
@@ -37,6 +39,7 @@ class RenderPlan:
         pilot: the pilot's one-cell worker, to be used again, where there is but one cell; otherwise None, since it
             holds the whole scene.
         pilot_photons: places of the pilot's photons, float32, shape [P, 3].
+        learnt: how the view's shadow rays choose among lights.
     """
 
     world: World
@@ -44,6 +47,7 @@ class RenderPlan:
     burdens: tuple[float, ...]
     pilot: CellWorker | None
     pilot_photons: NDArray[np.float32]
+    learnt: Learnt
 
 
 def make_render_plan(
@@ -83,4 +87,7 @@ def make_render_plan(
         burdens += photons_in_cells(places, tree) / len(places)
     pilot.worker.forget_photons()
     weights = tuple(float(burden) for burden in burdens)
-    return RenderPlan(world, rows, weights, pilot.worker if tree.cells == 1 else None, places)
+    view = view_of(flat, settings, workers)
+    pilot.worker.set_view(view)
+    learnt = learn_guide(flat, pilot.cell, view)
+    return RenderPlan(world, rows, weights, pilot.worker if tree.cells == 1 else None, places, learnt)

@@ -7,6 +7,7 @@ it says where it goes: rays to other cells, results to the home of their task.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -99,6 +100,11 @@ class Cell:
                 raise ProtocolError(f"a vertex batch came for cell {self.number} with paths that have hit nothing")
         if needs and not self.triangle_count:
             raise ProtocolError(f"a {batch.kind.value} batch came for cell {self.number}, which holds no triangle")
+
+    @property
+    def geometry(self) -> tuple[Any, Any]:
+        """Its triangles' tree (kernels.rays.bvh.Bvh) and surfaces (kernels.materials.surface.Surfaces)."""
+        return self._bvh, self._surfaces
 
     @property
     def vertices(self) -> int:

@@ -9,6 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from wdpm.cluster.guide import LightGuide
 from wdpm.cluster.records import NO_RECORDS, Records
 from wdpm.cluster.world import View, World
 from wdpm.kernels.camera import camera
@@ -20,12 +21,13 @@ from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.features import ALL, Features
 from wdpm.kernels.irradiance import record_tree
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.lights import lights
+from wdpm.kernels.lights import environment, guide, lights
 from wdpm.kernels.materials import medium, resolve, texture
 from wdpm.kernels.materials.surface import Surfaces
 from wdpm.kernels.photons.departure import EmitScene
 from wdpm.kernels.rays import cells
 from wdpm.kernels.variants import Variants, make_variants
+from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.material_sides import lambertian_sides
 from wdpm.scenes.model.scene import Camera
 
@@ -81,6 +83,7 @@ class Replica:
     scene: Any = field(init=False, default=None)
     records: Records = field(init=False)
     cache: Any = field(init=False, default=None)
+    _view_lights: Any = field(init=False, default=None)
     lambertian_sides: NDArray[np.int32] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -130,6 +133,7 @@ class Replica:
         features = with_camera(self.world.features, view.camera)
         compile_kernels(self.launcher.device, features)
         self.kernels = make_variants(features)
+        self._view_lights = self._guided(view.guide)
         self.camera = camera.upload(view.camera, view.seed, self.launcher.device)
         self.scene = self._scene()
 
@@ -141,9 +145,27 @@ class Replica:
 
     def _scene(self) -> Any:
         scene = Scene()
-        for name in ("materials", "textures", "media", "lights", "cells", "camera"):
+        for name in ("materials", "textures", "media", "cells", "camera"):
             setattr(scene, name, getattr(self, name))
+        scene.lights = self._view_lights
         return scene
+
+    def _guided(self, known: LightGuide) -> Any:
+        """The lights, for shadow rays that know this of them."""
+        if not len(known):
+            return self.lights
+        table, device = self.world.lights, self.launcher.device
+        pixels, around = table.environment_pixels, self.lights.environment
+        if known.chance.size:
+            pixels = guide.guided_pixels(pixels)
+            if not pixels.size or known.chance.shape[1:] != guide.tiles_of(pixels):
+                raise ProtocolError(f"a guide of {known.chance.shape[1:]} tiles came for another environment")
+            around = environment.upload(pixels, table.environment_axes, device)
+        lights_there = (self.lights.tree.choices, self.lights.count - self.lights.first_distant)
+        if known.starts.size and (known.starts.shape[1], known.distant.shape[1]) != lights_there:
+            raise ProtocolError(f"a guide of {known.starts.shape[1]} lights came where there are {lights_there[0]}")
+        tables = guide.upload(**vars(known), pixels=pixels, device=device)
+        return lights.guided(self.lights, tables, around)
 
 
 def orders_of(view: View, shots: int, diffuse_light: DiffuseLight | None = None) -> Any:

@@ -11,7 +11,8 @@ from __future__ import annotations
 import warp as wp
 
 from wdpm.kernels.lights.elements import Lights, choose_element, probability_of, rest_of_choice
-from wdpm.kernels.lights.tree import BELOW_ONE, DISTANT, NOTHING, chance_of_leaf, chance_of_start, find_leaf
+from wdpm.kernels.lights.guide import region_of
+from wdpm.kernels.lights.tree import BELOW_ONE, DISTANT, NOTHING, LeafChoice, chance_of_leaf, chance_of_start, find_leaf
 from wdpm.kernels.maths.directions import triangle_weights
 from wdpm.kernels.maths.random import rounded_down
 from wdpm.kernels.maths.spherical_triangle import direction_in_triangle, solid_angle, weights_seen
@@ -134,21 +135,48 @@ def choose_light(lights: wp.ref[Lights], position: wp.vec3, u: wp.vec2d) -> Elem
     Args:
         u: point of the unit square.
     """
+    region = region_of(lights.guide, position)
+    return choose_below(lights, region, find_leaf(lights.tree, lights.guide, region, position, u[0]), position, u[1])
+
+
+@wp.func
+def _choose_distant(
+    shares: wp.array[wp.float64], lights: wp.ref[Lights], leaf: LeafChoice, u: wp.float64
+) -> ElementChoice:
+    """One of the lights infinitely far away, by their cumulative shares."""
+    c = ElementChoice()
+    distant = choose_element(shares, lights.count - lights.first_distant, leaf.u)
+    c.element = lights.first_distant + distant
+    c.probability = leaf.probability * probability_of(shares, distant)
+    c.u = wp.vec2(rounded_down(rest_of_choice(shares, distant, leaf.u)), rounded_down(u))
+    c.weights = triangle_weights(c.u)
+    return c
+
+
+@wp.func
+def choose_below(
+    lights: wp.ref[Lights], region: wp.int32, leaf: LeafChoice, position: wp.vec3, rest: wp.float64
+) -> ElementChoice:
+    """An element of a leaf that was chosen for a place, and a point on it.
+
+    Args:
+        region: of the place in the guide.
+        rest: number in [0, 1), besides the one that the choice of the leaf has left.
+    """
+    u = wp.vec2d(leaf.u, rest)
     c = ElementChoice()
     c.element = -1
-    leaf = find_leaf(lights.tree, position, u[0])
     left = leaf.u
     if leaf.node == DISTANT:
-        distant = choose_element(lights.distant, lights.count - lights.first_distant, leaf.u)
-        c.element = lights.first_distant + distant
-        c.probability = leaf.probability * probability_of(lights.distant, distant)
-        left = rest_of_choice(lights.distant, distant, leaf.u)
-    elif leaf.node != NOTHING:
+        if region >= 0 and lights.guide.distant.shape[1] > 0:
+            return _choose_distant(lights.guide.distant[region], lights, leaf, rest)
+        return _choose_distant(lights.distant, lights, leaf, rest)
+    if leaf.node != NOTHING:
         c.element = lights.tree.nodes[leaf.node].first
         last = lights.tree.nodes[leaf.node].last
         seen = leaf_seen(lights, leaf.node, position)
         if seen.near == 1:
-            c = _choose_seen(lights, c.element, last, seen, position, wp.vec2d(leaf.u, u[1]))
+            c = _choose_seen(lights, c.element, last, seen, position, u)
             c.probability = c.probability * leaf.probability
             return c
         c.probability = leaf.probability
@@ -193,14 +221,20 @@ def chance_of_light(lights: wp.ref[Lights], element: wp.int32, position: wp.vec3
     """Probability with which choose_light chooses an element for a place, and how it does so: no u, no weights."""
     c = ElementChoice()
     c.element = element
+    region = region_of(lights.guide, position)
     if element >= lights.first_distant:
         distant = element - lights.first_distant
-        c.probability = chance_of_start(lights.tree, DISTANT, position) * probability_of(lights.distant, distant)
+        of_distant = wp.float32(0.0)
+        if region >= 0 and lights.guide.distant.shape[1] > 0:
+            of_distant = probability_of(lights.guide.distant[region], distant)
+        else:
+            of_distant = probability_of(lights.distant, distant)
+        c.probability = chance_of_start(lights.tree, lights.guide, region, DISTANT, position) * of_distant
         return c
     leaf = lights.tree.leaf[element]
     if leaf < 0:
         return c
-    c.probability = chance_of_leaf(lights.tree, leaf, position)
+    c.probability = chance_of_leaf(lights.tree, lights.guide, region, leaf, position)
     seen = leaf_seen(lights, leaf, position)
     if seen.near == 0:
         c.probability = c.probability * wp.float32(lights.tree.within[element])

@@ -15,7 +15,8 @@ import warp as wp
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights.choice import ElementChoice, chance_of_light, choose_light, pdf_on_triangle
 from wdpm.kernels.lights.elements import Lights, element_of_prim, point_of_triangle
-from wdpm.kernels.lights.environment import environment_pdf, environment_value, sample_environment
+from wdpm.kernels.lights.environment import EnvironmentSample, environment_pdf, environment_value, sample_environment
+from wdpm.kernels.lights.guide import guided_pdf, region_of, sample_guided
 from wdpm.kernels.lights.kinds import make_direct_delta
 from wdpm.kernels.lights.radiance import make_radiance
 from wdpm.kernels.lights.samples import DirectSample, towards
@@ -91,7 +92,12 @@ def make_direct(features: Features) -> DirectCode:
                 s = direct_delta(lights, textures, element - lights.triangles, position, probability)
         if wp.static(features.environment):
             if element >= lights.first_environment:
-                found = sample_environment(lights.environment, chosen.u)
+                region = region_of(lights.guide, position)
+                found = EnvironmentSample()
+                if region >= 0 and lights.guide.tiled == 1:
+                    found = sample_guided(lights.environment, lights.guide, region, chosen.u)
+                else:
+                    found = sample_environment(lights.environment, chosen.u)
                 s.direction = found.direction
                 s.end = position + s.direction * lights.far_away
                 s.radiance = found.radiance
@@ -131,7 +137,11 @@ def make_direct(features: Features) -> DirectCode:
         if wp.static(features.environment):
             if lights.first_environment < lights.count:
                 chance = chance_of_light(lights, lights.first_environment, origin).probability
-                pdf = chance * environment_pdf(lights.environment, direction)
+                region = region_of(lights.guide, origin)
+                if region >= 0 and lights.guide.tiled == 1:
+                    pdf = chance * guided_pdf(lights.environment, lights.guide, region, direction)
+                else:
+                    pdf = chance * environment_pdf(lights.environment, direction)
         return pdf
 
     @wp.func

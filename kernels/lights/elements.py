@@ -6,6 +6,8 @@ scenes.flat.light_table.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
@@ -15,6 +17,7 @@ from wdpm.kernels.lights import delta, environment
 from wdpm.kernels.lights import tree as light_tree
 from wdpm.kernels.lights.delta import DeltaLights
 from wdpm.kernels.lights.environment import Environment
+from wdpm.kernels.lights.guide import Guide
 from wdpm.kernels.lights.tree import BELOW_ONE, LightTree
 from wdpm.scenes.flat.areas import triangle_areas, triangle_normals
 from wdpm.scenes.flat.light_table import LightTable
@@ -39,6 +42,7 @@ class Lights:
         colored: 1 where there are vertex colours.
         far_away: where lights infinitely far away are taken to be.
         offset_min: least distance at which photons leave a surface.
+        guide: what is known of which light reaches which place; nothing for photons.
     """
 
     count: wp.int32
@@ -64,6 +68,7 @@ class Lights:
     tree: LightTree
     distant: wp.array[wp.float64]
     offset_min: wp.float32
+    guide: Guide
 
 
 def upload(table: LightTable, extent: float, device: str) -> Lights:
@@ -93,6 +98,21 @@ def upload(table: LightTable, extent: float, device: str) -> Lights:
     lights.distant = upload_shares(table.power[lights.first_distant :], device)
     lights.offset_min = float(extent) * OFFSET_MIN_SHARE
     return lights
+
+
+def guided(lights: Lights, guide: Guide, around: Environment) -> Lights:
+    """The same lights, for shadow rays that choose among them with a guide.
+
+    Args:
+        around: the environment as the guide divides it: guide.guided_pixels.
+    """
+    view = Lights()
+    struct: Any = Lights  # a warp struct, which type checkers take for the class that it was made of
+    for name in struct.vars:
+        setattr(view, name, getattr(lights, name))
+    view.guide = guide
+    view.environment = around
+    return view
 
 
 def upload_shares(weight: NDArray[np.float64], device: str) -> wp.array[wp.float64]:

@@ -79,6 +79,14 @@ def upload(pixels: NDArray[np.float32], axes: NDArray[np.float32], device: str) 
     return environment
 
 
+def patch_weights(pixels: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Mean radiance times sine of each patch between four nodes, shape [height - 1, width]."""
+    node = (pixels[..., 0].astype(np.float64) + pixels[..., 1] + pixels[..., 2]) / 3.0
+    pair = node + np.roll(node, -1, axis=1)
+    weight: NDArray[np.float64] = (pair[:-1] + pair[1:]) / 4.0 * _sines(len(pixels) - 1)[:, None]
+    return weight
+
+
 def _distribution(
     pixels: NDArray[np.float32],
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], float]:
@@ -86,13 +94,11 @@ def _distribution(
     height, width = pixels.shape[:2]
     if min(height, width) < 2:
         return np.ones(1, np.float32), np.ones((1, 1), np.float32), np.ones(1, np.float32), 0.0
-    node = (pixels[..., 0].astype(np.float64) + pixels[..., 1] + pixels[..., 2]) / 3.0
-    pair = node + np.roll(node, -1, axis=1)
     sine = _sines(height - 1)
-    weight = (pair[:-1] + pair[1:]) / 4.0 * sine[:, None]
+    weight = patch_weights(pixels)
     by_row = np.cumsum(weight, axis=1)[:, -1]  # one after the other: the order of np.sum is the machine's
-    columns = _cumulative(weight)
-    rows = _cumulative(by_row[None])[0]
+    columns = cumulative_shares(weight)
+    rows = cumulative_shares(by_row[None])[0]
     total = np.cumsum(by_row)[-1]
     density = width * (height - 1) / (2.0 * math.pi**2 * total) if total > 0 else 0.0
     return rows, columns, sine.astype(np.float32), float(density)
@@ -109,7 +115,7 @@ def _sines(count: int) -> NDArray[np.float64]:
     return np.asarray(total)
 
 
-def _cumulative(weight: NDArray[np.float64]) -> NDArray[np.float32]:
+def cumulative_shares(weight: NDArray[np.float64]) -> NDArray[np.float32]:
     """Shares up to and with each column, by row; exactly 1 from the last that has any, and all 1 where none has."""
     total = np.cumsum(weight, axis=1)
     last = total[:, -1:]
@@ -161,18 +167,36 @@ def environment_value(e: wp.ref[Environment], direction: wp.vec3) -> wp.vec3:
     return _patch(e, row, column, place[0] - wp.float32(column), place[1] - wp.float32(row))
 
 
+@wp.struct
+class PatchPdf:
+    """The patch of a direction, and pdf_solid_angle with which sample_environment makes the direction."""
+
+    row: wp.int32
+    column: wp.int32
+    pdf: wp.float32
+
+
+@wp.func
+def patch_pdf(e: wp.ref[Environment], direction: wp.vec3) -> PatchPdf:
+    """The patch of a direction of an environment that is no constant."""
+    found = PatchPdf()
+    place = _place(e, direction)
+    found.column = wp.min(wp.int32(place[0]), e.width - 1)
+    found.row = wp.min(wp.int32(place[1]), e.height - 2)
+    if place[2] > 0.0:
+        radiance = _patch(
+            e, found.row, found.column, place[0] - wp.float32(found.column), place[1] - wp.float32(found.row)
+        )
+        found.pdf = _mean(radiance) * (e.sine[found.row] * e.density / place[2])
+    return found
+
+
 @wp.func
 def environment_pdf(e: wp.ref[Environment], direction: wp.vec3) -> wp.float32:
     """pdf_solid_angle with which sample_environment makes a direction."""
     if e.width == 1:
         return _INV_SPHERE
-    place = _place(e, direction)
-    if place[2] == 0.0:
-        return 0.0
-    column = wp.min(wp.int32(place[0]), e.width - 1)
-    row = wp.min(wp.int32(place[1]), e.height - 2)
-    radiance = _patch(e, row, column, place[0] - wp.float32(column), place[1] - wp.float32(row))
-    return _mean(radiance) * (e.sine[row] * e.density / place[2])
+    return patch_pdf(e, direction).pdf
 
 
 @wp.func
@@ -203,7 +227,7 @@ def _search_columns(e: wp.ref[Environment], row: wp.int32, u: wp.float32) -> wp.
 
 
 @wp.func
-def _rest(u: wp.float32, before: wp.float32, after: wp.float32) -> wp.float32:
+def share_left(u: wp.float32, before: wp.float32, after: wp.float32) -> wp.float32:
     """Where u lies between two shares, in [0, 1)."""
     if after <= before:
         return 0.5
@@ -237,12 +261,25 @@ def sample_environment(e: wp.ref[Environment], u: wp.vec2) -> EnvironmentSample:
     before = wp.float32(0.0)
     if row > 0:
         before = e.rows[row - 1]
-    v = _rest(u[1], before, e.rows[row])
+    v = share_left(u[1], before, e.rows[row])
     column = _search_columns(e, row, u[0])
     before = wp.float32(0.0)
     if column > 0:
         before = e.columns[row, column - 1]
-    h = _rest(u[0], before, e.columns[row, column])
+    h = share_left(u[0], before, e.columns[row, column])
+    return in_patch(e, row, column, h, v)
+
+
+@wp.func
+def in_patch(
+    e: wp.ref[Environment], row: wp.int32, column: wp.int32, h: wp.float32, v: wp.float32
+) -> EnvironmentSample:
+    """A direction in a patch in proportion to radiance; its pdf is that of sample_environment.
+
+    Args:
+        h, v: a point of the unit square.
+    """
+    s = EnvironmentSample()
     m00 = _mean(_texel(e, row, column))
     m10 = _mean(_texel(e, row, column + 1))
     m01 = _mean(_texel(e, row + 1, column))

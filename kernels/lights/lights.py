@@ -9,7 +9,7 @@ import warp as wp
 
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights.direct import DirectCode, make_direct
-from wdpm.kernels.lights.elements import Lights, upload, upload_shares
+from wdpm.kernels.lights.elements import Lights, guided, upload, upload_shares
 from wdpm.kernels.lights.emission import make_emission
 from wdpm.kernels.lights.photon_targets import Targets, upload_targets
 from wdpm.kernels.lights.samples import DirectSample, Emission
@@ -27,6 +27,7 @@ __all__ = [
     "around",
     "cluster_targets",
     "concentric_disk",
+    "guided",
     "make_lights",
     "triangle_areas",
     "upload",

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from wdpm.kernels.lights.guide import Guide, start_factor
 from wdpm.scenes.flat import light_tree
 from wdpm.scenes.flat.light_table import LightTable
 
@@ -177,7 +178,9 @@ def defensive(value: wp.float64, total: wp.float64, active: wp.int32) -> wp.floa
 
 
 @wp.func
-def _start(tree: wp.ref[LightTree], position: wp.vec3, u: wp.float64) -> LeafChoice:
+def _start(
+    tree: wp.ref[LightTree], guide: wp.ref[Guide], region: wp.int32, position: wp.vec3, u: wp.float64
+) -> LeafChoice:
     """A head, or DISTANT, or NOTHING."""
     c = LeafChoice()
     c.u = u
@@ -189,10 +192,11 @@ def _start(tree: wp.ref[LightTree], position: wp.vec3, u: wp.float64) -> LeafCho
             c.node = tree.heads[0]
         return c
     values = _Importances()
-    total = wp.float64(tree.distant)
-    active = wp.int32(tree.distant > 0.0)
+    distant = tree.distant * start_factor(guide, region, tree.choices - 1)
+    total = wp.float64(distant)
+    active = wp.int32(distant > 0.0)
     for i in range(tree.head_count):
-        values[i] = importance(tree, tree.heads[i], position)
+        values[i] = importance(tree, tree.heads[i], position) * start_factor(guide, region, i)
         total += wp.float64(values[i])
         active += wp.int32(values[i] > 0.0)
     rest = u * total
@@ -207,9 +211,9 @@ def _start(tree: wp.ref[LightTree], position: wp.vec3, u: wp.float64) -> LeafCho
                 found = 1
             else:
                 rest -= value
-    if found == 0 and tree.distant > 0.0:
+    if found == 0 and distant > 0.0:
         c.node = DISTANT
-        value = defensive(wp.float64(tree.distant), total, active)
+        value = defensive(wp.float64(distant), total, active)
         found = 1
     if c.node != NOTHING:
         c.u = BELOW_ONE
@@ -220,13 +224,22 @@ def _start(tree: wp.ref[LightTree], position: wp.vec3, u: wp.float64) -> LeafCho
 
 
 @wp.func
-def find_leaf(tree: wp.ref[LightTree], position: wp.vec3, u: wp.float64) -> LeafChoice:
+def find_leaf(
+    tree: wp.ref[LightTree], guide: wp.ref[Guide], region: wp.int32, position: wp.vec3, u: wp.float64
+) -> LeafChoice:
     """A leaf, chosen for a place.
 
     Args:
+        region: of the place in the guide.
         u: number in [0, 1).
     """
-    c = _start(tree, position, u)
+    return walk_down(tree, _start(tree, guide, region, position, u), position)
+
+
+@wp.func
+def walk_down(tree: wp.ref[LightTree], start: LeafChoice, position: wp.vec3) -> LeafChoice:
+    """A leaf below a node that was chosen; DISTANT and NOTHING stay what they are."""
+    c = start
     child = wp.int32(-1)
     if c.node >= 0:
         child = tree.nodes[c.node].child
@@ -251,28 +264,33 @@ def find_leaf(tree: wp.ref[LightTree], position: wp.vec3, u: wp.float64) -> Leaf
 
 
 @wp.func
-def chance_of_start(tree: wp.ref[LightTree], number: wp.int32, position: wp.vec3) -> wp.float32:
+def chance_of_start(
+    tree: wp.ref[LightTree], guide: wp.ref[Guide], region: wp.int32, number: wp.int32, position: wp.vec3
+) -> wp.float32:
     """Probability with which a walk for a place starts at a head, or DISTANT."""
     if tree.choices == 1:
         return 1.0
-    total = wp.float64(tree.distant)
-    active = wp.int32(tree.distant > 0.0)
+    distant = tree.distant * start_factor(guide, region, tree.choices - 1)
+    total = wp.float64(distant)
+    active = wp.int32(distant > 0.0)
     own = wp.float64(0.0)
     for i in range(tree.head_count):
-        value = wp.float64(importance(tree, tree.heads[i], position))
+        value = wp.float64(importance(tree, tree.heads[i], position) * start_factor(guide, region, i))
         total += value
         active += wp.int32(value > wp.float64(0.0))
         if tree.heads[i] == number:
             own = value
     if number == DISTANT:
-        own = wp.float64(tree.distant)
+        own = wp.float64(distant)
     if not own > wp.float64(0.0):
         return 0.0
     return wp.float32(defensive(own, total, active) / total)
 
 
 @wp.func
-def chance_of_leaf(tree: wp.ref[LightTree], leaf: wp.int32, position: wp.vec3) -> wp.float32:
+def chance_of_leaf(
+    tree: wp.ref[LightTree], guide: wp.ref[Guide], region: wp.int32, leaf: wp.int32, position: wp.vec3
+) -> wp.float32:
     """Probability with which find_leaf comes to a leaf."""
     probability = wp.float32(1.0)
     node = wp.int32(leaf)
@@ -283,4 +301,4 @@ def chance_of_leaf(tree: wp.ref[LightTree], leaf: wp.int32, position: wp.vec3) -
             return 0.0
         probability = probability * wp.float32(own / (own + wp.float64(importance(tree, sibling, position))))
         node = tree.nodes[node].parent
-    return probability * chance_of_start(tree, node, position)
+    return probability * chance_of_start(tree, guide, region, node, position)

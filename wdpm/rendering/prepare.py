@@ -16,6 +16,7 @@ from wdpm.cluster.layers import layers_of
 from wdpm.cluster.plan.copies import largest_team, scene_bytes
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import effects_of, missing_effects
+from wdpm.cluster.plan.light_guide import with_guide
 from wdpm.cluster.plan.light_samples import light_samples_of
 from wdpm.cluster.plan.photon_pilot import PILOT_PATHS
 from wdpm.cluster.plan.render_plan import RenderPlan, make_render_plan
@@ -146,7 +147,7 @@ def prepare(
     plan = make_render_plan(flat, settings, largest_team(workers, least), launcher, cells)
     world = replace(plan.world, strict=settings.strict)
     triangles = _digest(flat.triangles)
-    view = view_of(flat, settings, max(workers, processes))
+    view = with_guide(view_of(flat, settings, max(workers, processes)), plan.learnt)
     alone = workers == 1 and plan.pilot is not None
     session = Session(
         world=world,
@@ -170,7 +171,7 @@ def prepare(
         len(flat.triangles),
         sum(flat.dropped.values()),
         kernels,
-        () if chose is None else (chose,),
+        (*(() if chose is None else (chose,)), *plan.learnt.words),
         left_out,
         approximations(scene, plan.world, settings),
         scene.warnings + dropped + unused,

@@ -1,0 +1,36 @@
+"""Two rooms behind a wall: the camera is in the one, and nearly all lamps shine in the other."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from furnaces import quad, scene, view
+from window_room import ALBEDO, shell
+
+from wdpm.scenes.model.lights import DirectionalLight, Light, PointLight
+from wdpm.scenes.model.scene import Mesh, Scene
+
+OTHERS = 6
+
+
+def rooms(more: tuple[Light, ...] = (), size: tuple[int, int] = (48, 32)) -> Scene:
+    """A box with a wall at z = -0.5. Before it a lamp of radiance 4, behind it six lamps ten times as strong."""
+    camera = replace(view((0.0, 0.2, 1.9), (0.0, -0.1, -0.5), 80, up=(0, 1, 0)), width=size[0], height=size[1])
+    wall = [quad((-1, -1, -0.5), (2, 0, 0), (0, 2, 0)), quad((-1, -1, -0.51), (0, 2, 0), (2, 0, 0))]
+    made = scene([*shell(), *wall, *_lamps()], camera, ALBEDO)
+    return replace(made, lights=more)
+
+
+def _lamp(x: float, z: float, radiance: float) -> Mesh:
+    """A lamp below the ceiling, facing down."""
+    return quad((x, 0.98, z), (0.2, 0, 0), (0, 0, 0.2), emission=(radiance, radiance, radiance))
+
+
+def _lamps() -> list[Mesh]:
+    behind = [_lamp(-0.8 + 0.6 * (i % 3), -1.8 + 0.6 * (i // 3), 40.0) for i in range(OTHERS)]
+    return [_lamp(-0.1, 0.6, 4.0), *behind]
+
+
+POINT = PointLight("point", (0.5, 0.0, 1.0), (0.2, 0.2, 0.2))
+SUN = DirectionalLight("sun", (-0.3, -0.9, 0.1), (30.0, 30.0, 30.0))
+"""Above the closed ceiling and the wall to the right: it reaches nothing."""
