@@ -45,6 +45,7 @@ class Algorithm(ABC):
         shadow_rays: from what a camera sample sees, where nobody says how many and lights are worth more than one.
         ignored: fields of RenderSettings that it does not look at.
         why_ignored: in words that follow its name; empty if there are none.
+        stands_for_others: whether what renders is picked among the others, for each scene (plan.integrator_trial).
         cannot_leave_out: effects of EFFECTS_TO_LEAVE_OUT that `without` must not name: `check` refuses them.
     """
 
@@ -56,6 +57,7 @@ class Algorithm(ABC):
     shadow_rays: ClassVar[int]
     ignored: ClassVar[tuple[str, ...]]
     why_ignored: ClassVar[str]
+    stands_for_others: ClassVar[bool] = False
     cannot_leave_out: ClassVar[frozenset[str]]
 
     @abstractmethod

@@ -8,7 +8,7 @@ from wdpm.cluster.integrators.algorithm import Algorithm, WantedMaps
 from wdpm.cluster.integrators.indirect import Indirect
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.scenes.errors import SettingsError
-from wdpm.scenes.model.bsdfs import walk
+from wdpm.scenes.model.bsdfs import is_smooth_anywhere
 from wdpm.scenes.model.lights import DeltaLight
 
 if TYPE_CHECKING:
@@ -84,4 +84,4 @@ def _hides_light(scene: Scene) -> bool:
     if not any(isinstance(light, DeltaLight) for light in scene.lights):
         return False
     used = {mesh.material for mesh in scene.meshes}
-    return any(node.is_smooth for number in used for node in walk(scene.materials[number].bsdf))
+    return any(is_smooth_anywhere(scene.materials[number].bsdf) for number in used)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from enum import Enum
 
 from wdpm.cluster.integrators.algorithm import Algorithm
+from wdpm.cluster.integrators.automatic import Automatic
 from wdpm.cluster.integrators.path import PathTracing
 from wdpm.cluster.integrators.photons import PhotonMapping
 
@@ -21,6 +22,7 @@ class Integrator(Enum):
 
     PHOTONS = PhotonMapping()
     PATH = PathTracing()
+    AUTO = Automatic()
 
     def __new__(cls, algorithm: Algorithm) -> Integrator:
         """A member of the algorithm's name."""

@@ -47,6 +47,7 @@ class Effect:
         on: whether it is on: compiled in, made or traced.
         because: names of what calls for it: materials, lights, media, the camera.
         switches_on: maps, kernels and rays.
+        spared: it is off since it would show nothing: the plan says so, not a person.
     """
 
     name: str
@@ -55,11 +56,12 @@ class Effect:
     on: bool
     because: tuple[str, ...]
     switches_on: str
+    spared: bool = False
 
     @property
     def left_out(self) -> bool:
         """The scene calls for it, and a person did not want it."""
-        return self.called and not self.on
+        return self.called and not self.on and not self.spared
 
     @property
     def reason(self) -> str:
@@ -141,6 +143,8 @@ def _maps(flat: FlatScene, causes: dict[str, tuple[str, ...]], world: World, set
     indirect, caustics = shines and bool(diffuse), shines and bool(diffuse) and bool(glossy)
     targets = len(world.emission.target_radius)
     aimed = bool(world.caustic_map.paths) and targets > 0
+    wanted = settings.algorithm.maps(settings)
+    no_caustic = wanted.caustic and not world.caustic_map.paths  # the pilot found none
     number = len(flat.lights.names)
     return [
         Effect(
@@ -158,6 +162,7 @@ def _maps(flat: FlatScene, causes: dict[str, tuple[str, ...]], world: World, set
             world.caustic_map.paths > 0,
             glossy if caustics else (),
             f"a map of {settings.caustic_photons:,} photons, gathers of {settings.caustic_k}",
+            spared=no_caustic,
         ),
         Effect(
             "aimed photons",
@@ -166,6 +171,7 @@ def _maps(flat: FlatScene, causes: dict[str, tuple[str, ...]], world: World, set
             aimed,
             glossy if caustics else (),
             f"caustic paths aimed at {targets:,} spheres" if aimed else "caustic paths aimed at spheres",
+            spared=no_caustic,
         ),
         Effect(
             "volume photon map",
@@ -174,6 +180,7 @@ def _maps(flat: FlatScene, causes: dict[str, tuple[str, ...]], world: World, set
             world.volume_map.paths > 0,
             causes["media"] if shines else (),
             f"a map of {settings.volume_photons:,} photons, beams along rays",
+            spared=wanted.volume and not world.volume_map.paths,
         ),
         Effect(
             "light shares",

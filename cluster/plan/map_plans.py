@@ -3,37 +3,36 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
-import warp as wp
 
 from wdpm.cluster.batch import Arrays
+from wdpm.cluster.plan.map_worth import (
+    MapWorth,
+    caustics_in_words,
+    fewer_neighbours,
+    worth_of_caustics,
+    worth_of_volume,
+)
 from wdpm.cluster.plan.photon_pilot import IRRADIANCE_SHARE, PhotonPilot
+from wdpm.cluster.plan.pilot_gathers import PILOT_K, gather_among
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.world import IrradiancePlan, MapPlan
-from wdpm.kernels.photons import photon_map
 from wdpm.kernels.photons.beam import sum_unit
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
-from wdpm.kernels.photons.gather import gather_kernel
 from wdpm.scenes.flat.areas import triangle_areas
 from wdpm.scenes.flat.flatten import FlatScene
 
 PILOT_GATHERS = 4096
 """Pilot photons at which the pilot asks for its own density."""
 
-PILOT_K = 16
-"""Neighbours that tell the density at a pilot photon: few enough to stay local, enough to be within a quarter."""
-
 RADIUS_QUANTILE = 0.5
 RADIUS_MARGIN = 2.5
 """The gather radius is 2.5 times the one in which the median photon finds k others: gathers in light that is a sixth as
 dense still find their k; dimmer places are averaged over the fixed radius, and counted in the report. Wider, the
 overlap bands would take more photons than they are worth; narrower, dim places would be noisier."""
-
-PATHS_A_PHOTON = 10
-"""Most paths for each photon that is asked for: where hardly any path stores one, as under the open sky or far from
-the only mirror, indirect light is faint, and fewer photons tell it. The report says how many were stored."""
 
 BEAM_K = 40
 """Volume photons in a ball of the beams' radius about the median one: a beam through it then finds some hundred."""
@@ -54,37 +53,55 @@ POINTS_A_PHOTON = 2
 POINTS_A_DISC = 64
 """Surface points in the largest gather, at least, however few the photons."""
 
+POINTS_IN_DISC = 1 << 11
+"""Surface points in the largest gather that are enough, of few photons: more would cost more than the gather itself."""
+
 POINTS_LEAST = 1 << 16
 POINTS_MOST = 1 << 24
 """Bounds to the number of surface points: 52 bytes each."""
 
 
-def map_plans(pilot: PhotonPilot, settings: RenderSettings, flat: FlatScene) -> tuple[MapPlan, MapPlan, MapPlan]:
-    """Paths and radius of the global, the caustic and the volume map."""
+@dataclass(frozen=True)
+class MapPlans:
+    """All maps of a render.
+
+    Attributes:
+        maps: the global, the caustic and the volume map.
+        caustic_k: photons that gathers of the caustic map look for.
+        chose: in words, what was decided by what the maps are worth, and why.
+    """
+
+    maps: tuple[MapPlan, MapPlan, MapPlan]
+    caustic_k: int
+    chose: tuple[str, ...]
+
+
+def map_plans(pilot: PhotonPilot, settings: RenderSettings, flat: FlatScene) -> MapPlans:
+    """Paths and radius of each map."""
     world, cell, photons, extent, unit = pilot.world, pilot.cell, pilot.photons, flat.extent, flat.unit
     area = float(triangle_areas(flat.triangles.positions).sum())
     stored = [len(part["id"]) for part in photons]
-    asked = [settings.photons, settings.caustic_photons, settings.volume_photons if world.volume_map.paths else 0]
-    wanted = [
-        min(math.ceil(a * pilot.paths / s), PATHS_A_PHOTON * a) if s else PATHS_A_PHOTON * a
-        for a, s in zip(asked, stored, strict=True)
-    ]
-    paths = max(wanted[GLOBAL_MAP] if stored[GLOBAL_MAP] else 0, wanted[VOLUME_MAP] if stored[VOLUME_MAP] else 0)
-    caustic_paths = wanted[CAUSTIC_MAP]
-    every = [paths, caustic_paths if world.caustic_map.paths else 0, paths if world.volume_map.paths else 0]
+    caustics, volume = worth_of_caustics(pilot), worth_of_volume(pilot)
+    of_global = MapWorth(stored[GLOBAL_MAP], 1.0).paths(settings.photons, pilot.paths)
+    of_volume = volume.paths(settings.volume_photons, pilot.paths) if world.volume_map.paths else 0
+    paths = max(of_global, of_volume)
+    caustic_paths = caustics.paths(settings.caustic_photons, pilot.paths) if world.caustic_map.paths else 0
+    every = [paths, caustic_paths, paths if of_volume else 0]
     expected = [s * p / pilot.paths for s, p in zip(stored, every, strict=True)]
+    caustic_k = fewer_neighbours(settings.caustic_k, expected[CAUSTIC_MAP]) if caustic_paths else settings.caustic_k
     radii = [
         _given(settings.radius, unit)
         or _gather_radius(cell, photons[GLOBAL_MAP], settings.k, expected[GLOBAL_MAP], extent),
         _given(settings.caustic_radius, unit)
-        or _gather_radius(cell, photons[CAUSTIC_MAP], settings.caustic_k, expected[CAUSTIC_MAP], extent),
+        or _gather_radius(cell, photons[CAUSTIC_MAP], caustic_k, expected[CAUSTIC_MAP], extent),
         _given(settings.volume_radius, unit) or _beam_radius(photons[VOLUME_MAP], expected[VOLUME_MAP], extent),
     ]
     plans = [
         MapPlan(p, r, settings.band * r, old.read, _point_area(area, r, e))
         for p, r, e, old in zip(every, radii, expected, world.maps, strict=True)
     ]
-    return plans[0], plans[1], plans[2]
+    words = caustics_in_words(caustics, pilot, settings.caustic_photons, caustic_paths)
+    return MapPlans((plans[0], plans[1], plans[2]), caustic_k, () if words is None else (words,))
 
 
 def _given(length: float | None, unit: float) -> float | None:
@@ -125,34 +142,11 @@ def volume_unit(photons: Arrays, volume_map: MapPlan, flat: FlatScene) -> float:
 def _gather_radius(cell: Cell, photons: Arrays, k: int, expected: float, extent: float) -> float:
     """A gather radius from the density of the pilot's photons, scaled to the number expected."""
     position, normal = photons["position"], photons["normal"]
-    if len(position) <= PILOT_K:
+    if len(position) <= PILOT_K or not expected:
         return extent / 16.0  # next to nothing lands: any radius of the scene's order serves
-    launcher = cell.replica.launcher
-    device = launcher.device
     queries = np.linspace(0, len(position) - 1, min(PILOT_GATHERS, len(position))).astype(np.intp)
-    pilot_map = photon_map.build(
-        position, np.ones_like(position), normal, normal, np.arange(len(position), dtype=np.int64), device=device
-    )
-    at = wp.array(position[queries], dtype=wp.vec3, device=device)
-    facing = wp.array(normal[queries], dtype=wp.vec3, device=device)
-    count = len(queries)
-    found = wp.empty(count, dtype=wp.float32, device=device)
-    launcher(
-        gather_kernel,
-        count,
-        photons=pilot_map,
-        position=at,
-        normal=facing,
-        shading_normal=facing,
-        k=PILOT_K,
-        r_max=extent,
-        run=1,
-        irradiance_out=wp.empty(count, dtype=wp.vec3, device=device),
-        count_out=wp.empty(count, dtype=wp.int32, device=device),
-        radius_out=found,
-        truncated_out=wp.empty(count, dtype=wp.bool, device=device),
-    )
-    radius = float(np.quantile(found.numpy(), RADIUS_QUANTILE))
+    _, found = gather_among(cell, photons, position[queries], normal[queries], extent)
+    radius = float(np.quantile(found, RADIUS_QUANTILE))
     # Photons on a surface: as many times denser, as many times less area for the same number.
     denser = expected / len(position)
     return RADIUS_MARGIN * radius * math.sqrt(k / PILOT_K / denser)
@@ -160,5 +154,7 @@ def _gather_radius(cell: Cell, photons: Arrays, k: int, expected: float, extent:
 
 def _point_area(area: float, radius: float, photons: float) -> float:
     """The area that a surface point stands for, of a map of so many photons on a scene of that area."""
-    wanted = max(POINTS_A_PHOTON * photons, POINTS_A_DISC * area / (math.pi * radius**2), POINTS_LEAST)
+    discs = area / (math.pi * radius**2)
+    least = min(POINTS_LEAST, POINTS_IN_DISC * discs)
+    wanted = max(POINTS_A_PHOTON * photons, POINTS_A_DISC * discs, least)
     return area / min(wanted, POINTS_MOST)

@@ -5,7 +5,7 @@ What it stores tells how many paths bring the photons that are asked for, and wh
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,12 +22,16 @@ from wdpm.cluster.world import IrradiancePlan, MapPlan, TopTree, World
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.limits import MAPS
+from wdpm.kernels.photons.deposits import GLOBAL_MAP
 from wdpm.kernels.photons.flight import BOUNCE_BITS
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.used_media import calls_for_media
 
 PILOT_PATHS = 1 << 15
 """Paths of the pilot: its stored photons tell paths per photon to about half a percent, in some 50 ms."""
+
+DIRECT_PATHS = 1 << 13
+"""Paths that tell where light straight from the lights falls, where the pilot's photons do not."""
 
 IRRADIANCE_SHARE = 0.25
 """Every fourth photon has its irradiance computed ahead (Christensen 1999): a gather ray then finds one within a third
@@ -39,11 +43,13 @@ class PhotonPilot:
     """What the pilot's paths stored.
 
     Attributes:
+        settings: of the render that it was flown for.
         paths: of each pass, if any were.
         worker: of one cell that is the whole scene.
         photons: of each map, by the numbers of kernels.photons.deposits, in the order of the photons' own.
     """
 
+    settings: RenderSettings
     paths: int
     worker: CellWorker
     photons: list[Arrays]
@@ -73,13 +79,59 @@ class PhotonPilot:
         return flux
 
 
-def fly_pilot(flat: FlatScene, features: Features, settings: RenderSettings, launcher: Launcher) -> PhotonPilot:
-    """Trace the pilot's paths, if light comes by photons."""
-    worker = CellWorker(0, _pilot_world(flat, features, settings), {0: flat.triangles}, [0], launcher)
+def fly_pilot(
+    flat: FlatScene,
+    features: Features,
+    settings: RenderSettings,
+    launcher: Launcher,
+    worker: CellWorker | None = None,
+) -> PhotonPilot:
+    """Trace the pilot's paths, if light comes by photons.
+
+    Args:
+        worker: that has the whole scene in one cell already; it is used if its kernels are for the same features.
+    """
+    world = _pilot_world(flat, features, settings)
+    if worker is None or worker.replica.world.features != features:
+        worker = CellWorker(0, world, {0: flat.triangles}, [0], launcher)
+    else:
+        worker.adopt(world)
     paths = worker.replica.world.paths
     if paths:
         worker.start(PhotonTask(number=0, start=0, stop=paths))
-    return PhotonPilot(PILOT_PATHS, worker, _by_map(worker.cells[0].store.so_far()))
+    return PhotonPilot(settings, PILOT_PATHS, worker, _by_map(worker.cells[0].store.so_far()))
+
+
+def pilot_for(
+    flat: FlatScene, features: Features, settings: RenderSettings, launcher: Launcher, before: PhotonPilot | None
+) -> PhotonPilot:
+    """The pilot of a render: the one that was flown before if that was for the very same, or else another.
+
+    Args:
+        before: a pilot of the same scene, whose worker is used again where it can be; None if there was none.
+    """
+    if before is not None and before.settings == settings and before.world.features == features:
+        return before
+    return fly_pilot(flat, features, settings, launcher, None if before is None else before.worker)
+
+
+def direct_photons(pilot: PhotonPilot) -> tuple[Arrays, int]:
+    """Photons straight from the lights, and how many paths they are of: for a pilot whose maps have none of them."""
+    world, worker = pilot.world, pilot.worker
+    paths = min(DIRECT_PATHS, world.global_map.paths or pilot.paths)
+    straight = replace(
+        world,
+        max_depth=2,
+        global_map=MapPlan(paths),
+        caustic_map=MapPlan(0),
+        volume_map=MapPlan(0),
+        irradiance=IrradiancePlan(IRRADIANCE_SHARE),
+    )
+    worker.adopt(straight)
+    worker.start(PhotonTask(number=0, start=0, stop=paths))
+    photons = _by_map(worker.cells[0].store.so_far())[GLOBAL_MAP]
+    worker.adopt(world)
+    return photons, paths
 
 
 def _pilot_world(flat: FlatScene, features: Features, settings: RenderSettings) -> World:

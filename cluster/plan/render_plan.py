@@ -17,7 +17,7 @@ from wdpm.cluster.plan.light_guide import Learnt, learn_guide
 from wdpm.cluster.plan.light_shares import shared_out
 from wdpm.cluster.plan.map_plans import irradiance_plan, map_plans, volume_unit
 from wdpm.cluster.plan.partition import rows_of_cells
-from wdpm.cluster.plan.photon_pilot import fly_pilot
+from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
 from wdpm.cluster.plan.top_tree import build_top_tree, photons_in_cells
 from wdpm.cluster.plan.view import view_of
 from wdpm.cluster.render_settings import RenderSettings
@@ -40,6 +40,8 @@ class RenderPlan:
             holds the whole scene.
         pilot_photons: places of the pilot's photons, float32, shape [P, 3].
         learnt: how the view's shadow rays choose among lights.
+        caustic_k: photons that gathers of the caustic map look for.
+        chose: what was decided by what photon maps are worth, and why.
     """
 
     world: World
@@ -48,19 +50,28 @@ class RenderPlan:
     pilot: CellWorker | None
     pilot_photons: NDArray[np.float32]
     learnt: Learnt
+    caustic_k: int
+    chose: tuple[str, ...]
 
 
 def make_render_plan(
-    flat: FlatScene, settings: RenderSettings, workers: int, launcher: Launcher, cells: int | None = None
+    flat: FlatScene,
+    settings: RenderSettings,
+    workers: int,
+    launcher: Launcher,
+    cells: int | None = None,
+    pilot: PhotonPilot | None = None,
 ) -> RenderPlan:
     """Decide what an image depends on, and who will compute what.
 
     Args:
         workers: how many will share the work; 0 and 1 are alike.
         cells: a power of two; None for the least that gives every worker the like.
+        pilot: that was flown to decide on settings.
     """
-    pilot = fly_pilot(flat, features_of(flat, settings), settings, launcher)
-    maps = map_plans(pilot, settings, flat)
+    pilot = pilot_for(flat, features_of(flat, settings), settings, launcher, pilot)
+    planned = map_plans(pilot, settings, flat)
+    maps = planned.maps
     for each in maps:
         check_settings(settings.k, each.radius)
     irradiance = irradiance_plan(settings, maps[GLOBAL_MAP])
@@ -90,4 +101,5 @@ def make_render_plan(
     view = view_of(flat, settings, workers)
     pilot.worker.set_view(view)
     learnt = learn_guide(flat, pilot.cell, view)
-    return RenderPlan(world, rows, weights, pilot.worker if tree.cells == 1 else None, places, learnt)
+    worker = pilot.worker if tree.cells == 1 else None
+    return RenderPlan(world, rows, weights, worker, places, learnt, planned.caustic_k, planned.chose)

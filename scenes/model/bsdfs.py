@@ -359,6 +359,11 @@ def walk(bsdf: Bsdf) -> Iterator[Bsdf]:
         yield from walk(inner)
 
 
+def is_smooth_anywhere(bsdf: Bsdf) -> bool:
+    """Whether some part of it reflects or refracts light in single directions."""
+    return any(node.is_smooth for node in walk(bsdf))
+
+
 def textures_of(bsdf: Bsdf) -> tuple[Texture, ...]:
     """All textures that a scattering function reads, in the order of its tree."""
     values = [getattr(node, part.name) for node in walk(bsdf) for part in fields(node)]

@@ -40,16 +40,23 @@ def cornell_box() -> Scene:
     return load("cornell-box", size=SIZE)
 
 
-def glass_box() -> Scene:
-    """The box with a block of glass."""
+def with_glass(which: int) -> Scene:
+    """The box with one of its meshes made of glass."""
     scene = cornell_box()
-    number = scene.meshes[-1].material
-    glass = replace(scene.materials[number], bsdf=Dielectric())
-    used = {mesh.material for mesh in scene.meshes[:-1]}
-    materials = scene.materials if number in used else scene.materials[:number]
-    scene = replace(scene, materials=(*materials, glass))
-    last = replace(scene.meshes[-1], material=len(scene.materials) - 1)
-    return replace(scene, meshes=(*scene.meshes[:-1], last))
+    glass = replace(scene.materials[0], bsdf=Dielectric())
+    meshes = list(scene.meshes)
+    meshes[which] = replace(meshes[which], material=len(scene.materials))
+    return replace(scene, meshes=tuple(meshes), materials=(*scene.materials, glass))
+
+
+def glass_box() -> Scene:
+    """A block of glass."""
+    return with_glass(-2)
+
+
+def glass_lamp() -> Scene:
+    """Nothing but the lamp is of glass, which light never meets again."""
+    return with_glass(-1)
 
 
 def foggy_box() -> Scene:
@@ -84,6 +91,7 @@ def idle(scene: Scene, **chosen: Any) -> dict[str, str]:
         (cornell_box, {"max_depth": 1}, ALL - {"spp", "slaves"}),
         (cornell_box, {"integrator": Integrator.PATH}, ALL - {"spp", "slaves", "light_samples"}),
         (glass_box, {}, VOLUME),
+        (glass_lamp, {}, VOLUME | CAUSTIC),
         (glass_box, {"caustic_photons": 0}, VOLUME | {"caustic_k", "caustic_radius"}),
         (glass_box, {"without": ("caustics",)}, VOLUME | CAUSTIC),
         (foggy_box, {}, CAUSTIC),

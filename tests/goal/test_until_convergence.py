@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wdpm.goal.convergence import LEAST_PASSES, ConvergenceEstimator, centred_figure, spread_figure
+from wdpm.goal.convergence import LEAST_PASSES, ConvergenceEstimator, centred_figure, spread_figure, with_rare
 from wdpm.goal.goal import Metric
 from wdpm.goal.reference_pair import ReferencePair, coarser, factor_for
 from wdpm.rendering.pass_plan import shrink
+from wdpm.report.report import ErrorFigure
 
 Values = NDArray[np.float64]
 
@@ -107,6 +108,35 @@ def test_rare_bright_samples_are_not_hidden_by_the_brightness_that_they_lend_a_p
         true.append(passes.error(mean))
     assert np.mean(true) > 10 * np.mean(naive)
     assert np.mean(told) > 5 * np.mean(naive)
+
+
+def test_a_pixel_that_one_pass_saw_bright_may_be_far_darker_and_the_upper_end_knows() -> None:
+    """A lamp's edge in one pixel: where one sample of ten met it, and one in fifty should."""
+    held = []
+    for seed in range(150):
+        passes = Passes(seed, 0.01, 0.0)
+        edge = passes.random.random(10) < 0.02  # of ten samples, how many meet the lamp: most often one, if any
+        estimator = ConvergenceEstimator(passes.truth.shape, Metric.RELMSE, False)
+        passes.truth[SIZE // 2, SIZE // 2] = 0.02 * 17.0
+        for hit in edge:
+            layers = passes.render(0)
+            layers["beauty"][SIZE // 2, SIZE // 2] = 17.0 if hit else 0.0
+            estimator.add(layers, 1, 1.0)
+        estimate = estimator.estimate()
+        assert estimate is not None
+        if edge.sum() == 1:
+            held.append(passes.error(estimator.mean()) <= estimate.noise.high)
+    assert len(held) > 20
+    assert np.mean(held) >= 0.9
+
+
+def test_what_may_be_off_by_chance_evens_out_over_many_pixels() -> None:
+    one, many = np.zeros((10, 10, 3)), np.ones((10, 10, 3))
+    one[0, 0] = 100.0
+    noise = ErrorFigure(1.0, 0.5, 1.5)
+    assert with_rare(noise, one).high == pytest.approx(1.0 + np.hypot(0.5, 1.0))
+    assert with_rare(noise, many).high == pytest.approx(1.0 + np.hypot(0.5, 0.1))
+    assert (with_rare(noise, many).value, with_rare(noise, many).low) == (1.0, 0.5)
 
 
 def test_a_lamp_as_small_as_a_pixel_is_no_chance() -> None:

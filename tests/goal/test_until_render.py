@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shlex
 from dataclasses import replace
 from pathlib import Path
@@ -90,17 +91,9 @@ class Costs:
 @pytest.mark.parametrize(
     ("photons", "passes"),
     [
-        pytest.param(0.1, 2, id="many samples a pass"),
-        pytest.param(
-            0.02,
-            9,
-            id="one sample a pass",
-            marks=pytest.mark.xfail(
-                strict=True,
-                raises=AssertionError,
-                reason="of so few samples the estimate misses rare ones: relMSE is 0.27, 0.1 was asked for",
-            ),
-        ),
+        pytest.param(0.1, 3, id="many samples a pass"),
+        # One sample of nine hits the lamp in a pixel where it should be one in a hundred.
+        pytest.param(0.02, 17, id="one sample a pass"),
     ],
 )
 def test_the_image_is_within_the_error(
@@ -220,6 +213,17 @@ def test_what_comes_by_photon_maps_alone_may_be_left_out(scene: Scene) -> None:
     assert image.metadata["asked"]["reached"]
 
 
+@pytest.mark.parametrize("photons", [RenderSettings().photons, 20_000])
+def test_an_integrator_that_is_to_be_picked_is_picked_once_before_all_else(scene: Scene, photons: int) -> None:
+    """Photons that were asked for are shot."""
+    settings = RenderSettings(integrator=Integrator.AUTO, photons=photons)
+    pilot = TrialPilot(scene, settings, frozenset(), Workplace(InProcess(threads=2), SilentProgress()))
+    pilot.run(Goal(0.5))
+    picked = wdpm.render(scene, settings, threads=2).metadata["settings"]["integrator"]
+    assert {trial.settings.integrator.value for trial in pilot.trials} == {picked}
+    assert picked == "photons" or photons != 20_000
+
+
 def test_passes_of_the_pilot_count(scene: Scene) -> None:
     pilot = TrialPilot(scene, RenderSettings(**FEW), frozenset(FEW), Workplace(InProcess(threads=2), SilentProgress()))
     pilot.run(Goal(0.3))
@@ -229,6 +233,21 @@ def test_passes_of_the_pilot_count(scene: Scene) -> None:
     assert {plan.number for plan in first.results} == {0, 1}
     assert first.sample_noise > 0 < first.sample_cost
     assert schedule.samples >= 1
+
+
+@pytest.mark.parametrize(("budget", "measured"), [(200.0, True), (15.0, False)])
+def test_a_pilot_takes_a_tenth_of_a_time_but_for_its_first_pass(
+    budget: float, measured: bool, scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    costs = Costs(0.5, 0.5, monkeypatch)
+    work = Workplace(InProcess(threads=2), SilentProgress(), costs)
+    pilot = TrialPilot(scene, RenderSettings(indirect=Indirect.MAP), frozenset({"indirect"}), work)
+    pilot.run(Goal(seconds=budget), lambda: budget - costs.now)
+    assert [trial.measured for trial in pilot.trials] == [measured] * len(pilot.trials)
+    assert costs.now <= 0.1 * budget + 1.0
+    schedule, reached = pilot.best(Goal(seconds=budget), budget - costs.now)
+    assert reached
+    assert math.isnan(schedule.error) != measured
 
 
 def test_slaves_render_the_same_image(scene: Scene) -> None:

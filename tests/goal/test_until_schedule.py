@@ -53,6 +53,8 @@ def test_the_model_adds_up() -> None:
     assert found.noise == pytest.approx((0.01 * sum(1 / q for q in shares) / 3 + stratified(12) * 0.05 / 4) / 3)
     feared = schedule_of(replace(trial(), rare=0.7), 3, 4)
     assert feared.noise - found.noise == pytest.approx(0.7 * (2 / 12) ** 1.5)
+    lone = schedule_of(replace(trial(), lone=70.0), 3, 4)
+    assert lone.noise - found.noise == pytest.approx(70.0 * (2 / 12) ** 3)
     assert found.bias == pytest.approx(0.002 * sum(shares) / 3)
     assert (found.settings.spp, found.settings.passes, found.samples) == (12, 3, 4)
 
@@ -158,3 +160,12 @@ def test_the_age_of_the_process_grows_with_the_clock() -> None:
     age, began = process_age(), time.monotonic()
     assert age > 0
     assert process_age() - age == pytest.approx(time.monotonic() - began, abs=0.05)
+
+
+def test_what_was_not_measured_is_not_foretold() -> None:
+    """A trial that had time for one pass knows a time and no error: it gives way to one that knows both."""
+    blind = replace(trial(0.0, 0.2, 0.0, 0.0, 0.0), measured=False)
+    assert math.isnan(schedule_of(blind, 3, 4).error)
+    assert soonest([blind], 0.1) is None
+    assert nearest([blind], 10.0).seconds <= 10.0
+    assert nearest([blind, trial()], 10.0).trial.measured

@@ -7,7 +7,9 @@ mean stands in; but a pixel that a rare bright sample hit has a large spread and
 other. So passes are dealt to two halves, and the spread is divided by the geometric mean of the whole and of the darker
 half, so that it is not hidden until both halves have seen such samples. That errs on the large side while they are
 rare, by a factor of up to two. A pixel that is far brighter than all around it is divided by the brightest of these,
-unless both halves have seen it so: then it is no chance, but a lamp as small as the pixel.
+unless both halves have seen it so: then it is no chance, but a lamp as small as the pixel. On average that weight is
+about right; but a pixel that one sample hit, where one in fifty should have, is off by far more than that: the upper
+end of the interval knows (with_rare).
 
 **Bias**, from a pair of references: path-traced images a and b of fewer pixels (reference_pair.py), which are noisy
 but not biased. For the mean image x, (x - a)(x - b) is on average exactly x's squared error, whatever causes it, since
@@ -48,6 +50,11 @@ ONE_SIDED = 1.2815515655446004
 
 OUTLIER = 4.0
 """As many times brighter than all pixels around it, a pixel is taken to owe that to chance."""
+
+ONE_HIT = 0.105
+"""Of the mean of a pixel that one pass alone has seen bright, what the truth is at least in nine of ten cases. Had the
+passes been expected to see u such samples, u is distributed as exp(-u) given that they saw one (by a prior that is
+even), and lies above -ln 0.9 with a probability of 0.9."""
 
 CAUSTIC_SHARE = 0.1
 """Of a pixel's light that comes from the caustic map, where the reference is not believed."""
@@ -128,18 +135,25 @@ class ConvergenceEstimator:
         """What the passes so far tell; None before there are enough."""
         if self._passes < LEAST_PASSES:
             return None
-        mean = self.mean()
+        mean, weight = self.mean(), self.weight()
         variance, freedom = variance_of_mean(self._batches)
-        noise = spread_figure(variance * self._weight(mean), freedom)
+        noise = with_rare(spread_figure(variance * weight, freedom), variance * (self._most_weight(mean) - weight))
         bias = self._bias(mean)
         return Estimate(noise, bias, _sum(noise, bias))
 
-    def _weight(self, mean: Values) -> Values:
+    def weight(self) -> Values:
         """Of a pixel's variance, in place of the truth's."""
+        mean = self.mean()
         darker = np.minimum(np.abs(self._halves[0]), np.abs(self._halves[1]))
         around = brightest_neighbour(mean)
         by_chance = (mean > OUTLIER * around) & (darker <= OUTLIER * around)
         return np.where(by_chance, self.metric.weight(around), self.metric.weight(darker, mean))
+
+    def _most_weight(self, mean: Values) -> Values:
+        """The same in nine of ten cases at most, where a single pass saw a pixel so bright (ONE_HIT)."""
+        darker = np.minimum(np.abs(self._halves[0]), np.abs(self._halves[1]))
+        least = np.maximum(darker, ONE_HIT * np.abs(mean))
+        return np.maximum(self.metric.weight(least), self.weight())
 
     def _bias(self, mean: Values) -> ErrorFigure:
         if not self._biased:
@@ -213,6 +227,20 @@ def spread_figure(variance: Values, freedom: int) -> ErrorFigure:
     together = value**2 * (freedom + 2) / float((blocks**2).sum())
     low, high = (value * together / chi_square_quantile(together, side * ONE_SIDED) for side in (1, -1))
     return ErrorFigure(value, low, high)
+
+
+def with_rare(noise: ErrorFigure, excess: Values) -> ErrorFigure:
+    """A figure of noise whose upper end knows that some pixels may be far darker than their mean.
+
+    Whether they are is a matter of chance for each by itself, so what they add to the upper end adds as squares do: a
+    single pixel may make up most of it, a thousand of them are as bright as they should be on the whole.
+
+    Args:
+        excess: what the variance of each would weigh more, at most in nine of ten cases, shape [height, width, 3].
+    """
+    each = excess.mean(axis=2) / (excess.shape[0] * excess.shape[1])
+    high = math.hypot(noise.high - noise.value, float(np.sqrt((each**2).sum())))
+    return ErrorFigure(noise.value, noise.low, noise.value + high)
 
 
 def centred_figure(values: Values) -> ErrorFigure:

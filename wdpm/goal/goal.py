@@ -24,6 +24,11 @@ class Metric(Enum):
     RMSE = "rmse"
     """Root of the mean of (a - b)²."""
 
+    @property
+    def is_relative(self) -> bool:
+        """Whether an error is one in comparison with the truth."""
+        return self is Metric.RELMSE
+
     def weight(self, *images: NDArray[np.float64]) -> NDArray[np.float64]:
         """Of a pixel's squared error.
 

@@ -179,8 +179,8 @@ def _most(schedule: Schedule, goal: Goal, expected: bool) -> float:
 def _promise(schedule: Schedule, goal: Goal, expected: bool) -> str:
     """What is about to be rendered, for the person who waits for it."""
     figure = goal.metric.figure(schedule.error)
-    counts = f"{schedule.passes} passes of {schedule.samples} samples"
-    what = f"{counts}, about {schedule.seconds:.1f} s, error about {figure:.2g}"
+    error = f"error about {figure:.2g}" if schedule.trial.measured else "error not foretold by so short a pilot"
+    what = f"{schedule.passes} passes of {schedule.samples} samples, about {schedule.seconds:.1f} s, {error}"
     if goal.error is None or expected:
         return f"chose {what}"
     return f"an error of {goal.error:g} is not expected to be reached; the best found: {what}"

@@ -5,7 +5,7 @@ The model of an image of N passes of s samples each, with q_i the squared radius
     time  = start + N (pass_cost + s sample_cost)              (less the passes that the trial rendered already)
     noise = pass_noise mean(1 / q_i) / N                       (a narrower disc holds fewer photons)
             + g(N s) sample_noise / (N s)                      (all samples of a pixel are stratified together)
-            + rare (2 / (N s))^1.5                             (the estimate's fear of rare bright samples)
+            + rare (2 / (N s))^1.5 + lone (2 / (N s))^3        (the estimate's fear of rare bright samples)
     bias² = bias mean(q_i)
 
 The irradiance records of a pass have rays by its samples (pass_plan.worth): their part of pass_cost grows as the rays
@@ -46,6 +46,11 @@ RECORD_NOISE = 0.8
 RARE_POWER = 1.5
 """Measured on scenes with and without caustics: between 0.9 and 2.2."""
 
+LONE_POWER = 3.0
+"""What is feared of pixels that one of two samples saw far too bright falls with the number n of samples as n to the
+-2 if all probabilities of such samples are as likely on a logarithmic scale, and to the -4 if on a linear one, as along
+the edges of lamps."""
+
 MARGIN = 1.1
 """Upper end of an estimate over the estimate."""
 
@@ -84,8 +89,8 @@ class Schedule:
 
     @property
     def error(self) -> float:
-        """Weighted mean square."""
-        return self.noise + self.bias
+        """Weighted mean square; not a number where nothing was measured."""
+        return self.noise + self.bias if self.trial.measured else math.nan
 
 
 def with_photons(trial: Trial, factor: float) -> Trial:
@@ -129,7 +134,7 @@ def schedule_of(trial: Trial, passes: int, samples: int, *, likely: bool = False
     biased = trial.settings.algorithm.biased
     kept = sum(PassPlan(number, number * samples, samples) in trial.results for number in range(min(passes, 2)))
     total = passes * samples
-    by_samples = stratified(total) * trial.sample_noise / total + trial.rare * (2 / total) ** RARE_POWER
+    by_samples = stratified(total) * trial.sample_noise / total + _feared(trial, total)
     noise = pass_noise(trial, samples) * (inverse if biased else 1.0) / passes + by_samples
     return Schedule(
         replace(trial.settings, passes=passes, spp=passes * samples),
@@ -138,6 +143,11 @@ def schedule_of(trial: Trial, passes: int, samples: int, *, likely: bool = False
         noise,
         (trial.likely_bias if likely else trial.bias) * mean,
     )
+
+
+def _feared(trial: Trial, samples: int) -> float:
+    """What the estimate adds to the noise for fear of rare bright samples."""
+    return trial.rare * (2 / samples) ** RARE_POWER + trial.lone * (2 / samples) ** LONE_POWER
 
 
 def soonest(
@@ -169,7 +179,11 @@ def nearest(trials: Iterable[Trial], seconds: float) -> Schedule:
             # Many short passes: the last ends close to the time, whatever was expected of them.
             if each.seconds <= seconds and (passes >= LEAST_PASSES or samples == 1):
                 fitting.append(replace(each, noise=each.noise * (1 + 1 / passes)))
-    return min(fitting, key=lambda e: e.error) if fitting else min(shortest, key=lambda e: e.seconds)
+    return (
+        min(fitting, key=lambda e: (not e.trial.measured, e.noise + e.bias))
+        if fitting
+        else min(shortest, key=lambda e: e.seconds)
+    )
 
 
 def _first_to_reach(trial: Trial, samples: int, mean_square: float, least: int, likely: bool) -> Schedule | None:

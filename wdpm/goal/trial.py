@@ -22,14 +22,14 @@ from wdpm.rendering.pass_plan import PassPlan, PassResult
 from wdpm.rendering.passes import PassRenderer
 from wdpm.report.report import ErrorFigure
 
+MOST_FEARED = 100.0
+"""Of a pixel's relative squared error. Less is feared where one sample of two has met a lamp beside others that show
+it; more of single pixels far brighter than all around them, and a few passes more tell whether they are."""
+
 Values = NDArray[np.float64]
 Clock = Callable[[], float]
 
 TRIAL_PLANS = (PassPlan(0, 0, 1), PassPlan(0, 1, 1), PassPlan(1, 1, 1))
-
-
-ROOM = 6.0
-"""Passes that a time budget has to have room for if a trial is to render three."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +45,12 @@ class Trial:
         sample_noise: the same that is divided by the number of samples.
         record_cost: of pass_cost, the irradiance records of a pass of one sample.
         rare: by how much the estimate of two samples' noise (convergence.py) lies above the above, for fear of rare
-            bright ones.
+            bright ones, up to MOST_FEARED in a pixel; lone: what is beyond that.
         bias: the squared bias of a pass of the first radius, at most: the upper end of its interval.
         likely_bias: the same, as estimated, at least 0. Far below `bias` where the noise of so few samples hides it.
         compile_seconds: that went by for compiling, in none of the above.
         results: the passes that may be part of the image, if it has one sample a pass.
+        measured: whether errors are known: there was time for more than one pass.
     """
 
     settings: RenderSettings
@@ -60,10 +61,17 @@ class Trial:
     sample_noise: float
     bias: float
     rare: float = 0.0
+    lone: float = 0.0
     compile_seconds: float = 0.0
     record_cost: float = 0.0
     likely_bias: float = 0.0
     results: dict[PassPlan, PassResult] = field(default_factory=dict)
+    measured: bool = True
+
+    @property
+    def cost(self) -> float:
+        """Seconds of another trial of these settings."""
+        return self.start + len(TRIAL_PLANS) * (self.pass_cost + self.sample_cost)
 
 
 def try_out(
@@ -80,7 +88,7 @@ def try_out(
         make: makes the renderer of the settings.
         reference: of the bias; None leaves it at 0.
         clock: seconds, growing.
-        seconds_left: until a time budget is used up.
+        seconds_left: that the trial may take, less what it took.
     """
     began = clock()
     renderer = make()
@@ -91,14 +99,16 @@ def try_out(
         began = clock()
         results.append(renderer.render(plan))
         costs.append(clock() - began)
-        if len(results) == 1 and seconds_left() < ROOM * costs[0]:
+        if len(results) == 1 and seconds_left() < (len(TRIAL_PLANS) - 1) * costs[0]:
+            found = {plan: results[0]}
             return Trial(
-                settings, start, 0.0, costs[0], 0.0, 0.0, 0.0, 0.0, compile_seconds, results={plan: results[0]}
+                settings, start, 0.0, costs[0], 0.0, 0.0, 0.0, 0.0, compile_seconds, results=found, measured=False
             )
     a, b, c = (result.layers["beauty"].astype(np.float64) for result in results)
     weight = metric.weight((a + b + 2 * c) / 4)
     sample_cost = costs[1] * _share_of(results[1], "render")
     bias = ErrorFigure(0.0, 0.0, 0.0) if reference is None else bias_of(a, b, c, metric, reference)
+    rare, lone = rare_of(results[0], results[2], metric)
     return Trial(
         settings=settings,
         start=start,
@@ -108,7 +118,8 @@ def try_out(
         sample_noise=_finite_mean((a - b) ** 2 * weight) / 2,
         bias=bias.high,
         likely_bias=min(max(bias.value, 0.0), bias.high),
-        rare=rare_of(results[0], results[2], metric),
+        rare=rare,
+        lone=lone,
         compile_seconds=compile_seconds,
         record_cost=costs[2] * _share_of(results[2], "records"),
         results={TRIAL_PLANS[0]: results[0], TRIAL_PLANS[2]: results[2]},
@@ -133,16 +144,18 @@ def mean_around(image: Values) -> Values:
     return total / 9.0
 
 
-def rare_of(one: PassResult, other: PassResult, metric: Metric) -> float:
-    """What rare samples add to the estimate of the noise of two passes."""
+def rare_of(one: PassResult, other: PassResult, metric: Metric) -> tuple[float, float]:
+    """What rare samples add to the estimate of the noise of two passes: Trial.rare and Trial.lone."""
     beauty = [result.layers["beauty"] for result in (one, other)]
     estimator = ConvergenceEstimator(beauty[0].shape, metric, biased=False)
     for result in (one, other):
         estimator.add(result.layers, 1, 1.0)
-    estimate = estimator.estimate()
-    a, b = (each.astype(np.float64) for each in beauty)
-    plain = _finite_mean((a - b) ** 2 / 4 * metric.weight((a + b) / 2))
-    return 0.0 if estimate is None else max(estimate.noise.value - plain, 0.0)
+    a, b = (np.where(np.isfinite(each), each, 0.0).astype(np.float64) for each in beauty)
+    variance = (a - b) ** 2 / 4
+    feared = variance * estimator.weight()
+    most = np.minimum(feared, MOST_FEARED) if metric.is_relative else feared
+    plain = _finite_mean(variance * metric.weight((a + b) / 2))
+    return max(_finite_mean(most) - plain, 0.0), _finite_mean(feared - most)
 
 
 def _share_of(result: PassResult, phase: str) -> float:

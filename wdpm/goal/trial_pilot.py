@@ -38,8 +38,8 @@ WORTH = 0.25
 GUESSED_SAMPLES = 40
 """What a trial of a kind that was not tried yet costs, in samples of the kind that was."""
 
-PILOT_SHARE = 0.2
-"""Of a time budget, at most."""
+PILOT_SHARE = 0.1
+"""Of a time budget, at most; but for the first pass, which there has to be, and what goes before it."""
 
 LONG_S = 45.0
 """Of a time budget, from which on kernels of other kinds of passes may be compiled."""
@@ -122,6 +122,8 @@ class TrialPilot:
         """
         began = self.work.clock()
         allowed = seconds_left() * PILOT_SHARE
+        until = seconds_left() - allowed if math.isfinite(allowed) else 0.0
+        self._settle()
         by_photons = self.settings.algorithm.shoots_photons and self.settings.photons > 0
         # Paths cannot leave out what comes by a photon map: such an image has no reference.
         whole = not REFERENCE.algorithm.cannot_leave_out.intersection(self.settings.without)
@@ -130,15 +132,24 @@ class TrialPilot:
             self.reference = make_reference_pair(
                 self.scene, self.settings, goal.metric, wanted, self.work.renderer, 0.5 * allowed
             )
-        until = seconds_left() - allowed
-        self._try(self._first(), goal, seconds_left)
+        self._try(self._first(), goal, lambda: seconds_left() - until)
         for _ in range(MOST_TRIALS - 1):
             schedule, reached = self.best(goal, seconds_left())
-            following = self._next(schedule, reached, seconds_left())
-            if following is None or seconds_left() < until:
+            following = self._next(schedule, reached, seconds_left(), seconds_left() - until)
+            if following is None:
                 break
-            self._try(following, goal, seconds_left)
+            self._try(following, goal, lambda: seconds_left() - until)
         self.seconds = self.work.clock() - began - self.compile_seconds
+
+    def _settle(self) -> None:
+        """Have a trial of its own decide which integrator it is, where that is open, for a render by default."""
+        if not self.settings.algorithm.stands_for_others:
+            return
+        prepared = self.work.renderer(self.scene, self.settings).prepared
+        self.compile_seconds += prepared.seconds["compile"]
+        self.work.progress.note(prepared.chose[0])
+        found = prepared.settings
+        self.settings = replace(self.settings, integrator=found.integrator, light_samples=found.light_samples)
 
     def _first(self) -> RenderSettings:
         algorithm = self.settings.algorithm
@@ -148,16 +159,19 @@ class TrialPilot:
         fewer: dict[str, Any] = {name: int(getattr(settings, name) * FIRST_PHOTONS) for name in sorted(PHOTON_FIELDS)}
         return replace(settings, **fewer)
 
-    def _next(self, schedule: Schedule, reached: bool, seconds_left: float) -> RenderSettings | None:
-        """Settings to try next; None if the schedule is good enough to go."""
+    def _next(self, schedule: Schedule, reached: bool, seconds_left: float, allowed: float) -> RenderSettings | None:
+        """Settings to try next; None if the schedule is good enough to go, or there is no time.
+
+        Args:
+            allowed: seconds that are left for the pilot.
+        """
         mine = schedule.trial
-        if all(mine is not trial for trial in self.trials):
-            cost = mine.start + 3 * (mine.pass_cost + mine.sample_cost)
-            if not reached or cost < WORTH * schedule.seconds:
-                return mine.settings
+        untried = all(mine is not trial for trial in self.trials)
+        if untried and mine.cost < allowed and (not reached or mine.cost < WORTH * schedule.seconds):
+            return mine.settings
         kinds = self._kinds_left() if seconds_left > LONG_S else ()
         guess = mine.start + GUESSED_SAMPLES * mine.sample_cost
-        if kinds and (not reached or guess < WORTH * schedule.seconds):
+        if kinds and guess < allowed and (not reached or guess < WORTH * schedule.seconds):
             return replace(mine.settings, indirect=kinds[0])
         return None
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from wdpm.kernels.rays.cells import cell_boxes
 from wdpm.kernels.variants import make_variants
 from wdpm.rendering.approximations import approximations, settings_without_effect
 from wdpm.rendering.scene_settings import settings_for
+from wdpm.rendering.settled import settle
 from wdpm.scenes.flat.flatten import FlatScene, flatten
 from wdpm.scenes.model.left_out import leave_out
 from wdpm.scenes.model.scene import Scene
@@ -54,6 +56,7 @@ class Inspection:
         modules: kernel modules that its features call for.
         effects: every effect, on or off, and why.
         lights: how photons are shared out among them.
+        chose: what would be chosen where nobody said, and why.
         left_out: what the image would lack, knowingly.
         approximated: what it would only approximate.
         dropped: triangles that are left out, by cause.
@@ -76,6 +79,7 @@ class Inspection:
     effects: tuple[Effect, ...]
     lights: tuple[LightUse, ...]
     slaves: tuple[Share, ...]
+    chose: tuple[str, ...]
     left_out: tuple[str, ...]
     approximated: tuple[str, ...]
     dropped: dict[str, int]
@@ -97,10 +101,12 @@ def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:
     as_it_is = flatten(scene)
     flat = flatten(leave_out(scene, settings.without)) if settings.without else as_it_is
     unused = settings_without_effect(settings)
-    settings = replace(settings, indirect=settings.algorithm.choose(flat, settings)[0])
+    launcher = Launcher("cpu")
+    settled = settle(scene, flat, settings, launcher, partial(compile_kernels, "cpu"))
+    settings = settled.settings
     features = with_camera(features_of(flat, settings), flat.camera)
     compile_kernels("cpu", features)
-    plan = make_render_plan(flat, settings, slaves, Launcher("cpu"))
+    plan = make_render_plan(flat, settings, slaves, launcher, pilot=settled.pilot)
     world = plan.world
     effects = effects_of(as_it_is, flat, [medium.name for medium in scene.media], world, features, settings)
     shining = set(world.lights.names)
@@ -124,6 +130,7 @@ def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:
             world, [mesh.name for mesh in scene.meshes if mesh.emission is not None and mesh.name not in shining]
         ),
         slaves=_shares(plan, flat, slaves),
+        chose=(*settled.chose, *plan.chose),
         left_out=missing_effects(effects, settings),
         approximated=approximations(scene, world, settings),
         dropped=flat.dropped,

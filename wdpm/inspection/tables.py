@@ -26,6 +26,8 @@ def print_inspection(inspection: Inspection, console: Console) -> None:
     for light in _dark(inspection.lights):
         console.print(light, markup=False, highlight=False)
     console.print(_slaves(inspection))
+    for line in inspection.chose:
+        console.print(f"chosen: {line}", markup=False, highlight=False)
     for line in inspection.approximated:
         console.print(f"approximated: {line}", markup=False, highlight=False)
     for warning in (*inspection.left_out, *inspection.warnings):
@@ -77,6 +79,8 @@ def _spared(inspection: Inspection) -> Table:
 
 
 def _state(effect: Effect) -> str:
+    if effect.called and effect.spared:
+        return "yes, but off"
     if effect.called:
         return "yes" if effect.on else "LEFT OUT"
     return "no, but on" if effect.on else "no"

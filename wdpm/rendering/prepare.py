@@ -6,6 +6,7 @@ import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,6 @@ from wdpm.cluster.plan.copies import largest_team, scene_bytes
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import effects_of, missing_effects
 from wdpm.cluster.plan.light_guide import with_guide
-from wdpm.cluster.plan.light_samples import light_samples_of
 from wdpm.cluster.plan.photon_pilot import PILOT_PATHS
 from wdpm.cluster.plan.render_plan import RenderPlan, make_render_plan
 from wdpm.cluster.plan.view import view_of
@@ -35,6 +35,7 @@ from wdpm.kernels.launch import Launcher
 from wdpm.kernels.variants import make_variants
 from wdpm.progress import Progress
 from wdpm.rendering.approximations import approximations, settings_without_effect
+from wdpm.rendering.settled import settle
 from wdpm.rendering.spool import spooled
 from wdpm.report.report import (
     KernelReport,
@@ -129,25 +130,24 @@ def prepare(
     if settings.strict:
         _demand_all(flat)
     unused = settings_without_effect(settings)
-    indirect, chose = settings.algorithm.choose(flat, settings)
-    settings = replace(settings, indirect=indirect)
-    settings = replace(settings, light_samples=light_samples_of(flat, settings))
-    features = with_camera(features_of(flat, settings), flat.camera)
     progress.start("compile")
-    began = time.perf_counter()
-    kernels = _compile(features, settings, launcher.device)
-    seconds["compile"] = time.perf_counter() - began
+    compiling = _Stopwatch(partial(_compile, settings=settings, device=launcher.device))
+    settled = settle(scene, flat, settings, launcher, compiling)
+    settings = settled.settings
+    features = with_camera(features_of(flat, settings), flat.camera)
+    kernels = compiling(features)
+    seconds["compile"] = compiling.seconds
 
     progress.start("plan")
-    flattened = began - flattening
-    began = time.perf_counter() - flattened
+    began = flattening + compiling.seconds  # all but that is planning
     photons = settings.photons + settings.caustic_photons + settings.volume_photons
     workers = max(workers, 1)
     least = workers if team is None else team(scene_bytes(len(flat.triangles), photons))
-    plan = make_render_plan(flat, settings, largest_team(workers, least), launcher, cells)
+    plan = make_render_plan(flat, settings, largest_team(workers, least), launcher, cells, settled.pilot)
     world = replace(plan.world, strict=settings.strict)
     triangles = _digest(flat.triangles)
     view = with_guide(view_of(flat, settings, max(workers, processes)), plan.learnt)
+    view = replace(view, caustic_k=plan.caustic_k)
     alone = workers == 1 and plan.pilot is not None
     session = Session(
         world=world,
@@ -171,7 +171,7 @@ def prepare(
         len(flat.triangles),
         sum(flat.dropped.values()),
         kernels,
-        (*(() if chose is None else (chose,)), *plan.learnt.words),
+        (*settled.chose, *plan.chose, *plan.learnt.words),
         left_out,
         approximations(scene, plan.world, settings),
         scene.warnings + dropped + unused,
@@ -179,6 +179,20 @@ def prepare(
         _identity(world, session.view, triangles, settings),
         _digest(*_lit_scene(world, triangles), *(getattr(settings, name) for name in OF_RECORDS)),
     )
+
+
+class _Stopwatch:
+    """Compiles kernels, and adds up how long that takes [s]."""
+
+    def __init__(self, compile_for: Callable[[Features], KernelReport]) -> None:
+        self._compile_for = compile_for
+        self.seconds = 0.0
+
+    def __call__(self, features: Features) -> KernelReport:
+        began = time.perf_counter()
+        report = self._compile_for(features)
+        self.seconds += time.perf_counter() - began
+        return report
 
 
 def _demand_all(flat: FlatScene) -> None:

@@ -1,0 +1,17 @@
+"""Either of the others, as a trial finds them to suit the scene (plan.integrator_trial)."""
+
+from __future__ import annotations
+
+from wdpm.cluster.integrators.photons import PhotonMapping
+
+
+class Automatic(PhotonMapping):
+    """Photon mapping, unless a trial finds that path tracing takes far less to the same error.
+
+    Until that is known it is what photon mapping is.
+    """
+
+    name = "auto"
+    words = "photon mapping or path tracing"
+    option_help = "auto: either, as a trial of the scene finds"
+    stands_for_others = True

@@ -1,0 +1,87 @@
+"""Whether an irradiance cache is worth its gather rays: whether these find photons where they arrive.
+
+A gather ray reads the irradiance at the nearest photon that has it, within a reach that goes by the density of photons
+where most of them are. Where one bright patch holds nearly all, as where a lamp lights a room by way of its ceiling or
+the sun shines through a window, the reach is short and nearly all of the room beyond it: rays go on and on, records are
+made of few long paths, and both cost more than the photon map and err more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.cluster.plan.map_plans import irradiance_plan, map_plans
+from wdpm.cluster.plan.photon_pilot import PhotonPilot
+from wdpm.cluster.plan.pilot_gathers import PILOT_K, gather_among
+from wdpm.cluster.plan.small_view import small, without_photons
+from wdpm.cluster.plan.view import view_of
+from wdpm.cluster.render_settings import Indirect, RenderSettings
+from wdpm.cluster.task import BucketTask
+from wdpm.kernels.photons.deposits import GLOBAL_MAP
+from wdpm.scenes.flat.flatten import FlatScene
+
+LOOKS = 1024
+"""Places that the camera sees, which stand for those where gather rays arrive."""
+
+MOST_UNREAD = 0.5
+"""Of gather rays, that may find no photon with irradiance within reach. On ten scenes the cache had the smaller error
+in the same time where 4 to 37 % found none, and the map where 66 and 74 % did."""
+
+
+class _Places:
+    """Looks over a worker's shoulder, and keeps where camera paths ask for photons."""
+
+    def __init__(self) -> None:
+        self._found: list[Mapping[str, NDArray[np.float32]]] = []
+
+    def shaded(self, scene: Any, orders: Any, rays: Any, shaded: Any) -> None:  # noqa: ARG002
+        queries = shaded.queries
+        asks = queries.weight.numpy().max(axis=1) > 0
+        self._found.append({name: getattr(queries, name).numpy()[asks] for name in ("position", "normal")})
+
+    def gathered(self, number: int, queries: Any, count: Any, radius: Any, truncated: Any) -> None:
+        """There is no map to ask."""
+
+    def all(self, name: str) -> NDArray[np.float32]:
+        """Positions or normals, shape [places, 3]."""
+        return np.concatenate([found[name] for found in self._found])
+
+
+def unread_share(flat: FlatScene, pilot: PhotonPilot, settings: RenderSettings) -> float:
+    """The share of gather rays that are expected to find no irradiance within reach.
+
+    Args:
+        pilot: that was flown for these settings, which have final gathering.
+    """
+    photons, flown = pilot.photons[GLOBAL_MAP], pilot.world.global_map.paths
+    planned = map_plans(pilot, settings, flat).maps[GLOBAL_MAP]
+    if not planned.paths or not len(photons["id"]):
+        return 1.0
+    places = _seen(flat, pilot, settings)
+    position = places.all("position")
+    if not len(position):
+        return 0.0
+    plan = irradiance_plan(settings, planned)
+    _, radius = gather_among(pilot.cell, photons, position, places.all("normal"), pilot.world.extent)
+    # Photons are strewn at random: where some number is expected, there is none with a probability of exp(-number).
+    expected = PILOT_K * plan.share * planned.paths / flown * (plan.reach / radius.astype(np.float64)) ** 2
+    return float(np.exp(-expected).mean())
+
+
+def _seen(flat: FlatScene, pilot: PhotonPilot, settings: RenderSettings) -> _Places:
+    """Places that a few camera paths ask for photons at."""
+    looking = replace(flat, camera=small(flat.camera, LOOKS))
+    plain = replace(settings, indirect=Indirect.MAP, spp=1, passes=1, light_samples=1)
+    places = _Places()
+    with without_photons(pilot) as worker:
+        view = view_of(looking, plain, 1)
+        worker.set_view(view)
+        worker.replica.observer = places
+        worker.start(BucketTask(0, 0, 0, view.camera.width, view.camera.height))
+        worker.replica.observer = None
+    return places

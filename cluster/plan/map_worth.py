@@ -1,0 +1,137 @@
+"""What a photon map is worth: the light that it would show, against all light where that falls.
+
+Photons of a map are asked for by number, and where hardly a path stores one, ten times as many paths would be shot.
+That pays where the map's light is seen. A caustic that is a hundredth of the light about it may be blurred and may be
+noisy, and nobody will know; one that no path of the pilot has found is not there.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.cluster.batch import Arrays, take
+from wdpm.cluster.plan.photon_pilot import PhotonPilot, direct_photons
+from wdpm.cluster.plan.pilot_gathers import gather_among
+from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
+
+PATHS_A_PHOTON = 10
+"""Most paths for each photon that is asked for: where hardly any path stores one, as under the open sky or far from
+the only mirror, indirect light is faint, and fewer photons tell it. The report says how many were stored."""
+
+LEAST_PATHS = 1 << 15
+"""Paths that cost next to nothing: fewer are not worth thinking about."""
+
+PLAIN_SHARE = 0.25
+"""Share of the light about it from which on a map's light is worth all these paths. The noise of an image that comes of
+n photons is as the square of their light's share, over n: for fainter light as many fewer paths give it the same noise.
+One for each photon that is asked for costs little, and is always shot."""
+
+PLACES = 1024
+"""Caustic photons of the pilot at which caustic light is held against all light."""
+
+PHOTONS_A_GATHER = 16
+"""A gather averages over no more than this part of a map's photons: a few photons tell where light is by small k, and
+with large k not at all."""
+
+LEAST_K = 8
+"""Photons that such a gather looks for, at least."""
+
+UNSEEN = 3.0
+"""What happens to so many of N on average is seen in N with a probability of 95 % (the rule of three)."""
+
+
+@dataclass(frozen=True)
+class MapWorth:
+    """What the pilot tells of one map.
+
+    Attributes:
+        stored: photons that the pilot stored in it.
+        share: of its light in all light where it falls, by flux: 0 to 1.
+    """
+
+    stored: int
+    share: float
+
+    @property
+    def paths_a_photon(self) -> float:
+        """Most paths that are worth shooting for each photon that is asked for; none for a map that stays empty."""
+        if not self.stored:
+            return 0.0
+        return max(1.0, PATHS_A_PHOTON * min(1.0, self.share / PLAIN_SHARE) ** 2)
+
+    def paths(self, asked: int, pilot_paths: int) -> int:
+        """Paths for so many photons, or as many as are worth it."""
+        if not self.stored:
+            return 0
+        worth = max(self.paths_a_photon * asked, min(PATHS_A_PHOTON * asked, LEAST_PATHS))
+        return min(math.ceil(asked * pilot_paths / self.stored), math.ceil(worth))
+
+
+def worth_of_caustics(pilot: PhotonPilot) -> MapWorth:
+    """What the caustic map is worth: caustic light against all light, where caustic photons of the pilot fell."""
+    own = pilot.photons[CAUSTIC_MAP]
+    if not len(own["id"]):
+        return MapWorth(0, 0.0)
+    others = [(pilot.photons[GLOBAL_MAP], pilot.world.global_map.paths)]
+    if not pilot.world.irradiance.share:  # or the global map has the light straight from lamps
+        others.append(direct_photons(pilot))
+    places = take(own, _by_flux(own))
+    caustic = _irradiance(pilot, own, pilot.paths, places)
+    whole = caustic + sum(_irradiance(pilot, photons, paths, places) for photons, paths in others)
+    share = np.divide(caustic, whole, out=np.zeros_like(whole), where=whole > 0)
+    return MapWorth(len(own["id"]), float(share.mean()))
+
+
+def worth_of_volume(pilot: PhotonPilot) -> MapWorth:
+    """What a volume map is worth: the flux that media scatter, against all that the pilot's photons brought."""
+    volume = _flux(pilot.photons[VOLUME_MAP])
+    whole = volume + _flux(pilot.photons[GLOBAL_MAP])
+    return MapWorth(len(pilot.photons[VOLUME_MAP]["id"]), volume / whole if whole > 0 else 0.0)
+
+
+def fewer_neighbours(k: int, expected: float) -> int:
+    """Photons that a gather looks for in a map of so many."""
+    return min(k, max(LEAST_K, int(expected / PHOTONS_A_GATHER)))
+
+
+def caustics_in_words(worth: MapWorth, pilot: PhotonPilot, asked: int, paths: int) -> str | None:
+    """What was decided of the caustic map, and why; None where as many photons are shot for as were asked for."""
+    if not pilot.world.caustic_map.paths:
+        return None
+    if not worth.stored:
+        most = UNSEEN / pilot.paths
+        return (
+            f"caustics: no map, since none of {pilot.paths:,} paths aimed at glossy surfaces stored a photon "
+            f"(less than {most:.2%} of them do)"
+        )
+    if paths < min(math.ceil(asked * pilot.paths / worth.stored), PATHS_A_PHOTON * asked):
+        expected = worth.stored * paths / pilot.paths
+        return (
+            f"caustics: {paths:,} paths for some {expected:,.0f} photons, since {worth.stored:,} of {pilot.paths:,} "
+            f"store one, and they bring {worth.share:.1%} of the light where they fall"
+        )
+    return None
+
+
+def _by_flux(photons: Arrays) -> NDArray[np.intp]:
+    """Up to PLACES photons, spaced evenly by flux."""
+    summed = np.cumsum(photons["flux"].mean(axis=1, dtype=np.float64))
+    count = min(PLACES, len(summed))
+    steps = (np.arange(count) + 0.5) / count * summed[-1]
+    return np.minimum(np.searchsorted(summed, steps), len(summed) - 1)
+
+
+def _irradiance(pilot: PhotonPilot, photons: Arrays, paths: int, places: Arrays) -> NDArray[np.float64]:
+    """Of some of the pilot's photons [W / m²], mean of RGB, shape [places]."""
+    if not paths or not len(photons["id"]):
+        return np.zeros(len(places["id"]))
+    found, _ = gather_among(pilot.cell, photons, places["position"], places["normal"], pilot.world.extent)
+    return found.astype(np.float64) / paths
+
+
+def _flux(photons: Arrays) -> float:
+    return float(photons["flux"].mean(axis=1, dtype=np.float64).sum())

@@ -1,0 +1,80 @@
+"""`--indirect auto`: an irradiance cache where gather rays find photons where they arrive, the photon map where not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+import wdpm
+from wdpm.cluster.plan.cache_worth import MOST_UNREAD, unread_share
+from wdpm.cluster.plan.effects import features_of
+from wdpm.cluster.plan.photon_pilot import fly_pilot
+from wdpm.cluster.render_settings import Indirect, RenderSettings
+from wdpm.kernels.compile import compile_kernels
+from wdpm.kernels.launch import Launcher
+from wdpm.rendering.in_process import render_in_process
+from wdpm.rendering.settled import Settled, settle
+from wdpm.scenes import cornell_box
+from wdpm.scenes.flat.flatten import flatten
+from wdpm.scenes.model.scene import Scene
+
+CACHED = RenderSettings(indirect=Indirect.CACHE)
+
+
+def lit_from_above(size: tuple[int, int] = (512, 512)) -> Scene:
+    """The Cornell box: its lamp shines into the room."""
+    return cornell_box(size)
+
+
+def lit_by_its_ceiling(size: tuple[int, int] = (512, 512)) -> Scene:
+    """The same with a small lamp close below the ceiling that shines at it: nearly all photons land in one patch."""
+    scene = cornell_box(size)
+    lamp = scene.meshes[-1]
+    middle = lamp.vertices.mean(axis=0)
+    small = (lamp.vertices - middle) * 0.2 + middle - (0.0, 0.04, 0.0)
+    up = replace(lamp, vertices=small, faces=lamp.faces[:, ::-1], normals=None)
+    return replace(scene, meshes=(*scene.meshes[:-1], up))
+
+
+def settled(scene: Scene, **chosen: Any) -> Settled:
+    settings, launcher = RenderSettings(**chosen), Launcher("cpu", 1)
+    return settle(scene, flatten(scene), settings, launcher, lambda features: compile_kernels("cpu", features))
+
+
+def unread(scene: Scene, threads: int = 1) -> float:
+    flat = flatten(scene)
+    return unread_share(flat, fly_pilot(flat, features_of(flat, CACHED), CACHED, Launcher("cpu", threads)), CACHED)
+
+
+def test_a_cache_is_chosen_where_its_gather_rays_find_photons_and_the_map_where_they_do_not() -> None:
+    bright, dim = settled(lit_from_above()), settled(lit_by_its_ceiling())
+    assert bright.settings.indirect is Indirect.CACHE
+    assert dim.settings.indirect is Indirect.MAP
+    assert dim.chose[0].startswith("indirect light: map, since ")
+    assert dim.chose[0].endswith(" of gather rays would find no photons within reach")
+    for found in (bright, dim):
+        assert found.pilot is not None
+
+
+def test_what_was_asked_for_is_not_tried() -> None:
+    for kind in (Indirect.CACHE, Indirect.GATHER, Indirect.MAP):
+        found = settled(lit_by_its_ceiling(), indirect=kind)
+        assert found.settings.indirect is kind
+        assert (found.chose, found.pilot) == ((), None)
+
+
+def test_the_share_is_the_same_on_any_number_of_threads() -> None:
+    assert unread(lit_by_its_ceiling(), 1) == unread(lit_by_its_ceiling(), 2) > MOST_UNREAD
+
+
+def test_a_pilot_that_was_flown_to_choose_changes_no_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The image is that of the way that was chosen, asked for by name, in one cell and in several."""
+    monkeypatch.setattr("wdpm.cluster.integrators.indirect_choice.SAMPLES_TO_REPAY", 1)
+    scene, settings = cornell_box((16, 16)), RenderSettings(spp=2, photons=20_000)
+    chosen = wdpm.render(scene, settings)
+    assert chosen.metadata["settings"]["indirect"] == "cache"
+    by_name = wdpm.render(scene, replace(settings, indirect=Indirect.CACHE))
+    assert chosen.digest() == by_name.digest()
+    assert render_in_process(scene, settings, workers=2, cells=2).digest() == chosen.digest()

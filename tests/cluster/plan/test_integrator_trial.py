@@ -1,0 +1,104 @@
+"""`--integrator auto`: each decision falls one way in one scene and the other way in another, and always alike."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+import wdpm
+from tests.helpers.effect_scenes import fogs
+from wdpm.cluster.plan.integrator_trial import TRIAL_PIXELS
+from wdpm.cluster.plan.small_view import small
+from wdpm.cluster.render_settings import Integrator, RenderSettings
+from wdpm.inspection.inspect import inspect
+from wdpm.kernels.compile import compile_kernels
+from wdpm.kernels.launch import Launcher
+from wdpm.rendering.in_process import render_in_process
+from wdpm.rendering.settled import Settled, settle
+from wdpm.scenes import cornell_box
+from wdpm.scenes.flat.flatten import flatten
+from wdpm.scenes.model.bsdfs import Conductor
+from wdpm.scenes.model.scene import Material, Scene
+
+LARGE = cornell_box((512, 512))
+SMALL = cornell_box((16, 12))
+
+
+def settled(scene: Scene, threads: int = 1, **chosen: Any) -> Settled:
+    settings = RenderSettings(**{"integrator": Integrator.AUTO} | chosen)
+    launcher = Launcher("cpu", threads)
+    return settle(scene, flatten(scene), settings, launcher, lambda features: compile_kernels("cpu", features))
+
+
+def mirrored(scene: Scene) -> Scene:
+    """The same with mirrors for all materials but the first one."""
+    others = tuple(Material(each.name, Conductor()) for each in scene.materials[1:])
+    return replace(scene, materials=(scene.materials[0], *others))
+
+
+def dark(scene: Scene) -> Scene:
+    return replace(scene, meshes=tuple(replace(mesh, emission=None) for mesh in scene.meshes))
+
+
+def test_light_that_is_mostly_indirect_is_for_photons_and_few_samples_are_not_worth_them() -> None:
+    many, few = settled(LARGE), settled(SMALL, spp=2)
+    assert many.settings.integrator is Integrator.PHOTONS
+    assert few.settings.integrator is Integrator.PATH
+    for each in (many, few):
+        assert "times what photons take to the same error (in a trial, relMSE of a sample was" in each.chose[0]
+    assert any(line.startswith("indirect light: ") for line in many.chose)
+    assert len(few.chose) == 1
+
+
+@pytest.mark.parametrize(
+    ("scene", "chosen", "words"),
+    [
+        pytest.param(SMALL, {"photons": 2000}, "they were asked for: photons", id="photons asked for"),
+        pytest.param(SMALL, {"without": ("indirect",)}, "they were asked for: without indirect", id="left out"),
+        pytest.param(fogs(), {}, "the scene has media", id="media"),
+        pytest.param(dark(SMALL), {}, "nothing shines", id="dark"),
+        pytest.param(mirrored(SMALL), {"spp": 2, "all_effects": True}, "smooth surfaces make caustics", id="caustics"),
+    ],
+)
+def test_what_paths_cannot_do_is_for_photons(scene: Scene, chosen: dict[str, Any], words: str) -> None:
+    found = settled(scene, **chosen)
+    assert found.settings.integrator is Integrator.PHOTONS
+    assert found.chose[0].startswith(f"integrator: photons, since {words}")
+
+
+def test_a_trial_finds_the_same_on_any_number_of_threads() -> None:
+    assert settled(LARGE, 1).chose == settled(LARGE, 2).chose
+
+
+def test_shadow_rays_that_were_asked_for_are_kept() -> None:
+    assert settled(SMALL, spp=2, light_samples=3).settings.light_samples == 3
+
+
+@pytest.mark.parametrize("crop", [None, (100, 50, 300, 200)])
+def test_a_trial_looks_at_the_same_picture_in_fewer_pixels(crop: tuple[int, int, int, int] | None) -> None:
+    width, height = (512, 384) if crop is None else crop[2:]
+    whole = replace(LARGE.camera, width=width, height=height, crop=crop, full_size=crop and (512, 384))
+    looks = small(whole, TRIAL_PIXELS)
+    assert looks.width * looks.height == pytest.approx(TRIAL_PIXELS, rel=0.05)
+    assert looks.width / looks.height == pytest.approx(width / height, rel=0.05)
+    if crop is not None:
+        assert looks.crop is not None
+        assert looks.full_size is not None
+        assert looks.crop[0] / looks.full_size[0] == pytest.approx(crop[0] / 512, abs=0.03)
+    assert small(replace(LARGE.camera, width=20, height=10), TRIAL_PIXELS).width == 20
+
+
+@pytest.mark.parametrize("spp", [2, 64])
+def test_the_image_is_that_of_the_integrator_that_was_chosen_on_any_cluster(spp: int) -> None:
+    """And it says which, and why: in the header's settings, the report and the plan."""
+    scene = cornell_box((24, 24))
+    alone = wdpm.render(scene, integrator=Integrator.AUTO, spp=spp, threads=1)
+    chosen = Integrator(alone.metadata["settings"]["integrator"])
+    shadow_rays = alone.metadata["settings"]["light_samples"]
+    assert alone.digest() == wdpm.render(scene, integrator=chosen, spp=spp, light_samples=shadow_rays).digest()
+    shared = render_in_process(scene, RenderSettings(integrator=Integrator.AUTO, spp=spp), workers=2, cells=4)
+    assert shared.digest() == alone.digest()
+    line = next(line for line in alone.metadata["report"]["chose"] if line.startswith("integrator: "))
+    assert line in inspect(scene, slaves=1, integrator=Integrator.AUTO, spp=spp).chose

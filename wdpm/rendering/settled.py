@@ -1,0 +1,82 @@
+"""What is chosen where nobody said, before anything else: the integrator, and where its indirect light comes from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from wdpm.cluster.plan.cache_worth import MOST_UNREAD, unread_share
+from wdpm.cluster.plan.effects import features_of
+from wdpm.cluster.plan.integrator_trial import choose_integrator, trial_features, without_a_trial
+from wdpm.cluster.plan.light_samples import light_samples_of
+from wdpm.cluster.plan.photon_pilot import PhotonPilot, fly_pilot
+from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
+from wdpm.kernels.features import Features
+from wdpm.kernels.launch import Launcher
+from wdpm.scenes.flat.flatten import FlatScene
+from wdpm.scenes.model.bsdfs import is_smooth_anywhere
+from wdpm.scenes.model.scene import Scene
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Settings that leave nothing open but radii and numbers of paths.
+
+    Attributes:
+        chose: what was chosen, and why, one line each.
+        pilot: that was flown to choose.
+    """
+
+    settings: RenderSettings
+    chose: tuple[str, ...]
+    pilot: PhotonPilot | None = None
+
+
+def settle(
+    scene: Scene,
+    flat: FlatScene,
+    settings: RenderSettings,
+    launcher: Launcher,
+    compile_for: Callable[[Features], object],
+) -> Settled:
+    """Choose what settings leave open.
+
+    Args:
+        flat: the scene without what is left out.
+        compile_for: compiles kernels; called where a trial needs some.
+    """
+    if not settings.algorithm.stands_for_others:
+        return _settled(flat, settings, launcher, compile_for)
+    by_photons = _settled(flat, replace(settings, integrator=Integrator.PHOTONS), launcher, compile_for)
+    if why := without_a_trial(flat, settings):
+        return replace(by_photons, chose=(f"integrator: {why}", *by_photons.chose))
+    compile_for(trial_features(flat, settings))
+    used = {mesh.material for mesh in scene.meshes}
+    smooth = any(is_smooth_anywhere(scene.materials[number].bsdf) for number in used)
+    choice = choose_integrator(flat, settings, by_photons.settings, launcher, by_photons.pilot, smooth=smooth)
+    others = by_photons.chose if choice.settings.algorithm.shoots_photons else ()
+    chosen = _with_light_samples(flat, choice.settings)
+    return Settled(chosen, (f"integrator: {choice.words}", *others), choice.pilot)
+
+
+def _settled(
+    flat: FlatScene, settings: RenderSettings, launcher: Launcher, compile_for: Callable[[Features], object]
+) -> Settled:
+    """Where indirect light comes from, and how many shadow rays there are."""
+    indirect, why = settings.algorithm.choose(flat, settings)
+    chosen = _with_light_samples(flat, replace(settings, indirect=indirect))
+    chose = () if why is None else (why,)
+    if why is None or not chosen.algorithm.has_irradiance_cache(chosen):
+        return Settled(chosen, chose)
+    features = features_of(flat, chosen)
+    compile_for(features)
+    pilot = fly_pilot(flat, features, chosen, launcher)
+    unread = unread_share(flat, pilot, chosen)
+    if unread <= MOST_UNREAD:
+        return Settled(chosen, chose, pilot)
+    words = f"indirect light: map, since {unread:.0%} of gather rays would find no photons within reach"
+    return Settled(replace(chosen, indirect=Indirect.MAP), (words,), pilot)
+
+
+def _with_light_samples(flat: FlatScene, settings: RenderSettings) -> RenderSettings:
+    return replace(settings, light_samples=light_samples_of(flat, settings))
