@@ -7,6 +7,7 @@ RAYS ?= 1e8
 GATHERS ?= 1e6
 MESSAGES ?= 1e6
 RENDERS ?= 1e3
+RENDERS_CHAOS ?= 40
 SEED ?= 1
 JOBS ?= auto
 DEVICE ?= cuda:0
@@ -15,7 +16,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-blender fuzz hard-cases guards lint peers gpu-check gpu-table clean
+.PHONY: help demo test chaos test-blender fuzz hard-cases guards lint peers gpu-check gpu-table clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -39,6 +40,9 @@ test-blender:  ## compare the add-on with Cycles in Blender's module (Python 3.1
 fuzz: $(VENV)/.installed-test  ## fuzz rays, routing and gathers against brute force, and the wire (RAYS, GATHERS, MESSAGES, RENDERS, SEED)
 	$(BIN)/python tests/fuzz/run.py --rays $(RAYS) --gathers $(GATHERS) --messages $(MESSAGES) \
 		--renders $(RENDERS) --seed $(SEED) -o $(OUT)/fuzz
+
+chaos: $(VENV)/.installed-test  ## render while slaves are killed, terminated and stopped, and compare all bits (RENDERS_CHAOS, SEED)
+	$(BIN)/python tests/chaos/run.py --renders $(RENDERS_CHAOS) --seed $(SEED) -o $(OUT)/chaos
 
 hard-cases: $(VENV)/.installed-test  ## run the hard cases in full and write out/hard-cases/index.html (WDPM_SCENES)
 	$(BIN)/python tests/hard_cases/run.py -o $(OUT)/hard-cases

@@ -28,13 +28,15 @@ from wdpm.rendering.passes import render_in_passes
 from wdpm.report.grid import Grid
 from wdpm.report.tables import format_seconds
 from wdpm.scenes.load import load
-from wdpm.scenes.model.scene import Scene
+from wdpm.scenes.model.scene import FilterKind, PixelFilter, Scene
 
 BUILT_IN = ("cornell-box", "atrium:20k")
 SMALL = (24, 18)
 """Pixels of the renders whose launches are repeated: each launch is copied to the device and back."""
 
 FEW = RenderSettings(spp=2, photons=4000, caustic_photons=2000, volume_photons=2000, max_depth=6)
+
+LOBES = PixelFilter(FilterKind.MITCHELL, 2.0)
 
 WAYS: tuple[dict[str, Any], ...] = (
     {"indirect": Indirect.MAP, "routing": Routing.MERGE},
@@ -160,8 +162,11 @@ def compare_kernels(
     comparison = LaunchComparison(device)
     progress.start("kernels", len(scenes) * len(ways))
     for name in scenes:
-        scene = effects_scenes.scene_of(name, SMALL)
+        plain = effects_scenes.scene_of(name, SMALL)
         for way in ways:
+            # Path tracing is looked at through a filter with negative lobes, whose kernels nothing else launches.
+            through = LOBES if way.get("integrator") is Integrator.PATH else plain.camera.filter
+            scene = replace(plain, camera=replace(plain.camera, filter=through))
             with comparison.watching():
                 render_in_process(scene, replace(FEW, **way), workers=2, cells=2, threads=1)
             progress.advance()
