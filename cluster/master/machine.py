@@ -217,8 +217,8 @@ class Master:
     def _join(self, identity: bytes, hello: protocol.Hello, now: float) -> list[Instruction]:
         out: list[Instruction] = []
         joined: list[Instruction] = []
-        member = self._members.get(identity) or self._members.at(hello.peers)
-        if member is not None and (member.identity != identity or self.phase is not Phase.JOINING):
+        member = self._members.get(identity)
+        if member is not None and self.phase is not Phase.JOINING:
             out += self._lose(member, "it lost its connection, and came back", now)
             member = None
         if member is None:

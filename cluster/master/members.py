@@ -80,10 +80,6 @@ class Members:
         """The slave of a connection, if it has joined and is there."""
         return self._by_identity.get(identity)
 
-    def at(self, peers: str) -> Member | None:
-        """The slave whose peers reach it at an endpoint, which a process keeps when it joins again."""
-        return next((member for member in self if member.hello.peers == peers), None)
-
     @property
     def all_left(self) -> bool:
         """Whether none of them is expected to say anything more."""

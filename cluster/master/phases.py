@@ -166,13 +166,11 @@ class Phases:
             raise AssertionError("a message of no epoch")
         if isinstance(message, protocol.TaskDone):
             return self._task_done(team, member, message.result, now)
-        if session is None:
-            raise ProtocolError(f"{type(message).__name__} came while nothing is rendered")
         if isinstance(message, protocol.PartitionReceived):
             return self.roster.cell_received(member, message)
         if team.awaits is not type(message) or member.number not in team.waiting:
             raise ProtocolError(f"{type(message).__name__} is not expected from it in phase {self.phase.value}")
-        if isinstance(message, protocol.Statistics):
+        if isinstance(message, protocol.Statistics) and session is not None:
             check_statistics(message.values, session.world)
             member.statistics = {**message.values, "slave": member.number}
         if isinstance(message, protocol.Ready):
@@ -180,20 +178,10 @@ class Phases:
         team.waiting.remove(member.number)
         counts = (self.phase, type(message)) in ((Phase.SETUP, protocol.Ready), (Phase.MAPS, protocol.MapsBuilt))
         out: list[Instruction] = [Advanced(1)] if counts else []
-        return out if team.waiting else out + self._step_taken(team, session, now)
-
-    def _step_taken(self, team: Team, session: Session, now: float) -> list[Instruction]:
-        """All slaves of a team have taken a step: what follows from it."""
-        answer, team.awaits = team.awaits, None
-        if answer in (protocol.Ready, protocol.PhotonsForgotten):  # a world comes without photons
-            team.ready, team.mapped, team.trace = True, False, team.towards
-        elif answer is protocol.MapsBuilt:
-            team.mapped, team.alone = True, None
-        elif answer is protocol.ViewSet:
-            team.view, team.records = team.towards, 0
-        elif answer is protocol.RecordsSet:
-            team.records = team.towards
-        return self._lead(team, session, now) + self._go_on(session, now)
+        if not team.waiting:
+            _take_step(team)
+            out += [] if session is None else self._lead(team, session, now) + self._go_on(session, now)
+        return out
 
     # A session.
 
@@ -330,6 +318,9 @@ class Phases:
         )
         self.phase = Phase.IDLE
         self.session = self._tasks.film = self._tasks.rounds = None
+        for team in self.roster.teams:
+            if not team.ready:  # its cells would be those of a session that has ended
+                self.roster.dissolve(team, self._tasks)
         for member in self._members:
             member.statistics = {}
         return [Finished(result)]
@@ -485,3 +476,16 @@ class Phases:
     def _end_phase(self, name: str, now: float) -> None:
         self._seconds[name] = now - self._phase_at
         self._phase_at = now
+
+
+def _take_step(team: Team) -> None:
+    """All slaves of a team have taken the step that was asked of them."""
+    answer, team.awaits = team.awaits, None
+    if answer in (protocol.Ready, protocol.PhotonsForgotten):  # a world comes without photons
+        team.ready, team.mapped, team.trace = True, False, team.towards
+    elif answer is protocol.MapsBuilt:
+        team.mapped, team.alone = True, None
+    elif answer is protocol.ViewSet:
+        team.view, team.records = team.towards, 0
+    elif answer is protocol.RecordsSet:
+        team.records = team.towards

@@ -50,7 +50,6 @@ from wdpm.scenes.errors import ProtocolError
 SLOW_BUILD_S = 3.0
 """A build that takes longer than this is worth a word to the person who waits."""
 
-
 QUEUED = 2
 """Tasks of each process that does some: the one that it is at, and one more, so that it need not wait for orders."""
 
@@ -196,6 +195,20 @@ class Slave:
             Tell("the master is back" if late else f"the master has been silent for {silence:.0f} s; it is waited for")
         ]
 
+    def _join(self, welcome: protocol.Welcome, now: float) -> list[Instruction]:
+        """The master has let it in; or again, as another slave, if it took a second Hello for one that came back."""
+        if self._welcome is not None:
+            if welcome.number == self._welcome.number:
+                return []  # the answer to a second Hello
+            self._setup = self._arriving = None
+            self._clear(epoch=0)
+        self._beat_at = now + welcome.heartbeat_s
+        self._welcome = welcome
+        out: list[Instruction] = [Tell(f"joined {self._endpoint} as slave {welcome.number}")]
+        for identity, hello in self._peers.take_early():
+            out += self._peer_said(identity, hello)
+        return out
+
     def _try_again(self, now: float) -> list[Instruction]:
         if now >= self._give_up_at:
             if self._refused:
@@ -257,15 +270,10 @@ class Slave:
             case protocol.Heartbeat():
                 return []
             case protocol.Welcome():
-                if self._welcome is None:
-                    self._beat_at = now + message.heartbeat_s
-                    self._welcome = message
-                    out: list[Instruction] = [Tell(f"joined {self._endpoint} as slave {message.number}")]
-                    for identity, hello in self._peers.take_early():
-                        out += self._peer_said(identity, hello)
-                    return out
-                return []  # the answer to a second Hello
+                return self._join(message, now)
             case protocol.Refuse(reason):
+                if self._joined_before:  # the master may not have missed it yet, and have no room for it until it does
+                    return [Tell(f"the master at {self._endpoint} refuses this slave so far: {reason}")]
                 return self._exit(f"the master at {self._endpoint} refused: {reason}")
             case protocol.Stop(reason, completed):
                 goodbye = ToMaster(protocol.Goodbye("stopped"))

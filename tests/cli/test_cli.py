@@ -22,6 +22,7 @@ from hypothesis import strategies as st
 from wdpm import values
 from wdpm.cli import main
 from wdpm.cli import options as cli_options
+from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.images.image import Image, load
 from wdpm.report.report import Report, from_json
@@ -384,9 +385,12 @@ def test_a_picture_that_cannot_be_written_does_not_cost_the_report(
 
 
 def test_the_master_gets_its_options(renderer: Renderer) -> None:
-    line = "master a.xml -q --slaves 3 --bind tcp://10.0.0.1:7000 --keys folder --spp 2 --join-timeout 2m"
+    line = (
+        "master a.xml -q --slaves 3..5 --copies none --bind tcp://10.0.0.1:7000 --keys folder --spp 2 --join-timeout 2m"
+    )
     assert run(line.split()) == 0
     terms = {"keys": Path("folder"), "insecure": False, "join_timeout": 120.0, "observers": ()}
+    terms |= {"most": 5, "copies": Copies.NONE}
     asked = {name: renderer.rendered[name] for name in ("bind", "slaves", "terms")}
     assert asked == {"bind": "tcp://10.0.0.1:7000", "slaves": 3, "terms": terms}
     assert renderer.rendered["settings"].spp == 2

@@ -117,7 +117,7 @@ GUARDS = (
         prevents="the order of arrival changes the last bits of a pixel",
         changes=(
             (
-                'order = np.lexsort((together["place"], together["slot"]))',
+                'order = in_order(together["slot"], together["place"])',
                 'order = np.argsort(together["slot"], kind="stable")',
             ),
         ),
@@ -166,7 +166,7 @@ GUARDS = (
         name="messages of another epoch are dropped",
         file="cluster/master/machine.py",
         prevents="a result of the scene before gets into this one's image",
-        changes=(("if message.epoch != self._phases.epoch:", "if False:"),),
+        changes=(("if message.epoch != self._phases.epoch_of(member):", "if self._phases.epoch_of(member) < 0:"),),
         tests=(MASTER + "test_a_message_of_another_epoch_is_dropped",),
     ),
     Guard(
@@ -207,7 +207,7 @@ GUARDS = (
     ),
     Guard(
         name="every worker gets a cell",
-        file="cluster/plan/partition.py",
+        file="cluster/deal.py",
         prevents="a slave without work, which the others wait for",
         changes=(
             ("worker = int(empty[0]) if len(empty) else int(np.argmin(load))", "worker = int(np.argmin(load[::-1]))"),

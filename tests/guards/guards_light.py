@@ -327,7 +327,7 @@ GUARDS = (
         name="the sky has no density at its poles",
         file="kernels/lights/environment.py",
         prevents="a division by the sine of an angle of zero",
-        changes=(("    if place[2] == 0.0:\n        return 0.0\n", ""),),
+        changes=(("    if place[2] > 0.0:\n        radiance", "    if True:\n        radiance"),),
         tests=(ENDS + "test_the_poles_of_the_sky",),
     ),
 )

@@ -17,6 +17,7 @@ from random_scenes import scenes_with_effects
 
 import wdpm
 from wdpm.cluster.batch import Batch
+from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.cluster.work.cell import Cell
@@ -163,7 +164,7 @@ def test_every_batch_carries_credit_and_none_is_lost_or_made(name: str, monkeypa
 def test_two_slaves_over_sockets_give_the_same_bits() -> None:
     scene = CASES["everything"].scene
     expected = alone(scene, FEW)
-    with wdpm.Cluster.local(slaves=2) as cluster:
+    with wdpm.Cluster.local(slaves=2, copies=Copies.NONE) as cluster:
         for routing in Routing:
             image = cluster.render(scene, replace(FEW, routing=routing))
             assert same_bits(image, expected)

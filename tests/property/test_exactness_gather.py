@@ -21,6 +21,7 @@ from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import machine
 from wdpm.cluster.messages.checks import check_batch
 from wdpm.cluster.plan import view as view_plan
+from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.records import CachePlan, Records, equal
 from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
 from wdpm.cluster.work.cell import Cell
@@ -224,7 +225,7 @@ def test_small_waves_and_launches_change_no_bit(way: Indirect, monkeypatch: pyte
 def test_a_second_picture_on_the_same_slaves_begins_without_records() -> None:
     """Records of the picture before would serve the next one's candidates."""
     scene, chosen = SCENES["diffuse"], replace(FEW, indirect=Indirect.CACHE)
-    with wdpm.Cluster.local(slaves=2) as cluster:
+    with wdpm.Cluster.local(slaves=2, copies=Copies.NONE) as cluster:
         pictures = [cluster.render(scene, replace(chosen, indirect=way)) for way in (*WAYS, *WAYS)]
     for picture, way in zip(pictures, (*WAYS, *WAYS), strict=True):
         assert same_bits(picture, reference("diffuse", way))
@@ -260,7 +261,7 @@ def test_every_batch_is_valid_and_no_credit_is_lost_or_made(
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.value)
 def test_two_slaves_over_sockets_give_the_same_bits(way: Indirect) -> None:
     scene, chosen = SCENES["everything"], replace(FEW, indirect=way)
-    with wdpm.Cluster.local(slaves=2) as cluster:
+    with wdpm.Cluster.local(slaves=2, copies=Copies.NONE) as cluster:
         images = [cluster.render(scene, replace(chosen, routing=routing)) for routing in Routing]
     for image in images:
         assert same_bits(image, reference("everything", way))

@@ -16,6 +16,7 @@ from random_scenes import scenes_with_effects
 import wdpm
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.messages.checks import check_batch
+from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import Integrator, RenderSettings, Routing
 from wdpm.cluster.work.cell import Cell
 from wdpm.images.image import Image
@@ -134,7 +135,7 @@ def test_every_batch_is_valid_and_no_credit_is_lost_or_made(name: str, monkeypat
 def test_two_slaves_over_sockets_give_the_same_bits() -> None:
     scene = SCENES["everything"]
     expected = alone(scene, PATH)
-    with wdpm.Cluster.local(slaves=2) as cluster:
+    with wdpm.Cluster.local(slaves=2, copies=Copies.NONE) as cluster:
         for routing in Routing:
             image = cluster.render(scene, replace(PATH, routing=routing))
             assert same_bits(image, expected)

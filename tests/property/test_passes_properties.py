@@ -48,12 +48,13 @@ def made_up(plan: PassPlan, seed: int, slaves: int) -> PassResult:
     }
     statistics = [
         {
+            "slave": number,
             "photons": [int(rng.integers(9)), 2],
             "peak_memory_bytes": int(rng.integers(9)),
             "guards": {"a": 1},
             "cells": [0],
         }
-        for _ in range(slaves)
+        for number in range(slaves)
     ]
     seconds = {"photons": 0.5, "render": 1.0}
     traced = (PhotonsTraced(0, 7, 3.5), PhotonsTraced(1, 2, 0.25))

@@ -349,14 +349,6 @@ def test_a_slave_that_lost_its_connection_comes_back() -> None:
     assert (welcome.number, setup.kept) == (2, ())
 
 
-def test_a_slave_comes_back_before_it_is_missed() -> None:
-    driver = Driver()
-    driver.to_photons()
-    out = driver.says(C, hello(1))
-    assert "slave 1 (host, process 1) is lost: it lost its connection, and came back" in noted(out)
-    assert [type(message) for message in sent(out, C)] == [p.Welcome, p.Setup]
-
-
 def test_a_master_without_slaves_waits_for_one_and_gives_up() -> None:
     driver = Driver()
     driver.to_photons()

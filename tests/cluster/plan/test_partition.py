@@ -142,7 +142,9 @@ def test_every_worker_gets_a_cell_and_none_too_much(burdens: list[float], worker
     load = np.bincount(holders, burdens, minlength=workers)
     # Graham 1969, list scheduling: the fullest got its last cell when it had no more than the mean of the others.
     bound = np.sum(burdens) / workers + (1 - 1 / workers) * max(burdens)
-    assert load.max() <= bound * (1 + 1e-12)
+    assert (
+        load.max() <= bound * (1 + 1e-12) + np.finfo(float).tiny
+    )  # a mean of numbers that are nearly 0 may round to 0
 
 
 @pytest.mark.parametrize(("workers", "heaviest"), [(1, 10.0), (2, 5.0), (3, 4.0), (4, 4.0)])

@@ -150,44 +150,6 @@ def test_what_ends_a_slave_is_told_to_the_master(event: s.Event, message: p.From
     assert last_words == message or (message is None and isinstance(last_words, p.Failed))
 
 
-def test_a_slave_joins_again_when_the_master_is_lost() -> None:
-    driver = Driver(patience=20.0).ready()
-    driver.told(p.StartTask(EPOCH, PhotonTask(5, 0, 10)))
-    out = driver(s.MasterLost())
-    assert [i for i in out if not isinstance(i, s.Tell)] == [
-        s.ConnectPeers(()),
-        s.Reconnect(fresh=True),
-        s.ToMaster(HELLO),
-    ]
-    assert driver.slave.number == -1
-    # What the worker was at when the master went is void, though another master may count epochs from the same number.
-    again = p.Welcome(0, "another", 1.0, 10.0)
-    driver.told(again, setup(holders=(0, 0, 1, 1)))
-    job = c.StartTask(PhotonTask(5, 0, 10))
-    assert to_master(driver.computed(job, results=[PhotonsTraced(5, 10, 1.0)])) == []
-    driver.told(part(0), part(1))
-    assert driver.slave.number == 0
-
-
-def test_a_slave_without_a_master_gives_up() -> None:
-    driver = Driver(patience=20.0).ready()
-    driver(s.MasterLost())
-    tenth = 0
-    while not driver.slave.ended:
-        tenth += 1
-        out = driver.slave.handle(s.Tick(), driver.now + tenth / 10)
-    assert 200 <= tenth <= 202
-    [ending] = [i for i in out if isinstance(i, s.Exit)]
-    assert ending.elsewhere
-    assert "lost the master at tcp://master:1, and none answered there within 20 s" in error_of(out)
-
-
-def test_a_slave_that_was_taken_for_lost_joins_again() -> None:
-    out = Driver().ready().told(p.Dismissed("Heartbeat before Hello"))
-    assert s.Reconnect(fresh=True) in out
-    assert to_master(out) == [HELLO]
-
-
 def test_a_lost_peer_is_for_the_master_to_judge() -> None:
     driver = Driver().ready()
     assert driver(s.PeerLost(2)) == [s.ToMaster(p.PeerGone(2))]

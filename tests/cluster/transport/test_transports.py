@@ -278,7 +278,7 @@ def test_slaves_that_cannot_reach_each_other_end_the_render(flaky: FlakyTranspor
     assert [type(slave.end()) for slave in slaves] == [ClusterEndedError] * 2
 
 
-def test_a_slave_whose_way_to_the_master_breaks_comes_back(flaky: FlakyTransport) -> None:
+def test_a_slave_whose_way_to_the_master_breaks_costs_nothing_but_time(flaky: FlakyTransport) -> None:
     flaky.breaks = breaking(Role.MASTER, protocol.MapsBuilt, 1)
     master, slaves = a_cluster(f"flaky://{next(names)}")
     with master:
@@ -286,7 +286,10 @@ def test_a_slave_whose_way_to_the_master_breaks_comes_back(flaky: FlakyTransport
         result = master.render(session)
         check_picture(session, result.layers)
         assert len(result.lost) == 1
-    assert [slave.end() for slave in slaves] == [None, None]
+    # It tries to join again; this render may be over before it has.
+    ended = [slave.end() for slave in slaves]
+    assert None in ended
+    assert all(error is None or "lost the master" in str(error) for error in ended)
 
 
 def test_an_address_says_which_transport(flaky: FlakyTransport) -> None:

@@ -53,6 +53,8 @@ class FaultyCluster(MemoryCluster):
             if idle:  # only timers are left
                 self._tick()
             assert idle < 100, f"the cluster waits for nothing in phase {self._master.state.phase.value}"
+        for _ in range(self._random.randint(0, 30)):  # what is said after the end, and before the next session
+            self._step()
         self._session = None
         return self._result
 

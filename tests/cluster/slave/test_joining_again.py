@@ -1,0 +1,73 @@
+"""A slave that has lost its master, or that its master has lost, joins again. State machine only."""
+
+from __future__ import annotations
+
+from slave_driver import EPOCH, HELLO, Driver, jobs, part, setup, to_master
+
+from wdpm.cluster.messages import protocol as p
+from wdpm.cluster.slave import events as s
+from wdpm.cluster.slave import jobs as c
+from wdpm.cluster.task import PhotonsTraced, PhotonTask
+
+
+def error_of(instructions: list[s.Instruction]) -> str:
+    """Why the slave exits with an error."""
+    [ending] = [i for i in instructions if isinstance(i, s.Exit)]
+    assert ending.error is not None
+    return ending.error
+
+
+def test_a_slave_joins_again_when_the_master_is_lost() -> None:
+    driver = Driver(patience=20.0).ready()
+    driver.told(p.StartTask(EPOCH, PhotonTask(5, 0, 10)))
+    out = driver(s.MasterLost())
+    assert [i for i in out if not isinstance(i, s.Tell)] == [
+        s.ConnectPeers(()),
+        s.Reconnect(fresh=True),
+        s.ToMaster(HELLO),
+    ]
+    assert driver.slave.number == -1
+    # What the worker was at when the master went is void, though another master may count epochs from the same number.
+    again = p.Welcome(0, "another", 1.0, 10.0)
+    driver.told(again, setup(holders=(0, 0, 1, 1)))
+    job = c.StartTask(PhotonTask(5, 0, 10))
+    assert to_master(driver.computed(job, results=[PhotonsTraced(5, 10, 1.0)])) == []
+    driver.told(part(0), part(1))
+    assert driver.slave.number == 0
+
+
+def test_a_slave_that_is_let_in_again_goes_by_its_last_number() -> None:
+    """Its second Hello came so late that the master took it for one that lost its connection."""
+    driver = Driver().ready()
+    driver.told(p.Welcome(2, "cluster", 1.0, 10.0))
+    [build] = jobs(driver.told(setup(EPOCH + 1), part(2, epoch=EPOCH + 1)))
+    assert isinstance(build, c.Build)
+    assert (driver.slave.number, build.number) == (2, 2)
+
+
+def test_a_slave_that_joins_again_waits_for_room() -> None:
+    driver = Driver().ready()
+    driver(s.MasterLost())
+    out = driver.told(p.Refuse("all 3 slaves have joined"))
+    assert not driver.slave.ended
+    assert "refuses this slave so far" in next(i.text for i in out if isinstance(i, s.Tell))
+    assert s.Reconnect() in driver.slave.handle(s.Tick(), driver.now + 2.0)
+
+
+def test_a_slave_without_a_master_gives_up() -> None:
+    driver = Driver(patience=20.0).ready()
+    driver(s.MasterLost())
+    tenth = 0
+    while not driver.slave.ended:
+        tenth += 1
+        out = driver.slave.handle(s.Tick(), driver.now + tenth / 10)
+    assert 200 <= tenth <= 202
+    [ending] = [i for i in out if isinstance(i, s.Exit)]
+    assert ending.elsewhere
+    assert "lost the master at tcp://master:1, and none answered there within 20 s" in error_of(out)
+
+
+def test_a_slave_that_was_taken_for_lost_joins_again() -> None:
+    out = Driver().ready().told(p.Dismissed("Heartbeat before Hello"))
+    assert s.Reconnect(fresh=True) in out
+    assert to_master(out) == [HELLO]
