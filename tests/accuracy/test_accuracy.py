@@ -24,13 +24,14 @@ from wdpm.accuracy.result import Accuracy
 from wdpm.accuracy.run import Request, measure
 from wdpm.accuracy.words import summary
 from wdpm.cli import main
+from wdpm.cluster.plan.copies import Copies
 from wdpm.clusters import backend_here
 from wdpm.images.image import Image, load
 from wdpm.progress import SilentProgress
 from wdpm.scenes.errors import ImageError
 
 SIZE = (20, 14)
-ONE_THREAD = partial(backend_here, threads=1)
+ONE_THREAD = partial(backend_here, threads=1, copies=Copies.NONE)
 CHOSEN = {"photons": 800, "spp": 2, "k": 20}
 BASE = ["--photons", "800", "--spp", "2", "--k", "20"]
 SWEEPS = ["photons=200,3k", "spp=1,8", "radius=0.5x,1x", "passes=1,2"]

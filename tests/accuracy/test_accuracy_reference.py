@@ -13,6 +13,7 @@ from wdpm.accuracy.knobs import parse_sweep
 from wdpm.accuracy.reference import STATE, trace_reference
 from wdpm.accuracy.run import Request, measure
 from wdpm.cluster.integrators.registry import REFERENCE
+from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import EFFECTS_TO_LEAVE_OUT, RenderSettings
 from wdpm.clusters import backend_here
 from wdpm.images.image import Image, load
@@ -20,7 +21,7 @@ from wdpm.progress import SilentProgress
 from wdpm.scenes.errors import ImageError, SettingsError
 
 SIZE = (12, 10)
-ONE_THREAD = partial(backend_here, threads=1)
+ONE_THREAD = partial(backend_here, threads=1, copies=Copies.NONE)
 
 
 def request(folder: Path, **chosen: Any) -> Request:

@@ -15,6 +15,7 @@ from wdpm.accuracy import render
 from wdpm.accuracy.knobs import KNOBS, parse_sweep
 from wdpm.accuracy.run import Request, measure
 from wdpm.accuracy.uses import idle_by_settings, idle_knobs
+from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.clusters import backend_here
 from wdpm.kernels.launch import Launcher
@@ -29,7 +30,7 @@ from wdpm.scenes.model.lights import PointLight
 from wdpm.scenes.model.scene import Medium, Scene
 
 SIZE = (12, 10)
-ONE_THREAD = partial(backend_here, threads=1)
+ONE_THREAD = partial(backend_here, threads=1, copies=Copies.NONE)
 CAUSTIC = {"caustic_photons", "caustic_k", "caustic_radius"}
 VOLUME = {"volume_photons", "volume_samples", "volume_radius"}
 GLOBAL = {"photons", "k", "radius", "indirect"}

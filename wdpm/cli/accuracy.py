@@ -10,6 +10,8 @@ from typing import Any
 from wdpm import values
 from wdpm.accuracy import knobs
 from wdpm.cli import options
+from wdpm.cluster.plan.copies import Copies
+from wdpm.rendering.backend import Backend
 
 _EXAMPLES = """\
 examples:
@@ -142,7 +144,12 @@ def run(args: argparse.Namespace) -> int:
     )
     progress = make_progress(args.quiet)
     try:
-        found = measure(request, lambda slaves: backend_here(slaves, args.threads, args.device), progress)
+
+        def backends(slaves: int) -> Backend:
+            # Without copies: what a cut through the map costs (`band`) shows only where the scene is cut.
+            return backend_here(slaves, args.threads, args.device, Copies.NONE)
+
+        found = measure(request, backends, progress)
     finally:
         progress.finish()
     print_accuracy(found, Console())
