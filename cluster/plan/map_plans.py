@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,9 +87,11 @@ def map_plans(pilot: PhotonPilot, settings: RenderSettings, flat: FlatScene) -> 
     of_volume = volume.paths(settings.volume_photons, pilot.paths) if world.volume_map.paths else 0
     paths = max(of_global, of_volume)
     caustic_paths = caustics.paths(settings.caustic_photons, pilot.paths) if world.caustic_map.paths else 0
-    every = [paths, caustic_paths, paths if of_volume else 0]
+    every = [paths, caustic_paths, paths if of_volume or _may_scatter(pilot, settings) else 0]
     expected = [s * p / pilot.paths for s, p in zip(stored, every, strict=True)]
-    caustic_k = fewer_neighbours(settings.caustic_k, expected[CAUSTIC_MAP]) if caustic_paths else settings.caustic_k
+    caustic_k = settings.caustic_k
+    if 0 < expected[CAUSTIC_MAP] < settings.caustic_photons:  # of as many as were asked for, k is as it was asked for
+        caustic_k = fewer_neighbours(caustic_k, expected[CAUSTIC_MAP])
     radii = [
         _given(settings.radius, unit)
         or _gather_radius(cell, photons[GLOBAL_MAP], settings.k, expected[GLOBAL_MAP], extent),
@@ -102,6 +105,16 @@ def map_plans(pilot: PhotonPilot, settings: RenderSettings, flat: FlatScene) -> 
     ]
     words = caustics_in_words(caustics, pilot, settings.caustic_photons, caustic_paths)
     return MapPlans((plans[0], plans[1], plans[2]), caustic_k, () if words is None else (words,))
+
+
+def _may_scatter(pilot: PhotonPilot, settings: RenderSettings) -> bool:
+    """Whether photons of the global map's paths may scatter in media, though none of the pilot's did.
+
+    They cost nothing more then, and without them light would be lost, however seldom it scatters.
+    """
+    media = pilot.world.media
+    scatters = bool(((media.sigma_t > 0) & (media.albedo > 0)).any())
+    return scatters and pilot.world.volume_map.paths > 0 and settings.volume_photons > 0
 
 
 def _given(length: float | None, unit: float) -> float | None:
@@ -131,9 +144,14 @@ def irradiance_plan(settings: RenderSettings, global_map: MapPlan) -> Irradiance
     return IrradiancePlan(IRRADIANCE_SHARE, settings.k, IRRADIANCE_REACH * global_map.radius)
 
 
-def volume_unit(photons: Arrays, volume_map: MapPlan, flat: FlatScene) -> float:
-    """The unit of exact sums along beams, from the strongest photon of the pilot with room above."""
-    largest = float(photons["flux"].max(initial=0.0)) * BEAM_HEADROOM
+def volume_unit(photons: Sequence[Arrays], volume_map: MapPlan, flat: FlatScene) -> float:
+    """The unit of exact sums along beams, from the strongest photon of the pilot with room above.
+
+    Args:
+        photons: of each map; those on surfaces tell how strong a photon is where none of the pilot's scattered.
+    """
+    of_media, *others = (float(part["flux"].max(initial=0.0)) for part in (photons[VOLUME_MAP], *photons))
+    largest = (of_media or max(others)) * BEAM_HEADROOM
     if largest == 0:
         return 1.0
     return sum_unit(largest, volume_map.radius, float(np.abs(flat.media.g).max(initial=0.0)))
@@ -154,7 +172,7 @@ def _gather_radius(cell: Cell, photons: Arrays, k: int, expected: float, extent:
 
 def _point_area(area: float, radius: float, photons: float) -> float:
     """The area that a surface point stands for, of a map of so many photons on a scene of that area."""
-    discs = area / (math.pi * radius**2)
+    discs = max(1.0, area / (math.pi * radius**2))  # one that is larger than the scene holds all that there is
     least = min(POINTS_LEAST, POINTS_IN_DISC * discs)
     wanted = max(POINTS_A_PHOTON * photons, POINTS_A_DISC * discs, least)
     return area / min(wanted, POINTS_MOST)

@@ -89,7 +89,7 @@ def make_render_plan(
         caustic_map=maps[1],
         volume_map=maps[2],
         emission=shared_out(pilot.world, pilot.flux_by_light()),
-        volume_unit=volume_unit(pilot.photons[VOLUME_MAP], maps[VOLUME_MAP], flat),
+        volume_unit=volume_unit(pilot.photons, maps[VOLUME_MAP], flat),
         irradiance=irradiance,
     )
     rows = rows_of_cells(flat.triangles.positions, tree, flat.extent, launcher)

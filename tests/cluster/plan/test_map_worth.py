@@ -8,19 +8,20 @@ from functools import cache
 import pytest
 
 from tests.helpers.effect_scenes import Builder, camera
+from wdpm.cluster.plan import map_worth
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.map_plans import POINTS_IN_DISC, MapPlans, map_plans
+from wdpm.cluster.plan.map_plans import POINTS_IN_DISC, MapPlans, map_plans, volume_unit
 from wdpm.cluster.plan.map_worth import LEAST_K, LEAST_PATHS, PATHS_A_PHOTON, PLAIN_SHARE, MapWorth, fewer_neighbours
 from wdpm.cluster.plan.photon_pilot import PILOT_PATHS, fly_pilot
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.inspection.inspect import inspect
 from wdpm.kernels.launch import Launcher
 from wdpm.scenes.flat.areas import triangle_areas
-from wdpm.scenes.flat.flatten import flatten
+from wdpm.scenes.flat.flatten import FlatScene, flatten
 from wdpm.scenes.meshes.primitives import cube, rectangle
 from wdpm.scenes.model.bsdfs import Diffuse, Plastic
 from wdpm.scenes.model.lights import PointLight
-from wdpm.scenes.model.scene import Scene
+from wdpm.scenes.model.scene import Medium, Scene
 
 LIGHT = PointLight("point", (0.3, 0.8, -0.6), (3.0, 3.0, 3.0))
 SETTINGS = RenderSettings(indirect=Indirect.MAP, all_effects=True)  # kernels that other tests compile
@@ -47,7 +48,11 @@ def on_a_floor(size: float) -> Scene:
 def plans_of(size: float | None) -> MapPlans:
     scene = alone() if size is None else on_a_floor(size)
     flat = flatten(scene)
-    return map_plans(fly_pilot(flat, features_of(flat, SETTINGS), SETTINGS, Launcher("cpu")), SETTINGS, flat)
+    return plans_for(flat, SETTINGS)
+
+
+def plans_for(flat: FlatScene, settings: RenderSettings) -> MapPlans:
+    return map_plans(fly_pilot(flat, features_of(flat, settings), settings, Launcher("cpu")), settings, flat)
 
 
 def test_a_map_that_no_path_of_the_pilot_stores_in_is_not_made_and_the_plan_says_so() -> None:
@@ -96,6 +101,51 @@ def test_wide_gathers_of_few_photons_count_no_more_surface_than_they_need() -> N
     area = float(triangle_areas(flat.triangles.positions).sum())
     discs = area / (3.14159 * caustic.radius**2)
     assert area / caustic.point_area == pytest.approx(POINTS_IN_DISC * discs, rel=1e-3)
+
+
+def test_gathers_that_reach_beyond_the_scene_count_enough_of_it() -> None:
+    flat = flatten(on_a_floor(3.0))
+    settings = replace(SETTINGS, caustic_photons=1, caustic_radius=1e6)
+    caustic = plans_for(flat, settings).maps[1]
+    area = float(triangle_areas(flat.triangles.positions).sum())
+    assert area / caustic.point_area == pytest.approx(POINTS_IN_DISC, rel=1e-3)
+
+
+@pytest.mark.parametrize("photons", [1, 20, 1000])
+def test_a_map_of_as_many_photons_as_were_asked_for_is_gathered_by_the_k_that_was_asked_for(
+    monkeypatch: pytest.MonkeyPatch, photons: int
+) -> None:
+    monkeypatch.setattr(map_worth, "PATHS_A_PHOTON", 1000)
+    settings = replace(SETTINGS, caustic_photons=photons, caustic_k=500)
+    assert plans_for(flatten(on_a_floor(3.0)), settings).caustic_k == 500
+
+
+def test_a_map_of_fewer_photons_than_were_asked_for_is_gathered_by_a_smaller_k() -> None:
+    settings = replace(SETTINGS, caustic_photons=1000, caustic_k=500)
+    flat = flatten(on_a_floor(3.0))
+    pilot = fly_pilot(flat, features_of(flat, settings), settings, Launcher("cpu"))
+    plans = map_plans(pilot, settings, flat)
+    expected = len(pilot.photons[1]["id"]) * plans.maps[1].paths / pilot.paths
+    assert expected < 1000
+    assert plans.caustic_k == fewer_neighbours(500, expected) < 500
+
+
+@pytest.mark.parametrize(
+    ("albedo", "photons", "made"), [(1.0, 2000, True), (0.0, 2000, False), (1.0, 0, False)], ids=str
+)
+def test_what_no_path_of_the_pilot_scattered_in_is_stored_from_if_it_may_scatter(
+    albedo: float, photons: int, made: bool
+) -> None:
+    thin = Medium("thin", (1e-9,) * 3, (albedo,) * 3)
+    scene = on_a_floor(3.0)
+    scene = replace(scene, media=(thin,), camera=replace(scene.camera, medium=0))  # the light is not in it
+    flat, settings = flatten(scene), replace(SETTINGS, volume_photons=photons)
+    pilot = fly_pilot(flat, features_of(flat, settings), settings, Launcher("cpu"))
+    assert not len(pilot.photons[2]["id"])
+    maps = map_plans(pilot, settings, flat).maps
+    assert maps[0].paths > 0
+    assert maps[2].paths == (maps[0].paths if made else 0)
+    assert volume_unit(pilot.photons, maps[2], flat) < 1e-6  # what one of them brings is far above it
 
 
 def test_inspect_tells_of_a_map_that_is_not_worth_it() -> None:
