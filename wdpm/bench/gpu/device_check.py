@@ -162,11 +162,10 @@ def compare_kernels(
     comparison = LaunchComparison(device)
     progress.start("kernels", len(scenes) * len(ways))
     for name in scenes:
-        plain = effects_scenes.scene_of(name, SMALL)
+        scene = effects_scenes.scene_of(name, SMALL)
+        if name == effects_scenes.EVERYTHING:  # a filter with negative lobes, whose kernels nothing else launches
+            scene = replace(scene, camera=replace(scene.camera, filter=LOBES))
         for way in ways:
-            # Path tracing is looked at through a filter with negative lobes, whose kernels nothing else launches.
-            through = LOBES if way.get("integrator") is Integrator.PATH else plain.camera.filter
-            scene = replace(plain, camera=replace(plain.camera, filter=through))
             with comparison.watching():
                 render_in_process(scene, replace(FEW, **way), workers=2, cells=2, threads=1)
             progress.advance()
