@@ -158,4 +158,5 @@ def test_no_gpu_is_said_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
 def test_every_kernel_is_compared() -> None:
     kernels = device_check.compare_kernels("cpu", SilentProgress())
     assert {name: str(record.first) for name, record in kernels.items() if record.differing} == {}
-    assert set(device_check.all_kernels(trees=False)) - kernels.keys() == {"_fill_rows", "_fill_columns"}
+    unseen = set(device_check.all_kernels(trees=False)) - kernels.keys()
+    assert unseen == {"_fill_rows", "_fill_columns", "clamp_records"}  # the last is the master's, which has no device
