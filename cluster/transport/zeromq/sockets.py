@@ -16,6 +16,10 @@ Socket = zmq.Socket[bytes]
 LINGER_MS = 1000
 """How long a closing socket tries to get rid of its last words (Stop, Failed)."""
 
+ENVELOPE_BYTES = 64
+"""What encryption may add to a frame, and MAXMSGSIZE counts: CurveZMQ's MESSAGE command takes 33 bytes, its name, a
+nonce, a MAC and flags (RFC 26)."""
+
 _PROBE_S = 10
 """Between two probes of a connection on which nothing is sent [s]."""
 
@@ -29,7 +33,8 @@ def make_socket(context: zmq.Context[Socket], kind: int) -> Socket:
     # No high-water mark: a full queue would drop messages (ROUTER) or block the loop that empties the other's queue
     # (DEALER). What is in flight is bounded by the number of tasks instead.
     socket.sndhwm = socket.rcvhwm = 0
-    socket.maxmsgsize = packing.FRAME_BYTES  # of one frame; a longer one closes the connection before it is read
+    # Of one frame as it is sent; a longer one closes the connection before it is read.
+    socket.maxmsgsize = packing.FRAME_BYTES + ENVELOPE_BYTES
     socket.linger = LINGER_MS
     socket.reconnect_ivl = STOP_CONNECTING
     _notice_silent_links(socket)

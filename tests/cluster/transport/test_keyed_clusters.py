@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import zmq
 from fake_worker import FakeWorker, make_session
 from slave_threads import SMALL, SlaveThread, check_picture
 from slow_slaves import AGREED
@@ -21,6 +22,7 @@ from wdpm.cluster.transport.zeromq import curve
 from wdpm.cluster.transport.zeromq.key_files import add_slave, load_keys, make_keys
 from wdpm.cluster.transport.zeromq.network import ZeroMQNetwork, ZeroMQTransport
 from wdpm.cluster.transport.zeromq.run_keys import RunKeys, slave_keys
+from wdpm.cluster.transport.zeromq.sockets import ENVELOPE_BYTES, bind, connect, make_socket
 from wdpm.scenes.errors import ClusterError
 
 pytestmark = pytest.mark.sockets
@@ -48,6 +50,27 @@ def test_a_cluster_with_keys() -> None:
             knock(master.endpoint, stranger)
         check_picture(session, master.render(session).layers)
     assert [slave.end() for slave in slaves] == [None, None, None]
+
+
+@pytest.mark.parametrize("keys", [None, RunKeys()], ids=["open", "curve"])
+def test_frames_of_full_length_arrive(keys: RunKeys | None) -> None:
+    """Large meshes and textures are sent in frames of FRAME_BYTES, which encryption makes longer."""
+    context = zmq.Context[zmq.Socket[bytes]]()
+    listening, calling = make_socket(context, zmq.ROUTER), make_socket(context, zmq.DEALER)
+    try:
+        if keys is not None:
+            server = keys.master.own
+            curve.serve(listening, server)
+            curve.connect(calling, slave_keys(keys.for_slave()).own, server.public)
+        connect(calling, bind(listening, "tcp://127.0.0.1:*"))
+        sent = [b"header", bytes(packing.FRAME_BYTES), b"end"]
+        calling.send_multipart(sent)
+        assert listening.poll(20_000), "the connection was closed"
+        assert listening.recv_multipart()[1:] == sent
+        calling.send_multipart([b"header", bytes(packing.FRAME_BYTES + ENVELOPE_BYTES + 1)])
+        assert not listening.poll(500), "a frame that is too long was taken"
+    finally:
+        context.destroy(linger=0)
 
 
 def test_keys_where_the_master_has_none() -> None:
