@@ -8,7 +8,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import warp as wp
@@ -51,17 +51,12 @@ def upload(textures: Sequence[Texture], device: str) -> Textures:
     """The textures on a device, in their order."""
     pixels = [_pixels(texture) for texture in textures]
     sizes = [image.shape[0] * image.shape[1] for image in pixels]
-    texels = [image.reshape(-1, 3) for image in pixels]
     wraps = [_WRAP_CODE[t.wrap] if isinstance(t, Bitmap) else 0 for t in textures]
     nearest = [int(isinstance(t, Bitmap) and t.interpolation is Interpolation.NEAREST) for t in textures]
     rows = [_to_uv(texture)[:2].reshape(6) for texture in textures]
     uploaded = Textures()
     uploaded.kind = wp.array([_kind(t) for t in textures] or [0], dtype=wp.int32, device=device)
-    uploaded.texel = wp.array(
-        np.concatenate(texels).astype(np.float32) if texels else np.zeros((1, 3), np.float32),
-        dtype=wp.vec3,
-        device=device,
-    )
+    uploaded.texel = _texels(pixels, device)
     uploaded.start = wp.array(np.cumsum([0, *sizes])[: max(len(sizes), 1)], dtype=wp.int64, device=device)
     uploaded.width = wp.array([image.shape[1] for image in pixels] or [1], dtype=wp.int32, device=device)
     uploaded.height = wp.array([image.shape[0] for image in pixels] or [1], dtype=wp.int32, device=device)
@@ -69,6 +64,16 @@ def upload(textures: Sequence[Texture], device: str) -> Textures:
     uploaded.nearest = wp.array(nearest or [0], dtype=wp.int32, device=device)
     uploaded.to_uv = wp.array(np.stack(rows) if rows else np.zeros((1, 6), np.float32), dtype=wp.float32, device=device)
     return uploaded
+
+
+def _texels(pixels: Sequence[NDArray[np.float32]], device: str) -> Any:
+    """All texels, one after another. Each is copied once on its way: there may be hundreds of megabytes."""
+    texels = wp.empty(max(sum(image.size // 3 for image in pixels), 1), dtype=wp.vec3, device="cpu")
+    if pixels:
+        np.concatenate([image.reshape(-1, 3) for image in pixels], out=texels.numpy())
+    else:
+        texels.zero_()
+    return texels.to(device)
 
 
 def _kind(texture: Texture) -> int:
