@@ -6,11 +6,35 @@ import os
 import resource
 import sys
 import time
+from pathlib import Path
 
 
 def machine_memory() -> int:
-    """Main memory of this machine [bytes]."""
-    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    """Main memory of this machine, or what this process's container or job may use of it [bytes]."""
+    machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return min([machine, *_control_group_limits(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"))])
+
+
+def _control_group_limits(membership: Path, mounted: Path) -> list[int]:
+    """Limits of the control groups (cgroups(7)) of this process and those around them, of both versions; Linux alone.
+
+    A container mostly sees its own group as the root of all; what it cannot read does not limit it.
+    """
+    limits = []
+    for line in membership.read_text().splitlines() if membership.is_file() else ():
+        _, controllers, path = line.split(":", 2)
+        if controllers == "":
+            root, name = mounted, "memory.max"
+        elif "memory" in controllers.split(","):
+            root, name = mounted / "memory", "memory.limit_in_bytes"
+        else:
+            continue
+        group = root / path.lstrip("/")
+        for folder in (group, *group.parents):
+            limit = folder / name
+            if folder.is_relative_to(root) and limit.is_file() and (text := limit.read_text().strip()).isdigit():
+                limits.append(int(text))
+    return limits
 
 
 def peak_memory() -> int:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.model.textures import Bitmap, Texture
 
 
 class Copies(Enum):
@@ -51,9 +52,27 @@ class SlaveMemory:
     own: int = 0
 
 
-def scene_bytes(triangles: int, photons: float) -> float:
-    """Memory that the whole scene takes in one process [bytes]: an estimate from above."""
-    return triangles * TRIANGLE_BYTES + photons * PHOTON_BYTES
+TEXEL_BYTES = 24
+"""Three float32, as they came over the wire and on the device."""
+
+
+@dataclass(frozen=True)
+class SceneMemory:
+    """Memory that a scene takes [bytes]: an estimate from above.
+
+    Attributes:
+        divided: triangles and photons, which the slaves of a team divide among them.
+        everywhere: textures, which every slave has all of.
+    """
+
+    divided: float
+    everywhere: float = 0.0
+
+
+def scene_memory(triangles: int, photons: float, textures: Sequence[Texture] = ()) -> SceneMemory:
+    """What a scene with so many triangles and stored photons takes."""
+    texels = sum(each.pixels.size // 3 for each in textures if isinstance(each, Bitmap))
+    return SceneMemory(triangles * TRIANGLE_BYTES + photons * PHOTON_BYTES, texels * TEXEL_BYTES)
 
 
 def room_of(slaves: Sequence[SlaveMemory]) -> float:
@@ -64,28 +83,30 @@ def room_of(slaves: Sequence[SlaveMemory]) -> float:
     )
 
 
-def slaves_a_team(copies: Copies, slaves: Sequence[SlaveMemory], needed: float) -> int:
+def slaves_a_team(copies: Copies, slaves: Sequence[SlaveMemory], needed: SceneMemory) -> int:
     """How many slaves it takes to hold the whole scene.
-
-    Args:
-        needed: memory of the whole scene in one process [bytes].
 
     Raises:
         SettingsError: all slaves together have not room for it.
     """
     if not slaves:
         return 1
-    room = room_of(slaves)
-    if needed > max(room, 0.0) * len(slaves):
-        each = max(room, 0.0) / 2**30
+    room = max(room_of(slaves) - needed.everywhere, 0.0)
+    if needed.divided > room * len(slaves):
+        textures = f", textures of {_gib(needed.everywhere)} in each" if needed.everywhere else ""
         raise SettingsError(
-            f"the scene and its photons take about {needed / 2**30:.1f} GiB; {len(slaves)} slaves have room for "
-            f"{each:.1f} GiB each ({SHARE_OF_MEMORY:.0%} of their memory, less that of the process): use more slaves, "
-            "fewer photons, or give them more --memory"
+            f"the scene and its photons take about {_gib(needed.divided)}{textures}; {len(slaves)} slaves have room "
+            f"for {_gib(room)} each (their --memory, or {SHARE_OF_MEMORY:.0%} of what their machine has, less "
+            f"{_gib(PROCESS_BYTES)} of the process{' and textures' if textures else ''}): use more slaves, fewer "
+            "photons, or give them more --memory"
         )
     if copies is Copies.NONE:
         return len(slaves)
-    return next(count for count in range(1, len(slaves) + 1) if needed <= room * count)
+    return next(count for count in range(1, len(slaves) + 1) if needed.divided <= room * count)
+
+
+def _gib(size: float) -> str:
+    return f"{size / 2**30:.1f} GiB"
 
 
 def largest_team(slaves: int, least: int) -> int:

@@ -15,6 +15,7 @@ from wdpm import api
 from wdpm.bench import effects_scenes as scenes
 from wdpm.cli import main
 from wdpm.cluster.integrators.photons import RULE
+from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import WITHOUT, Effect, causes_of
 from wdpm.cluster.render_settings import EFFECTS_TO_LEAVE_OUT, RenderSettings
@@ -160,3 +161,23 @@ def test_the_command_prints_json_with_settings(capsys: pytest.CaptureFixture[str
     data: dict[str, Any] = json.loads(capsys.readouterr().out)
     assert data["size"] == [8, 8]
     assert data["left_out"][0].startswith("left out by --without indirect: light off diffuse surfaces (")
+
+
+def test_memory_makes_copies_of_the_scene() -> None:
+    scene = cornell_box((8, 8))
+    cut = inspect(scene, slaves=4, **FEW).slaves
+    assert [share.team for share in cut] == [0, 0, 0, 0]
+    assert sum(share.photons for share in cut) == pytest.approx(1.0, abs=0.01)
+    whole = inspect(scene, slaves=4, memory=1 << 30, **FEW)
+    assert [share.team for share in whole.slaves] == [0, 1, 2, 3]
+    assert all(share.triangles == 1.0 and share.ghosts == 0.0 for share in whole.slaves)
+    assert "4 copies of the scene" in printed(whole)
+    none = inspect(scene, slaves=4, copies=Copies.NONE, memory=1 << 30, **FEW)
+    assert [share.team for share in none.slaves] == [0, 0, 0, 0]
+    assert max(share.memory for share in cut) <= whole.slaves[0].memory
+    assert max(share.received for share in none.slaves) > 0
+
+
+def test_too_little_memory_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main.main(["inspect", "cornell-box", "--slaves", "2", "--memory", "1M"]) == 2
+    assert "use more slaves" in capsys.readouterr().err

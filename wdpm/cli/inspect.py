@@ -12,7 +12,8 @@ _EXAMPLES = """\
 examples:
   wdpm inspect scene.xml
   wdpm inspect scene.xml --without caustics --json
-  wdpm inspect atrium:2M --slaves 8"""
+  wdpm inspect atrium:2M --slaves 8
+  wdpm inspect atrium:2M --slaves 8 --memory 2G"""
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -29,6 +30,14 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument(
         "--slaves", type=values.positive_count, default=4, metavar="N", help="slaves to divide it among (default: 4)"
     )
+    parser.add_argument(
+        "--memory",
+        type=values.memory,
+        metavar="SIZE",
+        help="memory of each, like 4G: those with room for the whole scene hold all of it, unless --copies none "
+        "(default: the scene is cut among all slaves)",
+    )
+    options.add_copies_option(parser)
     options.add_setting_options(parser)
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
     return parser
@@ -45,7 +54,9 @@ def run(args: argparse.Namespace) -> int:
 
     quiet_warp()
     scene = viewed_scene_of(args)
-    inspection = inspect(scene, slaves=args.slaves, **options.chosen_settings(args))
+    inspection = inspect(
+        scene, slaves=args.slaves, copies=args.copies, memory=args.memory, **options.chosen_settings(args)
+    )
     if args.json:
         print(inspection.to_json())
     else:

@@ -276,7 +276,7 @@ def add_machine_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_copies_option(group: argparse._ArgumentGroup) -> None:
+def add_copies_option(group: argparse._ActionsContainer) -> None:
     """Whether slaves hold copies of what others hold."""
     group.add_argument(
         "--copies",

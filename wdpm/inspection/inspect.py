@@ -7,40 +7,21 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
-import numpy as np
-
-from wdpm.cluster.deal import deal
+from wdpm.cluster.plan.copies import Copies, SlaveMemory, largest_team, scene_memory, slaves_a_team
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import Effect, LightUse, effects_of, missing_effects, uses_of_lights
 from wdpm.cluster.plan.render_plan import RenderPlan, make_render_plan
-from wdpm.cluster.work.overlap_band import rows_near
 from wdpm.cluster.work.replica import with_camera
+from wdpm.inspection.shares import Share, shares_of
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.rays.cells import cell_boxes
 from wdpm.kernels.variants import make_variants
 from wdpm.rendering.approximations import approximations, settings_without_effect
 from wdpm.rendering.scene_settings import settings_for
 from wdpm.rendering.settled import settle
-from wdpm.scenes.flat.flatten import FlatScene, flatten
+from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.model.left_out import leave_out
 from wdpm.scenes.model.scene import Scene
-
-
-@dataclass(frozen=True)
-class Share:
-    """What one slave would hold.
-
-    Attributes:
-        triangles: as a share of the scene's.
-        photons, ghosts: as shares of all photons, foretold from the pilot's.
-    """
-
-    slave: int
-    cells: int
-    triangles: float
-    photons: float
-    ghosts: float
 
 
 @dataclass(frozen=True)
@@ -90,12 +71,19 @@ class Inspection:
         return json.dumps(asdict(self), indent=2)
 
 
-def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:
+def inspect(
+    scene: Scene, *, slaves: int = 4, copies: Copies = Copies.AUTO, memory: int | None = None, **chosen: Any
+) -> Inspection:
     """Look at a scene as a render would.
 
     Args:
         slaves: how many to divide it among.
+        copies: whether slaves with room for it hold the whole scene.
+        memory: that each may use [bytes]; None if nobody said: then the scene is cut among all of them.
         chosen: settings of that render by name, see RenderSettings.
+
+    Raises:
+        SettingsError: all slaves together have not room for the scene.
     """
     settings = settings_for(scene, **chosen)
     as_it_is = flatten(scene)
@@ -106,8 +94,14 @@ def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:
     settings = settled.settings
     features = with_camera(features_of(flat, settings), flat.camera)
     compile_kernels("cpu", features)
-    plan = make_render_plan(flat, settings, slaves, launcher, pilot=settled.pilot)
+    photons = settings.photons + settings.caustic_photons + settings.volume_photons
+    least = slaves
+    if memory is not None:
+        each = SlaveMemory("", 0, memory)
+        least = slaves_a_team(copies, [each] * slaves, scene_memory(len(flat.triangles), photons, flat.textures))
+    plan = make_render_plan(flat, settings, largest_team(slaves, least), launcher, pilot=settled.pilot)
     world = plan.world
+    made = _by_map(plan, (settings.photons, settings.caustic_photons, settings.volume_photons))
     effects = effects_of(as_it_is, flat, [medium.name for medium in scene.media], world, features, settings)
     shining = set(world.lights.names)
     return Inspection(
@@ -119,7 +113,7 @@ def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:
         media=len(scene.media),
         size=(flat.camera.width, flat.camera.height),
         extent=flat.extent * flat.unit,
-        photons=_by_map(plan, (settings.photons, settings.caustic_photons, settings.volume_photons)),
+        photons=made,
         paths=(world.global_map.paths, world.caustic_map.paths),
         radius=_by_map(plan, tuple(each.radius * world.unit for each in world.maps)),
         targets=len(world.emission.target_radius),
@@ -129,7 +123,7 @@ def inspect(scene: Scene, *, slaves: int = 4, **chosen: Any) -> Inspection:
         lights=uses_of_lights(
             world, [mesh.name for mesh in scene.meshes if mesh.emission is not None and mesh.name not in shining]
         ),
-        slaves=_shares(plan, flat, slaves),
+        slaves=shares_of(plan, flat, slaves, least, sum(made)),
         chose=(*settled.chose, *plan.chose),
         left_out=missing_effects(effects, settings),
         approximated=approximations(scene, world, settings),
@@ -142,23 +136,3 @@ def _by_map(plan: RenderPlan, amounts: tuple[Any, ...]) -> tuple[Any, Any, Any]:
     """Amounts of the three maps, 0 for one that is not made."""
     made = [amount if each.paths else 0 for amount, each in zip(amounts, plan.world.maps, strict=True)]
     return made[0], made[1], made[2]
-
-
-def _shares(plan: RenderPlan, flat: FlatScene, slaves: int) -> tuple[Share, ...]:
-    """What each slave would hold, the photons foretold from the pilot's."""
-    position = plan.pilot_photons  # of all maps
-    band = max((each.band for each in plan.world.maps if each.paths), default=0.0)
-    tree = plan.world.top_tree
-    low, high = cell_boxes(tree.axis, tree.split)
-    triangles, photons, ghosts = np.zeros(slaves), np.zeros(slaves), np.zeros(slaves)
-    holders = deal(np.array(plan.burdens), slaves)
-    for cell, worker in enumerate(holders):
-        inside = np.count_nonzero(np.all((position >= low[cell]) & (position < high[cell]), axis=1))
-        near = len(rows_near(position, low[cell], high[cell], band))
-        triangles[worker] += len(plan.rows[cell]) / len(flat.triangles)
-        photons[worker] += inside / max(len(position), 1)
-        ghosts[worker] += (near - inside) / max(len(position), 1)
-    return tuple(
-        Share(worker, holders.count(worker), float(triangles[worker]), float(photons[worker]), float(ghosts[worker]))
-        for worker in range(slaves)
-    )

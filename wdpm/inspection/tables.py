@@ -8,6 +8,7 @@ from rich.table import Table
 
 from wdpm.cluster.plan.effects_in_words import Effect, LightUse
 from wdpm.inspection.inspect import Inspection
+from wdpm.report.tables import format_bytes
 
 LIGHTS_SHOWN = 12
 """The strongest; JSON has them all."""
@@ -119,12 +120,14 @@ def _dark(lights: tuple[LightUse, ...]) -> list[str]:
 
 
 def _slaves(inspection: Inspection) -> Table:
-    table = _table("What each slave would hold")
-    for column in ("slave", "cells", "triangles", "photons", "ghosts"):
+    teams = 1 + max(share.team for share in inspection.slaves)
+    table = _table("What each slave would hold" + (f": {teams} copies of the scene" if teams > 1 else ""))
+    for column in ("slave", "team", "cells", "triangles", "photons", "ghosts", "memory at most", "sent first"):
         table.add_column(column, justify="right")
     for share in inspection.slaves:
-        amounts = (share.triangles, share.photons, share.ghosts)
-        table.add_row(str(share.slave), str(share.cells), *(f"{amount:.1%}" for amount in amounts))
+        shares = (f"{amount:.1%}" for amount in (share.triangles, share.photons, share.ghosts))
+        sizes = (format_bytes(share.memory), format_bytes(share.received))
+        table.add_row(str(share.slave), str(share.team), str(share.cells), *shares, *sizes)
     return table
 
 

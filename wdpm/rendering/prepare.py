@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 
 from wdpm.cluster.layers import layers_of
-from wdpm.cluster.plan.copies import largest_team, scene_bytes
+from wdpm.cluster.plan.copies import SceneMemory, largest_team, scene_memory
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import effects_of, missing_effects
 from wdpm.cluster.plan.light_guide import with_guide
@@ -108,7 +108,7 @@ def prepare(
     progress: Progress,
     cells: int | None = None,
     processes: int = 1,
-    team: Callable[[float], int] | None = None,
+    team: Callable[[SceneMemory], int] | None = None,
 ) -> Prepared:
     """Compile what is needed, fly the pilot, and divide the scene.
 
@@ -116,7 +116,7 @@ def prepare(
         workers: how many will share the work; 0 or 1 for one.
         cells: a power of two, or None for the least that serves a team of the workers.
         processes: that share the tasks of the only worker.
-        team: memory of the whole scene in one process [bytes] -> how many workers hold it together; None for all.
+        team: memory that the scene takes -> how many workers hold it together; None for all.
 
     Raises:
         SettingsError: the device is not there, the image has too many pixels, or settings contradict the scene.
@@ -142,7 +142,7 @@ def prepare(
     began = flattening + compiling.seconds  # all but that is planning
     photons = settings.photons + settings.caustic_photons + settings.volume_photons
     workers = max(workers, 1)
-    least = workers if team is None else team(scene_bytes(len(flat.triangles), photons))
+    least = workers if team is None else team(scene_memory(len(flat.triangles), photons, flat.textures))
     plan = make_render_plan(flat, settings, largest_team(workers, least), launcher, cells, settled.pilot)
     world = replace(plan.world, strict=settings.strict)
     triangles = _digest(flat.triangles)

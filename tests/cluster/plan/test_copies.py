@@ -1,0 +1,63 @@
+"""How many slaves hold the scene together, by the memory that they have."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from wdpm.cluster.plan.copies import (
+    PROCESS_BYTES,
+    SHARE_OF_MEMORY,
+    Copies,
+    SceneMemory,
+    SlaveMemory,
+    largest_team,
+    scene_memory,
+    slaves_a_team,
+)
+from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.model.textures import Bitmap
+
+GIB = 1 << 30
+
+
+def slave(room: float) -> SlaveMemory:
+    return SlaveMemory("here", 0, round(room) + PROCESS_BYTES)
+
+
+@pytest.mark.parametrize(("room", "least"), [(4, 1), (2, 2), (1.5, 3), (1, 4)])
+def test_as_few_as_have_room(room: float, least: int) -> None:
+    slaves = [slave(room * GIB)] * 4
+    assert slaves_a_team(Copies.AUTO, slaves, SceneMemory(4 * GIB)) == least
+    assert slaves_a_team(Copies.NONE, slaves, SceneMemory(4 * GIB)) == 4
+
+
+def test_slaves_of_one_machine_share_its_memory() -> None:
+    machine = round((8 * GIB + 4 * PROCESS_BYTES) / SHARE_OF_MEMORY)
+    together = [SlaveMemory("one", machine)] * 4
+    apart = [SlaveMemory(f"machine {index}", machine) for index in range(4)]
+    assert slaves_a_team(Copies.AUTO, together, SceneMemory(4 * GIB)) == 2
+    assert slaves_a_team(Copies.AUTO, apart, SceneMemory(4 * GIB)) == 1
+
+
+def test_textures_lie_with_every_slave() -> None:
+    texture = Bitmap("t", pixels=np.zeros((512, 1024, 3), np.float32))
+    needed = scene_memory(1000, 0, [texture, texture])
+    assert needed.everywhere == 24 * (2 << 19)
+    slaves = [slave(3 * GIB)] * 3
+    assert slaves_a_team(Copies.AUTO, slaves, SceneMemory(3 * GIB)) == 1
+    assert slaves_a_team(Copies.AUTO, slaves, SceneMemory(3 * GIB, 1 * GIB)) == 2
+    with pytest.raises(SettingsError, match=r"take about 3.0 GiB, textures of 2.5 GiB in each; 3 slaves have room for"):
+        slaves_a_team(Copies.AUTO, slaves, SceneMemory(3 * GIB, 2.5 * GIB))
+
+
+def test_too_little_memory_in_all() -> None:
+    expected = r"take about 4.0 GiB; 2 slaves have room for 1.5 GiB each .*: use more slaves, fewer photons"
+    with pytest.raises(SettingsError, match=expected):
+        slaves_a_team(Copies.AUTO, [slave(1.5 * GIB)] * 2, SceneMemory(4 * GIB))
+    with pytest.raises(SettingsError, match=r"have room for 0\.0 GiB each"):
+        slaves_a_team(Copies.AUTO, [SlaveMemory("here", 0, 1)], SceneMemory(1.0))
+
+
+def test_teams_are_as_many_as_can_be() -> None:
+    assert [largest_team(slaves, 3) for slaves in (1, 3, 5, 6, 7)] == [1, 3, 5, 3, 4]

@@ -1,0 +1,91 @@
+"""What each slave of a cluster would hold of a scene, and be sent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from wdpm.cluster.batch import SCHEMAS, Kind
+from wdpm.cluster.deal import deal
+from wdpm.cluster.plan.copies import PROCESS_BYTES, scene_memory
+from wdpm.cluster.plan.render_plan import RenderPlan
+from wdpm.cluster.work.overlap_band import rows_near
+from wdpm.kernels.rays.cells import cell_boxes
+from wdpm.scenes.flat.flatten import FlatScene
+from wdpm.scenes.model.textures import Bitmap
+
+
+@dataclass(frozen=True)
+class Share:
+    """What one slave would hold.
+
+    Attributes:
+        team: which copy of the scene it would be a part of.
+        triangles: as a share of the scene's.
+        photons, ghosts: as shares of all photons, foretold from the pilot's. Photons are those of its cells, wherever
+            they were traced; ghosts those of its neighbours in its band.
+        memory: with its process, an estimate from above [bytes].
+        received: of the scene, of photons that were traced elsewhere and of ghosts, before the first bucket [bytes].
+    """
+
+    slave: int
+    team: int
+    cells: int
+    triangles: float
+    photons: float
+    ghosts: float
+    memory: int
+    received: int
+
+
+def shares_of(plan: RenderPlan, flat: FlatScene, slaves: int, least: int, photons: int) -> tuple[Share, ...]:
+    """What each slave would hold, the photons foretold from the pilot's.
+
+    Args:
+        least: slaves that a team has at least.
+        photons: that will be stored in all.
+    """
+    position = plan.pilot_photons  # of all maps
+    band = max((each.band for each in plan.world.maps if each.paths), default=0.0)
+    low, high = cell_boxes(plan.world.top_tree.axis, plan.world.top_tree.split)
+    inside = [
+        np.count_nonzero(np.all((position >= a) & (position < b), axis=1)) for a, b in zip(low, high, strict=True)
+    ]
+    near = [len(rows_near(position, a, b, band)) for a, b in zip(low, high, strict=True)]
+    held = np.array([len(rows) for rows in plan.rows]) / len(flat.triangles)
+    own, ghosts = np.array(inside) / max(len(position), 1), (np.array(near) - inside) / max(len(position), 1)
+    teams = max(1, slaves // least)
+    texels = sum(each.pixels.nbytes for each in flat.textures if isinstance(each, Bitmap))
+    shares = []
+    for slave in range(slaves):
+        # As master.teams has it: slaves are dealt out to teams one by one.
+        team, place, size = slave % teams, slave // teams, len(range(slave % teams, slaves, teams))
+        cells = [cell for cell, holder in enumerate(deal(np.array(plan.burdens), size)) if holder == place]
+        triangles, stored, copied = (float(amount[cells].sum()) for amount in (held, own, ghosts))
+        needed = scene_memory(round(triangles * len(flat.triangles)), (stored + copied) * photons, flat.textures)
+        elsewhere = (stored * (1.0 - 1.0 / teams) + copied) * photons
+        received = triangles * _triangle_bytes(flat) + texels + elsewhere * _PHOTON_BYTES
+        shares.append(
+            Share(
+                slave,
+                team,
+                len(cells),
+                triangles,
+                stored,
+                copied,
+                round(PROCESS_BYTES + needed.divided + needed.everywhere),
+                round(received),
+            )
+        )
+    return tuple(shares)
+
+
+def _triangle_bytes(flat: FlatScene) -> int:
+    return sum(getattr(flat.triangles, field.name).nbytes for field in fields(flat.triangles))
+
+
+_PHOTON_BYTES = sum(
+    np.dtype(field.dtype).itemsize * int(np.prod(field.shape)) for field in SCHEMAS[Kind.COPIED_PHOTONS].values()
+)
+"""Of a stored photon on the wire."""
