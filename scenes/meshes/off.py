@@ -6,7 +6,6 @@ import io
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.meshes.mesh_data import MeshData
@@ -18,6 +17,8 @@ def read_off(file: Path) -> MeshData:
     Raises:
         SceneError: not an OFF file, truncated, an index out of range, or without faces.
     """
+    import trimesh  # here, as it takes a third of the time in which a command starts, and few scenes have OFF files
+
     try:
         data = file.read_bytes()
     except OSError as error:
