@@ -34,7 +34,7 @@ def slave_command(threads: int, device: str, memory: int | None = None) -> Comma
 
     def command(endpoint: str) -> list[str]:
         options = ["--threads", str(threads), "--device", device, "--keys", "-", "--life-line"]
-        options += [] if memory is None else ["--memory", str(memory)]
+        options += [] if memory is None else ["--memory", f"{-(-memory // 1024)}K"]
         return [sys.executable, "-m", "wdpm", "slave", endpoint, *options]
 
     return command

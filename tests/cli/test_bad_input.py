@@ -168,6 +168,18 @@ def test_a_wrong_size(size: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert "--size" in said(["render", "cornell-box", f"--size={size}"], capsys)
 
 
+@pytest.mark.parametrize(("memory", "expected"), [("64M", "takes 600 MiB before"), ("610M", "more --memory")])
+def test_slaves_with_too_little_memory(memory: str, expected: str, capsys: pytest.CaptureFixture[str]) -> None:
+    line = said(["render", "cornell-box", "--size", "16x16", "--slaves", "1", "--memory", memory, "-q"], capsys)
+    assert expected in line
+
+
+def test_slaves_with_enough_memory(here: Path) -> None:
+    small = ["--size", "16x16", "--spp", "1", "--photons", "100", "--slaves", "1", "--memory", "2G"]
+    assert main(["render", "cornell-box", *small, "-q", "-o", "box.exr"]) == 0
+    assert (here / "box.exr").is_file()
+
+
 def test_an_occupied_port(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
