@@ -38,6 +38,10 @@ class Frame:
     slaves: tuple[str, ...]
 
 
+OF_NOBODY = -1
+"""In place of the number of a slave."""
+
+
 @dataclass(frozen=True, eq=False)
 class Bucket:
     """Pixels that are done.
@@ -45,7 +49,8 @@ class Bucket:
     Attributes:
         x0, y0: its upper left corner [pixels].
         layers: all of the frame.
-        slave: number of the slave that put them together; whose cells shaded them is the layer `cell`.
+        slave: number of the slave that put them together, OF_NOBODY if they were kept from an interrupted render; whose
+            cells shaded them is the layer `cell`.
     """
 
     x0: int

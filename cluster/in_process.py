@@ -15,11 +15,12 @@ from functools import partial
 import numpy as np
 
 from wdpm.cluster.display import Display
+from wdpm.cluster.kept import Keeper
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.loop import FROM_SLAVE, MasterShell
 from wdpm.cluster.master.machine import Master
-from wdpm.cluster.master.observing import tell_display, tell_observer
+from wdpm.cluster.master.observing import tell_display, tell_keeper, tell_observer
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.progress import ProgressObserver
 from wdpm.cluster.session import Session, SessionResult
@@ -104,6 +105,7 @@ class MemoryCluster:
         self._session: Session | None = None
         self._progress: ProgressObserver | None = None
         self._display: Display | None = None
+        self._keeper: Keeper | None = None
         self._result: SessionResult | None = None
         network = self._transport.open(None)
         listener = network.listen(MASTER, Role.MASTER, FROM_SLAVE)
@@ -127,10 +129,15 @@ class MemoryCluster:
         shell.handle(s.Start())
 
     def render(
-        self, session: Session, progress: ProgressObserver | None = None, display: Display | None = None
+        self,
+        session: Session,
+        progress: ProgressObserver | None = None,
+        display: Display | None = None,
+        keeper: Keeper | None = None,
     ) -> SessionResult:
         """Render a session; ClusterError if a slave fails, and whatever a worker raises."""
         self._session, self._progress, self._display, self._result = session, progress, display, None
+        self._keeper = keeper
         self._master.handle(m.Begin(session))
         while self._result is None:
             if not self._step() and not self._wait_for_tasks():
@@ -167,6 +174,7 @@ class MemoryCluster:
 
     def _answer(self, instruction: m.Instruction) -> None:
         tell_display(instruction, self._display)
+        tell_keeper(instruction, self._keeper)
         match instruction:
             case m.MakePartition(cell):
                 if self._session is None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.kept import NOTHING_KEPT, Kept
 from wdpm.cluster.layers import LAYERS
 from wdpm.cluster.records import NO_RECORDS, Records
 from wdpm.cluster.task import PhotonsTraced
@@ -33,6 +34,7 @@ class Session:
         retrace: trace the photons again even if the cluster has them.
         layers: name of layer -> channels.
         records: irradiance records that are there already; none are made then.
+        kept: what of it an interrupted render has done, for a view with buckets of the same side.
     """
 
     world: World
@@ -44,6 +46,7 @@ class Session:
     retrace: bool = False
     layers: Mapping[str, int] = field(default_factory=lambda: LAYERS)
     records: Records = NO_RECORDS
+    kept: Kept = NOTHING_KEPT
 
 
 @dataclass(frozen=True, eq=False)

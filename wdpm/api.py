@@ -57,7 +57,8 @@ def render(
         progress: is told how far the render is.
         display: is shown the image while it is rendered.
         journal: file that keeps the passes of a render in several (`passes=8`), so that it can go on after it was
-            interrupted; removed at the end.
+            interrupted; removed at the end. Beside it, under the name with `.pass`, is what is finished of a pass that
+            takes more than ten seconds.
         resume: go on from the journal, on any number of slaves, and up to any number of passes.
         keep: keep the journal, to add passes later.
         save_cache: file to write the view's irradiance records to, for other views of the same scene.

@@ -31,6 +31,7 @@ from wdpm.rendering.cache_file import CacheFiles
 from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.prepare import Prepared, Source, prepare
+from wdpm.rendering.session_journal import SessionJournal
 from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.model.scene import Scene
 
@@ -158,7 +159,7 @@ class Cluster(Backend):
 
     def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:  # noqa: ARG002
         """Render a session. What slaves have of it already they are not sent again, nor do they trace it again."""
-        return self._master.render(session, progress, self.display)
+        return self._master.render(session, progress, self.display, self.keeper)
 
     def render(
         self,
@@ -169,6 +170,7 @@ class Cluster(Backend):
         journal: Path | None = None,
         resume: bool = False,
         keep: bool = False,
+        log: SessionJournal | None = None,
         save_cache: Path | None = None,
         load_cache: Path | None = None,
         **chosen: Any,
@@ -178,7 +180,8 @@ class Cluster(Backend):
         Args:
             source: a scene, a file, the name of a built-in scene, or a function that gives a scene.
             settings: all settings; or give single ones by name, see RenderSettings.
-            journal, resume, keep: of a render in several passes, see `wdpm.render`.
+            journal, resume, keep: of a render that may be interrupted, see `wdpm.render`.
+            log: keeps what is finished of the pass that is rendered; its maker removes it.
             save_cache, load_cache: files of irradiance records, see `wdpm.render`.
 
         Raises:
@@ -193,6 +196,7 @@ class Cluster(Backend):
             journal=journal,
             resume=resume,
             keep=keep,
+            log=log,
             cache=CacheFiles(save_cache, load_cache),
             **chosen,
         )

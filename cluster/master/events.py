@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from wdpm.cluster.display import Bucket, Frame
+from wdpm.cluster.kept import TaskKept
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.scenes.flat.arrays import Triangles
@@ -153,6 +154,13 @@ class BucketDone:
 
 
 @dataclass(frozen=True)
+class WorthKeeping:
+    """A bucket or records are done; for those who keep what is finished."""
+
+    done: TaskKept
+
+
+@dataclass(frozen=True)
 class Finished:
     """The session is rendered."""
 
@@ -167,5 +175,15 @@ class Broken:
 
 
 Instruction = (
-    Send | MakePartition | AllJoined | Started | Advanced | Noted | FrameBegun | BucketDone | Finished | Broken
+    Send
+    | MakePartition
+    | AllJoined
+    | Started
+    | Advanced
+    | Noted
+    | FrameBegun
+    | BucketDone
+    | WorthKeeping
+    | Finished
+    | Broken
 )

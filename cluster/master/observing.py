@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from wdpm.cluster.display import Bucket, Display, Frame
+from collections.abc import Iterable
+
+from wdpm.cluster.display import OF_NOBODY, Bucket, Display, Frame
+from wdpm.cluster.kept import BucketKept, Keeper, RecordsKept
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.progress import ProgressObserver
 from wdpm.cluster.session import Session
-from wdpm.cluster.task import BucketRendered, TaskResult
+from wdpm.cluster.task import BucketRendered, BucketTask, RecordsMade, RecordTask, Task, TaskResult
 
 
 def tell_observer(instruction: m.Instruction, observer: ProgressObserver | None) -> None:
@@ -34,6 +37,26 @@ def tell_display(answer: object, display: Display | None) -> None:
             display.bucket(bucket)
         case m.Finished(result):
             display.end(result.statistics)
+
+
+def tell_keeper(answer: object, keeper: Keeper | None) -> None:
+    """Pass on what is worth keeping."""
+    if keeper is not None and isinstance(answer, m.WorthKeeping):
+        keeper.keep(answer.done)
+
+
+def worth_keeping(task: Task, result: TaskResult) -> list[m.Instruction]:
+    """What of a task is worth keeping: photons are not, since no slave that takes over has them."""
+    if isinstance(task, BucketTask) and isinstance(result, BucketRendered):
+        return [m.WorthKeeping(BucketKept(task, result))]
+    if isinstance(task, RecordTask) and isinstance(result, RecordsMade):
+        return [m.WorthKeeping(RecordsKept(task, result))]
+    return []
+
+
+def shown_again(kept: Iterable[BucketKept]) -> list[m.Instruction]:
+    """Pixels that were kept, for those who show the image."""
+    return [m.BucketDone(Bucket(each.task.x0, each.task.y0, each.result.layers, OF_NOBODY)) for each in kept]
 
 
 def frame_begun(session: Session, holders: tuple[int, ...], members: Members) -> m.FrameBegun:

@@ -21,7 +21,7 @@ from enum import Enum
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.events import Advanced, Finished, Instruction, Noted, Send, Started
 from wdpm.cluster.master.members import Member, Members
-from wdpm.cluster.master.observing import bucket_done, frame_begun
+from wdpm.cluster.master.observing import bucket_done, frame_begun, shown_again, worth_keeping
 from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.master.roster import Roster, least_of
 from wdpm.cluster.master.statistics import check_statistics, of_nobody
@@ -263,14 +263,14 @@ class Phases:
     def _start_records(self, session: Session, now: float) -> list[Instruction]:
         """The first round of irradiance records, or those that are there already."""
         self._phase_at = now
-        rounds = self._tasks.rounds = RecordRounds(session.view, session.records)
+        rounds = self._tasks.rounds = RecordRounds(session.view, session.records, session.kept.records)
         if len(rounds.records):
             self._records += 1
         if rounds.finished:
             return self._start_buckets(session)
         self.phase = Phase.RECORDS
         self._make_records(rounds, session)
-        return [Started("records", rounds.total)]
+        return [Started("records", rounds.total), *([Advanced(rounds.kept)] if rounds.kept else [])]
 
     def _make_records(self, rounds: RecordRounds, session: Session) -> None:
         self._tasks.make_records(rounds, max(len(self._members), self._at_once(session)), self._limits)
@@ -290,8 +290,10 @@ class Phases:
 
     def _start_buckets(self, session: Session) -> list[Instruction]:
         self.phase = Phase.BUCKETS
-        buckets = self._tasks.render(session.view, session.layers)
-        return [Started("render", buckets), frame_begun(session, self.roster.holders(), self._members)]
+        kept = self._tasks.render(session.view, session.layers, session.kept.buckets)
+        begun: list[Instruction] = [Started("render", self._tasks.total + len(kept))]
+        begun += [Advanced(len(kept))] if kept else []
+        return [*begun, frame_begun(session, self.roster.holders(), self._members), *shown_again(kept)]
 
     def _start_statistics(self, session: Session, now: float) -> list[Instruction]:
         self._end_phase("render", now)
@@ -467,7 +469,7 @@ class Phases:
             return self._lead(team, session, now)
         if isinstance(task, PhotonTask):
             team.traced.append(task)
-        shown: list[Instruction] = [Advanced(units(task)), *bucket_done(member, result)]
+        shown: list[Instruction] = [Advanced(units(task)), *bucket_done(member, result), *worth_keeping(task, result)]
         return shown + self._hand_out(session, now) + self._go_on(session, now)
 
     def _at_once(self, session: Session) -> int:

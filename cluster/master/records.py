@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from wdpm.cluster.kept import RecordsKept
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.records import Records, candidates, check_records, equal, joined
 from wdpm.cluster.task import RecordsMade, RecordTask
@@ -17,17 +19,24 @@ class RecordRounds:
 
     Args:
         given: records of the view that are there already, if any: then no round is made.
+        kept: what an interrupted render has made of some rounds: their candidates are not asked for again.
 
     Attributes:
         records: of all rounds that have ended.
     """
 
-    def __init__(self, view: View, given: Records) -> None:
+    def __init__(self, view: View, given: Records, kept: Sequence[RecordsKept] = ()) -> None:
         self._view = view
         self._round = view.cache.rounds if len(given) else 0
-        self._made: list[RecordsMade] = []
+        self._kept = [] if len(given) else sorted(kept, key=lambda each: (each.task.round, each.task.start))
+        self._made: list[RecordsMade] = [each.result for each in self._kept]
         self.records = given
         self._shared: Records | None = None
+
+    @property
+    def kept(self) -> int:
+        """Candidates of all rounds that are done already."""
+        return sum(each.task.stop - each.task.start for each in self._kept)
 
     @property
     def finished(self) -> bool:
@@ -49,17 +58,26 @@ class RecordRounds:
 
         Each takes the same part of the candidates that are left (guided self-scheduling, Polychronopoulos & Kuck 1987).
         """
-        count, start = self._candidates(self._round), 0
+        count = self._candidates(self._round)
         out: list[RecordTask] = []
         parts = math.ceil(limits.record_parts * slaves) if slaves > 1 else 1
         worth = min(-(-count * limits.record_task_rays // max(self._rays_expected(count), 1)), -(-count // slaves))
         least = max(limits.record_task_least, -(-count // (parts * limits.record_task_spread)), worth)
-        while start < count:
-            size = min(max(-(-(count - start) // parts), least), limits.record_task_most)
-            stop = min(start + size, count)
-            out.append(RecordTask(first_number + len(out), self._round, start, stop))
-            start = stop
+        for start, end in self._gaps(count):
+            while start < end:
+                size = min(max(-(-(count - start) // parts), least), limits.record_task_most)
+                stop = min(start + size, end)
+                out.append(RecordTask(first_number + len(out), self._round, start, stop))
+                start = stop
         return out
+
+    def _gaps(self, count: int) -> Iterator[tuple[int, int]]:
+        """The candidates of the round that is next which nobody has done, as ranges."""
+        start = 0
+        for task in (each.task for each in self._kept if each.task.round == self._round):
+            yield start, task.start
+            start = task.stop
+        yield start, count
 
     def put(self, task: RecordTask, result: RecordsMade) -> None:
         """Keep a task's records."""
@@ -73,7 +91,7 @@ class RecordRounds:
     def end_round(self) -> None:
         """All tasks of the round are done."""
         self._round += 1
-        self.records = joined([made.records for made in self._made])
+        self.records = joined([made.records for made in self._made if made.round < self._round])
         self._shared = None
 
     def shared(self) -> Records:

@@ -15,11 +15,12 @@ from typing import Self
 
 from wdpm.cluster.cluster_events import ClusterObserver
 from wdpm.cluster.display import Display
+from wdpm.cluster.kept import Keeper
 from wdpm.cluster.limits import MOST_SLAVES, ClusterLimits
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.loop import FROM_SLAVE, MasterLoop, Watch
 from wdpm.cluster.master.machine import Master
-from wdpm.cluster.master.observing import tell_display, tell_observer
+from wdpm.cluster.master.observing import tell_display, tell_keeper, tell_observer
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.progress import ProgressObserver
 from wdpm.cluster.session import Session, SessionResult
@@ -111,9 +112,16 @@ class MasterServer:
         return joined.slaves
 
     def render(
-        self, session: Session, progress: ProgressObserver | None = None, display: Display | None = None
+        self,
+        session: Session,
+        progress: ProgressObserver | None = None,
+        display: Display | None = None,
+        keeper: Keeper | None = None,
     ) -> SessionResult:
         """Render a session as soon as all slaves have joined.
+
+        Args:
+            keeper: is given what is finished as it comes.
 
         Raises:
             ClusterError: the cluster has ended because of an error, and cannot be used any more.
@@ -121,7 +129,7 @@ class MasterServer:
         with self._interruptible():
             self._tell_to_wait(progress)
             self._mailbox.put(m.Begin(session))
-            finished = self._follow(session, progress, display)
+            finished = self._follow(session, progress, display, keeper)
         if not isinstance(finished, m.Finished):
             raise AssertionError("a session ended without a result")
         return finished.result
@@ -143,11 +151,16 @@ class MasterServer:
             progress.note(f"waiting for {self._slaves} slaves at {self.endpoint}")
 
     def _follow(
-        self, session: Session | None, progress: ProgressObserver | None, display: Display | None
+        self,
+        session: Session | None,
+        progress: ProgressObserver | None,
+        display: Display | None,
+        keeper: Keeper | None = None,
     ) -> m.Finished | m.AllJoined:
         while True:
             answer = self._next_answer(progress)
             tell_display(answer, display)
+            tell_keeper(answer, keeper)
             match answer:
                 case m.Finished() | m.AllJoined():
                     return answer

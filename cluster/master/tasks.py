@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from wdpm.cluster.kept import BucketKept
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.film import Film, spiral
 from wdpm.cluster.master.members import Member
@@ -75,6 +76,11 @@ class Tasks:
         return bool(self._waiting)
 
     @property
+    def total(self) -> int:
+        """Tasks of the phase."""
+        return self._total
+
+    @property
     def finished(self) -> bool:
         """Whether none waits, and slaves are at none."""
         return not self._waiting and not self._flying
@@ -108,13 +114,17 @@ class Tasks:
         self._next_number += len(tasks)
         self._begin(tasks)
 
-    def render(self, view: View, layers: Mapping[str, int]) -> int:
-        """An image is to be rendered. Returns how many buckets it has."""
+    def render(self, view: View, layers: Mapping[str, int], kept: Sequence[BucketKept] = ()) -> list[BucketKept]:
+        """An image is to be rendered, but for buckets that are there. Returns those of them that belong to it."""
         self.film = Film(view.camera.width, view.camera.height, layers)
         buckets = spiral(view.camera.width, view.camera.height, view.bucket, self._next_number)
         self._next_number += len(buckets)
-        self._begin(buckets)
-        return len(buckets)
+        there = {_place(each.task): each for each in kept}
+        used = [there[_place(task)] for task in buckets if _place(task) in there]
+        for each in used:
+            self.film.put(each.task, each.result)
+        self._begin([task for task in buckets if _place(task) not in there])
+        return used
 
     def _begin(self, tasks: Sequence[Task]) -> None:
         self._flying, self._done, self._seconds = {}, {}, []
@@ -222,6 +232,10 @@ class Tasks:
             raise ProtocolError(f"{type(result).__name__} came for {task}")
         if not same:
             raise ProtocolError(f"two results of task {result.number} differ")
+
+
+def _place(task: BucketTask) -> tuple[int, int, int, int]:
+    return task.x0, task.y0, task.x1, task.y1
 
 
 def units(task: Task) -> int:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from wdpm.cli import main
-from wdpm.cli.passes import journal_of
+from wdpm.cli.journals import places_of
 from wdpm.images.image import load
 from wdpm.progress import SilentProgress
 from wdpm.rendering import passes
@@ -45,7 +45,7 @@ def test_the_image_has_error_layers_and_leaves_no_journal(tmp_path: Path) -> Non
     report = from_dict(image.metadata["report"])
     assert report.error is not None
     assert len(report.passes) == 4
-    assert not journal_of(output).exists()
+    assert not places_of(output).passes.exists()
 
 
 @pytest.mark.parametrize(
@@ -63,20 +63,20 @@ def test_an_interrupted_render_says_how_to_go_on(
         fail_at(patched, 2, error)
         assert render(output) == code
     told = capsys.readouterr().err
-    assert f"{journal_of(output)} keeps the passes so far; the same command with --resume goes on" in told
+    assert f"{places_of(output).passes} keeps the passes so far; the same command with --resume goes on" in told
     assert not output.exists()
     assert render(output, "--resume") == 0
     assert render(whole) == 0
     assert load(output).digest() == load(whole).digest()
-    assert not journal_of(output).exists()
+    assert not places_of(output).passes.exists()
 
 
 def test_passes_that_are_kept_can_be_added_to(tmp_path: Path) -> None:
     output, whole = tmp_path / "box.exr", tmp_path / "whole.exr"
     assert render(output, "--keep-passes") == 0
-    assert journal_of(output).exists()
+    assert places_of(output).passes.exists()
     assert render(output, "--passes", "5", "--spp", "10", "--resume") == 0
-    assert not journal_of(output).exists()
+    assert not places_of(output).passes.exists()
     assert render(whole, "--passes", "5", "--spp", "10") == 0
     assert load(output).digest() == load(whole).digest()
 
@@ -101,7 +101,6 @@ def test_an_image_that_cannot_be_written_costs_no_pass(
     ("more", "message"),
     [
         (["--passes", "9"], "passes is 9, more than spp, which is 6; each pass needs a sample of its own"),
-        (["--resume"], "so there is no interrupted render to resume"),
         (["--passes", "0"], "--passes"),
     ],
 )

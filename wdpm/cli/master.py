@@ -8,9 +8,9 @@ from typing import Any
 from wdpm import values
 from wdpm.cli import options
 from wdpm.cli.goal import add_until_options, asks_for_a_goal, duration, render_to_goal
+from wdpm.cli.journals import add_journal_options, journals
 from wdpm.cli.live import add_view_options, live_view
 from wdpm.cli.monitoring import add_monitoring_options, observers
-from wdpm.cli.passes import add_pass_options, kept_passes
 
 _EXAMPLES = """\
 examples:
@@ -35,7 +35,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     options.add_view_options(parser)
     options.add_output_options(parser)
     options.add_setting_options(parser)
-    add_pass_options(parser)
+    add_journal_options(parser)
     add_until_options(parser)
     options.add_cache_options(parser)
     add_view_options(parser)
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
         }
         if asks_for_a_goal(args):
             return render_to_goal(args, lambda: Cluster.listen(args.bind, args.slaves[0], **terms))
-        with live_view(args) as view, kept_passes(args, first_output(args)) as journal:
+        with live_view(args) as view, journals(args, first_output(args)) as kept:
             return render_and_write(
                 args,
                 lambda source, settings, progress: render_as_master(
@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
                     progress=progress,
                     save_cache=args.save_cache,
                     load_cache=args.load_cache,
-                    **journal,
+                    **kept,
                 ),
                 view,
             )

@@ -8,8 +8,8 @@ from typing import Any
 from wdpm import values
 from wdpm.cli import options
 from wdpm.cli.goal import add_until_options, asks_for_a_goal, render_to_goal
+from wdpm.cli.journals import add_journal_options, journals
 from wdpm.cli.live import add_view_options, live_view
-from wdpm.cli.passes import add_pass_options, kept_passes
 from wdpm.scenes.errors import SettingsError
 
 _EXAMPLES = """\
@@ -40,7 +40,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     options.add_view_options(parser)
     options.add_output_options(parser)
     options.add_setting_options(parser)
-    add_pass_options(parser)
+    add_journal_options(parser)
     add_until_options(parser)
     options.add_cache_options(parser)
     add_view_options(parser)
@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> int:
     from wdpm.cli.result import first_output, render_and_write
     from wdpm.clusters import render_here
 
-    with live_view(args) as view, kept_passes(args, first_output(args)) as journal:
+    with live_view(args) as view, journals(args, first_output(args)) as kept:
         return render_and_write(
             args,
             lambda source, settings, progress: render_here(
@@ -103,7 +103,7 @@ def run(args: argparse.Namespace) -> int:
                 display=view,
                 save_cache=args.save_cache,
                 load_cache=args.load_cache,
-                **journal,
+                **kept,
             ),
             view,
         )

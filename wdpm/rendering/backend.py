@@ -8,6 +8,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Protocol, Self
 
 from wdpm.cluster.display import Display
+from wdpm.cluster.kept import Keeper
 from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
@@ -31,6 +32,7 @@ class Backend(ABC):
 
     Attributes:
         display: is shown images while they are rendered; None where nobody looks.
+        keeper: is given what is finished of a session as it comes; None where nobody keeps it.
     """
 
     def __init__(self, *, slaves: int, threads: int, device: str) -> None:
@@ -38,6 +40,7 @@ class Backend(ABC):
         self.threads = threads
         self.device = device
         self.display: Display | None = None
+        self.keeper: Keeper | None = None
 
     @property
     def processes(self) -> tuple[int, ...]:

@@ -80,7 +80,7 @@ class InProcess(Backend):
         if prepared.pilot is not None:
             session = replace(session, partition=lambda _: NO_TRIANGLES)
         try:
-            return cluster.render(session, progress, self.display)
+            return cluster.render(session, progress, self.display, self.keeper)
         except BaseException:
             cluster.close()
             raise

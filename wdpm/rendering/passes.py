@@ -37,9 +37,14 @@ from wdpm.rendering.pass_progress import PassProgress
 from wdpm.rendering.prepare import Source, scene_of
 from wdpm.rendering.results import image_of
 from wdpm.rendering.scene_settings import settings_for
-from wdpm.scenes.errors import ImageError, SettingsError
+from wdpm.rendering.session_journal import SessionJournal
+from wdpm.scenes.errors import ClusterError, ImageError, SettingsError
 
 __all__ = ["PassAverage", "PassPlan", "PassRenderer", "PassResult", "render_in_passes", "shrink", "spread_samples"]
+
+
+LOG_SUFFIX = ".pass"
+"""After the name of a journal of passes: the journal of the pass that is rendered, beside it."""
 
 
 class PassRenderer:
@@ -54,6 +59,7 @@ class PassRenderer:
             passes are rendered is the caller's business.
         progress: is told of every phase of every pass.
         cache: where irradiance records are read from.
+        log: keeps what is finished of each pass, and has what an interrupted render did of the first.
 
     Attributes:
         prepared: the scene, planned for the first pass.
@@ -71,10 +77,12 @@ class PassRenderer:
         *,
         progress: Progress | None = None,
         cache: CacheFiles = NO_CACHE_FILES,
+        log: SessionJournal | None = None,
         **chosen: Any,
     ) -> None:
         self.progress = progress or SilentProgress()
         self._backend = backend
+        self._log = log
         scene = scene_of(source)
         check_memory(scene.camera)
         self.prepared = backend.prepare(scene, settings or settings_for(scene, **chosen), self.progress)
@@ -100,7 +108,11 @@ class PassRenderer:
         Raises:
             ClusterError: a slave failed or was lost; the cluster has ended.
         """
-        result = self._backend.run(self.prepared, session_of(self._session, plan), self.progress)
+        session = session_of(self._session, plan)
+        if self._log is not None:
+            session = self._log.begin(self.prepared, session, plan, self.progress.note)
+        self._backend.keeper = self._log
+        result = self._backend.run(self.prepared, session, self.progress)
         return PassResult(plan, result.layers, dict(result.seconds), result)
 
 
@@ -114,6 +126,7 @@ def render_in_passes(
     resume: bool = False,
     keep: bool = False,
     cache: CacheFiles = NO_CACHE_FILES,
+    log: SessionJournal | None = None,
     **chosen: Any,
 ) -> Image:
     """Render a scene in as many passes as `settings.passes` says; in one, the image is that of a plain render.
@@ -123,6 +136,8 @@ def render_in_passes(
         resume: go on from the journal.
         keep: leave the journal behind at the end.
         cache: where irradiance records are written to, and read from; of a render in one pass.
+        log: keeps what is finished of the pass that is rendered. Whoever made it removes its file when the image is
+            written; with `journal` there is one beside it, unless another is given.
         Others are as of PassRenderer.
 
     Raises:
@@ -139,12 +154,24 @@ def render_in_passes(
     plans = plans_for(settings, () if saved is None else saved.plans)
     if journal is not None and saved is None:
         _refuse_to_overwrite(journal)
-    # Whoever holds the scene no longer lets its triangles go where they are needed.
-    renderer = PassRenderer(scene.pop, backend, settings, progress=progress, cache=cache)
-    if len(plans) == 1 and journal is None:
-        return _render_one(renderer, plans[0], cache)
-    average = PassAverage(renderer.prepared) if saved is None else saved.average(renderer.prepared)
-    return _render_all(renderer, plans, average, journal, keep)
+    own = None
+    if journal is not None and log is None:
+        log = own = SessionJournal(journal.with_name(journal.name + LOG_SUFFIX), resume=resume)
+    try:
+        # Whoever holds the scene no longer lets its triangles go where they are needed.
+        renderer = PassRenderer(scene.pop, backend, settings, progress=progress, cache=cache, log=log)
+        if len(plans) == 1 and journal is None:
+            image = _render_one(renderer, plans[0], cache)
+        else:
+            average = PassAverage(renderer.prepared) if saved is None else saved.average(renderer.prepared)
+            image = _render_all(renderer, plans, average, journal, keep, log)
+    finally:
+        backend.keeper = None
+        if own is not None:
+            own.close()
+    if own is not None:
+        own.remove()
+    return image
 
 
 def _render_one(renderer: PassRenderer, plan: PassPlan, cache: CacheFiles) -> Image:
@@ -161,7 +188,12 @@ def _render_one(renderer: PassRenderer, plan: PassPlan, cache: CacheFiles) -> Im
 
 
 def _render_all(
-    renderer: PassRenderer, plans: Sequence[PassPlan], average: PassAverage, journal: Path | None, keep: bool
+    renderer: PassRenderer,
+    plans: Sequence[PassPlan],
+    average: PassAverage,
+    journal: Path | None,
+    keep: bool,
+    log: SessionJournal | None,
 ) -> Image:
     """Render the passes that the average lacks, and keep a journal of them."""
     prepared, progress = renderer.prepared, renderer.progress
@@ -185,6 +217,10 @@ def _render_all(
             if renderer.enough:
                 progress.note(f"good enough: {len(average.plans)} of {len(plans)} passes")
                 break
+    except (KeyboardInterrupt, ClusterError):
+        if log is not None and average.plans:
+            log.mean = average.image()
+        raise
     finally:
         renderer.progress = progress
     image = average.image()

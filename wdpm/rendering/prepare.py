@@ -145,7 +145,7 @@ def prepare(
     least = workers if team is None else team(scene_memory(len(flat.triangles), photons, flat.textures))
     plan = make_render_plan(flat, settings, largest_team(workers, least), launcher, cells, settled.pilot)
     world = replace(plan.world, strict=settings.strict)
-    triangles = _digest(flat.triangles)
+    triangles = digest(flat.triangles)
     view = with_guide(view_of(flat, settings, max(workers, processes)), plan.learnt)
     view = replace(view, caustic_k=plan.caustic_k)
     alone = workers == 1 and plan.pilot is not None
@@ -154,7 +154,7 @@ def prepare(
         view=view,
         partition=_partition(flat.triangles if alone else spooled(flat.triangles), plan),
         burdens=plan.burdens,
-        digest=_digest(world.with_photons(NO_PHOTONS), triangles, least),
+        digest=digest(world.with_photons(NO_PHOTONS), triangles, least),
         least=least,
         layers=layers_of(plan.world, view),
     )
@@ -177,7 +177,7 @@ def prepare(
         scene.warnings + dropped + unused,
         seconds,
         _identity(world, session.view, triangles, settings),
-        _digest(*_lit_scene(world, triangles), *(getattr(settings, name) for name in OF_RECORDS)),
+        digest(*_lit_scene(world, triangles), *(getattr(settings, name) for name in OF_RECORDS)),
     )
 
 
@@ -241,12 +241,12 @@ def _partition(triangles: Triangles, plan: RenderPlan) -> Callable[[int], Triang
     return lambda cell: triangles.take(rows[cell])
 
 
-def _digest(*parts: Any) -> str:
+def digest(*parts: Any) -> str:
     """Names a value of dataclasses, arrays and scalars by its contents."""
-    digest = hashlib.sha256()
+    sha = hashlib.sha256()
     for part in parts:
-        _feed(digest, part)
-    return digest.hexdigest()
+        _feed(sha, part)
+    return sha.hexdigest()
 
 
 def _lit_scene(world: World, triangles: str) -> list[Any]:
@@ -258,20 +258,20 @@ def _identity(world: World, view: View, triangles: str, settings: RenderSettings
     """Digests of what the bits of an image depend on; of no setting that changes no bit, nor of spp and passes."""
     scene = [*_lit_scene(world, triangles), world.extent]
     chosen = replace(settings, **{name: getattr(RenderSettings(), name) for name in CHANGE_NO_BIT}, spp=1, passes=1)
-    return {"scene": _digest(*scene), "camera": _digest(view.camera), "settings": _digest(chosen)}
+    return {"scene": digest(*scene), "camera": digest(view.camera), "settings": digest(chosen)}
 
 
-def _feed(digest: Any, value: Any) -> None:
+def _feed(sha: Any, value: Any) -> None:
     if isinstance(value, np.ndarray):
-        digest.update(f"{value.dtype}{value.shape}".encode())
-        digest.update(np.ascontiguousarray(value).data)
+        sha.update(f"{value.dtype}{value.shape}".encode())
+        sha.update(np.ascontiguousarray(value).data)
     elif is_dataclass(value):
         for attribute in fields(value):
-            digest.update(attribute.name.encode())
-            _feed(digest, getattr(value, attribute.name))
+            sha.update(attribute.name.encode())
+            _feed(sha, getattr(value, attribute.name))
     elif isinstance(value, list | tuple):
-        digest.update(f"[{len(value)}]".encode())
+        sha.update(f"[{len(value)}]".encode())
         for item in value:
-            _feed(digest, item)
+            _feed(sha, item)
     else:
-        digest.update(f"{type(value).__name__}:{value!r};".encode())
+        sha.update(f"{type(value).__name__}:{value!r};".encode())

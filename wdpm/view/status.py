@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from wdpm.cluster.display import Bucket, Frame
+from wdpm.cluster.display import OF_NOBODY, Bucket, Frame
 
 NOTES = 200
 """Lines that are kept."""
@@ -90,7 +90,9 @@ class Status:
             slave.cells = [cell for cell, holder in enumerate(frame.holders) if holder == number]
 
     def bucket(self, bucket: Bucket) -> None:
-        """A slave has done one."""
+        """A slave has done one, or an interrupted render had."""
+        if bucket.slave == OF_NOBODY:
+            return
         slave = self._slaves[bucket.slave]
         slave.buckets += 1
         slave.seen = self._clock()

@@ -1,0 +1,268 @@
+"""Journals of a pass: whatever happens to one, what is gone on with has the bits of an undisturbed render."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import wdpm
+from wdpm.cluster.kept import Kept, TaskKept
+from wdpm.cluster.render_settings import Indirect, RenderSettings
+from wdpm.cluster.session import Session
+from wdpm.images.image import Image
+from wdpm.rendering.in_process import InProcess
+from wdpm.rendering.pass_plan import PassPlan, session_of
+from wdpm.rendering.passes import render_in_passes
+from wdpm.rendering.prepare import Prepared
+from wdpm.rendering.record_file import RecordWriter, read_records
+from wdpm.rendering.session_journal import SessionJournal
+from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.model.scene import Scene
+
+CHOSEN = RenderSettings(photons=1000, spp=2, k=20, indirect=Indirect.CACHE, bucket=8)
+PLAN = PassPlan(0, 0, CHOSEN.spp)
+
+
+class Interrupting(SessionJournal):
+    """One whose render is interrupted after so many tasks."""
+
+    left = 10**9
+
+    def keep(self, done: TaskKept) -> None:
+        super().keep(done)
+        self.left -= 1
+        if not self.left:
+            raise KeyboardInterrupt
+
+
+def render(scene: Scene, log: SessionJournal | None, workers: int = 1, **changed: Any) -> Image:
+    with InProcess(threads=1, workers=workers) as backend:
+        return render_in_passes(scene, backend, replace(CHOSEN, **changed), log=log)
+
+
+@dataclass(frozen=True)
+class Interrupted:
+    """A render, and the journal that it left."""
+
+    scene: Scene
+    digest: str
+    journal: bytes
+    ends: tuple[int, ...]
+    prepared: Prepared
+    session: Session
+    kept: Kept
+
+
+@pytest.fixture(scope="module")
+def interrupted(tmp_path_factory: pytest.TempPathFactory) -> Interrupted:
+    scene = wdpm.load("cornell-box", size=(24, 16))
+    path = tmp_path_factory.mktemp("left") / "journal"
+    log = Interrupting(path, resume=False, at_once=True)
+    log.left = 12
+    with pytest.raises(KeyboardInterrupt):
+        render(scene, log)
+    log.close()
+    whole = render(scene, None)
+    with InProcess(threads=1) as backend:
+        prepared = backend.prepare(scene, CHOSEN, wdpm.progress.SilentProgress())
+    session = session_of(prepared.session, PLAN)
+    ends = tuple(end for _, end in read_records(path))
+    kept = begun(path, prepared, session).kept
+    assert len(kept.records) >= 2
+    assert len(kept.buckets) >= 2
+    assert len(kept.records) + len(kept.buckets) == 12
+    return Interrupted(scene, whole.digest(), path.read_bytes(), ends, prepared, session, kept)
+
+
+def begun(path: Path, prepared: Prepared, session: Session, notes: Callable[[str], object] = lambda _: None) -> Session:
+    """The session that goes on with a journal."""
+    log = SessionJournal(path, resume=True)
+    try:
+        return log.begin(prepared, session, PLAN, notes)
+    finally:
+        log.close()
+
+
+def bits_of(done: TaskKept) -> tuple[object, ...]:
+    arrays = vars(done.result.records) if hasattr(done.result, "records") else done.result.layers
+    return (done.task, *((name, array.tobytes()) for name, array in arrays.items()))
+
+
+def test_an_interrupted_render_goes_on_to_the_same_bits(interrupted: Interrupted, tmp_path: Path) -> None:
+    """In another process's place, with other numbers of workers and buckets; what is kept is not done again."""
+    path = tmp_path / "journal"
+    for workers, bucket in ((1, 8), (3, 16)):
+        path.write_bytes(interrupted.journal)
+        log = Interrupting(path, resume=True)
+        done = 10**9
+        log.left = done
+        image = render(interrupted.scene, log, workers, bucket=bucket)
+        assert image.digest() == interrupted.digest
+        buckets = 3 * 2
+        assert sum(1 for _ in read_records(path)) - 1 >= buckets  # the journal is whole at the end
+        assert done - log.left >= buckets - len(interrupted.kept.buckets)
+        assert done - log.left < sum(1 for _ in read_records(path)) - 1
+        log.remove()
+        assert not path.exists()
+
+
+@pytest.mark.parametrize("keep", [0, 4, 8])
+def test_a_journal_may_end_anywhere(interrupted: Interrupted, keep: int, tmp_path: Path) -> None:
+    path = tmp_path / "journal"
+    path.write_bytes(interrupted.journal[: interrupted.ends[keep] + 5])
+    log = SessionJournal(path, resume=True)
+    assert render(interrupted.scene, log).digest() == interrupted.digest
+    log.close()
+
+
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_nothing_wrong_is_believed(interrupted: Interrupted, tmp_path_factory: Any, data: st.DataObject) -> None:
+    """Bytes changed, left out, put in, cut off: what is gone on with is a beginning of what was kept, or nothing."""
+    path = tmp_path_factory.getbasetemp() / f"journal-{os.getpid()}"
+    whole = bytearray(interrupted.journal)
+    place = data.draw(st.integers(0, len(whole) - 1) | st.sampled_from(interrupted.ends))
+    place = min(place, len(whole) - 1)
+    match data.draw(st.sampled_from(["cut", "flip", "leave out", "put in", "double"])):
+        case "cut":
+            del whole[place:]
+        case "flip":
+            whole[place] ^= data.draw(st.integers(1, 255))
+        case "leave out":
+            del whole[place : place + data.draw(st.integers(1, 64))]
+        case "put in":
+            whole[place:place] = data.draw(st.binary(min_size=1, max_size=64))
+        case "double":
+            whole += whole[interrupted.ends[0] :]
+    path.write_bytes(whole)
+    try:
+        session = begun(path, interrupted.prepared, interrupted.session)
+    except SettingsError:
+        return
+    known = {bits_of(each) for each in (*interrupted.kept.buckets, *interrupted.kept.records)}
+    assert {bits_of(each) for each in (*session.kept.buckets, *session.kept.records)} <= known
+    tasks = [(each.task.round, each.task.start) for each in session.kept.records]
+    assert len(tasks) == len(set(tasks))
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"photons": 3000}, "photons 1000 where 3000 is asked for"),
+        ({"k": 21, "seed": 4}, "k 20 where 21 is asked for, seed 0 where 4 is asked for"),
+        ({"spp": 4}, "pass 1 of samples 0 to 1, where pass 1 of samples 0 to 3 is next"),
+    ],
+)
+def test_other_settings_are_refused(
+    interrupted: Interrupted, changed: dict[str, Any], words: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "journal"
+    path.write_bytes(interrupted.journal)
+    with pytest.raises(SettingsError, match=words):
+        render(interrupted.scene, SessionJournal(path, resume=True), **changed)
+    assert path.read_bytes() == interrupted.journal
+
+
+def test_another_scene_camera_or_version_is_refused(
+    interrupted: Interrupted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "journal"
+    path.write_bytes(interrupted.journal)
+    with pytest.raises(SettingsError, match="is of another camera"):
+        render(wdpm.load("cornell-box", size=(24, 12)), SessionJournal(path, resume=True))
+    less = replace(interrupted.scene, meshes=interrupted.scene.meshes[:-1])
+    with pytest.raises(SettingsError, match="another scene"):
+        render(less, SessionJournal(path, resume=True))
+    monkeypatch.setattr("wdpm.rendering.journal_head.versions", lambda: {"wdpm code": "other"})
+    with pytest.raises(SettingsError, match=r"another version .*wdpm code .* where other is asked for"):
+        render(interrupted.scene, SessionJournal(path, resume=True))
+    assert path.read_bytes() == interrupted.journal
+
+
+def test_what_is_left_is_not_overwritten(interrupted: Interrupted, tmp_path: Path) -> None:
+    path = tmp_path / "journal"
+    path.write_bytes(interrupted.journal)
+    with pytest.raises(SettingsError, match="give --resume to go on with it, or delete it"):
+        SessionJournal(path, resume=False)
+    path.write_bytes(b"\x89PNG something else that is longer")
+    with pytest.raises(SettingsError, match="no journal of wdpm; move it away"):
+        SessionJournal(path, resume=True)
+
+
+def test_a_full_disk_ends_the_journal_and_not_the_render(
+    interrupted: Interrupted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, room = tmp_path / "journal", [len(interrupted.journal) // 2]
+    write, notes = os.write, []
+
+    def full(descriptor: int, data: Any) -> int:
+        if os.path.samestat(os.fstat(descriptor), path.stat()):
+            if not room[0]:
+                raise OSError(28, "No space left on device")
+            data = data[: room[0]]
+            room[0] -= len(data)
+        return write(descriptor, data)
+
+    class Notes(wdpm.progress.SilentProgress):
+        def note(self, text: str) -> None:
+            notes.append(text)
+
+    log = SessionJournal(path, resume=False, at_once=True)
+    with monkeypatch.context() as patched, InProcess(threads=1) as backend:
+        patched.setattr("wdpm.rendering.record_file.os.write", full)
+        image = render_in_passes(interrupted.scene, backend, CHOSEN, log=log, progress=Notes())
+    assert image.digest() == interrupted.digest
+    assert [note for note in notes if "No space left on device); the render goes on without" in note]
+    again = SessionJournal(path, resume=True)
+    assert render(interrupted.scene, again).digest() == interrupted.digest
+    again.close()
+
+
+def test_a_short_render_leaves_nothing(interrupted: Interrupted, tmp_path: Path) -> None:
+    """Unless it is asked for: who stops a preview does not want to clear up."""
+    now = [0.0]
+    log = Interrupting(tmp_path / "journal", resume=False, clock=lambda: now[0])
+    log.left = 5
+    with pytest.raises(KeyboardInterrupt):
+        render(interrupted.scene, log)
+    assert log.picture() is None
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_picture_so_far(interrupted: Interrupted, tmp_path: Path) -> None:
+    log = Interrupting(tmp_path / "journal", resume=False, at_once=True)
+    log.left = 12
+    with pytest.raises(KeyboardInterrupt):
+        render(interrupted.scene, log)
+    picture = log.picture()
+    assert picture is not None
+    done = interrupted.kept.buckets[0]
+    task = done.task
+    assert (picture.layers["beauty"][task.y0 : task.y1, task.x0 : task.x1] == done.result.layers["beauty"]).all()
+    log.close()
+    assert picture.metadata["partial"] == f"{len(interrupted.kept.buckets)} buckets of 8 pixels"
+
+
+def test_the_disk_is_asked_as_seldom_as_it_is_slow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At most half a hundredth of the time is spent waiting for it."""
+    now, asked = [0.0], []
+
+    def slow(_: int) -> None:
+        asked.append(now[0])
+        now[0] += 2.0
+
+    writer = RecordWriter(tmp_path / "records", clock=lambda: now[0])
+    monkeypatch.setattr("wdpm.rendering.record_file.os.fsync", slow)
+    while now[0] < 4000:
+        now[0] += 1.0
+        writer.append([b"x"])
+    writer.close()
+    assert 2.0 * len(asked) <= 0.01 * 4000
+    assert len(asked) >= 5
