@@ -27,6 +27,7 @@ class ClusterLimits:
             more than any link takes; a machine that no packet reaches never does. After `dead_s` the render ends.
         join_first_s: first wait of a slave for the master's answer [s]; it doubles with every try ...
         join_longest_s: ... up to this [s]. Both as in the Paranoid Pirate pattern of the ZeroMQ guide.
+        rejoin_longest_s: the same for a slave that has lost its master: one that is started again has work for it [s].
         join_timeout_s: how long a master that has something to render waits for slaves that have not joined [s] ...
         join_news_s: ... and how often it says who has [s].
         photon_task_paths: photon paths a task. Enough for long kernel launches, few enough that the rays of all tasks
@@ -53,6 +54,7 @@ class ClusterLimits:
     peer_answer_s: float = 15.0
     join_first_s: float = 1.0
     join_longest_s: float = 32.0
+    rejoin_longest_s: float = 4.0
     join_timeout_s: float = 600.0
     join_news_s: float = 30.0
     photon_task_paths: int = 65_536

@@ -33,6 +33,7 @@ def serve_as_slave(
     keys: Path | None = None,
     insecure: bool = False,
     patience: float = PATIENCE_S,
+    rejoin: float | None = None,
     life_line: bool = False,
 ) -> None:
     """What `wdpm slave` does: compute for a master until it says stop.
@@ -42,6 +43,7 @@ def serve_as_slave(
         keys: this slave's folder of keys, or "-" for those that the process that started it writes to standard input.
         memory: most memory to use [bytes]; None for no limit.
         patience: how long to wait for the master's first answer [s].
+        rejoin: how long to wait for a master that was lost [s]; None for as long.
         life_line: end when standard input closes, which the process that started this one holds open.
 
     Raises:
@@ -75,6 +77,7 @@ def serve_as_slave(
         memory=memory,
         security=security,
         patience=patience,
+        rejoin=rejoin,
         life_line=sys.stdin.fileno() if life_line else None,
     )
 

@@ -17,6 +17,7 @@ from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.messages import checks, protocol
 from wdpm.cluster.queues import Queues
 from wdpm.cluster.slave import jobs
+from wdpm.cluster.slave.attempts import Attempts
 from wdpm.cluster.slave.cells import ArrivingCells
 from wdpm.cluster.slave.events import (
     AnswerPeer,
@@ -62,18 +63,22 @@ class Slave:
         endpoint: of the master, for messages.
         patience: how long it waits for the master's first answer [s].
         limits: of joining; the master's heartbeats hold once it has joined.
+        rejoin: how long it waits for a master that it has lost; None for as long as for the first answer.
     """
 
     def __init__(
-        self, hello: protocol.Hello, endpoint: str, patience: float, limits: ClusterLimits | None = None
+        self,
+        hello: protocol.Hello,
+        endpoint: str,
+        patience: float,
+        limits: ClusterLimits | None = None,
+        rejoin: float | None = None,
     ) -> None:
         self._hello = hello
         self._endpoint = endpoint
-        self._patience = patience
         self._limits = limits or ClusterLimits()
         self._welcome: protocol.Welcome | None = None
-        self._wait = self._limits.join_first_s
-        self._give_up_at = self._retry_at = 0.0
+        self._attempts = Attempts(patience, rejoin, self._limits)
         self._refused = False
         self._master_late = False
         self._heard_at = self._ticked_at = self._beat_at = 0.0
@@ -89,7 +94,6 @@ class Slave:
         self._running: list[tuple[int, Job]] = []  # with the epoch of each
         self._running_since = 0.0
         self._slow_build_told = False
-        self._joined_before = False
         self._dropped: Counter[str] = Counter()
         self._ended = False
 
@@ -138,8 +142,7 @@ class Slave:
             case Tick():
                 return self._tick(now)
             case Start():
-                self._give_up_at = now + self._patience
-                self._retry_at = now + self._wait
+                self._attempts.begin(now)
                 self._ticked_at = now
                 return [ToMaster(self._hello)]
             case Unreadable(None, reason):
@@ -179,9 +182,8 @@ class Slave:
         if now >= self._beat_at:
             self._beat_at = now + self._welcome.heartbeat_s
             out.append(ToMaster(protocol.Heartbeat()))
-        building = any(isinstance(job, jobs.Build) for _, job in self._running)
-        building = building and now - self._running_since > SLOW_BUILD_S
-        if building and not self._slow_build_told:
+        slow = now - self._running_since > SLOW_BUILD_S
+        if slow and any(isinstance(job, jobs.Build) for _, job in self._running) and not self._slow_build_told:
             self._slow_build_told = True
             text = "builds its cells and compiles kernels; the first time that takes about half a minute"
             out += [ToMaster(protocol.Note(text)), Tell(text)]
@@ -210,25 +212,25 @@ class Slave:
         return out
 
     def _try_again(self, now: float) -> list[Instruction]:
-        if now >= self._give_up_at:
+        within = f"within {self._attempts.patience:g} s"
+        if self._attempts.over(now):
             if self._refused:
                 return self._exit(
                     f"the master at {self._endpoint} does not accept this slave's keys; "
                     "give --keys with the folder that `wdpm keys add` made for it, or none if the master has none"
                 )
-            if self._joined_before:
-                lost = f"lost the master at {self._endpoint}, and none answered there within {self._patience:g} s"
-                return self._exit(lost, elsewhere=True)
+            if self._attempts.again:
+                return self._exit(
+                    f"lost the master at {self._endpoint}, and none answered there {within}", elsewhere=True
+                )
             return self._exit(
-                f"no master answered at {self._endpoint} within {self._patience:g} s; "
+                f"no master answered at {self._endpoint} {within}; "
                 "check that `wdpm master` runs there, and its address, port and firewall"
             )
-        if now < self._retry_at:
+        if (wait := self._attempts.due(now)) is None:
             return []
-        self._wait = min(2 * self._wait, self._limits.join_longest_s)
-        self._retry_at = now + self._wait
         return [
-            Tell(f"no answer from {self._endpoint} yet; next try in {self._wait:g} s"),
+            *([] if self._attempts.again else [Tell(f"no answer from {self._endpoint} yet; next try in {wait:g} s")]),
             Reconnect(),
             ToMaster(self._hello),
         ]
@@ -236,12 +238,10 @@ class Slave:
     def _join_again(self, reason: str, now: float) -> list[Instruction]:
         """The master is lost: it, or another one at its address, may be back soon. What was begun is forgotten."""
         self._welcome, self._setup, self._arriving = None, None, None
-        self._joined_before = True
         self._clear(epoch=0)
         self._peers.forget()
-        self._wait = self._limits.join_first_s
-        self._give_up_at, self._retry_at = now + self._patience, now + self._wait
-        text = f"lost the master at {self._endpoint} ({reason}); tries to join again for {self._patience:g} s"
+        self._attempts.begin(now, again=True)
+        text = f"lost the master at {self._endpoint} ({reason}); tries to join again for {self._attempts.patience:g} s"
         return [Tell(text), ConnectPeers(()), Reconnect(fresh=True), ToMaster(self._hello)]
 
     def _clear(self, epoch: int) -> None:
@@ -272,7 +272,7 @@ class Slave:
             case protocol.Welcome():
                 return self._join(message, now)
             case protocol.Refuse(reason):
-                if self._joined_before:  # the master may not have missed it yet, and have no room for it until it does
+                if self._attempts.again:  # the master may not have missed it yet, and have no room for it until it does
                     return [Tell(f"the master at {self._endpoint} refuses this slave so far: {reason}")]
                 return self._exit(f"the master at {self._endpoint} refused: {reason}")
             case protocol.Stop(reason, completed):

@@ -36,6 +36,7 @@ def run_slave(
     memory: int | None = None,
     security: Keys | None = None,
     patience: float = PATIENCE_S,
+    rejoin: float | None = None,
     life_line: int | None = None,
     tell: Tell | None = None,
     limits: ClusterLimits | None = None,
@@ -48,6 +49,7 @@ def run_slave(
         threads: cores, as told to the master.
         memory: main memory that it may use, as told to the master [bytes]; None for the machine's.
         patience: how long it waits for the master's first answer [s].
+        rejoin: how long it waits for a master that it has lost [s]; None for as long.
         life_line: file descriptor of a pipe whose other end the process that started it holds; when that closes,
             it ends.
         tell: shows a line to a person; None for standard error.
@@ -70,7 +72,7 @@ def run_slave(
             listener.endpoint,
             own_memory=memory or 0,
         )
-        state = Slave(hello, master, patience, limits)
+        state = Slave(hello, master, patience, limits, rejoin)
         computer = ComputeThread(Compute(make_worker))
         shell = SlaveShell(state, network, listener, resolved, computer.submit, tell or _to_stderr)
         stack.callback(shell.close)

@@ -402,7 +402,9 @@ def test_the_slave_gets_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
 
     asked: dict[str, Any] = {}
     monkeypatch.setattr(serving, "serve_as_slave", lambda address, **options: asked.update(address=address, **options))
-    assert run(["slave", "tcp://10.0.0.1:7000", "--threads", "2", "--memory", "8G", "--insecure"]) == 0
+    assert (
+        run(["slave", "tcp://10.0.0.1:7000", "--threads", "2", "--memory", "8G", "--insecure", "--rejoin", "1.5h"]) == 0
+    )
     assert asked == {
         "address": "tcp://10.0.0.1:7000",
         "threads": 2,
@@ -411,6 +413,7 @@ def test_the_slave_gets_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
         "keys": None,
         "insecure": True,
         "patience": PATIENCE_S,
+        "rejoin": 5400.0,
         "life_line": False,
     }
 

@@ -7,11 +7,12 @@ from typing import Any
 
 from wdpm import values
 from wdpm.cli import options
+from wdpm.cli.goal import duration
 
 _EXAMPLES = """\
 examples:
   wdpm slave tcp://127.0.0.1:7117
-  wdpm slave tcp://192.168.1.10:7117 --keys slave-keys --threads 8 --memory 16G"""
+  wdpm slave tcp://192.168.1.10:7117 --keys slave-keys --threads 8 --memory 16G --rejoin 1h"""
 
 
 def add_parser(subparsers: Any) -> argparse.ArgumentParser:
@@ -35,6 +36,13 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         metavar="SECONDS",
         help="how long to wait for the master's first answer (default: 60)",
     )
+    parser.add_argument(
+        "--rejoin",
+        type=duration,
+        metavar="TIME",
+        help="how long to wait for a master that was lost, like 90s or 2h: it may be started again with --resume "
+        "(default: as --timeout)",
+    )
     # For the process that starts local slaves: end when standard input closes.
     parser.add_argument("--life-line", action="store_true", help=argparse.SUPPRESS)
     options.add_security_options(parser)
@@ -53,6 +61,7 @@ def run(args: argparse.Namespace) -> int:
         keys=args.keys,
         insecure=args.insecure,
         patience=float(args.timeout),
+        rejoin=args.rejoin,
         life_line=args.life_line,
     )
     return 0

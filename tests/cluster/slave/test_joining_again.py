@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 from slave_driver import EPOCH, HELLO, Driver, jobs, part, setup, to_master
 
 from wdpm.cluster.messages import protocol as p
@@ -65,6 +67,20 @@ def test_a_slave_without_a_master_gives_up() -> None:
     [ending] = [i for i in out if isinstance(i, s.Exit)]
     assert ending.elsewhere
     assert "lost the master at tcp://master:1, and none answered there within 20 s" in error_of(out)
+
+
+def test_a_master_that_was_lost_may_be_waited_for_longer_than_the_first() -> None:
+    """And it is asked every few seconds: it has work."""
+    driver = Driver(patience=20.0, rejoin=3600.0).ready()
+    driver(s.MasterLost())
+    began = driver.now
+    tries = []
+    for second in range(1, 3600):
+        out = driver.slave.handle(s.Tick(), began + second)
+        tries += [second] if s.Reconnect() in out else []
+    assert not driver.slave.ended
+    assert max(later - earlier for earlier, later in pairwise(tries)) <= 5  # ticks of a second
+    assert "none answered there within 3600 s" in error_of(driver.slave.handle(s.Tick(), began + 3600))
 
 
 def test_a_slave_that_was_taken_for_lost_joins_again() -> None:
