@@ -14,6 +14,7 @@ from functools import partial
 
 import numpy as np
 
+from wdpm.cluster.cluster_events import ClusterObserver
 from wdpm.cluster.display import Display
 from wdpm.cluster.kept import Keeper
 from wdpm.cluster.limits import ClusterLimits
@@ -89,6 +90,7 @@ class MemoryCluster:
         slaves: how many.
         shuffle: shuffles deliveries and jobs, for tests that order does not matter.
         processes: that do the tasks of a slave that has the whole scene.
+        observers: are told what happens.
     """
 
     def __init__(
@@ -99,6 +101,7 @@ class MemoryCluster:
         limits: ClusterLimits | None = None,
         shuffle: random.Random | None = None,
         processes: int = 1,
+        observers: Sequence[ClusterObserver] = (),
     ) -> None:
         self._post = Post(shuffle)
         self._transport = MemoryTransport(self._post.put)
@@ -109,7 +112,7 @@ class MemoryCluster:
         self._result: SessionResult | None = None
         network = self._transport.open(None)
         listener = network.listen(MASTER, Role.MASTER, FROM_SLAVE)
-        self._master = MasterShell(Master(slaves, {}, limits), listener, self._answer)
+        self._master = MasterShell(Master(slaves, {}, limits), listener, self._answer, observers)
         self._slaves: dict[object, SlaveShell] = {}
         self._computes: dict[object, Compute] = {}
         for number in range(slaves):

@@ -77,6 +77,7 @@ class Cluster(Backend):
         memory: int | None = None,
         threads: int | None = None,
         device: str = "cpu",
+        observers: Sequence[ClusterObserver] = (),
     ) -> Self:
         """Start slave processes on this machine.
 
@@ -86,6 +87,7 @@ class Cluster(Backend):
             memory: most that each may use [bytes]; None for its part of half the machine's.
             threads: cores to use in all, shared out among the slaves; None for all there are.
             device: that they compute on.
+            observers: are told what happens to the cluster, on a thread of its own.
         """
         if slaves < 1:
             raise SettingsError(f"slaves is {slaves}; expected at least 1")
@@ -100,7 +102,9 @@ class Cluster(Backend):
             processes = LocalSlaves()
             stack.callback(processes.stop)
             keys = RunKeys()  # other people of this machine reach its ports, too
-            server = MasterServer("tcp://127.0.0.1:0", slaves, security=keys.master, watch=processes.ended)
+            server = MasterServer(
+                "tcp://127.0.0.1:0", slaves, security=keys.master, watch=processes.ended, observers=observers
+            )
             master = stack.enter_context(server)
             processes.start(slaves, slave_command(each, device, memory), master.endpoint, keys.for_slave)
             kept = stack.pop_all()
@@ -221,6 +225,7 @@ def backend_here(
     device: str = "cpu",
     copies: Copies = Copies.AUTO,
     memory: int | None = None,
+    observers: Sequence[ClusterObserver] = (),
 ) -> Backend:
     """What renders on this machine: slave processes, or with none of them this process.
 
@@ -228,10 +233,11 @@ def backend_here(
         threads: cores to use in all; None for all there are.
         device: "cpu" or a CUDA device, "cuda:0".
         copies, memory: of slaves, see Cluster.local.
+        observers: are told what happens.
     """
     if slaves:
-        return Cluster.local(slaves, copies=copies, memory=memory, threads=threads, device=device)
-    return InProcess(threads=threads, device=device)
+        return Cluster.local(slaves, copies=copies, memory=memory, threads=threads, device=device, observers=observers)
+    return InProcess(threads=threads, device=device, observers=observers)
 
 
 def render_here(
@@ -243,6 +249,7 @@ def render_here(
     device: str,
     copies: Copies,
     memory: int | None,
+    observers: Sequence[ClusterObserver] = (),
     display: Display | None = None,
     save_cache: Path | None = None,
     load_cache: Path | None = None,
@@ -252,9 +259,10 @@ def render_here(
 
     Args:
         copies, memory: of slaves, see Cluster.local.
-        how: progress and journal.
+        observers: are told what happens.
+        how: progress and journals.
     """
-    with backend_here(slaves, threads, device, copies, memory) as backend:
+    with backend_here(slaves, threads, device, copies, memory, observers) as backend:
         backend.display = display
         return render_in_passes(source, backend, settings, cache=CacheFiles(save_cache, load_cache), **how)
 

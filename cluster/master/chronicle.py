@@ -70,7 +70,9 @@ class Chronicle:
             case m.Close(reason, completed):
                 yield ClusterEvent("closed", {"reason": reason, "completed": completed})
 
-    def _said(self, slave: int, message: protocol.FromSlave, now: float) -> Iterator[ClusterEvent]:
+    def _said(
+        self, slave: int, message: protocol.FromSlave | protocol.FromReader, now: float
+    ) -> Iterator[ClusterEvent]:
         match message:
             case protocol.TaskDone(_, result):
                 kind, begun = self._begun.pop(result.number, ("unknown", now))
@@ -96,7 +98,7 @@ class Chronicle:
                 yield ClusterEvent("peer unreachable", {"slave": slave, "peer": peer, "reason": reason})
 
     def _sent(
-        self, event: m.Event, identity: bytes, message: protocol.FromMaster, now: float
+        self, event: m.Event, identity: bytes, message: protocol.FromMaster | protocol.ToReader, now: float
     ) -> Iterator[ClusterEvent]:
         match message:
             case protocol.Welcome(number):

@@ -20,10 +20,10 @@ class Tick:
 
 @dataclass(frozen=True)
 class SlaveSaid:
-    """`identity` names the connection."""
+    """`identity` names the connection; whoever only looks says something, too."""
 
     identity: bytes
-    message: protocol.FromSlave
+    message: protocol.FromSlave | protocol.FromReader
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class Send:
     """Send a message to a slave."""
 
     identity: bytes
-    message: protocol.FromMaster
+    message: protocol.FromMaster | protocol.ToReader
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from wdpm.cluster.transport.mailbox import Mailbox
 from wdpm.cluster.transport.transport import TURN_MESSAGES, TURN_S, Listener, Network
 from wdpm.scenes.errors import ProtocolError
 
-FROM_SLAVE = packing.by_name(protocol.FromSlave)
+FROM_SLAVE = packing.by_name(protocol.FromSlave | protocol.FromReader)
 
 SEE_OFF_S = 5.0
 """How long a master that ends waits for the Goodbye of slaves that it has told to stop; they answer at once."""

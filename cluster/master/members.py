@@ -17,6 +17,8 @@ class Member:
 
     Attributes:
         left: it has said its last word, or is known to be lost.
+        done: tasks that it has done, and busy_s: how long those took, from their handing out to their results [s].
+        peak_memory: most that it has used, as it last said; 0 before [bytes].
         cells: of the scene that was set up last, those that it has built.
     """
 
@@ -29,6 +31,9 @@ class Member:
     late: bool = False
     in_flight: dict[int, Task] = field(default_factory=dict)
     statistics: dict[str, Any] = field(default_factory=dict)
+    done: int = 0
+    busy_s: float = 0.0
+    peak_memory: int = 0
 
     def __str__(self) -> str:
         return f"slave {self.number} ({self.hello.host}, process {self.hello.process})"

@@ -86,6 +86,11 @@ class Phases:
         """Of all sessions so far."""
         return self._tasks.ever_done
 
+    @property
+    def tasks_retried(self) -> int:
+        """Of all sessions so far."""
+        return self._tasks.given_back
+
     def begin(self, session: Session, now: float) -> list[Instruction]:
         """Render a session, as soon as all slaves have joined."""
         if self.phase not in (Phase.JOINING, Phase.IDLE) or self.session is not None:
@@ -173,6 +178,7 @@ class Phases:
         if isinstance(message, protocol.Statistics) and session is not None:
             check_statistics(message.values, session.world)
             member.statistics = {**message.values, "slave": member.number}
+            member.peak_memory = message.values["peak_memory_bytes"]
         if isinstance(message, protocol.Ready):
             member.cells = frozenset(team.cells_of(member))
         team.waiting.remove(member.number)

@@ -55,6 +55,7 @@ class Tasks:
         film: the image, from its first bucket until the session ends.
         rounds: of records, from the first until the session ends.
         ever_done: tasks that were done in all sessions.
+        given_back: tasks that had to be handed out again.
     """
 
     def __init__(self) -> None:
@@ -68,7 +69,7 @@ class Tasks:
         self._seconds: list[float] = []  # that each of those took
         self._next_number = 0
         self._total = 0
-        self.ever_done = 0
+        self.ever_done = self.given_back = 0
 
     @property
     def waiting(self) -> bool:
@@ -171,6 +172,7 @@ class Tasks:
                     del self._flying[number]
                     again.append(task)
         self._waiting.extendleft(reversed(again))
+        self.given_back += len(again)
         member.in_flight.clear()
 
     def lose_photons(self, traced: Sequence[PhotonTask]) -> None:
@@ -189,6 +191,8 @@ class Tasks:
             return None
         self._keep(handed, result)
         self._seconds.append(now - flying.since)
+        member.done += 1
+        member.busy_s += now - flying.since
         del member.in_flight[handed.number], self._flying[handed.number]
         self._done[handed.number] = handed
         self.ever_done += 1

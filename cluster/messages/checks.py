@@ -383,6 +383,20 @@ def _welcome(welcome: protocol.Welcome, where: str) -> None:
     _require(welcome.number >= 0 and times, where, f"{welcome} makes no sense")
 
 
+def _slave_status(slave: protocol.SlaveStatus, where: str) -> None:
+    counts = (slave.number, slave.process, slave.threads, slave.memory, slave.peak_memory, slave.team + 1, slave.cells)
+    _require(min(*counts, slave.tasks, slave.done) >= 0, where, "a count is negative")
+    sound = math.isfinite(slave.busy_s) and math.isfinite(slave.silent_s) and len(slave.host) <= LONGEST_NAME
+    _require(sound, where, "a time is no number, or a name is too long")
+
+
+def _status_report(report: protocol.StatusReport, where: str) -> None:
+    counts = (report.units, report.done, report.images, report.expected, report.most, report.joined, report.lost)
+    _require(min(*counts, report.refused, report.retried) >= 0, where, "a count is negative")
+    sound = math.isfinite(report.phase_s) and len(report.phase) <= LONGEST_NAME
+    _require(sound and len(report.slaves) <= MOST_SLAVES, where, "a time is no number, or a list is too long")
+
+
 _RANGES: dict[type, Callable[[Any, str], None]] = {
     TopTree: _top_tree,
     LightTable: _lights,
@@ -410,4 +424,6 @@ _RANGES: dict[type, Callable[[Any, str], None]] = {
     protocol.Copy: _copy,
     protocol.BuildMaps: _build_maps,
     protocol.Welcome: _welcome,
+    protocol.SlaveStatus: _slave_status,
+    protocol.StatusReport: _status_report,
 }

@@ -18,7 +18,7 @@ from wdpm.cluster.task import Task, TaskResult
 from wdpm.cluster.world import PhotonPlan, View, World
 from wdpm.scenes.flat.arrays import Triangles
 
-PROTOCOL = 8
+PROTOCOL = 9
 
 
 # From a slave to the master.
@@ -333,6 +333,75 @@ class PeerBatch:
     batch: Batch
 
 
+# Between a master and those who only look (`wdpm status`).
+
+
+@dataclass(frozen=True)
+class AskStatus:
+    """How far is the render? May come from anybody who is let in, and makes nobody a slave."""
+
+
+@dataclass(frozen=True)
+class SlaveStatus:
+    """A slave as the master knows it.
+
+    Attributes:
+        host, process, threads: what it said of itself.
+        memory: main memory that it may use, or that its machine has [bytes].
+        peak_memory: most that it has used, as far as it has said; 0 before it has [bytes].
+        team: number of its team, from 0; -1 for none.
+        cells: that it holds.
+        tasks: that it is at; done: that it has done.
+        busy_s: that those took, from their handing out to their results, added up [s].
+        silent_s: since when nothing was heard of it [s].
+    """
+
+    number: int
+    host: str
+    process: int
+    threads: int
+    memory: int
+    peak_memory: int
+    team: int
+    cells: int
+    tasks: int
+    done: int
+    busy_s: float
+    silent_s: float
+
+
+@dataclass(frozen=True)
+class StatusReport:
+    """How far a render is.
+
+    Attributes:
+        phase: what the master waits for.
+        units, done: work of the phase; 0 where it is not counted.
+        phase_s: since it began [s].
+        images: images, or passes, that are rendered.
+        expected, most: slaves that are waited for, and that there may be.
+        joined, lost, refused: slaves so far.
+        retried: tasks that were handed out again, since their slaves were lost.
+        slaves: those that are there.
+    """
+
+    phase: str
+    units: int
+    done: int
+    phase_s: float
+    images: int
+    expected: int
+    most: int
+    joined: int
+    lost: int
+    refused: int
+    retried: int
+    slaves: tuple[SlaveStatus, ...]
+
+
+FromReader = AskStatus
+ToReader = StatusReport | Rejected
+
 FromSlave = (
     Hello
     | PartitionReceived
@@ -369,4 +438,4 @@ FromMaster = (
 )
 FromPeer = PeerHello | PeerBatch
 PeerAnswer = PeerWelcome | Rejected
-Message = FromSlave | FromMaster | FromPeer | PeerAnswer
+Message = FromSlave | FromMaster | FromPeer | PeerAnswer | FromReader | ToReader

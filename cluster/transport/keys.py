@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 
@@ -47,8 +47,10 @@ class Keys:
         own: its pair.
         master: public key of the master.
         guests: whom it lets in from the start. A slave's peers it learns of from the master, with their endpoints.
+        readers: whom a master answers how far it is, and nothing else.
     """
 
     own: KeyPair
     master: bytes
     guests: Guests
+    readers: Guests = field(default_factory=KnownKeys)

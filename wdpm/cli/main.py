@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from importlib import metadata
 from typing import Any, NoReturn
 
-from wdpm.cli import accuracy, bench, blender, check, compare, inspect, keys, master, render, slave, view
+from wdpm.cli import accuracy, bench, blender, check, compare, inspect, keys, master, render, slave, status, view
 from wdpm.cli.interrupts import Terminated, interrupts_raise, no_lost_interrupts, termination_raises
 from wdpm.scenes.errors import ClusterEndedError, WdpmError
 from wdpm.scenes.scene_root import files_within
@@ -22,6 +22,7 @@ COMMANDS = (
     render,
     master,
     slave,
+    status,
     inspect,
     check,
     compare,

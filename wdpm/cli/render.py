@@ -10,6 +10,7 @@ from wdpm.cli import options
 from wdpm.cli.goal import add_until_options, asks_for_a_goal, render_to_goal
 from wdpm.cli.journals import add_journal_options, journals
 from wdpm.cli.live import add_view_options, live_view
+from wdpm.cli.monitoring import add_monitoring_options, observers
 from wdpm.scenes.errors import SettingsError
 
 _EXAMPLES = """\
@@ -45,6 +46,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     options.add_cache_options(parser)
     add_view_options(parser)
     options.add_machine_options(parser)
+    add_monitoring_options(parser)
     debugging = parser.add_argument_group("debugging")
     debugging.add_argument(
         "--replay",
@@ -76,9 +78,9 @@ def run(args: argparse.Namespace) -> int:
     if asks_for_a_goal(args):
         from wdpm.clusters import backend_here
 
-        return render_to_goal(
-            args, lambda: backend_here(args.slaves, args.threads, args.device, args.copies, args.memory)
-        )
+        here = (args.slaves, args.threads, args.device, args.copies, args.memory)
+        with observers(args) as told:
+            return render_to_goal(args, lambda: backend_here(*here, told))
     if args.replay is not None:
         if args.view:
             raise SettingsError("--replay makes no image that --view could show; leave one of them out")
@@ -88,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     from wdpm.cli.result import first_output, render_and_write
     from wdpm.clusters import render_here
 
-    with live_view(args) as view, journals(args, first_output(args)) as kept:
+    with observers(args) as told, live_view(args) as view, journals(args, first_output(args)) as kept:
         return render_and_write(
             args,
             lambda source, settings, progress: render_here(
@@ -99,6 +101,7 @@ def run(args: argparse.Namespace) -> int:
                 device=args.device,
                 copies=args.copies,
                 memory=args.memory,
+                observers=told,
                 progress=progress,
                 display=view,
                 save_cache=args.save_cache,

@@ -7,6 +7,7 @@ import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from wdpm.cluster.cluster_events import ClusterObserver
 from wdpm.cluster.in_process import NO_TRIANGLES, MemoryCluster
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
@@ -38,6 +39,7 @@ class InProcess(Backend):
         cells: a power of two, at least `workers`; None for the least that serves them.
         team: how many of them hold the whole scene together; None for all.
         shuffle: shuffles the order in which messages arrive, for tests that it does not matter.
+        observers: are told what happens.
     """
 
     def __init__(
@@ -49,6 +51,7 @@ class InProcess(Backend):
         cells: int | None = None,
         team: int | None = None,
         shuffle: random.Random | None = None,
+        observers: Sequence[ClusterObserver] = (),
     ) -> None:
         super().__init__(slaves=0, threads=threads or available_cores(), device=device)
         self._launcher = Launcher(device, threads)
@@ -56,6 +59,7 @@ class InProcess(Backend):
         self._cells = cells
         self._team = workers if team is None else team
         self._shuffle = shuffle
+        self._observers = observers
         self._alone = workers == 1 and cells in (None, 1) and shuffle is None
         # By scene, and no longer than whoever renders it holds it: a worker has all its triangles and photons.
         self._clusters: weakref.WeakKeyDictionary[Prepared, MemoryCluster] = weakref.WeakKeyDictionary()
@@ -109,7 +113,11 @@ class InProcess(Backend):
             return pilot
 
         return MemoryCluster(
-            make_worker, self._workers if pilot is None else 1, shuffle=self._shuffle, processes=processes
+            make_worker,
+            self._workers if pilot is None else 1,
+            shuffle=self._shuffle,
+            processes=processes,
+            observers=self._observers,
         )
 
 

@@ -2,6 +2,7 @@
 
     FOLDER/master.key, master.key_secret   the master's pair
     FOLDER/slaves/NAME.key                 public keys of the slaves that are let in
+    FOLDER/readers/NAME.key                public keys of those who may ask how far a render is (`wdpm status`)
     FOLDER/NAME/                           for the slave NAME, to be moved to its machine: its own pair (slave.key,
                                            slave.key_secret) and the master's public key (master.key)
 
@@ -28,6 +29,9 @@ from wdpm.scenes.errors import SettingsError
 SLAVES = "slaves"
 """Where in a master's folder the public keys of its slaves are."""
 
+READERS = "readers"
+"""Where those are of people and programs that only look."""
+
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 _READ_AGAIN_S = 1.0
@@ -45,20 +49,23 @@ def make_keys(folder: Path) -> list[Path]:
     return _make_pair(folder, "master")
 
 
-def add_slave(folder: Path, name: str) -> list[Path]:
+def add_slave(folder: Path, name: str, *, reader: bool = False) -> list[Path]:
     """Make a pair for one more slave of a master; returns what was made: a public key, and a folder to be moved.
 
     Args:
         folder: of `make_keys`.
         name: of the slave; letters, digits, dots, dashes and underscores.
+        reader: it may only ask how far a render is.
 
     Raises:
         SettingsError: the folder is none of a master, the name is none or is taken, or a file cannot be written.
     """
-    if _NAME.fullmatch(name) is None or name == SLAVES:
+    if _NAME.fullmatch(name) is None or name in (SLAVES, READERS):
         raise SettingsError(f"'{name}' is no name of a slave; expected letters, digits, '.', '-' and '_'")
     _load_public(folder / "master.key")
-    public = folder / SLAVES / f"{name}.key"
+    public = folder / (READERS if reader else SLAVES) / f"{name}.key"
+    if not public.parent.exists():
+        _make_folder(public.parent)
     if public.exists():
         raise SettingsError(
             f"{public} exists already; choose another name, or remove the file to let that slave in no more"
@@ -79,16 +86,17 @@ class KeyFolder:
 
     Args:
         folder: of files NAME.key.
+        may_be_empty: there need not be one, nor the folder.
 
     Raises:
         SettingsError: one of them is no key, or there is none.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, may_be_empty: bool = False) -> None:
         self._folder = folder
         self._known = {_load_public(path) for path in folder.glob("*.key")}
         self._read_at = time.monotonic()
-        if not self._known:
+        if not self._known and not may_be_empty:
             raise SettingsError(
                 f"{folder} has no key of a slave; make one for each with `wdpm keys add {folder.parent} NAME`"
             )
@@ -117,8 +125,21 @@ def load_keys(folder: Path, role: Role) -> Keys:
             f"{folder} has the master's keys; give the slave the folder that `wdpm keys add {folder} NAME` makes"
         )
     own = _load_pair(folder / f"{role.value}.key_secret")
-    guests = KeyFolder(folder / SLAVES) if role is Role.MASTER else KnownKeys()
-    return Keys(own, _load_public(folder / "master.key"), guests)
+    master = _load_public(folder / "master.key")
+    if role is Role.SLAVE:
+        return Keys(own, master, KnownKeys())
+    return Keys(own, master, KeyFolder(folder / SLAVES), KeyFolder(folder / READERS, may_be_empty=True))
+
+
+def reader_keys(folder: Path) -> Keys:
+    """The keys of somebody who asks a master how far it is: those of a reader or a slave, or the master's own.
+
+    Raises:
+        SettingsError: something is missing, damaged, or can be read by others.
+    """
+    is_master = (folder / SLAVES).exists()
+    own = _load_pair(folder / ("master.key_secret" if is_master else "slave.key_secret"))
+    return Keys(own, _load_public(folder / "master.key"), KnownKeys())
 
 
 def keys_for(resolved: str, folder: Path | None, insecure: bool, role: Role) -> Keys | None:

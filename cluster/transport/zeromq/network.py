@@ -14,9 +14,9 @@ from zmq.utils.monitor import recv_monitor_message
 
 from wdpm.cluster.limits import MOST_SLAVES
 from wdpm.cluster.messages import packing
-from wdpm.cluster.messages.protocol import Heartbeat, Message
+from wdpm.cluster.messages.protocol import FromReader, Heartbeat, Message
 from wdpm.cluster.transport import address as tcp
-from wdpm.cluster.transport.keys import Keys, KnownKeys
+from wdpm.cluster.transport.keys import Guests, Keys, KnownKeys
 from wdpm.cluster.transport.transport import Accepted, Received, Role
 from wdpm.cluster.transport.zeromq import curve
 from wdpm.cluster.transport.zeromq.heartbeat_lane import ONLY_HEARTBEATS, HeartbeatLane, lane_of, owner
@@ -27,15 +27,24 @@ from wdpm.cluster.transport.zeromq.sockets import (
     make_socket,
     read,
     receive_first,
+    receive_frames,
     receive_rest,
     send,
+    sender,
 )
-from wdpm.scenes.errors import ClusterError
+from wdpm.scenes.errors import ClusterError, ProtocolError
 
 HANDSHAKE_FAILED = (
     zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_AUTH
 )
 """What ZeroMQ tells when keys do not fit, or one end has some and the other has none."""
+
+
+ONLY_READERS: Accepted = {FromReader.__name__: FromReader}
+"""What may come from somebody whose key is no slave's."""
+
+
+NOT_MORE = ProtocolError("these are keys of a reader, who may only ask how far a render is; give those of a slave")
 
 
 class ZeroMQTransport:
@@ -51,9 +60,14 @@ class ZeroMQTransport:
 
 
 class ZeroMQListener:
-    """A ROUTER."""
+    """A ROUTER.
 
-    def __init__(self, socket: Socket, endpoint: str, accepted: Accepted) -> None:
+    Args:
+        members: whose keys make them more than readers; None where nobody has keys.
+    """
+
+    def __init__(self, socket: Socket, endpoint: str, accepted: Accepted, members: Guests | None = None) -> None:
+        self._members = members
         self._socket = socket
         self._endpoint = endpoint
         self._accepted = accepted
@@ -72,7 +86,11 @@ class ZeroMQListener:
         identity = bytes(first)
         beating = owner(identity)
         stranger = beating is not None or identity not in self._admitted
-        frames = receive_rest(self._socket, packing.most_frames(stranger))
+        whole = receive_frames(self._socket, packing.most_frames(stranger))
+        frames = [frame.buffer for frame in whole]
+        if stranger and self._members is not None and not self._members.admits(sender(whole)):
+            asked = read(frames, ONLY_READERS, stranger=True)
+            return identity, NOT_MORE if isinstance(asked, ProtocolError) else asked
         if beating is not None:
             return beating, read(frames, ONLY_HEARTBEATS, stranger=True)
         return identity, read(frames, self._accepted, stranger=stranger)
@@ -191,7 +209,8 @@ class ZeroMQNetwork:
         if self._keys is not None and role is Role.SLAVE:
             endpoint = curve.with_key(endpoint, self._keys.own.public)
         self._poller.register(router, zmq.POLLIN)
-        return ZeroMQListener(router, endpoint, accepted)
+        members = self._keys.guests if self._keys is not None and role is Role.MASTER else None
+        return ZeroMQListener(router, endpoint, accepted, members)
 
     def connect(self, address: str, role: Role, accepted: Accepted, identity: bytes | None = None) -> ZeroMQConnection:
         """Connect a DEALER. ZeroMQ would look a name up, or take what is none, and say nothing."""
@@ -217,10 +236,12 @@ class ZeroMQNetwork:
         return connection
 
     def _doorkeeper(self, keys: Keys) -> curve.Doorkeeper:
-        def admits(public: bytes) -> bool:
-            return keys.guests.admits(public) or self._peers.admits(public)
-
         is_master = keys.own.public == keys.master  # knows its slaves already; those learn of each other from it
+
+        def admits(public: bytes) -> bool:
+            reads = is_master and (public == keys.master or keys.readers.admits(public))
+            return reads or keys.guests.admits(public) or self._peers.admits(public)
+
         door = curve.Doorkeeper(self._context, admits, 0.0 if is_master else curve.WAIT_FOR_NEWS_S)
         self._poller.register(door.socket, zmq.POLLIN)
         return door

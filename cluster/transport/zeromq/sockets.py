@@ -91,12 +91,25 @@ def receive_first(socket: Socket) -> memoryview | None:
 
 def receive_rest(socket: Socket, most: int) -> list[memoryview]:
     """The frames that follow. No more than one beyond `most` is kept, which says that there were more."""
-    frames: list[memoryview] = []
+    return [frame.buffer for frame in receive_frames(socket, most)]
+
+
+def receive_frames(socket: Socket, most: int) -> list[zmq.Frame]:
+    """The same, as ZeroMQ has them: they know who sent them."""
+    frames: list[zmq.Frame] = []
     while socket.rcvmore:
         frame = socket.recv(copy=False)
         if len(frames) <= most:
-            frames.append(frame.buffer)
+            frames.append(frame)
     return frames
+
+
+def sender(frames: Sequence[zmq.Frame]) -> bytes:
+    """The public key (Z85) of who sent a message, as the doorkeeper gave it to ZeroMQ; none where there are no keys."""
+    try:
+        return str(frames[0].get("User-Id")).encode() if frames else b""
+    except zmq.ZMQError:
+        return b""
 
 
 def read(frames: Sequence[memoryview], expected: Mapping[str, type], *, stranger: bool = False) -> Any:

@@ -32,6 +32,7 @@ def table(heading: str) -> dict[str, list[str]]:
         ("Messages from a slave to the master", protocol.FromSlave),
         ("Messages from the master to a slave", protocol.FromMaster),
         ("Messages between slaves", protocol.FromPeer | protocol.PeerAnswer),
+        ("Messages of those who only look", protocol.FromReader | protocol.ToReader),
     ],
 )
 def test_messages_are_as_described(heading: str, union: object) -> None:
@@ -43,6 +44,7 @@ def test_messages_are_as_described(heading: str, union: object) -> None:
     "record",
     [
         protocol.Copy,
+        protocol.SlaveStatus,
         task.PhotonTask,
         task.RecordTask,
         task.RecordsMade,
