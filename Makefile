@@ -8,6 +8,8 @@ GATHERS ?= 1e6
 MESSAGES ?= 1e6
 RENDERS ?= 1e3
 RENDERS_CHAOS ?= 40
+MASTERS_CHAOS ?= 10
+RENDERS_SOAK ?= 30
 SEED ?= 1
 JOBS ?= auto
 DEVICE ?= cuda:0
@@ -16,7 +18,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test chaos test-blender fuzz hard-cases guards lint peers gpu-check gpu-table clean
+.PHONY: help demo test chaos soak test-blender fuzz hard-cases guards lint peers gpu-check gpu-table clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -41,8 +43,11 @@ fuzz: $(VENV)/.installed-test  ## fuzz rays, routing and gathers against brute f
 	$(BIN)/python tests/fuzz/run.py --rays $(RAYS) --gathers $(GATHERS) --messages $(MESSAGES) \
 		--renders $(RENDERS) --seed $(SEED) -o $(OUT)/fuzz
 
-chaos: $(VENV)/.installed-test  ## render while slaves are killed, terminated and stopped, and compare all bits (RENDERS_CHAOS, SEED)
-	$(BIN)/python tests/chaos/run.py --renders $(RENDERS_CHAOS) --seed $(SEED) -o $(OUT)/chaos
+chaos: $(VENV)/.installed-test  ## render while slaves and masters are killed, terminated and stopped, and compare all bits (RENDERS_CHAOS, MASTERS_CHAOS, SEED)
+	$(BIN)/python tests/chaos/run.py --renders $(RENDERS_CHAOS) --masters $(MASTERS_CHAOS) --seed $(SEED) -o $(OUT)/chaos
+
+soak: $(VENV)/.installed-test  ## render again and again with one cluster: its memory must not grow (RENDERS_SOAK)
+	$(BIN)/python tests/chaos/soak.py --renders $(RENDERS_SOAK) -o $(OUT)/soak
 
 hard-cases: $(VENV)/.installed-test  ## run the hard cases in full and write out/hard-cases/index.html (WDPM_SCENES)
 	$(BIN)/python tests/hard_cases/run.py -o $(OUT)/hard-cases

@@ -1,13 +1,15 @@
 """Renders of a local cluster whose slave processes are killed, terminated or stopped for a while, at random moments.
 
 Each image must have the bits of one process, and no render may hang. `make chaos` runs it; a page goes to out/chaos.
+Of --masters more renders the master is killed, and started again with --resume (masters.py).
 
-    python tests/chaos/run.py --renders 40 --seed 1 -o out/chaos
+    python tests/chaos/run.py --renders 40 --masters 10 --seed 1 -o out/chaos
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import random
 import signal
@@ -17,6 +19,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+
+import masters
 
 import wdpm
 from wdpm.cluster.plan.copies import Copies
@@ -72,6 +76,28 @@ def run(scene: Scene, renders: int, seed: int) -> Iterator[Trial]:
         yield Trial(copies.value, routing.value, indirect.value, tuple(happened), seconds, undisturbed, equal)
 
 
+def run_masters(name: str, size: str, renders: int, seed: int) -> Iterator[Trial]:
+    """Renders whose master is killed."""
+    chance = random.Random(seed)
+    width, height = map(int, size.split("x"))
+    scene = wdpm.load(name, size=(width, height))
+    expected: dict[tuple[Indirect, int], tuple[str, float]] = {}
+    for _ in range(renders):
+        copies, routing = chance.choice(list(Copies)), chance.choice(list(Routing))
+        indirect, passes = chance.choice([Indirect.CACHE, Indirect.MAP]), chance.choice([1, 2])
+        chosen = {"photons": 20_000, "spp": 8, "routing": routing, "indirect": indirect, "passes": passes}
+        options = [f"--{name}={getattr(value, 'value', value)}" for name, value in chosen.items()]
+        options += ["--size", size, "--copies", copies.value, "--bucket", "16"]
+        if (indirect, passes) not in expected:
+            began = time.monotonic()
+            digest = _digest(wdpm.render(scene, **chosen))
+            expected[indirect, passes] = digest, time.monotonic() - began
+        digest, undisturbed = expected[indirect, passes]
+        found, happened, seconds = masters.render(name, options, chance)
+        what = (copies.value, routing.value, f"{indirect.value}, {passes} passes")
+        yield Trial(*what, tuple(happened), seconds, undisturbed, found == digest)
+
+
 @contextmanager
 def _faults(chance: random.Random, processes: tuple[int, ...], duration: float, happened: list[str]) -> Iterator[None]:
     """Faults of one to three of the processes, each at a random moment."""
@@ -103,11 +129,14 @@ def _digest(image: Image) -> str:
 
 def page(trials: list[Trial], seed: int) -> str:
     """A table of all renders, as Markdown."""
-    equal, worst = sum(t.bits_equal for t in trials), max(t.seconds / t.undisturbed for t in trials)
+    slaves = [t for t in trials if "passes" not in t.indirect]
+    equal, worst = sum(t.bits_equal for t in trials), max((t.seconds / t.undisturbed for t in slaves), default=0.0)
     lines = [
         f"# {equal} of {len(trials)} renders have the bits of one process (seed {seed})",
         "",
         f"{SLAVES} slaves; the longest took {worst:.2f} times as long as undisturbed.",
+        f"Where masters were killed: {masters.SLAVES} slaves, and the time of starting all processes is included; "
+        "undisturbed is that of one process, which is there already.",
         "",
         "| copies | routing | indirect | faults | s | undisturbed | bits |",
         "| --- | --- | --- | --- | ---: | ---: | --- |",
@@ -124,6 +153,7 @@ def main() -> int:
     """Run, print and write; 1 if an image differed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--renders", type=int, default=40)
+    parser.add_argument("--masters", type=int, default=0, help="renders whose master is killed")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--scene", default="cornell-box")
     parser.add_argument("--size", default="128x128")
@@ -133,7 +163,8 @@ def main() -> int:
     scene = wdpm.load(args.scene, size=(width, height))
     args.output.mkdir(parents=True, exist_ok=True)
     trials: list[Trial] = []
-    for trial in run(scene, args.renders, args.seed):
+    lost = run_masters(args.scene, args.size, args.masters, args.seed)
+    for trial in itertools.chain(run(scene, args.renders, args.seed), lost):
         trials.append(trial)
         print(f"{len(trials)}: {trial}", flush=True)
         (args.output / "index.md").write_text(page(trials, args.seed))  # as it goes: what was found is kept
