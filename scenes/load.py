@@ -8,6 +8,7 @@ from pathlib import Path
 from wdpm.scenes.builtin.names import BUILT_IN_NAMES, load_built_in
 from wdpm.scenes.errors import SceneError, did_you_mean
 from wdpm.scenes.gltf.read import read_gltf
+from wdpm.scenes.meshes.from_trimesh import Meshes, is_of_trimesh, read_trimesh
 from wdpm.scenes.meshes.stand_alone import read_stand_alone
 from wdpm.scenes.mitsuba.read import read_mitsuba
 from wdpm.scenes.model.checks import check_scene
@@ -18,7 +19,7 @@ _EXTENSIONS = (".xml", ".gltf", ".glb", ".obj", ".ply", ".stl", ".off")
 
 
 def load(
-    source: str | Path,
+    source: str | Path | Meshes,
     *,
     defines: Mapping[str, str] | None = None,
     size: tuple[int, int] | None = None,
@@ -29,7 +30,8 @@ def load(
 
     Args:
         source: a Mitsuba 3 XML file (0.6 names accepted), glTF 2.0 (.gltf, .glb), a bare mesh (.obj, .ply, .stl,
-            .off: grey, lit and framed by default) or a built-in scene: "cornell-box", "atrium", "atrium:2M".
+            .off: grey, lit and framed by default) or a built-in scene: "cornell-box", "atrium", "atrium:2M"; or what
+            trimesh has in memory: a mesh, several, or a scene (from_trimesh).
         defines: values of a Mitsuba file's `$name` parameters.
         size: width and height in pixels that replace the file's.
         root: folder that the scene's file and all files that it names must lie in; None for what `files_within` says.
@@ -41,6 +43,11 @@ def load(
     """
     if size is not None and min(size) < 1:
         raise SceneError(f"the image size is {size[0]}x{size[1]}; both must be at least 1")
+    if is_of_trimesh(source):
+        _refuse_defines(defines, "trimesh")
+        return check_scene(read_trimesh(source, size))
+    if not isinstance(source, str | Path):
+        raise SceneError(f"{type(source).__name__} is no scene: expected a file, a built-in scene or meshes of trimesh")
     file = find(source)
     if file is None:
         _refuse_defines(defines, source)

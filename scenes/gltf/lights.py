@@ -8,14 +8,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
 from wdpm.scenes.gltf.container import GltfFile
 from wdpm.scenes.meshes.framing import DEFAULT_SIZE
 from wdpm.scenes.model.lights import DirectionalLight, Light, PointLight, SpotLight
 from wdpm.scenes.model.scene import Camera, horizontal_fov
 from wdpm.scenes.model.textures import RGB
-from wdpm.scenes.model.transforms import Matrix
+from wdpm.scenes.model.transforms import Matrix, facing_forward
 
 _FAR = 1e10  # metres; glTF allows perspective cameras without a far plane
 
@@ -44,7 +42,7 @@ def read_gltf_light(gltf: GltfFile, node: str, index: Any, to_world: Matrix, war
     if kind == "point":
         x, y, z = (float(value) for value in to_world[:3, 3])
         return PointLight(name, (x, y, z), strength)
-    matrix = _looking_forward(to_world)
+    matrix = facing_forward(to_world)
     if kind == "directional":
         x, y, z = (float(value) for value in matrix[:3, 2])
         return DirectionalLight(name, (x, y, z), strength)
@@ -94,7 +92,7 @@ def read_gltf_camera(
         raise gltf.error(f'camera "{name}": yfov, aspectRatio, znear or zfar is missing or out of range')
     width, height = size or _default_size(aspect)
     fov_x = horizontal_fov(math.degrees(fov_y), "y", width / height)
-    return Camera(_looking_forward(to_world), fov_x, width, height, near, far)
+    return Camera(facing_forward(to_world), fov_x, width, height, near, far)
 
 
 def _orthographic(
@@ -105,7 +103,7 @@ def _orthographic(
     if not (half_width > 0 and half_height > 0 and 0 <= near < far):
         raise gltf.error(f'camera "{name}": xmag, ymag, znear or zfar is missing or out of range')
     width, height = size or _default_size(half_width / half_height)
-    matrix = _looking_forward(to_world)
+    matrix = facing_forward(to_world)
     # the image is 2 wide and 2 height / width high, times the axes' lengths
     matrix[:3, :2] *= half_height * width / height
     return Camera(matrix, 90.0, width, height, near, far, orthographic=True)
@@ -113,10 +111,3 @@ def _orthographic(
 
 def _default_size(aspect: float) -> tuple[int, int]:
     return max(1, round(DEFAULT_SIZE[1] * aspect)), DEFAULT_SIZE[1]
-
-
-def _looking_forward(node: Matrix) -> Matrix:
-    """glTF's cameras and lights look along -z, +x to the right; ours along +z, +x to the left. Scale does not count."""
-    matrix = node @ np.diag([-1.0, 1.0, -1.0, 1.0])
-    matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)
-    return np.asarray(matrix)

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from wdpm.scenes.gltf.container import GltfFile
 from wdpm.scenes.gltf.lights import read_gltf_camera, read_gltf_light
 from wdpm.scenes.gltf.materials import COLOR_ATTRIBUTE, MATERIAL_EXTENSIONS, GltfMaterials
-from wdpm.scenes.meshes.framing import framed_scene, framing_camera
+from wdpm.scenes.meshes.framing import completed_scene
 from wdpm.scenes.meshes.mesh_data import MeshData
-from wdpm.scenes.model.lights import Light, PointLight
+from wdpm.scenes.model.lights import Light
 from wdpm.scenes.model.scene import Camera, Mesh, Scene
 from wdpm.scenes.model.textures import RGB
 from wdpm.scenes.model.transforms import Matrix
@@ -64,27 +64,8 @@ class _Reader:
                 "lights: 1 candela is taken as 1 W/sr and 1 lux as 1 W/m², "
                 "like 1 nit of emissive surfaces as 1 W/(m² sr)"
             )
-        if not self.cameras and not self.lights:
-            return framed_scene(name, self.meshes, materials, size=size, warnings=self.warnings)
-        if not self.cameras:
-            self.warnings.append("no camera in the file: it frames the bounding box")
-            camera = framing_camera(self.meshes, size)
-        else:
-            camera = self._read_camera(size)
-            if not self.lights and all(mesh.emission is None for mesh in self.meshes):
-                return self._lit(name, materials, camera)
-        return Scene(
-            name, tuple(self.meshes), tuple(materials), tuple(self.lights), camera, warnings=tuple(self.warnings)
-        )
-
-    def _lit(self, name: str, materials: list[Any], camera: Camera) -> Scene:
-        """A scene that has a camera but no light: a lamp at the camera, so that what it sees is lit."""
-        position = camera.to_world[:3, 3]
-        distance = np.mean([np.linalg.norm(mesh.vertices.mean(axis=0) - position) for mesh in self.meshes])
-        strength = math.pi * float(distance) ** 2  # irradiance pi at that distance
-        light = PointLight("headlamp", (position[0], position[1], position[2]), (strength, strength, strength))
-        self.warnings.append("no lights in the file: a point light at the camera is added")
-        return Scene(name, tuple(self.meshes), tuple(materials), (light,), camera, warnings=tuple(self.warnings))
+        camera = self._read_camera(size) if self.cameras else None
+        return completed_scene(name, self.meshes, materials, self.lights, camera, size=size, warnings=self.warnings)
 
     def _check_extensions(self) -> None:
         required = self.gltf.get(self.gltf.json, "extensionsRequired", list, [])

@@ -42,6 +42,15 @@ def decode_texture(data: bytes, name: str, *, raw: bool) -> NDArray[np.float32]:
     return _decode(_read_any(data, name, None), name, raw=raw)
 
 
+def linear_pixels(pixels: NDArray[Any], name: str) -> NDArray[np.float32]:
+    """Like `read_texture`, for an image that is decoded already: whole numbers are sRGB; shape [height, width, 3].
+
+    Args:
+        pixels: shape [height, width], or [height, width, channels].
+    """
+    return _decode(pixels, name, raw=False)
+
+
 def read_alpha(file: Path) -> NDArray[np.float32] | None:
     """The alpha channel of an image file as grey, shape [height, width, 3]; None without one, or for floats."""
     if not file.is_file():

@@ -12,6 +12,7 @@ from wdpm.scenes.meshes.primitives import rectangle
 from wdpm.scenes.model.bounds import bounding_box
 from wdpm.scenes.model.bsdfs import BLACK, GREY
 from wdpm.scenes.model.checks import check_reach
+from wdpm.scenes.model.lights import Light, PointLight
 from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene, diffuse
 from wdpm.scenes.model.textures import RGB
 from wdpm.scenes.model.transforms import look_at, rotation, scaling, translation
@@ -66,6 +67,42 @@ def bounding_radius(low: NDArray[np.float64], high: NDArray[np.float64]) -> floa
     return radius if radius > 0 else 1.0
 
 
+def completed_scene(
+    name: str,
+    meshes: Sequence[Mesh],
+    materials: Sequence[Material],
+    lights: Sequence[Light] = (),
+    camera: Camera | None = None,
+    *,
+    size: tuple[int, int] | None,
+    warnings: Sequence[str],
+    place: str = "the file",
+) -> Scene:
+    """A scene with what it lacks: a camera, lights, or both. What is added is said in Scene.warnings.
+
+    Args:
+        place: where neither was found, in words.
+    """
+    if camera is None and not lights:
+        return framed_scene(name, meshes, materials, size=size, warnings=warnings, place=place)
+    notes = list(warnings)
+    if camera is None:
+        notes.append(f"no camera in {place}: it frames the bounding box")
+        camera = framing_camera(meshes, size)
+    if not lights and all(mesh.emission is None for mesh in meshes):
+        notes.append(f"no lights in {place}: a point light at the camera is added")
+        lights = (_headlamp(meshes, camera),)
+    return Scene(name, tuple(meshes), tuple(materials), tuple(lights), camera, warnings=tuple(notes))
+
+
+def _headlamp(meshes: Sequence[Mesh], camera: Camera) -> PointLight:
+    """A lamp at the camera, so that what it sees is lit."""
+    position = camera.to_world[:3, 3]
+    distance = np.mean([np.linalg.norm(mesh.vertices.mean(axis=0) - position) for mesh in meshes])
+    strength = math.pi * float(distance) ** 2  # irradiance pi at that distance
+    return PointLight("headlamp", (position[0], position[1], position[2]), (strength, strength, strength))
+
+
 def framed_scene(
     name: str,
     meshes: Sequence[Mesh],
@@ -73,10 +110,14 @@ def framed_scene(
     *,
     size: tuple[int, int] | None,
     warnings: Sequence[str],
+    place: str = "the file",
 ) -> Scene:
     """A scene of meshes that came without a camera: framed, and on a floor under two soft lamps if nothing in it glows.
 
     What is added is said in Scene.warnings.
+
+    Args:
+        place: where it was not found, in words.
     """
     for mesh in meshes:
         check_reach(mesh, None)
@@ -84,11 +125,11 @@ def framed_scene(
     if any(glows(mesh) for mesh in meshes):
         # lamps of its own: most likely a room that is open to the front
         camera = framing_camera(meshes, size, direction=(0.0, 0.0, 1.0))
-        note = "no camera in the file: it looks along -z at the whole bounding box"
+        note = f"no camera in {place}: it looks along -z at the whole bounding box"
         return Scene(name, tuple(meshes), tuple(materials), (), camera, warnings=(*warnings, note))
     camera = framing_camera(meshes, size)
     stage, stage_materials = stage_for(low, high, first_material=len(materials))
-    note = "no camera and no lights in the file: framed from the front, put on a grey floor and lit by two soft lamps"
+    note = f"no camera and no lights in {place}: framed from the front, put on a grey floor and lit by two soft lamps"
     return Scene(name, (*meshes, *stage), (*materials, *stage_materials), (), camera, warnings=(*warnings, note))
 
 

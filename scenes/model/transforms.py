@@ -62,6 +62,16 @@ def look_at(origin: ArrayLike, target: ArrayLike, up: ArrayLike) -> Matrix:
     return matrix
 
 
+def facing_forward(node: Matrix) -> Matrix:
+    """Where a camera or light is that looks along its -z with +x to the right, as in glTF: ours look along +z, +x left.
+
+    The axes get unit length: scale means nothing to either.
+    """
+    matrix = np.asarray(node @ np.diag([-1.0, 1.0, -1.0, 1.0]))
+    matrix[:3, :3] /= np.linalg.norm(matrix[:3, :3], axis=0)
+    return matrix
+
+
 def apply_to_points(matrix: Matrix, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Maps points, shape [N, 3], by an affine matrix."""
     return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import warp as wp
@@ -44,11 +44,12 @@ from wdpm.scenes.errors import GuardError
 from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.flatten import FlatScene, flatten
 from wdpm.scenes.load import load
+from wdpm.scenes.meshes.from_trimesh import Meshes
 from wdpm.scenes.model.left_out import leave_out
 from wdpm.scenes.model.scene import Scene
 
-Source = Scene | str | Path | Callable[[], Scene]
-"""A scene, or how to get it: a file, a built-in scene's name, or a function that is called once.
+Source: TypeAlias = Scene | str | Path | Meshes | Callable[[], Scene]
+"""A scene, or how to get it: a file, a built-in scene's name, meshes of trimesh, or a function that is called once.
 
 Whoever gives a function need not hold the scene while it is rendered, so the master can let go of what it has sent.
 """
@@ -97,7 +98,7 @@ def scene_of(source: Source) -> Scene:
     """The scene that a source stands for."""
     if isinstance(source, Scene):
         return source
-    return load(source) if isinstance(source, str | Path) else source()
+    return source() if callable(source) else load(source)
 
 
 def prepare(
