@@ -18,7 +18,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test chaos soak test-blender fuzz hard-cases guards lint peers gpu-check gpu-table clean
+.PHONY: help demo test chaos soak test-blender test-notebook fuzz hard-cases guards lint peers gpu-check gpu-table clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -38,6 +38,9 @@ test: $(VENV)/.installed-test  ## run the tests (those marked slow are left out)
 test-blender:  ## compare the add-on with Cycles in Blender's module (Python 3.11; its own VENV=.venv-blender)
 	$(MAKE) VENV=$(BLENDER_VENV) $(BLENDER_VENV)/.installed-blender
 	$(BLENDER_VENV)/bin/python -m pytest tests/blender
+
+test-notebook: $(VENV)/.installed-notebook  ## execute the notebooks of the documentation by a kernel
+	$(BIN)/python -m pytest tests/notebook
 
 fuzz: $(VENV)/.installed-test  ## fuzz rays, routing and gathers against brute force, and the wire (RAYS, GATHERS, MESSAGES, RENDERS, SEED)
 	$(BIN)/python tests/fuzz/run.py --rays $(RAYS) --gathers $(GATHERS) --messages $(MESSAGES) \
@@ -98,6 +101,11 @@ $(VENV)/.installed-blender: pyproject.toml | $(BIN)/python
 	@echo "Installing wdpm, its tests and Blender's module into $(VENV) (once; 350 MB)"
 	$(PIP) install --quiet -e '.[test,blender]'
 	@touch $@
+
+$(VENV)/.installed-notebook: pyproject.toml | $(BIN)/python
+	@echo "Installing wdpm, its tests and what runs notebooks into $(VENV)"
+	$(PIP) install --quiet -e '.[test,notebook]'
+	@touch $@ $(VENV)/.installed $(VENV)/.installed-test
 
 $(VENV)/.installed-cuda: pyproject.toml | $(BIN)/python
 	@echo "Installing wdpm and NVIDIA's assembler into $(VENV)"

@@ -94,3 +94,30 @@ class Display(Protocol):
 
     def pass_done(self, mean: PassMean) -> None:
         """The frame was a pass, and is in the mean, which changes after this call."""
+
+
+class Displays:
+    """Several displays as one. There is enough when one of them says so."""
+
+    def __init__(self, each: Sequence[Display]) -> None:
+        self._each = tuple(each)
+
+    @property
+    def enough(self) -> bool:
+        return any(display.enough for display in self._each)
+
+    def begin(self, frame: Frame) -> None:
+        for display in self._each:
+            display.begin(frame)
+
+    def bucket(self, bucket: Bucket) -> None:
+        for display in self._each:
+            display.bucket(bucket)
+
+    def end(self, statistics: Sequence[Mapping[str, Any]]) -> None:
+        for display in self._each:
+            display.end(statistics)
+
+    def pass_done(self, mean: PassMean) -> None:
+        for display in self._each:
+            display.pass_done(mean)

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from wdpm import scenes
-    from wdpm.api import render, replay
+    from wdpm.api import inspect, render, replay
     from wdpm.checkup.run import check
     from wdpm.cluster.render_settings import RenderSettings, Routing
     from wdpm.clusters import Cluster
     from wdpm.images.comparison import compare
     from wdpm.images.image import Image
+    from wdpm.inspection.plan import Plan
     from wdpm.scenes.errors import WdpmError
     from wdpm.scenes.load import load
     from wdpm.scenes.model.scene import Scene
@@ -24,12 +25,14 @@ if TYPE_CHECKING:
 __all__ = [
     "Cluster",
     "Image",
+    "Plan",
     "RenderSettings",
     "Routing",
     "Scene",
     "WdpmError",
     "check",
     "compare",
+    "inspect",
     "load",
     "render",
     "replay",
@@ -39,12 +42,14 @@ __all__ = [
 _HOME = {
     "Cluster": "wdpm.clusters",
     "Image": "wdpm.images.image",
+    "Plan": "wdpm.inspection.plan",
     "RenderSettings": "wdpm.cluster.render_settings",
     "Routing": "wdpm.cluster.render_settings",
     "Scene": "wdpm.scenes.model.scene",
     "WdpmError": "wdpm.scenes.errors",
     "check": "wdpm.checkup.run",
     "compare": "wdpm.images.comparison",
+    "inspect": "wdpm.api",
     "load": "wdpm.scenes.load",
     "render": "wdpm.api",
     "replay": "wdpm.api",

@@ -1,4 +1,4 @@
-"""The Python interface: render, replay.
+"""The Python interface: render, inspect, replay.
 
 import wdpm
 scene = wdpm.load("scene.xml")
@@ -18,6 +18,8 @@ from wdpm.clusters import backend_here
 from wdpm.goal.checks import goal_in_python
 from wdpm.goal.render import render_until
 from wdpm.images.image import Image
+from wdpm.inspection.plan import Plan, plan_of
+from wdpm.notebook import shown_live
 from wdpm.progress import Progress
 from wdpm.rendering.cache_file import CacheFiles
 from wdpm.rendering.in_process import InProcess
@@ -36,6 +38,7 @@ def render(
     device: str = "cpu",
     progress: Progress | None = None,
     display: Display | None = None,
+    live: bool = False,
     journal: Path | None = None,
     resume: bool = False,
     keep: bool = False,
@@ -49,13 +52,16 @@ def render(
     """Render a scene on this machine.
 
     Args:
-        source: a scene, a file, the name of a built-in scene, or a function that gives a scene.
+        source: a scene, a file, the name of a built-in scene, meshes or a scene of trimesh (from_trimesh), or a
+            function that gives a scene.
         settings: all settings; or give single ones by name (`photons=250_000, spp=16`), see RenderSettings.
         slaves: processes of a local cluster; 0 renders in this process. The image is the same, bit for bit.
         threads: cores to use in all; None for all there are.
         device: "cpu" or a CUDA device, "cuda:0".
         progress: is told how far the render is.
         display: is shown the image while it is rendered.
+        live: show it in the notebook that this runs in, in place, with a bar for the phase; elsewhere one line says
+            that there is none.
         journal: file that keeps the passes of a render in several (`passes=8`), so that it can go on after it was
             interrupted; removed at the end. Beside it, under the name with `.pass`, is what is finished of a pass that
             takes more than ten seconds.
@@ -76,22 +82,36 @@ def render(
     beside |= {"save_cache": save_cache, "load_cache": load_cache}
     goal = goal_in_python(until_error, metric, time_budget, beside)
     began = time.perf_counter()
-    with backend_here(slaves, threads, device) as backend:
-        backend.display = display
+    with shown_live(live, display, progress) as (shown, told), backend_here(slaves, threads, device) as backend:
+        backend.display = shown
         if goal is not None:
             used = time.perf_counter() - began
-            return render_until(source, goal, backend, progress=progress, used=used, **chosen)
+            return render_until(source, goal, backend, progress=told, used=used, **chosen)
         return render_in_passes(
             source,
             backend,
             settings,
-            progress=progress,
+            progress=told,
             journal=journal,
             resume=resume,
             keep=keep,
             cache=CacheFiles(save_cache, load_cache),
             **chosen,
         )
+
+
+def inspect(source: Source, *, slaves: int = 4, **chosen: Any) -> Plan:
+    """What a render with these settings would do with a scene: the effects that it calls for, and who would hold what.
+
+    Args:
+        source: a scene, a file, the name of a built-in scene, meshes of trimesh, or a function that gives a scene.
+        slaves: how many to divide it among.
+        chosen: settings of that render by name, see RenderSettings.
+
+    Raises:
+        SceneError, SettingsError: see their messages.
+    """
+    return plan_of(source, slaves, chosen)
 
 
 def replay(

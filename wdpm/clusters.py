@@ -25,6 +25,7 @@ from wdpm.cluster.transport.zeromq.run_keys import RunKeys
 from wdpm.devices import available_cores, check_device
 from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
+from wdpm.notebook import shown_live
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backend
 from wdpm.rendering.cache_file import CacheFiles
@@ -171,6 +172,7 @@ class Cluster(Backend):
         settings: RenderSettings | None = None,
         *,
         progress: Progress | None = None,
+        live: bool = False,
         journal: Path | None = None,
         resume: bool = False,
         keep: bool = False,
@@ -184,6 +186,7 @@ class Cluster(Backend):
         Args:
             source: a scene, a file, the name of a built-in scene, or a function that gives a scene.
             settings: all settings; or give single ones by name, see RenderSettings.
+            live: show it in the notebook that this runs in, see `wdpm.render`.
             journal, resume, keep: of a render that may be interrupted, see `wdpm.render`.
             log: keeps what is finished of the pass that is rendered; its maker removes it.
             save_cache, load_cache: files of irradiance records, see `wdpm.render`.
@@ -192,18 +195,23 @@ class Cluster(Backend):
             SceneError, SettingsError: see their messages.
             ClusterError: a slave failed, or all were lost; the cluster has ended.
         """
-        return render_in_passes(
-            source,
-            self,
-            settings,
-            progress=progress,
-            journal=journal,
-            resume=resume,
-            keep=keep,
-            log=log,
-            cache=CacheFiles(save_cache, load_cache),
-            **chosen,
-        )
+        display = self.display
+        with shown_live(live, display, progress) as (self.display, told):
+            try:
+                return render_in_passes(
+                    source,
+                    self,
+                    settings,
+                    progress=told,
+                    journal=journal,
+                    resume=resume,
+                    keep=keep,
+                    log=log,
+                    cache=CacheFiles(save_cache, load_cache),
+                    **chosen,
+                )
+            finally:
+                self.display = display
 
     def close(self) -> None:
         """Stop the slaves; may be called again."""

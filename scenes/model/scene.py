@@ -12,6 +12,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.scenes.html_tables import html_lines, html_table
 from wdpm.scenes.model.bsdfs import GREY, Bsdf, Diffuse, TwoSided
 from wdpm.scenes.model.lights import Light
 from wdpm.scenes.model.textures import RGB, Color
@@ -83,6 +84,10 @@ class Mesh:
 
 LARGEST_FILTER = 64.0
 """Radius of a pixel filter, in pixels: more is a mistake."""
+
+
+MESHES_SHOWN = 12
+"""In a notebook's table of a scene: the largest."""
 
 
 class FilterKind(Enum):
@@ -169,6 +174,23 @@ class Scene:
     max_depth: int | None = None
     warnings: tuple[str, ...] = ()
     media: tuple[Medium, ...] = ()
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: what is in it, its largest meshes, and the warnings."""
+        size = f"{self.camera.width} x {self.camera.height}"
+        view = "orthographic" if self.camera.orthographic else f"{self.camera.fov_x:.4g} degrees wide"
+        facts = {
+            "triangles": f"{sum(len(mesh.faces) for mesh in self.meshes):,} in {len(self.meshes):,} meshes",
+            "materials": f"{len(self.materials):,}",
+            "lights": f"{len(self.lights):,}, and {sum(mesh.emission is not None for mesh in self.meshes):,} meshes",
+            "media": f"{len(self.media):,}",
+            "camera": f"{size} pixels, {view}",
+        }
+        largest = sorted(self.meshes, key=lambda mesh: -len(mesh.faces))[:MESHES_SHOWN]
+        rows = [(mesh.name, self.materials[mesh.material].name, f"{len(mesh.faces):,}") for mesh in largest]
+        title = "largest meshes" if len(rows) < len(self.meshes) else "meshes"
+        tables = html_table(self.name, (), facts.items()) + html_table(title, ("mesh", "material", "triangles"), rows)
+        return tables + html_lines(self.warnings)
 
 
 def horizontal_fov(fov: float, axis: str, aspect: float) -> float:

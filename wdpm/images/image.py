@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from wdpm.images import files
 from wdpm.images.channels import LAYER_CHANNELS, PARTITION_LAYER, Layers, screen_pixels
 from wdpm.scenes.errors import ImageError
+
+if TYPE_CHECKING:
+    from wdpm.report.shown import ShownReport
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +59,19 @@ class Image:
         """(height, width)."""
         height, width = self.pixels.shape[:2]
         return height, width
+
+    @property
+    def report(self) -> ShownReport:
+        """What the render told of itself, which a notebook shows as tables.
+
+        Raises:
+            ImageError: the image has no report, as other programs' have not, or one of another version.
+        """
+        from wdpm.report.shown import shown_report  # only for those who look
+
+        if "report" not in self.metadata:
+            raise ImageError("the image has no report: it is not wdpm's, or was saved in a format that keeps none")
+        return shown_report(self.metadata["report"])
 
     def to_srgb8(self) -> NDArray[np.uint8]:
         """The beauty layer as a screen shows it: sRGB, 8 bits, clipped to [0, 1], shape [height, width, 3].

@@ -18,21 +18,25 @@ _MAPS = ("global", "caustic", "volume")
 
 def print_inspection(inspection: Inspection, console: Console) -> None:
     """Print all of it."""
-    console.print(_facts(inspection))
-    console.print(_plan(inspection))
-    if any(not effect.called and not effect.on for effect in inspection.effects):
-        console.print(_spared(inspection))
-    console.print(f"\ncompiled in: {', '.join(inspection.features) or 'nothing but diffuse surfaces'}", highlight=False)
-    console.print(_lights(inspection))
-    for light in _dark(inspection.lights):
-        console.print(light, markup=False, highlight=False)
-    console.print(_slaves(inspection))
-    for line in inspection.chose:
-        console.print(f"chosen: {line}", markup=False, highlight=False)
-    for line in inspection.approximated:
-        console.print(f"approximated: {line}", markup=False, highlight=False)
-    for warning in (*inspection.left_out, *inspection.warnings):
-        console.print(f"[yellow]warning:[/] {escape(warning)}", highlight=False)
+    for part in inspection_parts(inspection):
+        console.print(part, highlight=False)
+
+
+def inspection_parts(inspection: Inspection) -> list[Table | str]:
+    """All of it in order: tables, and lines in rich's markup."""
+    spared = any(not effect.called and not effect.on for effect in inspection.effects)
+    return [
+        _facts(inspection),
+        _plan(inspection),
+        *([_spared(inspection)] if spared else []),
+        f"\ncompiled in: {', '.join(inspection.features) or 'nothing but diffuse surfaces'}",
+        _lights(inspection),
+        *map(escape, _dark(inspection.lights)),
+        _slaves(inspection),
+        *(f"chosen: {escape(line)}" for line in inspection.chose),
+        *(f"approximated: {escape(line)}" for line in inspection.approximated),
+        *(f"[yellow]warning:[/] {escape(line)}" for line in (*inspection.left_out, *inspection.warnings)),
+    ]
 
 
 def _facts(inspection: Inspection) -> Table:

@@ -29,24 +29,29 @@ _BYTE_UNITS = ("B", "KB", "MB", "GB", "TB")
 
 def print_report(report: Report, console: Console) -> None:
     """Print all that the report holds; what is empty is left out."""
-    console.print(_times(report))
-    for words, counts in _maps(report):
-        if counts.lights and counts.paths:
-            console.print(_lights(words, counts))
-    if report.slaves:
-        console.print(_held(report))
-        console.print(_did(report))
+    for table in report_tables(report):
+        console.print(table)
     console.print()
-    for line in _counts(report):
+    for line in report_lines(report):
         console.print(line, highlight=False)
-    for line in report.approximated:
-        console.print(f"approximated: {escape(line)}", highlight=False)
-    for line in report.chose:
-        console.print(f"chosen: {line}", markup=False)
-    for line in report.left_out:
-        console.print(f"[bold red]LEFT OUT:[/] {escape(line)}", highlight=False)
-    for warning in report.warnings:
-        console.print(f"[yellow]warning:[/] {escape(warning)}", highlight=False)
+
+
+def report_tables(report: Report) -> list[Table]:
+    """Times, photons by light, and what slaves held and did, where there are any."""
+    tables = [_times(report)]
+    tables += [_lights(words, counts) for words, counts in _maps(report) if counts.lights and counts.paths]
+    return [*tables, _held(report), _did(report)] if report.slaves else tables
+
+
+def report_lines(report: Report) -> list[str]:
+    """All else, a line each, in rich's markup."""
+    return [
+        *_counts(report),
+        *(f"approximated: {escape(line)}" for line in report.approximated),
+        *(f"chosen: {escape(line)}" for line in report.chose),
+        *(f"[bold red]LEFT OUT:[/] {escape(line)}" for line in report.left_out),
+        *(f"[yellow]warning:[/] {escape(warning)}" for warning in report.warnings),
+    ]
 
 
 def format_bytes(count: int) -> str:
