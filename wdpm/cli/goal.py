@@ -72,7 +72,7 @@ def render_to_goal(args: argparse.Namespace, make_backend: Callable[[], Backend]
     Args:
         make_backend: makes what renders, once the scene is loaded.
     """
-    from wdpm.cli.live import live_view
+    from wdpm.cli.live import shown
     from wdpm.cli.result import render_and_write
     from wdpm.goal.clock import process_age
     from wdpm.goal.goal import goal_of
@@ -93,7 +93,7 @@ def render_to_goal(args: argparse.Namespace, make_backend: Callable[[], Backend]
         asked.append((image.metadata[OUTCOME], image.metadata["settings"]))
         return image
 
-    with live_view(args) as view:
+    with shown(args) as view:
         code = render_and_write(args, render, view)
     outcome, settings = asked[0]
     if not args.quiet:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from wdpm.cluster.display import Displays
 from wdpm.scenes.errors import SettingsError
 from wdpm.view.address import ViewAddress, view_address
 
 if TYPE_CHECKING:
+    from wdpm.progress import Progress
+    from wdpm.tev.display import TevDisplay
     from wdpm.view.live import LiveView
 
 
@@ -24,6 +27,12 @@ def add_view_options(parser: argparse.ArgumentParser) -> None:
     )
     add_view_address(group)
     group.add_argument("--view-beside", type=Path, metavar="FILE", help="an image to compare with in the page")
+    add_tev_option(group, "send the image as it comes to the viewer tev, which listens there")
+
+
+def add_tev_option(group: argparse._ActionsContainer, text: str) -> None:
+    """--tev."""
+    group.add_argument("--tev", type=view_address, metavar="HOST:PORT", help=f"{text} (mostly 127.0.0.1:14158)")
 
 
 def add_view_address(group: argparse._ActionsContainer) -> None:
@@ -42,6 +51,48 @@ def check_can_view() -> None:
         import aiohttp  # noqa: F401
     except ModuleNotFoundError:
         raise SettingsError("the live view needs aiohttp: pip install 'wdpm[view]'") from None
+
+
+class Viewers(Displays):
+    """Whoever is shown a render: the page, tev, both."""
+
+    def __init__(self, each: Sequence[LiveView | TevDisplay]) -> None:
+        super().__init__(each)
+        self._viewers = tuple(each)
+
+    def following(self, progress: Progress) -> Progress:
+        """An observer of progress that tells them, too."""
+        for viewer in self._viewers:
+            progress = viewer.following(progress)
+        return progress
+
+
+@contextmanager
+def shown(args: argparse.Namespace) -> Iterator[Viewers | None]:
+    """Whoever `args` ask to be shown a render, while it runs; None for nobody.
+
+    Raises:
+        SettingsError, ImageError: the page cannot be served, the image to compare with cannot be read, or tev does not
+            answer.
+    """
+    with tev_viewer(args) as tev, live_view(args) as page:
+        viewers = [viewer for viewer in (page, tev) if viewer is not None]
+        yield Viewers(viewers) if viewers else None
+
+
+@contextmanager
+def tev_viewer(args: argparse.Namespace) -> Iterator[TevDisplay | None]:
+    """A connection to tev while a render runs, if `args` ask for one."""
+    if args.tev is None:
+        yield None
+        return
+    from wdpm.tev.display import TevDisplay
+
+    display = TevDisplay(args.tev, str(args.scene))
+    try:
+        yield display
+    finally:
+        display.close()
 
 
 @contextmanager

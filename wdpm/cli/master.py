@@ -9,7 +9,7 @@ from wdpm import values
 from wdpm.cli import options
 from wdpm.cli.goal import add_until_options, asks_for_a_goal, duration, render_to_goal
 from wdpm.cli.journals import add_journal_options, journals
-from wdpm.cli.live import add_view_options, live_view
+from wdpm.cli.live import add_view_options, shown
 from wdpm.cli.monitoring import add_monitoring_options, observers
 
 _EXAMPLES = """\
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
         }
         if asks_for_a_goal(args):
             return render_to_goal(args, lambda: Cluster.listen(args.bind, args.slaves[0], **terms))
-        with live_view(args) as view, journals(args, first_output(args)) as kept:
+        with shown(args) as view, journals(args, first_output(args)) as kept:
             return render_and_write(
                 args,
                 lambda source, settings, progress: render_as_master(

@@ -9,7 +9,7 @@ from wdpm import values
 from wdpm.cli import options
 from wdpm.cli.goal import add_until_options, asks_for_a_goal, render_to_goal
 from wdpm.cli.journals import add_journal_options, journals
-from wdpm.cli.live import add_view_options, live_view
+from wdpm.cli.live import add_view_options, shown
 from wdpm.cli.monitoring import add_monitoring_options, observers
 from wdpm.scenes.errors import SettingsError
 
@@ -24,6 +24,7 @@ examples:
   wdpm render scene.xml --until-error 0.02
   wdpm render scene.xml --time-budget 60s
   wdpm render scene.xml --slaves 4 --passes 64 --spp 1024 --view
+  wdpm render scene.xml --tev 127.0.0.1:14158
   wdpm render scene.xml --strict
   wdpm render scene.xml --replay 10,7,3"""
 
@@ -82,15 +83,16 @@ def run(args: argparse.Namespace) -> int:
         with observers(args) as told:
             return render_to_goal(args, lambda: backend_here(*here, told))
     if args.replay is not None:
-        if args.view:
-            raise SettingsError("--replay makes no image that --view could show; leave one of them out")
+        if args.view or args.tev is not None:
+            way = "--view" if args.view else "--tev"
+            raise SettingsError(f"--replay makes no image that {way} could show; leave one of them out")
         from wdpm.cli.replay import replay_and_print
 
         return replay_and_print(args)
     from wdpm.cli.result import first_output, render_and_write
     from wdpm.clusters import render_here
 
-    with observers(args) as told, live_view(args) as view, journals(args, first_output(args)) as kept:
+    with observers(args) as told, shown(args) as view, journals(args, first_output(args)) as kept:
         return render_and_write(
             args,
             lambda source, settings, progress: render_here(

@@ -31,12 +31,12 @@ from wdpm.scenes.errors import ImageError, NotWrittenError
 from wdpm.scenes.model.scene import Scene
 
 if TYPE_CHECKING:
-    from wdpm.view.live import LiveView
+    from wdpm.cli.live import Viewers
 
 Renderer = Callable[[Callable[[], Scene], RenderSettings, Progress], Image]
 
 
-def render_and_write(args: argparse.Namespace, render: Renderer, view: LiveView | None = None) -> int:
+def render_and_write(args: argparse.Namespace, render: Renderer, view: Viewers | None = None) -> int:
     """Load `args.scene`, have it rendered, write every output and the report; returns the exit code.
 
     Whatever can be found wrong before the render is found before it.
