@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import sys
 import time
 from pathlib import Path
@@ -11,8 +10,7 @@ from pathlib import Path
 
 def machine_memory() -> int:
     """Main memory of this machine, or what this process's container or job may use of it [bytes]."""
-    machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    return min([machine, *_control_group_limits(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"))])
+    return min([_installed_memory(), *_control_group_limits(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"))])
 
 
 def _control_group_limits(membership: Path, mounted: Path) -> list[int]:
@@ -37,8 +35,22 @@ def _control_group_limits(membership: Path, mounted: Path) -> list[int]:
     return limits
 
 
+def _installed_memory() -> int:
+    if hasattr(os, "sysconf"):
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    import psutil  # Windows, where it is a requirement
+
+    return int(psutil.virtual_memory().total)
+
+
 def peak_memory() -> int:
     """Most memory that this process has had in use [bytes]."""
+    try:
+        import resource
+    except ModuleNotFoundError:
+        import psutil
+
+        return int(psutil.Process().memory_info().peak_wset)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return peak if sys.platform == "darwin" else peak * 1024
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 from wdpm.cluster.slave.process import PATIENCE_S, run_slave
 from wdpm.cluster.transport import address
 from wdpm.cluster.transport.keys import Keys
+from wdpm.cluster.transport.life_line import life_line as line_to_watch
 from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.transport.zeromq.key_files import keys_for
 from wdpm.cluster.transport.zeromq.run_keys import FROM_STANDARD_INPUT, slave_keys
@@ -78,12 +78,16 @@ def serve_as_slave(
         security=security,
         patience=patience,
         rejoin=rejoin,
-        life_line=sys.stdin.fileno() if life_line else None,
+        life_line=line_to_watch(sys.stdin.buffer) if life_line else None,
     )
 
 
 def limit_memory(limit: int) -> None:
     """Have allocations fail beyond a limit [bytes], instead of the machine beginning to swap."""
+    try:
+        import resource
+    except ModuleNotFoundError:
+        raise SettingsError("--memory: this system cannot limit the memory of a process; leave it out") from None
     try:
         # Data, not address space: threads and compiled code reserve far more addresses than they use.
         resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))

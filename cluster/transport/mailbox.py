@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from typing import Any
+
+from wdpm.cluster.transport import stream
 
 _MOST_RINGS = 64
 """Items taken in one turn."""
@@ -13,29 +14,30 @@ _MOST_RINGS = 64
 class Mailbox:
     """Hands objects to the thread that waits for `fd`, from any other thread.
 
-    A pipe rings, not a ZeroMQ socket: a thread that hangs in a long kernel may be left behind with it, and would keep
-    a ZeroMQ context from ending.
+    A pair of sockets rings, not a ZeroMQ socket: a thread that hangs in a long kernel may be left behind with it, and
+    would keep a ZeroMQ context from ending. Nor a pipe, which Windows cannot wait for.
     """
 
     def __init__(self) -> None:
-        self.fd, self._bell = os.pipe()
-        os.set_blocking(self.fd, False)
+        self._ear, self._bell = stream.pair()
+        self._ear.setblocking(False)
+        self.fd = self._ear.fileno()
         self._items: deque[Any] = deque()
 
     def put(self, item: Any) -> None:
         """Called by another thread."""
         self._items.append(item)
-        os.write(self._bell, b".")
+        self._bell.sendall(b".")
 
     def take(self) -> list[Any]:
         """Called by the waiting thread: all that has come, in order."""
         try:
-            rings = len(os.read(self.fd, _MOST_RINGS))
+            rings = len(self._ear.recv(_MOST_RINGS))
         except BlockingIOError:
             return []
         return [self._items.popleft() for _ in range(rings)]
 
     def close(self) -> None:
         """Once no thread uses it any more."""
-        os.close(self.fd)
-        os.close(self._bell)
+        self._ear.close()
+        self._bell.close()

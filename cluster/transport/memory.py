@@ -8,7 +8,6 @@ what may be shuffled.
 from __future__ import annotations
 
 import itertools
-import os
 import select
 import threading
 from collections import deque
@@ -16,7 +15,9 @@ from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 
 from wdpm.cluster.messages.protocol import Message
+from wdpm.cluster.transport import stream
 from wdpm.cluster.transport.keys import Keys
+from wdpm.cluster.transport.stream import Stream
 from wdpm.cluster.transport.transport import Accepted, Received, Role
 from wdpm.scenes.errors import ClusterError, ProtocolError, SettingsError
 
@@ -186,7 +187,7 @@ class MemoryNetwork:
         self._listeners: list[MemoryListener] = []
         self._connections: list[MemoryConnection] = []
         self._watched: set[int] = set()
-        self._bell: tuple[int, int] | None = None
+        self._bell: tuple[Stream, Stream] | None = None
         self._rung = False
         self._lock = threading.Lock()  # of the bell
 
@@ -220,14 +221,14 @@ class MemoryNetwork:
         """Until something arrives, or a watched descriptor can be read."""
         with self._lock:
             if self._bell is None:
-                self._bell = os.pipe()  # not before: a network that never waits needs no descriptors
-            bell = self._bell[0]
+                self._bell = stream.pair()  # not before: a network that never waits needs no sockets
+            ear = self._bell[0]
             here = any(listener.inbox for listener in self._listeners)
             here = here or any(connection.inbox for connection in self._connections)
-        ready, _, _ = select.select([bell, *self._watched], [], [], 0.0 if here else seconds)
+        ready, _, _ = select.select([ear.fileno(), *self._watched], [], [], 0.0 if here else seconds)
         with self._lock:
             if self._rung:
-                os.read(bell, 1)
+                ear.recv(1)
                 self._rung = False
         return self._watched.intersection(ready)
 
@@ -236,7 +237,7 @@ class MemoryNetwork:
         with self._lock:
             if self._bell is not None and not self._rung:
                 self._rung = True
-                os.write(self._bell[1], b".")
+                self._bell[1].send(b".")
 
     def forget(self, connection: MemoryConnection) -> None:
         """A connection closes."""
@@ -252,4 +253,4 @@ class MemoryNetwork:
         with self._lock:
             bell, self._bell = self._bell, None
         for end in bell or ():
-            os.close(end)
+            end.close()

@@ -58,7 +58,8 @@ def can_fork(device: str) -> bool:
     Not once it has used CUDA for anything, whose state and threads do not survive a fork. On macOS frameworks of the
     system start threads that do not either, and Windows has no fork.
     """
-    return device == "cpu" and sys.platform == "linux" and not any(gpu.has_context for gpu in wp.get_cuda_devices())
+    may = sys.platform == "linux" and hasattr(os, "fork")
+    return device == "cpu" and may and not any(gpu.has_context for gpu in wp.get_cuda_devices())
 
 
 @dataclass(eq=False)

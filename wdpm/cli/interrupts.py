@@ -118,7 +118,10 @@ class _Lost:
             frame = sys._current_frames().get(main or 0)
             if not self._is_deaf(frame) and self.take():
                 again = signal.SIGTERM if self.kind is Terminated else signal.SIGINT
-                signal.pthread_kill(main or 0, again)
+                if hasattr(signal, "pthread_kill"):
+                    signal.pthread_kill(main or 0, again)
+                else:
+                    _thread.interrupt_main(again)
 
     def _is_deaf(self, frame: FrameType | None) -> bool:
         while frame is not None:

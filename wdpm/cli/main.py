@@ -13,7 +13,21 @@ from collections.abc import Sequence
 from importlib import metadata
 from typing import Any, NoReturn
 
-from wdpm.cli import accuracy, bench, blender, check, compare, inspect, keys, master, render, slave, status, view
+from wdpm.cli import (
+    accuracy,
+    bench,
+    blender,
+    check,
+    compare,
+    doctor,
+    inspect,
+    keys,
+    master,
+    render,
+    slave,
+    status,
+    view,
+)
 from wdpm.cli.interrupts import Terminated, interrupts_raise, no_lost_interrupts, termination_raises
 from wdpm.scenes.errors import ClusterEndedError, WdpmError
 from wdpm.scenes.scene_root import files_within
@@ -31,7 +45,11 @@ COMMANDS = (
     bench,
     keys,
     blender,
+    doctor,
 )
+
+COMPLETING = "_ARGCOMPLETE"
+"""Set by a shell that asks what could come next on its line; nobody else waits for the library that answers."""
 
 EXIT_BAD_INPUT = 2
 EXIT_CLUSTER_ENDED = 4
@@ -48,13 +66,15 @@ wdpm COMMAND --help says more."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code: 0, 1 (compare --equal, check), 2 for bad input, 3, 4, 130 or 143.
+    """Run one command; returns the exit code: 0, 1 (compare --equal, check, doctor), 2 for bad input, 3, 4, 130 or 143.
 
     3: the image is there, but not as good as --until-error asked for (wdpm/cli/goal.py). 4: a slave whose master has
     gone or has ended without an image. 130, 143: interrupted by SIGINT (Ctrl-C) or SIGTERM.
     """
     arguments = sys.argv[1:] if argv is None else argv
     parser = make_parser()
+    if COMPLETING in os.environ:
+        _complete(parser)
     if not arguments:
         parser.print_help(sys.stderr)
         return EXIT_BAD_INPUT
@@ -78,6 +98,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     return code
+
+
+def _complete(parser: argparse.ArgumentParser) -> None:
+    """Tell the shell, and exit; do nothing where argcomplete is not installed."""
+    try:
+        import argcomplete
+    except ModuleNotFoundError:
+        return
+    argcomplete.autocomplete(parser)
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -13,6 +13,7 @@ file in FOLDER/slaves is removed is let in no more, one whose file is added is l
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import shutil
 import time
@@ -171,7 +172,8 @@ def _load_public(path: Path) -> bytes:
 
 def _load(path: Path, *, secret: bool) -> tuple[bytes, bytes | None]:
     try:
-        if secret and path.stat().st_mode & 0o077:
+        # Windows has lists of rights in place of a mode, in which a file is its owner's unless somebody shared it.
+        if secret and os.name == "posix" and path.stat().st_mode & 0o077:
             raise SettingsError(f"{path} can be read by others: run `chmod 600 {path}`")
         public, private = zmq.auth.load_certificate(path)
     except OSError as error:

@@ -1,0 +1,44 @@
+"""Facts about what computes: Warp, its cache of compiled kernels, GPUs."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import warp as wp
+
+from wdpm.doctor.facts import Fact, State
+from wdpm.quiet import quiet_warp
+from wdpm.report.tables import format_bytes
+
+LITTLE_ROOM = 1 << 30
+
+
+def kernel_cache() -> Fact:
+    """Where compiled kernels are kept, how many there are, and whether there is room for more."""
+    quiet_warp()
+    folder = Path(wp.config.kernel_cache_dir or "")
+    advice = "set WARP_CACHE_PATH to a folder that you can write to: kernels would be compiled in each process"
+    if not folder.is_dir() or not os.access(folder, os.W_OK):
+        return Fact("kernel cache", f"{folder}: cannot be written to", State.WRONG, advice)
+    modules = [path for path in folder.iterdir() if path.is_dir()]
+    size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    free = shutil.disk_usage(folder).free
+    found = f"{folder}, {len(modules):,} modules, {format_bytes(size)}; {format_bytes(free)} free"
+    figures = {"folder": str(folder), "modules": len(modules), "bytes": size, "free": free}
+    if free < LITTLE_ROOM:
+        return Fact("kernel cache", found, State.NOTE, "make room: a scene's kernels take some ten megabytes", figures)
+    if not modules:
+        return Fact("kernel cache", found, State.NOTE, "the first render compiles kernels, for half a minute", figures)
+    return Fact("kernel cache", found, figures=figures)
+
+
+def gpus() -> Fact:
+    """GPUs that kernels could run on."""
+    quiet_warp()
+    devices = wp.get_cuda_devices() if wp.is_cuda_available() else []
+    if not devices:
+        return Fact("GPU", "none with a CUDA driver: all is computed on the CPU", State.NOTE)
+    names = ", ".join(f"{device.alias}: {device.name}, {format_bytes(device.total_memory)}" for device in devices)
+    return Fact("GPU", names, advice="give --device cuda:0 to use it (docs/gpu.md)")
