@@ -18,6 +18,7 @@ from wdpm.cluster.display import Bucket, Display, Displays, Frame, PassMean
 from wdpm.images.channels import encode_srgb8
 from wdpm.images.files import png_bytes
 from wdpm.progress import Progress, SilentProgress
+from wdpm.quiet import quiet_warp
 from wdpm.view.picture import Picture
 
 SHARE = 0.02
@@ -139,6 +140,7 @@ def shown_live(
         print("wdpm: live=True shows the image in a notebook, which this is not: it renders without", file=sys.stderr)
         yield display, progress
         return
+    quiet_warp()  # its lines for each kernel would stand above the picture
     shown = LiveRender(*_places(), progress or SilentProgress())
     how = "failed"
     try:

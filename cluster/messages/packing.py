@@ -20,6 +20,7 @@ from typing import Any
 
 import msgpack
 import numpy as np
+from numpy.typing import NDArray
 
 from wdpm.cluster.messages import checks
 from wdpm.cluster.messages.protocol import PROTOCOL
@@ -177,7 +178,8 @@ def _elements(shape: Sequence[int]) -> int:
 
 def _dtype_of(hint: Any) -> np.dtype[Any] | None:
     """Element type of an NDArray hint; None for NDArray[Any], which may be any of DTYPES."""
-    scalar = typing.get_args(typing.get_args(hint)[1])[0]
+    arguments = typing.get_args(hint)
+    scalar = typing.get_args(arguments[1])[0] if typing.get_origin(hint) is np.ndarray else arguments[0]
     return None if scalar in (Any, np.generic) else np.dtype(scalar).newbyteorder("<")
 
 
@@ -223,7 +225,8 @@ def _hints(cls: Any) -> dict[str, Any]:
 
 
 def _is_array(hint: Any) -> bool:
-    return typing.get_origin(hint) is np.ndarray
+    # From NumPy 2.5 on, with Python 3.12 and newer, NDArray is an alias that stays one when it is subscripted.
+    return typing.get_origin(hint) in (np.ndarray, NDArray)
 
 
 def _members(hint: Any) -> tuple[Any, ...]:
