@@ -18,7 +18,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test chaos soak test-blender test-notebook fuzz hard-cases guards lint peers gpu-check gpu-table clean
+.PHONY: help demo test chaos soak test-blender test-notebook release-check fuzz hard-cases guards lint peers gpu-check gpu-table clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -57,6 +57,12 @@ hard-cases: $(VENV)/.installed-test  ## run the hard cases in full and write out
 
 guards: $(VENV)/.installed-test  ## take each guard away in a copy, and show that its tests fail (hours)
 	$(BIN)/python tests/guards/remove_guards.py
+
+release-check: $(VENV)/.installed-notebook $(VENV)/.installed-peers  ## build the wheel, run the tests, say what a release lacks
+	rm -rf $(OUT)/release
+	$(BIN)/python -m build --wheel --outdir $(OUT)/release .
+	$(BIN)/python -m pytest -m "not slow" -n $(JOBS) --dist worksteal --junitxml=$(OUT)/release/tests.xml || true
+	$(BIN)/python tests/release/release_check.py --wheel $(OUT)/release --tests $(OUT)/release/tests.xml
 
 lint: $(VENV)/.installed-test  ## check style, types and directions of imports
 	$(BIN)/ruff check .
@@ -113,6 +119,6 @@ $(VENV)/.installed-cuda: pyproject.toml | $(BIN)/python
 	@touch $@ $(VENV)/.installed
 
 $(VENV)/.installed-peers: pyproject.toml | $(BIN)/python
-	@echo "Installing Mitsuba and Embree into $(VENV)"
+	@echo "Installing Mitsuba, Embree and SciPy into $(VENV)"
 	$(PIP) install --quiet -e '.[peers]'
 	@touch $@ $(VENV)/.installed
