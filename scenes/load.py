@@ -8,7 +8,7 @@ from pathlib import Path
 from wdpm.scenes.builtin.names import BUILT_IN_NAMES, load_built_in
 from wdpm.scenes.errors import SceneError, did_you_mean
 from wdpm.scenes.gltf.read import read_gltf
-from wdpm.scenes.meshes.from_trimesh import Meshes, is_of_trimesh, read_trimesh
+from wdpm.scenes.meshes.in_memory import Meshes, is_of_trimesh
 from wdpm.scenes.meshes.stand_alone import read_stand_alone
 from wdpm.scenes.mitsuba.read import read_mitsuba
 from wdpm.scenes.model.checks import check_scene
@@ -44,6 +44,8 @@ def load(
     if size is not None and min(size) < 1:
         raise SceneError(f"the image size is {size[0]}x{size[1]}; both must be at least 1")
     if is_of_trimesh(source):
+        from wdpm.scenes.meshes.from_trimesh import read_trimesh  # only for those who have imported trimesh
+
         _refuse_defines(defines, "trimesh")
         return check_scene(read_trimesh(source, size))
     if not isinstance(source, str | Path):

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.images.read import linear_pixels
 from wdpm.scenes.meshes.framing import completed_scene
+from wdpm.scenes.meshes.in_memory import Meshes
 from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute
 from wdpm.scenes.meshes.vertex_attributes import VERTEX_COLOR, screen_colors
 from wdpm.scenes.model.bsdfs import GREY
@@ -26,18 +27,8 @@ from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene, diffuse, hori
 from wdpm.scenes.model.textures import RGB, Bitmap, Color, VertexColors
 from wdpm.scenes.model.transforms import Matrix, facing_forward
 
-Meshes: TypeAlias = trimesh.Trimesh | trimesh.Scene | Sequence[trimesh.Trimesh]
-"""One mesh, several, or a scene with its transforms, camera and lights."""
-
 FAR = 1e10  # scene units: a camera of trimesh is never to cut off what is before it
 NEAR = 1e-4  # of the distance from the camera to the middle of what it sees
-
-
-def is_of_trimesh(source: object) -> bool:
-    """Whether `read_trimesh` takes it: meshes, a scene, or a list or tuple of meshes alone."""
-    if isinstance(source, list | tuple):
-        return bool(source) and all(isinstance(each, trimesh.Trimesh) for each in source)
-    return isinstance(source, trimesh.Trimesh | trimesh.Scene)
 
 
 def read_trimesh(source: Meshes, size: tuple[int, int] | None = None) -> Scene:

@@ -44,11 +44,11 @@ from wdpm.scenes.errors import GuardError
 from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.flatten import FlatScene, flatten
 from wdpm.scenes.load import load
-from wdpm.scenes.meshes.from_trimesh import Meshes
+from wdpm.scenes.meshes.in_memory import Meshes
 from wdpm.scenes.model.left_out import leave_out
 from wdpm.scenes.model.scene import Scene
 
-Source: TypeAlias = Scene | str | Path | Meshes | Callable[[], Scene]
+Source: TypeAlias = "Scene | str | Path | Meshes | Callable[[], Scene]"
 """A scene, or how to get it: a file, a built-in scene's name, meshes of trimesh, or a function that is called once.
 
 Whoever gives a function need not hold the scene while it is rendered, so the master can let go of what it has sent.
