@@ -15,6 +15,7 @@ from rich.console import Console
 
 from wdpm.bench import caustic, indirect, kernels, mitsuba, paper, photons
 from wdpm.bench.commands import arguments
+from wdpm.bench.rows import Rows
 from wdpm.cli import main
 from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
 from wdpm.clusters import backend_here
@@ -410,6 +411,7 @@ def test_options_of_the_papers_table_reach_the_renders(
     def measure(
         name: str, slaves: Any, routings: Any, backends: Backends, _: Any, **options: Any
     ) -> paper.SceneFigures:
+        assert isinstance(options.pop("rows"), Rows)
         asked.append((name, slaves, routings, options | {"threads": backends(0).threads}))
         return paper.SceneFigures(name, 1, 1, 1, 1, 1, 1, ())
 

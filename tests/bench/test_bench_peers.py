@@ -16,6 +16,7 @@ from wdpm.bench.peers_figures import Bounds, PeerFigures, Reached, Try
 from wdpm.bench.peers_grid import FAMILIES, Family, Member
 from wdpm.bench.peers_guess import guesses
 from wdpm.bench.peers_law import ErrorLaw, Point
+from wdpm.bench.rows import Rows
 from wdpm.cli import main
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.images.image import Image
@@ -107,10 +108,12 @@ class Fakes:
             error *= 100
         return Image({"beauty": off_by(error)})
 
-    def measure(self, scene_file: Path, bounds: Bounds, *families: Family) -> PeerFigures:
+    def measure(self, scene_file: Path, bounds: Bounds, *families: Family, rows: Rows | None = None) -> PeerFigures:
         reference = scene_file.with_name("reference.exr")
         backend = InProcess(threads=2)
-        return peers.measure(scene_file, reference, bounds, backend, SilentProgress(), families=families or (FEW,))
+        return peers.measure(
+            scene_file, reference, bounds, backend, SilentProgress(), families=families or (FEW,), rows=rows
+        )
 
 
 # ---- the grid -----------------------------------------------------------------------------------------------------
@@ -209,6 +212,22 @@ def test_the_least_that_reaches_an_error_is_confirmed(scene_file: Path, monkeypa
     assert seeds == [peers.WARM_SEED, 0, 0, 0, 0, 1, 2, 3, 1, 2, 3]
     assert len(FakeMitsuba.asked) == len(set(FakeMitsuba.asked)) == 1 + 3 + 6  # warm, 8 to 128, turns
     assert figures.law.constant == pytest.approx(1, rel=1e-3)
+
+
+def test_a_comparison_that_was_stopped_goes_on(
+    scene_file: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    fakes = Fakes(monkeypatch)
+    bounds, file = Bounds((0.02, 0.2), rounds=3), tmp_path / "rows.jsonl"
+    whole = fakes.measure(scene_file, bounds, rows=Rows(file))
+    lines = file.read_text().splitlines(keepends=True)
+    assert len(lines) == 1 + 3 + 4 + 3 * 2 * 2  # head, Mitsuba, the grid, turns of both
+    file.write_text("".join(lines[:6]))
+    fakes.rendered.clear()
+    again = fakes.measure(scene_file, bounds, rows=Rows(file, resume=True))
+    assert again.to_dict() == whole.to_dict()
+    assert len(fakes.rendered) == 1 + 2 + 6  # warm, the rest of the grid, turns
+    assert file.read_text().splitlines(keepends=True) == lines
 
 
 def test_a_lucky_render_does_not_count(scene_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:

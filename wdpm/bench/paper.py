@@ -7,10 +7,13 @@ distribution costs; their shares are those of a real cluster.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
+from wdpm.bench.outputs import settings_to_dict
+from wdpm.bench.rows import Rows
 from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.devices import available_cores
 from wdpm.images.comparison import compare
@@ -111,6 +114,7 @@ def measure(
     *,
     size: tuple[int, int] | None = None,
     render: Renderer | None = None,
+    rows: Rows | None = None,
     **chosen: Any,
 ) -> SceneFigures:
     """Render a scene without slaves and with each number of them.
@@ -122,6 +126,7 @@ def measure(
         backends: makes what renders, anew for each render.
         size: of the image; None for the scene's.
         render: renders; None for wdpm itself.
+        rows: keeps each render's figures, and has those of renders that need not be done again; None for none.
         chosen: settings by name, see RenderSettings.
     """
     progress.start("load")
@@ -131,20 +136,33 @@ def measure(
     clusters = [(count, routing) for count in sorted(set(slaves) - {0}) for routing in routings]
 
     progress.start(name, 1 + len(clusters))
-    progress.note(f"{name}: rendering without slaves")
-    alone = render(scene, settings, 0)
-    progress.advance()
-    runs = [_run_of(name, 0, None, alone, alone)]
-    for count, routing in clusters:
-        progress.note(f"{name}: rendering with {count} slaves, routing {routing.value}")
-        image = render(scene, replace(settings, routing=routing), count)
-        progress.advance()
-        runs.append(_run_of(name, count, routing, image, alone))
+    rows = rows or Rows()
+    of = {"scene": name, "settings": settings_to_dict(settings), "size": [scene.camera.width, scene.camera.height]}
 
-    account = _account(alone)
-    height, width = alone.shape
-    stored = account.photons.stored
-    return SceneFigures(name, account.triangles, width, height, settings.spp, settings.k, stored, tuple(runs))
+    @functools.cache
+    def alone() -> Image:
+        """What all others are compared with: rendered when it is needed first."""
+        progress.note(f"{name}: rendering without slaves")
+        return render(scene, settings, 0)
+
+    def run(slaves: int, routing: Routing | None) -> dict[str, Any]:
+        first = alone()
+        if routing is None:
+            return _figures_of(name, 0, None, first, first)
+        progress.note(f"{name}: rendering with {slaves} slaves, routing {routing.value}")
+        return _figures_of(name, slaves, routing, render(scene, replace(settings, routing=routing), slaves), first)
+
+    runs: list[dict[str, Any]] = []
+    for count, routing in [(0, None), *clusters]:
+        key = {**of, "slaves": count, "routing": None if routing is None else routing.value}
+        runs.append(rows.measured(key, functools.partial(run, count, routing)))
+        progress.advance()
+    first = runs[0]
+    size = (first["size"][0], first["size"][1])
+    stored = first["stored"]
+    return SceneFigures(
+        name, first["scene_triangles"], *size, settings.spp, settings.k, stored, tuple(map(_run_from, runs))
+    )
 
 
 def _render(scene: Scene, settings: RenderSettings, slaves: int, backends: Backends) -> Image:
@@ -156,6 +174,20 @@ def _render(scene: Scene, settings: RenderSettings, slaves: int, backends: Backe
 def work_seconds(phases: dict[str, float]) -> float:
     """Of photons, map and render."""
     return sum(phases[phase] for phase in WORK_PHASES)
+
+
+def _figures_of(name: str, slaves: int, routing: Routing | None, image: Image, alone: Image) -> dict[str, Any]:
+    """A run as a row has it, with what is known of the scene."""
+    account = _account(image)
+    height, width = image.shape
+    run = asdict(_run_of(name, slaves, routing, image, alone))
+    return {**run, "scene_triangles": account.triangles, "size": [width, height], "stored": account.photons.stored}
+
+
+def _run_from(row: Mapping[str, Any]) -> Run:
+    """The run of a row."""
+    values = {field.name: row[field.name] for field in fields(Run)}
+    return Run(**{**values, "photons": tuple(row["photons"]), "triangles": tuple(row["triangles"])})
 
 
 def _run_of(name: str, slaves: int, routing: Routing | None, image: Image, alone: Image) -> Run:

@@ -12,16 +12,18 @@ from __future__ import annotations
 import math
 import statistics
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from wdpm.bench.mitsuba import WARM_SEED, Cost, MitsubaProcess, Setup
 from wdpm.bench.peers_figures import Bounds, Confirmed, PeerFigures, Reached, Try
 from wdpm.bench.peers_grid import FAMILIES, Family, Member
 from wdpm.bench.peers_guess import guesses
 from wdpm.bench.peers_law import ErrorLaw, Point
+from wdpm.bench.rows import Rows
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.comparison import compare
 from wdpm.images.image import Image
@@ -41,6 +43,9 @@ SPP_STEP = 1.2
 OVERSHOOT = 2
 """A guess of samples that turns out to be too few is raised by a fifth, again and again, up to twice what the grid's
 render had; then the next best guess is tried."""
+
+MITSUBA = "Mitsuba"
+"""Its name among the rows."""
 
 TURN_SEED = 2**16
 """Seeds of the renders by turns are above it, so that none is that of another number of samples."""
@@ -76,8 +81,12 @@ def measure(
     progress: Progress,
     *,
     families: Sequence[Family] = FAMILIES,
+    rows: Rows | None = None,
 ) -> PeerFigures:
     """Time to errors on a scene, at the size of its reference.
+
+    Args:
+        rows: keeps what each render took, and has those that need not be done again; None for none.
 
     Raises:
         SceneError: not a Mitsuba scene, or it cannot be loaded.
@@ -91,7 +100,13 @@ def measure(
     scene = load(scene_file, size=(width, height))
     setup = Setup(scene_file, width, height, RenderSettings(max_depth=scene.max_depth), threads=backend.threads)
     with MitsubaProcess(setup) as mitsuba:
-        comparison = _Comparison(scene, reference, bounds, mitsuba, backend, progress)
+        of = {
+            "scene": str(scene_file),
+            "reference": str(reference_file),
+            "region": bounds.region,
+            "threads": setup.threads,
+        }
+        comparison = _Comparison(scene, reference, bounds, mitsuba, backend, progress, _Kept(rows or Rows(), of))
         comparison.measure_mitsuba()
         comparison.sweep(families)
         chosen = [(bound, comparison.least_to(bound)) for bound in comparison.each_bound()]
@@ -115,6 +130,28 @@ def measure(
     )
 
 
+class _Kept:
+    """What renders of one scene took, kept as rows.
+
+    Args:
+        of: what all of them have in common, as JSON has it.
+    """
+
+    def __init__(self, rows: Rows, of: Mapping[str, Any]) -> None:
+        self._rows = rows
+        self._of = of
+
+    def measured(self, what: Mapping[str, Any], measure: Callable[[], tuple[float, Cost]]) -> tuple[float, Cost]:
+        """Error and cost of a render that is kept, or done now."""
+
+        def figures() -> dict[str, Any]:
+            error, cost = measure()
+            return {"error": error, "wall_s": cost.wall_s, "cpu_s": cost.cpu_s}
+
+        row = self._rows.measured({**self._of, **what}, figures)
+        return row["error"], Cost(row["wall_s"], row["cpu_s"])
+
+
 class _Comparison:
     """Both on one scene: what was tried, and what came out."""
 
@@ -126,7 +163,10 @@ class _Comparison:
         mitsuba: MitsubaProcess,
         backend: Backend,
         progress: Progress,
+        kept: _Kept,
     ) -> None:
+        self._kept = kept
+        self._warm: set[str] = set()
         self.tries: list[Try] = []
         self.skipped: list[Member] = []
         self.refused: dict[str, str] = {}
@@ -145,7 +185,6 @@ class _Comparison:
     def measure_mitsuba(self) -> None:
         """At more and more samples, until the smallest error is reached or the next would take too long."""
         self._progress.start("Mitsuba")
-        self._mitsuba.render(MITSUBA_SPP, WARM_SEED)
         spp = MITSUBA_SPP
         while True:
             point = self._render_mitsuba(spp, seed=spp)
@@ -191,8 +230,6 @@ class _Comparison:
                 self.skipped.append(member)
                 return
         try:
-            if not any(each.member.family == member.family for each in self.tries):
-                self._render(Member(member.family, min(member.photons, 1000), member.family.passes), WARM_SEED)
             done = self._render(member, 0)
         except SettingsError as error:
             self.refused[member.family.name] = str(error)
@@ -228,17 +265,34 @@ class _Comparison:
         return spp
 
     def _render(self, member: Member, seed: int) -> Try:
+        key = {"with": member.family.name, "photons": member.photons, "spp": member.spp, "seed": seed}
+        error, cost = self._kept.measured(key, lambda: self._render_warm(member, seed))
+        return Try(member, error, cost)
+
+    def _render_warm(self, member: Member, seed: int) -> tuple[float, Cost]:
+        """What a render takes, once a small one of its family has loaded what it needs."""
+        if member.family.name not in self._warm:
+            small = Member(member.family, min(member.photons, 1000), member.family.passes)
+            render_in_passes(self._scene, self._backend, small.settings(WARM_SEED, self._scene.max_depth))
+            self._warm.add(member.family.name)
         settings = member.settings(seed, self._scene.max_depth)
         began, cpu_began = time.perf_counter(), time.process_time()
         image = render_in_passes(self._scene, self._backend, settings)
         cost = Cost(time.perf_counter() - began, time.process_time() - cpu_began)
-        return Try(member, self._error_of(image), cost)
+        return self._error_of(image), cost
 
     def _render_mitsuba(self, spp: int, seed: int) -> Point:
-        pixels, cost = self._mitsuba.render_with_cost(spp, seed)
-        point = Point(spp, self._error_of(Image({"beauty": pixels})), cost)
+        key = {"with": MITSUBA, "spp": spp, "seed": seed}
+        point = Point(spp, *self._kept.measured(key, lambda: self._render_mitsuba_warm(spp, seed)))
         self.points.append(point)
         return point
+
+    def _render_mitsuba_warm(self, spp: int, seed: int) -> tuple[float, Cost]:
+        if MITSUBA not in self._warm:
+            self._mitsuba.render(MITSUBA_SPP, WARM_SEED)
+            self._warm.add(MITSUBA)
+        pixels, cost = self._mitsuba.render_with_cost(spp, seed)
+        return self._error_of(Image({"beauty": pixels})), cost
 
     def _error_of(self, image: Image) -> float:
         return compare(image, self._reference, self._bounds.region).rel_mse

@@ -7,13 +7,16 @@ scene is sent and photons are traced anew.
 
 from __future__ import annotations
 
+import functools
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from wdpm.bench.outputs import settings_to_dict
+from wdpm.bench.rows import Rows
 from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.comparison import compare
@@ -102,9 +105,13 @@ def measure(
     progress: Progress,
     *,
     size: tuple[int, int] | None = None,
+    rows: Rows | None = None,
     **chosen: Any,
 ) -> Scaling:
     """Render a scene in one process, and with each number of slaves and each way of copies.
+
+    Args:
+        rows: keeps each render's figures, and has those of renders that need not be done again; None for none.
 
     Raises:
         SettingsError: this system does not tell other processes' CPU time.
@@ -116,17 +123,35 @@ def measure(
     settings = settings_for(scene, **chosen)
     clusters = [(count, how) for how in copies for count in sorted(set(slaves) - {0})]
     progress.start(name, 1 + len(clusters))
-    run, alone = _run(scene, settings, backends(0, Copies.AUTO, 1), None, None)
-    runs = [run]
+    rows = rows or Rows()
+    of = {"scene": name, "settings": settings_to_dict(settings), "size": [scene.camera.width, scene.camera.height]}
+    first = {**of, "slaves": 0, "copies": None}
+    images: list[Image] = []
+
+    def alone() -> tuple[Run, Image]:
+        """What all others are compared with: rendered when it is needed first."""
+        run, image = _run(scene, settings, backends(0, Copies.AUTO, 1), None, None)
+        images.append(image)
+        return run, image
+
+    def one() -> dict[str, Any]:
+        run, image = alone()
+        return asdict(run) | {"stored": image.metadata["report"]["photons"]["stored"]}
+
+    def several(count: int, how: Copies) -> dict[str, Any]:
+        progress.note(f"{name}: {count} slaves, copies {how.value}")
+        image = images[0] if images else alone()[1]
+        return asdict(_run(scene, settings, backends(count, how, count), how, image)[0])
+
+    figures = [rows.measured(first, one)]
     progress.advance()
     for count, how in clusters:
-        progress.note(f"{name}: {count} slaves, copies {how.value}")
-        runs.append(_run(scene, settings, backends(count, how, count), how, alone)[0])
+        key = {**of, "slaves": count, "copies": how.value}
+        figures.append(rows.measured(key, functools.partial(several, count, how)))
         progress.advance()
     width, height = scene.camera.width, scene.camera.height
-    stored = alone.metadata["report"]["photons"]["stored"]
-    title = f"{name}: {width}x{height}, {settings.spp} samples, {stored:,} photons"
-    return Scaling(name, title, tuple(runs))
+    title = f"{name}: {width}x{height}, {settings.spp} samples, {figures[0]['stored']:,} photons"
+    return Scaling(name, title, tuple(Run(**{each.name: row[each.name] for each in fields(Run)}) for row in figures))
 
 
 def _run(

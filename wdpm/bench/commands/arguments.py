@@ -5,10 +5,14 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from wdpm import values
 from wdpm.devices import available_cores
 from wdpm.scenes.errors import SettingsError
+
+if TYPE_CHECKING:
+    from wdpm.bench.rows import Rows
 
 
 def slave_counts(text: str) -> tuple[int, ...]:
@@ -32,6 +36,24 @@ def add_counts(parser: argparse.ArgumentParser, *rows: tuple[str, int, str]) -> 
         parser.add_argument(
             flag, type=values.positive_count, default=default, metavar="N", help=f"{text} (default: {default:,})"
         )
+
+
+def add_rows(parser: argparse.ArgumentParser) -> None:
+    """Add --rows and --resume."""
+    parser.add_argument(
+        "--rows",
+        type=Path,
+        metavar="FILE.jsonl",
+        help="write each measurement there as soon as it is done, so that one that is stopped has lost none",
+    )
+    parser.add_argument("--resume", action="store_true", help="go on from the rows of that file")
+
+
+def rows_of(args: argparse.Namespace) -> Rows:
+    """Where --rows and --resume keep measurements. Raises SettingsError and ImageError, see Rows."""
+    from wdpm.bench.rows import Rows
+
+    return Rows(args.rows, resume=args.resume)
 
 
 def add_threads(parser: argparse.ArgumentParser, text: str) -> None:

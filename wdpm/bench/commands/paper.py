@@ -6,7 +6,7 @@ import argparse
 from typing import Any
 
 from wdpm import values
-from wdpm.bench.commands.arguments import add_threads, find_all, slave_counts
+from wdpm.bench.commands.arguments import add_rows, add_threads, find_all, rows_of, slave_counts
 from wdpm.bench.commands.benchmark import Benchmark, Measured
 from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
 from wdpm.progress import Progress
@@ -54,6 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="where indirect light comes from, see wdpm render --help (default: map, as in the paper)",
     )
     add_threads(parser, "cores to use in all, shared out among slaves")
+    add_rows(parser)
 
 
 def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Measured:
@@ -66,8 +67,9 @@ def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Mea
     RenderSettings(**chosen)  # a value out of range is an error before the first scene is rendered
     routings = tuple(Routing) if args.routing == "both" else (Routing(args.routing),)
     slaves = bench_paper.DEFAULT_SLAVES if args.slaves is None else args.slaves
+    rows = rows_of(args)
     scenes = [
-        bench_paper.measure(scene, slaves, routings, backends, progress, size=args.size, **chosen)
+        bench_paper.measure(scene, slaves, routings, backends, progress, size=args.size, rows=rows, **chosen)
         for scene in args.scenes or bench_paper.DEFAULT_SCENES
     ]
     return Measured([figures.grid() for figures in scenes], {"paper": [figures.to_dict() for figures in scenes]})

@@ -6,7 +6,14 @@ import argparse
 from pathlib import Path
 
 from wdpm import values
-from wdpm.bench.commands.arguments import add_counts, add_threads, check_one_reference, relative_errors
+from wdpm.bench.commands.arguments import (
+    add_counts,
+    add_rows,
+    add_threads,
+    check_one_reference,
+    relative_errors,
+    rows_of,
+)
 from wdpm.bench.commands.benchmark import Benchmark, Measured
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backends
@@ -44,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_counts(parser, ("--rounds", 2, "images that confirm a choice of settings"))
     add_threads(parser, "threads of each")
+    add_rows(parser)
 
 
 def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Measured:
@@ -56,8 +64,11 @@ def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Mea
     pairs = [(scene, args.reference or bench_peers.default_reference(scene)) for scene in args.scenes]
     for scene, reference in pairs:
         bench_peers.check(scene, reference, bounds)
+    rows = rows_of(args)
     with backends(0) as backend:
-        figures = [bench_peers.measure(scene, reference, bounds, backend, progress) for scene, reference in pairs]
+        figures = [
+            bench_peers.measure(scene, reference, bounds, backend, progress, rows=rows) for scene, reference in pairs
+        ]
     return Measured([each.grid() for each in figures], {"peers": [each.to_dict() for each in figures]})
 
 

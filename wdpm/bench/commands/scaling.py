@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 
 from wdpm import values
-from wdpm.bench.commands.arguments import find_all, slave_counts
+from wdpm.bench.commands.arguments import add_rows, find_all, rows_of, slave_counts
 from wdpm.bench.commands.benchmark import Benchmark, Measured
 from wdpm.cluster.plan.copies import Copies
 from wdpm.progress import Progress
@@ -39,6 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--spp", type=values.positive_count, metavar="N", help="samples a pixel (default: the scene's, or 16)"
     )
     parser.add_argument("--photons", type=values.count, metavar="N", help="photons to be stored (default: 250k)")
+    add_rows(parser)
 
 
 def run(args: argparse.Namespace, backends: ClusterBackends, progress: Progress) -> Measured:
@@ -48,7 +49,11 @@ def run(args: argparse.Namespace, backends: ClusterBackends, progress: Progress)
     find_all(args.scenes)
     chosen = {name: getattr(args, name) for name in ("spp", "photons") if getattr(args, name) is not None}
     copies = tuple(dict.fromkeys(args.copies or (Copies.AUTO, Copies.NONE)))
-    scenes = [measure(name, args.slaves, copies, backends, progress, size=args.size, **chosen) for name in args.scenes]
+    rows = rows_of(args)
+    scenes = [
+        measure(name, args.slaves, copies, backends, progress, size=args.size, rows=rows, **chosen)
+        for name in args.scenes
+    ]
     return Measured([each.grid() for each in scenes], {"scaling": [each.to_dict() for each in scenes]})
 
 
