@@ -44,6 +44,8 @@ class CachePlan:
         clearance: how far at most, as a share of the distance of the nearest thing that they see.
         least, most: bounds of a record's radius [pixels].
         left, top: where the grid of candidates begins [pixels]; another place in each pass.
+        tolerance: relative standard error of a record's irradiance that extra gather rays are to bring it to.
+        extra: most of them, in rays of one a stratum; 0 for none.
         wanted: weight of the records around a candidate that makes another one superfluous.
     """
 
@@ -58,6 +60,8 @@ class CachePlan:
     wanted: float = 0.0
     left: int = 0
     top: int = 0
+    tolerance: float = 1.0
+    extra: float = 0.0
 
     def strata(self, number: int) -> tuple[int, int]:
         """Rows and columns of strata of the records of a round.

@@ -71,8 +71,7 @@ class IrradiancePlan:
     """Irradiance that is computed ahead, at some photons of the global map, for gather rays to read.
 
     Attributes:
-        share: of the photons of the global map, that have it; 0 for a map that gather rays do not read. Where they do,
-            it holds photons of direct light too.
+        share: of the photons of the global map, that have it; 0 for a map that gather rays do not read.
         k: photons that the estimate at such a photon looks for.
         reach: how far from a place the photon may lie whose irradiance is taken for that of the place.
     """
@@ -128,6 +127,8 @@ class World:
         volume_unit: what one counts for in the exact sums of beams (kernels.photons.beam) [W / (sr m²)].
         unit: the scene's length of the renderer's unit (renderer_space.py), that lengths and fluxes are told with.
         strict: whether the first guard that acts ends the render (cluster.work.guards).
+        stores_direct: whether the global map holds photons straight from the lights too. A pilot's alone does: in
+            images direct light comes by shadow rays.
     """
 
     features: Features
@@ -147,6 +148,7 @@ class World:
     irradiance: IrradiancePlan = IrradiancePlan()
     unit: float = 1.0
     strict: bool = False
+    stores_direct: bool = False
 
     @property
     def maps(self) -> tuple[MapPlan, MapPlan, MapPlan]:

@@ -326,10 +326,12 @@ def _cache_plan(plan: CachePlan, where: str) -> None:
         and _positive(plan.least)
         and _positive(plan.most)
         and math.isfinite(plan.wanted)
+        and _positive(plan.tolerance)
+        and math.isfinite(plan.extra)
+        and plan.extra >= 0
     )
-    _require(
-        whole and lengths and math.prod(plan.strata(0)) <= LARGEST_HEMISPHERE, where, f"{plan} is no plan of a cache"
-    )
+    small = whole and lengths and math.prod(plan.strata(0)) * (1.0 + plan.extra) <= LARGEST_HEMISPHERE
+    _require(small, where, f"{plan} is no plan of a cache")
 
 
 def _batch(batch: Batch, where: str) -> None:

@@ -16,7 +16,7 @@ from wdpm.cluster.plan.map_worth import (
     worth_of_caustics,
     worth_of_volume,
 )
-from wdpm.cluster.plan.photon_pilot import IRRADIANCE_SHARE, PhotonPilot
+from wdpm.cluster.plan.photon_pilot import PhotonPilot
 from wdpm.cluster.plan.pilot_gathers import PILOT_K, gather_among
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.work.cell import Cell
@@ -43,6 +43,10 @@ BEAM_PILOT = 4096
 
 BEAM_HEADROOM = 64.0
 """A volume photon may be so many times stronger than the pilot's strongest; what is beyond is cut, and counted."""
+
+IRRADIANCE_SHARE = 0.25
+"""Every fourth photon has its irradiance computed ahead (Christensen 1999): a gather ray then finds one within a third
+of the radius that the estimate averages over anyway."""
 
 IRRADIANCE_REACH = 0.4
 """How far gather rays look for it, in gather radii: where as few as ten photons lie within one, half of the places

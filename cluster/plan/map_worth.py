@@ -76,9 +76,7 @@ def worth_of_caustics(pilot: PhotonPilot) -> MapWorth:
     own = pilot.photons[CAUSTIC_MAP]
     if not len(own["id"]):
         return MapWorth(0, 0.0)
-    others = [(pilot.photons[GLOBAL_MAP], pilot.world.global_map.paths)]
-    if not pilot.world.irradiance.share:  # or the global map has the light straight from lamps
-        others.append(direct_photons(pilot))
+    others = [(pilot.photons[GLOBAL_MAP], pilot.world.global_map.paths), direct_photons(pilot)]
     places = take(own, _by_flux(own))
     caustic = _irradiance(pilot, own, pilot.paths, places)
     whole = caustic + sum(_irradiance(pilot, photons, paths, places) for photons, paths in others)

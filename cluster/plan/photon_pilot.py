@@ -18,7 +18,7 @@ from wdpm.cluster.task import PhotonTask
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.photon_home import set_out
 from wdpm.cluster.work.worker import CellWorker
-from wdpm.cluster.world import IrradiancePlan, MapPlan, TopTree, World
+from wdpm.cluster.world import MapPlan, TopTree, World
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.limits import MAPS
@@ -32,10 +32,6 @@ PILOT_PATHS = 1 << 15
 
 DIRECT_PATHS = 1 << 13
 """Paths that tell where light straight from the lights falls, where the pilot's photons do not."""
-
-IRRADIANCE_SHARE = 0.25
-"""Every fourth photon has its irradiance computed ahead (Christensen 1999): a gather ray then finds one within a third
-of the radius that the estimate averages over anyway."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +112,7 @@ def pilot_for(
 
 
 def direct_photons(pilot: PhotonPilot) -> tuple[Arrays, int]:
-    """Photons straight from the lights, and how many paths they are of: for a pilot whose maps have none of them."""
+    """Photons straight from the lights, of which no map has any, and how many paths they are of."""
     world, worker = pilot.world, pilot.worker
     paths = min(DIRECT_PATHS, world.global_map.paths or pilot.paths)
     straight = replace(
@@ -125,7 +121,7 @@ def direct_photons(pilot: PhotonPilot) -> tuple[Arrays, int]:
         global_map=MapPlan(paths),
         caustic_map=MapPlan(0),
         volume_map=MapPlan(0),
-        irradiance=IrradiancePlan(IRRADIANCE_SHARE),
+        stores_direct=True,
     )
     worker.adopt(straight)
     worker.start(PhotonTask(number=0, start=0, stop=paths))
@@ -157,7 +153,6 @@ def _pilot_world(flat: FlatScene, features: Features, settings: RenderSettings) 
         volume_map=MapPlan(paths if media and wanted.volume else 0),
         volume_unit=1.0,
         unit=flat.unit,
-        irradiance=IrradiancePlan(IRRADIANCE_SHARE if settings.final_gathers else 0.0),
     )
 
 

@@ -12,10 +12,21 @@ from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.model.scene import Camera
 
 CACHE_PLAN = CachePlan(
-    rounds=6, spacing=32, rows=11, columns=35, error=0.5, clearance=0.6, least=5.0, most=5.0, wanted=0.1
+    rounds=6,
+    spacing=32,
+    rows=11,
+    columns=35,
+    error=0.5,
+    clearance=0.6,
+    least=5.0,
+    most=5.0,
+    wanted=0.1,
+    tolerance=0.014,
+    extra=3.0,
 )
 """Strata about as long as wide; candidates from every 32nd pixel to all: what no record reaches then traces a gather
-ray a sample, and shows as single pixels along edges. What follows from the image: _cache_plan."""
+ray a sample, and shows as single pixels along edges. The tolerance is about what is seen of an even wall; more extra
+rays would cost more than all samples. What follows from the image: _cache_plan."""
 
 RECORD_REACH = 0.08
 """Most that a record reaches, as a share of the image: some dozen records across a wall that is all alike."""

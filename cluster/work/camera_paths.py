@@ -226,13 +226,11 @@ class CameraLight:
         actions = self._decide(rays, arrays)
         shaded = self._shade(self._replica.kernels.shade_vertices, rays, len(batch), SHOTS_LATER, actions)
         follows = list(self._send_on(batch, shaded))
-        # Where the map is read, it holds caustics too.
-        among = None if actions is None else actions.codes != int(sh.READ_MAP)
         reaches = () if actions is None else actions.reaches(arrays, self._view.light_samples)
         seen = {
             parts.EMISSION: shaded.seen.emission.numpy(),
             parts.INDIRECT: self._indirect(shaded, arrays, actions),
-            parts.CAUSTIC: self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats, arrays, among),
+            parts.CAUSTIC: self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats, arrays),
         }
         lit = concatenate([*(self._part(arrays, part, light) for part, light in seen.items()), *reaches], Kind.LIT)
         yield self._batch(batch, Kind.LIT, self._cell, rest_of(batch.credit, follows), lit)
@@ -252,7 +250,7 @@ class CameraLight:
             lambertian = columns.member(shaded.coats.bsdf, "kind").numpy() == int(DIFFUSE)
         # What other surfaces reflect depends on where the light comes from, and where paths may only be so long it is
         # photons that know how long theirs are: these vertices ask the photons themselves.
-        asks = (actions.codes == int(sh.READ_MAP)) & (~lambertian | (self._view.max_depth is not None))
+        asks = actions.by_photons & (~lambertian | (self._view.max_depth is not None))
         radiance = actions.lambertian(shaded.queries.weight.numpy(), lambertian & ~asks)
         if asks.any():
             radiance += self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays, asks)

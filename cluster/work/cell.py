@@ -190,7 +190,7 @@ class Cell:
         orders.landed = int(landed)
         orders.own_cell = self.number
         orders.global_paths = world.global_map.paths
-        orders.stores_direct = int(world.irradiance.share > 0)
+        orders.stores_direct = int(world.stores_direct)
         orders.seed = wp.uint32(world.seed)
         orders.max_depth = world.max_depth or 0
         launcher.run(

@@ -1,10 +1,13 @@
 """Final gathering in one cell: what the diffuse part of each vertex does, and what gather rays read (Jensen 1996).
 
-A camera path that leaves a surface by its diffuse part is a gather ray. Where it arrives, the irradiance of all light
-has been computed ahead at some of the photons (Christensen 1999), and the nearest one is read. A ray that is shorter
-than the radius of that estimate would see it blurred, in corners above all: it goes on for one more bounce instead, as
-does one that finds none within reach, for as long as it takes. With an irradiance cache, gather rays start from its
-records, and elsewhere only where no record is near.
+A camera path that leaves a surface by its diffuse part is a gather ray. Where it arrives, light straight from lights is
+found by a shadow ray, caustics in their map, and the irradiance of all other light has been computed ahead at some of
+the photons (Christensen 1999): the nearest one is read. Photons straight from the lights would be most of all, and lie
+where these shine: under a lamp that lights a room by way of its ceiling few would be left for the room.
+
+A ray that is shorter than the radius of that estimate would see it blurred, in corners above all: it goes on for one
+more bounce instead, as does one that finds none within reach, for as long as it takes. With an irradiance cache, gather
+rays start from its records, and elsewhere only where no record is near.
 """
 
 from __future__ import annotations
@@ -60,12 +63,14 @@ class Actions:
     """What the diffuse parts of some vertices do.
 
     Attributes:
-        codes: TRACE_ON, READ_MAP or CACHED of kernels.camera.vertices, int32, shape [N].
+        codes: TRACE_ON or CACHED of kernels.camera.vertices, int32, shape [N].
+        by_photons: which are told by photons: they end gather rays, shape [N].
         radiance: what a white Lambertian surface reflects there, where the code is not TRACE_ON, float32, shape [N, 3].
         length: of the rays that arrived [scene units], float32, shape [N].
     """
 
     codes: NDArray[np.int32]
+    by_photons: NDArray[np.bool_]
     radiance: NDArray[np.float32]
     length: NDArray[np.float32]
 
@@ -81,7 +86,7 @@ class Actions:
 
     def take(self, rows: NDArray[np.intp]) -> Actions:
         """Those of some vertices."""
-        return Actions(self.codes[rows], self.radiance[rows], self.length[rows])
+        return Actions(self.codes[rows], self.by_photons[rows], self.radiance[rows], self.length[rows])
 
     def reaches(self, arrays: Arrays, light_samples: int) -> Iterator[Arrays]:
         """How far gather rays of records went, as parts for their homes.
@@ -120,7 +125,10 @@ class FinalGather:
         count = len(arrays["slot"])
         places = self._places(paths, count)
         actions = Actions(
-            np.full(count, int(sh.TRACE_ON), np.int32), np.zeros((count, 3), np.float32), places.length.numpy()
+            np.full(count, int(sh.TRACE_ON), np.int32),
+            np.zeros(count, np.bool_),
+            np.zeros((count, 3), np.float32),
+            places.length.numpy(),
         )
         arrived = arrays["diffuse"] > 0
         self._read(places, np.flatnonzero(arrived), arrays["diffuse"], actions)
@@ -181,7 +189,8 @@ class FinalGather:
         self.counters.unread += int(np.count_nonzero(~near))
         self.counters.short += int(np.count_nonzero(near & ~long))
         reads = near & long
-        actions.codes[rays[reads]] = int(sh.READ_MAP)
+        actions.codes[rays[reads]] = int(sh.CACHED)
+        actions.by_photons[rays[reads]] = True
         actions.radiance[rays[reads]] = value[reads]
 
     def _interpolate(self, places: Any, rows: NDArray[np.intp], actions: Actions) -> None:

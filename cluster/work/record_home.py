@@ -8,19 +8,18 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
-from wdpm.cluster.records import NO_RECORDS, RAY_SAMPLES, ROUND_BITS, Records, candidates, joined
-from wdpm.cluster.rows import in_order, summed, take_rows
+from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, concatenate, take
+from wdpm.cluster.records import NO_RECORDS, ROUND_BITS, Records, candidates, joined
+from wdpm.cluster.rows import take_rows
 from wdpm.cluster.task import RecordsMade, RecordTask
-from wdpm.cluster.work import parts
+from wdpm.cluster.work.extra_rays import Counts, Values, extra_rays, means
 from wdpm.cluster.work.misses import no_hits
+from wdpm.cluster.work.record_wave import GatherRays, RecordWave, first_rays, further_rays
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
-from wdpm.kernels.camera.paths import Paths
-from wdpm.kernels.camera.rays import Rays, first_path_cells
-from wdpm.kernels.irradiance.record_rays import Sites, start_record_rays
-from wdpm.kernels.irradiance.records import Bounds, MadeRecords, make_records, make_strata, record_directions
+from wdpm.kernels.camera.rays import Rays
+from wdpm.kernels.irradiance.records import Bounds, MadeRecords, make_records, make_strata
 from wdpm.scenes.errors import ProtocolError
 
 _GRAIN = 8
@@ -47,10 +46,10 @@ class RecordHome:
         self._next_site = 0
         self._searching = True
         self._site: Arrays = {}
+        self._wave: RecordWave | None = None
+        self._first: tuple[Values, NDArray[np.float32], Counts] | None = None  # once the rays after them are under way
         self._made: list[Records] = []
         self._rays = 0
-        self._lit: list[Arrays] = []
-        self._distance = np.zeros(0, np.float32)
 
     def begin(self) -> Iterator[Batch]:
         """Send a camera ray through each candidate."""
@@ -77,19 +76,17 @@ class RecordHome:
         if batch.kind is Kind.RECORD_SITES and self._searching:
             self._check_slots(batch, len(self._pixels))
             self._found.append(batch.arrays)
-        elif batch.kind is Kind.LIT and not self._searching:
-            self._check_slots(batch, len(self._distance))
-            self._lit.append(self._without_reaches(batch.arrays))
+        elif batch.kind is Kind.LIT and self._wave is not None:
+            self._check_slots(batch, len(self._wave))
+            self._wave.take(batch)
         elif batch.kind is not Kind.ENDED:
             raise ProtocolError(f"a {batch.kind.value} batch came home to record task {self.task.number}")
         self._credit -= batch.credit
         if self._credit == 0:
             if self._searching:
                 self._end_search()
-            else:
-                self._made.append(self._records())
-            while not self._credit and self._next_site < len(self._sites["slot"]):
-                yield from self._shoot()
+            while not self._credit and (self._wave is not None or self._next_site < len(self._sites["slot"])):
+                yield from self._go_on()
 
     def _end_search(self) -> None:
         """Put the sites in order."""
@@ -103,73 +100,56 @@ class RecordHome:
         if len(slot) and not (slot.min() >= 0 and slot.max() < count):
             raise ProtocolError(f"a {batch.kind.value} batch has slots outside 0 to {count - 1}")
 
-    def _shoot(self) -> Iterator[Batch]:
-        """Start the gather rays of the next wave of sites."""
-        replica, view = self._replica, self._view
-        rays = self._strata[0] * self._strata[1]
-        stop = self._next_site + max(1, WAVE_RAYS // rays)
-        self._site = take(self._sites, slice(self._next_site, stop))
-        self._next_site = stop
-        count, device = len(self._site["slot"]) * rays, replica.launcher.device
-        self._rays += count
-        direction = wp.empty(count, dtype=wp.vec3, device=device)
-        distance = wp.empty(count, dtype=wp.float32, device=device)
-        normal, shading_normal = (
-            wp.array(self._site[name], dtype=wp.vec3, device=device) for name in ("normal", "shading_normal")
-        )
-        strata = make_strata(*self._strata, device)
-        number = wp.array(self._numbers(), dtype=wp.int64, device=device)
-        seed = wp.uint32(replica.world.seed)  # that of the pass
-        replica.launcher(
-            record_directions,
-            count,
-            strata=strata,
-            number=number,
-            normal=normal,
-            shading_normal=shading_normal,
-            seed=seed,
-            direction_out=direction,
-            distance_out=distance,
-        )
-        self._distance = distance.numpy()
-        at = {"position": self._site["position"], "normal": self._site["normal"]}
-        places = columns.upload(Sites, {**at, "pixel": self._pixels[self._site["slot"]]}, device)
-        medium = -1 if view.camera.medium is None else view.camera.medium
-        paths = columns.empty(Paths, count, device)
-        replica.launcher(
-            start_record_rays,
-            count,
-            sites=places,
-            direction=direction,
-            distance=distance,
-            rays=rays,
-            first_sample=RAY_SAMPLES,
-            medium=medium,
-            offset_min=replica.lights.offset_min,
-            paths_out=paths,
-        )
-        first = wp.empty(count, dtype=wp.int32, device=device)
-        replica.launcher(first_path_cells, count, cells=replica.cells, paths=paths, next_cell_out=first)
-        arrays, destination = columns.download(paths, SCHEMAS[Kind.PATH]), first.numpy()
-        going = [(cell, take(arrays, rows)) for cell, rows in by_destination(destination, destination >= 0)]
-        credits = [parts.credit_of(sent["bounce"], view.light_samples) for _, sent in going]
-        self._credit = sum(credits)
-        for (cell, sent), credit in zip(going, credits, strict=True):
+    def _go_on(self) -> Iterator[Batch]:
+        """Start the rays of the next sites, or further ones that those that are back call for; or make records."""
+        strata = self._strata[0] * self._strata[1]
+        if self._wave is None:
+            stop = self._next_site + max(1, int(WAVE_RAYS / (strata * (1.0 + self._view.cache.extra))))
+            self._site = take(self._sites, slice(self._next_site, stop))
+            self._site["pixel"] = self._pixels[self._site["slot"]]
+            self._next_site = stop
+            yield from self._shoot(first_rays(len(self._site["slot"]), strata))
+            return
+        radiance, distance = self._wave.radiance(), self._wave.distance
+        self._wave = None
+        if self._first is None:
+            counts = self._further(radiance, distance)
+            if counts.any():
+                self._first = radiance, distance, counts
+                yield from self._shoot(further_rays(counts.reshape(-1, strata)))
+                return
+        else:
+            further, (radiance, distance, counts) = radiance, self._first
+            self._first = None
+            radiance = means(radiance, counts, further)
+        self._made.append(self._records(radiance.astype(np.float32), distance))
+
+    def _further(self, radiance: Values, distance: NDArray[np.float32]) -> Counts:
+        """Rays that each stratum gets more, shape [sites * strata].
+
+        Args:
+            radiance, distance: of the first ray of each.
+        """
+        plan, shape = self._view.cache, (len(self._site["slot"]), *self._strata)
+        if not plan.extra:
+            return np.zeros(len(distance), np.int64)
+        most = round(plan.extra * self._strata[0] * self._strata[1])
+        grey = (radiance[:, 0] + radiance[:, 1] + radiance[:, 2]).reshape(shape)
+        return extra_rays(grey, distance.reshape(shape) >= 0, plan.tolerance, most).reshape(-1)
+
+    def _shoot(self, rays: GatherRays) -> Iterator[Batch]:
+        """Start a wave of rays."""
+        self._rays += len(rays)
+        self._wave = RecordWave(self._replica, self._view, self._site, self._numbers(), self._strata, rays)
+        going = list(self._wave.set_out())
+        self._credit = sum(credit for _, credit, _ in going)
+        for cell, credit, sent in going:
             yield self._batch(Kind.PATH, cell, credit, sent)
-        if not self._credit:
-            self._made.append(self._records())  # no ray of the wave carries anything
 
     def _numbers(self) -> NDArray[np.int64]:
         """Of the records that are made here."""
         number = self.task.start + self._site["slot"].astype(np.int64)
         return (np.int64(self.task.round) << np.int64(ROUND_BITS)) + number
-
-    def _without_reaches(self, lit: Arrays) -> Arrays:
-        """Light alone; how far rays went is noted."""
-        reach = parts.part_of(lit["place"], self._view.light_samples) == parts.REACH
-        rows = np.flatnonzero(reach)
-        self._distance[lit["slot"][rows]] = lit["radiance"][rows, 0]
-        return take(lit, np.flatnonzero(~reach))
 
     def result(self) -> RecordsMade | None:
         """The records once nothing is in flight."""
@@ -177,8 +157,12 @@ class RecordHome:
             return None
         return RecordsMade(self.task.number, self.task.round, joined([NO_RECORDS, *self._made]), self._rays)
 
-    def _records(self) -> Records:
-        """What the gather rays tell, once all are back."""
+    def _records(self, radiance: NDArray[np.float32], distance: NDArray[np.float32]) -> Records:
+        """What the gather rays tell, once all are back.
+
+        Args:
+            radiance, distance: of each stratum.
+        """
         count, device, plan = len(self._site["slot"]), self._replica.launcher.device, self._view.cache
         footprint = self._site["footprint"]
         bounds = Bounds()
@@ -191,22 +175,14 @@ class RecordHome:
             count,
             grain=_GRAIN,
             strata=make_strata(*self._strata, device),
-            radiance=wp.array(self._radiance(), dtype=wp.vec3, device=device),
-            distance=wp.array(self._distance, dtype=wp.float32, device=device),
+            radiance=wp.array(radiance, dtype=wp.vec3, device=device),
+            distance=wp.array(distance, dtype=wp.float32, device=device),
             shading_normal=wp.array(self._site["shading_normal"], dtype=wp.vec3, device=device),
             bounds=bounds,
             made_out=made,
         )
         told = columns.download(made, ("irradiance", "rotation", "translation", "radius"))
         return Records(self._numbers(), self._site["position"], self._site["shading_normal"], **told)
-
-    def _radiance(self) -> NDArray[np.float32]:
-        """What came along each gather ray, added in the order of the parts' places, float32, shape [rays, 3]."""
-        together = concatenate(self._lit, Kind.LIT)
-        self._lit = []
-        order = in_order(together["slot"], together["place"])
-        slot, radiance = together["slot"][order], take_rows(together["radiance"], order)
-        return summed(slot, radiance, len(self._distance)).astype(np.float32)
 
     def _batch(self, kind: Kind, cell: int, credit: int, arrays: Arrays) -> Batch:
         return Batch(kind, self.task.number, self._number, cell, credit, arrays)

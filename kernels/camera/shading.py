@@ -8,10 +8,9 @@ is told by `diffuse_light` (DiffuseLight):
   part, so each light path is counted once (photons/paths.py: which photons are stored).
 * BY_PATHS: it is traced on like the glossy part, one of the two at each vertex, and no photon is asked: path tracing.
   Media scatter paths too (medium_vertices).
-* BY_FINAL_GATHER: it is traced on once. Where such a ray arrives, the photon map is read, which then holds photons of
-  direct light too (final gathering, Jensen 1996): `Action` says what each vertex does. Caustics are still gathered
-  where the camera path or a short gather ray meets the surface, so what a gather ray finds of lamps, be it by glossy
-  surfaces, does not count again.
+* BY_FINAL_GATHER: it is traced on once. Where such a ray arrives, irradiance is read that was computed from photons
+  (final gathering, Jensen 1996): `actions` says what each vertex does. Direct light and caustics are found at every
+  vertex, as ever, so what a gather ray finds of lamps, be it by glossy surfaces, does not count again.
 
 Light that is found both by shadow rays and by the ray that goes on counts by both, weighted by multiple importance
 sampling with the balance heuristic (Veach & Guibas 1995), for each part of a surface by itself.

@@ -23,34 +23,36 @@ def start_record_rays(
     sites: Sites,
     direction: wp.array[wp.vec3],
     distance: wp.array[wp.float32],
-    rays: wp.int32,
+    record: wp.array[wp.int32],
+    ray: wp.array[wp.int32],
     first_sample: wp.int32,
     medium: wp.int32,
     offset_min: wp.float32,
     offset: wp.int32,
     paths_out: Paths,
 ) -> None:
-    """Start the rays of all records, one an item: ray j of record i is item i * rays + j, which is its slot too.
+    """Start rays of records, one an item, which is its slot too.
 
     Args:
         direction, distance: records.record_directions; a ray that is not shot carries nothing.
-        rays: of each record.
+        record: that each ray is of.
+        ray: its number among those of its record.
         first_sample: sample number of each record's first ray.
         medium: that all sites are seen through, -1 for none.
     """
     i = offset + wp.tid()
-    record = i // rays
+    site = record[i]
     p = Vertex()
     p.slot = i
-    p.pixel = sites.pixel[record]
-    p.sample = first_sample + i - record * rays
+    p.pixel = sites.pixel[site]
+    p.sample = first_sample + ray[i]
     p.bounce = 1
     p.edges = 2
     p.diffuse = 1
     p.medium = medium
-    p.origin = leave(sites.position[record], sites.normal[record], offset_min)
+    p.origin = leave(sites.position[site], sites.normal[site], offset_min)
     p.direction = direction[i]
-    p.anchor = sites.position[record]
+    p.anchor = sites.position[site]
     if distance[i] >= 0.0:
         p.throughput = wp.vec3(1.0)
     store_path(without_hit(p), i, paths_out)

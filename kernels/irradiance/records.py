@@ -137,10 +137,10 @@ def stratum_direction(
 
 
 @wp.func
-def record_point(seed: wp.uint32, number: wp.int64, stratum: wp.int32) -> wp.vec2:
+def record_point(seed: wp.uint32, number: wp.int64, ray: wp.int32) -> wp.vec2:
     """Where in its stratum a record's gather ray lies, a point of the unit square."""
     stream = stream_of(seed, PURPOSE_RECORD, wp.uint32(number & _LOW_WORD), wp.int32(number >> wp.int64(32)))
-    return sample_2d(wp.uint32(stratum), stream)
+    return sample_2d(wp.uint32(ray), stream)
 
 
 @wp.kernel
@@ -150,30 +150,34 @@ def record_directions(
     normal: wp.array[wp.vec3],
     shading_normal: wp.array[wp.vec3],
     seed: wp.uint32,
+    record: wp.array[wp.int32],
+    ray: wp.array[wp.int32],
+    stratum: wp.array[wp.int32],
     offset: wp.int32,
     direction_out: wp.array[wp.vec3],
     distance_out: wp.array[wp.float32],
 ) -> None:
-    """Gather rays of N records, one thread a ray, in the order of record, row, column.
+    """Gather rays of N records, one thread a ray.
 
     Args:
         number: of each record: what its random numbers are a function of, with the seed.
         normal: unit geometric normals on the seen side [N].
         shading_normal: unit [N].
-        direction_out: unit [N * M].
-        distance_out: inf where there is a ray to be shot, NOT_SHOT where it would leave below the surface [N * M].
+        record: that each ray is of [R].
+        ray: its number among those of its record [R].
+        stratum: of the hemisphere that it goes through: row * columns + column [R].
+        direction_out: unit [R].
+        distance_out: inf where there is a ray to be shot, NOT_SHOT where it would leave below the surface [R].
     """
     i = offset + wp.tid()
-    size = strata.rows * strata.columns
-    record = i // size
-    stratum = i - record * size
-    row = stratum // strata.columns
-    column = stratum - row * strata.columns
-    u = record_point(seed, number[record], stratum)
-    direction = stratum_direction(shading_normal[record], row, column, strata.rows, strata.columns, u)
+    site = record[i]
+    row = stratum[i] // strata.columns
+    column = stratum[i] - row * strata.columns
+    u = record_point(seed, number[site], ray[i])
+    direction = stratum_direction(shading_normal[site], row, column, strata.rows, strata.columns, u)
     direction_out[i] = direction
     distance_out[i] = NOT_SHOT
-    if wp.dot(direction, normal[record]) > 0.0:
+    if wp.dot(direction, normal[site]) > 0.0:
         distance_out[i] = _INF
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.images.blotches import Blotches, blotches
 from wdpm.images.channels import PARTITION_LAYER
 from wdpm.images.image import Image
 from wdpm.scenes.errors import ImageError
@@ -81,6 +82,7 @@ class Comparison:
         differing_pixels: pixels in which a bit of any common layer but `cell` differs: that one shows which part of a
             cluster saw a pixel, and is meant to differ.
         nonfinite_a, nonfinite_b: values of the beauty layer that are NaN or infinite.
+        blotches: how much of the error is as wide as areas; None where the image is too small to tell.
         flip: how different they look; None where that was not asked for.
     """
 
@@ -99,6 +101,7 @@ class Comparison:
     differing_pixels: int
     nonfinite_a: int
     nonfinite_b: int
+    blotches: Blotches | None = None
     flip: FlipFigures | None = None
 
     @property
@@ -118,6 +121,8 @@ class Comparison:
         for name, value in (("MSE", self.mse), ("RMSE", self.rmse), ("relMSE", self.rel_mse)):
             figures.add_row(name, f"{value:.4g}")
         figures.add_row("PSNR", f"{self.psnr:.2f} dB")
+        if self.blotches is not None:
+            figures.add_row("blotches", self.blotches.in_words())
         if self.flip is not None:
             figures.add_row("FLIP", self.flip.in_words())
         figures.add_row("largest difference", f"{self.max_abs:.4g}")
@@ -158,6 +163,8 @@ def compare(a: Image, b: Image, region: Region | None = None) -> Comparison:
     beauty_b = b.pixels[rows, columns].astype(np.float64)
     finite = np.isfinite(beauty_a) & np.isfinite(beauty_b)
     squared = (beauty_a[finite] - beauty_b[finite]) ** 2
+    with np.errstate(invalid="ignore"):  # what is not finite counts as right there
+        relative = (beauty_a - beauty_b) / np.sqrt(beauty_b**2 + RELATIVE_FLOOR)
     mse = _mean(squared)
     mean_a, mean_b = _channel_means(beauty_a, finite), _channel_means(beauty_b, finite)
     layers = tuple(name for name in a.layers if name in b.layers)
@@ -178,6 +185,7 @@ def compare(a: Image, b: Image, region: Region | None = None) -> Comparison:
         differing_pixels=_pixels_that_differ(differs),
         nonfinite_a=int((~np.isfinite(beauty_a)).sum()),
         nonfinite_b=int((~np.isfinite(beauty_b)).sum()),
+        blotches=blotches(relative),
     )
 
 

@@ -150,6 +150,7 @@ def worth(plan: CachePlan, spp: int) -> CachePlan:
         rows=max(1, round(plan.rows * finer)),
         columns=max(3, round(plan.columns * finer)),
         clearance=min(max(plan.clearance * share**-0.25, LEAST_CLEARANCE), 1.0),
+        tolerance=plan.tolerance / finer,
     )
 
 

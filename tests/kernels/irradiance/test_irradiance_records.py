@@ -36,7 +36,9 @@ def shoot(strata: object, normal: Array, shading: Array, first: int = 0, seed: i
     count, size = len(normal), strata.rows * strata.columns
     number = wp.array(np.arange(first, first + count), dtype=wp.int64, device="cpu")
     out = [wp.empty(count * size, dtype=t, device="cpu") for t in (wp.vec3, wp.float32)]
-    inputs = [strata, number, vectors(normal), vectors(shading), wp.uint32(seed), 0, *out]
+    stratum = np.tile(np.arange(size, dtype=np.int32), count)
+    rays = [wp.array(a, dtype=wp.int32, device="cpu") for a in (np.repeat(np.arange(count), size), stratum, stratum)]
+    inputs = [strata, number, vectors(normal), vectors(shading), wp.uint32(seed), *rays, 0, *out]
     wp.launch(record_directions, count * size, inputs=inputs, device="cpu")
     return out[0].numpy().astype(np.float64).reshape(count, size, 3), out[1].numpy().reshape(count, size)
 

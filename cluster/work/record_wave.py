@@ -1,0 +1,160 @@
+"""Gather rays of some records that are under way at once: how they set out, and what comes back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
+from wdpm.cluster.records import RAY_SAMPLES
+from wdpm.cluster.rows import in_order, summed, take_rows
+from wdpm.cluster.work import parts
+from wdpm.cluster.work.replica import Replica
+from wdpm.cluster.world import View
+from wdpm.kernels import columns
+from wdpm.kernels.camera.paths import Paths
+from wdpm.kernels.camera.rays import first_path_cells
+from wdpm.kernels.irradiance.record_rays import Sites, start_record_rays
+from wdpm.kernels.irradiance.records import make_strata, record_directions
+
+
+@dataclass(frozen=True, eq=False)
+class GatherRays:
+    """Which rays: one an item, int32.
+
+    Attributes:
+        record: that it is of, by its place among the sites.
+        ray: its number among those of its record: what its random numbers are a function of.
+        stratum: of the hemisphere that it goes through: row * columns + column.
+    """
+
+    record: NDArray[np.int32]
+    ray: NDArray[np.int32]
+    stratum: NDArray[np.int32]
+
+    def __len__(self) -> int:
+        return len(self.record)
+
+
+def first_rays(sites: int, strata: int) -> GatherRays:
+    """One ray through each stratum of each record."""
+    every = np.tile(np.arange(strata, dtype=np.int32), sites)
+    return GatherRays(np.repeat(np.arange(sites, dtype=np.int32), strata), every, every)
+
+
+def further_rays(counts: NDArray[np.int64]) -> GatherRays:
+    """As many more as are asked for, those of a record numbered after its first ones.
+
+    Args:
+        counts: of each stratum of each record, shape [sites, strata].
+    """
+    sites, strata = counts.shape
+    flat = counts.reshape(-1)
+    stratum = np.repeat(np.tile(np.arange(strata, dtype=np.int32), sites), flat)
+    each = counts.sum(axis=1)
+    record = np.repeat(np.arange(sites, dtype=np.int32), each)
+    before = np.repeat(np.cumsum(each) - each, each)
+    return GatherRays(record, (strata + np.arange(len(record)) - before).astype(np.int32), stratum)
+
+
+class RecordWave:
+    """Rays of the records of some sites.
+
+    Args:
+        sites: kernels.ray_fields.SITE, and the pixels that saw them.
+        numbers: of the records.
+        strata: rows and columns of their hemispheres.
+
+    Attributes:
+        distance: of what each ray met [scene units]; inf if nothing, negative if it was not shot.
+    """
+
+    def __init__(
+        self,
+        replica: Replica,
+        view: View,
+        sites: Arrays,
+        numbers: NDArray[np.int64],
+        strata: tuple[int, int],
+        rays: GatherRays,
+    ) -> None:
+        self._replica = replica
+        self._view = view
+        self._sites = sites
+        self._numbers = numbers
+        self._strata = strata
+        self._rays = rays
+        self._lit: list[Arrays] = []
+        self.distance = np.zeros(0, np.float32)
+
+    def __len__(self) -> int:
+        return len(self._rays)
+
+    def set_out(self) -> Iterator[tuple[int, int, Arrays]]:
+        """Start all rays: cell, credit and Kind.PATH of each batch."""
+        replica, view, count = self._replica, self._view, len(self._rays)
+        device = replica.launcher.device
+        record, ray, stratum = (
+            wp.array(column, dtype=wp.int32, device=device)
+            for column in (self._rays.record, self._rays.ray, self._rays.stratum)
+        )
+        direction = wp.empty(count, dtype=wp.vec3, device=device)
+        distance = wp.empty(count, dtype=wp.float32, device=device)
+        normal, shading_normal = (
+            wp.array(self._sites[name], dtype=wp.vec3, device=device) for name in ("normal", "shading_normal")
+        )
+        replica.launcher(
+            record_directions,
+            count,
+            strata=make_strata(*self._strata, device),
+            number=wp.array(self._numbers, dtype=wp.int64, device=device),
+            normal=normal,
+            shading_normal=shading_normal,
+            seed=wp.uint32(replica.world.seed),  # that of the pass
+            record=record,
+            ray=ray,
+            stratum=stratum,
+            direction_out=direction,
+            distance_out=distance,
+        )
+        self.distance = distance.numpy()
+        paths = columns.empty(Paths, count, device)
+        replica.launcher(
+            start_record_rays,
+            count,
+            sites=columns.upload(Sites, {name: self._sites[name] for name in ("position", "normal", "pixel")}, device),
+            direction=direction,
+            distance=distance,
+            record=record,
+            ray=ray,
+            first_sample=RAY_SAMPLES,
+            medium=-1 if view.camera.medium is None else view.camera.medium,
+            offset_min=replica.lights.offset_min,
+            paths_out=paths,
+        )
+        first = wp.empty(count, dtype=wp.int32, device=device)
+        replica.launcher(first_path_cells, count, cells=replica.cells, paths=paths, next_cell_out=first)
+        arrays, destination = columns.download(paths, SCHEMAS[Kind.PATH]), first.numpy()
+        for cell, rows in by_destination(destination, destination >= 0):
+            sent = take(arrays, rows)
+            yield cell, parts.credit_of(sent["bounce"], view.light_samples), sent
+
+    def take(self, batch: Batch) -> None:
+        """Light that came along some rays, and how far they went."""
+        lit = batch.arrays
+        reach = parts.part_of(lit["place"], self._view.light_samples) == parts.REACH
+        rows = np.flatnonzero(reach)
+        self.distance[lit["slot"][rows]] = lit["radiance"][rows, 0]
+        self._lit.append(take(lit, np.flatnonzero(~reach)))
+
+    def radiance(self) -> NDArray[np.float64]:
+        """What came along each ray, added in the order of the parts' places, shape [rays, 3]. It is let go of."""
+        together = concatenate(self._lit, Kind.LIT)
+        self._lit = []
+        order = in_order(together["slot"], together["place"])
+        slot, radiance = together["slot"][order], take_rows(together["radiance"], order)
+        return summed(slot, radiance, len(self._rays))

@@ -1,0 +1,119 @@
+"""Extra gather rays of irradiance records: how many go where, and that they bring the error down without a bias."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from wdpm.cluster.work.extra_rays import extra_rays, means, neighbours_spread
+from wdpm.cluster.work.record_wave import further_rays
+
+Values = NDArray[np.float64]
+ROWS, COLUMNS = 8, 25
+LAMP = (slice(2, 4), slice(10, 13))
+"""Strata that a lamp covers in part: a ray through one meets it with a probability of CHANCE."""
+CHANCE = 0.4
+LIT, DARK = 40.0, 1.0
+
+
+def shot(shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    return np.ones(shape, np.bool_)
+
+
+def rays_through(rng: np.random.Generator, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> Values:
+    """What rays through some strata bring back."""
+    in_lamp = (rows >= 2) & (rows < 4) & (columns >= 10) & (columns < 13)
+    return np.where(in_lamp & (rng.random(rows.shape) < CHANCE), LIT, DARK)
+
+
+def truth() -> float:
+    expected = np.full((ROWS, COLUMNS), DARK)
+    expected[LAMP] = CHANCE * LIT + (1 - CHANCE) * DARK
+    return float(expected.mean())
+
+
+def estimates(records: int, most: int, seed: int) -> tuple[Values, Values]:
+    """Mean radiance of each record by one ray a stratum, and with extra rays."""
+    rng = np.random.default_rng(seed)
+    shape = (records, ROWS, COLUMNS)
+    rows, columns = (np.broadcast_to(a, shape).reshape(-1) for a in np.indices((ROWS, COLUMNS)))
+    first = rays_through(rng, rows, columns)
+    counts = extra_rays(first.reshape(shape), shot(shape), 1e-3, most).reshape(-1)
+    extra = rays_through(rng, np.repeat(rows, counts), np.repeat(columns, counts))
+    together = means(*(np.repeat(a[:, None], 3, axis=1) if a.dtype != np.int64 else a for a in (first, counts, extra)))
+    return first.reshape(records, -1).mean(axis=1), together[:, 0].reshape(records, -1).mean(axis=1)
+
+
+def test_extra_rays_bring_the_error_down_and_leave_the_mean() -> None:
+    records = 4000
+    plain, refined = estimates(records, 3 * ROWS * COLUMNS, 1)
+    assert refined.std() < 0.65 * plain.std()
+    for found in (plain, refined):
+        assert found.mean() == pytest.approx(truth(), abs=4 * found.std() / np.sqrt(records))
+
+
+def test_a_stratum_has_no_say_in_its_own_rays() -> None:
+    """Where its own ray decided, a chance hit would be diluted and a chance miss not."""
+    even = np.ones((1, ROWS, COLUMNS))
+    odd = even.copy()
+    odd[0, 4, 7] = 1000.0
+    spread = neighbours_spread(odd)
+    assert spread[0, 4, 7] == 0
+    assert (spread[0, 3:6, 6:9] > 0).sum() == 8
+    assert not spread[0, :, 9:].any()
+
+
+def test_columns_go_round_and_rows_end() -> None:
+    values = np.zeros((1, ROWS, COLUMNS))
+    values[0, 0, 0] = 1.0
+    spread = neighbours_spread(values)[0] > 0
+    assert spread[0].nonzero()[0].tolist() == [1, COLUMNS - 1]
+    assert spread[1].nonzero()[0].tolist() == [0, 1, COLUMNS - 1]
+    assert not spread[2:].any()
+
+
+@pytest.mark.parametrize("rows", [1, 2])
+def test_flat_hemispheres_have_neighbours_too(rows: int) -> None:
+    values = np.arange(3.0 * rows).reshape(1, rows, 3)
+    assert np.isfinite(neighbours_spread(values)).all()
+
+
+def test_even_light_calls_for_no_extra_rays() -> None:
+    assert not extra_rays(np.full((2, ROWS, COLUMNS), 3.0), shot((2, ROWS, COLUMNS)), 0.01, 600).any()
+    assert not extra_rays(np.zeros((2, ROWS, COLUMNS)), shot((2, ROWS, COLUMNS)), 0.01, 600).any()
+
+
+def test_there_are_as_many_as_the_tolerance_calls_for_and_no_more_than_the_most() -> None:
+    radiance = np.random.default_rng(3).random((5, ROWS, COLUMNS)) ** 4
+    most = 600
+    few, more, capped = (
+        extra_rays(radiance, shot(radiance.shape), tolerance, most).sum(axis=(1, 2)) for tolerance in (0.1, 0.05, 0.001)
+    )
+    assert (few < more).all()
+    assert (more < capped).all()
+    assert ((capped > 0.9 * most) & (capped < most + radiance[0].size)).all()
+
+
+def test_rays_that_would_leave_below_the_surface_get_no_company() -> None:
+    radiance = np.random.default_rng(4).random((1, ROWS, COLUMNS))
+    above = shot(radiance.shape)
+    above[0, -1] = False
+    counts = extra_rays(radiance, above, 0.01, 600)
+    assert counts[above].any()
+    assert not counts[~above].any()
+
+
+def test_what_else_is_under_way_changes_nothing() -> None:
+    radiance = np.random.default_rng(5).random((7, ROWS, COLUMNS)) ** 3
+    together = extra_rays(radiance, shot(radiance.shape), 0.02, 400)
+    for i in range(len(radiance)):
+        alone = extra_rays(radiance[i : i + 1], shot((1, ROWS, COLUMNS)), 0.02, 400)
+        np.testing.assert_array_equal(together[i : i + 1], alone)
+
+
+def test_further_rays_are_numbered_after_the_first_ones_of_their_record() -> None:
+    rays = further_rays(np.array([[0, 2, 1], [0, 0, 0], [1, 0, 1]]))
+    assert rays.record.tolist() == [0, 0, 0, 2, 2]
+    assert rays.stratum.tolist() == [1, 1, 2, 0, 2]
+    assert rays.ray.tolist() == [3, 4, 5, 3, 4]
