@@ -18,7 +18,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test chaos soak test-blender test-notebook release-check fuzz hard-cases guards lint peers gpu-check gpu-table clean
+.PHONY: help demo test test-slurm test-dask test-ssh chaos soak test-blender test-notebook release-check fuzz hard-cases guards lint peers gpu-check gpu-table clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -36,7 +36,7 @@ demo: $(VENV)/.installed  ## render a Cornell box with a master and four slaves
 # Of work that is left, a free worker takes half of another's: files stay together, and what they prepare once as well.
 test: $(VENV)/.installed-test  ## run the tests (those marked slow are left out) in random order on JOBS cores
 	$(BIN)/python tests/compile_kernels.py
-	$(BIN)/python -m pytest -m "not slow" -n $(JOBS) --dist worksteal
+	$(BIN)/python -m pytest -m "not slow and not slurm and not dask and not sshd" -n $(JOBS) --dist worksteal
 
 test-blender:  ## compare the add-on with Cycles in Blender's module (Python 3.11; its own VENV=.venv-blender)
 	$(MAKE) VENV=$(BLENDER_VENV) $(BLENDER_VENV)/.installed-blender
@@ -44,6 +44,17 @@ test-blender:  ## compare the add-on with Cycles in Blender's module (Python 3.1
 
 test-notebook: $(VENV)/.installed-notebook  ## execute the notebooks of the documentation by a kernel
 	$(BIN)/python -m pytest tests/notebook
+
+test-slurm: $(VENV)/.installed-test  ## test under a real Slurm, which is installed and started here (Debian, root)
+	@command -v slurmctld && command -v munged || { apt-get update && apt-get install -y slurm-wlm munge; }
+	$(BIN)/python -m pytest -m slurm tests/slurm
+
+test-dask: $(VENV)/.installed-dask  ## test on a real Dask cluster of processes
+	$(BIN)/python -m pytest -m dask tests/dask
+
+test-ssh: $(VENV)/.installed-test  ## test with a real sshd, which is installed and started here (Debian, root)
+	@command -v sshd && command -v ssh-keygen || { apt-get update && apt-get install -y openssh-server; }
+	$(BIN)/python -m pytest -m sshd tests/placing
 
 fuzz: $(VENV)/.installed-test  ## fuzz rays, routing and gathers against brute force, and the wire (RAYS, GATHERS, MESSAGES, RENDERS, SEED)
 	$(BIN)/python tests/fuzz/run.py --rays $(RAYS) --gathers $(GATHERS) --messages $(MESSAGES) \
@@ -114,6 +125,11 @@ $(VENV)/.installed-blender: pyproject.toml | $(BIN)/python
 $(VENV)/.installed-notebook: pyproject.toml | $(BIN)/python
 	@echo "Installing wdpm, its tests and what runs notebooks into $(VENV)"
 	$(PIP) install --quiet -e '.[test,notebook]'
+	@touch $@ $(VENV)/.installed $(VENV)/.installed-test
+
+$(VENV)/.installed-dask: pyproject.toml | $(BIN)/python
+	@echo "Installing wdpm, its tests and Dask into $(VENV)"
+	$(PIP) install --quiet -e '.[test,dask]'
 	@touch $@ $(VENV)/.installed $(VENV)/.installed-test
 
 $(VENV)/.installed-cuda: pyproject.toml | $(BIN)/python

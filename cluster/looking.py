@@ -8,7 +8,7 @@ from wdpm.cluster.messages import packing, protocol
 from wdpm.cluster.transport.keys import Keys
 from wdpm.cluster.transport.registry import transport_of
 from wdpm.cluster.transport.transport import TURN_S, Connection, Network, Role
-from wdpm.scenes.errors import ClusterEndedError, ClusterError, ProtocolError
+from wdpm.scenes.errors import ClusterError, MasterLostError, ProtocolError
 
 ANSWERS = packing.by_name(protocol.ToReader)
 
@@ -24,7 +24,7 @@ def ask_status(master: str, keys: Keys | None, patience: float) -> protocol.Stat
         patience: how long to wait for it [s].
 
     Raises:
-        ClusterEndedError: no master answers.
+        MasterLostError: no master answers.
         ClusterError: it does not accept the keys, or speaks another protocol.
     """
     transport = transport_of(master)
@@ -53,7 +53,7 @@ def _ask(network: Network, master: str, until: float) -> protocol.StatusReport:
             f"the master at {master} does not accept these keys; give --keys with a folder that `wdpm keys add` made, "
             "or none if the master has none"
         )
-    raise ClusterEndedError(f"no master answers at {master}; check that one runs there, and the address")
+    raise MasterLostError(f"no master answers at {master}; check that one runs there, and the address")
 
 
 def _answer(network: Network, connection: Connection, until: float) -> protocol.StatusReport | None:

@@ -9,10 +9,11 @@
     ├── GuardError      a strict render in which a guard acted
     └── ClusterError    a slave, the master or the connection between them
         ├── ProtocolError       a message that breaks docs/protocol.md
-        └── ClusterEndedError   a slave whose master has gone, or has ended without an image
+        └── ClusterEndedError   a slave whose master has ended without an image
+            └── MasterLostError     a master has gone, or none answers
 
 The message is one line for a person: what is wrong, where, what was expected, what to do.
-The command line prints it without a traceback and exits with 2; with 4 for a ClusterEndedError.
+The command line prints it without a traceback and exits with a code of its own (wdpm/exit_codes.py).
 """
 
 from __future__ import annotations
@@ -68,6 +69,10 @@ class ProtocolError(ClusterError):
 
 class ClusterEndedError(ClusterError):
     """A slave's master has gone or has ended without an image: nothing is wrong with the slave."""
+
+
+class MasterLostError(ClusterEndedError):
+    """A slave's master has gone, or one that is asked does not answer: it may come back."""
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

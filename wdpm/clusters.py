@@ -7,11 +7,11 @@ from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from wdpm.cluster.cluster_events import ClusterObserver
 from wdpm.cluster.display import Display
-from wdpm.cluster.limits import ClusterLimits
+from wdpm.cluster.limits import MOST_SLAVES, ClusterLimits
 from wdpm.cluster.master.local_slaves import LocalSlaves, slave_command
 from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.plan.copies import PROCESS_BYTES, Copies, SlaveMemory, slaves_a_team
@@ -26,6 +26,12 @@ from wdpm.devices import available_cores, check_device
 from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
 from wdpm.notebook import shown_live
+from wdpm.placing.hosts import read_hosts
+from wdpm.placing.own_number import listening_address, number_towards, reached_at
+from wdpm.placing.placed import Placed
+from wdpm.placing.rendezvous import Rendezvous, meeting_folder
+from wdpm.placing.slurm import Allocation, other_nodes
+from wdpm.placing.ssh_slaves import SshSlaves
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backend
 from wdpm.rendering.cache_file import CacheFiles
@@ -35,6 +41,9 @@ from wdpm.rendering.prepare import Prepared, Source, prepare
 from wdpm.rendering.session_journal import SessionJournal
 from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.model.scene import Scene
+
+if TYPE_CHECKING:
+    from wdpm.placing.dask_slaves import DaskSlaves
 
 JOIN_TIMEOUT_S = ClusterLimits().join_timeout_s
 
@@ -59,6 +68,7 @@ class Cluster(Backend):
         *,
         copies: Copies = Copies.AUTO,
         processes: LocalSlaves | None = None,
+        placed: Placed | None = None,
         threads: int | None = None,
         device: str = "cpu",
     ) -> None:
@@ -67,6 +77,7 @@ class Cluster(Backend):
         self._stack = stack
         self._copies = copies
         self._processes = processes
+        self._placed = placed
         self._launcher = Launcher(device, threads)
 
     @classmethod
@@ -146,6 +157,118 @@ class Cluster(Backend):
             server = MasterServer(bind, slaves, most=most, security=security, limits=limits, observers=observers)
             return cls(stack.enter_context(server), slaves, stack.pop_all(), copies=copies)
 
+    @classmethod
+    def in_slurm(
+        cls,
+        allocation: Allocation,
+        shared: Path,
+        *,
+        copies: Copies = Copies.AUTO,
+        observers: Sequence[ClusterObserver] = (),
+    ) -> Self:
+        """Be the master of a Slurm step, whose other tasks are the slaves.
+
+        Args:
+            allocation: what Slurm gives this process, task 0 of the step.
+            shared: a directory that all nodes of the step share, where master and slaves find each other.
+            copies: whether each may hold what others hold, too.
+            observers: are told what happens to the cluster, on a thread of its own.
+
+        Raises:
+            SettingsError: nothing can be written there, or the other nodes cannot be found.
+        """
+        slaves = allocation.tasks - 1
+        number = number_towards(other_nodes(allocation))
+        with ExitStack() as stack:
+            rendezvous = Rendezvous(meeting_folder(shared, allocation.name), slaves)
+            stack.callback(rendezvous.close, "the master has ended")
+            bind = listening_address(number)
+            server = MasterServer(bind, slaves, security=rendezvous.security, observers=observers)
+            master = stack.enter_context(server)
+            rendezvous.publish(reached_at(number, master.endpoint))
+            return cls(master, slaves, stack.pop_all(), copies=copies, threads=allocation.threads)
+
+    @classmethod
+    def on_dask(
+        cls,
+        client: Any,
+        slaves: int | None = None,
+        *,
+        copies: Copies = Copies.AUTO,
+        device: str = "cpu",
+        observers: Sequence[ClusterObserver] = (),
+    ) -> Self:
+        """Have slaves on the workers of a Dask cluster: one on each, with its threads and its memory.
+
+        A render begins when there is a slave on each of the workers that are there now, or on `slaves` of them. Workers
+        that come later, or in the place of lost ones, get slaves as well. Each worker must have the same wdpm.
+
+        Args:
+            client: a `distributed.Client`, which stays open; not an asynchronous one.
+            slaves: most at a time; None for one on each worker, however many come.
+            copies: whether each may hold what others hold, too.
+            device: that slaves compute on.
+            observers: are told what happens to the cluster, on a thread of its own.
+
+        Raises:
+            SettingsError: wdpm's extra `dask` is not installed, or this is no such client.
+            ClusterError: it cannot listen.
+        """
+        dask_slaves = _dask_slaves()
+        most = MOST_SLAVES if slaves is None else slaves
+        if most < 1:
+            raise SettingsError(f"slaves is {slaves}; expected at least 1")
+        placed = dask_slaves(client, most, device)
+        return cls._with_slaves(placed, min(most, max(1, len(placed.workers()))), most, copies, observers)
+
+    @classmethod
+    def over_ssh(
+        cls,
+        hosts: Sequence[str],
+        *,
+        copies: Copies = Copies.AUTO,
+        memory: int | None = None,
+        threads: int | None = None,
+        device: str = "cpu",
+        remote_wdpm: str = "wdpm",
+        observers: Sequence[ClusterObserver] = (),
+    ) -> Self:
+        """Start slaves on other machines by OpenSSH's client, which must not have to ask for anything.
+
+        Slaves that end before all have joined are an error. One that is lost later is started again, after a while.
+
+        Args:
+            hosts: NAME, USER@NAME or, with a number of slaves, NAME:2; names as ssh's configuration has them.
+            copies: whether each may hold what others hold, too.
+            memory: most that each may use [bytes].
+            threads: of each; None for all cores there, shared out among the slaves of a host.
+            device: that they compute on.
+            remote_wdpm: the program `wdpm` on those machines.
+            observers: are told what happens to the cluster, on a thread of its own.
+
+        Raises:
+            SettingsError: a host cannot be found, or is none.
+            ClusterError: it cannot listen.
+        """
+        slaves = SshSlaves(read_hosts(hosts), remote_wdpm, threads=threads, memory=memory, device=device)
+        return cls._with_slaves(slaves, len(slaves), len(slaves), copies, observers)
+
+    @classmethod
+    def _with_slaves(
+        cls, placed: Placed, first: int, most: int, copies: Copies, observers: Sequence[ClusterObserver]
+    ) -> Self:
+        """Listen, and have slaves placed, with keys of the run."""
+        with ExitStack() as stack:
+            stack.callback(placed.stop)
+            keys = RunKeys()
+            server = MasterServer(
+                placed.listen_at, first, most=most, security=keys.master, watch=placed.ended, observers=observers
+            )
+            master = stack.enter_context(server)
+            stack.callback(placed.no_more)
+            placed.start(master.endpoint, keys.for_slave)
+            return cls(master, first, stack.pop_all(), copies=copies, placed=placed)
+
     @property
     def processes(self) -> tuple[int, ...]:
         """Process numbers of slaves that were started here, and have not ended."""
@@ -159,6 +282,8 @@ class Cluster(Backend):
     def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:
         """Make a scene ready for these slaves; the pilot is flown here."""
         slaves = [SlaveMemory(hello.host, hello.memory, hello.own_memory) for hello in self._master.slaves(progress)]
+        if self._placed is not None:
+            self._placed.all_joined()
         team = partial(slaves_a_team, self._copies, slaves)
         return prepare(scene, settings, len(slaves), self._launcher, progress, team=team)
 
@@ -225,6 +350,14 @@ class Cluster(Backend):
     ) -> None:
         # The master tells the slaves why it ends, so it must hear of the error.
         self._stack.__exit__(kind, error, trace)
+
+
+def _dask_slaves() -> type[DaskSlaves]:
+    try:
+        from wdpm.placing.dask_slaves import DaskSlaves
+    except ModuleNotFoundError as error:
+        raise SettingsError(f"Dask needs the extra: pip install 'wdpm[dask]' ({error})") from None
+    return DaskSlaves
 
 
 def backend_here(

@@ -41,23 +41,58 @@ def serve_as_slave(
     Args:
         master: tcp://HOST:PORT.
         keys: this slave's folder of keys, or "-" for those that the process that started it writes to standard input.
+        insecure: there are no keys.
+
+    Others as in `serve`.
+
+    Raises:
+        SettingsError: the keys cannot be read, or the device is not there.
+        ClusterError: no master answered, it refused, or something failed.
+    """
+    _check(device)
+    resolved = address.resolve(master)
+    if keys == Path(FROM_STANDARD_INPUT):
+        security: Keys | None = slave_keys(sys.stdin.buffer.readline())
+    else:
+        security = keys_for(resolved, keys, insecure, Role.SLAVE)
+    serve(
+        master,
+        security,
+        threads=threads,
+        device=device,
+        memory=memory,
+        patience=patience,
+        rejoin=rejoin,
+        life_line=life_line,
+    )
+
+
+def serve(
+    master: str,
+    security: Keys | None,
+    *,
+    threads: int | None = None,
+    device: str = "cpu",
+    memory: int | None = None,
+    patience: float = PATIENCE_S,
+    rejoin: float | None = None,
+    life_line: bool = False,
+) -> None:
+    """Compute for a master until it says stop.
+
+    Args:
+        master: tcp://HOST:PORT.
+        security: this slave's keys; None for none.
         memory: most memory to use [bytes]; None for no limit.
         patience: how long to wait for the master's first answer [s].
         rejoin: how long to wait for a master that was lost [s]; None for as long.
         life_line: end when standard input closes, which the process that started this one holds open.
 
     Raises:
-        SettingsError: the keys cannot be read, or the device is not there.
+        SettingsError: the device is not there.
         ClusterError: no master answered, it refused, or something failed.
     """
-    if device != "cpu":
-        quiet_warp()
-        check_device(device)
-    resolved = address.resolve(master)
-    if keys == Path(FROM_STANDARD_INPUT):
-        security: Keys | None = slave_keys(sys.stdin.buffer.readline())
-    else:
-        security = keys_for(resolved, keys, insecure, Role.SLAVE)
+    _check(device)
     if memory is not None:
         limit_memory(memory)
 
@@ -80,6 +115,12 @@ def serve_as_slave(
         rejoin=rejoin,
         life_line=line_to_watch(sys.stdin.buffer) if life_line else None,
     )
+
+
+def _check(device: str) -> None:
+    if device != "cpu":
+        quiet_warp()
+        check_device(device)
 
 
 def limit_memory(limit: int) -> None:

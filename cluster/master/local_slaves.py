@@ -11,7 +11,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
@@ -40,21 +39,81 @@ def slave_command(threads: int, device: str, memory: int | None = None) -> Comma
     return command
 
 
-@dataclass(frozen=True)
-class _Slave:
-    process: subprocess.Popen[bytes]
-    log: IO[bytes]
+class SlaveProcess:
+    """A slave process that was started here; what it prints is kept for error messages.
+
+    It holds the reading end of a pipe as its standard input. The writing end closes when this process ends, however it
+    ends, so that the slave does not outlive it.
+
+    Args:
+        command: its words.
+        first_line: what it finds on its standard input, before that is only a life line.
+
+    Raises:
+        ClusterError: it cannot be started.
+    """
+
+    def __init__(self, command: Sequence[str], first_line: bytes = b"") -> None:
+        self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `stop`
+        try:
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.PIPE,
+                stdout=self._log,
+                stderr=self._log,
+                env=_environment(),
+                # Ctrl-C is the master's to handle: it tells the slaves.
+                start_new_session=True,
+            )
+        except OSError as error:
+            self._log.close()
+            raise ClusterError(f"cannot start a slave: {error.strerror}") from None
+        self.number = self._process.pid
+        if first_line and self._process.stdin is not None:
+            with contextlib.suppress(BrokenPipeError):  # it has ended already, and `ended` will tell why
+                self._process.stdin.write(first_line)
+                self._process.stdin.flush()
+
+    def ended(self) -> str | None:
+        """Why it has ended; None while it runs."""
+        code = self._process.poll()
+        return None if code is None else _reason(code, self._log)
+
+    @property
+    def exit_code(self) -> int | None:
+        """None while it runs; negative for a signal."""
+        return self._process.poll()
+
+    def wait(self) -> None:
+        """Until it ends."""
+        self._process.wait()
+
+    def kill(self) -> None:
+        """End it at once."""
+        self._process.kill()
+
+    def let_go(self) -> None:
+        """Close its life line."""
+        if self._process.stdin is not None:
+            with contextlib.suppress(BrokenPipeError):  # what an ended one did not read
+                self._process.stdin.close()
+
+    def stop(self, seconds: float) -> None:
+        """Close its life line, wait for its end so long, and kill it then."""
+        self.let_go()
+        try:
+            self._process.wait(max(0.0, seconds))
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._log.close()
 
 
 class LocalSlaves:
-    """Slave processes; what they print is kept for error messages.
-
-    Each holds the reading end of a pipe as its standard input. The writing end closes when this process ends, however
-    it ends, so that no slave outlives it.
-    """
+    """Slave processes on this machine."""
 
     def __init__(self) -> None:
-        self._slaves: list[_Slave] = []
+        self._slaves: list[SlaveProcess] = []
         self._reported: set[int] = set()
 
     def start(self, count: int, command: Command, endpoint: str, first_line: Callable[[], bytes] = bytes) -> None:
@@ -64,58 +123,29 @@ class LocalSlaves:
             first_line: gives what one of them finds on its standard input, before it is only a life line.
         """
         for _ in range(count):
-            log = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `stop`
-            try:
-                process = subprocess.Popen(
-                    command(endpoint),
-                    stdin=subprocess.PIPE,
-                    stdout=log,
-                    stderr=log,
-                    env=_environment(),
-                    # Ctrl-C is the master's to handle: it tells the slaves.
-                    start_new_session=True,
-                )
-            except OSError as error:
-                log.close()
-                raise ClusterError(f"cannot start a slave: {error.strerror}") from None
-            self._slaves.append(_Slave(process, log))
-            _tell(process, first_line())
+            self._slaves.append(SlaveProcess(command(endpoint), first_line()))
 
     @property
     def processes(self) -> list[int]:
         """Numbers of those that run."""
-        return [slave.process.pid for slave in self._slaves if slave.process.poll() is None]
+        return [slave.number for slave in self._slaves if slave.ended() is None]
 
     def ended(self) -> Iterator[tuple[int, str]]:
         """Processes that have ended since this was last asked: number, and why."""
         for slave in self._slaves:
-            code = slave.process.poll()
-            if code is not None and slave.process.pid not in self._reported:
-                self._reported.add(slave.process.pid)
-                yield slave.process.pid, _reason(code, slave.log)
+            reason = slave.ended()
+            if reason is not None and slave.number not in self._reported:
+                self._reported.add(slave.number)
+                yield slave.number, reason
 
     def stop(self) -> None:
         """Wait for all to end, kill those that do not; may be called again."""
         for slave in self._slaves:
-            if slave.process.stdin is not None:
-                with contextlib.suppress(BrokenPipeError):  # what an ended one did not read
-                    slave.process.stdin.close()
+            slave.let_go()
         deadline = time.monotonic() + GRACE_S
         for slave in self._slaves:
-            try:
-                slave.process.wait(max(0.0, deadline - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                slave.process.kill()
-                slave.process.wait()
-            slave.log.close()
+            slave.stop(deadline - time.monotonic())
         self._slaves = []
-
-
-def _tell(process: subprocess.Popen[bytes], line: bytes) -> None:
-    if process.stdin is not None and line:
-        with contextlib.suppress(BrokenPipeError):  # it has ended already, and `ended` will tell why
-            process.stdin.write(line)
-            process.stdin.flush()
 
 
 def _environment() -> dict[str, str]:

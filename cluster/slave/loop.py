@@ -15,7 +15,7 @@ from wdpm.cluster.slave.computer import ComputeThread
 from wdpm.cluster.slave.jobs import Job
 from wdpm.cluster.slave.machine import Slave
 from wdpm.cluster.transport.transport import TURN_MESSAGES, TURN_S, Connection, Listener, Network, Role
-from wdpm.scenes.errors import ClusterEndedError, ClusterError, ProtocolError
+from wdpm.scenes.errors import ClusterEndedError, ClusterError, MasterLostError, ProtocolError
 
 FROM_MASTER = packing.by_name(protocol.FromMaster)
 FROM_PEER = packing.by_name(protocol.FromPeer)
@@ -207,7 +207,13 @@ class SlaveLoop:
         finally:
             self._computer.stop()
         if shell.error is not None:
-            raise (ClusterEndedError if shell.failed_elsewhere else ClusterError)(shell.error)
+            raise self._error_of(shell)
+
+    def _error_of(self, shell: SlaveShell) -> ClusterError:
+        if not shell.failed_elsewhere:
+            return ClusterError(shell.error)
+        # A slave that has joined has been told of the end; otherwise it was looking for its master again.
+        return ClusterEndedError(shell.error) if shell.state.number >= 0 else MasterLostError(shell.error)
 
     def _turns(self) -> None:
         shell = self._shell

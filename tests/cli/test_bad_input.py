@@ -54,13 +54,13 @@ def ply(vertices: list[tuple[float, float, float]], faces: list[tuple[int, int, 
     return data[: len(data) - cut]
 
 
-def said(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    """The one line on standard error of a command that must end with 2."""
+def said(arguments: list[str], capsys: pytest.CaptureFixture[str], *, code: int = 2) -> str:
+    """The one line on standard error of a command that must end with a code."""
     try:
-        code = main(arguments)
-    except SystemExit as ended:  # what the parser of the command line finds
-        code = int(ended.code or 0)
-    assert code == 2
+        ended = main(arguments)
+    except SystemExit as stop:  # what the parser of the command line finds
+        ended = int(stop.code or 0)
+    assert ended == code
     captured = capsys.readouterr()
     lines = [line for line in captured.err.splitlines() if line.startswith("wdpm: error: ")]
     assert len(lines) == 1, captured.err
@@ -183,7 +183,8 @@ def test_slaves_with_enough_memory(here: Path) -> None:
 def test_an_occupied_port(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        line = said(["master", "cornell-box", "--slaves", "1", "--bind", f"tcp://127.0.0.1:{port}", "-q"], capsys)
+        words = ["master", "cornell-box", "--slaves", "1", "--bind", f"tcp://127.0.0.1:{port}", "-q"]
+        line = said(words, capsys, code=1)
     assert str(port) in line
 
 
@@ -267,5 +268,5 @@ def test_a_master_that_cannot_listen_says_so_before_it_reads_the_scene(
 def test_an_unreachable_master(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    line = said(["slave", f"tcp://127.0.0.1:{port}", "--timeout", "1"], capsys)
+    line = said(["slave", f"tcp://127.0.0.1:{port}", "--timeout", "1"], capsys, code=1)
     assert str(port) in line

@@ -26,10 +26,10 @@ from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.images.image import Image, load
 from wdpm.report.report import Report, from_json
-from wdpm.scenes.errors import ClusterEndedError, SceneError
+from wdpm.scenes.errors import ClusterEndedError, ClusterError, MasterLostError, SceneError
 from wdpm.scenes.model.scene import Camera, FilterKind, PixelFilter, Scene
 
-COMMANDS = [module.__name__.removeprefix("wdpm.cli.") for module in main.COMMANDS]
+COMMANDS = [module.__name__.rpartition(".")[2] for module in main.COMMANDS]
 
 
 def run(arguments: list[str]) -> int:
@@ -204,9 +204,14 @@ def test_errors_and_interruption_have_their_exit_codes(
     monkeypatch.setattr(main.compare, "run", raises(KeyboardInterrupt()))
     assert run(["compare", "a", "b"]) == 130
     assert capsys.readouterr().err == "wdpm: interrupted\n"
-    monkeypatch.setattr(main.compare, "run", raises(ClusterEndedError("the master has gone")))
-    assert run(["compare", "a", "b"]) == 4
-    assert capsys.readouterr().err == "wdpm: error: the master has gone\n"
+    for error, code in (
+        (MasterLostError("the master has gone"), 75),
+        (ClusterEndedError("no image"), 1),
+        (ClusterError("a slave failed"), 1),
+    ):
+        monkeypatch.setattr(main.compare, "run", raises(error))
+        assert run(["compare", "a", "b"]) == code
+        assert capsys.readouterr().err == f"wdpm: error: {error}\n"
 
 
 # ---- render and master --------------------------------------------------------------------------------------------
@@ -221,7 +226,7 @@ def test_defaults_are_those_of_the_settings(renderer: Renderer) -> None:
     assert renderer.rendered["settings"] == RenderSettings()
     assert renderer.rendered["slaves"] == 0
     assert renderer.rendered["device"] == "cpu"
-    assert renderer.rendered["threads"] == cli_options.available_cores()
+    assert renderer.rendered["threads"] is None, "all there are"
     assert renderer.loaded == {"scene": "cornell-box", "defines": {}, "size": None, "lenient": False}
     assert load("cornell-box.exr").shape == (2, 3)
 

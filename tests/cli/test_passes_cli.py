@@ -49,7 +49,7 @@ def test_the_image_has_error_layers_and_leaves_no_journal(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("error", "code"), [(KeyboardInterrupt(), 130), (ClusterError("slave 1 (here, process 7) is lost"), 2)]
+    ("error", "code"), [(KeyboardInterrupt(), 130), (ClusterError("slave 1 (here, process 7) is lost"), 1)]
 )
 def test_an_interrupted_render_says_how_to_go_on(
     error: BaseException,

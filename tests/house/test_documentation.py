@@ -30,6 +30,7 @@ SUBSCRIPT = re.compile(r"\w+_\w²?")
 """A quantity of a formula: x_i, theta_x."""
 
 FOREIGN = {
+    "EX_TEMPFAIL",  # of sysexits.h
     "EXR_ERR_",  # OpenEXR's error codes begin so
     "RECONNECT_IVL",  # an option of ZeroMQ's sockets, ZMQ_ in front
     "SECONDS_PER_TASK",  # what a program's arguments are

@@ -39,6 +39,7 @@ WRONG = [
     ("image-files", "wdpm/api.py", "import imageio"),
     ("pages", "wdpm/api.py", "import aiohttp"),
     ("blender", "wdpm/api.py", "import bpy"),
+    ("dask", "wdpm/clusters.py", "import distributed"),
     ("metrics", "wdpm/api.py", "import prometheus_client"),
     ("meshes", "wdpm/api.py", "import trimesh"),
     ("terminal", "wdpm/api.py", "def f():\n    import rich"),

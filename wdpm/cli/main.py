@@ -29,7 +29,9 @@ from wdpm.cli import (
     view,
 )
 from wdpm.cli.interrupts import Terminated, interrupts_raise, no_lost_interrupts, termination_raises
-from wdpm.scenes.errors import ClusterEndedError, WdpmError
+from wdpm.cli.placing import slurm
+from wdpm.exit_codes import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_TERMINATED, exit_code_of
+from wdpm.scenes.errors import WdpmError
 from wdpm.scenes.scene_root import files_within
 
 COMMANDS = (
@@ -44,17 +46,13 @@ COMMANDS = (
     accuracy,
     bench,
     keys,
+    slurm,
     blender,
     doctor,
 )
 
 COMPLETING = "_ARGCOMPLETE"
 """Set by a shell that asks what could come next on its line; nobody else waits for the library that answers."""
-
-EXIT_BAD_INPUT = 2
-EXIT_CLUSTER_ENDED = 4
-EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
-EXIT_TERMINATED = 143  # 128 + SIGTERM
 
 _EXAMPLES = """\
 examples:
@@ -66,10 +64,10 @@ wdpm COMMAND --help says more."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; returns the exit code: 0, 1 (compare --equal, check, doctor), 2 for bad input, 3, 4, 130 or 143.
+    """Run one command; returns the exit code (wdpm/exit_codes.py): 0, 1, 2 for bad input, 3, 75, 130 or 143.
 
-    3: the image is there, but not as good as --until-error asked for (wdpm/cli/goal.py). 4: a slave whose master has
-    gone or has ended without an image. 130, 143: interrupted by SIGINT (Ctrl-C) or SIGTERM.
+    1: a cluster failed, or compare --equal or check found something. 3: the image is there, but not as good as
+    --until-error asked for (wdpm/cli/goal.py). 75: a slave has lost its master. 130, 143: SIGINT (Ctrl-C) or SIGTERM.
     """
     arguments = sys.argv[1:] if argv is None else argv
     parser = make_parser()
@@ -86,7 +84,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             sys.stdout.flush()
     except WdpmError as error:
         print(f"wdpm: error: {error}", file=sys.stderr)
-        return EXIT_CLUSTER_ENDED if isinstance(error, ClusterEndedError) else EXIT_BAD_INPUT
+        return exit_code_of(error)
     except Terminated:
         print("wdpm: terminated", file=sys.stderr)
         return EXIT_TERMINATED

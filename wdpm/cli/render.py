@@ -11,6 +11,8 @@ from wdpm.cli.goal import add_until_options, asks_for_a_goal, render_to_goal
 from wdpm.cli.journals import add_journal_options, journals
 from wdpm.cli.live import add_view_options, shown
 from wdpm.cli.monitoring import add_monitoring_options, observers
+from wdpm.cli.placing.options import add_placing_options, is_placed
+from wdpm.cli.placing.running import render_placed
 from wdpm.scenes.errors import SettingsError
 
 _EXAMPLES = """\
@@ -25,6 +27,7 @@ examples:
   wdpm render scene.xml --time-budget 60s
   wdpm render scene.xml --slaves 4 --passes 64 --spp 1024 --view
   wdpm render scene.xml --tev 127.0.0.1:14158
+  srun -n 9 wdpm render scene.xml --slurm
   wdpm render scene.xml --strict
   wdpm render scene.xml --replay 10,7,3"""
 
@@ -71,11 +74,14 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         metavar="SIZE",
         help="most memory of each slave, like 4G (default: its part of half the machine's)",
     )
+    add_placing_options(parser)
     return parser
 
 
 def run(args: argparse.Namespace) -> int:
     """Render and write, or replay a sample; returns the exit code."""
+    if is_placed(args):
+        return render_placed(args)
     if asks_for_a_goal(args):
         from wdpm.clusters import backend_here
 

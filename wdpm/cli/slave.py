@@ -43,6 +43,14 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         help="how long to wait for a master that was lost, like 90s or 2h: it may be started again with --resume "
         "(default: as --timeout)",
     )
+    parser.add_argument(
+        "--share",
+        type=values.positive_count,
+        default=1,
+        metavar="N",
+        help="slaves that share this machine: use an N-th of its cores, unless --threads says how many (default: 1)",
+    )
+    parser.set_defaults(threads=None)
     # For the process that starts local slaves: end when standard input closes.
     parser.add_argument("--life-line", action="store_true", help=argparse.SUPPRESS)
     options.add_security_options(parser)
@@ -51,11 +59,12 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> int:
     """Work until the master is done; returns the exit code."""
+    from wdpm.devices import available_cores
     from wdpm.serving import serve_as_slave
 
     serve_as_slave(
         args.address,
-        threads=args.threads,
+        threads=args.threads or max(1, available_cores() // args.share),
         device=args.device,
         memory=args.memory,
         keys=args.keys,

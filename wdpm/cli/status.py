@@ -27,7 +27,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "status",
         help="ask a running master how far it is",
         description="Ask a running master how far it is and who works for it. Changes nothing, and takes no place of a "
-        "slave. Exit code 4 if no master answers.",
+        "slave. Exit code 75 if no master answers.",
         epilog=_EXAMPLES,
     )
     parser.add_argument("address", type=values.address, metavar="tcp://HOST:PORT", help="address of the master")

@@ -159,6 +159,15 @@ def keys_for(resolved: str, folder: Path | None, insecure: bool, role: Role) -> 
     )
 
 
+def is_open_to_others(found: os.stat_result) -> bool:
+    """Whether others than this user can read a file.
+
+    One that root keeps for a group counts as none: so Kubernetes gives secrets to processes that are not root.
+    """
+    kept_by_root = found.st_uid == 0 != os.geteuid()
+    return bool(found.st_mode & (0o007 if kept_by_root else 0o077))
+
+
 def _load_pair(path: Path) -> KeyPair:
     public, secret = _load(path, secret=True)
     if secret is None or len(secret) != 40:
@@ -173,7 +182,7 @@ def _load_public(path: Path) -> bytes:
 def _load(path: Path, *, secret: bool) -> tuple[bytes, bytes | None]:
     try:
         # Windows has lists of rights in place of a mode, in which a file is its owner's unless somebody shared it.
-        if secret and os.name == "posix" and path.stat().st_mode & 0o077:
+        if secret and os.name == "posix" and is_open_to_others(path.stat()):
             raise SettingsError(f"{path} can be read by others: run `chmod 600 {path}`")
         public, private = zmq.auth.load_certificate(path)
     except OSError as error:

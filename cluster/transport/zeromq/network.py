@@ -32,7 +32,7 @@ from wdpm.cluster.transport.zeromq.sockets import (
     send,
     sender,
 )
-from wdpm.scenes.errors import ClusterError, ProtocolError
+from wdpm.scenes.errors import ClusterError, ProtocolError, SettingsError
 
 HANDSHAKE_FAILED = (
     zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_HANDSHAKE_FAILED_AUTH
@@ -305,4 +305,4 @@ def _bind(router: Socket, where: str) -> str:
         if error.errno == zmq.EADDRINUSE:
             raise ClusterError(f"cannot listen at {where}: another program uses port {port}; choose another") from None
         reason = f"{error.strerror}; it must be an address of this machine"
-        raise ClusterError(f"cannot listen at {where}: {reason}") from None
+        raise SettingsError(f"cannot listen at {where}: {reason}") from None

@@ -10,7 +10,13 @@ from wdpm.scenes.errors import SettingsError
 FROM_STANDARD_INPUT = "-"
 """In place of a folder of keys: they are the first line of standard input."""
 
-_KEY_LENGTH = 40
+KEY_LENGTH = 40
+"""Of a key in Z85."""
+
+
+def new_pair() -> KeyPair:
+    """A new pair."""
+    return KeyPair(*zmq.curve_keypair())
 
 
 class RunKeys:
@@ -22,7 +28,7 @@ class RunKeys:
 
     def __init__(self) -> None:
         self._slaves = KnownKeys()
-        own = KeyPair(*zmq.curve_keypair())
+        own = new_pair()
         self.master = Keys(own, own.public, self._slaves)
 
     def for_slave(self) -> bytes:
@@ -35,7 +41,7 @@ class RunKeys:
 def slave_keys(line: bytes) -> Keys:
     """What a slave got as one line; SettingsError if it is something else."""
     words = line.split()
-    if len(words) != 3 or any(len(word) != _KEY_LENGTH for word in words):
+    if len(words) != 3 or any(len(word) != KEY_LENGTH for word in words):
         raise SettingsError("--keys - : the first line of standard input is no keys of a run; give a folder of keys")
     master, public, secret = words
     return Keys(KeyPair(public, secret), master, KnownKeys())

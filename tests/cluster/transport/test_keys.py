@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import stat
 from pathlib import Path
 
 import pytest
@@ -157,6 +159,25 @@ def test_keys_that_others_can_read(slave_folder: Path) -> None:
     (slave_folder / "slave.key_secret").chmod(0o644)
     with pytest.raises(SettingsError, match="chmod 600"):
         load_keys(slave_folder, Role.SLAVE)
+
+
+@pytest.mark.parametrize(
+    ("mode", "owner", "user", "open_to_others"),
+    [
+        (0o600, 10001, 10001, False),
+        (0o640, 10001, 10001, True),
+        (0o440, 0, 10001, False),  # as Kubernetes gives a secret to a group
+        (0o444, 0, 10001, True),
+        (0o440, 0, 0, True),
+        (0o440, 10002, 10001, True),
+    ],
+)
+def test_who_can_read_a_key(
+    mode: int, owner: int, user: int, open_to_others: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "geteuid", lambda: user)
+    found = os.stat_result((stat.S_IFREG | mode, 0, 0, 1, owner, owner, 200, 0, 0, 0))
+    assert key_files.is_open_to_others(found) == open_to_others
 
 
 def test_this_machine_needs_no_keys() -> None:

@@ -33,7 +33,7 @@ from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.messages import packing, protocol
 from wdpm.cluster.slave.process import run_slave
 from wdpm.cluster.transport.zeromq.sockets import connect, make_socket, send
-from wdpm.scenes.errors import ClusterEndedError, ClusterError
+from wdpm.scenes.errors import ClusterEndedError, ClusterError, SettingsError
 
 pytestmark = pytest.mark.sockets
 
@@ -188,7 +188,7 @@ def test_an_occupied_port() -> None:
 
 
 def test_an_address_of_another_machine() -> None:
-    with pytest.raises(ClusterError, match="must be an address of this machine"):
+    with pytest.raises(SettingsError, match="must be an address of this machine"):
         MasterServer("tcp://192.0.2.1:7117", 1, agreed=AGREED)
 
 

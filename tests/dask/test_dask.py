@@ -1,0 +1,150 @@
+"""wdpm on a real Dask cluster of processes: the bits of one process, also where workers are lost and come."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from digests import same_bits
+
+import wdpm
+from wdpm.cli.main import main
+from wdpm.cluster.plan.copies import Copies
+from wdpm.images.image import Image, load
+from wdpm.progress import Progress
+from wdpm.scenes.errors import ClusterError, SettingsError
+
+dask = pytest.importorskip("dask", reason="Dask is not installed: pip install 'wdpm[dask]'")
+distributed = pytest.importorskip("distributed", reason="distributed is not installed: pip install 'wdpm[dask]'")
+
+# Dask's own sockets and event loops are closed by its garbage collection.
+pytestmark = [pytest.mark.dask, pytest.mark.filterwarnings("default")]
+
+SETTINGS: dict[str, Any] = {"photons": 20_000, "spp": 32}
+
+
+@pytest.fixture(scope="module")
+def client() -> Iterator[Any]:
+    """Of two workers, in processes of their own, that nannies watch."""
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, memory_limit="3GB", dashboard_address=None) as dask,
+        distributed.Client(dask) as client,
+    ):
+        yield client
+
+
+@pytest.fixture(scope="module")
+def scene() -> wdpm.Scene:
+    return wdpm.load("cornell-box", size=(96, 96))
+
+
+@pytest.fixture(scope="module")
+def alone(scene: wdpm.Scene) -> Image:
+    return wdpm.render(scene, **SETTINGS)
+
+
+class At(Progress):
+    """Does something once when a phase has come so far."""
+
+    def __init__(self, phase: str, do: Any) -> None:
+        self._phase = phase
+        self._do = do
+        self.notes: list[str] = []
+
+    def start(self, phase: str, total: int | None = None) -> None:  # noqa: ARG002
+        if phase == self._phase and self._do is not None:
+            do, self._do = self._do, None
+            do()
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+
+
+def wait_until(there: Any) -> None:
+    deadline = time.monotonic() + 60
+    while not there():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+
+
+def slaves_of(client: Any) -> dict[str, int]:
+    """Tasks of wdpm that run, by worker."""
+    running = client.processing()
+    return {worker: n for worker, keys in running.items() if (n := sum("wdpm-slave" in str(key) for key in keys))}
+
+
+@pytest.mark.parametrize("copies", list(Copies))
+def test_the_bits_of_one_process(copies: Copies, client: Any, scene: wdpm.Scene, alone: Image) -> None:
+    with wdpm.Cluster.on_dask(client, slaves=8, copies=copies) as cluster:
+        image = cluster.render(scene, **SETTINGS)
+        assert set(slaves_of(client).values()) == {1}
+    assert same_bits(image, alone)
+    slaves = image.metadata["report"]["slaves"]
+    assert len(slaves) == 2
+    wait_until(lambda: not slaves_of(client))
+    assert client.submit(sum, [1, 2], pure=False).result(30) == 3, "Dask's own work goes on"
+
+
+def test_no_more_slaves_than_are_wanted(client: Any, scene: wdpm.Scene, alone: Image) -> None:
+    with wdpm.Cluster.on_dask(client, slaves=1) as cluster:
+        image = cluster.render(scene, **SETTINGS)
+    assert same_bits(image, alone)
+    assert len(image.metadata["report"]["slaves"]) == 1
+
+
+def test_workers_that_are_killed_again_and_again(client: Any, scene: wdpm.Scene, alone: Image) -> None:
+    """More often than Dask lets a task lose its worker; their nannies start others, which get slaves."""
+    with wdpm.Cluster.on_dask(client) as cluster:
+        for _ in range(4):
+            wait_until(lambda: len(slaves_of(client)) == 2)
+            victim = sorted(slaves_of(client))[0]
+            process = client.run(os.getpid, workers=[victim])[victim]
+            watched = At("render", lambda process=process: os.kill(process, signal.SIGKILL))
+            image = cluster.render(scene, **SETTINGS, progress=watched)
+            assert same_bits(image, alone)
+            wait_until(lambda victim=victim: victim not in client.nthreads() and len(client.nthreads()) == 2)
+
+
+def test_a_worker_that_comes_later_gets_a_slave(scene: wdpm.Scene, alone: Image) -> None:
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, memory_limit="3GB", dashboard_address=None) as dask,
+        distributed.Client(dask) as client,
+        wdpm.Cluster.on_dask(client) as cluster,
+    ):
+        assert same_bits(cluster.render(scene, **SETTINGS), alone)
+        dask.scale(2)
+        wait_until(lambda: len(slaves_of(client)) == 2)
+        wait_until(lambda: len(cluster._master.slaves()) == 2)
+        image = cluster.render(scene, **SETTINGS)
+        assert same_bits(image, alone)
+        assert len(image.metadata["report"]["slaves"]) == 2
+
+
+def test_slaves_that_cannot_run_are_said(client: Any, scene: wdpm.Scene) -> None:
+    reason = r"a slave cannot run on a worker of Dask: tcp://.*there is no device 'cuda:9'"
+    with wdpm.Cluster.on_dask(client, device="cuda:9") as cluster, pytest.raises(ClusterError, match=reason):
+        cluster.render(scene, **SETTINGS)
+
+
+def test_a_render_from_the_command_line(client: Any, alone: Image, tmp_path: Path) -> None:
+    words = ["cornell-box", "--size", "96x96", "--photons", "20k", "--spp", "32", "-o", str(tmp_path / "box.exr"), "-q"]
+    assert main(["render", *words, "--dask", client.scheduler.address, "--slaves", "2"]) == 0
+    assert same_bits(load(tmp_path / "box.exr"), alone)
+
+
+def test_no_scheduler(capsys: pytest.CaptureFixture[str]) -> None:
+    with dask.config.set({"distributed.comm.timeouts.connect": "1s"}):
+        assert main(["render", "cornell-box", "--dask", "tcp://127.0.0.1:9"]) == 1
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("wdpm:")]
+    assert len(lines) == 1
+    assert "no scheduler of Dask answers at tcp://127.0.0.1:9" in lines[0]
+
+
+def test_what_is_no_client() -> None:
+    with pytest.raises(SettingsError, match="not asynchronous"):
+        wdpm.Cluster.on_dask("tcp://127.0.0.1:8786")

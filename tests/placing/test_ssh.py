@@ -1,0 +1,170 @@
+"""Slaves over SSH, with an ssh that stays on this machine: what it is told, the same bits, and slaves that are lost."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from digests import same_bits
+from fake_ssh import calls, make_ssh, make_wdpm
+
+import wdpm
+from wdpm.cli.main import main
+from wdpm.images.image import load
+from wdpm.placing import own_number, ssh_slaves
+from wdpm.placing.hosts import Host
+from wdpm.placing.ssh_slaves import SshSlaves
+from wdpm.scenes.errors import ClusterError, SettingsError
+
+SETTINGS: dict[str, Any] = {"photons": 5000, "spp": 2, "k": 20}
+ENDPOINT = "tcp://127.0.0.1:4711"
+
+
+@pytest.fixture
+def ssh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of the ssh that is used."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    monkeypatch.setenv("PATH", f"{make_ssh(folder)}:{os.environ['PATH']}")
+    return folder
+
+
+def ends(slaves: SshSlaves) -> str:
+    """Why the slaves have ended."""
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline:
+        try:
+            slaves.ended()
+        except ClusterError as error:
+            return str(error)
+        time.sleep(0.02)
+    raise AssertionError("they have not ended")
+
+
+def wait_until(there: Callable[[], object], slaves: SshSlaves) -> None:
+    deadline = time.monotonic() + 30
+    while not there():
+        slaves.ended()
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def script(folder: Path, text: str) -> str:
+    path = folder / "a wdpm's"
+    path.write_text(f"#!/bin/sh\n{text}\n")
+    path.chmod(0o755)
+    return str(path)
+
+
+@pytest.mark.sockets
+def test_a_render_over_ssh_has_the_bits_of_one_process(ssh: Path, tmp_path: Path) -> None:
+    program = make_wdpm(tmp_path / "a 'wdpm' $PATH")
+    image = tmp_path / "box.exr"
+    words = ["cornell-box", "--size", "48x40", "--photons", "5k", "--spp", "2", "--k", "20", "-o", str(image), "-q"]
+    assert main(["render", *words, "--hosts", "me@bert", "--remote-wdpm", program, "--threads", "1"]) == 0
+    assert same_bits(load(image), wdpm.render(wdpm.load("cornell-box", size=(48, 40)), **SETTINGS))
+    assert len(load(image).metadata["report"]["slaves"]) == 1
+    started = [call for call in calls(ssh) if call[0] != "-G"]
+    assert [call[-3:-1] for call in started] == [["--", "me@bert"]]
+    assert "BatchMode=yes" in started[0]
+    assert shlex.split(started[0][-1])[:2] == [program, "slave"]
+
+
+def test_keys_go_over_standard_input_and_nothing_of_them_is_a_word(ssh: Path, tmp_path: Path) -> None:
+    does = ('head -n 1 > "{0}/keys"', 'echo "$@" > "{0}/words"', "cat", 'touch "{0}/end"')
+    program = script(tmp_path, "\n".join(does).format(tmp_path))
+    slaves = SshSlaves([Host("bert", 2)], program)
+    slaves.start(ENDPOINT, lambda: b"a line of keys\n")
+    wait_until(lambda: (tmp_path / "words").exists() and (tmp_path / "words").read_text(), slaves)
+    assert (tmp_path / "keys").read_text() == "a line of keys\n"
+    said = f"slave {ENDPOINT} --keys - --life-line --device cpu --share 2\n"
+    assert (tmp_path / "words").read_text() == said
+    assert not [word for call in calls(ssh) for word in call if "line of keys" in word]
+    assert not (tmp_path / "end").exists()
+    slaves.stop()  # closes the connection, and with it the standard input of what runs there
+    assert (tmp_path / "end").exists()
+
+
+@pytest.mark.parametrize(
+    ("host", "text", "said"),
+    [
+        ("deaf", "", "no slave runs on deaf: .*exit code 255: ssh: connect to host deaf port 22: Connection refused"),
+        ("anna", "echo 'a fault' >&2; exit 1", "no slave runs on anna: .*exit code 1: a fault"),
+    ],
+)
+@pytest.mark.usefixtures("ssh")
+def test_a_slave_that_does_not_start_is_an_error(host: str, text: str, said: str, tmp_path: Path) -> None:
+    slaves = SshSlaves([Host(host)], script(tmp_path, text))
+    slaves.start(ENDPOINT, bytes)
+    assert re.search(said, ends(slaves))
+    slaves.stop()
+
+
+@pytest.mark.usefixtures("ssh")
+def test_a_lost_slave_is_started_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ssh_slaves, "FIRST_WAIT_S", 0.01)
+    slaves = SshSlaves([Host("anna")], script(tmp_path, f'echo $$ >> "{tmp_path}/started"; cat'))
+    started = tmp_path / "started"
+    slaves.start(ENDPOINT, bytes)
+    wait_until(started.exists, slaves)
+    slaves.all_joined()
+    for times in (2, 3):
+        os.kill(int(started.read_text().split()[-1]), signal.SIGKILL)
+        wait_until(lambda times=times: len(started.read_text().split()) == times, slaves)
+    slaves.stop()
+    assert len(started.read_text().split()) == 3
+
+
+@pytest.mark.usefixtures("ssh")
+@pytest.mark.parametrize(("code", "times"), [(2, 1), (1, 3)])
+def test_a_slave_that_always_fails_is_given_up(
+    code: int, times: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(ssh_slaves, "FIRST_WAIT_S", 0.01)
+    monkeypatch.setattr(ssh_slaves, "MOST_TRIES", 2)
+    slaves = SshSlaves([Host("anna")], script(tmp_path, f'echo x >> "{tmp_path}/started"; exit {code}'))
+    slaves.all_joined()
+    slaves.start(ENDPOINT, bytes)
+    assert f"no slave is left: anna: it ended with exit code {code}" in ends(slaves)
+    assert (tmp_path / "started").read_text().count("x") == times
+    slaves.no_more()
+    assert slaves.ended() == ()
+    slaves.stop()
+
+
+def test_the_number_that_others_reach(monkeypatch: pytest.MonkeyPatch) -> None:
+    numbers = {"tcp://127.0.0.1:1": "127.0.0.1", "tcp://10.0.0.2:1": "10.0.0.1"}
+    monkeypatch.setattr(own_number.address, "interface_towards", numbers.__getitem__)
+    assert own_number.number_towards(["127.0.0.1"]) == "127.0.0.1"
+    assert own_number.number_towards(["127.0.0.1", "10.0.0.2"]) == "10.0.0.1"
+    assert own_number.listening_address("127.0.0.1") == "tcp://127.0.0.1:0"
+    assert own_number.listening_address("10.0.0.1") == "tcp://*:0"
+    assert own_number.reached_at("10.0.0.1", "tcp://0.0.0.0:4711") == "tcp://10.0.0.1:4711"
+
+
+def test_no_ssh(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(SettingsError, match="there is no program ssh"):
+        SshSlaves([Host("anna")])
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--hosts=-oProxyCommand=ls"], "is no host"),
+        (["--hosts", "anna", "--slaves", "2"], "--hosts and --slaves contradict each other"),
+        (["--dask", "tcp://127.0.0.1:1", "--threads", "2"], "leave --threads and --memory out"),
+        (["--dask", "tcp://127.0.0.1:1", "--replay", "1,1,1"], "--dask and --replay contradict each other"),
+    ],
+)
+def test_what_cannot_be_asked_for(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["render", "cornell-box", *words]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert said in line

@@ -1,0 +1,1 @@
+"""`wdpm render` with slaves that something else places."""

@@ -1,0 +1,98 @@
+"""A render whose slaves Slurm, Dask or SSH places, and a slave that Slurm has placed."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from wdpm.cli.goal import asks_for_a_goal, render_to_goal
+from wdpm.cli.journals import journals
+from wdpm.cli.live import shown
+from wdpm.cli.monitoring import observers
+from wdpm.cluster.cluster_events import ClusterObserver
+from wdpm.scenes.errors import ClusterError, SettingsError
+
+if TYPE_CHECKING:
+    from wdpm.clusters import Cluster
+
+Observers = Sequence[ClusterObserver]
+
+
+def render_placed(args: argparse.Namespace) -> int:
+    """Render and write, or be a slave; returns the exit code."""
+    to_goal = asks_for_a_goal(args)
+    if not args.slurm:
+        with observers(args) as told, _on_dask(args, told) if args.dask else _over_ssh(args, told) as cluster:
+            return _render_on(cluster, args, to_goal)
+    from wdpm.placing.slurm import this_allocation
+
+    allocation = this_allocation()
+    if allocation.rank > 0:
+        return _serve_in_slurm(args, allocation)
+    from wdpm.clusters import Cluster
+
+    # Open before the scene is loaded: slaves need not be patient, and hear of it if that fails.
+    with (
+        observers(args) as told,
+        Cluster.in_slurm(allocation, args.shared, copies=args.copies, observers=told) as cluster,
+    ):
+        return _render_on(cluster, args, to_goal)
+
+
+def _serve_in_slurm(args: argparse.Namespace, allocation: Any) -> int:
+    from wdpm.placing.rendezvous import meet, meeting_folder
+    from wdpm.serving import serve
+
+    found = meet(meeting_folder(args.shared, allocation.name), allocation.rank, allocation.tasks - 1)
+    threads, memory = args.threads or allocation.threads, args.memory or allocation.memory
+    serve(found.endpoint, found.security, threads=threads, device=args.device, memory=memory)
+    return 0
+
+
+@contextmanager
+def _on_dask(args: argparse.Namespace, told: Observers) -> Iterator[Cluster]:
+    from wdpm.clusters import Cluster
+
+    try:
+        from distributed import Client
+    except ModuleNotFoundError as error:
+        raise SettingsError(f"--dask needs the extra: pip install 'wdpm[dask]' ({error})") from None
+    try:
+        client = Client(args.dask)
+    except OSError as error:
+        reason = str(error).partition("\n")[0]
+        raise ClusterError(f"no scheduler of Dask answers at {args.dask}: {reason}") from None
+    how = {"copies": args.copies, "device": args.device, "observers": told}
+    with client, Cluster.on_dask(client, args.slaves or None, **how) as cluster:
+        yield cluster
+
+
+def _over_ssh(args: argparse.Namespace, told: Observers) -> Cluster:
+    from wdpm.clusters import Cluster
+
+    return Cluster.over_ssh(
+        args.hosts,
+        copies=args.copies,
+        memory=args.memory,
+        threads=args.threads,
+        device=args.device,
+        remote_wdpm=args.remote_wdpm,
+        observers=told,
+    )
+
+
+def _render_on(cluster: Cluster, args: argparse.Namespace, to_goal: bool) -> int:
+    from wdpm.cli.result import first_output, render_and_write
+
+    if to_goal:
+        return render_to_goal(args, lambda: cluster)
+    with shown(args) as view, journals(args, first_output(args)) as kept:
+        cluster.display = view
+        caches = {"save_cache": args.save_cache, "load_cache": args.load_cache}
+        return render_and_write(
+            args,
+            lambda source, settings, progress: cluster.render(source, settings, progress=progress, **caches, **kept),
+            view,
+        )

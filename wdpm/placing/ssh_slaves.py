@@ -1,0 +1,181 @@
+"""Slaves on machines that OpenSSH's client reaches, without a question: with keys of SSH, or an agent.
+
+A slave gets its keys through ssh's standard input, and ends when that closes: with the connection, however it ends.
+Master and slaves then talk directly to each other, not through ssh.
+"""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+
+from wdpm.cluster.master.local_slaves import GRACE_S, SlaveProcess
+from wdpm.placing.hosts import Host
+from wdpm.placing.own_number import listening_address, number_towards, reached_at
+from wdpm.scenes.errors import ClusterError, SettingsError
+
+_OPTIONS = {
+    "BatchMode": "yes",  # nobody is there to answer
+    "ConnectTimeout": "15",
+    "ServerAliveInterval": "15",  # with the next: a machine that has been silent for 90 s is gone, as for the master
+    "ServerAliveCountMax": "6",
+    "ClearAllForwardings": "yes",
+    "ForwardAgent": "no",
+    "ForwardX11": "no",
+}
+
+FIRST_WAIT_S = 5.0
+"""Before a slave whose connection was lost is started again; doubles with each try [s] ..."""
+
+LONGEST_WAIT_S = 300.0
+"""... up to this [s]."""
+
+MOST_TRIES = 10
+"""In a row, of one slave."""
+
+_BAD_INPUT = 2
+"""Exit code of a slave that would end the same way again."""
+
+_ASK_S = 30.0
+"""How long ssh may take to say what a name means in its configuration [s]."""
+
+
+@dataclass
+class _Place:
+    """Room for one slave.
+
+    Attributes:
+        process: the last ssh that ran there.
+        tries: that were needed in a row.
+        again_at: when to try again; None while it runs, or for never.
+    """
+
+    host: Host
+    endpoint: str = ""
+    process: SlaveProcess | None = None
+    tries: int = 0
+    again_at: float | None = None
+    reason: str = field(default="")
+
+
+class SshSlaves:
+    """Slaves on some hosts.
+
+    Args:
+        hosts: and how many on each.
+        program: `wdpm` there, one word.
+        threads: of each; None for its part of the cores.
+        memory: most that each may use [bytes].
+        device: that they compute on.
+        ssh: the client.
+
+    Raises:
+        SettingsError: ssh is not there, or a host cannot be found.
+    """
+
+    def __init__(
+        self,
+        hosts: Sequence[Host],
+        program: str = "wdpm",
+        *,
+        threads: int | None = None,
+        memory: int | None = None,
+        device: str = "cpu",
+        ssh: str = "ssh",
+    ) -> None:
+        self._program = program
+        self._threads = threads
+        self._memory = memory
+        self._device = device
+        self._ssh = ssh
+        self._places = [_Place(host) for host in hosts for _ in range(host.slaves)]
+        names = {host: self._real_name(host) for host in hosts}
+        self._numbers = {host: number_towards([name, *names.values()]) for host, name in names.items()}
+        self.listen_at = listening_address(next(iter(self._numbers.values())))
+        self._keys: Callable[[], bytes] = bytes
+        self._complete = False
+        self._over = False
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def start(self, endpoint: str, keys: Callable[[], bytes]) -> None:
+        """Start a slave in each place."""
+        self._keys = keys
+        for place in self._places:
+            place.endpoint = reached_at(self._numbers[place.host], endpoint)
+            self._start(place)
+
+    def ended(self) -> Iterable[tuple[int, str]]:
+        """Look after the slaves. Their numbers are of other machines, so none is named: the master sees who is lost."""
+        if not self._over:
+            for place in self._places:
+                self._look_after(place)
+            if all(place.process is None and place.again_at is None for place in self._places):
+                raise ClusterError(f"no slave is left: {self._places[-1].reason}")
+        return ()
+
+    def all_joined(self) -> None:
+        """From now on a slave that is lost is started again."""
+        self._complete = True
+
+    def no_more(self) -> None:
+        """Start none any more."""
+        self._over = True
+
+    def stop(self) -> None:
+        """Close the connections, wait, kill those that stay."""
+        self._over = True
+        running = [place.process for place in self._places if place.process is not None]
+        for process in running:
+            process.let_go()
+        deadline = time.monotonic() + GRACE_S
+        for process in running:
+            process.stop(deadline - time.monotonic())
+        for place in self._places:
+            place.process = None
+
+    def _look_after(self, place: _Place) -> None:
+        now = time.monotonic()
+        if place.process is None:
+            if place.again_at is not None and now >= place.again_at:
+                self._start(place)
+            return
+        reason = place.process.ended()
+        if reason is None:
+            return
+        code = place.process.exit_code
+        place.process.stop(0.0)
+        place.process, place.reason = None, f"{place.host.name}: {reason}"
+        if not self._complete:
+            raise ClusterError(f"no slave runs on {place.reason}")
+        if code != _BAD_INPUT and place.tries < MOST_TRIES:
+            place.again_at = now + min(FIRST_WAIT_S * 2.0**place.tries, LONGEST_WAIT_S)
+            place.tries += 1
+
+    def _start(self, place: _Place) -> None:
+        place.again_at = None
+        place.process = SlaveProcess(self._command(place), self._keys())
+
+    def _command(self, place: _Place) -> list[str]:
+        words = [self._program, "slave", place.endpoint, "--keys", "-", "--life-line", "--device", self._device]
+        words += ["--share", str(place.host.slaves)] if self._threads is None else ["--threads", str(self._threads)]
+        words += [] if self._memory is None else ["--memory", f"{-(-self._memory // 1024)}K"]
+        options = [word for name, value in _OPTIONS.items() for word in ("-o", f"{name}={value}")]
+        # ssh hands one line to a shell there, whatever it is given.
+        return [self._ssh, "-T", *options, "--", place.host.name, shlex.join(words)]
+
+    def _real_name(self, host: Host) -> str:
+        """The machine that a host's name means in the configuration of ssh."""
+        command = [self._ssh, "-G", "--", host.name]
+        try:
+            told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=_ASK_S)
+        except FileNotFoundError:
+            raise SettingsError(f"--hosts needs OpenSSH's client: there is no program {self._ssh}") from None
+        except (OSError, subprocess.SubprocessError) as error:
+            raise SettingsError(f"{' '.join(command)}: {error}") from None
+        names = [line.partition(" ")[2] for line in told.stdout.splitlines() if line.startswith("hostname ")]
+        return names[0] if names else host.name.rpartition("@")[2]
