@@ -50,7 +50,7 @@ test-slurm: $(VENV)/.installed-test  ## test under a real Slurm, which is instal
 	$(BIN)/python -m pytest -m slurm tests/slurm
 
 test-dask: $(VENV)/.installed-dask  ## test on a real Dask cluster of processes
-	$(BIN)/python -m pytest -m dask tests/dask
+	$(BIN)/python -m pytest -m dask tests/on_dask
 
 test-ssh: $(VENV)/.installed-test  ## test with a real sshd, which is installed and started here (Debian, root)
 	@command -v sshd && command -v ssh-keygen || { apt-get update && apt-get install -y openssh-server; }
