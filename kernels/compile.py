@@ -9,7 +9,7 @@ import warp as wp
 from wdpm.kernels.camera import add_samples, filter_weights, guide_pilot, rays, shadow_rays
 from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance import at_photons, cache, gather_places, record_clamp, record_rays, records
-from wdpm.kernels.photons import beam, departure, gather, gather_at_photons, photon_map, surface_points
+from wdpm.kernels.photons import departure, gather, gather_at_photons, photon_map, surface_points
 from wdpm.kernels.rays import bvh, bvh_build, overlap
 from wdpm.kernels.variants import make_variants
 
@@ -35,13 +35,10 @@ COMMON = (
 )
 """Every file with kernels that do not depend on a scene's effects."""
 
-WITH_MEDIA = (beam,)
-"""The same, for scenes with participating media only."""
-
 WITH_CHOICE = (guide_pilot,)
 """For scenes with an environment, or with lights to be chosen among."""
 
-MODULES = (*COMMON, *WITH_MEDIA, *WITH_CHOICE)
+MODULES = (*COMMON, *WITH_CHOICE)
 
 
 def compile_kernels(device: str, features: Features | None = None) -> None:
@@ -51,7 +48,7 @@ def compile_kernels(device: str, features: Features | None = None) -> None:
         features: the effects of the scene that is to be rendered; None where none is.
     """
     called = features or Features()
-    some = ((called.media, WITH_MEDIA), (called.environment, WITH_CHOICE))
+    some = ((called.environment, WITH_CHOICE),)
     names = {module.__name__ for on, group in ((True, COMMON), *some) if on for module in group}
     modules = [wp.get_module(name) for name in sorted(names)]
     if features is not None:

@@ -50,6 +50,7 @@ class Features:
         points, spots, directionals, environment: lights besides emitting triangles, which are always there.
         textured_lights: the emission of some mesh is textured.
         media: participating media.
+        grids: some medium's density changes from place to place.
         lens: the camera has a lens of finite size.
         orthographic: the camera's rays are parallel.
         traced: camera paths go on from diffuse parts too: path tracing, final gathering.
@@ -73,6 +74,7 @@ class Features:
     environment: bool = _effect(Group.LIGHTS, "light from all around", "importance sampling of its map")
     textured_lights: bool = _effect(Group.LIGHTS, "textured lights", "a look-up for each point on a lamp")
     media: bool = _effect(Group.MEDIA, "participating media", "free paths, transmittance, phase functions")
+    grids: bool = _effect(Group.MEDIA, "heterogeneous media", "walks through grids of densities")
     lens: bool = _effect(Group.CAMERAS, "depth of field", "camera rays start on a lens")
     orthographic: bool = _effect(Group.CAMERAS, "parallel camera rays", "camera rays of one direction")
     traced: bool = _effect(Group.SETTINGS, "diffuse parts traced on", "camera paths go on by diffuse parts too")

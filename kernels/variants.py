@@ -11,8 +11,9 @@ from wdpm.kernels.camera.gather_glossy import make_gather
 from wdpm.kernels.camera.misses import make_path_misses
 from wdpm.kernels.camera.rays import make_camera_rays
 from wdpm.kernels.camera.shading import make_shading
-from wdpm.kernels.camera.shadow_rays import make_pass_surfaces
+from wdpm.kernels.camera.shadow_rays import make_pass_surfaces, make_visit_walks
 from wdpm.kernels.features import Features, Group
+from wdpm.kernels.photons.beam import make_add_beams
 from wdpm.kernels.photons.departure import make_emit_photons
 from wdpm.kernels.photons.paths import make_trace_photons
 
@@ -35,7 +36,9 @@ class Variants:
     shade_camera_hits: wp.Kernel | None
     shade_vertices: wp.Kernel | None
     path_misses: wp.Kernel | None
+    visit_walks: wp.Kernel | None
     pass_surfaces: wp.Kernel | None
+    add_beams: wp.Kernel | None
     gather_glossy: wp.Kernel | None
 
     def modules(self) -> list[wp.Module]:
@@ -61,6 +64,8 @@ def make_variants(features: Features) -> Variants:
         trace_photons=make_trace_photons(at_surfaces),
         shade_vertices=shading.shade_vertices if features.goes_on else None,
         path_misses=make_path_misses(features) if features.misses else None,
+        visit_walks=make_visit_walks(features.only(Group.MEDIA)) if features.walks else None,
         pass_surfaces=make_pass_surfaces(at_surfaces) if features.walks else None,
+        add_beams=make_add_beams(features.only(Group.MEDIA)) if features.media else None,
         gather_glossy=make_gather(features.only(Group.MATERIALS)) if features.goes_on or features.coated else None,
     )

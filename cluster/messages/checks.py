@@ -24,6 +24,7 @@ from wdpm.kernels.fields import Many
 from wdpm.kernels.limits import MAX_K
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.arrays import Media, Triangles
+from wdpm.scenes.flat.grids import MOST_VALUES, Grids
 from wdpm.scenes.flat.light_table import LIGHT_KINDS, LightTable
 from wdpm.scenes.flat.material_table import NORMAL_MAP, SAME_MEDIUM, MaterialTable
 from wdpm.scenes.model.leaf_kind import SLOTS
@@ -64,7 +65,22 @@ SHAPES: dict[type, dict[str, Shape]] = {
         "power": ("elements",),
         "light": ("elements",),
     },
-    Media: {"sigma_t": ("media", 3), "albedo": ("media", 3), "g": ("media",)},
+    Media: {
+        "sigma_t": ("media", 3),
+        "albedo": ("media", 3),
+        "g": ("media",),
+        "density_grid": ("media",),
+        "albedo_grid": ("media",),
+    },
+    Grids: {
+        "size": ("grids", 3),
+        "to_lattice": ("grids", 3, 4),
+        "low": ("grids", 3),
+        "high": ("grids", 3),
+        "nearest": ("grids",),
+        "channels": ("grids",),
+        "values": ("values",),
+    },
     Emission: {
         "share": ("elements",),
         "caustic_share": ("elements",),
@@ -211,6 +227,28 @@ def _materials(table: MaterialTable, where: str) -> None:
     _require(bool((table.child > nodes)[inner].all()), where, "a node inside another comes before it")
     _indices(table.distribution, 0, 2, f"{where}.distribution")
     _indices(table.kind, 0, LAST_KIND + 1, f"{where}.kind")
+
+
+def _media(media: Media, where: str) -> None:
+    """A density is of one channel: its grid has blocks."""
+    grids = media.grids
+    _indices(media.density_grid, -1, len(grids), f"{where}.density_grid")
+    _indices(media.albedo_grid, -1, len(grids), f"{where}.albedo_grid")
+    used = media.density_grid[media.density_grid >= 0]
+    _require(bool((grids.channels[used] == 1).all()), where, "a density of more than one channel")
+
+
+def _grids(grids: Grids, where: str) -> None:
+    """Values are as many as the sizes say, and boxes lie within their lattices."""
+    _indices(grids.size.ravel(), 1, LARGEST_SIDE, f"{where}.size")
+    _indices(grids.nearest, 0, 2, f"{where}.nearest")
+    _require(bool(np.isin(grids.channels, (1, 3)).all()), where, f"channels {grids.channels}; expected 1 or 3")
+    values = sum(math.prod(map(int, size)) * int(n) for size, n in zip(grids.size, grids.channels, strict=True))
+    _require(values == len(grids.values) <= MOST_VALUES, where, f"{len(grids.values)} values; expected {values}")
+    _require(bool(np.isfinite(grids.to_lattice).all()), where, "a place that is not finite")
+    ends = grids.size - 1 + grids.nearest[:, None]
+    inside = (grids.low >= 0) & (grids.low <= grids.high) & (grids.high <= ends)
+    _require(bool(inside.all()), where, "a box beyond its lattice")
 
 
 def _world(world: World, where: str) -> None:
@@ -403,6 +441,8 @@ _RANGES: dict[type, Callable[[Any, str], None]] = {
     TopTree: _top_tree,
     LightTable: _lights,
     MaterialTable: _materials,
+    Media: _media,
+    Grids: _grids,
     MapPlan: _map_plan,
     World: _world,
     IrradiancePlan: _irradiance_plan,

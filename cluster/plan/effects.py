@@ -11,7 +11,7 @@ from wdpm.kernels.features import ALL, Features
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.light_table import LIGHT_KINDS
 from wdpm.scenes.flat.material_facts import FEATURE_OF_TEXTURE, MaterialFacts, facts
-from wdpm.scenes.flat.used_media import calls_for_media
+from wdpm.scenes.flat.used_media import calls_for_grids, calls_for_media
 
 if TYPE_CHECKING:
     from wdpm.cluster.render_settings import RenderSettings
@@ -37,6 +37,7 @@ def features_of(flat: FlatScene, settings: RenderSettings) -> Features:
         environment=lights.environment_pixels.size > 0,
         textured_lights=len(glow) > 0,
         media=calls_for_media(flat),
+        grids=calls_for_grids(flat),
         traced=settings.algorithm.diffuse_light(settings) is not DiffuseLight.PHOTON_MAP,
     )
 

@@ -6,7 +6,7 @@ photon_pilot.py.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from wdpm.kernels.features import WORDS, Features, Group, names_of
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.light_table import LIGHT_KINDS, LightTable
 from wdpm.scenes.flat.material_facts import MaterialFacts
+from wdpm.scenes.flat.used_media import used_media
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Texture, VertexColors
 
 CAMERA = "the camera"
@@ -128,7 +129,9 @@ def causes_of(flat: FlatScene, media: Sequence[str] = ()) -> dict[str, tuple[str
         causes[light.feature] = tuple(lights.names[first + row] for row in rows)
     causes["environment"] = lights.names[last:]
     causes["textured_lights"] = _textured_lights(flat, (Bitmap, Checkerboard, VertexColors))
-    causes["media"] = _media(flat, media)
+    used = used_media(flat)
+    causes["media"] = _media(used, media)
+    causes["grids"] = _media(used[flat.media.heterogeneous[used]], media)
     causes["lens"] = (CAMERA,) if flat.camera.aperture_radius > 0 else ()
     causes["orthographic"] = (CAMERA,) if flat.camera.orthographic else ()
     causes["traced"] = ()  # never by a scene
@@ -313,12 +316,9 @@ def _textured_lights(flat: FlatScene, kind: type[Texture] | tuple[type[Texture],
     )
 
 
-def _media(flat: FlatScene, names: Sequence[str]) -> tuple[str, ...]:
-    """Names of the media that some light may travel in."""
-    bounded = flat.materials.medium[np.unique(flat.triangles.material)].ravel()
-    around = [] if flat.camera.medium is None else [flat.camera.medium]
-    used = np.unique([*bounded, *flat.lights.medium, *around])
-    return tuple(names[number] if number < len(names) else f"medium {number}" for number in used if number >= 0)
+def _media(numbers: Iterable[int], names: Sequence[str]) -> tuple[str, ...]:
+    """Names of some media."""
+    return tuple(names[number] if number < len(names) else f"medium {number}" for number in numbers)
 
 
 def _joined(*names: Sequence[str]) -> tuple[str, ...]:

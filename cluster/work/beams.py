@@ -54,10 +54,11 @@ class Beams:
         count = len(batch)
         self.count += count
         beams = columns.upload(beam.Beams, {**batch.arrays, "clamped": np.zeros(count, np.int32)}, device)
-        if built is not None:
+        kernel = replica.kernels.add_beams
+        if built is not None and kernel is not None:
             plan = world.volume_map
             replica.launcher(
-                beam.add_beams,
+                kernel,
                 count,
                 photons=built.tree,
                 media=replica.media,

@@ -95,7 +95,7 @@ class Replica:
         self.cells = cells.upload(tree.axis, tree.split, self.pad, device)
         self.textures = texture.upload(world.textures, device)
         self.materials = resolve.upload(world.materials, device)
-        self.media = medium.upload(media.sigma_t, media.albedo, media.g, device)
+        self.media = medium.upload(media, device)
         self.lights = lights.upload(world.lights, world.extent, device)
         self.lambertian_sides = lambertian_sides(world.materials)
         self.records = NO_RECORDS

@@ -85,10 +85,13 @@ class Shadows:
     def visit_walks(self, batch: Batch) -> Iterator[Batch]:
         """Look for the next surface on the way of segments that may pass through some."""
         replica = self._replica
+        kernel = replica.kernels.visit_walks
+        if kernel is None:
+            raise ProtocolError("a shadow ray is walked in a scene where none is")
         walks = columns.upload(sr.Walks, batch.arrays, replica.launcher.device)
         array = self._integers(len(batch))
         replica.launcher(
-            sr.visit_walks,
+            kernel,
             len(batch),
             bvh=self._bvh,
             surfaces=self._surfaces,

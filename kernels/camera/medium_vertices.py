@@ -30,6 +30,7 @@ from wdpm.kernels.camera.vertices import (
 from wdpm.kernels.constants import COLLISION_MARGIN, ROULETTE_FROM_OF_PATHS, SURVIVAL_MOST_IN_MEDIUM
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights.lights import Lights, make_lights
+from wdpm.kernels.materials.flights import make_flights
 from wdpm.kernels.materials.medium import (
     DistanceSample,
     Media,
@@ -65,31 +66,48 @@ def _number(seed: wp.uint32, p: Vertex, dimension: wp.int32) -> wp.float32:
     return wp.float32(sample_1d(wp.uint32(p.sample), stream))
 
 
-@wp.func
-def flight_of(media: wp.ref[Media], lights: wp.ref[Lights], p: Vertex, seed: wp.uint32) -> DistanceSample:
-    """Whether a path collides in the medium that it is in before it meets a surface, and where.
+@functools.cache
+def make_flight_of(features: Features) -> wp.Function:
+    """The function `flight_of` for a set of features."""
+    flights = make_flights(features)
+    optical_length = flights.optical_length
+    distance_at = flights.distance_at
 
-    A medium that scatters nothing takes its share without a choice: there is nothing to be found at a collision. One
-    nearer to the surface than COLLISION_MARGIN is left out, as for photons: its vertex might be rounded through it.
-    """
-    length = length_to(lights, p)
-    s = DistanceSample()
-    s.t = length
-    s.weight = wp.vec3(1.0)
-    if p.medium >= 0:
-        if wp.max(media.albedo[p.medium]) <= 0.0:
-            s.weight = transmittance(media, p.medium, length)
-        else:
-            share = p.throughput / (p.throughput[0] + p.throughput[1] + p.throughput[2])
-            channel = channel_of(share, _number(seed, p, _CHANNEL))
-            free = free_path_of(media.sigma_t[p.medium][channel], _number(seed, p, _DISTANCE))
-            if free + COLLISION_MARGIN * lights.offset_min < length:
-                s.t = free
-                s.scatters = 1
-                s.weight = scatter_weight_by(media, p.medium, free, share)
+    @wp.func
+    def flight_of(media: wp.ref[Media], lights: wp.ref[Lights], p: Vertex, seed: wp.uint32) -> DistanceSample:
+        """Whether a path collides in the medium that it is in before it meets a surface, and where.
+
+        A medium that scatters nothing takes its share without a choice: there is nothing to be found at a collision.
+        One nearer to the surface than COLLISION_MARGIN is left out, as for photons: its vertex might be rounded through
+        it.
+        """
+        length = length_to(lights, p)
+        s = DistanceSample()
+        s.t = length
+        s.weight = wp.vec3(1.0)
+        if p.medium >= 0:
+            along = wp.normalize(p.direction)
+            if wp.max(media.albedo[p.medium]) <= 0.0:
+                s.weight = transmittance(media, p.medium, optical_length(media, p.medium, p.origin, along, length))
             else:
-                s.weight = pass_weight_by(media, p.medium, length, share)
-    return s
+                share = p.throughput / (p.throughput[0] + p.throughput[1] + p.throughput[2])
+                channel = channel_of(share, _number(seed, p, _CHANNEL))
+                passed = free_path_of(media.sigma_t[p.medium][channel], _number(seed, p, _DISTANCE))
+                free = distance_at(media, p.medium, p.origin, along, passed)
+                if free + COLLISION_MARGIN * lights.offset_min < length:
+                    s.t = free
+                    s.scatters = 1
+                    s.weight = scatter_weight_by(media, p.medium, passed, share)
+                else:
+                    whole = optical_length(media, p.medium, p.origin, along, length)
+                    if wp.static(features.grids):
+                        if media.density[p.medium] >= 0:
+                            # It has not collided; where densities are huge, a rounding of t may say that it had.
+                            whole = wp.min(whole, passed)
+                    s.weight = pass_weight_by(media, p.medium, whole, share)
+        return s
+
+    return flight_of
 
 
 @wp.func
@@ -102,6 +120,7 @@ def collision_at(p: Vertex, flight: DistanceSample) -> wp.vec3:
 def make_shade_medium(features: Features) -> wp.Function:
     """The function `shade_medium` for a set of features."""
     sample_direct = make_lights(features).sample_direct
+    albedo_at = make_flights(features).albedo_at
 
     @wp.func
     def shade_medium(
@@ -117,7 +136,7 @@ def make_shade_medium(features: Features) -> wp.Function:
         position = collision_at(p, flight)
         arrives = wp.normalize(p.direction)
         g = scene.media.g[p.medium]
-        scattered = wp.cw_mul(wp.cw_mul(p.throughput, flight.weight), scene.media.albedo[p.medium])
+        scattered = wp.cw_mul(wp.cw_mul(p.throughput, flight.weight), albedo_at(scene.media, p.medium, position))
         diffuse = wp.where(p.diffuse == 0, -1, scattered_again(p.diffuse))
         lit = scene.lights.count > 0 and (max_depth == 0 or p.edges + 1 <= max_depth)
         for j in range(orders.shots):

@@ -6,13 +6,13 @@ import functools
 
 import warp as wp
 
-from wdpm.kernels.camera.medium_vertices import collision_at, flight_of, length_to
+from wdpm.kernels.camera.medium_vertices import collision_at, length_to, make_flight_of
 from wdpm.kernels.camera.paths import Paths, Vertex, camera_path
 from wdpm.kernels.camera.scene import Scene
 from wdpm.kernels.camera.vertices import BY_FINAL_GATHER, BY_PATHS, Orders, Stretches, stretch
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights.lights import make_lights
-from wdpm.kernels.materials.medium import transmittance
+from wdpm.kernels.materials.flights import make_flights
 from wdpm.kernels.rays.cells import cell_of
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -24,6 +24,8 @@ def make_path_misses(features: Features) -> wp.Kernel:
     light = make_lights(features)
     pdf_environment = light.pdf_environment
     environment_radiance = light.environment_radiance
+    flight_of = make_flight_of(features)
+    transmittance_of = make_flights(features).transmittance_of
 
     @wp.func
     def escaped(scene: wp.ref[Scene], p: Vertex, orders: Orders, stretches_out: wp.ref[Stretches]) -> wp.vec3:
@@ -45,7 +47,9 @@ def make_path_misses(features: Features) -> wp.Kernel:
             stretch(p, length, orders.light_samples, stretches_out)
             if orders.diffuse_light != BY_PATHS:
                 if p.medium >= 0:
-                    radiance = wp.cw_mul(radiance, transmittance(scene.media, p.medium, length))
+                    along = wp.normalize(p.direction)
+                    through = transmittance_of(scene.media, p.medium, p.origin, along, length)
+                    radiance = wp.cw_mul(radiance, through)
         return radiance
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})

@@ -9,7 +9,7 @@ import functools
 
 import warp as wp
 
-from wdpm.kernels.camera.medium_vertices import collision_at, flight_of
+from wdpm.kernels.camera.medium_vertices import collision_at, make_flight_of
 from wdpm.kernels.camera.paths import Paths, camera_path
 from wdpm.kernels.camera.scene import Scene
 from wdpm.kernels.camera.vertices import BY_PATHS, CHOICE, Orders, number_1d
@@ -27,6 +27,7 @@ def make_look(features: Features) -> wp.Kernel:
     """The kernel `look_at_vertices` for a set of features."""
     surface_at = make_surface(features).surface_at
     sample_direct = make_lights(features).sample_direct
+    flight_of = make_flight_of(features)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def look_at_vertices(

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from wdpm.kernels.camera.medium_vertices import flight_of, length_to, make_shade_medium
+from wdpm.kernels.camera.medium_vertices import length_to, make_flight_of, make_shade_medium
 from wdpm.kernels.camera.paths import Paths, Vertex, camera_path
 from wdpm.kernels.camera.rays import Rays, make_first_vertex
 from wdpm.kernels.camera.scene import Scene
@@ -41,7 +41,7 @@ from wdpm.kernels.camera.vertices import (
     stretch,
 )
 from wdpm.kernels.features import Features
-from wdpm.kernels.materials.medium import transmittance
+from wdpm.kernels.materials.flights import make_flights
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -60,6 +60,8 @@ def make_shading(features: Features) -> Shading:
     first_vertex = make_first_vertex(features)
     shade_surface = make_shade_surface(features)
     shade_medium = make_shade_medium(features)
+    flight_of = make_flight_of(features)
+    transmittance_of = make_flights(features).transmittance_of
 
     @wp.func
     def shade(scene: wp.ref[Scene], p: Vertex, orders: Orders, shaded_out: wp.ref[Shaded]) -> None:
@@ -71,7 +73,9 @@ def make_shading(features: Features) -> Shading:
             stretch(p, length, orders.light_samples, shaded_out.stretches)
             if orders.diffuse_light != BY_PATHS:
                 if p.medium >= 0:
-                    throughput = wp.cw_mul(throughput, transmittance(scene.media, p.medium, length))
+                    along = wp.normalize(p.direction)
+                    through = transmittance_of(scene.media, p.medium, p.origin, along, length)
+                    throughput = wp.cw_mul(throughput, through)
             if wp.static(features.traced):
                 if orders.diffuse_light == BY_PATHS:
                     flight = flight_of(scene.media, scene.lights, p, scene.camera.seed)

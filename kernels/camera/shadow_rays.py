@@ -15,7 +15,8 @@ from wdpm.kernels.camera.scene import Scene
 from wdpm.kernels.columns import FromFields, columns_of, loader, storer
 from wdpm.kernels.features import Features
 from wdpm.kernels.fields import chosen
-from wdpm.kernels.materials.medium import Media, transmittance
+from wdpm.kernels.materials.flights import make_flights
+from wdpm.kernels.materials.medium import Media
 from wdpm.kernels.materials.resolve import make_materials, medium_beyond
 from wdpm.kernels.materials.surface import Surfaces, leave, make_surface, position_at, row_of
 from wdpm.kernels.ray_fields import SEGMENT, STRETCH, WALK
@@ -67,34 +68,42 @@ def visit_shadow_segments(
         next_cell_out[i] = next_cell(cells, segments.origin[i], segments.direction[i], SEGMENT_END, own_cell)
 
 
-@wp.kernel
-def visit_walks(
-    bvh: Bvh,
-    surfaces: Surfaces,
-    media: Media,
-    cells: Cells,
-    walks: Walks,
-    own_cell: wp.int32,
-    offset: wp.int32,
-    next_cell_out: wp.array[wp.int32],
-) -> None:
-    """Look for the nearest surface in this cell; SHADOW_CLEAR where all cells have been asked.
+@functools.cache
+def make_visit_walks(features: Features) -> wp.Kernel:
+    """The kernel that looks for surfaces on the way of segments that are walked."""
+    transmittance_of = make_flights(features).transmittance_of
 
-    A segment that has then met none is attenuated by what is left of its medium, and has arrived.
-    """
-    i = offset + wp.tid()
-    hit = load_walk_hit(walks, i)
-    found = closest_hit(bvh, walks.origin[i], walks.direction[i], hit)
-    if found.prim != hit.prim:
-        store_walk_hit(found, i, walks)
-        row = row_of(surfaces, found.prim)
-        walks.owner[i] = cell_of(cells, position_at(surfaces, row, found.u, found.v))
-    onward = next_cell(cells, walks.origin[i], walks.direction[i], found.t, own_cell)
-    next_cell_out[i] = onward
-    if onward < 0 and found.prim < 0 and walks.medium[i] >= 0:
-        walks.radiance[i] = wp.cw_mul(
-            walks.radiance[i], transmittance(media, walks.medium[i], wp.length(walks.direction[i]))
-        )
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    def visit_walks(
+        bvh: Bvh,
+        surfaces: Surfaces,
+        media: Media,
+        cells: Cells,
+        walks: Walks,
+        own_cell: wp.int32,
+        offset: wp.int32,
+        next_cell_out: wp.array[wp.int32],
+    ) -> None:
+        """Look for the nearest surface in this cell; SHADOW_CLEAR where all cells have been asked.
+
+        A segment that has then met none is attenuated by what is left of its medium, and has arrived.
+        """
+        i = offset + wp.tid()
+        hit = load_walk_hit(walks, i)
+        found = closest_hit(bvh, walks.origin[i], walks.direction[i], hit)
+        if found.prim != hit.prim:
+            store_walk_hit(found, i, walks)
+            row = row_of(surfaces, found.prim)
+            walks.owner[i] = cell_of(cells, position_at(surfaces, row, found.u, found.v))
+        onward = next_cell(cells, walks.origin[i], walks.direction[i], found.t, own_cell)
+        next_cell_out[i] = onward
+        if onward < 0 and found.prim < 0 and walks.medium[i] >= 0:
+            along = wp.normalize(walks.direction[i])
+            length = wp.length(walks.direction[i])
+            through = transmittance_of(media, walks.medium[i], walks.origin[i], along, length)
+            walks.radiance[i] = wp.cw_mul(walks.radiance[i], through)
+
+    return visit_walks
 
 
 @functools.cache
@@ -102,6 +111,7 @@ def make_pass_surfaces(features: Features) -> wp.Kernel:
     """The kernel that takes walked segments through a surface."""
     surface_at = make_surface(features).surface_at
     straight_transmittance = make_materials(features).straight_transmittance
+    transmittance_of = make_flights(features).transmittance_of
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def pass_surfaces(scene: Scene, walks: Walks, offset: wp.int32, next_cell_out: wp.array[wp.int32]) -> None:
@@ -117,7 +127,9 @@ def make_pass_surfaces(features: Features) -> wp.Kernel:
         if wp.static(features.media):
             medium = walks.medium[i]
             if medium >= 0:
-                radiance = wp.cw_mul(radiance, transmittance(scene.media, medium, met.t * wp.length(direction)))
+                length = met.t * wp.length(direction)
+                through = transmittance_of(scene.media, medium, walks.origin[i], unit, length)
+                radiance = wp.cw_mul(radiance, through)
             walks.medium[i] = medium_beyond(scene.materials, s.material, s.front, medium)
         end = walks.origin[i] + direction
         origin = leave(s.position, -s.normal, scene.surfaces.offset_min)

@@ -1,7 +1,8 @@
-"""Homogeneous participating media: what light loses on its way, where it collides, and where it goes from there.
+"""Participating media: what light loses on its way, where it collides, and where it goes from there.
 
 A medium has an extinction coefficient sigma_t and an albedo by channel, and the Henyey-Greenstein phase function with
-mean cosine g. Medium -1 is empty space. Distances are in scene units along a unit direction.
+mean cosine g. Medium -1 is empty space. Distances are in scene units along a unit direction; where a medium's density
+changes from place to place, optical lengths take their place (flights).
 
 Free paths are sampled for one channel, chosen evenly, and weighted by the one-sample balance heuristic over all three
 (Veach & Guibas 1995; over wavelengths: Wilkie et al. 2014, "Hero Wavelength Spectral Sampling"): no weight is above 3,
@@ -17,8 +18,11 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from wdpm.kernels.materials import grids
+from wdpm.kernels.materials.grids import Grids
 from wdpm.kernels.maths.directions import around
 from wdpm.kernels.maths.elementary import exp_of, log1p_of, sincos_of
+from wdpm.scenes.flat.arrays import Media as MediaTable
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -38,9 +42,12 @@ _THREE = wp.constant(wp.float64(3.0))
 class Media:
     """All media of a scene on a device, one an element."""
 
-    sigma_t: wp.array[wp.vec3]  # extinction [1 / scene units]
-    albedo: wp.array[wp.vec3]
+    sigma_t: wp.array[wp.vec3]  # extinction where the density is 1 [1 / scene units]
+    albedo: wp.array[wp.vec3]  # the largest, where it lies in a grid
     g: wp.array[wp.float32]  # mean cosine of scattering
+    density: wp.array[wp.int32]  # the grid of its density; -1: 1 everywhere
+    albedo_grid: wp.array[wp.int32]  # the grid of its albedo, or -1
+    grids: Grids
 
 
 @wp.struct
@@ -58,8 +65,23 @@ class DistanceSample:
     weight: wp.vec3
 
 
-def upload(sigma_t: NDArray[np.float32], albedo: NDArray[np.float32], g: NDArray[np.float32], device: str) -> Any:
-    """The media on a device.
+def upload(table: MediaTable, device: str) -> Any:
+    """The media of a scene on a device.
+
+    Returns:
+        Media.
+    """
+    media = upload_homogeneous(table.sigma_t, table.albedo, table.g, device)
+    media.density = wp.array(table.density_grid, dtype=wp.int32, device=device)
+    media.albedo_grid = wp.array(table.albedo_grid, dtype=wp.int32, device=device)
+    media.grids = grids.upload(table.grids, device)
+    return media
+
+
+def upload_homogeneous(
+    sigma_t: NDArray[np.float32], albedo: NDArray[np.float32], g: NDArray[np.float32], device: str
+) -> Any:
+    """Homogeneous media on a device.
 
     Args:
         sigma_t: finite, 0 or at least 1e-30, shape [K, 3].
@@ -73,6 +95,8 @@ def upload(sigma_t: NDArray[np.float32], albedo: NDArray[np.float32], g: NDArray
     media.sigma_t = wp.array(sigma_t, dtype=wp.vec3, device=device)
     media.albedo = wp.array(albedo, dtype=wp.vec3, device=device)
     media.g = wp.array(g, dtype=wp.float32, device=device)
+    media.density = wp.full(len(g), -1, dtype=wp.int32, device=device)
+    media.albedo_grid = wp.full(len(g), -1, dtype=wp.int32, device=device)
     return media
 
 

@@ -23,14 +23,17 @@ of the medium, as a float. Unused places of leaves look like photons of medium 0
 
 from __future__ import annotations
 
+import functools
 import math
 
 import warp as wp
 
 from wdpm.kernels.columns import FromFields, columns_of
 from wdpm.kernels.constants import EXACT_SUM_BITS, MAX_GATHER_RADIUS, MIN_GATHER_RADIUS
+from wdpm.kernels.features import Features
 from wdpm.kernels.fields import chosen
 from wdpm.kernels.materials.medium import Media, phase_value, transmittance
+from wdpm.kernels.photons.beam_lengths import MARKS, length_at, mark_beam
 from wdpm.kernels.photons.gather import dot8
 from wdpm.kernels.photons.photon_map import LEAF_ROWS, NODE_ROWS, PhotonMap, first_child, vec8
 from wdpm.kernels.ray_fields import BEAM
@@ -199,138 +202,186 @@ def _row3(rows: wp.array[vec8], row: wp.int32, lane: wp.int32) -> wp.vec3:
 
 
 @wp.func
-def _scattered(
-    photons: wp.ref[PhotonMap],
-    media: wp.ref[Media],
-    medium: wp.int32,
-    direction: wp.vec3,
-    leaf: wp.int32,
-    lane: wp.int32,
-    near: wp.vec2d,
-    radius2: wp.float64,
-) -> wp.vec3d:
-    """What one photon scatters out of the beam's near end, by channel; `near` is from `closest_point`."""
-    # Light turns from the reverse of where it came from to the reverse of the beam.
-    cosine = wp.dot(_row3(photons.leaves, LEAF_ROWS * leaf + 6, lane), direction)
-    share = wp.float64(phase_value(media.g[medium], cosine)) * biweight(near[1], radius2)
-    through = transmittance(media, medium, wp.float32(near[0]))
-    flux = photons.flux[8 * leaf + lane]
-    return wp.vec3d(
-        wp.float64(flux[0]) * wp.float64(through[0]) * share,
-        wp.float64(flux[1]) * wp.float64(through[1]) * share,
-        wp.float64(flux[2]) * wp.float64(through[2]) * share,
-    )
-
-
-@wp.func
 def _quanta(x: wp.float64, unit: wp.float64) -> wp.int64:
     """A contribution in units, cut where it is too large for the sum."""
     return wp.int64(wp.rint(wp.clamp(x / unit, -_LARGEST_QUANTA, _LARGEST_QUANTA)))
 
 
-@wp.func
-def _add_photon(
-    photons: wp.ref[PhotonMap],
-    media: wp.ref[Media],
-    cells: wp.ref[Cells],
-    beams: wp.ref[Beams],
-    i: wp.int32,
-    leaf: wp.int32,
-    lane: wp.int32,
-    own_cell: wp.int32,
-    radius2: wp.float64,
-    unit: wp.float64,
-) -> None:
-    """Add a photon of a leaf if the beam passes it in its own cell."""
-    origin = beams.origin[i]
-    direction = beams.direction[i]
-    near = closest_point(origin, direction, _row3(photons.leaves, LEAF_ROWS * leaf, lane))
-    inside = near[1] < radius2 and near[0] >= _ZERO and near[0] < wp.float64(beams.length[i])
-    if inside and cell_of(cells, point_at(origin, direction, near[0])) == own_cell:
-        light = _scattered(photons, media, beams.medium[i], direction, leaf, lane, near, radius2)
-        beams.red[i] = beams.red[i] + _quanta(light[0], unit)
-        beams.green[i] = beams.green[i] + _quanta(light[1], unit)
-        beams.blue[i] = beams.blue[i] + _quanta(light[2], unit)
-        if wp.max(wp.abs(light)) > _LARGEST_QUANTA * unit:
-            beams.clamped[i] = beams.clamped[i] + 1
+@functools.cache
+def _make_add_leaf(grids: bool) -> wp.Function:
+    """The function `add_leaf`, for scenes where media have grids or not."""
 
+    @wp.func
+    def through_to(
+        media: wp.ref[Media], beams: wp.ref[Beams], i: wp.int32, marks: wp.array[wp.float64], t: wp.float64
+    ) -> wp.vec3:
+        """Transmittance of a beam up to a distance on it."""
+        medium = beams.medium[i]
+        passed = wp.float32(t)
+        if wp.static(grids):
+            grid = media.density[medium]
+            if grid >= 0:
+                origin = beams.origin[i]
+                passed = wp.float32(length_at(media.grids, grid, origin, beams.direction[i], beams.length[i], marks, t))
+        return transmittance(media, medium, passed)
 
-@wp.func
-def _add_leaf(
-    photons: wp.ref[PhotonMap],
-    media: wp.ref[Media],
-    cells: wp.ref[Cells],
-    beams: wp.ref[Beams],
-    i: wp.int32,
-    leaf: wp.int32,
-    own_cell: wp.int32,
-    reach2: wp.float32,
-    radius2: wp.float64,
-    unit: wp.float64,
-    scratch: wp.array[wp.int32],
-    free: wp.int32,
-) -> None:
-    """Add the photons of a leaf that the beam passes in its own cell; scratch[free] and the seven behind are free."""
-    margin = _leaf_margin(
-        photons.leaves, LEAF_ROWS * leaf, beams.origin[i], beams.direction[i], beams.medium[i], reach2
-    )
-    end = wp.int32(free)
-    for lane in range(8):
-        scratch[end] = lane
-        end += wp.int32(margin[lane] > 0.0)
-    for n in range(free, end):
-        _add_photon(photons, media, cells, beams, i, leaf, scratch[n], own_cell, radius2, unit)
+    @wp.func
+    def scattered(
+        photons: wp.ref[PhotonMap],
+        media: wp.ref[Media],
+        beams: wp.ref[Beams],
+        i: wp.int32,
+        leaf: wp.int32,
+        lane: wp.int32,
+        near: wp.vec2d,
+        radius2: wp.float64,
+        marks: wp.array[wp.float64],
+    ) -> wp.vec3d:
+        """What one photon scatters out of the beam's near end, by channel; `near` is from `closest_point`."""
+        # Light turns from the reverse of where it came from to the reverse of the beam.
+        cosine = wp.dot(_row3(photons.leaves, LEAF_ROWS * leaf + 6, lane), beams.direction[i])
+        share = wp.float64(phase_value(media.g[beams.medium[i]], cosine)) * biweight(near[1], radius2)
+        through = through_to(media, beams, i, marks, near[0])
+        flux = photons.flux[8 * leaf + lane]
+        return wp.vec3d(
+            wp.float64(flux[0]) * wp.float64(through[0]) * share,
+            wp.float64(flux[1]) * wp.float64(through[1]) * share,
+            wp.float64(flux[2]) * wp.float64(through[2]) * share,
+        )
 
-
-@wp.kernel
-def add_beams(
-    photons: PhotonMap,
-    media: Media,
-    cells: Cells,
-    beams: Beams,
-    own_cell: wp.int32,
-    radius: wp.float32,
-    unit: wp.float64,
-    offset: wp.int32,
-) -> None:
-    """Add what a cell's photons, its own and its ghosts, scatter into beams. Sums are refined in place.
-
-    Args:
-        photons: volume photons, at least all within radius + pad of the cell. What photon_map.build takes as their
-            normal has the number of the medium, up to 2^24, as its x.
-        own_cell: the cell, whose stretch of the beams is added.
-        radius: of the beams [scene units], as for `sum_unit`; at least 1e-9 of the largest coordinate, so that float64
-            tells the distances.
-        unit: of the sums; see `sum_unit`.
-    """
-    i = offset + wp.tid()
-    stack = wp.zeros(shape=(_STACK,), dtype=wp.int32)
-    if beams.medium[i] >= 0 and beams.length[i] > 0.0 and photons.count > 0:
+    @wp.func
+    def add_photon(
+        photons: wp.ref[PhotonMap],
+        media: wp.ref[Media],
+        cells: wp.ref[Cells],
+        beams: wp.ref[Beams],
+        i: wp.int32,
+        leaf: wp.int32,
+        lane: wp.int32,
+        own_cell: wp.int32,
+        radius2: wp.float64,
+        unit: wp.float64,
+        marks: wp.array[wp.float64],
+    ) -> None:
+        """Add a photon of a leaf if the beam passes it in its own cell."""
         origin = beams.origin[i]
-        inverse = inverse_direction(beams.direction[i])
-        size = wp.max(wp.abs(origin)) + _largest_coordinate(photons) + radius
-        reach = radius + _LEAF_PAD * size
-        radius2 = wp.float64(radius) * wp.float64(radius)
-        stacked = wp.int32(1)
-        stack[0] = 0
-        while stacked > 0:
-            stacked -= 1
-            node = stack[stacked]
-            child = first_child(node, photons.fan_out)
-            overlap = _box_overlap(
-                photons.nodes, NODE_ROWS * node, origin, inverse, beams.length[i], radius + _BOX_PAD * size
-            )
-            if child < photons.inner_count:
-                for c in range(8):
-                    stack[stacked] = child + c
-                    stacked += wp.int32(overlap[c] >= 0.0)
-            else:
-                # Listed first: what is done with a leaf is long, and in the unrolled loop it would stand eight times.
-                end = wp.int32(stacked)
-                for c in range(8):
-                    stack[end] = child + c - photons.inner_count
-                    end += wp.int32(overlap[c] >= 0.0)
-                for n in range(stacked, end):
-                    _add_leaf(
-                        photons, media, cells, beams, i, stack[n], own_cell, reach * reach, radius2, unit, stack, end
-                    )
+        direction = beams.direction[i]
+        near = closest_point(origin, direction, _row3(photons.leaves, LEAF_ROWS * leaf, lane))
+        inside = near[1] < radius2 and near[0] >= _ZERO and near[0] < wp.float64(beams.length[i])
+        if inside and cell_of(cells, point_at(origin, direction, near[0])) == own_cell:
+            light = scattered(photons, media, beams, i, leaf, lane, near, radius2, marks)
+            beams.red[i] = beams.red[i] + _quanta(light[0], unit)
+            beams.green[i] = beams.green[i] + _quanta(light[1], unit)
+            beams.blue[i] = beams.blue[i] + _quanta(light[2], unit)
+            if wp.max(wp.abs(light)) > _LARGEST_QUANTA * unit:
+                beams.clamped[i] = beams.clamped[i] + 1
+
+    @wp.func
+    def add_leaf(
+        photons: wp.ref[PhotonMap],
+        media: wp.ref[Media],
+        cells: wp.ref[Cells],
+        beams: wp.ref[Beams],
+        i: wp.int32,
+        leaf: wp.int32,
+        own_cell: wp.int32,
+        reach2: wp.float32,
+        radius2: wp.float64,
+        unit: wp.float64,
+        scratch: wp.array[wp.int32],
+        free: wp.int32,
+        marks: wp.array[wp.float64],
+    ) -> None:
+        """Add the photons of a leaf that the beam passes in its own cell; scratch[free] and seven more are free."""
+        margin = _leaf_margin(
+            photons.leaves, LEAF_ROWS * leaf, beams.origin[i], beams.direction[i], beams.medium[i], reach2
+        )
+        end = wp.int32(free)
+        for lane in range(8):
+            scratch[end] = lane
+            end += wp.int32(margin[lane] > 0.0)
+        for n in range(free, end):
+            add_photon(photons, media, cells, beams, i, leaf, scratch[n], own_cell, radius2, unit, marks)
+
+    return add_leaf
+
+
+@functools.cache
+def make_add_beams(features: Features) -> wp.Kernel:
+    """The kernel that adds what photons scatter into beams."""
+    add_leaf = _make_add_leaf(features.grids)
+    marks_of_beam = wp.constant(int(MARKS) + 1 if features.grids else 1)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    def add_beams(
+        photons: PhotonMap,
+        media: Media,
+        cells: Cells,
+        beams: Beams,
+        own_cell: wp.int32,
+        radius: wp.float32,
+        unit: wp.float64,
+        offset: wp.int32,
+    ) -> None:
+        """Add what a cell's photons, its own and its ghosts, scatter into beams. Sums are refined in place.
+
+        Args:
+            photons: volume photons, at least all within radius + pad of the cell. What photon_map.build takes as their
+                normal has the number of the medium, up to 2^24, as its x.
+            own_cell: the cell, whose stretch of the beams is added.
+            radius: of the beams [scene units], as for `sum_unit`; at least 1e-9 of the largest coordinate, so that
+                float64 tells the distances.
+            unit: of the sums; see `sum_unit`.
+        """
+        i = offset + wp.tid()
+        stack = wp.zeros(shape=(_STACK,), dtype=wp.int32)
+        marks = wp.zeros(shape=(marks_of_beam,), dtype=wp.float64)
+        if beams.medium[i] >= 0 and beams.length[i] > 0.0 and photons.count > 0:
+            origin = beams.origin[i]
+            if wp.static(features.grids):
+                grid = media.density[beams.medium[i]]
+                if grid >= 0:
+                    mark_beam(media.grids, grid, origin, beams.direction[i], beams.length[i], marks)
+            inverse = inverse_direction(beams.direction[i])
+            size = wp.max(wp.abs(origin)) + _largest_coordinate(photons) + radius
+            reach = radius + _LEAF_PAD * size
+            radius2 = wp.float64(radius) * wp.float64(radius)
+            stacked = wp.int32(1)
+            stack[0] = 0
+            while stacked > 0:
+                stacked -= 1
+                node = stack[stacked]
+                child = first_child(node, photons.fan_out)
+                overlap = _box_overlap(
+                    photons.nodes, NODE_ROWS * node, origin, inverse, beams.length[i], radius + _BOX_PAD * size
+                )
+                if child < photons.inner_count:
+                    for c in range(8):
+                        stack[stacked] = child + c
+                        stacked += wp.int32(overlap[c] >= 0.0)
+                else:
+                    # Listed first: what is done with a leaf is long, and in the unrolled loop it would stand eight
+                    # times.
+                    end = wp.int32(stacked)
+                    for c in range(8):
+                        stack[end] = child + c - photons.inner_count
+                        end += wp.int32(overlap[c] >= 0.0)
+                    for n in range(stacked, end):
+                        leaf = stack[n]
+                        add_leaf(
+                            photons,
+                            media,
+                            cells,
+                            beams,
+                            i,
+                            leaf,
+                            own_cell,
+                            reach * reach,
+                            radius2,
+                            unit,
+                            stack,
+                            end,
+                            marks,
+                        )
+
+    return add_beams

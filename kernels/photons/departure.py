@@ -14,7 +14,7 @@ from wdpm.kernels.maths.random import PURPOSE_CAUSTIC, PURPOSE_EMISSION, sample_
 from wdpm.kernels.photons.flight import (
     Flight,
     dimension_of,
-    into_medium,
+    make_into_medium,
     new_photon,
     path_streams,
     store_photon,
@@ -70,6 +70,7 @@ def first_cells(cells: Cells, flight: Flight, offset: wp.int32, next_cell_out: w
 def make_emit_photons(features: Features) -> wp.Kernel:
     """The kernel that starts photon paths."""
     emit = make_lights(features).emit
+    into_medium = make_into_medium(features)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def emit_photons(scene: EmitScene, orders: EmitOrders, offset: wp.int32, flight_out: Flight) -> None:

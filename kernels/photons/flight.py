@@ -6,10 +6,14 @@ takes one of them up as a `Photon`, follows it and puts it back.
 
 from __future__ import annotations
 
+import functools
+
 import warp as wp
 
 from wdpm.kernels.columns import FromFields, columns_of, item_of, loader, storer
 from wdpm.kernels.constants import COLLISION_MARGIN
+from wdpm.kernels.features import Features
+from wdpm.kernels.materials.flights import make_flights
 from wdpm.kernels.materials.medium import Media, free_path
 from wdpm.kernels.maths.random import PURPOSE_SCATTER, hash_combine, sample_1d, sample_2d
 from wdpm.kernels.ray_fields import PHOTON
@@ -145,14 +149,27 @@ def without_hit(p: Photon) -> Photon:
 
 
 @wp.func
-def into_medium(p: Photon, media: wp.ref[Media], cells: wp.ref[Cells], offset_min: wp.float32) -> Photon:
-    """The photon as it sets out through its medium: it will collide at the end of its free path, if nothing is before.
+def optical_free_path(p: Photon, media: wp.ref[Media]) -> wp.float32:
+    """The free path of a photon from where it set out last, as an optical length: a function of its numbers alone."""
+    return free_path(media, p.medium, wp.float32(number_1d(p, CHANNEL)), wp.float32(number_1d(p, FREE_PATH)))
 
-    Args:
-        offset_min: least distance at which rays leave a surface.
-    """
-    u_channel = wp.float32(number_1d(p, CHANNEL))
-    free = free_path(media, p.medium, u_channel, wp.float32(number_1d(p, FREE_PATH)))
-    p.hit.t = reach_of(free, offset_min)
-    p.owner = cell_of(cells, collision(p, offset_min))
-    return p
+
+@functools.cache
+def make_into_medium(features: Features) -> wp.Function:
+    """The function `into_medium` for a set of features."""
+    distance_at = make_flights(features).distance_at
+
+    @wp.func
+    def into_medium(p: Photon, media: wp.ref[Media], cells: wp.ref[Cells], offset_min: wp.float32) -> Photon:
+        """The photon as it sets out through its medium: it will collide at the end of its free path, if nothing is
+        before.
+
+        Args:
+            offset_min: least distance at which rays leave a surface.
+        """
+        free = distance_at(media, p.medium, p.origin, p.direction, optical_free_path(p, media))
+        p.hit.t = reach_of(free, offset_min)
+        p.owner = cell_of(cells, collision(p, offset_min))
+        return p
+
+    return into_medium

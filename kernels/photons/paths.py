@@ -26,6 +26,7 @@ import warp as wp
 from wdpm.kernels.constants import ADJOINT_BOUND
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials.bsdf import make_bsdf
+from wdpm.kernels.materials.flights import make_flights
 from wdpm.kernels.materials.medium import Media, pass_weight, phase_sample, scatter_weight
 from wdpm.kernels.materials.resolve import Materials, medium_beyond
 from wdpm.kernels.materials.surface import (
@@ -57,10 +58,11 @@ from wdpm.kernels.photons.flight import (
     Flight,
     Photon,
     collision,
-    into_medium,
     load_photon,
+    make_into_medium,
     number_1d,
     number_2d,
+    optical_free_path,
     store_photon,
     without_hit,
 )
@@ -210,27 +212,38 @@ def fly(scene: wp.ref[TraceScene], own_cell: wp.int32, p: Photon) -> Leg:
     return leg
 
 
-@wp.func
-def arrive_in_medium(scene: wp.ref[TraceScene], p: Photon, caustic: bool) -> Arrival:
-    """At a collision in a medium: stored, and scattered by the phase function."""
-    a = Arrival()
-    media = scene.media
-    arriving = wp.cw_mul(p.flux, scatter_weight(media, p.medium, p.hit.t))
-    arriving = wp.cw_mul(arriving, media.albedo[p.medium])
-    a.deposit.map = NO_MAP
-    a.deposit.front = 1
-    a.deposit.position = collision(p, scene.surfaces.offset_min)
-    a.deposit.flux = arriving
-    a.deposit.normal = wp.vec3(wp.float32(p.medium), 0.0, 0.0)
-    a.deposit.direction = -p.direction
-    if not caustic:
-        a.deposit.map = VOLUME_MAP
-        a.scattered = arriving
-    a.goes_to = phase_sample(media.g[p.medium], p.direction, number_2d(p, DIRECTION))
-    a.scatters = 1
-    a.state = p.state | BY_DIFFUSE
-    a.medium = p.medium
-    return a
+@functools.cache
+def make_arrive_in_medium(features: Features) -> wp.Function:
+    """The function `arrive_in_medium` for a set of features."""
+    albedo_at = make_flights(features).albedo_at
+
+    @wp.func
+    def arrive_in_medium(scene: wp.ref[TraceScene], p: Photon, caustic: bool) -> Arrival:
+        """At a collision in a medium: stored, and scattered by the phase function."""
+        a = Arrival()
+        media = scene.media
+        passed = p.hit.t
+        if wp.static(features.grids):
+            if media.density[p.medium] >= 0:
+                passed = optical_free_path(p, scene.media)  # it collided where it had passed just that
+        a.deposit.position = collision(p, scene.surfaces.offset_min)
+        arriving = wp.cw_mul(p.flux, scatter_weight(media, p.medium, passed))
+        arriving = wp.cw_mul(arriving, albedo_at(scene.media, p.medium, a.deposit.position))
+        a.deposit.map = NO_MAP
+        a.deposit.front = 1
+        a.deposit.flux = arriving
+        a.deposit.normal = wp.vec3(wp.float32(p.medium), 0.0, 0.0)
+        a.deposit.direction = -p.direction
+        if not caustic:
+            a.deposit.map = VOLUME_MAP
+            a.scattered = arriving
+        a.goes_to = phase_sample(media.g[p.medium], p.direction, number_2d(p, DIRECTION))
+        a.scatters = 1
+        a.state = p.state | BY_DIFFUSE
+        a.medium = p.medium
+        return a
+
+    return arrive_in_medium
 
 
 @wp.func
@@ -285,6 +298,8 @@ def is_cut_off(p: Photon, a: Arrival, max_depth: wp.int32) -> bool:
 def make_arrive(features: Features) -> wp.Function:
     """`arrive(scene, orders, photon, caustic) -> Arrival`: where a photon's ray ends in its cell."""
     surface_at = make_surface(features).surface_at
+    arrive_in_medium = make_arrive_in_medium(features)
+    optical_length = make_flights(features).optical_length
     bsdf = make_bsdf(features)
     sample_all = bsdf.sample_all
     sample_glossy = bsdf.sample_glossy
@@ -297,7 +312,12 @@ def make_arrive(features: Features) -> wp.Function:
         arriving = p.flux
         if wp.static(features.media):
             if p.medium >= 0:
-                arriving = wp.cw_mul(p.flux, pass_weight(scene.media, p.medium, p.hit.t))
+                passed = optical_length(scene.media, p.medium, p.origin, p.direction, p.hit.t)
+                if wp.static(features.grids):
+                    if scene.media.density[p.medium] >= 0:
+                        # It has not collided; where densities are huge, a rounding of t may say that it had.
+                        passed = wp.min(passed, optical_free_path(p, scene.media))
+                arriving = wp.cw_mul(p.flux, pass_weight(scene.media, p.medium, passed))
         u_choice = wp.float32(0.0)
         if wp.static(features.blend or features.passing):
             u_choice = wp.float32(number_1d(p, CHOICE))
@@ -354,6 +374,7 @@ def make_arrive(features: Features) -> wp.Function:
 def make_trace_photons(features: Features) -> wp.Kernel:
     """The kernel that follows photons."""
     arrive = make_arrive(features)
+    into_medium = make_into_medium(features)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def trace_photons(

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.scenes.flat.grids import Grids
+
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
@@ -51,11 +53,22 @@ class Media:
     """Participating media, one a row.
 
     Attributes:
-        sigma_t: extinction per unit of the renderer's space, float32, shape [K, 3].
-        albedo: float32, shape [K, 3].
+        sigma_t: extinction per unit of the renderer's space, where density is 1, float32, shape [K, 3].
+        albedo: float32, shape [K, 3]; the largest of each channel where it lies in a grid.
         g: mean cosine of scattering, float32, shape [K].
+        density_grid: the lattice of each one's density, int32, shape [K]; -1 for a homogeneous one, of density 1.
+        albedo_grid: the lattice of its albedo, or -1, int32, shape [K].
+        grids: those lattices.
     """
 
     sigma_t: NDArray[np.float32]
     albedo: NDArray[np.float32]
     g: NDArray[np.float32]
+    density_grid: NDArray[np.int32]
+    albedo_grid: NDArray[np.int32]
+    grids: Grids
+
+    @property
+    def heterogeneous(self) -> NDArray[np.bool_]:
+        """Of each, whether its density changes from place to place, shape [K]."""
+        return self.density_grid >= 0

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.flat.arrays import Media, Triangles
 from wdpm.scenes.flat.dropped import KEPT, counted, drop_cause
+from wdpm.scenes.flat.grids import tabulate_grids
 from wdpm.scenes.flat.light_table import LightTable, tabulate_lights
 from wdpm.scenes.flat.material_coats import with_coats
 from wdpm.scenes.flat.material_table import NO_MEDIUM, SAME_MEDIUM, Boundary, MaterialTable, tabulate
@@ -24,6 +25,7 @@ from wdpm.scenes.model.lights import DeltaLight, Light
 from wdpm.scenes.model.scene import Camera, Material, Medium, Mesh, Scene
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Texture, VertexColors
 from wdpm.scenes.model.transforms import normalized
+from wdpm.scenes.model.volumes import Volume
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,11 +152,25 @@ class _Rows:
 
 
 def _media(media: Sequence[Medium]) -> Media:
+    volumes: list[Volume] = []
+    density = [_number_of(medium.density, volumes) for medium in media]
+    albedo = [_number_of(medium.albedo_volume, volumes) for medium in media]
     return Media(
         np.array([medium.sigma_t for medium in media], np.float32).reshape(-1, 3),
         np.array([medium.albedo for medium in media], np.float32).reshape(-1, 3),
         np.array([medium.g for medium in media], np.float32),
+        np.array(density, np.int32),
+        np.array(albedo, np.int32),
+        tabulate_grids(volumes),
     )
+
+
+def _number_of(volume: Volume | None, volumes: list[Volume]) -> int:
+    """The place of a volume among all, where it is put if it is new; -1 for none."""
+    if volume is None:
+        return -1
+    volumes.append(volume)
+    return len(volumes) - 1
 
 
 def _glows(mesh: Mesh) -> bool:

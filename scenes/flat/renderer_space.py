@@ -21,6 +21,7 @@ from wdpm.scenes.model.bounds import bounding_box
 from wdpm.scenes.model.bsdfs import Bsdf, BumpMap
 from wdpm.scenes.model.lights import Light
 from wdpm.scenes.model.scene import Camera, Material, Medium, Mesh
+from wdpm.scenes.model.volumes import Volume
 
 Array = NDArray[np.float64]
 
@@ -68,7 +69,21 @@ class RendererSpace:
 
     def medium(self, medium: Medium) -> Medium:
         """A medium of the same optical depth."""
-        return replace(medium, sigma_t=_times(medium.sigma_t, self.unit))
+        return replace(
+            medium,
+            sigma_t=_times(medium.sigma_t, self.unit),
+            density=self._volume(medium.density),
+            albedo_volume=self._volume(medium.albedo_volume),
+        )
+
+    def _volume(self, volume: Volume | None) -> Volume | None:
+        """A volume at the same place."""
+        if volume is None:
+            return None
+        to_world = np.array(volume.to_world, np.float64)
+        to_world[:3, 3] -= self.center
+        to_world[:3] /= self.unit
+        return replace(volume, to_world=to_world)
 
     def material(self, material: Material) -> Material:
         """A material of bumps as steep."""

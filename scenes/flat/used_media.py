@@ -3,12 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wdpm.scenes.flat.flatten import FlatScene
 
 
+def used_media(flat: FlatScene) -> NDArray[np.int32]:
+    """Numbers of the media that some light may travel in, ascending."""
+    bounded = flat.materials.medium[np.unique(flat.triangles.material)].ravel()
+    around = [] if flat.camera.medium is None else [flat.camera.medium]
+    used = np.unique(np.array([*bounded, *flat.lights.medium, *around], np.int32))
+    return used[used >= 0]
+
+
 def calls_for_media(flat: FlatScene) -> bool:
     """Whether some light may travel in a medium."""
-    bounded = flat.materials.medium[np.unique(flat.triangles.material)]
-    around = [flat.camera.medium is not None, bool((flat.lights.medium >= 0).any())]
-    return bool((bounded >= 0).any()) or any(around)
+    return len(used_media(flat)) > 0
+
+
+def calls_for_grids(flat: FlatScene) -> bool:
+    """Whether some light may travel in a medium whose density changes from place to place."""
+    return bool(flat.media.heterogeneous[used_media(flat)].any())

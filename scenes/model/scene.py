@@ -16,6 +16,7 @@ from wdpm.scenes.html_tables import html_lines, html_table
 from wdpm.scenes.model.bsdfs import GREY, Bsdf, Diffuse, TwoSided
 from wdpm.scenes.model.lights import Light
 from wdpm.scenes.model.textures import RGB, Color
+from wdpm.scenes.model.volumes import Volume
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,18 +39,24 @@ def diffuse(name: str, reflectance: Color = GREY, twosided: bool = False) -> Mat
 
 @dataclass(frozen=True)
 class Medium:
-    """A homogeneous participating medium.
+    """A participating medium, homogeneous unless it has a density.
 
     Attributes:
-        sigma_t: extinction by channel [1 / scene unit].
-        albedo: share of the extinction that is scattering, by channel.
+        sigma_t: extinction by channel [1 / scene unit], where the density is 1.
+        albedo: share of the extinction that is scattering, by channel; the largest of each where there is a volume of
+            it.
         g: mean cosine of the Henyey-Greenstein phase function, -1 < g < 1; 0 is isotropic.
+        density: factor of sigma_t from place to place, of one channel, not negative; None for 1 everywhere.
+        albedo_volume: the albedo from place to place, of one channel or three, in [0, 1]; None for `albedo` everywhere.
+            Outside of its box it is as at the nearest place of the box.
     """
 
     name: str
     sigma_t: RGB
     albedo: RGB = (0.75, 0.75, 0.75)
     g: float = 0.0
+    density: Volume | None = None
+    albedo_volume: Volume | None = None
 
 
 @dataclass(frozen=True, eq=False)

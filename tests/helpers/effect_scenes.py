@@ -31,6 +31,7 @@ from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, Point
 from wdpm.scenes.model.scene import Camera, FilterKind, Material, Medium, Mesh, PixelFilter, Scene
 from wdpm.scenes.model.textures import RGB, Bitmap, Checkerboard, Interpolation, VertexColors, Wrap
 from wdpm.scenes.model.transforms import look_at, rotation, scaling, translation
+from wdpm.scenes.model.volumes import Volume
 
 WIDTH, HEIGHT = 16, 12
 
@@ -56,6 +57,13 @@ NORMALS = Bitmap(
 )
 SQUARES = Checkerboard("squares", (0.8, 0.2, 0.1), (0.1, 0.3, 0.8), scaling((4, 4, 1))[:3, :3])
 SKY = random_of("sky").uniform(0.1, 2.0, (6, 12, 3)).astype(np.float32)
+
+
+def clouds(name: str, place: tuple[float, float, float], size: float, turn: float, channels: int = 1) -> Volume:
+    """A box of half length `size`, turned about y, of random numbers from 0 to 0.8, a third of them 0."""
+    values = random_of(name).uniform(-0.4, 0.8, (11, 9, 17, channels)).clip(0.0).astype(np.float32)
+    turned = translation(place) @ rotation((0.0, 1.0, 0.0), turn) @ scaling((size,) * 3)
+    return Volume(name, values, turned @ translation((-1.0, -1.0, -1.0)) @ scaling((2.0, 2.0, 2.0)))
 
 
 class Builder:
@@ -242,7 +250,12 @@ def everything() -> Scene:
     b.add("leaf", Mask(TwoSided(NormalMap(Diffuse(), NORMALS)), HOLES), rectangle(), (0.3, 0.0, 0.2), 0.25, 40.0)
     b.add("window", ThinDielectric(), rectangle(), (0.0, 0.1, -0.5), 0.9, 8.0)
     b.add("smoke", Null(), cube(), (0.3, -0.4, -0.1), 0.25, 30.0, media=(0, None))
-    media = Medium("smoke", (1.0, 2.0, 3.0), (0.8, 0.8, 0.8), 0.4), Medium("ink", (2.0, 0.5, 0.5), (0.3, 0.5, 0.5))
+    puffs = clouds("puffs", (0.3, -0.4, -0.1), 0.27, 30.0)
+    drops = replace(clouds("drops", (-0.45, -0.6, -0.1), 0.25, 10.0), nearest=True)
+    media = (
+        Medium("smoke", (2.0, 4.0, 6.0), (0.8, 0.8, 0.8), 0.4, puffs, clouds("tints", (0.3, -0.4, -0.1), 0.3, 0.0, 3)),
+        Medium("ink", (4.0, 1.0, 1.0), (0.3, 0.5, 0.5), density=drops),
+    )
     down = look_at((-0.3, 0.9, 0.1), (-0.4, -0.6, 0.0), (0.0, 0.0, 1.0))
     lights: tuple[Light, ...] = (
         PointLight("point", (0.3, -0.4, -0.1), (0.6, 0.6, 0.5), 0),  # in the smoke

@@ -22,6 +22,7 @@ from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonT
 from wdpm.cluster.world import Emission, MapPlan, PhotonPlan, TopTree, View, World
 from wdpm.kernels.features import Features
 from wdpm.scenes.flat.arrays import Media, Triangles
+from wdpm.scenes.flat.grids import tabulate_grids
 from wdpm.scenes.flat.light_table import LightTable
 from wdpm.scenes.flat.material_table import tabulate
 from wdpm.scenes.model.scene import Camera, diffuse
@@ -242,7 +243,14 @@ def make_world(cells: int, paths: int = 1000) -> World:
         materials=table,
         textures=(*textures, Checkerboard("squares")),
         lights=make_lights(),
-        media=Media(np.ones((1, 3), np.float32), np.ones((1, 3), np.float32), np.zeros(1, np.float32)),
+        media=Media(
+            np.ones((1, 3), np.float32),
+            np.ones((1, 3), np.float32),
+            np.zeros(1, np.float32),
+            np.full(1, -1, np.int32),
+            np.full(1, -1, np.int32),
+            tabulate_grids([]),
+        ),
         top_tree=TopTree(np.zeros(cells - 1, np.int32), np.zeros(cells - 1, np.float32)),
         extent=1.0,
         seed=0,

@@ -209,7 +209,7 @@ def free_path_kernel(media: Media, u: wp.array[wp.vec2], path_out: wp.array[wp.f
 def test_free_paths_of_the_last_random_numbers(sigma_t: float) -> None:
     """Endless where nothing is, whatever the number; else a length, also for 0 and for 1."""
     u = np.array([(channel, number) for channel in (0.0, 0.5, 1.0) for number in (*NUMBERS, 1.0)])
-    media = medium.upload(
+    media = medium.upload_homogeneous(
         np.full((1, 3), sigma_t, np.float32), np.ones((1, 3), np.float32), np.zeros(1, np.float32), "cpu"
     )
     out = wp.empty(len(u), dtype=wp.float32, device="cpu")

@@ -15,7 +15,7 @@ from typing import Any
 
 import warp as wp
 
-from wdpm.kernels.compile import COMMON, WITH_MEDIA
+from wdpm.kernels.compile import COMMON
 from wdpm.kernels.features import Features
 from wdpm.kernels.variants import make_variants
 from wdpm.quiet import quiet_warp
@@ -39,8 +39,7 @@ def _modules(names: list[str] | None) -> list[Any]:
     if names is None:
         return [wp.get_module(module.__name__) for module in COMMON]
     features = Features(**dict.fromkeys(names, True))
-    media = [wp.get_module(module.__name__) for module in WITH_MEDIA] if features.media else []
-    return media + make_variants(features).modules()
+    return make_variants(features).modules()
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ from wdpm.scenes.model.bsdfs import (
 from wdpm.scenes.model.lights import Environment
 from wdpm.scenes.model.scene import Material, Medium, Mesh, Scene
 from wdpm.scenes.model.textures import Bitmap, Checkerboard
+from wdpm.scenes.model.volumes import Volume
 
 Change = Callable[[Scene], Scene]
 
@@ -35,6 +36,9 @@ SPHERE_AROUND = 128
 
 FOG = Medium("fog", (1e-3, 1e-3, 1e-3), (0.8, 0.8, 0.8), 0.3)
 """Extinction per millimetre: the fog, half a metre wide, takes two fifths of the light."""
+
+SMOKE_SIDE = 64
+"""Voxels of the smoke's side."""
 
 SKY_SIZE = (16, 32)
 
@@ -103,6 +107,16 @@ def with_medium(scene: Scene) -> Scene:
     return replace(scene, meshes=(*scene.meshes[:-1], fog), media=(*scene.media, FOG))
 
 
+def with_smoke(scene: Scene) -> Scene:
+    """Smoke about the blocks, denser towards its middle: as much of it as of the fog along a ray through that."""
+    scene = with_medium(scene)
+    axes = [np.linspace(-1.0, 1.0, SMOKE_SIDE)] * 3
+    radius = np.sqrt(sum(axis**2 for axis in np.meshgrid(*axes, indexing="ij")))
+    puff = np.maximum(2.0 * (1.0 - radius), 0.0)[..., None].astype(np.float32)
+    corner = _placed((38.0, 10.0, 40.0), (480.0, 380.0, 480.0))  # takes 0 .. 1 to where the fog's box lies
+    return replace(scene, media=(replace(FOG, name="smoke", density=Volume("puff", puff, corner)),))
+
+
 EFFECTS: dict[str, Change] = {
     "textures": with_textures,
     "mirror": with_mirror,
@@ -114,6 +128,7 @@ EFFECTS: dict[str, Change] = {
     "mask": with_mask,
     "lens": with_lens,
     "medium": with_medium,
+    "heterogeneous medium": with_smoke,
 }
 """What each scene has besides the diffuse box."""
 

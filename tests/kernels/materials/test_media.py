@@ -65,7 +65,7 @@ def distances(sigma_t: Floats, number: object, t_max: object, u: object) -> tupl
     """Transmittance over t_max, and t, scatters and weight of samples."""
     pairs = np.atleast_2d(np.asarray(u, np.float32))
     count = max(np.size(number), np.size(t_max), len(pairs))
-    media = medium.upload(sigma_t, np.ones_like(sigma_t), np.zeros(len(sigma_t), np.float32), "cpu")
+    media = medium.upload_homogeneous(sigma_t, np.ones_like(sigma_t), np.zeros(len(sigma_t), np.float32), "cpu")
     inputs = [
         media,
         array(np.broadcast_to(np.asarray(number, np.int32), count), wp.int32),

@@ -9,9 +9,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from wdpm.kernels.features import Features
 from wdpm.kernels.materials import medium
 from wdpm.kernels.photons import photon_map
-from wdpm.kernels.photons.beam import Beams, add_beams, sum_unit
+from wdpm.kernels.photons.beam import Beams, make_add_beams, sum_unit
 from wdpm.kernels.rays import cells
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -85,9 +86,9 @@ def add(
     ids = np.arange(len(photons.position))
     tree = photon_map.build(photons.position, photons.flux, tagged(photons.medium), photons.direction, ids)
     sigma_t, g = media
-    table = medium.upload(sigma_t, np.ones_like(sigma_t), g, "cpu")
+    table = medium.upload_homogeneous(sigma_t, np.ones_like(sigma_t), g, "cpu")
     inputs = [tree, table, cells.upload(*top, PAD, "cpu"), beams, own_cell, radius, unit, 0]
-    wp.launch(add_beams, dim=len(beams.length), inputs=inputs, device="cpu")
+    wp.launch(make_add_beams(Features(media=True)), dim=len(beams.length), inputs=inputs, device="cpu")
 
 
 def sums(beams: Any) -> NDArray[np.int64]:
