@@ -8,17 +8,24 @@ from numpy.typing import NDArray
 from wdpm.scenes.meshes.mesh_data import MeshData
 from wdpm.scenes.mitsuba.document import Element
 from wdpm.scenes.mitsuba.plugin import Plugin
+from wdpm.scenes.mitsuba.volumes import VolumeReader, single_density
 from wdpm.scenes.model.scene import Medium
 from wdpm.scenes.model.textures import RGB
+from wdpm.scenes.model.volumes import Volume
 
 _SAME_PLACE = 1e-6  # of a mesh's size: vertices nearer than about this are one
 
 
 class MediaReader:
-    """Collects the media of a scene; each medium element becomes one, however often it is referred to."""
+    """Collects the media of a scene; each medium element becomes one, however often it is referred to.
 
-    def __init__(self, warnings: list[str]) -> None:
+    Args:
+        old: whether the scene is for a version before Mitsuba 1.
+    """
+
+    def __init__(self, warnings: list[str], *, old: bool) -> None:
         self.media: list[Medium] = []
+        self._volumes = VolumeReader(old=old)
         self._warnings = warnings
         self._by_element: dict[Element, int] = {}
 
@@ -45,17 +52,66 @@ class MediaReader:
             return None
         if plugin.element not in self._by_element:
             self._by_element[plugin.element] = len(self.media)
-            self.media.append(_read_homogeneous(plugin))
+            heterogeneous = plugin.type == "heterogeneous"
+            self.media.append(
+                _read_heterogeneous(plugin, self._volumes) if heterogeneous else _read_homogeneous(plugin)
+            )
         return self._by_element[plugin.element]
+
+
+def _read_heterogeneous(plugin: Plugin, volumes: VolumeReader) -> Medium:
+    scale = _take_scale(plugin)
+    name = "density" if plugin.has("density") or plugin.has_nested("volume", "density") else "sigma_t"
+    density, sigma_t = _read_density(plugin, name, volumes)
+    albedo_volume, albedo = _read_albedo(plugin, volumes)
+    g = _read_phase(plugin)
+    plugin.ignore("sample_emitters", "has_spectral_extinction", "method", "step_size")  # how Mitsuba samples
+    plugin.finish()
+    red, green, blue = (scale * channel for channel in sigma_t)
+    return Medium(plugin.name, (red, green, blue), albedo, g, density, albedo_volume)
+
+
+def _read_density(plugin: Plugin, name: str, volumes: VolumeReader) -> tuple[Volume | None, RGB]:
+    """The density of a heterogeneous medium, and its extinction where that is 1."""
+    grid = plugin.take_one("volume", name)
+    if grid is None or grid.type != "gridvolume":
+        return None, _value_of(plugin, name, 1.0, grid)
+    error = grid.error(f'{grid}: a "{name}" whose hue differs from voxel to voxel is not supported; give one channel')
+    density = volumes.read(grid, np.inf)
+    if density.values.shape[3] == 1:
+        return density, (1.0, 1.0, 1.0)
+    single = single_density(density)
+    if single is None:
+        raise error
+    return single
+
+
+def _read_albedo(plugin: Plugin, volumes: VolumeReader) -> tuple[Volume | None, RGB]:
+    """The albedo, and the largest of each channel."""
+    grid = plugin.take_one("volume", "albedo")
+    if grid is None or grid.type != "gridvolume":
+        error = plugin.value_error("albedo", "must lie between 0 and 1")
+        value = _value_of(plugin, "albedo", 0.75, grid)
+        if max(value) > 1.0:
+            raise error
+        return None, value
+    albedo = volumes.read(grid, 1.0)
+    peak = albedo.values.max(axis=(0, 1, 2))
+    return albedo, _rgb(np.broadcast_to(peak, 3).astype(np.float64))
+
+
+def _take_scale(plugin: Plugin) -> float:
+    error = plugin.value_error("scale", "must not be negative")
+    scale = plugin.take_float("scale", 1.0)
+    if scale < 0.0:
+        raise error
+    return scale
 
 
 def _read_homogeneous(plugin: Plugin) -> Medium:
     if plugin.has("material"):
         raise plugin.value_error("material", "presets are not supported; give sigma_t and albedo")
-    error = plugin.value_error("scale", "must not be negative")
-    scale = plugin.take_float("scale", 1.0)
-    if scale < 0.0:
-        raise error
+    scale = _take_scale(plugin)
     sigma_t, albedo = _read_coefficients(plugin)
     # 0.6 let g stand in the medium
     g = _checked_g(plugin, plugin.take_float("g", 0.0)) if plugin.has("g") else _read_phase(plugin)
@@ -89,7 +145,15 @@ def _rgb(values: NDArray[np.float64]) -> RGB:
 
 def _read_value(plugin: Plugin, name: str, default: float) -> RGB:
     """A colour that is not negative, given directly or as a constant volume."""
-    volume = plugin.take_one("volume", name)
+    return _value_of(plugin, name, default, plugin.take_one("volume", name))
+
+
+def _value_of(plugin: Plugin, name: str, default: float, volume: Plugin | None) -> RGB:
+    """As _read_value, where the volume has been taken."""
+    if volume is not None and volume.type != "constvolume":
+        raise volume.error(f'{volume} as "{name}" of a {plugin.type} medium is not supported; give a constvolume')
+    if volume is not None and plugin.has(name):
+        raise plugin.value_error(name, "is given twice: as a value and as a volume")
     owner, parameter = (plugin, name) if volume is None else (volume, "value")
     error = owner.value_error(parameter, "must not be negative")
     value = owner.take_colour(parameter, (default, default, default), emission=False)

@@ -63,7 +63,7 @@ class _SceneReader:
         self.file = file
         self.warnings = document.rules.warnings
         self.materials = MaterialReader(self.warnings)
-        self.media = MediaReader(self.warnings)
+        self.media = MediaReader(self.warnings, old=_is_old(document))
         self.emitters = EmitterReader(
             self.materials.textures, self.media, old_axes=_is_old(document), warnings=self.warnings
         )

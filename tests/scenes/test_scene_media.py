@@ -84,9 +84,9 @@ def test_sides_of_shapes(tmp_path: Path) -> None:
 
 ERRORS = (
     (
-        '<medium type="heterogeneous" id="smoke"/>\n<shape type="cube"><ref name="interior" id="smoke"/></shape>',
+        '<medium type="cloudy" id="smoke"/>\n<shape type="cube"><ref name="interior" id="smoke"/></shape>',
         2,
-        'medium plugin "heterogeneous" is not supported yet; supported: homogeneous',
+        'unknown medium plugin "cloudy" (supported: homogeneous, heterogeneous)',
     ),
     (cube_of("\n" + rgb("albedo", "1.5 0 0")), 3, '"albedo" must lie between 0 and 1'),
     (cube_of("\n" + rgb("sigma_t", "-1 0 0")), 3, '"sigma_t" must not be negative'),
@@ -95,7 +95,8 @@ ERRORS = (
     (cube_of(rgb("sigma_s", "1 1 1") + "\n" + rgb("albedo", "1 1 1")), 3, '"albedo" cannot be given beside sigma_s'),
     (cube_of('\n<phase type="rayleigh"/>'), 3, '"rayleigh" is not supported yet; supported: isotropic, hg'),
     (cube_of('\n<phase type="hg"><float name="g" value="1"/></phase>'), 3, '"g" must lie between -1 and 1'),
-    (cube_of('\n<volume type="gridvolume" name="albedo"/>'), 3, '"gridvolume" is not supported yet'),
+    (cube_of('\n<volume type="gridvolume" name="albedo"/>'), 3, '"albedo" of a homogeneous medium is not supported'),
+    (cube_of('\n<volume type="volcache" name="albedo"/>'), 3, '"volcache" is not supported yet'),
     (cube_of("\n" + rgb("sigmat", "1 1 1")), 3, 'unknown parameter "sigmat"; did you mean "sigma_t"?'),
     (FOG + f'<shape type="cube">{INSIDE}{INSIDE}</shape>', 2, "takes one medium, got 2"),
     (FOG + '<shape type="cube"><ref id="fog"/></shape>', 2, 'shape "cube" takes no nested medium'),
