@@ -61,6 +61,10 @@ POINTS_A_DISC = 64
 POINTS_IN_DISC = 1 << 11
 """Surface points in the largest gather that are enough, of few photons: more would cost more than the gather itself."""
 
+VOLUME_PHOTONS_MOST = 1 << 22
+"""Photons that media may scatter for the sake of the global map, if fewer are asked for. In white fog without end
+hardly a path comes to a surface: its map has few photons."""
+
 POINTS_LEAST = 1 << 16
 POINTS_MOST = 1 << 24
 """Bounds to the number of surface points: 52 bytes each."""
@@ -89,7 +93,7 @@ def map_plans(pilot: PhotonPilot, settings: RenderSettings, flat: FlatScene) -> 
     caustics, volume = worth_of_caustics(pilot), worth_of_volume(pilot)
     of_global = MapWorth(stored[GLOBAL_MAP], 1.0).paths(settings.photons, pilot.paths)
     of_volume = volume.paths(settings.volume_photons, pilot.paths) if world.volume_map.paths else 0
-    paths = max(of_global, of_volume)
+    paths = min(max(of_global, of_volume), _most_paths(stored[VOLUME_MAP], pilot, settings))
     caustic_paths = caustics.paths(settings.caustic_photons, pilot.paths) if world.caustic_map.paths else 0
     every = [paths, caustic_paths, paths if of_volume or _may_scatter(pilot, settings) else 0]
     expected = [s * p / pilot.paths for s, p in zip(stored, every, strict=True)]
@@ -109,6 +113,16 @@ def map_plans(pilot: PhotonPilot, settings: RenderSettings, flat: FlatScene) -> 
     ]
     words = caustics_in_words(caustics, pilot, settings.caustic_photons, caustic_paths)
     return MapPlans((plans[0], plans[1], plans[2]), caustic_k, () if words is None else (words,))
+
+
+def _most_paths(of_volume: int, pilot: PhotonPilot, settings: RenderSettings) -> int:
+    """Paths whose photons in media can be held, and traced before anyone tires of it, however few reach a surface.
+
+    Args:
+        of_volume: volume photons that the pilot stored.
+    """
+    most = max(VOLUME_PHOTONS_MOST, settings.volume_photons)
+    return max(1, most * pilot.paths // max(of_volume, 1))
 
 
 def _may_scatter(pilot: PhotonPilot, settings: RenderSettings) -> bool:

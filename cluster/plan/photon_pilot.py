@@ -30,6 +30,14 @@ from wdpm.scenes.flat.used_media import calls_for_media
 PILOT_PATHS = 1 << 15
 """Paths of the pilot: its stored photons tell paths per photon to about half a percent, in some 50 ms."""
 
+TRIAL_PATHS = 16
+"""Paths that tell first how long paths are in a scene with media."""
+
+PILOT_PHOTONS_MOST = 1 << 21
+"""Photons that a pilot in media may store, about: where they scatter without end its paths are fewer. A path in white
+fog that fills all space stores 65,535, and all of the pilot's would take many minutes and more memory than there is.
+Two million take seconds, and tell more of where photons lie than the half million of a room's pilot."""
+
 DIRECT_PATHS = 1 << 13
 """Paths that tell where light straight from the lights falls, where the pilot's photons do not."""
 
@@ -87,15 +95,32 @@ def fly_pilot(
     Args:
         worker: that has the whole scene in one cell already; it is used if its kernels are for the same features.
     """
-    world = _pilot_world(flat, features, settings)
+    of_each, world = PILOT_PATHS, _pilot_world(flat, features, settings, PILOT_PATHS)
     if worker is None or worker.replica.world.features != features:
         worker = CellWorker(0, world, {0: flat.triangles}, [0], launcher)
     else:
         worker.adopt(world)
-    paths = worker.replica.world.paths
+    if calls_for_media(flat) and world.global_map.paths:
+        of_each = _affordable_paths(worker, world)
+        if of_each < PILOT_PATHS:
+            world = _pilot_world(flat, features, settings, of_each)
+        worker.adopt(world)
+    return PhotonPilot(settings, of_each, worker, _by_map(_photons_of(worker, world.paths)))
+
+
+def _affordable_paths(worker: CellWorker, world: World) -> int:
+    """Paths of the pilot, all of them unless a few have stored too many photons; the few are flown, and forgotten."""
+    trial = min(TRIAL_PATHS, world.global_map.paths)
+    stored = len(_photons_of(worker, trial)["id"])
+    most = PILOT_PHOTONS_MOST * trial // max(stored, 1)
+    return min(PILOT_PATHS, max(most, trial))
+
+
+def _photons_of(worker: CellWorker, paths: int) -> Arrays:
+    """What the first paths store."""
     if paths:
         worker.start(PhotonTask(number=0, start=0, stop=paths))
-    return PhotonPilot(settings, PILOT_PATHS, worker, _by_map(worker.cells[0].store.so_far()))
+    return worker.cells[0].store.so_far()
 
 
 def pilot_for(
@@ -130,13 +155,13 @@ def direct_photons(pilot: PhotonPilot) -> tuple[Arrays, int]:
     return photons, paths
 
 
-def _pilot_world(flat: FlatScene, features: Features, settings: RenderSettings) -> World:
-    """One cell, and as many paths of each pass as the pilot has."""
+def _pilot_world(flat: FlatScene, features: Features, settings: RenderSettings, of_each: int) -> World:
+    """One cell, and `of_each` paths of each pass that there is."""
     shines = bool(len(flat.lights.power)) and flat.lights.power.sum() > 0
     algorithm, media = settings.algorithm, calls_for_media(flat)
     wanted = algorithm.maps(settings)
-    paths = PILOT_PATHS if shines and (wanted.indirect or (media and algorithm.shoots_photons)) else 0
-    caustic = PILOT_PATHS if shines and calls_for_caustics(flat, features, settings) else 0
+    paths = of_each if shines and (wanted.indirect or (media and algorithm.shoots_photons)) else 0
+    caustic = of_each if shines and calls_for_caustics(flat, features, settings) else 0
     return World(
         features=features,
         materials=flat.materials,

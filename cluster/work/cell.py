@@ -19,7 +19,7 @@ from wdpm.cluster.work.camera_paths import CameraLight
 from wdpm.cluster.work.final_gather import FinalGatherCounters
 from wdpm.cluster.work.guards import PHOTONS_CUT, added
 from wdpm.cluster.work.photon_gathers import PhotonGatherCounters
-from wdpm.cluster.work.photon_store import DEPOSITS_A_PATH, PhotonStore
+from wdpm.cluster.work.photon_store import DEPOSITS_A_PATH, LEAST_DEPOSITS, PhotonStore
 from wdpm.cluster.work.replica import Replica
 from wdpm.kernels import columns
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
@@ -179,7 +179,7 @@ class Cell:
         launcher, device = replica.launcher, replica.launcher.device
         count = len(arrays["path"])
         chunks = launcher.chunks(count)
-        capacity = max(size for _, size in chunks) * DEPOSITS_A_PATH
+        capacity = max(LEAST_DEPOSITS, max(size for _, size in chunks) * DEPOSITS_A_PATH)
         flight = columns.upload(pf.Flight, arrays, device)
         deposits = self.store.room(capacity, len(chunks))
         fates = Fates()

@@ -32,6 +32,9 @@ from wdpm.scenes.flat.areas import triangle_areas
 DEPOSITS_A_PATH = 6
 """Room for photons, a path, in one launch. What finds none waits for the next launch."""
 
+LEAST_DEPOSITS = 1 << 14
+"""Room for photons of each chunk of a launch, at least: a few paths that scatter ten thousand times each would wait
+thousands of times. A megabyte."""
 
 GATHER_RUN = 32
 """Gathers that one Warp thread makes one after another: enough to profit from its last radius, and to share out."""
