@@ -101,20 +101,19 @@ def with_lens(scene: Scene) -> Scene:
 
 def with_medium(scene: Scene) -> Scene:
     """Fog about the blocks."""
-    cube = _placed((278.0, 200.0, 280.0), (240.0, 190.0, 240.0))
-    scene = _added(scene, "fog", primitives.cube(), cube, Null())
-    fog = replace(scene.meshes[-1], interior=len(scene.media), bounds=True)
-    return replace(scene, meshes=(*scene.meshes[:-1], fog), media=(*scene.media, FOG))
+    return _filled(scene, (278.0, 200.0, 280.0), (240.0, 190.0, 240.0), FOG)
 
 
 def with_smoke(scene: Scene) -> Scene:
-    """Smoke about the blocks, denser towards its middle: as much of it as of the fog along a ray through that."""
-    scene = with_medium(scene)
+    """Smoke under the lamp, denser towards its middle."""
+    center, half = (278.0, 465.0, 280.0), (240.0, 70.0, 240.0)
     axes = [np.linspace(-1.0, 1.0, SMOKE_SIDE)] * 3
     radius = np.sqrt(sum(axis**2 for axis in np.meshgrid(*axes, indexing="ij")))
     puff = np.maximum(2.0 * (1.0 - radius), 0.0)[..., None].astype(np.float32)
-    corner = _placed((38.0, 10.0, 40.0), (480.0, 380.0, 480.0))  # takes 0 .. 1 to where the fog's box lies
-    return replace(scene, media=(replace(FOG, name="smoke", density=Volume("puff", puff, corner)),))
+    to_cube = np.diag([2.0, 2.0, 2.0, 1.0])  # from 0 .. 1 to -1 .. 1
+    to_cube[:3, 3] = -1.0
+    smoke = replace(FOG, name="smoke", density=Volume("puff", puff, _placed(center, half) @ to_cube))
+    return _filled(scene, center, half, smoke)
 
 
 EFFECTS: dict[str, Change] = {
@@ -164,6 +163,15 @@ def _added(scene: Scene, name: str, data: MeshData, matrix: NDArray[np.float64],
     placed = data.transformed(matrix)
     mesh = Mesh(name, placed.vertices, placed.faces, placed.normals, placed.uvs, len(scene.materials))
     return replace(scene, meshes=(*scene.meshes, mesh), materials=(*scene.materials, Material(name, bsdf)))
+
+
+def _filled(
+    scene: Scene, center: tuple[float, float, float], half: tuple[float, float, float], medium: Medium
+) -> Scene:
+    """A box of a medium, whose boundary is nothing."""
+    scene = _added(scene, medium.name, primitives.cube(), _placed(center, half), Null())
+    box = replace(scene.meshes[-1], interior=len(scene.media), bounds=True)
+    return replace(scene, meshes=(*scene.meshes[:-1], box), media=(*scene.media, medium))
 
 
 def _placed(center: tuple[float, float, float], half: tuple[float, float, float]) -> NDArray[np.float64]:
