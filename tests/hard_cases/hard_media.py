@@ -15,6 +15,8 @@ from rooms import GREY, box, quad, scene
 from wdpm.scenes.model.bsdfs import Diffuse, Null
 from wdpm.scenes.model.lights import DirectionalLight, PointLight
 from wdpm.scenes.model.scene import Camera, Material, Medium, Scene, diffuse
+from wdpm.scenes.model.transforms import scaling, translation
+from wdpm.scenes.model.volumes import Volume
 
 Array = NDArray[np.float64]
 BLACK = diffuse("black", (0.0, 0.0, 0.0))
@@ -137,6 +139,57 @@ def nothing_leaks(run: Run) -> None:
         run.check(f"escaped at extinction {sigma:g}", image.metadata["report"]["energy"]["escaped"], 0.0, 0.0)
 
 
+def grid(values: Array, half: float, **chosen: bool) -> Volume:
+    """Fills a cube about the origin."""
+    corner = translation((-half,) * 3) @ scaling((2 * half,) * 3)
+    return Volume("grid", values[..., None].astype(np.float32), corner, **chosen)
+
+
+def grids_at_limits(run: Run) -> None:
+    """A lamp behind a thin shell, behind nothing, and behind densities of twelve orders of magnitude."""
+    shell = np.zeros((256, 2, 2))
+    shell[177] = 40.0
+    range_of_12 = 10.0 ** np.random.default_rng(1).uniform(-6.0, 6.0, (64, 1, 1))
+    half = 1.2
+    for name, values, depth in (
+        ("a shell of one voxel in 256", shell, 40.0 * 2 * half / 256),
+        ("no density", np.zeros((20, 20, 20)), 0.0),
+        ("densities from 1e-6 to 1e6", range_of_12, None),
+    ):
+        spread = values if depth is not None else values / (values.sum() * 2 * half / 64) * 3.0
+        whole = 3.0 if depth is None else depth
+        medium = Medium("soot", (1.0, 0.5, 0.1), (0.0,) * 3, density=grid(spread, half, nearest=True))
+        # The whole grid lies between the camera and the lamp.
+        camera = replace(parallel((0, 0, -1.3), (0, 0, 1), 0.3, 8, up=(0, 1, 0)), medium=0)
+        lamp = quad((-1, -1, 1.3), (0, 2, 0), (2, 0, 0), 0, (5.0, 5.0, 5.0))
+        what = scene([lamp], camera, [BLACK], media=[medium])
+        image = run.render(what, cells=4, spp=1, photons=0, volume_photons=1000)
+        exact = 5.0 * np.exp(-whole * np.array(medium.sigma_t))
+        run.check_share(f"radiance through {name}", mean(image.pixels), exact, 1e-6 + 3e-7 * whole)
+
+
+def white_smoke(run: Run) -> None:
+    """Albedo 1 in a grid, empty here and dense there, with the camera in it: equilibrium with the walls."""
+    for most in (4.0, 40.0) if run.full else (4.0,):
+        values = np.random.default_rng(2).uniform(-most, most, (12, 12, 12)).clip(0.0)
+        what = furnace(Medium("smoke", (1.0,) * 3, (1.0,) * 3, 0.3, grid(values, 1.01)))
+        wide = parallel((0, 0, -0.9), (0, 0, 1), 0.8, 8, up=(0, 1, 0))
+        photons = round((400_000 if run.full else 40_000) / max(1.0, most / 4.0))
+        image = run.render(
+            replace(what, camera=replace(wide, medium=0)),
+            cells=4,
+            photons=photons,
+            volume_photons=photons,
+            k=200,
+            spp=8,
+        )
+        deviation = 0.025 * sqrt(40_000 / photons)
+        # Beams blur what they gather over their radius, into places without density too: the sum stays.
+        run.check_share(f"radiance, density up to {most:g}", mean(image.pixels), np.full(3, 2.0), 4 * deviation + 0.01)
+        energy = image.metadata["report"]["energy"]
+        run.check("escaped, of what was emitted", energy["escaped"] / energy["emitted"], 0.0, 0.0)
+
+
 CASES = (
     HardCase(
         name="Beer's law",
@@ -186,5 +239,21 @@ CASES = (
         expected="no photon beyond the wall",
         tolerance="none",
         measure=nothing_leaks,
+    ),
+    HardCase(
+        name="grids at their limits",
+        section=7,
+        shows="a lamp through a heterogeneous medium: one layer of voxels, none, and of densities 1e-6 to 1e6",
+        expected="exp(-depth), the depth a sum over voxels",
+        tolerance="1e-6, and what half a rounding of the exponent makes",
+        measure=grids_at_limits,
+    ),
+    HardCase(
+        name="white smoke in a furnace",
+        section=7,
+        shows="a closed glowing box full of a heterogeneous medium of albedo 1, the camera in it",
+        expected="emission / (1 - albedo) of the walls: equilibrium",
+        tolerance="4 deviations of the number of paths and 1 % for the blur of beams; none escapes",
+        measure=white_smoke,
     ),
 )
