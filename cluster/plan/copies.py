@@ -55,6 +55,9 @@ class SlaveMemory:
 TEXEL_BYTES = 24
 """Three float32, as they came over the wire and on the device."""
 
+VOXEL_BYTES = 9
+"""One float32 likewise, and its share of a block's least and largest."""
+
 
 @dataclass(frozen=True)
 class SceneMemory:
@@ -62,17 +65,17 @@ class SceneMemory:
 
     Attributes:
         divided: triangles and photons, which the slaves of a team divide among them.
-        everywhere: textures, which every slave has all of.
+        everywhere: textures and grids of media, which every slave has all of.
     """
 
     divided: float
     everywhere: float = 0.0
 
 
-def scene_memory(triangles: int, photons: float, textures: Sequence[Texture] = ()) -> SceneMemory:
+def scene_memory(triangles: int, photons: float, textures: Sequence[Texture] = (), voxels: int = 0) -> SceneMemory:
     """What a scene with so many triangles and stored photons takes."""
     texels = sum(each.pixels.size // 3 for each in textures if isinstance(each, Bitmap))
-    return SceneMemory(triangles * TRIANGLE_BYTES + photons * PHOTON_BYTES, texels * TEXEL_BYTES)
+    return SceneMemory(triangles * TRIANGLE_BYTES + photons * PHOTON_BYTES, texels * TEXEL_BYTES + voxels * VOXEL_BYTES)
 
 
 def room_of(slaves: Sequence[SlaveMemory]) -> float:
@@ -93,12 +96,12 @@ def slaves_a_team(copies: Copies, slaves: Sequence[SlaveMemory], needed: SceneMe
         return 1
     room = max(room_of(slaves) - needed.everywhere, 0.0)
     if needed.divided > room * len(slaves):
-        textures = f", textures of {_gib(needed.everywhere)} in each" if needed.everywhere else ""
+        textures = f", textures and grids of {_gib(needed.everywhere)} in each" if needed.everywhere else ""
         raise SettingsError(
             f"the scene and its photons take about {_gib(needed.divided)}{textures}; {len(slaves)} slaves have room "
             f"for {_gib(room)} each (their --memory, or {SHARE_OF_MEMORY:.0%} of what their machine has, less "
-            f"{_gib(PROCESS_BYTES)} of the process{' and textures' if textures else ''}): use more slaves, fewer "
-            "photons, or give them more --memory"
+            f"{_gib(PROCESS_BYTES)} of the process{', textures and grids' if textures else ''}): use more slaves, "
+            "fewer photons, or give them more --memory"
         )
     if copies is Copies.NONE:
         return len(slaves)

@@ -47,6 +47,11 @@ class Grids:
     def __len__(self) -> int:
         return len(self.size)
 
+    @property
+    def voxels(self) -> int:
+        """Values of all lattices."""
+        return len(self.values)
+
     def lattice(self, number: int) -> NDArray[np.float32]:
         """The nodes of one lattice, shape [z, y, x, channels]."""
         x, y, z = self.size[number]

@@ -98,7 +98,8 @@ def inspect(
     least = slaves
     if memory is not None:
         each = SlaveMemory("", 0, memory)
-        least = slaves_a_team(copies, [each] * slaves, scene_memory(len(flat.triangles), photons, flat.textures))
+        needed = scene_memory(len(flat.triangles), photons, flat.textures, flat.media.grids.voxels)
+        least = slaves_a_team(copies, [each] * slaves, needed)
     plan = make_render_plan(flat, settings, largest_team(slaves, least), launcher, pilot=settled.pilot)
     world = plan.world
     made = _by_map(plan, (settings.photons, settings.caustic_photons, settings.volume_photons))

@@ -57,15 +57,21 @@ def shares_of(plan: RenderPlan, flat: FlatScene, slaves: int, least: int, photon
     own, ghosts = np.array(inside) / max(len(position), 1), (np.array(near) - inside) / max(len(position), 1)
     teams = max(1, slaves // least)
     texels = sum(each.pixels.nbytes for each in flat.textures if isinstance(each, Bitmap))
+    everywhere = texels + flat.media.grids.values.nbytes
     shares = []
     for slave in range(slaves):
         # As master.teams has it: slaves are dealt out to teams one by one.
         team, place, size = slave % teams, slave // teams, len(range(slave % teams, slaves, teams))
         cells = [cell for cell, holder in enumerate(deal(np.array(plan.burdens), size)) if holder == place]
         triangles, stored, copied = (float(amount[cells].sum()) for amount in (held, own, ghosts))
-        needed = scene_memory(round(triangles * len(flat.triangles)), (stored + copied) * photons, flat.textures)
+        needed = scene_memory(
+            round(triangles * len(flat.triangles)),
+            (stored + copied) * photons,
+            flat.textures,
+            flat.media.grids.voxels,
+        )
         elsewhere = (stored * (1.0 - 1.0 / teams) + copied) * photons
-        received = triangles * _triangle_bytes(flat) + texels + elsewhere * _PHOTON_BYTES
+        received = triangles * _triangle_bytes(flat) + everywhere + elsewhere * _PHOTON_BYTES
         shares.append(
             Share(
                 slave,

@@ -143,7 +143,8 @@ def prepare(
     began = flattening + compiling.seconds  # all but that is planning
     photons = settings.photons + settings.caustic_photons + settings.volume_photons
     workers = max(workers, 1)
-    least = workers if team is None else team(scene_memory(len(flat.triangles), photons, flat.textures))
+    needed = scene_memory(len(flat.triangles), photons, flat.textures, flat.media.grids.voxels)
+    least = workers if team is None else team(needed)
     plan = make_render_plan(flat, settings, largest_team(workers, least), launcher, cells, settled.pilot)
     world = replace(plan.world, strict=settings.strict)
     triangles = digest(flat.triangles)

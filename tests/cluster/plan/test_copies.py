@@ -42,12 +42,15 @@ def test_slaves_of_one_machine_share_its_memory() -> None:
 
 def test_textures_lie_with_every_slave() -> None:
     texture = Bitmap("t", pixels=np.zeros((512, 1024, 3), np.float32))
+    assert scene_memory(1000, 0, [texture], 1000).everywhere == scene_memory(1000, 0, [texture]).everywhere + 9000
     needed = scene_memory(1000, 0, [texture, texture])
     assert needed.everywhere == 24 * (2 << 19)
     slaves = [slave(3 * GIB)] * 3
     assert slaves_a_team(Copies.AUTO, slaves, SceneMemory(3 * GIB)) == 1
     assert slaves_a_team(Copies.AUTO, slaves, SceneMemory(3 * GIB, 1 * GIB)) == 2
-    with pytest.raises(SettingsError, match=r"take about 3.0 GiB, textures of 2.5 GiB in each; 3 slaves have room for"):
+    with pytest.raises(
+        SettingsError, match=r"take about 3.0 GiB, textures and grids of 2.5 GiB in each; 3 slaves have room for"
+    ):
         slaves_a_team(Copies.AUTO, slaves, SceneMemory(3 * GIB, 2.5 * GIB))
 
 
