@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tev_server import TevServer
+from tev_server import WAIT_S, TevServer
 
 from wdpm.cli import main
 from wdpm.cluster.display import Bucket, Frame
 from wdpm.images.image import Image, load
-from wdpm.progress import SilentProgress
 from wdpm.tev import connection
 from wdpm.tev.display import TevDisplay
 from wdpm.tev.packets import create_image, update_image
@@ -72,20 +71,32 @@ def test_a_viewer_that_goes_away_is_one_line(tmp_path: Path, capsys: pytest.Capt
 
 
 def test_a_viewer_that_takes_nothing_holds_up_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connection, "SEND_S", 0.3)
-    monkeypatch.setattr("wdpm.tev.display.FLUSH_S", 2.0)
+    monkeypatch.setattr(connection, "SEND_S", 60.0)  # were it waited for, it would be for so long
+    monkeypatch.setattr("wdpm.tev.display.FLUSH_S", 0.5)
     with TevServer(deaf=True) as tev:
         display = TevDisplay(ViewAddress("127.0.0.1", tev.port), "large")
-        progress = display.following(SilentProgress())
+        size = 2048  # more than sockets hold
+        display.begin(Frame(size, size, {"beauty": 3}, 0, 1, (0,), ("one",)))
+        began = time.monotonic()
+        display.bucket(Bucket(0, 0, {"beauty": np.ones((size, size, 3), np.float32)}, 0))
+        display.close()
+        assert time.monotonic() - began < 30.0
+        display._sender.join(WAIT_S)
+        assert not display._sender.is_alive()
+        assert display.complaint() is None  # the render had ended
+
+
+def test_a_viewer_that_takes_nothing_for_long_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connection, "SEND_S", 0.2)
+    with TevServer(deaf=True) as tev:
+        display = TevDisplay(ViewAddress("127.0.0.1", tev.port), "large")
         size = 2048
         display.begin(Frame(size, size, {"beauty": 3}, 0, 1, (0,), ("one",)))
-        pixels = np.ones((size, size, 3), np.float32)
-        began = time.monotonic()
-        display.bucket(Bucket(0, 0, {"beauty": pixels}, 0))
-        assert time.monotonic() - began < 1.0
+        display.bucket(Bucket(0, 0, {"beauty": np.ones((size, size, 3), np.float32)}, 0))
+        display._sender.join(WAIT_S)
+        assert "is shown no more: timed out; the render goes on" in (display.complaint() or "")
+        assert display.complaint() is None  # it is said once
         display.close()
-        progress.finish()
-        assert time.monotonic() - began < 5.0
 
 
 def test_what_is_asked_for_before_tev_runs_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:

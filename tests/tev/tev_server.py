@@ -75,9 +75,8 @@ class TevServer:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if not self._deaf:
-            self._thread.join(WAIT_S)
-            assert not self._thread.is_alive(), "the connection was not closed"
+        self._thread.join(WAIT_S)
+        assert not self._thread.is_alive(), "the connection was not closed"
         if self._connection is not None:
             self._connection.close()
         self._listener.close()

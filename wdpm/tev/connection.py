@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 from collections.abc import Iterable
 
@@ -22,6 +23,13 @@ def connected(address: ViewAddress) -> socket.socket:
         raise SettingsError(f"tev does not answer at {address}: {reason}; start it first, or leave --tev out") from None
     connection.settimeout(SEND_S)
     return connection
+
+
+def hang_up(connection: socket.socket) -> None:
+    """End a connection, also while another thread sends: closing it alone would not wake that one."""
+    with contextlib.suppress(OSError):  # the other end has gone
+        connection.shutdown(socket.SHUT_RDWR)
+    connection.close()
 
 
 def tell(address: ViewAddress, packets: Iterable[bytes]) -> None:

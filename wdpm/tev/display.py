@@ -15,7 +15,7 @@ import numpy as np
 from wdpm.cluster.display import Bucket, Frame, PassMean
 from wdpm.images.channels import LAYER_CHANNELS
 from wdpm.progress import Progress
-from wdpm.tev.connection import connected
+from wdpm.tev.connection import connected, hang_up
 from wdpm.tev.packets import create_image, update_image
 from wdpm.view.address import ViewAddress
 from wdpm.view.picture import Picture, Rectangle
@@ -94,7 +94,7 @@ class TevDisplay:
             self._closing = True
             self._news.notify()
         self._sender.join(FLUSH_S)
-        self._connection.close()
+        hang_up(self._connection)
 
     def _send_all(self) -> None:
         try:
