@@ -84,6 +84,14 @@ def test_other_displays_and_observers_are_told_too(places: tuple[Shown, Shown]) 
     assert len(places[0].data) >= 1
 
 
+@pytest.mark.sockets
+def test_a_cluster_shows_its_renders_too(places: tuple[Shown, Shown]) -> None:
+    with wdpm.Cluster.local(slaves=1) as cluster:
+        image = cluster.render(wdpm.load("cornell-box", size=(8, 8)), spp=1, live=True, **SMALL)
+        assert cluster.display is None  # what follows is shown to nobody
+    np.testing.assert_array_equal(pixels_of(places[0].last), image.to_srgb8())
+
+
 def test_elsewhere_one_line_says_so(capsys: pytest.CaptureFixture[str]) -> None:
     image = wdpm.render(wdpm.load("cornell-box", size=(8, 8)), spp=1, live=True, **SMALL)
     assert image.shape == (8, 8)
