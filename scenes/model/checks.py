@@ -13,6 +13,7 @@ from wdpm.scenes.errors import SceneError
 from wdpm.scenes.model.bsdfs import vertex_attributes, walk
 from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color, Texture
+from wdpm.scenes.model.volumes import Volume
 
 
 def check_scene(scene: Scene, file: Path | None = None) -> Scene:
@@ -30,6 +31,9 @@ def check_scene(scene: Scene, file: Path | None = None) -> Scene:
             _check_medium(medium, f'mesh "{mesh.name}"', scene, file)
     if sum(len(mesh.faces) for mesh in scene.meshes) == 0:
         raise SceneError("the scene is empty: it has no triangles", file)
+    for each in scene.media:
+        _check_volume(each.density, f'medium "{each.name}": its density', (1,), math.inf, file)
+        _check_volume(each.albedo_volume, f'medium "{each.name}": its albedo', (1, 3), 1.0, file)
     _check_lights(scene, file)
     _check_camera(scene.camera, file)
     _check_medium(scene.camera.medium, "the camera", scene, file)
@@ -126,6 +130,20 @@ def _check_looks(mesh: Mesh, material: Material, file: Path | None) -> None:
 def _check_medium(medium: int | None, owner: str, scene: Scene, file: Path | None) -> None:
     if medium is not None and not 0 <= medium < len(scene.media):
         raise SceneError(f"{owner}: there is no medium {medium} (there are {len(scene.media)})", file)
+
+
+def _check_volume(volume: Volume | None, owner: str, channels: tuple[int, ...], most: float, file: Path | None) -> None:
+    if volume is None:
+        return
+    values = volume.values
+    if values.ndim != 4 or values.size == 0 or values.shape[3] not in channels:
+        expected = " or ".join(map(str, channels))
+        raise SceneError(f"{owner} has the shape {list(values.shape)}; expected [z, y, x, {expected}]", file)
+    if not (np.isfinite(values).all() and values.min() >= 0.0 and values.max() <= most):
+        allowed = f"from 0 to {most:g}" if most < math.inf else "finite, and not negative"
+        raise SceneError(f"{owner} is {values.min():g} to {values.max():g}; expected {allowed}", file)
+    if np.shape(volume.to_world) != (4, 4) or not np.isfinite(volume.to_world).all():
+        raise SceneError(f"{owner} has a to_world transform that is no finite matrix [4, 4]", file)
 
 
 def _check_lights(scene: Scene, file: Path | None) -> None:

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import re
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 
+from wdpm.scenes.builtin.cornell_box import cornell_box
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.mitsuba.read import read_mitsuba
+from wdpm.scenes.model.checks import check_scene
 from wdpm.scenes.model.scene import Medium, Scene
 from wdpm.scenes.model.textures import Wrap
+from wdpm.scenes.model.volumes import Volume
 
 LIGHT_AND_CAMERA = '<emitter type="constant"/><sensor type="perspective"/>'
 RAMP = np.arange(24, dtype=np.float32).reshape(2, 3, 4)  # z, y, x
@@ -214,3 +218,26 @@ def test_errors_name_file_and_line(tmp_path: Path, inside: str, message: str) ->
         read(tmp_path, smoke("\n" + inside))
     assert caught.value.line in (3, 4)
     assert caught.value.file == tmp_path / "scene.xml"
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "message"),
+    [
+        ("density", np.zeros((2, 2, 2, 3)), "its density has the shape [2, 2, 2, 3]; expected [z, y, x, 1]"),
+        ("density", np.zeros((2, 2, 2)), "its density has the shape [2, 2, 2]"),
+        ("density", np.full((2, 2, 2, 1), -1.0), "its density is -1 to -1; expected finite, and not negative"),
+        ("density", np.full((2, 2, 2, 1), np.nan), "its density is nan to nan"),
+        ("albedo_volume", np.full((2, 2, 2, 3), 1.5), "its albedo is 1.5 to 1.5; expected from 0 to 1"),
+    ],
+)
+def test_scenes_of_ones_own_are_checked(name: str, values: NDArray[np.float64], message: str) -> None:
+    volume = Volume("mine", values, np.eye(4))
+    medium = Medium("smoke", (1.0,) * 3, **{name: volume})  # type: ignore[arg-type]
+    with pytest.raises(SceneError, match=re.escape(f'medium "smoke": {message}')):
+        check_scene(replace(cornell_box((4, 4)), media=(medium,)))
+
+
+def test_a_volume_without_space_is_told() -> None:
+    flat = Volume("flat", np.ones((2, 2, 2, 1)), np.diag([1.0, 0.0, 1.0, 1.0]))
+    with pytest.raises(SceneError, match='volume "flat": its to_world transform leaves it no space'):
+        flatten(replace(cornell_box((4, 4)), media=(Medium("smoke", (1.0,) * 3, density=flat),)))
