@@ -12,8 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
 from wdpm.cluster.cluster_events import ClusterObserver
 from wdpm.cluster.display import Display
 from wdpm.cluster.kept import Keeper
@@ -34,7 +32,7 @@ from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.work.forked_tasks import ForkedTasks
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.scenes.errors import ClusterError
-from wdpm.scenes.flat.arrays import Triangles
+from wdpm.scenes.flat.arrays import NO_TRIANGLES
 
 MASTER = "memory://master"
 
@@ -218,15 +216,3 @@ def run(
     """
     cluster = MemoryCluster(lambda number, *_: workers[number], len(workers), limits=limits, shuffle=shuffle)
     return cluster.render(replace(session, partition=lambda _: NO_TRIANGLES), progress)
-
-
-NO_TRIANGLES = Triangles(
-    np.empty(0, np.int32),
-    np.empty((0, 3, 3), np.float32),
-    np.empty((0, 3, 3), np.float32),
-    np.empty((0, 3, 2), np.float32),
-    np.empty(0, np.int32),
-    np.empty(0, np.int32),
-    np.empty((0, 3, 3), np.float32),
-)
-"""What a worker that is built already is sent."""

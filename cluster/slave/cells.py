@@ -8,7 +8,7 @@ import numpy as np
 
 from wdpm.cluster.messages import checks, protocol
 from wdpm.scenes.errors import ProtocolError
-from wdpm.scenes.flat.arrays import Triangles
+from wdpm.scenes.flat.arrays import ARRAYS, Triangles
 
 
 class ArrivingCells:
@@ -71,6 +71,5 @@ def join(parts: Sequence[Triangles]) -> Triangles:
     """Triangles of several parts of a cell as one."""
     whole = parts[0]
     if len(parts) > 1:
-        names = ("ids", "positions", "normals", "uvs", "material", "emitter", "colors")
-        whole = Triangles(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+        whole = whole.with_arrays({name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS})
     return whole

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.flat.grids import Grids
+from wdpm.scenes.flat.instances import NO_INSTANCES, Instances
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +25,7 @@ class Triangles:
         material: index of the material, int32, shape [T].
         emitter: index of the emitter's radiance, int32, shape [T]; -1 where nothing is emitted.
         colors: linear RGB at the corners, float32, shape [T, 3, 3]; [0, 3, 3] in a scene without vertex colours.
+        instances: further triangles, of shapes that are held once; their numbers lie between those of `ids`.
     """
 
     ids: NDArray[np.int32]
@@ -31,12 +35,33 @@ class Triangles:
     material: NDArray[np.int32]
     emitter: NDArray[np.int32]
     colors: NDArray[np.float32]
+    instances: Instances = NO_INSTANCES
 
     def __len__(self) -> int:
+        """Those that have arrays of their own: not those of instances."""
         return len(self.ids)
 
+    @property
+    def total(self) -> int:
+        """How many there are, each instance's counted where it stands."""
+        return len(self.ids) + self.instances.triangles
+
+    @property
+    def held(self) -> int:
+        """How many are in memory, shapes counted once."""
+        return len(self.ids) + len(self.instances.shapes.material)
+
+    def with_arrays(self, arrays: Mapping[str, NDArray[Any]]) -> Triangles:
+        """The same instances, with other arrays: by the names of ARRAYS."""
+        changes: dict[str, Any] = dict(arrays)
+        return replace(self, **changes)
+
+    def with_instances(self, instances: Instances) -> Triangles:
+        """The same, with other instances."""
+        return replace(self, instances=instances)
+
     def take(self, rows: NDArray[np.intp]) -> Triangles:
-        """Some of the triangles; rows ascending."""
+        """Some of the triangles; rows ascending. No instances."""
         return Triangles(
             self.ids[rows],
             self.positions[rows],
@@ -46,6 +71,20 @@ class Triangles:
             self.emitter[rows],
             self.colors[rows] if len(self.colors) else self.colors,
         )
+
+
+ARRAYS = tuple(each.name for each in fields(Triangles) if each.name != "instances")
+"""What a triangle with arrays of its own has."""
+
+NO_TRIANGLES = Triangles(
+    np.zeros(0, np.int32),
+    np.zeros((0, 3, 3), np.float32),
+    np.zeros((0, 3, 3), np.float32),
+    np.zeros((0, 3, 2), np.float32),
+    np.zeros(0, np.int32),
+    np.zeros(0, np.int32),
+    np.zeros((0, 3, 3), np.float32),
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ def drop_cause(positions: NDArray[np.float32], glows: NDArray[np.bool_]) -> NDAr
         glows: whether they are light sources, shape [T]: of these, each of several in one place shines.
     """
     cause = degenerate_cause(positions)
-    cause[(cause == KEPT) & _repeated(positions) & ~glows] = DUPLICATE
+    cause[(cause == KEPT) & repeated(positions) & ~glows] = DUPLICATE
     return cause
 
 
@@ -60,7 +60,7 @@ def degenerate_cause(positions: NDArray[np.float32]) -> NDArray[np.int8]:
     return cause
 
 
-def _repeated(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
+def repeated(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Triangles with the very corners of an earlier one, in whatever order, shape [T].
 
     Of surfaces in one place the first is seen, so these are never; but their area would count as surface.

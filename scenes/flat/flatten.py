@@ -6,23 +6,26 @@ another in memory, and no index can point outside a partition.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.errors import SceneError
-from wdpm.scenes.flat.arrays import Media, Triangles
-from wdpm.scenes.flat.dropped import KEPT, counted, drop_cause
+from wdpm.scenes.flat.arrays import ARRAYS, NO_TRIANGLES, Media, Triangles
+from wdpm.scenes.flat.dropped import CAUSES, KEPT, counted, drop_cause
 from wdpm.scenes.flat.grids import tabulate_grids
 from wdpm.scenes.flat.light_table import LightTable, tabulate_lights
 from wdpm.scenes.flat.material_coats import with_coats
 from wdpm.scenes.flat.material_table import NO_MEDIUM, SAME_MEDIUM, Boundary, MaterialTable, tabulate
+from wdpm.scenes.flat.reach import largest_coordinate
 from wdpm.scenes.flat.renderer_space import RendererSpace, renderer_space
+from wdpm.scenes.flat.shapes import Instancing, Stage, Standing, choose, hold
 from wdpm.scenes.model.bsdfs import walk
 from wdpm.scenes.model.lights import DeltaLight, Light
-from wdpm.scenes.model.scene import Camera, Material, Medium, Mesh, Scene
+from wdpm.scenes.model.scene import Camera, Instance, Material, Medium, Scene, Solid
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Texture, VertexColors
 from wdpm.scenes.model.transforms import normalized
 from wdpm.scenes.model.volumes import Volume
@@ -58,22 +61,23 @@ class FlatScene:
     dropped: dict[str, int]
 
 
-def flatten(scene: Scene) -> FlatScene:
+def flatten(scene: Scene, instancing: Instancing = Instancing.EXPAND) -> FlatScene:
     """Turns a scene into arrays.
 
     Coordinates are moved and divided in double precision before they are rounded, see renderer_space.
 
+    Args:
+        instancing: which instances stay instances. What is rendered is the same, bit for bit.
+
     Raises:
-        SceneError: an index out of range, or no triangle is left.
+        SceneError: an index out of range, too many triangles, or none is left.
     """
     space = renderer_space(scene.meshes)
     lights = [space.light(light) for light in scene.lights]
     emitters = [mesh for mesh in scene.meshes if _glows(mesh)]
-    emitter_index = {id(mesh): index for index, mesh in enumerate(emitters)}
     rows = _Rows(scene, [space.material(material) for material in scene.materials])
-    parts = [_soup(mesh, space, rows.of(mesh), emitter_index.get(id(mesh), -1)) for mesh in scene.meshes]
-    triangles, dropped = _without_dropped(_joined(_with_colors(scene.meshes, parts)))
-    if len(triangles) == 0:
+    triangles, dropped = _triangles(scene.meshes, emitters, space, rows, instancing)
+    if triangles.total == 0:
         raise SceneError(f"no triangle of the scene can be rendered: {_listed(dropped)}")
     camera = space.camera(scene.camera)
     _check_factors(scene.materials)
@@ -82,8 +86,7 @@ def flatten(scene: Scene) -> FlatScene:
     textures, emitter_texture = _with_emission(textures, emitters, lights)
     sides = materials.medium[triangles.material] if scene.media else None
     table = tabulate_lights(emitters, triangles, emitter_texture, textures, lights, sides)
-    places: list[NDArray[np.floating]] = [triangles.positions, table.delta_position[: table.near]]
-    places.append(camera.to_world[:3, 3])
+    places: list[NDArray[np.floating]] = [table.delta_position[: table.near], camera.to_world[:3, 3]]
     return FlatScene(
         triangles=triangles,
         materials=materials,
@@ -94,9 +97,87 @@ def flatten(scene: Scene) -> FlatScene:
         camera=camera,
         center=space.center,
         unit=space.unit,
-        extent=max(float(np.abs(place).max(initial=0.0)) for place in places),
+        extent=max(largest_coordinate(triangles), *(float(np.abs(place).max(initial=0.0)) for place in places)),
         dropped=dropped,
     )
+
+
+def _triangles(
+    meshes: Sequence[Solid],
+    emitters: Sequence[Solid],
+    space: RendererSpace,
+    rows: _Rows,
+    instancing: Instancing,
+) -> tuple[Triangles, dict[str, int]]:
+    """All triangles that can be rendered, numbered in the order of the meshes, and how many of others by cause."""
+    emitter_index = {id(mesh): index for index, mesh in enumerate(emitters)}
+    material = [rows.of(mesh) for mesh in meshes]
+    stage = Stage(space, _glows)
+    standing = [stage.stand(mesh) if isinstance(mesh, Instance) else None for mesh in meshes]
+    kept = choose(meshes, standing, instancing)
+    apart = [number for number, is_kept in enumerate(kept) if not is_kept]
+    parts = [
+        _soup(meshes[number], space, material[number], emitter_index.get(id(meshes[number]), -1), standing[number])
+        for number in apart
+    ]
+    colored = any(mesh.colors is not None for mesh in meshes)
+    soup = _joined(_with_colors([meshes[number] for number in apart], parts, colored)) if parts else NO_TRIANGLES
+    cause = _cause(soup, [standing[number] for number in apart], [len(part) for part in parts])
+    held = _Counter()
+    counts = np.array([held.kept(each) if k and each else 0 for each, k in zip(standing, kept, strict=True)], np.int64)
+    counts[apart] = _kept_of_parts(cause, parts)
+    bases = np.cumsum(counts) - counts
+    if counts.sum() > MOST_TRIANGLES:
+        raise SceneError(f"{counts.sum():,} triangles, those of instances counted where they stand: at most 2^31 - 1")
+    ids = [np.zeros(0, np.int32)]
+    ids += [np.arange(bases[number], bases[number] + counts[number], dtype=np.int32) for number in apart]
+    chosen = [(each, material[i], int(bases[i])) for i, each in enumerate(standing) if each and kept[i] and counts[i]]
+    soup = soup if not cause.any() else soup.take(np.flatnonzero(cause == KEPT))
+    return replace(soup, ids=np.concatenate(ids), instances=hold(chosen, colored)), held.dropped_with(cause)
+
+
+class _Counter:
+    """Counts triangles of instances, looking at each of few arrays of causes once."""
+
+    def __init__(self) -> None:
+        self._seen: dict[int, tuple[NDArray[np.int8], dict[str, int]]] = {}
+        self._dropped: Counter[str] = Counter()
+
+    def kept(self, standing: Standing) -> int:
+        """How many of an instance's triangles are kept; the others are counted."""
+        cause = standing.cause
+        if id(cause) not in self._seen:
+            self._seen[id(cause)] = cause, counted(cause)
+        dropped = self._seen[id(cause)][1]
+        self._dropped.update(dropped)
+        return len(cause) - sum(dropped.values())
+
+    def dropped_with(self, cause: NDArray[np.int8]) -> dict[str, int]:
+        """How many were dropped by cause, with those of an array."""
+        self._dropped.update(counted(cause))
+        return {words: self._dropped[words] for words in CAUSES.values() if words in self._dropped}
+
+
+MOST_TRIANGLES = 2**31 - 1
+"""Of a scene, those of instances counted where they stand: their numbers are 32 bits wide."""
+
+
+def _cause(soup: Triangles, standing: Sequence[Standing | None], sizes: Sequence[int]) -> NDArray[np.int8]:
+    """Why triangles of a soup are dropped; instances know it of themselves.
+
+    Args:
+        standing, sizes: of each mesh in it.
+    """
+    plain = np.repeat(np.array([each is None for each in standing], np.bool_), sizes)
+    cause = np.zeros(len(soup), np.int8)
+    cause[plain] = drop_cause(soup.positions[plain], soup.emitter[plain] >= 0)
+    cause[~plain] = np.concatenate([np.zeros(0, np.int8), *(each.cause for each in standing if each is not None)])
+    return cause
+
+
+def _kept_of_parts(cause: NDArray[np.int8], parts: Sequence[Triangles]) -> list[int]:
+    ends = np.cumsum([len(part) for part in parts])
+    return [int(np.sum(own == KEPT)) for own in np.split(cause, ends[:-1])] if len(parts) else []
 
 
 MOST_FACTOR = 1e6
@@ -129,7 +210,7 @@ class _Rows:
     def names(self) -> tuple[str, ...]:
         return tuple(self._names)
 
-    def of(self, mesh: Mesh) -> int:
+    def of(self, mesh: Solid) -> int:
         """The row of a mesh's material between its media."""
         count = len(self._materials)
         if not 0 <= mesh.material < count:
@@ -173,7 +254,7 @@ def _number_of(volume: Volume | None, volumes: list[Volume]) -> int:
     return len(volumes) - 1
 
 
-def _glows(mesh: Mesh) -> bool:
+def _glows(mesh: Solid) -> bool:
     emission = mesh.emission
     if emission is None or not len(mesh.faces):
         return False
@@ -181,7 +262,7 @@ def _glows(mesh: Mesh) -> bool:
 
 
 def _with_emission(
-    textures: tuple[Texture, ...], emitters: Sequence[Mesh], lights: Sequence[Light]
+    textures: tuple[Texture, ...], emitters: Sequence[Solid], lights: Sequence[Light]
 ) -> tuple[tuple[Texture, ...], NDArray[np.int32]]:
     """The textures of materials and of lights, and which one each emitter has."""
     joined = list(textures)
@@ -200,21 +281,25 @@ def _with_emission(
     return tuple(joined), chosen
 
 
-def _with_colors(meshes: Sequence[Mesh], parts: Sequence[Triangles]) -> list[Triangles]:
+def _with_colors(meshes: Sequence[Solid], parts: Sequence[Triangles], colored: bool) -> list[Triangles]:
     """Vertex colours at the corners of all triangles, white where a mesh has none; none if no mesh has any."""
-    if all(mesh.colors is None for mesh in meshes):
+    if not colored:
         return list(parts)
-    colored = []
+    with_colors = []
     for mesh, part in zip(meshes, parts, strict=True):
         corners = np.ones((len(part), 3, 3), np.float32)
         if mesh.colors is not None:
             corners[:] = mesh.colors.astype(np.float32)[mesh.faces]
-        colored.append(replace(part, colors=corners))
-    return colored
+        with_colors.append(replace(part, colors=corners))
+    return with_colors
 
 
-def _soup(mesh: Mesh, space: RendererSpace, material: int, emitter: int) -> Triangles:
-    """A mesh's triangles with their own corners; ids are given later."""
+def _soup(
+    mesh: Solid, space: RendererSpace, material: int, emitter: int, standing: Standing | None = None
+) -> Triangles:
+    """A mesh's triangles with their own corners; ids and colours are given later."""
+    if standing is not None:
+        return standing.copy(material, emitter)
     count = len(mesh.faces)
     if count and not (mesh.faces.min() >= 0 and mesh.faces.max() < len(mesh.vertices)):
         raise SceneError(f'mesh "{mesh.name}": a face names a vertex out of range (there are {len(mesh.vertices)})')
@@ -229,13 +314,13 @@ def _soup(mesh: Mesh, space: RendererSpace, material: int, emitter: int) -> Tria
     )
 
 
-def _corners(mesh: Mesh, space: RendererSpace) -> NDArray[np.float32]:
+def _corners(mesh: Solid, space: RendererSpace) -> NDArray[np.float32]:
     """Of each triangle, in the renderer's space, shape [F, 3, 3]."""
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is dropped as such
         return space.place(mesh.vertices).astype(np.float32)[mesh.faces]
 
 
-def _corner_normals(mesh: Mesh) -> NDArray[np.float32]:
+def _corner_normals(mesh: Solid) -> NDArray[np.float32]:
     if mesh.normals is None:
         return np.zeros((len(mesh.faces), 3, 3), dtype=np.float32)
     normals = normalized(mesh.normals).astype(np.float32)[mesh.faces]
@@ -244,31 +329,33 @@ def _corner_normals(mesh: Mesh) -> NDArray[np.float32]:
     return normals
 
 
-def kept_triangles(scene: Scene) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Where the triangles that `flatten` keeps are from, in its order.
+class Origins:
+    """Where the triangles that `flatten` keeps are from, by their numbers."""
 
-    Returns:
-        The number of each one's mesh, and its own number in that mesh, shape [T].
-    """
-    space = renderer_space(scene.meshes)
-    counts = [len(mesh.faces) for mesh in scene.meshes]
-    mesh = np.repeat(np.arange(len(counts)), counts)
-    row = np.concatenate([np.arange(count) for count in counts])
-    positions = np.concatenate([_corners(each, space) for each in scene.meshes])
-    cause = drop_cause(positions, np.array([_glows(each) for each in scene.meshes])[mesh])
-    return mesh[cause == KEPT], row[cause == KEPT]
+    def __init__(self, scene: Scene) -> None:
+        space = renderer_space(scene.meshes)
+        stage = Stage(space, _glows)
+        standing = [stage.stand(mesh) if isinstance(mesh, Instance) else None for mesh in scene.meshes]
+        plain = [mesh for mesh in scene.meshes if not isinstance(mesh, Instance)]
+        sizes = [len(mesh.faces) for mesh in plain]
+        positions = np.concatenate([np.zeros((0, 3, 3), np.float32), *(_corners(mesh, space) for mesh in plain)])
+        glows = np.repeat(np.array([_glows(mesh) for mesh in plain], np.bool_), sizes)
+        causes = iter(np.split(drop_cause(positions, glows), np.cumsum(sizes)[:-1]) if plain else [])
+        self._rows = [np.flatnonzero((next(causes) if each is None else each.cause) == KEPT) for each in standing]
+        self._ends = np.cumsum([len(rows) for rows in self._rows])
+
+    def __len__(self) -> int:
+        return int(self._ends[-1])
+
+    def of(self, number: int) -> tuple[int, int]:
+        """The number of a triangle's mesh, and its own number in that mesh."""
+        mesh = int(np.searchsorted(self._ends, number, side="right"))
+        rows = self._rows[mesh]
+        return mesh, int(rows[number - (int(self._ends[mesh]) - len(rows))])
 
 
 def _joined(parts: Sequence[Triangles]) -> Triangles:
-    names = [attribute.name for attribute in fields(Triangles)]
-    return Triangles(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
-
-
-def _without_dropped(soup: Triangles) -> tuple[Triangles, dict[str, int]]:
-    """Drops triangles that cannot be rendered or seen, and numbers the others."""
-    cause = drop_cause(soup.positions, soup.emitter >= 0)
-    kept = soup if not cause.any() else soup.take(np.flatnonzero(cause == KEPT))
-    return replace(kept, ids=np.arange(len(kept), dtype=np.int32)), counted(cause)
+    return parts[0].with_arrays({name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS})
 
 
 def _listed(dropped: dict[str, int]) -> str:

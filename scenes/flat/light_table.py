@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.flat.areas import triangle_areas
 from wdpm.scenes.flat.material_table import NO_MEDIUM
+from wdpm.scenes.flat.reach import radius_about_origin
 from wdpm.scenes.model.light_kind import NUMBERS
 from wdpm.scenes.model.light_power import environment_integral, triangle_means
 from wdpm.scenes.model.lights import DELTA_LIGHTS, DeltaLight, Environment, Light, axes_of
@@ -25,7 +26,7 @@ from wdpm.scenes.model.textures import Texture
 
 if TYPE_CHECKING:
     from wdpm.scenes.flat.arrays import Triangles
-    from wdpm.scenes.model.scene import Mesh
+    from wdpm.scenes.model.scene import Solid
 
 LIGHT_KINDS = {light.KIND.number: light.KIND for light in DELTA_LIGHTS}
 """Kinds of delta lights by their numbers."""
@@ -94,7 +95,7 @@ class LightTable:
 
 
 def tabulate_lights(
-    emitters: Sequence[Mesh],
+    emitters: Sequence[Solid],
     triangles: Triangles,
     emitter_texture: NDArray[np.int32],
     textures: Sequence[Texture],
@@ -121,7 +122,7 @@ def tabulate_lights(
     emitter = triangles.emitter[rows].astype(np.int32)
     corners, uvs, colors = _facing_front(triangles, rows)
     radiance = _float32([_factor(mesh, int(t)) for mesh, t in zip(emitters, emitter_texture, strict=True)], (-1, 3))
-    radius = float(np.sqrt((triangles.positions.astype(np.float64) ** 2).sum(axis=2).max())) * RADIUS_MARGIN
+    radius = radius_about_origin(triangles) * RADIUS_MARGIN
     pixels = _pixels(environment)
     others: list[Light] = [*deltas, *environment]
     powers = [
@@ -187,7 +188,7 @@ def _filled(numbers: tuple[float, ...]) -> tuple[float, ...]:
     return (*numbers, *(0.0 for _ in range(NUMBERS - len(numbers))))
 
 
-def _factor(mesh: Mesh, texture: int) -> tuple[float, ...]:
+def _factor(mesh: Solid, texture: int) -> tuple[float, ...]:
     """Radiance of a glowing mesh, or the factor of its texture."""
     return (1.0, 1.0, 1.0) if texture >= 0 or not isinstance(mesh.emission, tuple) else mesh.emission
 
@@ -265,7 +266,7 @@ class _Enclosure:
         return int(self._sides[nearest, 0 if behind else 1])
 
 
-def _mesh_medium(mesh: Mesh, corners: NDArray[np.float32], inside: _Enclosure) -> int:
+def _mesh_medium(mesh: Solid, corners: NDArray[np.float32], inside: _Enclosure) -> int:
     """The medium before a glowing mesh: its own, or what it is in, seen from a point before its first triangle."""
     if mesh.bounds or mesh.exterior is not None:
         return NO_MEDIUM if mesh.exterior is None else mesh.exterior

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from wdpm.scenes.model.bounds import bounding_box
 from wdpm.scenes.model.bsdfs import Bsdf, BumpMap
 from wdpm.scenes.model.lights import Light
-from wdpm.scenes.model.scene import Camera, Material, Medium, Mesh
+from wdpm.scenes.model.scene import Camera, Material, Medium, Solid
 from wdpm.scenes.model.volumes import Volume
 
 Array = NDArray[np.float64]
@@ -48,6 +48,12 @@ class RendererSpace:
         moved: Array = (np.asarray(points, np.float64) - self.center) / self.unit
         moved[np.abs(moved) <= NOTHING] = 0.0
         return moved
+
+    def placing(self, to_world: Array) -> Array:
+        """The matrix that takes points of a shape here, shape [3, 4], from the one that takes them to the world."""
+        matrix = np.array(to_world[:3], np.float64)
+        matrix[:, 3] -= self.center
+        return matrix / self.unit
 
     def camera(self, camera: Camera) -> Camera:
         """A camera that sees the same."""
@@ -108,7 +114,7 @@ class RendererSpace:
         return moved
 
 
-def renderer_space(meshes: Sequence[Mesh]) -> RendererSpace:
+def renderer_space(meshes: Sequence[Solid]) -> RendererSpace:
     """The space of a scene of these meshes: their bounding box reaches from -1 to 1 along its longest side.
 
     Raises:

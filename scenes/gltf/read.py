@@ -9,7 +9,9 @@ picture is in candelas per square metre; likewise one lux of a directional light
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,16 +19,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.gltf.container import GltfFile
+from wdpm.scenes.gltf.instancing import INSTANCING, places_of
 from wdpm.scenes.gltf.lights import read_gltf_camera, read_gltf_light
 from wdpm.scenes.gltf.materials import COLOR_ATTRIBUTE, MATERIAL_EXTENSIONS, GltfMaterials
 from wdpm.scenes.meshes.framing import completed_scene
 from wdpm.scenes.meshes.mesh_data import MeshData
 from wdpm.scenes.model.lights import Light
-from wdpm.scenes.model.scene import Camera, Mesh, Scene
+from wdpm.scenes.model.scene import Camera, Instance, Mesh, Scene, Solid
 from wdpm.scenes.model.textures import RGB
 from wdpm.scenes.model.transforms import Matrix
 
-_EXTENSIONS = MATERIAL_EXTENSIONS | {"KHR_lights_punctual", "KHR_texture_transform", "KHR_mesh_quantization"}
+_EXTENSIONS = MATERIAL_EXTENSIONS | {
+    "KHR_lights_punctual",
+    "KHR_texture_transform",
+    "KHR_mesh_quantization",
+    INSTANCING,
+}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 
 
@@ -47,13 +55,17 @@ class _Reader:
         self.gltf = gltf
         self.warnings: list[str] = []
         self.materials = GltfMaterials(gltf, self.warnings)
-        self.meshes: list[Mesh] = []
+        self.meshes: list[Solid] = []
+        self._shapes: dict[int, Mesh | None] = {}
+        self._uses: Counter[object] = Counter()
         self.lights: list[Light] = []
         self.cameras: list[tuple[str, dict[str, Any], Matrix]] = []
 
     def read(self, size: tuple[int, int] | None) -> Scene:
         self._check_extensions()
-        for name, node, to_world in self._nodes():
+        nodes = list(self._nodes())
+        self._uses = Counter(node["mesh"] for _, node, _ in nodes if isinstance(node.get("mesh"), int))
+        for name, node, to_world in nodes:
             self._read_node(name, node, to_world)
         name = self.gltf.file.stem
         materials = [entry.material for entry in self.materials.materials]
@@ -118,10 +130,14 @@ class _Reader:
             mesh = self.gltf.item("meshes", node["mesh"])
             if "skin" in node:
                 self._warn_once(f'mesh "{name}": skinning is ignored, it stands as modelled')
+            places = places_of(self.gltf, node, name, to_world)
+            shared = places is not None or self._uses[node["mesh"]] > 1
             for primitive in self.gltf.get(mesh, "primitives", list, []):
                 if not isinstance(primitive, dict):
                     raise self.gltf.error("broken glTF: a primitive is not an object")
-                self._read_primitive(name, primitive, to_world)
+                shape = self._shape(name, primitive, shared)
+                if shape is not None:
+                    self.meshes += [self._stand(name, shape, place, shared) for place in places or [to_world]]
         if "camera" in node:
             self.cameras.append((name, self.gltf.item("cameras", node["camera"]), to_world))
         extensions = self.gltf.get(node, "extensions", dict, {})
@@ -133,15 +149,31 @@ class _Reader:
         if message not in self.warnings:
             self.warnings.append(message)
 
-    def _read_primitive(self, name: str, primitive: dict[str, Any], to_world: Matrix) -> None:
+    def _shape(self, name: str, primitive: dict[str, Any], shared: bool) -> Mesh | None:
+        """A primitive in its mesh's own space; read once if several nodes share the mesh."""
+        if id(primitive) in self._shapes:
+            return self._shapes[id(primitive)]
+        shape = self._read_primitive(name, primitive)
+        if shared:
+            self._shapes[id(primitive)] = shape
+        return shape
+
+    def _stand(self, name: str, shape: Mesh, to_world: Matrix, shared: bool) -> Solid:
+        """A primitive in world space."""
+        if shared and np.linalg.matrix_rank(to_world[:3, :3]) == 3:
+            return Instance(name, shape, to_world)
+        data = self._placed(MeshData(shape.vertices, shape.faces, shape.normals, shape.uvs), to_world, name)
+        return replace(shape, name=name, vertices=data.vertices, faces=data.faces, normals=data.normals)
+
+    def _read_primitive(self, name: str, primitive: dict[str, Any]) -> Mesh | None:
         mode = self.gltf.get(primitive, "mode", int, _TRIANGLES)
         if mode in (0, 1, 2, 3):
             self._warn_once(f'mesh "{name}": points and lines are ignored')
-            return
+            return None
         attributes = self.gltf.get(primitive, "attributes", dict, {})
         if "POSITION" not in attributes:
             self._warn_once(f'mesh "{name}": a primitive without positions is ignored')
-            return
+            return None
         if "targets" in primitive:
             self._warn_once(f'mesh "{name}": morph targets are ignored')
         number = self.materials.read(primitive.get("material"), colored=COLOR_ATTRIBUTE in attributes)
@@ -149,17 +181,11 @@ class _Reader:
         vertices = self.gltf.accessor(attributes["POSITION"]).astype(np.float64)
         if vertices.shape[1] != 3:
             raise self.gltf.error(f"broken glTF: POSITION has {vertices.shape[1]} components, expected 3")
-        data = MeshData(
-            vertices,
-            self._faces(primitive, mode, len(vertices), name),
-            self._attribute(attributes, "NORMAL", 3, len(vertices)),
-            self._attribute(attributes, f"TEXCOORD_{entry.uv_set}", 2, len(vertices)),
-        )
-        data = self._placed(data, to_world, name)
+        faces = self._faces(primitive, mode, len(vertices), name)
+        normals = self._attribute(attributes, "NORMAL", 3, len(vertices))
+        uvs = self._attribute(attributes, f"TEXCOORD_{entry.uv_set}", 2, len(vertices))
         colors = None if entry.vertex_tint is None else self._colors(attributes, entry.vertex_tint, len(vertices))
-        self.meshes.append(
-            Mesh(name, data.vertices, data.faces, data.normals, data.uvs, number, entry.emission, colors)
-        )
+        return Mesh(name, vertices, faces, normals, uvs, number, entry.emission, colors)
 
     def _placed(self, data: MeshData, to_world: Matrix, name: str) -> MeshData:
         try:

@@ -13,7 +13,7 @@ from wdpm.scenes.model.bounds import bounding_box
 from wdpm.scenes.model.bsdfs import BLACK, GREY
 from wdpm.scenes.model.checks import check_reach
 from wdpm.scenes.model.lights import Light, PointLight
-from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene, diffuse
+from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene, Solid, diffuse
 from wdpm.scenes.model.textures import RGB
 from wdpm.scenes.model.transforms import look_at, rotation, scaling, translation
 
@@ -34,13 +34,13 @@ _LAMPS: dict[str, tuple[tuple[float, float, float], RGB]] = {
 }
 
 
-def glows(mesh: Mesh) -> bool:
+def glows(mesh: Solid) -> bool:
     """Whether a mesh emits light; a textured one is taken to."""
     return mesh.emission is not None and (not isinstance(mesh.emission, tuple) or max(mesh.emission) > 0)
 
 
 def framing_camera(
-    meshes: Sequence[Mesh],
+    meshes: Sequence[Solid],
     size: tuple[int, int] | None = None,
     direction: tuple[float, float, float] = FRAMING_DIRECTION,
 ) -> Camera:
@@ -69,7 +69,7 @@ def bounding_radius(low: NDArray[np.float64], high: NDArray[np.float64]) -> floa
 
 def completed_scene(
     name: str,
-    meshes: Sequence[Mesh],
+    meshes: Sequence[Solid],
     materials: Sequence[Material],
     lights: Sequence[Light] = (),
     camera: Camera | None = None,
@@ -95,7 +95,7 @@ def completed_scene(
     return Scene(name, tuple(meshes), tuple(materials), tuple(lights), camera, warnings=tuple(notes))
 
 
-def _headlamp(meshes: Sequence[Mesh], camera: Camera) -> PointLight:
+def _headlamp(meshes: Sequence[Solid], camera: Camera) -> PointLight:
     """A lamp at the camera, so that what it sees is lit."""
     position = camera.to_world[:3, 3]
     distance = np.mean([np.linalg.norm(mesh.vertices.mean(axis=0) - position) for mesh in meshes])
@@ -105,7 +105,7 @@ def _headlamp(meshes: Sequence[Mesh], camera: Camera) -> PointLight:
 
 def framed_scene(
     name: str,
-    meshes: Sequence[Mesh],
+    meshes: Sequence[Solid],
     materials: Sequence[Material],
     *,
     size: tuple[int, int] | None,

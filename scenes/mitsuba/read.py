@@ -17,6 +17,7 @@ from wdpm.scenes.meshes.mesh_data import MeshData
 from wdpm.scenes.meshes.vertex_attributes import colors_of
 from wdpm.scenes.mitsuba.document import Document, Element, read_document
 from wdpm.scenes.mitsuba.emitters import EmitterReader
+from wdpm.scenes.mitsuba.groups import GroupReader
 from wdpm.scenes.mitsuba.materials import MaterialReader
 from wdpm.scenes.mitsuba.media import MediaReader
 from wdpm.scenes.mitsuba.plugin import OBJECT_TAGS, VALUE_TAGS, Plugin, left_out, unknown_tag
@@ -36,7 +37,7 @@ from wdpm.scenes.model.bsdfs import (
     walk,
 )
 from wdpm.scenes.model.lights import Light
-from wdpm.scenes.model.scene import Camera, Mesh, Scene
+from wdpm.scenes.model.scene import Camera, Mesh, Scene, Solid
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color
 
 
@@ -68,7 +69,8 @@ class _SceneReader:
             self.materials.textures, self.media, old_axes=_is_old(document), warnings=self.warnings
         )
         self.shapes = ShapeReader(_count_spheres(document), self.warnings)
-        self.meshes: list[Mesh] = []
+        self.groups = GroupReader(self._mesh)
+        self.meshes: list[Solid] = []
         self.lights: list[Light] = []
         self.sensors: list[Plugin] = []
         self.integrators: list[Plugin] = []
@@ -121,6 +123,16 @@ class _SceneReader:
                 raise unknown_tag(element)
 
     def _read_shape(self, plugin: Plugin) -> None:
+        if plugin.type == "instance":
+            self.meshes += self.groups.read(plugin)
+        elif plugin.type == "shapegroup":
+            if plugin.id is None:
+                self.warnings.append(f"line {plugin.line}: {plugin} without id: nothing can use it")
+        else:
+            self.meshes.append(self._mesh(plugin))
+
+    def _mesh(self, plugin: Plugin) -> Mesh:
+        """A shape that has triangles of its own."""
         emitter = plugin.take_one("emitter")
         emission = None if emitter is None else self.emitters.read_area(emitter)
         material = self.materials.read(plugin.take_one("bsdf"), emits=emitter is not None)
@@ -131,20 +143,18 @@ class _SceneReader:
         colors = self._vertex_colors(plugin, mesh, material, emission)
         if bounds:
             self.media.warn_if_open(plugin, mesh)
-        self.meshes.append(
-            Mesh(
-                plugin.name,
-                mesh.vertices,
-                mesh.faces,
-                mesh.normals,
-                mesh.uvs,
-                material,
-                emission,
-                colors,
-                inside,
-                outside,
-                bounds,
-            )
+        return Mesh(
+            plugin.name,
+            mesh.vertices,
+            mesh.faces,
+            mesh.normals,
+            mesh.uvs,
+            material,
+            emission,
+            colors,
+            inside,
+            outside,
+            bounds,
         )
 
     def _is_fine(self, material: int) -> bool:
@@ -183,6 +193,8 @@ def _is_old(document: Document) -> bool:
 
 
 def _count_spheres(document: Document) -> int:
-    return sum(
-        element.tag == "shape" and element.attributes.get("type") == "sphere" for element in document.root.children
-    )
+    """Of the scene and its groups, each counted once."""
+    shapes = [element for element in document.root.children if element.tag == "shape"]
+    groups = [shape for shape in shapes if shape.attributes.get("type") == "shapegroup"]
+    shapes += [element for group in groups for element in group.children if element.tag == "shape"]
+    return sum(shape.attributes.get("type") == "sphere" for shape in shapes)

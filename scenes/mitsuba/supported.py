@@ -6,7 +6,7 @@ _READ: dict[str, dict[str, None]] = {"bsdf": {}, "emitter": {}}
 """Plugins of categories whose readers say themselves what they read (`reads`), in the order in which they did."""
 
 _SUPPORTED: dict[str, tuple[str, ...]] = {
-    "shape": ("obj", "ply", "serialized", "rectangle", "cube", "sphere", "disk", "cylinder"),
+    "shape": ("obj", "ply", "serialized", "rectangle", "cube", "sphere", "disk", "cylinder", "shapegroup", "instance"),
     "texture": ("bitmap", "checkerboard", "mesh_attribute", "vertexcolors"),
     "sensor": ("perspective", "thinlens", "orthographic"),
     "medium": ("homogeneous", "heterogeneous"),
@@ -47,8 +47,6 @@ _SUPPORTED: dict[str, tuple[str, ...]] = {
 # Mitsuba 3.9 and Mitsuba 0.6 together; those that are supported need not be here
 KNOWN: dict[str, tuple[str, ...]] = {
     "shape": (
-        "instance",
-        "shapegroup",
         "merge",
         "bsplinecurve",
         "linearcurve",

@@ -8,20 +8,60 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.errors import SceneError
-from wdpm.scenes.model.scene import Mesh
+from wdpm.scenes.model.scene import Instance, Mesh, Solid
+from wdpm.scenes.model.transforms import placed
+
+Box = NDArray[np.float64]
+"""Coordinates, or many of them."""
 
 
-def bounding_box(meshes: Sequence[Mesh]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def bounding_box(meshes: Sequence[Solid]) -> tuple[Box, Box]:
     """Lowest and highest coordinates of the finite vertices that faces use, each of shape [3].
 
     Raises:
         SceneError: there are no triangles.
     """
-    used = [_used_vertices(mesh) for mesh in meshes]
-    used = [vertices for vertices in used if len(vertices)]
-    if not used:
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    shapes: dict[int, Box] = {}
+    instances: list[tuple[Box, Box, Instance]] = []
+    for mesh in meshes:
+        if isinstance(mesh, Instance):
+            if id(mesh.shape) not in shapes:
+                shapes[id(mesh.shape)] = _used_vertices(mesh.shape)
+            if len(shapes[id(mesh.shape)]):
+                instances.append((*_outer_box(mesh.to_world, shapes[id(mesh.shape)]), mesh))
+        elif len(used := _used_vertices(mesh)):
+            low, high = np.minimum(low, used.min(axis=0)), np.maximum(high, used.max(axis=0))
+    low = _lowest(low, [(box_low, 1.0, mesh) for box_low, _, mesh in instances], shapes)
+    high = -_lowest(-high, [(-box_high, -1.0, mesh) for _, box_high, mesh in instances], shapes)
+    if not (low <= high).all():
         raise SceneError("the scene is empty: it has no triangles")
-    return np.min([v.min(axis=0) for v in used], axis=0), np.max([v.max(axis=0) for v in used], axis=0)
+    return low, high
+
+
+def _lowest(low: Box, instances: list[tuple[Box, float, Instance]], shapes: dict[int, Box]) -> Box:
+    """The lowest coordinates of instances, or `low`: only those are looked at in full whose boxes reach that far.
+
+    Args:
+        instances: the least that coordinates times the sign can be, the sign, and the instance.
+    """
+    low = low.copy()
+    for axis in range(3):
+        for least, sign, mesh in sorted(instances, key=lambda entry: float(entry[0][axis])):
+            if least[axis] >= low[axis]:
+                break
+            row = mesh.to_world[axis : axis + 1].repeat(3, axis=0)
+            low[axis] = min(low[axis], float((sign * placed(row, shapes[id(mesh.shape)])[:, 0]).min()))
+    return low
+
+
+def _outer_box(to_world: NDArray[np.float64], vertices: NDArray[np.float64]) -> tuple[Box, Box]:
+    """A box that certainly holds placed vertices, grown by more than roundings."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    size = np.abs(to_world[:3, :3]) @ np.maximum(np.abs(low), np.abs(high)) + np.abs(to_world[:3, 3])
+    middle = to_world[:3, :3] @ ((low + high) / 2.0) + to_world[:3, 3]
+    reach = np.abs(to_world[:3, :3]) @ ((high - low) / 2.0) + 1e-12 * size
+    return middle - reach, middle + reach
 
 
 def _used_vertices(mesh: Mesh) -> NDArray[np.float64]:

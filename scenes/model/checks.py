@@ -11,7 +11,7 @@ import numpy as np
 
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.model.bsdfs import vertex_attributes, walk
-from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene
+from wdpm.scenes.model.scene import Camera, Instance, Material, Mesh, Scene, Solid
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color, Texture
 from wdpm.scenes.model.volumes import Volume
 
@@ -24,8 +24,14 @@ def check_scene(scene: Scene, file: Path | None = None) -> Scene:
     """
     for material in scene.materials:
         _check_material(material, file)
+    shapes: set[int] = set()
     for mesh in scene.meshes:
-        _check_mesh(mesh, len(scene.materials), file)
+        if isinstance(mesh, Instance):
+            _check_place(mesh, file)
+        shape = mesh.shape if isinstance(mesh, Instance) else mesh
+        if id(shape) not in shapes:
+            shapes.add(id(shape))
+            _check_mesh(shape, len(scene.materials), file)
         _check_looks(mesh, scene.materials[mesh.material], file)
         for medium in (mesh.interior, mesh.exterior):
             _check_medium(medium, f'mesh "{mesh.name}"', scene, file)
@@ -71,7 +77,7 @@ FARTHEST = 1e37
 """Largest coordinate. Distances are told in float32, which ends at 3.4e38."""
 
 
-def check_reach(mesh: Mesh, file: Path | None) -> None:
+def check_reach(mesh: Solid, file: Path | None) -> None:
     """Raise SceneError if a vertex lies so far away that distances are no numbers any more."""
     far = ((np.abs(mesh.vertices) > FARTHEST) & np.isfinite(mesh.vertices)).any(axis=1)
     if far.any():
@@ -82,6 +88,18 @@ def check_reach(mesh: Mesh, file: Path | None) -> None:
             "give the scene in a larger unit",
             file,
         )
+
+
+def _check_place(instance: Instance, file: Path | None) -> None:
+    """Raise SceneError unless an instance stands somewhere, and in reach."""
+    matrix = instance.to_world
+    if not np.isfinite(matrix).all():
+        raise SceneError(f'instance "{instance.name}": its transform is not finite', file)
+    if np.linalg.matrix_rank(matrix[:3, :3]) < 3:
+        raise SceneError(f'instance "{instance.name}": its transform flattens space: the matrix has no inverse', file)
+    own = np.abs(instance.shape.vertices).max(initial=0.0)
+    if not np.abs(matrix[:3, :3]).sum(axis=1).max() * own + np.abs(matrix[:3, 3]).max() <= FARTHEST:
+        check_reach(instance, file)
 
 
 def _check_mesh(mesh: Mesh, material_count: int, file: Path | None) -> None:
@@ -120,7 +138,7 @@ def _emits_soundly(emission: Color | None) -> bool:
     return emission is None or _is_sound(emission)
 
 
-def _check_looks(mesh: Mesh, material: Material, file: Path | None) -> None:
+def _check_looks(mesh: Solid, material: Material, file: Path | None) -> None:
     read = vertex_attributes(material.bsdf, mesh.emission)
     if read and mesh.colors is None:
         names = ", ".join(sorted(read))

@@ -6,7 +6,7 @@ from collections.abc import Collection
 from dataclasses import replace
 
 from wdpm.scenes.model.bsdfs import Blend, Bsdf, BumpMap, Mask, NormalMap, TwoSided
-from wdpm.scenes.model.scene import Scene
+from wdpm.scenes.model.scene import Instance, Mesh, Scene, Solid
 
 
 def leave_out(scene: Scene, effects: Collection[str]) -> Scene:
@@ -25,10 +25,19 @@ def leave_out(scene: Scene, effects: Collection[str]) -> Scene:
 
 
 def _without_media(scene: Scene) -> Scene:
+    shapes: dict[int, Mesh] = {}
+
+    def outside(mesh: Solid) -> Solid:
+        if not isinstance(mesh, Instance):
+            return replace(mesh, interior=None, exterior=None, bounds=False)
+        if id(mesh.shape) not in shapes:  # instances go on sharing it
+            shapes[id(mesh.shape)] = replace(mesh.shape, interior=None, exterior=None, bounds=False)
+        return replace(mesh, shape=shapes[id(mesh.shape)])
+
     return replace(
         scene,
         media=(),
-        meshes=tuple(replace(mesh, interior=None, exterior=None, bounds=False) for mesh in scene.meshes),
+        meshes=tuple(outside(mesh) for mesh in scene.meshes),
         camera=replace(scene.camera, medium=None),
         lights=tuple(light.outside_media() for light in scene.lights),
     )

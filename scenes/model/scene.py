@@ -16,6 +16,7 @@ from wdpm.scenes.html_tables import html_lines, html_table
 from wdpm.scenes.model.bsdfs import GREY, Bsdf, Diffuse, TwoSided
 from wdpm.scenes.model.lights import Light
 from wdpm.scenes.model.textures import RGB, Color
+from wdpm.scenes.model.transforms import Matrix, apply_to_normals, placed
 from wdpm.scenes.model.volumes import Volume
 
 
@@ -87,6 +88,73 @@ class Mesh:
     interior: int | None = None
     exterior: int | None = None
     bounds: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Instance:
+    """A mesh that stands in several places, in one of them: whoever asks sees a mesh in world space.
+
+    Its vertices are computed anew whenever they are asked for. Who can do with the shape and the matrix holds one
+    shape for all its instances (scenes.flat.instances).
+
+    Attributes:
+        name: of this one.
+        shape: the mesh in a space of its own; the same object in all instances of it.
+        to_world: from that space to the world's, affine and invertible, float64, shape [4, 4].
+    """
+
+    name: str
+    shape: Mesh
+    to_world: Matrix
+
+    @property
+    def mirrors(self) -> bool:
+        """Whether left and right change places. The front of a surface stays its front."""
+        return bool(np.linalg.det(self.to_world[:3, :3]) < 0)
+
+    @property
+    def vertices(self) -> NDArray[np.float64]:
+        return placed(self.to_world, self.shape.vertices)
+
+    @property
+    def faces(self) -> NDArray[np.int64]:
+        return self.shape.faces[:, ::-1] if self.mirrors else self.shape.faces
+
+    @property
+    def normals(self) -> NDArray[np.float64] | None:
+        return None if self.shape.normals is None else apply_to_normals(self.to_world, self.shape.normals)
+
+    @property
+    def uvs(self) -> NDArray[np.float64] | None:
+        return self.shape.uvs
+
+    @property
+    def colors(self) -> NDArray[np.float64] | None:
+        return self.shape.colors
+
+    @property
+    def material(self) -> int:
+        return self.shape.material
+
+    @property
+    def emission(self) -> Color | None:
+        return self.shape.emission
+
+    @property
+    def interior(self) -> int | None:
+        return self.shape.interior
+
+    @property
+    def exterior(self) -> int | None:
+        return self.shape.exterior
+
+    @property
+    def bounds(self) -> bool:
+        return self.shape.bounds
+
+
+Solid = Mesh | Instance
+"""Whatever has triangles."""
 
 
 LARGEST_FILTER = 64.0
@@ -173,7 +241,7 @@ class Scene:
     """
 
     name: str
-    meshes: tuple[Mesh, ...]
+    meshes: tuple[Solid, ...]
     materials: tuple[Material, ...]
     lights: tuple[Light, ...]
     camera: Camera

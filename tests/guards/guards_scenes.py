@@ -53,7 +53,7 @@ GUARDS = (
         name="duplicates are dropped",
         file="scenes/flat/dropped.py",
         prevents="surface that nobody sees counts as area, so what lies before it is too dark",
-        changes=(("cause[(cause == KEPT) & _repeated(positions) & ~glows] = DUPLICATE", "pass"),),
+        changes=(("cause[(cause == KEPT) & repeated(positions) & ~glows] = DUPLICATE", "pass"),),
         tests=(hard("instanced duplicates"),),
     ),
     Guard(

@@ -151,10 +151,14 @@ def scene_of(name: str, size: tuple[int, int]) -> Scene:
     return replace(scene, name=name)
 
 
+def _meshes(scene: Scene) -> list[Mesh]:
+    return [mesh for mesh in scene.meshes if isinstance(mesh, Mesh)]  # the box has no instances
+
+
 def _painted(scene: Scene, mesh_name: str, bsdf: Bsdf) -> Scene:
     """A mesh gets a material of its own."""
     number = len(scene.materials)
-    meshes = tuple(replace(mesh, material=number) if mesh.name == mesh_name else mesh for mesh in scene.meshes)
+    meshes = tuple(replace(mesh, material=number) if mesh.name == mesh_name else mesh for mesh in _meshes(scene))
     return replace(scene, meshes=meshes, materials=(*scene.materials, Material(mesh_name, bsdf)))
 
 
@@ -170,8 +174,12 @@ def _filled(
 ) -> Scene:
     """A box of a medium, whose boundary is nothing."""
     scene = _added(scene, medium.name, primitives.cube(), _placed(center, half), Null())
-    box = replace(scene.meshes[-1], interior=len(scene.media), bounds=True)
-    return replace(scene, meshes=(*scene.meshes[:-1], box), media=(*scene.media, medium))
+    inside = len(scene.media)
+    meshes = tuple(
+        replace(mesh, interior=inside, bounds=True) if isinstance(mesh, Mesh) and mesh.name == medium.name else mesh
+        for mesh in scene.meshes
+    )
+    return replace(scene, meshes=meshes, media=(*scene.media, medium))
 
 
 def _placed(center: tuple[float, float, float], half: tuple[float, float, float]) -> NDArray[np.float64]:

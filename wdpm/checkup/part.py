@@ -9,7 +9,7 @@ import numpy as np
 from wdpm.checkup.findings import MOST_PLACES, Finding, Level
 from wdpm.checkup.soup import Ints, Soup
 from wdpm.scenes.model.bsdfs import Bsdf, ThinDielectric, TwoSided, walk
-from wdpm.scenes.model.scene import Mesh, Scene
+from wdpm.scenes.model.scene import Scene, Solid
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Part:
     number: int
 
     @property
-    def mesh(self) -> Mesh:
+    def mesh(self) -> Solid:
         return self.scene.meshes[self.number]
 
     @property

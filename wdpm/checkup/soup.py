@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.flat.renderer_space import RendererSpace, renderer_space
-from wdpm.scenes.model.scene import Mesh, Scene
+from wdpm.scenes.model.scene import Scene, Solid
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -85,7 +85,7 @@ def make_soup(scene: Scene) -> Soup:
     )
 
 
-def sound_faces(mesh: Mesh) -> Bools:
+def sound_faces(mesh: Solid) -> Bools:
     """Faces whose corners exist and are finite, shape [F]."""
     exists = np.asarray(((mesh.faces >= 0) & (mesh.faces < len(mesh.vertices))).all(axis=1))
     finite = np.asarray(np.isfinite(mesh.vertices).all(axis=1))
@@ -94,7 +94,7 @@ def sound_faces(mesh: Mesh) -> Bools:
     return sound
 
 
-def _fronts(mesh: Mesh, rows: Ints, positions: NDArray[np.float32]) -> NDArray[np.float64]:
+def _fronts(mesh: Solid, rows: Ints, positions: NDArray[np.float32]) -> NDArray[np.float64]:
     """Area vectors on the front, which is where the vertex normals are (kernels.materials.surface.front_normals)."""
     corners = positions.astype(np.float64)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

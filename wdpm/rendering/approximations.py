@@ -8,7 +8,7 @@ from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.world import World
 from wdpm.kernels.camera.pixel_filter import is_signed, sharpening
 from wdpm.scenes.model.bsdfs import Leaf, walk
-from wdpm.scenes.model.scene import Mesh, Scene
+from wdpm.scenes.model.scene import Scene, Solid
 
 ROUND_SHARE = 1e-5
 """Vertices of a tessellated sphere lie on it to this share of its radius."""
@@ -53,7 +53,7 @@ def settings_without_effect(settings: RenderSettings) -> tuple[str, ...]:
     return (f"no effect with integrator {algorithm.name}, which {algorithm.why_ignored}: {', '.join(names)}",)
 
 
-def is_round(mesh: Mesh) -> bool:
+def is_round(mesh: Solid) -> bool:
     """Whether a mesh is a tessellated sphere: all vertices equally far from their middle, normals along the radius."""
     if mesh.normals is None or len(mesh.faces) < LEAST_ROUND_TRIANGLES:
         return False
@@ -67,5 +67,5 @@ def is_round(mesh: Mesh) -> bool:
     return bool(along.min() > 1.0 - ROUND_SHARE)
 
 
-def _is_shiny(scene: Scene, mesh: Mesh) -> bool:
+def _is_shiny(scene: Scene, mesh: Solid) -> bool:
     return any(isinstance(node, Leaf) and node.KIND.glossy for node in walk(scene.materials[mesh.material].bsdf))

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from wdpm.cluster.cluster_events import ClusterObserver
-from wdpm.cluster.in_process import NO_TRIANGLES, MemoryCluster
+from wdpm.cluster.in_process import MemoryCluster
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.work.forked_tasks import can_fork
@@ -21,7 +21,7 @@ from wdpm.progress import Progress
 from wdpm.rendering.backend import Backend
 from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.prepare import Prepared, prepare
-from wdpm.scenes.flat.arrays import Triangles
+from wdpm.scenes.flat.arrays import NO_TRIANGLES, Triangles
 from wdpm.scenes.model.scene import Camera, Scene
 
 WORTH_FORKING = 1 << 16

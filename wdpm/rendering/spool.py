@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import tempfile
-from dataclasses import fields, replace
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.scenes.flat.arrays import Triangles
-
-ARRAYS = fields(Triangles)
+from wdpm.scenes.flat.arrays import ARRAYS, Triangles
 
 
 def spooled(triangles: Triangles) -> Triangles:
@@ -22,7 +19,7 @@ def spooled(triangles: Triangles) -> Triangles:
     # The arrays hold the mapping, which needs no open file.
     try:
         with tempfile.TemporaryFile(prefix="wdpm") as file:
-            return replace(triangles, **{each.name: _spooled(getattr(triangles, each.name), file) for each in ARRAYS})
+            return triangles.with_arrays({name: _spooled(getattr(triangles, name), file) for name in ARRAYS})
     except OSError:
         return triangles
 

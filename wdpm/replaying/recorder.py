@@ -20,7 +20,7 @@ from wdpm.kernels.materials.medium import DistanceSample
 from wdpm.kernels.materials.surface import Surface
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
 from wdpm.replaying.vertices import Collision, Gather, Hit, Onward, ReplayVertex, ShadowRay
-from wdpm.scenes.flat.flatten import kept_triangles
+from wdpm.scenes.flat.flatten import Origins
 from wdpm.scenes.flat.material_table import LEAF_KINDS
 from wdpm.scenes.flat.renderer_space import renderer_space
 from wdpm.scenes.model.leaf_kind import BLACK as BLACK_KIND
@@ -41,15 +41,16 @@ class Names:
 
     def __init__(self, scene: Scene, rendered: int) -> None:
         self._scene = scene
-        self._mesh, self._row = kept_triangles(scene)
-        if len(self._row) != rendered:
-            raise AssertionError(f"{rendered} triangles are rendered, and {len(self._row)} were expected")
+        self._origins = Origins(scene)
+        if len(self._origins) != rendered:
+            raise AssertionError(f"{rendered} triangles are rendered, and {len(self._origins)} were expected")
         self.space = renderer_space(scene.meshes)
 
     def triangle(self, prim: int) -> tuple[str, str, int]:
         """Mesh, material and number in the mesh of a triangle."""
-        mesh = self._scene.meshes[int(self._mesh[prim])]
-        return mesh.name, self._scene.materials[mesh.material].name, int(self._row[prim])
+        number, row = self._origins.of(prim)
+        mesh = self._scene.meshes[number]
+        return mesh.name, self._scene.materials[mesh.material].name, row
 
     def medium(self, number: int) -> str | None:
         """Of a medium; None for none."""
