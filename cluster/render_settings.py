@@ -13,6 +13,7 @@ from wdpm.cluster.integrators.registry import Integrator as Integrator
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.limits import MAX_K
 from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.flat.shapes import Instancing as Instancing
 
 EFFECTS_TO_LEAVE_OUT = ("indirect", "caustics", "media", "lens", "bump")
 """What --without takes: light of the global map, of the caustic map, media, depth of field, bent normals."""
@@ -20,7 +21,7 @@ EFFECTS_TO_LEAVE_OUT = ("indirect", "caustics", "media", "lens", "bump")
 MOST_SHADOW_RAYS = max(integrator.algorithm.shadow_rays for integrator in Integrator)
 """Of a camera sample, where nobody says how many."""
 
-CHANGE_NO_BIT = ("bucket", "routing", "all_effects", "strict")
+CHANGE_NO_BIT = ("bucket", "routing", "all_effects", "strict", "instances")
 """Settings that change no bit of an image."""
 
 
@@ -60,6 +61,7 @@ class RenderSettings:
         all_effects: compile all effects in, whatever the scene calls for. Changes no bit of the image.
         strict: the first guard that acts ends the render with an error (work/guards.py). Changes no bit of the image.
         without: effects that are left out knowingly, of EFFECTS_TO_LEAVE_OUT.
+        instances: whether shapes that stand in several places are held once. Changes no bit of the image.
         routing: how camera rays find their nearest hit among cells. Changes no bit of the image.
         band: width of the overlap band as a share of the gather radius. Below 1 the image is approximate,
             and `inexact` must say so.
@@ -86,6 +88,7 @@ class RenderSettings:
     indirect: Indirect = Indirect.AUTO
     all_effects: bool = False
     strict: bool = False
+    instances: Instancing = Instancing.AUTO
     without: tuple[str, ...] = ()
     band: float = 1.0
     inexact: bool = False

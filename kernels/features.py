@@ -24,6 +24,7 @@ class Group(Enum):
     MEDIA = "media"
     CAMERAS = "cameras"
     SETTINGS = "settings"
+    GEOMETRY = "geometry"
 
 
 def _effect(group: Group, words: str, switches_on: str) -> Any:
@@ -53,6 +54,7 @@ class Features:
         grids: some medium's density changes from place to place.
         lens: the camera has a lens of finite size.
         orthographic: the camera's rays are parallel.
+        instances: shapes that are held once stand in several places.
         traced: camera paths go on from diffuse parts too: path tracing, final gathering.
     """
 
@@ -77,6 +79,7 @@ class Features:
     grids: bool = _effect(Group.MEDIA, "heterogeneous media", "walks through grids of densities")
     lens: bool = _effect(Group.CAMERAS, "depth of field", "camera rays start on a lens")
     orthographic: bool = _effect(Group.CAMERAS, "parallel camera rays", "camera rays of one direction")
+    instances: bool = _effect(Group.GEOMETRY, "instances", "trees below a tree, triangles placed at each hit")
     traced: bool = _effect(Group.SETTINGS, "diffuse parts traced on", "camera paths go on by diffuse parts too")
 
     def compiles(self, kind: LeafKind) -> bool:

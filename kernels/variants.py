@@ -9,9 +9,9 @@ import warp as wp
 
 from wdpm.kernels.camera.gather_glossy import make_gather
 from wdpm.kernels.camera.misses import make_path_misses
-from wdpm.kernels.camera.rays import make_camera_rays
+from wdpm.kernels.camera.rays import make_camera_rays, make_visit_paths
 from wdpm.kernels.camera.shading import make_shading
-from wdpm.kernels.camera.shadow_rays import make_pass_surfaces, make_visit_walks
+from wdpm.kernels.camera.shadow_rays import make_pass_surfaces, make_visit_shadow_segments, make_visit_walks
 from wdpm.kernels.features import Features, Group
 from wdpm.kernels.photons.beam import make_add_beams
 from wdpm.kernels.photons.departure import make_emit_photons
@@ -31,6 +31,8 @@ class Variants:
     mark_touched_cells: wp.Kernel
     visit_camera_rays: wp.Kernel
     start_paths: wp.Kernel
+    visit_paths: wp.Kernel
+    visit_shadow_segments: wp.Kernel
     emit_photons: wp.Kernel
     trace_photons: wp.Kernel
     shade_camera_hits: wp.Kernel | None
@@ -50,21 +52,24 @@ class Variants:
 @cache
 def make_variants(features: Features) -> Variants:
     """The kernels for a set of features; nothing is compiled yet."""
-    rays = make_camera_rays(features.only(Group.CAMERAS))
+    rays = make_camera_rays(features.only(Group.CAMERAS, Group.GEOMETRY))
+    geometry = features.only(Group.GEOMETRY)
     shading = make_shading(features)
     ending = replace(features, traced=False)  # where the irradiance cache serves, paths end at diffuse surfaces
-    at_surfaces = features.only(Group.MATERIALS, Group.TEXTURES, Group.MEDIA)
+    at_surfaces = features.only(Group.MATERIALS, Group.TEXTURES, Group.MEDIA, Group.GEOMETRY)
     return Variants(
         first_camera_cells=rays.first_camera_cells,
         mark_touched_cells=rays.mark_touched_cells,
         visit_camera_rays=rays.visit_camera_rays,
         start_paths=rays.start_paths,
         shade_camera_hits=None if ending.goes_on else make_shading(ending).shade_camera_hits,
+        visit_paths=make_visit_paths(geometry),
+        visit_shadow_segments=make_visit_shadow_segments(geometry),
         emit_photons=make_emit_photons(features.only(Group.LIGHTS, Group.TEXTURES, Group.MEDIA)),
         trace_photons=make_trace_photons(at_surfaces),
         shade_vertices=shading.shade_vertices if features.goes_on else None,
         path_misses=make_path_misses(features) if features.misses else None,
-        visit_walks=make_visit_walks(features.only(Group.MEDIA)) if features.walks else None,
+        visit_walks=make_visit_walks(features.only(Group.MEDIA, Group.GEOMETRY)) if features.walks else None,
         pass_surfaces=make_pass_surfaces(at_surfaces) if features.walks else None,
         add_beams=make_add_beams(features.only(Group.MEDIA)) if features.media else None,
         gather_glossy=make_gather(features.only(Group.MATERIALS)) if features.goes_on or features.coated else None,

@@ -9,13 +9,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from wdpm.cluster.integrators.indirect import Indirect
-from wdpm.scenes.flat.areas import triangle_areas
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.material_sides import gathering_sides, lambertian_sides
 from wdpm.scenes.flat.used_media import calls_for_media
+from wdpm.scenes.flat.whole import area_by_material
 
 if TYPE_CHECKING:
     from wdpm.cluster.integrators.wishes import Wishes
@@ -55,8 +53,7 @@ def _choice(flat: FlatScene, settings: Wishes, wanted: bool) -> tuple[Indirect, 
 
 def _lambertian_share(flat: FlatScene) -> float:
     """Of the area on which photons are stored, that which irradiance records serve."""
-    area = triangle_areas(flat.triangles.positions)
-    material = flat.triangles.material
-    diffuse = area[gathering_sides(flat.materials)[material] != 0].sum(dtype=np.float64)
-    served = area[lambertian_sides(flat.materials)[material] != 0].sum(dtype=np.float64)
+    area = area_by_material(flat.triangles, len(flat.materials))
+    diffuse = area[gathering_sides(flat.materials) != 0].sum()
+    served = area[lambertian_sides(flat.materials) != 0].sum()
     return float(served / diffuse) if diffuse > 0 else 0.0

@@ -67,9 +67,11 @@ class CellQueue:
 
 
 def parts_of(epoch: int, cell: int, triangles: Triangles, size: int) -> list[protocol.Partition]:
-    """The triangles of a cell as messages of at most `size` triangles each, and at least one."""
+    """The triangles of a cell as messages of at most `size` each, and at least one; instances are in the first."""
     parts = max(1, -(-len(triangles) // size))
-    return [protocol.Partition(epoch, cell, part, parts, rows(triangles, part * size, size)) for part in range(parts)]
+    runs = [rows(triangles, part * size, size) for part in range(parts)]
+    runs[0] = runs[0].with_instances(triangles.instances)
+    return [protocol.Partition(epoch, cell, part, parts, run) for part, run in enumerate(runs)]
 
 
 def rows(triangles: Triangles, start: int, count: int) -> Triangles:

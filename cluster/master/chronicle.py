@@ -11,7 +11,6 @@ from wdpm.cluster.master import events as m
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.records import Records
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonTask, RecordsMade, Task, TaskResult
-from wdpm.scenes.flat.arrays import Triangles
 
 Facts = dict[str, int | float | str]
 
@@ -108,7 +107,7 @@ class Chronicle:
                 yield ClusterEvent("refused", {"reason": reason, **_who(event)})
             case protocol.Partition(_, cell, part, parts, triangles):
                 facts = {"slave": self._numbers.get(identity, -1), "cell": cell, "part": part, "parts": parts}
-                yield ClusterEvent("cell sent", {**facts, "triangles": len(triangles), "bytes": _bytes(triangles)})
+                yield ClusterEvent("cell sent", {**facts, "triangles": triangles.total, "bytes": triangles.nbytes})
             case protocol.StartTask(_, task):
                 self._begun[task.number] = (_kind(task), now)
                 yield ClusterEvent(
@@ -148,6 +147,6 @@ def _result_bytes(result: TaskResult) -> int:
             return 0
 
 
-def _bytes(arrays: Triangles | Records) -> int:
+def _bytes(arrays: Records) -> int:
     """Of all arrays of a dataclass."""
     return sum(array.nbytes for array in vars(arrays).values())

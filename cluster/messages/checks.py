@@ -11,12 +11,15 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Batch, Kind
 from wdpm.cluster.guide import LightGuide
 from wdpm.cluster.limits import MOST_SLAVES
 from wdpm.cluster.messages import protocol
+from wdpm.cluster.messages.demands import Shape
+from wdpm.cluster.messages.demands import indices as _indices
+from wdpm.cluster.messages.demands import require as _require
+from wdpm.cluster.messages.instance_checks import SHAPES_OF_INSTANCES, check_instances, check_shapes
 from wdpm.cluster.records import CachePlan, Records
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, RecordTask
 from wdpm.cluster.world import Emission, IrradiancePlan, MapPlan, PhotonPlan, TopTree, View, World
@@ -25,14 +28,13 @@ from wdpm.kernels.limits import MAX_K
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.arrays import Media, Triangles
 from wdpm.scenes.flat.grids import MOST_VALUES, Grids
+from wdpm.scenes.flat.instances import Instances, Shapes
 from wdpm.scenes.flat.light_table import LIGHT_KINDS, LightTable
 from wdpm.scenes.flat.material_table import NORMAL_MAP, SAME_MEDIUM, MaterialTable
 from wdpm.scenes.model.leaf_kind import SLOTS
 from wdpm.scenes.model.light_kind import NUMBERS
 from wdpm.scenes.model.scene import LARGEST_FILTER, Camera, PixelFilter
 from wdpm.scenes.model.textures import Bitmap, Checkerboard
-
-Shape = tuple[int | str, ...]
 
 SHAPES: dict[type, dict[str, Shape]] = {
     TopTree: {"axis": ("inner nodes",), "split": ("inner nodes",)},
@@ -108,6 +110,7 @@ SHAPES: dict[type, dict[str, Shape]] = {
         "emitter": ("triangles",),
         "colors": ("colored", 3, 3),
     },
+    **SHAPES_OF_INSTANCES,
 }
 """Shapes of arrays by class and field. A name stands for any length, the same wherever it occurs in one object."""
 
@@ -150,6 +153,7 @@ def check_triangles(triangles: Triangles, world: World, where: str) -> None:
     _indices(triangles.emitter, -1, len(world.lights.emitter_radiance), f"{where}: emitter")
     colored = len(triangles.colors)
     _require(colored in (0, len(triangles)), where, f"colours of {colored} triangles; there are {len(triangles)}")
+    _indices(triangles.instances.shapes.material, 0, len(world.materials), f"{where}: material of a shape")
 
 
 def check_batch(batch: Batch, world: World) -> None:
@@ -183,17 +187,6 @@ def _check_shapes(value: Any, shapes: dict[str, Shape], where: str) -> None:
 
 def _in_words(shape: Shape) -> str:
     return "[" + ", ".join(str(length) for length in shape) + "]"
-
-
-def _require(condition: bool, where: str, what: str) -> None:
-    if not condition:
-        raise ProtocolError(f"{where}: {what}")
-
-
-def _indices(array: NDArray[Any], least: int, end: int, where: str) -> None:
-    """Whole numbers, or weights of a triangle's corners; NaN is outside, too."""
-    if len(array) and not (array.min() >= least and array.max() < end):
-        raise ProtocolError(f"{where} is {array.min()} to {array.max()}; expected {least} to less than {end}")
 
 
 def _positive(value: float) -> bool:
@@ -439,6 +432,8 @@ def _status_report(report: protocol.StatusReport, where: str) -> None:
 
 _RANGES: dict[type, Callable[[Any, str], None]] = {
     TopTree: _top_tree,
+    Shapes: check_shapes,
+    Instances: check_instances,
     LightTable: _lights,
     MaterialTable: _materials,
     Media: _media,

@@ -52,6 +52,9 @@ class SlaveMemory:
     own: int = 0
 
 
+INSTANCE_BYTES = 1000
+"""A place where a shape stands: matrices there and back, a box, and its part of the tree of boxes."""
+
 TEXEL_BYTES = 24
 """Three float32, as they came over the wire and on the device."""
 
@@ -64,7 +67,7 @@ class SceneMemory:
     """Memory that a scene takes [bytes]: an estimate from above.
 
     Attributes:
-        divided: triangles and photons, which the slaves of a team divide among them.
+        divided: triangles, instances and photons, which the slaves of a team divide among them.
         everywhere: textures and grids of media, which every slave has all of.
     """
 
@@ -72,10 +75,18 @@ class SceneMemory:
     everywhere: float = 0.0
 
 
-def scene_memory(triangles: int, photons: float, textures: Sequence[Texture] = (), voxels: int = 0) -> SceneMemory:
-    """What a scene with so many triangles and stored photons takes."""
+def scene_memory(
+    triangles: int, photons: float, textures: Sequence[Texture] = (), voxels: int = 0, instances: int = 0
+) -> SceneMemory:
+    """What a scene with so many triangles and stored photons takes.
+
+    Args:
+        triangles: that are held: those of shapes once.
+        instances: places where shapes stand.
+    """
     texels = sum(each.pixels.size // 3 for each in textures if isinstance(each, Bitmap))
-    return SceneMemory(triangles * TRIANGLE_BYTES + photons * PHOTON_BYTES, texels * TEXEL_BYTES + voxels * VOXEL_BYTES)
+    divided = triangles * TRIANGLE_BYTES + instances * INSTANCE_BYTES + photons * PHOTON_BYTES
+    return SceneMemory(divided, texels * TEXEL_BYTES + voxels * VOXEL_BYTES)
 
 
 def room_of(slaves: Sequence[SlaveMemory]) -> float:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.features import ALL, Features
 from wdpm.scenes.flat.flatten import FlatScene
@@ -19,7 +17,7 @@ if TYPE_CHECKING:
 
 def used_materials(flat: FlatScene) -> list[tuple[str, MaterialFacts]]:
     """Names and facts of the materials that triangles have."""
-    used = np.unique(flat.triangles.material)
+    used = flat.triangles.materials
     every = facts(flat.materials, flat.textures)
     return [(flat.material_names[row], every[row]) for row in used]
 
@@ -38,6 +36,7 @@ def features_of(flat: FlatScene, settings: RenderSettings) -> Features:
         textured_lights=len(glow) > 0,
         media=calls_for_media(flat),
         grids=calls_for_grids(flat),
+        instances=len(flat.triangles.instances) > 0,
         traced=settings.algorithm.diffuse_light(settings) is not DiffuseLight.PHOTON_MAP,
     )
 

@@ -134,6 +134,8 @@ def causes_of(flat: FlatScene, media: Sequence[str] = ()) -> dict[str, tuple[str
     causes["grids"] = _media(used[flat.media.heterogeneous[used]], media)
     causes["lens"] = (CAMERA,) if flat.camera.aperture_radius > 0 else ()
     causes["orthographic"] = (CAMERA,) if flat.camera.orthographic else ()
+    standing = flat.triangles.instances
+    causes["instances"] = (f"{len(standing):,} instances of {len(standing.shapes):,} meshes",) if len(standing) else ()
     causes["traced"] = ()  # never by a scene
     return causes
 

@@ -112,7 +112,7 @@ class GuidePilot:
             self.mass = guide.tile_masses(self._pixels)
             self._environment = environment.upload(self._pixels, flat.lights.environment_axes, self._device)
         self._scene = guide_pilot.PilotScene()
-        self._scene.bvh, self._scene.surfaces = cell.geometry
+        self._scene.trees, self._scene.surfaces = cell.geometry
         self._scene.through = wp.array(_through(flat), dtype=wp.int32, device=self._device)
         self._scene.far_away = cell.replica.lights.far_away
         self.position, self.normal = self._places(view)

@@ -67,7 +67,7 @@ def learn_guide(flat: FlatScene, cell: Cell, view: View) -> Learnt:
     lights = cell.replica.lights
     sky = flat.lights.environment_pixels.size > 0 and bool(flat.lights.power[-1] > 0)
     several = lights.tree.head_count + lights.count - lights.first_distant > 1
-    if not (sky or several) or not len(flat.triangles) or (view.max_depth is not None and view.max_depth < 2):
+    if not (sky or several) or not flat.triangles.total or (view.max_depth is not None and view.max_depth < 2):
         return NOTHING_LEARNT
     pilot = GuidePilot(flat, cell, view)
     if len(pilot.position) < 2 * PLACES_A_REGION:

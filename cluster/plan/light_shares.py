@@ -18,6 +18,7 @@ from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.light_table import LightTable
 from wdpm.scenes.flat.material_facts import facts
+from wdpm.scenes.flat.whole import positions_of
 
 MEASURED = 0.9
 """Part of the photons that is shared out by measured use."""
@@ -34,7 +35,7 @@ def pilot_emission(flat: FlatScene, *, aimed: bool) -> Emission:
     center, radius = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
     if aimed:
         shiny = np.array([fact.glossy for fact in facts(flat.materials, flat.textures)], np.bool_)
-        center, radius = cluster_targets(flat.triangles.positions[shiny[flat.triangles.material]])
+        center, radius = cluster_targets(positions_of(flat.triangles, shiny))
     share = _normalised(EVEN * even + (1.0 - EVEN) * power)
     return Emission(share, share, center, radius)
 

@@ -23,8 +23,8 @@ from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.world import IrradiancePlan, MapPlan
 from wdpm.kernels.photons.beam import sum_unit
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
-from wdpm.scenes.flat.areas import triangle_areas
 from wdpm.scenes.flat.flatten import FlatScene
+from wdpm.scenes.flat.whole import total_area
 
 PILOT_GATHERS = 4096
 """Pilot photons at which the pilot asks for its own density."""
@@ -88,7 +88,7 @@ class MapPlans:
 def map_plans(pilot: PhotonPilot, settings: RenderSettings, flat: FlatScene) -> MapPlans:
     """Paths and radius of each map."""
     world, cell, photons, extent, unit = pilot.world, pilot.cell, pilot.photons, flat.extent, flat.unit
-    area = float(triangle_areas(flat.triangles.positions).sum())
+    area = total_area(flat.triangles)
     stored = [len(part["id"]) for part in photons]
     caustics, volume = worth_of_caustics(pilot), worth_of_volume(pilot)
     of_global = MapWorth(stored[GLOBAL_MAP], 1.0).paths(settings.photons, pilot.paths)

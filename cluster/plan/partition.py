@@ -10,6 +10,37 @@ from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.rays.cells import cell_boxes
 from wdpm.kernels.rays.overlap import triangles_in_boxes
+from wdpm.scenes.flat.arrays import Triangles
+from wdpm.scenes.flat.instances import Instances
+from wdpm.scenes.flat.reach import instance_boxes
+
+
+def instances_of_cells(instances: Instances, tree: TopTree, extent: float) -> list[NDArray[np.intp]]:
+    """For each cell, the instances whose boxes meet it, ascending: it holds their shapes whole.
+
+    Boxes and cells are both grown by far more than roundings, so a cell has whatever a ray in it can hit.
+    """
+    if tree.cells == 1:
+        return [np.arange(len(instances))]
+    low, high = cell_boxes(tree.axis, tree.split)
+    own_low, own_high = instance_boxes(instances)
+    grow = 2.0 * PAD_SHARE * extent
+    return [
+        np.flatnonzero(((own_low <= high[cell] + grow) & (own_high >= low[cell] - grow)).all(axis=1))
+        for cell in range(tree.cells)
+    ]
+
+
+def places_to_cut(triangles: Triangles) -> NDArray[np.float32]:
+    """What planes are weighed by: the triangles that are held, and a triangle across the box of each instance.
+
+    Returns:
+        float32, shape [N, 3, 3].
+    """
+    if not len(triangles.instances):
+        return triangles.positions
+    low, high = (corner.astype(np.float32) for corner in instance_boxes(triangles.instances))
+    return np.concatenate([triangles.positions, np.stack([low, high, low], axis=1)])
 
 
 def rows_of_cells(

@@ -16,7 +16,7 @@ from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide
 from wdpm.cluster.plan.light_shares import shared_out
 from wdpm.cluster.plan.map_plans import irradiance_plan, map_plans, volume_unit
-from wdpm.cluster.plan.partition import rows_of_cells
+from wdpm.cluster.plan.partition import instances_of_cells, places_to_cut, rows_of_cells
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
 from wdpm.cluster.plan.top_tree import build_top_tree, photons_in_cells
 from wdpm.cluster.plan.view import view_of
@@ -26,6 +26,7 @@ from wdpm.cluster.world import World
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photons.deposits import GLOBAL_MAP, VOLUME_MAP
 from wdpm.kernels.photons.gather import check_settings
+from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.flatten import FlatScene
 
 
@@ -35,6 +36,7 @@ class RenderPlan:
 
     Attributes:
         rows: the triangles of each cell, rows of the flat scene.
+        instances: the instances of each cell.
         burdens: what each cell weighs: its shares of all triangles and of all photons.
         pilot: the pilot's one-cell worker, to be used again, where there is but one cell; otherwise None, since it
             holds the whole scene.
@@ -46,12 +48,17 @@ class RenderPlan:
 
     world: World
     rows: list[NDArray[np.intp]]
+    instances: list[NDArray[np.intp]]
     burdens: tuple[float, ...]
     pilot: CellWorker | None
     pilot_photons: NDArray[np.float32]
     learnt: Learnt
     caustic_k: int
     chose: tuple[str, ...]
+
+    def share_of(self, cell: int, triangles: Triangles) -> float:
+        """What a cell holds of the scene's triangles and instances."""
+        return (len(self.rows[cell]) + len(self.instances[cell])) / (len(triangles) + len(triangles.instances))
 
 
 def make_render_plan(
@@ -81,7 +88,7 @@ def make_render_plan(
     levels = (wanted - 1).bit_length()
     places = np.concatenate([part["position"] for part in pilot.photons])
     band = max((each.band for each in maps if each.paths), default=maps[0].band)
-    tree = build_top_tree(flat.triangles.positions, places, band, levels, wanted)
+    tree = build_top_tree(places_to_cut(flat.triangles), places, band, levels, wanted)
     world = replace(
         pilot.world,
         top_tree=tree,
@@ -93,7 +100,9 @@ def make_render_plan(
         irradiance=irradiance,
     )
     rows = rows_of_cells(flat.triangles.positions, tree, flat.extent, launcher)
-    burdens = np.array([len(r) for r in rows], np.float64) / len(flat.triangles)
+    instances = instances_of_cells(flat.triangles.instances, tree, flat.extent)
+    held = [len(r) + len(i) for r, i in zip(rows, instances, strict=True)]
+    burdens = np.array(held, np.float64) / (len(flat.triangles) + len(flat.triangles.instances))
     if len(places):
         burdens += photons_in_cells(places, tree) / len(places)
     pilot.worker.forget_photons()
@@ -102,4 +111,4 @@ def make_render_plan(
     pilot.worker.set_view(view)
     learnt = learn_guide(flat, pilot.cell, view)
     worker = pilot.worker if tree.cells == 1 else None
-    return RenderPlan(world, rows, weights, worker, places, learnt, planned.caustic_k, planned.chose)
+    return RenderPlan(world, rows, instances, weights, worker, places, learnt, planned.caustic_k, planned.chose)

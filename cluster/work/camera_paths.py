@@ -24,11 +24,11 @@ from wdpm.kernels import columns
 from wdpm.kernels.camera import vertices as sh
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.camera.paths import Paths
-from wdpm.kernels.camera.rays import Rays, first_path_cells, visit_paths
-from wdpm.kernels.materials.surface import Surfaces
+from wdpm.kernels.camera.rays import Rays, first_path_cells
+from wdpm.kernels.materials.triangles import Surfaces
 from wdpm.kernels.materials.types import DIFFUSE
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
-from wdpm.kernels.rays.bvh import Bvh
+from wdpm.kernels.rays.two_level import Trees
 from wdpm.scenes.errors import ProtocolError
 
 SHOTS_LATER = 1
@@ -40,22 +40,22 @@ class CameraLight:
 
     Args:
         cell: number of the cell.
-        scene: its triangles' tree and surfaces on the device.
+        trees, surfaces: its triangles on the device.
         store: its photons.
 
     Attributes:
         vertices: of camera paths beyond their first surface that were shaded, in this view.
     """
 
-    def __init__(self, cell: int, tree: Bvh, surfaces: Surfaces, store: PhotonStore, replica: Replica) -> None:
+    def __init__(self, cell: int, trees: Trees, surfaces: Surfaces, store: PhotonStore, replica: Replica) -> None:
         self._cell = cell
-        self._bvh = tree
+        self._trees = trees
         self._surfaces = surfaces
         self._store = store
         self._replica = replica
         self._scene: Any = None
         self.guards = guards.Guards(replica)
-        self.shadows = Shadows(cell, tree, surfaces, replica, self.guards)
+        self.shadows = Shadows(cell, trees, surfaces, replica, self.guards)
         self.beams = Beams(cell, store, replica, self.guards)
         self.gathering = PhotonGathering(cell, store, replica, self.guards)
         self.final_gather = FinalGather(surfaces, store, replica)
@@ -123,7 +123,7 @@ class CameraLight:
         replica.launcher(
             replica.kernels.visit_camera_rays,
             count,
-            bvh=self._bvh,
+            trees=self._trees,
             surfaces=self._surfaces,
             cells=replica.cells,
             camera=replica.camera,
@@ -199,9 +199,9 @@ class CameraLight:
         rays = columns.upload(Paths, batch.arrays, replica.launcher.device)
         array = self._integers(count)
         replica.launcher(
-            visit_paths,
+            replica.kernels.visit_paths,
             count,
-            bvh=self._bvh,
+            trees=self._trees,
             surfaces=self._surfaces,
             cells=replica.cells,
             paths=rays,

@@ -23,10 +23,10 @@ from wdpm.cluster.work.photon_store import DEPOSITS_A_PATH, LEAST_DEPOSITS, Phot
 from wdpm.cluster.work.replica import Replica
 from wdpm.kernels import columns
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
-from wdpm.kernels.materials import surface
+from wdpm.kernels.materials import triangles as of_triangles
 from wdpm.kernels.photons import flight as pf
 from wdpm.kernels.photons.paths import Fates, TraceOrders, TraceScene
-from wdpm.kernels.rays import bvh
+from wdpm.kernels.rays import placing, two_level
 from wdpm.kernels.rays.triangle import NO_HIT
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.arrays import Triangles
@@ -50,12 +50,13 @@ class Cell:
     def __init__(self, number: int, triangles: Triangles, replica: Replica) -> None:
         self.number = number
         self.replica = replica
-        self.triangle_count = len(triangles)
+        self.triangle_count = triangles.total
         device = replica.launcher.device
-        self._bvh = bvh.build(triangles.positions, triangles.ids, replica.pad, device)
-        self._surfaces = surface.upload(triangles, replica.world.extent, device)
-        self.store = PhotonStore(number, self._surfaces, replica)
-        self._light = CameraLight(number, self._bvh, self._surfaces, self.store, replica)
+        standing = placing.upload(triangles.instances, device)
+        self._trees = two_level.build(triangles, standing, replica.pad, device)
+        self._surfaces = of_triangles.upload(triangles, replica.world.extent, device, standing)
+        self.store = PhotonStore(number, self._surfaces, triangles.instances, replica)
+        self._light = CameraLight(number, self._trees, self._surfaces, self.store, replica)
         self._trace_scene = self._trace_scene_of(replica)
         self.energy = np.zeros(3)
         self._actions = {
@@ -103,8 +104,8 @@ class Cell:
 
     @property
     def geometry(self) -> tuple[Any, Any]:
-        """Its triangles' tree (kernels.rays.bvh.Bvh) and surfaces (kernels.materials.surface.Surfaces)."""
-        return self._bvh, self._surfaces
+        """Its trees (kernels.rays.two_level.Trees) and surfaces (kernels.materials.triangles.Surfaces)."""
+        return self._trees, self._surfaces
 
     @property
     def vertices(self) -> int:
@@ -207,6 +208,6 @@ class Cell:
     def _trace_scene_of(self, replica: Replica) -> TraceScene:
         """What photons need of this cell."""
         scene = TraceScene()
-        scene.bvh, scene.surfaces, scene.cells = self._bvh, self._surfaces, replica.cells
+        scene.trees, scene.surfaces, scene.cells = self._trees, self._surfaces, replica.cells
         scene.materials, scene.textures, scene.media = replica.materials, replica.textures, replica.media
         return scene

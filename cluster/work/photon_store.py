@@ -19,7 +19,7 @@ from wdpm.cluster.world import MapPlan
 from wdpm.kernels import columns
 from wdpm.kernels.irradiance import at_photons
 from wdpm.kernels.limits import MAPS
-from wdpm.kernels.materials.surface import Surfaces
+from wdpm.kernels.materials.triangles import Surfaces
 from wdpm.kernels.photons import photon_map
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, Deposits
 from wdpm.kernels.photons.flight import BOUNCE_BITS
@@ -28,6 +28,7 @@ from wdpm.kernels.photons.surface_points import reflect_gathered, spread
 from wdpm.kernels.rays import cells
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.areas import triangle_areas
+from wdpm.scenes.flat.instances import Instances
 
 DEPOSITS_A_PATH = 6
 """Room for photons, a path, in one launch. What finds none waits for the next launch."""
@@ -77,11 +78,13 @@ class PhotonStore:
     Args:
         cell: number of the cell.
         surfaces: its triangles on the device.
+        instances: those of them that are held once and stand in several places.
     """
 
-    def __init__(self, cell: int, surfaces: Surfaces, replica: Replica) -> None:
+    def __init__(self, cell: int, surfaces: Surfaces, instances: Instances, replica: Replica) -> None:
         self._cell = cell
         self._surfaces = surfaces
+        self._instances = instances
         self._replica = replica
         self._own: list[Arrays] = []
         self._copies: list[Arrays] = []
@@ -184,16 +187,28 @@ class PhotonStore:
     def _spread_points(self) -> Arrays:
         """The surface points that lie in this cell: for each map as many as suit it."""
         replica, surfaces = self._replica, self._surfaces
-        ids, area = surfaces.ids.numpy(), triangle_areas(surfaces.corners.numpy())
         parts: list[Arrays] = []
-        for number in SURFACE_MAPS:
-            plan = replica.world.maps[number]
-            if plan.paths and plan.read:
-                position, normal = spread(
-                    surfaces, replica.cells, self._cell, ids, area, plan.point_area, replica.launcher, plan.point_set
-                )
-                parts.append({"map": np.full(len(position), number, np.int32), "position": position, "normal": normal})
+        for rows, ids, area in self._areas():
+            for number in SURFACE_MAPS:
+                plan = replica.world.maps[number]
+                if plan.paths and plan.read:
+                    of_map = plan.point_area, replica.launcher, plan.point_set
+                    position, normal = spread(surfaces, replica.cells, self._cell, rows, ids, area, *of_map)
+                    kind = np.full(len(position), number, np.int32)
+                    parts.append({"map": kind, "position": position, "normal": normal})
         return concatenate(parts, Kind.GHOST_POINTS)
+
+    def _areas(self) -> Iterator[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]]:
+        """Rows, numbers and areas of the cell's triangles, some at a time."""
+        corners, ids = self._surfaces.corners.numpy(), self._surfaces.ids.numpy()
+        rows = np.stack([np.arange(len(ids), dtype=np.int32), np.full(len(ids), -1, np.int32)], axis=1)
+        yield rows, ids, triangle_areas(corners)
+        for chosen in self._instances.chunks():
+            of_shapes = [np.arange(s.start, s.stop) + len(ids) for s in map(self._instances.rows, chosen)]
+            which = np.repeat(np.array(chosen, np.int32), [len(rows) for rows in of_shapes])
+            rows = np.stack([np.concatenate(of_shapes).astype(np.int32), which], axis=1)
+            numbers = np.concatenate([self._instances.ids(instance) for instance in chosen])
+            yield rows, numbers, np.concatenate([triangle_areas(self._instances.positions(i)) for i in chosen])
 
     def build(self, part: int = 0, parts: int = 1) -> None:
         """Build the trees of photons and of surface points, own and ghosts, and let go of what they are built from.

@@ -14,8 +14,8 @@ from wdpm.cluster.work import guards
 from wdpm.cluster.work.replica import Replica
 from wdpm.kernels import columns
 from wdpm.kernels.camera import shadow_rays as sr
-from wdpm.kernels.materials.surface import Surfaces
-from wdpm.kernels.rays.bvh import Bvh
+from wdpm.kernels.materials.triangles import Surfaces
+from wdpm.kernels.rays.two_level import Trees
 from wdpm.scenes.errors import ProtocolError
 
 
@@ -24,13 +24,13 @@ class Shadows:
 
     Args:
         cell: number of the cell.
-        tree, surfaces: its triangles on the device.
+        trees, surfaces: its triangles on the device.
         guard: of camera samples.
     """
 
-    def __init__(self, cell: int, tree: Bvh, surfaces: Surfaces, replica: Replica, guard: guards.Guards) -> None:
+    def __init__(self, cell: int, trees: Trees, surfaces: Surfaces, replica: Replica, guard: guards.Guards) -> None:
         self._cell = cell
-        self._bvh = tree
+        self._trees = trees
         self._surfaces = surfaces
         self._replica = replica
         self._guards = guard
@@ -70,9 +70,9 @@ class Shadows:
         segments = columns.upload(sr.Segments, batch.arrays, replica.launcher.device)
         array = self._integers(len(batch))
         replica.launcher(
-            sr.visit_shadow_segments,
+            replica.kernels.visit_shadow_segments,
             len(batch),
-            bvh=self._bvh,
+            trees=self._trees,
             cells=replica.cells,
             segments=segments,
             own_cell=self._cell,
@@ -93,7 +93,7 @@ class Shadows:
         replica.launcher(
             kernel,
             len(batch),
-            bvh=self._bvh,
+            trees=self._trees,
             surfaces=self._surfaces,
             media=replica.media,
             cells=replica.cells,

@@ -14,11 +14,13 @@ from wdpm.kernels.lights.environment import Environment, EnvironmentSample, patc
 from wdpm.kernels.lights.guide import Guide, region_of, sample_guided, tile_of
 from wdpm.kernels.lights.tree import DISTANT, LeafChoice, chance_of_start, walk_down
 from wdpm.kernels.materials.bsdf import cosine_direction
-from wdpm.kernels.materials.surface import Surfaces, leave, position_at, row_of
+from wdpm.kernels.materials.standing import front_of_all, position_at_all, row_of_all, table_row_of_all
+from wdpm.kernels.materials.surface import leave
+from wdpm.kernels.materials.triangles import Surfaces
 from wdpm.kernels.maths.directions import around
 from wdpm.kernels.maths.random import PURPOSE_GUIDE, rounded_down, sample_2d, sample_2d_fine, stream_of
-from wdpm.kernels.rays.bvh import Bvh, closest_hit
 from wdpm.kernels.rays.triangle import no_hit
+from wdpm.kernels.rays.two_level import Trees, closest_of_all
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -41,7 +43,7 @@ class PilotScene:
         through: 1 for materials that camera rays go through, 2 for those that shadow rays go through as well.
     """
 
-    bvh: Bvh
+    trees: Trees
     surfaces: Surfaces
     through: wp.array[wp.int32]
     far_away: wp.float32
@@ -68,16 +70,16 @@ def walk_on(
     position_out[i] = wp.vec3(0.0)
     normal_out[i] = wp.vec3(0.0)
     way = wp.normalize(direction[i])
-    hit = closest_hit(scene.bvh, origin[i], way, no_hit())
+    hit = closest_of_all(scene.trees, origin[i], way, no_hit())
     if hit.prim < 0:
         direction[i] = wp.vec3(0.0, 0.0, 0.0)
         return
-    row = row_of(scene.surfaces, hit.prim)
-    place = position_at(scene.surfaces, row, hit.u, hit.v)
-    normal = scene.surfaces.front[row]
+    row = row_of_all(scene.surfaces, hit.prim)
+    place = position_at_all(scene.surfaces, row, hit.u, hit.v)
+    normal = front_of_all(scene.surfaces, row)
     if wp.dot(normal, way) > 0.0:
         normal = -normal
-    if scene.through[scene.surfaces.material[row]] > 0:
+    if scene.through[scene.surfaces.material[table_row_of_all(row)]] > 0:
         origin[i] = leave(place, -normal, scene.surfaces.offset_min)
         return
     position_out[i] = place
@@ -93,16 +95,16 @@ def _arrives(scene: wp.ref[PilotScene], start: wp.vec3, end: wp.vec3) -> wp.bool
     origin = start
     for _ in range(MOST_PASSAGES):
         direction = end - origin
-        hit = closest_hit(scene.bvh, origin, direction, no_hit())
+        hit = closest_of_all(scene.trees, origin, direction, no_hit())
         if hit.prim < 0 or hit.t >= 1.0:
             return True
-        row = row_of(scene.surfaces, hit.prim)
-        if scene.through[scene.surfaces.material[row]] < 2:
+        row = row_of_all(scene.surfaces, hit.prim)
+        if scene.through[scene.surfaces.material[table_row_of_all(row)]] < 2:
             return False
-        normal = scene.surfaces.front[row]
+        normal = front_of_all(scene.surfaces, row)
         if wp.dot(normal, direction) < 0.0:
             normal = -normal
-        origin = leave(position_at(scene.surfaces, row, hit.u, hit.v), normal, scene.surfaces.offset_min)
+        origin = leave(position_at_all(scene.surfaces, row, hit.u, hit.v), normal, scene.surfaces.offset_min)
     return False
 
 

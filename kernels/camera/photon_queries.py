@@ -10,7 +10,9 @@ from wdpm.kernels.camera.paths import Vertex
 from wdpm.kernels.camera.vertices import BY_PATHS, Coats, Orders, Queries
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials.bsdf import make_bsdf
-from wdpm.kernels.materials.surface import Surface, Surfaces, clearance
+from wdpm.kernels.materials.standing import make_triangles
+from wdpm.kernels.materials.surface import Surface
+from wdpm.kernels.materials.triangles import Surfaces
 from wdpm.kernels.materials.types import DIFFUSE, NULL
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -20,6 +22,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 def make_query(features: Features) -> wp.Function:
     """The function `query` for surfaces with a set of features."""
     has_diffuse = make_bsdf(features).has_diffuse
+    clearance = make_triangles(features.instances).clearance
 
     @wp.func
     def query(

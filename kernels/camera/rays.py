@@ -11,11 +11,12 @@ from wdpm.kernels.camera.camera import CameraView, make_camera, whole_pixel
 from wdpm.kernels.camera.paths import Paths, Vertex, load_hit, store_hit, store_path
 from wdpm.kernels.columns import FromFields, columns_of, loader, storer
 from wdpm.kernels.features import Features
-from wdpm.kernels.materials.surface import Surfaces, position_at, row_of
+from wdpm.kernels.materials.standing import make_triangles
+from wdpm.kernels.materials.triangles import Surfaces
 from wdpm.kernels.ray_fields import CAMERA_RAY
-from wdpm.kernels.rays.bvh import Bvh, closest_hit
 from wdpm.kernels.rays.cells import Cells, cell_of, entry_of, inverse_direction, next_cell
 from wdpm.kernels.rays.triangle import Hit
+from wdpm.kernels.rays.two_level import Trees, closest_function
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -68,6 +69,9 @@ def make_camera_rays(features: Features) -> CameraRays:
     """The kernels for a set of features."""
     camera_ray = make_camera(features)
     first_vertex = make_first_vertex(features)
+    closest_hit = closest_function(features.instances)
+    triangles = make_triangles(features.instances)
+    row_of, position_at = triangles.row_of, triangles.position_at
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def first_camera_cells(
@@ -92,7 +96,7 @@ def make_camera_rays(features: Features) -> CameraRays:
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def visit_camera_rays(
-        bvh: Bvh,
+        trees: Trees,
         surfaces: Surfaces,
         cells: Cells,
         camera: CameraView,
@@ -105,7 +109,7 @@ def make_camera_rays(features: Features) -> CameraRays:
         i = offset + wp.tid()
         ray = camera_ray(camera, rays.pixel[i], rays.sample[i])
         hit = load_ray_hit(rays, i)
-        found = closest_hit(bvh, ray.origin, ray.direction, hit)
+        found = closest_hit(trees, ray.origin, ray.direction, hit)
         if found.prim != hit.prim:
             store_ray_hit(found, i, rays)
             row = row_of(surfaces, found.prim)
@@ -130,22 +134,31 @@ def first_path_cells(cells: Cells, paths: Paths, offset: wp.int32, next_cell_out
         next_cell_out[i] = next_cell(cells, paths.origin[i], paths.direction[i], paths.t[i], -1)
 
 
-@wp.kernel
-def visit_paths(
-    bvh: Bvh,
-    surfaces: Surfaces,
-    cells: Cells,
-    paths: Paths,
-    own_cell: wp.int32,
-    offset: wp.int32,
-    next_cell_out: wp.array[wp.int32],
-) -> None:
-    """As visit_camera_rays, for rays that carry where they come from."""
-    i = offset + wp.tid()
-    hit = load_hit(paths, i)
-    found = closest_hit(bvh, paths.origin[i], paths.direction[i], hit)
-    if found.prim != hit.prim:
-        store_hit(found, i, paths)
-        row = row_of(surfaces, found.prim)
-        paths.owner[i] = cell_of(cells, position_at(surfaces, row, found.u, found.v))
-    next_cell_out[i] = next_cell(cells, paths.origin[i], paths.direction[i], found.t, own_cell)
+@functools.cache
+def make_visit_paths(features: Features) -> wp.Kernel:
+    """The kernel that intersects rays of paths with a cell."""
+    closest_hit = closest_function(features.instances)
+    triangles = make_triangles(features.instances)
+    row_of, position_at = triangles.row_of, triangles.position_at
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    def visit_paths(
+        trees: Trees,
+        surfaces: Surfaces,
+        cells: Cells,
+        paths: Paths,
+        own_cell: wp.int32,
+        offset: wp.int32,
+        next_cell_out: wp.array[wp.int32],
+    ) -> None:
+        """As visit_camera_rays, for rays that carry where they come from."""
+        i = offset + wp.tid()
+        hit = load_hit(paths, i)
+        found = closest_hit(trees, paths.origin[i], paths.direction[i], hit)
+        if found.prim != hit.prim:
+            store_hit(found, i, paths)
+            row = row_of(surfaces, found.prim)
+            paths.owner[i] = cell_of(cells, position_at(surfaces, row, found.u, found.v))
+        next_cell_out[i] = next_cell(cells, paths.origin[i], paths.direction[i], found.t, own_cell)
+
+    return visit_paths

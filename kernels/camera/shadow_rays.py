@@ -18,11 +18,13 @@ from wdpm.kernels.fields import chosen
 from wdpm.kernels.materials.flights import make_flights
 from wdpm.kernels.materials.medium import Media
 from wdpm.kernels.materials.resolve import make_materials, medium_beyond
-from wdpm.kernels.materials.surface import Surfaces, leave, make_surface, position_at, row_of
+from wdpm.kernels.materials.standing import make_triangles
+from wdpm.kernels.materials.surface import leave, make_surface
+from wdpm.kernels.materials.triangles import Surfaces
 from wdpm.kernels.ray_fields import SEGMENT, STRETCH, WALK
-from wdpm.kernels.rays.bvh import Bvh, any_hit, closest_hit
 from wdpm.kernels.rays.cells import Cells, cell_of, next_cell
 from wdpm.kernels.rays.triangle import Hit
+from wdpm.kernels.rays.two_level import Trees, any_function, closest_function
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -56,26 +58,43 @@ def first_shadow_cells(cells: Cells, segments: Segments, offset: wp.int32, next_
         next_cell_out[i] = next_cell(cells, segments.origin[i], segments.direction[i], SEGMENT_END, -1)
 
 
-@wp.kernel
-def visit_shadow_segments(
-    bvh: Bvh, cells: Cells, segments: Segments, own_cell: wp.int32, offset: wp.int32, next_cell_out: wp.array[wp.int32]
-) -> None:
-    """Look for a blocker in this cell: SHADOW_BLOCKED, SHADOW_CLEAR at the end of the way, or the next cell."""
-    i = offset + wp.tid()
-    if wp.max(segments.radiance[i]) == 0.0 or any_hit(bvh, segments.origin[i], segments.direction[i], SEGMENT_END):
-        next_cell_out[i] = SHADOW_BLOCKED
-    else:
-        next_cell_out[i] = next_cell(cells, segments.origin[i], segments.direction[i], SEGMENT_END, own_cell)
+@functools.cache
+def make_visit_shadow_segments(features: Features) -> wp.Kernel:
+    """The kernel that looks for blockers in a cell."""
+    any_hit = any_function(features.instances)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    def visit_shadow_segments(
+        trees: Trees,
+        cells: Cells,
+        segments: Segments,
+        own_cell: wp.int32,
+        offset: wp.int32,
+        next_cell_out: wp.array[wp.int32],
+    ) -> None:
+        """Look for a blocker in this cell: SHADOW_BLOCKED, SHADOW_CLEAR at the end of the way, or the next cell."""
+        i = offset + wp.tid()
+        if wp.max(segments.radiance[i]) == 0.0 or any_hit(
+            trees, segments.origin[i], segments.direction[i], SEGMENT_END
+        ):
+            next_cell_out[i] = SHADOW_BLOCKED
+        else:
+            next_cell_out[i] = next_cell(cells, segments.origin[i], segments.direction[i], SEGMENT_END, own_cell)
+
+    return visit_shadow_segments
 
 
 @functools.cache
 def make_visit_walks(features: Features) -> wp.Kernel:
     """The kernel that looks for surfaces on the way of segments that are walked."""
+    closest_hit = closest_function(features.instances)
+    triangles = make_triangles(features.instances)
+    row_of, position_at = triangles.row_of, triangles.position_at
     transmittance_of = make_flights(features).transmittance_of
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def visit_walks(
-        bvh: Bvh,
+        trees: Trees,
         surfaces: Surfaces,
         media: Media,
         cells: Cells,
@@ -90,7 +109,7 @@ def make_visit_walks(features: Features) -> wp.Kernel:
         """
         i = offset + wp.tid()
         hit = load_walk_hit(walks, i)
-        found = closest_hit(bvh, walks.origin[i], walks.direction[i], hit)
+        found = closest_hit(trees, walks.origin[i], walks.direction[i], hit)
         if found.prim != hit.prim:
             store_walk_hit(found, i, walks)
             row = row_of(surfaces, found.prim)

@@ -5,7 +5,14 @@ from __future__ import annotations
 import warp as wp
 
 from wdpm.kernels.camera.paths import Paths
-from wdpm.kernels.materials.surface import Surfaces, position_at, row_of
+from wdpm.kernels.materials.standing import (
+    front_of_all,
+    normal_at_all,
+    position_at_all,
+    row_of_all,
+    table_row_of_all,
+)
+from wdpm.kernels.materials.triangles import Surfaces
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -33,15 +40,17 @@ class Places:
 def places_of_paths(surfaces: Surfaces, paths: Paths, offset: wp.int32, places_out: Places) -> None:
     """Final hits that lie in this cell, seen from where their paths come."""
     i = offset + wp.tid()
-    row = row_of(surfaces, paths.prim[i])
+    row = row_of_all(surfaces, paths.prim[i])
+    held = table_row_of_all(row)
     u = paths.u[i]
     v = paths.v[i]
     direction = paths.direction[i]
-    normal = surfaces.front[row]
+    normal = front_of_all(surfaces, row)
     shading = normal
-    if surfaces.smooth[row] == 1:
+    if surfaces.smooth[held] == 1:
         a = 1.0 - u - v
-        blend = surfaces.normals[row, 0] * a + surfaces.normals[row, 1] * u + surfaces.normals[row, 2] * v
+        blend = normal_at_all(surfaces, row, 0) * a + normal_at_all(surfaces, row, 1) * u
+        blend = blend + normal_at_all(surfaces, row, 2) * v
         if wp.dot(blend, normal) > 0.0:
             shading = wp.normalize(blend)
     front = wp.dot(normal, direction) < 0.0
@@ -50,8 +59,8 @@ def places_of_paths(surfaces: Surfaces, paths: Paths, offset: wp.int32, places_o
     if not front:
         normal = -normal
         shading = -shading
-    places_out.position[i] = position_at(surfaces, row, u, v)
+    places_out.position[i] = position_at_all(surfaces, row, u, v)
     places_out.normal[i] = normal
     places_out.shading_normal[i] = shading
     places_out.length[i] = paths.t[i] * wp.length(direction)
-    places_out.side[i] = 2 * surfaces.material[row] + wp.int32(front)
+    places_out.side[i] = 2 * surfaces.material[held] + wp.int32(front)

@@ -29,18 +29,17 @@ from wdpm.kernels.materials.bsdf import make_bsdf
 from wdpm.kernels.materials.flights import make_flights
 from wdpm.kernels.materials.medium import Media, pass_weight, phase_sample, scatter_weight
 from wdpm.kernels.materials.resolve import Materials, medium_beyond
+from wdpm.kernels.materials.standing import make_triangles
 from wdpm.kernels.materials.surface import (
     Surface,
-    Surfaces,
     bump_shading,
     leave,
     make_surface,
-    position_at,
-    row_of,
     to_local,
     to_world,
 )
 from wdpm.kernels.materials.texture import Textures
+from wdpm.kernels.materials.triangles import Surfaces
 from wdpm.kernels.materials.types import FLUX
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, NO_MAP, VOLUME_MAP, Deposit, Deposits, store
 from wdpm.kernels.photons.flight import (
@@ -66,9 +65,9 @@ from wdpm.kernels.photons.flight import (
     store_photon,
     without_hit,
 )
-from wdpm.kernels.rays.bvh import Bvh, closest_hit
 from wdpm.kernels.rays.cells import Cells, cell_of, next_cell
 from wdpm.kernels.rays.triangle import NO_HIT, Hit
+from wdpm.kernels.rays.two_level import Trees, closest_function
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -87,7 +86,7 @@ CUT = wp.constant(2)
 class TraceScene:
     """What photons need of a scene in one cell."""
 
-    bvh: Bvh
+    trees: Trees
     surfaces: Surfaces
     materials: Materials
     textures: Textures
@@ -191,25 +190,34 @@ def adjoint_factor(s: Surface, to_source: wp.vec3, away: wp.vec3) -> wp.float32:
     return wp.min(in_shading / in_geometric, ADJOINT_BOUND) * wp.min(out_geometric / out_shading, ADJOINT_BOUND)
 
 
-@wp.func
-def fly(scene: wp.ref[TraceScene], own_cell: wp.int32, p: Photon) -> Leg:
-    """Look for where a photon's ray ends: in this cell, in another, or nowhere."""
-    leg = Leg()
-    leg.status = GOES_ON
-    leg.owner = p.owner
-    leg.hit = closest_hit(scene.bvh, p.origin, p.direction, p.hit)
-    if leg.hit.prim != p.hit.prim:
-        row = row_of(scene.surfaces, leg.hit.prim)
-        leg.owner = cell_of(scene.cells, position_at(scene.surfaces, row, leg.hit.u, leg.hit.v))
-    leg.destination = next_cell(scene.cells, p.origin, p.direction, leg.hit.t, own_cell)
-    if leg.destination >= 0:
-        leg.status = TRAVELS
-    elif leg.hit.prim < 0 and leg.hit.t >= NO_HIT:
-        leg.status = ENDED
-    elif leg.owner != own_cell:
-        leg.destination = leg.owner
-        leg.status = LANDS
-    return leg
+@functools.cache
+def make_fly(instances: bool) -> wp.Function:
+    """`fly(scene, own_cell, photon) -> Leg`, in scenes with or without instances."""
+    closest_hit = closest_function(instances)
+    triangles = make_triangles(instances)
+    row_of, position_at = triangles.row_of, triangles.position_at
+
+    @wp.func
+    def fly(scene: wp.ref[TraceScene], own_cell: wp.int32, p: Photon) -> Leg:
+        """Look for where a photon's ray ends: in this cell, in another, or nowhere."""
+        leg = Leg()
+        leg.status = GOES_ON
+        leg.owner = p.owner
+        leg.hit = closest_hit(scene.trees, p.origin, p.direction, p.hit)
+        if leg.hit.prim != p.hit.prim:
+            row = row_of(scene.surfaces, leg.hit.prim)
+            leg.owner = cell_of(scene.cells, position_at(scene.surfaces, row, leg.hit.u, leg.hit.v))
+        leg.destination = next_cell(scene.cells, p.origin, p.direction, leg.hit.t, own_cell)
+        if leg.destination >= 0:
+            leg.status = TRAVELS
+        elif leg.hit.prim < 0 and leg.hit.t >= NO_HIT:
+            leg.status = ENDED
+        elif leg.owner != own_cell:
+            leg.destination = leg.owner
+            leg.status = LANDS
+        return leg
+
+    return fly
 
 
 @functools.cache
@@ -375,6 +383,7 @@ def make_trace_photons(features: Features) -> wp.Kernel:
     """The kernel that follows photons."""
     arrive = make_arrive(features)
     into_medium = make_into_medium(features)
+    fly = make_fly(features.instances)
 
     @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
     def trace_photons(

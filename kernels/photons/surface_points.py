@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from wdpm.kernels.constants import INV_PI, LEAST_POINTS, NORMAL_COS
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.materials.surface import Surfaces, position_at
+from wdpm.kernels.materials.standing import front_of_all, position_at_all
+from wdpm.kernels.materials.triangles import Surfaces
 from wdpm.kernels.photons.gather import box_distance2, distance2_to, dot8, next_above
 from wdpm.kernels.photons.photon_map import LEAF_ROWS, NODE_ROWS, PhotonMap, first_child, vec8
 from wdpm.kernels.rays.cells import Cells, cell_of
@@ -57,7 +58,7 @@ def point_counts(
 def _place_points(
     surfaces: Surfaces,
     cells: Cells,
-    row: wp.array[wp.int32],
+    row: wp.array[wp.vec2i],
     u: wp.array[wp.float32],
     v: wp.array[wp.float32],
     offset: wp.int32,
@@ -66,9 +67,9 @@ def _place_points(
     cell_out: wp.array[wp.int32],
 ) -> None:
     i = offset + wp.tid()
-    position = position_at(surfaces, row[i], u[i], v[i])
+    position = position_at_all(surfaces, row[i], u[i], v[i])
     position_out[i] = position
-    normal_out[i] = surfaces.front[row[i]]
+    normal_out[i] = front_of_all(surfaces, row[i])
     cell_out[i] = cell_of(cells, position)
 
 
@@ -76,16 +77,18 @@ def spread(
     surfaces: Surfaces,
     cells: Cells,
     cell: int,
+    rows: NDArray[np.int32],
     ids: NDArray[np.int32],
     area: NDArray[np.float64],
     point_area: float,
     launcher: Launcher,
     point_set: int = 0,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """The points of a cell: those of its triangles that lie in it.
+    """The points of a cell on some triangles: those that lie in it.
 
     Args:
-        ids, area: numbers and areas of the cell's triangles, shape [T].
+        rows: of the triangles, as materials.standing has them, shape [T, 2].
+        ids, area: their numbers and areas, shape [T].
         point_area: the area that each point stands for.
         point_set: which of many sets; each goes on in a triangle where the one before ended. The error of a count is
             then another in each pass of a render, and the mean of passes has less of it.
@@ -111,7 +114,7 @@ def spread(
         len(row),
         surfaces=surfaces,
         cells=cells,
-        row=wp.array(row, dtype=wp.int32, device=device),
+        row=wp.array(rows[row], dtype=wp.vec2i, device=device),
         u=wp.array(u.astype(np.float32), dtype=wp.float32, device=device),
         v=wp.array(v.astype(np.float32), dtype=wp.float32, device=device),
         position_out=position,

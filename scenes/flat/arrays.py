@@ -51,6 +51,16 @@ class Triangles:
         """How many are in memory, shapes counted once."""
         return len(self.ids) + len(self.instances.shapes.material)
 
+    @property
+    def nbytes(self) -> int:
+        """Of all arrays."""
+        return sum(getattr(self, name).nbytes for name in ARRAYS) + self.instances.nbytes
+
+    @property
+    def materials(self) -> NDArray[np.int32]:
+        """Those that any triangle has, ascending."""
+        return np.unique(np.concatenate([self.material, self.instances.shapes.material]))
+
     def with_arrays(self, arrays: Mapping[str, NDArray[Any]]) -> Triangles:
         """The same instances, with other arrays: by the names of ARRAYS."""
         changes: dict[str, Any] = dict(arrays)

@@ -61,7 +61,7 @@ class FlatScene:
     dropped: dict[str, int]
 
 
-def flatten(scene: Scene, instancing: Instancing = Instancing.EXPAND) -> FlatScene:
+def flatten(scene: Scene, instancing: Instancing = Instancing.AUTO) -> FlatScene:
     """Turns a scene into arrays.
 
     Coordinates are moved and divided in double precision before they are rounded, see renderer_space.

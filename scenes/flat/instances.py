@@ -7,6 +7,7 @@ are the very floats that a copy would be made of: whether it is held as a copy o
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,6 +79,12 @@ class Instances:
         """How many there are in all."""
         return int(self.sizes.sum(dtype=np.int64))
 
+    @property
+    def nbytes(self) -> int:
+        """Of all arrays, those of the shapes included."""
+        own = sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
+        return own + sum(array.nbytes for array in vars(self.shapes).values())
+
     def rows(self, instance: int) -> slice:
         """The rows of an instance's triangles in the arrays of `shapes`."""
         shape = self.shape[instance]
@@ -92,6 +99,26 @@ class Instances:
         """Corners of an instance's triangles in the renderer's space, shape [F, 3, 3]."""
         corners = self.shapes.corners[self.rows(instance)]
         return placed_corners(self.matrix[instance], bool(self.mirrored[instance]), corners)
+
+    def triangle(self, number: int) -> tuple[int, int] | None:
+        """Instance and row in its shape of a triangle by its global number; None for one of no instance."""
+        instance = int(np.searchsorted(self.base, number, side="right")) - 1
+        if instance < 0 or number >= int(self.base[instance]) + int(self.sizes[instance]):
+            return None
+        return instance, number - int(self.base[instance])
+
+    def chunks(self, most: int = 1 << 18) -> Iterator[list[int]]:
+        """The instances, in runs of about so many triangles."""
+        run: list[int] = []
+        left = most
+        for instance, size in enumerate(self.sizes.tolist()):
+            run.append(instance)
+            left -= size
+            if left <= 0:
+                yield run
+                run, left = [], most
+        if run:
+            yield run
 
     def take(self, chosen: NDArray[np.intp]) -> Instances:
         """Some of the instances, ascending, and of the shapes only those that they need."""

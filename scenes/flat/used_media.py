@@ -10,7 +10,7 @@ from wdpm.scenes.flat.flatten import FlatScene
 
 def used_media(flat: FlatScene) -> NDArray[np.int32]:
     """Numbers of the media that some light may travel in, ascending."""
-    bounded = flat.materials.medium[np.unique(flat.triangles.material)].ravel()
+    bounded = flat.materials.medium[flat.triangles.materials].ravel()
     around = [] if flat.camera.medium is None else [flat.camera.medium]
     used = np.unique(np.array([*bounded, *flat.lights.medium, *around], np.int32))
     return used[used >= 0]

@@ -25,8 +25,9 @@ from wdpm.scenes.model.bsdfs import (
     TwoSided,
 )
 from wdpm.scenes.model.lights import Environment
-from wdpm.scenes.model.scene import Material, Medium, Mesh, Scene
+from wdpm.scenes.model.scene import Instance, Material, Medium, Mesh, Scene
 from wdpm.scenes.model.textures import Bitmap, Checkerboard
+from wdpm.scenes.model.transforms import rotation, scaling, translation
 from wdpm.scenes.model.volumes import Volume
 
 Change = Callable[[Scene], Scene]
@@ -41,6 +42,10 @@ SMOKE_SIDE = 64
 """Voxels of the smoke's side."""
 
 SKY_SIZE = (16, 32)
+
+PEBBLES = 100
+PEBBLE_AROUND = 64
+"""Segments of a pebble: all together have more triangles than are worth copying (scenes.flat.shapes)."""
 
 
 def with_textures(scene: Scene) -> Scene:
@@ -116,6 +121,22 @@ def with_smoke(scene: Scene) -> Scene:
     return _filled(scene, center, half, smoke)
 
 
+def with_instances(scene: Scene) -> Scene:
+    """Pebbles on the floor: one fine ball that stands there many times, flattened and turned."""
+    ball = primitives.sphere(PEBBLE_AROUND)
+    random = np.random.default_rng(1)
+    number = len(scene.materials)
+    shape = Mesh("pebble", ball.vertices, ball.faces, ball.normals, ball.uvs, number)
+    pebbles = []
+    for _ in range(PEBBLES):
+        x, z, height = random.uniform((30.0, 20.0, 5.0), (520.0, 250.0, 14.0))
+        turn = rotation((0.0, 1.0, 0.0), float(random.uniform(0.0, 360.0)))
+        to_world = translation((x, height, z)) @ turn @ scaling((20.0, height, 12.0))
+        pebbles.append(Instance("pebble", shape, to_world))
+    materials = (*scene.materials, Material("pebble", Diffuse((0.4, 0.4, 0.45))))
+    return replace(scene, meshes=(*scene.meshes, *pebbles), materials=materials)
+
+
 EFFECTS: dict[str, Change] = {
     "textures": with_textures,
     "mirror": with_mirror,
@@ -128,6 +149,7 @@ EFFECTS: dict[str, Change] = {
     "lens": with_lens,
     "medium": with_medium,
     "heterogeneous medium": with_smoke,
+    "instances": with_instances,
 }
 """What each scene has besides the diffuse box."""
 
@@ -151,14 +173,13 @@ def scene_of(name: str, size: tuple[int, int]) -> Scene:
     return replace(scene, name=name)
 
 
-def _meshes(scene: Scene) -> list[Mesh]:
-    return [mesh for mesh in scene.meshes if isinstance(mesh, Mesh)]  # the box has no instances
-
-
 def _painted(scene: Scene, mesh_name: str, bsdf: Bsdf) -> Scene:
     """A mesh gets a material of its own."""
     number = len(scene.materials)
-    meshes = tuple(replace(mesh, material=number) if mesh.name == mesh_name else mesh for mesh in _meshes(scene))
+    meshes = tuple(
+        replace(mesh, material=number) if isinstance(mesh, Mesh) and mesh.name == mesh_name else mesh
+        for mesh in scene.meshes
+    )
     return replace(scene, meshes=meshes, materials=(*scene.materials, Material(mesh_name, bsdf)))
 
 

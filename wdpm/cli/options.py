@@ -15,6 +15,7 @@ from wdpm.cluster.render_settings import (
     EFFECTS_TO_LEAVE_OUT,
     MOST_SHADOW_RAYS,
     Indirect,
+    Instancing,
     Integrator,
     RenderSettings,
     Routing,
@@ -122,6 +123,13 @@ SETTING_OPTIONS = (
     SettingOption("all_effects", _WORK, "compile all effects in, whether the scene calls for them or not", None),
     SettingOption(
         "strict", _WORK, "end with an error where light would be lost or an estimate made coarser: see --replay", None
+    ),
+    SettingOption(
+        "instances",
+        _WORK,
+        "shapes that stand in several places: keep (held once), expand (copied) or auto (kept where that saves much)",
+        Instancing,
+        "HOW",
     ),
     SettingOption("routing", _WORK, "how camera rays find their way among cells: forward or merge", Routing, "HOW"),
     SettingOption(

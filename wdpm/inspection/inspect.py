@@ -86,8 +86,8 @@ def inspect(
         SettingsError: all slaves together have not room for the scene.
     """
     settings = settings_for(scene, **chosen)
-    as_it_is = flatten(scene)
-    flat = flatten(leave_out(scene, settings.without)) if settings.without else as_it_is
+    as_it_is = flatten(scene, settings.instances)
+    flat = flatten(leave_out(scene, settings.without), settings.instances) if settings.without else as_it_is
     unused = settings_without_effect(settings)
     launcher = Launcher("cpu")
     settled = settle(scene, flat, settings, launcher, partial(compile_kernels, "cpu"))
@@ -98,7 +98,8 @@ def inspect(
     least = slaves
     if memory is not None:
         each = SlaveMemory("", 0, memory)
-        needed = scene_memory(len(flat.triangles), photons, flat.textures, flat.media.grids.voxels)
+        standing = len(flat.triangles.instances)
+        needed = scene_memory(flat.triangles.held, photons, flat.textures, flat.media.grids.voxels, standing)
         least = slaves_a_team(copies, [each] * slaves, needed)
     plan = make_render_plan(flat, settings, largest_team(slaves, least), launcher, pilot=settled.pilot)
     world = plan.world
@@ -108,7 +109,7 @@ def inspect(
     return Inspection(
         name=scene.name,
         meshes=len(scene.meshes),
-        triangles=len(flat.triangles),
+        triangles=flat.triangles.total,
         materials=len(scene.materials),
         textures=len(flat.textures),
         media=len(scene.media),

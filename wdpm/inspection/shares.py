@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -53,7 +53,8 @@ def shares_of(plan: RenderPlan, flat: FlatScene, slaves: int, least: int, photon
         np.count_nonzero(np.all((position >= a) & (position < b), axis=1)) for a, b in zip(low, high, strict=True)
     ]
     near = [len(rows_near(position, a, b, band)) for a, b in zip(low, high, strict=True)]
-    held = np.array([len(rows) for rows in plan.rows]) / len(flat.triangles)
+    held = np.array([plan.share_of(cell, flat.triangles) for cell in range(len(low))])
+    shapes, standing = flat.triangles.held - len(flat.triangles), len(flat.triangles.instances)
     own, ghosts = np.array(inside) / max(len(position), 1), (np.array(near) - inside) / max(len(position), 1)
     teams = max(1, slaves // least)
     texels = sum(each.pixels.nbytes for each in flat.textures if isinstance(each, Bitmap))
@@ -64,12 +65,9 @@ def shares_of(plan: RenderPlan, flat: FlatScene, slaves: int, least: int, photon
         team, place, size = slave % teams, slave // teams, len(range(slave % teams, slaves, teams))
         cells = [cell for cell, holder in enumerate(deal(np.array(plan.burdens), size)) if holder == place]
         triangles, stored, copied = (float(amount[cells].sum()) for amount in (held, own, ghosts))
-        needed = scene_memory(
-            round(triangles * len(flat.triangles)),
-            (stored + copied) * photons,
-            flat.textures,
-            flat.media.grids.voxels,
-        )
+        own_triangles, own_instances = round(triangles * len(flat.triangles)) + shapes, round(triangles * standing)
+        own_photons, voxels = (stored + copied) * photons, flat.media.grids.voxels
+        needed = scene_memory(own_triangles, own_photons, flat.textures, voxels, own_instances)
         elsewhere = (stored * (1.0 - 1.0 / teams) + copied) * photons
         received = triangles * _triangle_bytes(flat) + everywhere + elsewhere * _PHOTON_BYTES
         shares.append(
@@ -88,7 +86,7 @@ def shares_of(plan: RenderPlan, flat: FlatScene, slaves: int, least: int, photon
 
 
 def _triangle_bytes(flat: FlatScene) -> int:
-    return sum(getattr(flat.triangles, field.name).nbytes for field in fields(flat.triangles))
+    return flat.triangles.nbytes
 
 
 _PHOTON_BYTES = sum(

@@ -127,7 +127,7 @@ def prepare(
     check_pixels(scene.camera)
     seconds = {}
     flattening = time.perf_counter()
-    flat = flatten(leave_out(scene, settings.without))
+    flat = flatten(leave_out(scene, settings.without), settings.instances)
     if settings.strict:
         _demand_all(flat)
     unused = settings_without_effect(settings)
@@ -143,7 +143,8 @@ def prepare(
     began = flattening + compiling.seconds  # all but that is planning
     photons = settings.photons + settings.caustic_photons + settings.volume_photons
     workers = max(workers, 1)
-    needed = scene_memory(len(flat.triangles), photons, flat.textures, flat.media.grids.voxels)
+    standing = len(flat.triangles.instances)
+    needed = scene_memory(flat.triangles.held, photons, flat.textures, flat.media.grids.voxels, standing)
     least = workers if team is None else team(needed)
     plan = make_render_plan(flat, settings, largest_team(workers, least), launcher, cells, settled.pilot)
     world = replace(plan.world, strict=settings.strict)
@@ -170,7 +171,7 @@ def prepare(
         plan.pilot if alone else None,
         session,
         settings,
-        len(flat.triangles),
+        flat.triangles.total,
         sum(flat.dropped.values()),
         kernels,
         (*settled.chose, *plan.chose, *plan.learnt.words),
@@ -232,15 +233,15 @@ def _left_out(
     """What the scene calls for and a person did not want; the scene as it is is looked at only if something may be."""
     if not settings.without and settings.photons and settings.caustic_photons and settings.volume_photons:
         return ()
-    as_it_is = flatten(scene) if settings.without else flat
+    as_it_is = flatten(scene, settings.instances) if settings.without else flat
     media = [medium.name for medium in scene.media]
     return missing_effects(effects_of(as_it_is, flat, media, world, features, settings), settings)
 
 
 def _partition(triangles: Triangles, plan: RenderPlan) -> Callable[[int], Triangles]:
     """Hands out each cell's triangles, as often as slaves need them."""
-    rows = plan.rows
-    return lambda cell: triangles.take(rows[cell])
+    rows, instances = plan.rows, plan.instances
+    return lambda cell: triangles.take(rows[cell]).with_instances(triangles.instances.take(instances[cell]))
 
 
 def digest(*parts: Any) -> str:

@@ -11,10 +11,12 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.kernels.features import ALL
-from wdpm.kernels.materials import resolve, surface, texture
+from wdpm.kernels.materials import resolve, texture
+from wdpm.kernels.materials import triangles as triangles_of
 from wdpm.kernels.materials.resolve import Materials
-from wdpm.kernels.materials.surface import Surfaces, leave, make_surface, position_at
+from wdpm.kernels.materials.surface import leave, make_surface
 from wdpm.kernels.materials.texture import Textures
+from wdpm.kernels.materials.triangles import Surfaces, position_at
 from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.flatten import flatten
@@ -110,7 +112,7 @@ def test_rays_leave_on_their_side(plane: str, size: float) -> None:
     if plane == "through the middle":  # of the scene: the plane's distance from the origin, a coordinate, is zero
         corners[np.arange(count), :, rng.integers(0, 3, count)] = 0.0
     triangles = soup(corners)
-    surfaces = surface.upload(triangles, 2.0, "cpu")
+    surfaces = triangles_of.upload(triangles, 2.0, "cpu")
     outputs = [vectors(None, count) for _ in range(3)]
     wp.launch(place_kernel, count, inputs=[surfaces, *weights_of(rng, count), *outputs], device="cpu")
     position, above, below = (out.numpy() for out in outputs)
@@ -130,7 +132,7 @@ def test_normals_of_needles() -> None:
     start, along, across = (rng.uniform(-1, 1, (count, 3)) for _ in range(3))
     corners = np.stack([start, start + along, start + 0.5 * along + 1e-6 * across], axis=1)
     triangles = soup(corners)
-    front, _ = surface.front_normals(triangles)
+    front, _ = triangles_of.front_normals(triangles)
     p = triangles.positions.astype(np.float64)
     expected = unit(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]))
     assert np.abs(front - expected).max() < 1e-6
@@ -145,7 +147,7 @@ def seen(triangles: Triangles, towards: Wide, weights: tuple[Any, Any]) -> list[
     textures = texture.upload(flat.textures, "cpu")
     count = len(towards)
     outputs = [vectors(None, count) for _ in range(3)]
-    inputs = [surface.upload(triangles, 2.0, "cpu"), table, textures, *weights, vectors(towards), *outputs]
+    inputs = [triangles_of.upload(triangles, 2.0, "cpu"), table, textures, *weights, vectors(towards), *outputs]
     wp.launch(look_kernel, count, inputs=inputs, device="cpu")
     return [out.numpy() for out in outputs]
 

@@ -1,0 +1,192 @@
+"""The triangles of a cell: where they are, and what is said of them. Functions for scenes without instances."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.kernels.constants import OFFSET_MIN_SHARE
+from wdpm.kernels.rays import placing
+from wdpm.kernels.rays.placing import Standing
+from wdpm.scenes.flat.arrays import Triangles
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+
+@wp.struct
+class Surfaces:
+    """The triangles of a cell, sorted by global number, then those of shapes that stand in it.
+
+    Attributes:
+        count: those with arrays of their own; of shapes, only what does not depend on where they stand is held here, in
+            the rows that follow: smooth, uvs, colors, material, emitter.
+        front: unit geometric normal of each triangle's front.
+        smooth: 1 where there are normals to interpolate.
+        normals: zero where flat.
+        colored: 1 where there are vertex colours.
+        offset_min: least distance at which rays leave a surface.
+        standing: instances of the shapes.
+    """
+
+    count: wp.int32
+    ids: wp.array[wp.int32]
+    corners: wp.array2d[wp.vec3]
+    front: wp.array[wp.vec3]
+    smooth: wp.array[wp.int32]
+    normals: wp.array2d[wp.vec3]
+    uvs: wp.array2d[wp.vec2]
+    colored: wp.int32
+    colors: wp.array2d[wp.vec3]
+    material: wp.array[wp.int32]
+    emitter: wp.array[wp.int32]
+    offset_min: wp.float32
+    standing: Standing
+
+
+def upload(triangles: Triangles, extent: float, device: str, standing: Any = None) -> Surfaces:
+    """A cell's triangles on a device.
+
+    Args:
+        standing: its instances (rays.placing.Standing), if they are there already.
+    """
+    shapes = triangles.instances.shapes
+    surfaces = Surfaces()
+    surfaces.count = len(triangles)
+    surfaces.ids = wp.array(triangles.ids, dtype=wp.int32, device=device)
+    surfaces.corners = wp.array(triangles.positions, dtype=wp.vec3, device=device)
+    front, smooth = front_normals(triangles)
+    surfaces.front = wp.array(front, dtype=wp.vec3, device=device)
+    smooth = _joined(smooth, smooth_of(shapes.normals))
+    surfaces.smooth = wp.array(smooth, dtype=wp.int32, device=device)
+    surfaces.normals = wp.array(triangles.normals, dtype=wp.vec3, device=device)
+    surfaces.uvs = wp.array(_joined(triangles.uvs, shapes.uvs), dtype=wp.vec2, device=device)
+    colors = _joined(triangles.colors.reshape(-1, 3, 3), shapes.colors)
+    surfaces.colored = int(len(colors) > 0)
+    surfaces.colors = wp.array(colors, dtype=wp.vec3, device=device)
+    material = _joined(triangles.material, shapes.material)
+    surfaces.material = wp.array(material, dtype=wp.int32, device=device)
+    emitter = _joined(triangles.emitter, np.full(len(shapes.material), -1, np.int32))
+    surfaces.emitter = wp.array(emitter, dtype=wp.int32, device=device)
+    surfaces.offset_min = float(extent) * OFFSET_MIN_SHARE
+    surfaces.standing = placing.upload(triangles.instances, device) if standing is None else standing
+    return surfaces
+
+
+def _joined(own: NDArray[Any], of_shapes: NDArray[Any]) -> NDArray[Any]:
+    """One array, without a copy where there are no shapes."""
+    return np.concatenate([own, of_shapes]) if len(of_shapes) else own
+
+
+def smooth_of(normals: NDArray[Any]) -> NDArray[np.int32]:
+    """1 for triangles with a normal at each corner, int32, shape [T]."""
+    smooth: NDArray[np.int32] = (normals != 0).any(axis=2).all(axis=1).astype(np.int32)
+    return smooth
+
+
+def front_normals(triangles: Triangles) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Unit geometric normals of the triangles' fronts, and whether each has normals to interpolate.
+
+    The front is the side that the vertex normals are on; without them, the one from which the corners go
+    counter-clockwise. Computed in double: a cross product of needles cancels.
+    """
+    p = triangles.positions.astype(np.float64)
+    normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    sums = triangles.normals.sum(axis=1, dtype=np.float64)
+    # In a fixed order, as rays.placing.front_of_corners does for instances.
+    against = normal[:, 0] * sums[:, 0] + normal[:, 1] * sums[:, 1] + normal[:, 2] * sums[:, 2] < 0
+    normal[against] *= -1.0
+    return normal.astype(np.float32), smooth_of(triangles.normals)
+
+
+@wp.func
+def row_of(surfaces: wp.ref[Surfaces], prim: wp.int32) -> wp.int32:
+    """The row of a global triangle number; the triangle must be in the cell."""
+    # A cell that holds the whole scene finds it at once.
+    guess = wp.min(prim, surfaces.count - 1)
+    if surfaces.ids[guess] == prim:
+        return guess
+    low = wp.int32(0)
+    high = surfaces.count - 1
+    while low < high:
+        middle = (low + high) // 2
+        if surfaces.ids[middle] < prim:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@wp.func
+def combined(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3, u: wp.float32, v: wp.float32) -> wp.vec3:
+    """A point between corners, combined in double and rounded once.
+
+    That is what makes the offset of leaving rays provable (constants.OFFSET_SHARE).
+    """
+    b = wp.float64(u)
+    c = wp.float64(v)
+    a = wp.float64(1.0) - b - c
+    return wp.vec3(wp.vec3d(p0) * a + wp.vec3d(p1) * b + wp.vec3d(p2) * c)
+
+
+@wp.func
+def position_at(surfaces: wp.ref[Surfaces], row: wp.int32, u: wp.float32, v: wp.float32) -> wp.vec3:
+    """A point of a triangle."""
+    return combined(surfaces.corners[row, 0], surfaces.corners[row, 1], surfaces.corners[row, 2], u, v)
+
+
+@wp.func
+def distance_to_line(start: wp.vec3, end: wp.vec3, position: wp.vec3) -> wp.float32:
+    """Distance of a point to the line through two others."""
+    return wp.length(wp.cross(wp.normalize(end - start), position - start))
+
+
+@wp.func
+def clearance(surfaces: wp.ref[Surfaces], prim: wp.int32, position: wp.vec3) -> wp.float32:
+    """Distance of a point of a triangle to the nearest of its edges."""
+    row = row_of(surfaces, prim)
+    nearest = wp.float32(3.0e38)
+    for corner in range(3):
+        start = surfaces.corners[row, corner]
+        end = surfaces.corners[row, (corner + 1) % 3]
+        nearest = wp.min(nearest, distance_to_line(start, end, position))
+    return nearest
+
+
+@wp.func
+def table_row(row: wp.int32) -> wp.int32:
+    """The row in the arrays that do not depend on where a triangle stands."""
+    return row
+
+
+@wp.func
+def front_of(surfaces: wp.ref[Surfaces], row: wp.int32) -> wp.vec3:
+    """Unit geometric normal of a triangle's front."""
+    return surfaces.front[row]
+
+
+@wp.func
+def corner_at(surfaces: wp.ref[Surfaces], row: wp.int32, corner: wp.int32) -> wp.vec3:
+    """A corner of a triangle."""
+    return surfaces.corners[row, corner]
+
+
+@wp.func
+def normal_at(surfaces: wp.ref[Surfaces], row: wp.int32, corner: wp.int32) -> wp.vec3:
+    """The normal at a corner of a triangle; zero where it is flat."""
+    return surfaces.normals[row, corner]
+
+
+@wp.func
+def uv_at(surfaces: wp.ref[Surfaces], row: wp.int32, corner: wp.int32) -> wp.vec2:
+    """Texture coordinates at a corner of a triangle."""
+    return surfaces.uvs[row, corner]
+
+
+@wp.func
+def color_at(surfaces: wp.ref[Surfaces], row: wp.int32, corner: wp.int32) -> wp.vec3:
+    """The colour at a corner of a triangle, where there are any."""
+    return surfaces.colors[row, corner]
