@@ -30,8 +30,8 @@ def load(
 
     Args:
         source: a Mitsuba 3 XML file (0.6 names accepted), glTF 2.0 (.gltf, .glb), a bare mesh (.obj, .ply, .stl,
-            .off: grey, lit and framed by default) or a built-in scene: "cornell-box", "atrium", "atrium:2M"; or what
-            trimesh has in memory: a mesh, several, or a scene (from_trimesh).
+            .off: grey, lit and framed by default) or a built-in scene: "cornell-box", "atrium", "atrium:2M",
+            "forest", "forest:10k"; or what trimesh has in memory: a mesh, several, or a scene (from_trimesh).
         defines: values of a Mitsuba file's `$name` parameters.
         size: width and height in pixels that replace the file's.
         root: folder that the scene's file and all files that it names must lie in; None for what `files_within` says.

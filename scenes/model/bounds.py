@@ -23,13 +23,16 @@ def bounding_box(meshes: Sequence[Solid]) -> tuple[Box, Box]:
     """
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     shapes: dict[int, Box] = {}
+    own: dict[int, tuple[Box, Box]] = {}
     instances: list[tuple[Box, Box, Instance]] = []
     for mesh in meshes:
         if isinstance(mesh, Instance):
             if id(mesh.shape) not in shapes:
-                shapes[id(mesh.shape)] = _used_vertices(mesh.shape)
-            if len(shapes[id(mesh.shape)]):
-                instances.append((*_outer_box(mesh.to_world, shapes[id(mesh.shape)]), mesh))
+                shapes[id(mesh.shape)] = used = _used_vertices(mesh.shape)
+                if len(used):
+                    own[id(mesh.shape)] = used.min(axis=0), used.max(axis=0)
+            if id(mesh.shape) in own:
+                instances.append((*_outer_box(mesh.to_world, *own[id(mesh.shape)]), mesh))
         elif len(used := _used_vertices(mesh)):
             low, high = np.minimum(low, used.min(axis=0)), np.maximum(high, used.max(axis=0))
     low = _lowest(low, [(box_low, 1.0, mesh) for box_low, _, mesh in instances], shapes)
@@ -55,9 +58,8 @@ def _lowest(low: Box, instances: list[tuple[Box, float, Instance]], shapes: dict
     return low
 
 
-def _outer_box(to_world: NDArray[np.float64], vertices: NDArray[np.float64]) -> tuple[Box, Box]:
-    """A box that certainly holds placed vertices, grown by more than roundings."""
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
+def _outer_box(to_world: NDArray[np.float64], low: Box, high: Box) -> tuple[Box, Box]:
+    """A box that certainly holds what is placed of another, grown by more than roundings."""
     size = np.abs(to_world[:3, :3]) @ np.maximum(np.abs(low), np.abs(high)) + np.abs(to_world[:3, 3])
     middle = to_world[:3, :3] @ ((low + high) / 2.0) + to_world[:3, 3]
     reach = np.abs(to_world[:3, :3]) @ ((high - low) / 2.0) + 1e-12 * size

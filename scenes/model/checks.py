@@ -24,14 +24,14 @@ def check_scene(scene: Scene, file: Path | None = None) -> Scene:
     """
     for material in scene.materials:
         _check_material(material, file)
-    shapes: set[int] = set()
+    reach: dict[int, float] = {}
     for mesh in scene.meshes:
-        if isinstance(mesh, Instance):
-            _check_place(mesh, file)
         shape = mesh.shape if isinstance(mesh, Instance) else mesh
-        if id(shape) not in shapes:
-            shapes.add(id(shape))
+        if id(shape) not in reach:
             _check_mesh(shape, len(scene.materials), file)
+            reach[id(shape)] = float(np.abs(shape.vertices).max(initial=0.0))
+        if isinstance(mesh, Instance):
+            _check_place(mesh, reach[id(shape)], file)
         _check_looks(mesh, scene.materials[mesh.material], file)
         for medium in (mesh.interior, mesh.exterior):
             _check_medium(medium, f'mesh "{mesh.name}"', scene, file)
@@ -90,14 +90,17 @@ def check_reach(mesh: Solid, file: Path | None) -> None:
         )
 
 
-def _check_place(instance: Instance, file: Path | None) -> None:
-    """Raise SceneError unless an instance stands somewhere, and in reach."""
+def _check_place(instance: Instance, own: float, file: Path | None) -> None:
+    """Raise SceneError unless an instance stands somewhere, and in reach.
+
+    Args:
+        own: the largest absolute coordinate of its shape.
+    """
     matrix = instance.to_world
     if not np.isfinite(matrix).all():
         raise SceneError(f'instance "{instance.name}": its transform is not finite', file)
     if np.linalg.matrix_rank(matrix[:3, :3]) < 3:
         raise SceneError(f'instance "{instance.name}": its transform flattens space: the matrix has no inverse', file)
-    own = np.abs(instance.shape.vertices).max(initial=0.0)
     if not np.abs(matrix[:3, :3]).sum(axis=1).max() * own + np.abs(matrix[:3, 3]).max() <= FARTHEST:
         check_reach(instance, file)
 

@@ -180,7 +180,7 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "scene",
         metavar="SCENE",
-        help="Mitsuba XML, glTF, OBJ, PLY, STL or OFF file, or a built-in scene: cornell-box, atrium:200k",
+        help="Mitsuba XML, glTF, OBJ, PLY, STL or OFF file, or a built-in scene: cornell-box, atrium:200k, forest",
     )
     group = parser.add_argument_group("scene")
     group.add_argument(
