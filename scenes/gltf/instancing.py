@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wdpm.scenes.gltf.container import GltfFile
 from wdpm.scenes.model.transforms import Matrix
@@ -41,7 +42,10 @@ def places_of(gltf: GltfFile, node: dict[str, Any], name: str, to_world: Matrix)
     count = lengths.pop()
     matrices = np.tile(np.eye(4), (count, 1, 1))
     if "ROTATION" in values:
-        matrices[:, :3, :3] = _rotations(gltf, name, values["ROTATION"])
+        length = np.linalg.norm(values["ROTATION"], axis=1, keepdims=True)
+        if not (length > 0).all():
+            raise gltf.error(f'node "{name}": {INSTANCING}: a ROTATION is zero')
+        matrices[:, :3, :3] = rotations(values["ROTATION"] / length)
     if "SCALE" in values:
         matrices[:, :3, :3] *= values["SCALE"][:, None, :]
     if "TRANSLATION" in values:
@@ -49,12 +53,9 @@ def places_of(gltf: GltfFile, node: dict[str, Any], name: str, to_world: Matrix)
     return [to_world @ matrix for matrix in matrices]
 
 
-def _rotations(gltf: GltfFile, name: str, quaternions: np.ndarray) -> np.ndarray:
-    """Matrices of quaternions, shape [N, 3, 3]."""
-    length = np.linalg.norm(quaternions, axis=1, keepdims=True)
-    if not (length > 0).all():
-        raise gltf.error(f'node "{name}": {INSTANCING}: a ROTATION is zero')
-    x, y, z, w = (quaternions / length).T
+def rotations(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Matrices of unit quaternions, shape [N, 4]; shape [N, 3, 3]."""
+    x, y, z, w = quaternions.T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.gltf.container import GltfFile
-from wdpm.scenes.gltf.instancing import INSTANCING, places_of
+from wdpm.scenes.gltf.instancing import INSTANCING, places_of, rotations
 from wdpm.scenes.gltf.lights import read_gltf_camera, read_gltf_light
 from wdpm.scenes.gltf.materials import COLOR_ATTRIBUTE, MATERIAL_EXTENSIONS, GltfMaterials
 from wdpm.scenes.meshes.framing import completed_scene
@@ -120,7 +120,7 @@ class _Reader:
         if not length > 0:
             raise self.gltf.error(f"broken glTF: nodes[{index}].rotation is zero")
         matrix = np.eye(4)
-        matrix[:3, :3] = _rotation(x / length, y / length, z / length, w / length)
+        matrix[:3, :3] = rotations(np.array([[x, y, z, w]]) / length)[0]
         matrix[:3, :3] *= np.array(self.gltf.numbers(node, "scale", [1.0, 1.0, 1.0]))
         matrix[:3, 3] = self.gltf.numbers(node, "translation", [0.0, 0.0, 0.0])
         return matrix
@@ -241,14 +241,3 @@ class _Reader:
         for other, _, _ in self.cameras[1:]:
             self.warnings.append(f'the file has {len(self.cameras)} cameras: "{other}" is ignored, the first is used')
         return read_gltf_camera(self.gltf, name, camera, to_world, size)
-
-
-def _rotation(x: float, y: float, z: float, w: float) -> NDArray[np.float64]:
-    """The matrix of a unit quaternion."""
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
