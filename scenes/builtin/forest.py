@@ -86,7 +86,7 @@ def forest(trees: int = DEFAULT_TREES, size: tuple[int, int] | None = None) -> S
 
 def _tree(random: np.random.Generator) -> tuple[MeshData, MeshData]:
     """The wood and the leaves of a tree that stands at the origin; +y is up."""
-    limbs = [_limb(np.zeros(3), np.array([0.0, HEIGHT, 0.0]), 0.22, 0.03, 12, 8)]
+    limbs = [_limb(np.zeros(3), np.array([0.0, HEIGHT, 0.0]), 0.22, 0.03, 12, 40)]
     twigs = []
     for number in range(BRANCHES):
         share = (number + 0.5) / BRANCHES
@@ -95,7 +95,7 @@ def _tree(random: np.random.Generator) -> tuple[MeshData, MeshData]:
         reach = CROWN * math.sqrt(max(1.0 - share, 0.04)) * random.uniform(0.8, 1.1)
         angle = number * 2.399963  # the golden angle
         end = start + reach * np.array([math.cos(angle), random.uniform(0.1, 0.45), math.sin(angle)])
-        limbs.append(_limb(start, end, 0.06 * (1.2 - share), 0.015, 8, 5))
+        limbs.append(_limb(start, end, 0.06 * (1.2 - share), 0.015, 8, 12))
         for part in range(TWIGS):
             root = start + (end - start) * (0.25 + 0.75 * (part + 0.5) / TWIGS)
             tip = root + random.normal(size=3) * (0.35, 0.25, 0.35)
@@ -108,7 +108,7 @@ def _tree(random: np.random.Generator) -> tuple[MeshData, MeshData]:
 def _limb(
     start: Array, end: Array, thick: float, thin: float, around: int, rings: int
 ) -> tuple[Array, NDArray[np.int64]]:
-    """A tapered tube without caps."""
+    """A tapered tube without caps. Its triangles are no longer than need be: a shape is the faster for it."""
     axis = (end - start) / np.linalg.norm(end - start)
     side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     side /= np.linalg.norm(side)

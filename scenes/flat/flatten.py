@@ -114,6 +114,13 @@ def _triangles(
     material = [rows.of(mesh) for mesh in meshes]
     stage = Stage(space, _glows)
     standing = [stage.stand(mesh) if isinstance(mesh, Instance) else None for mesh in meshes]
+    total = sum(
+        len(mesh.faces) if each is None else len(each.cause) for mesh, each in zip(meshes, standing, strict=True)
+    )
+    if total > MOST_TRIANGLES:
+        raise SceneError(
+            f"{total:,} triangles, those of instances counted where they stand: at most {MOST_TRIANGLES:,}"
+        )
     kept = choose(meshes, standing, instancing)
     apart = [number for number, is_kept in enumerate(kept) if not is_kept]
     parts = [
@@ -127,8 +134,6 @@ def _triangles(
     counts = np.array([held.kept(each) if k and each else 0 for each, k in zip(standing, kept, strict=True)], np.int64)
     counts[apart] = _kept_of_parts(cause, parts)
     bases = np.cumsum(counts) - counts
-    if counts.sum() > MOST_TRIANGLES:
-        raise SceneError(f"{counts.sum():,} triangles, those of instances counted where they stand: at most 2^31 - 1")
     ids = [np.zeros(0, np.int32)]
     ids += [np.arange(bases[number], bases[number] + counts[number], dtype=np.int32) for number in apart]
     chosen = [(each, material[i], int(bases[i])) for i, each in enumerate(standing) if each and kept[i] and counts[i]]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from wdpm.scenes.errors import SceneError
+from wdpm.scenes.flat import flatten as flatten_module
 from wdpm.scenes.flat.arrays import ARRAYS
 from wdpm.scenes.flat.flatten import FlatScene, Origins, flatten
 from wdpm.scenes.flat.instances import Instances, placed_normals
@@ -169,6 +170,12 @@ def test_what_cannot_be_is_one_line_with_its_place(tmp_path: Path, parts: list[s
     assert words in message
     assert "scene.xml:" in message
     assert "\n" not in message
+
+
+def test_more_triangles_than_can_be_numbered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flatten_module, "MOST_TRIANGLES", 1000)
+    with pytest.raises(SceneError, match="triangles, those of instances counted where they stand: at most 1,000"):
+        flatten(with_instances(tmp_path))
 
 
 def test_all_of_a_flat_scene_but_its_triangles_is_the_same(tmp_path: Path) -> None:

@@ -1,0 +1,63 @@
+"""What is asked of all triangles has the bits of a scene of copies."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from wdpm.scenes.flat import whole
+from wdpm.scenes.flat.flatten import FlatScene, flatten
+from wdpm.scenes.flat.shapes import Instancing
+from wdpm.scenes.flat.whole import area_by_material, positions_of, total_area
+from wdpm.scenes.meshes.primitives import cube, sphere
+from wdpm.scenes.model.lights import PointLight
+from wdpm.scenes.model.scene import Camera, Instance, Mesh, Scene, Solid, diffuse
+from wdpm.scenes.model.transforms import look_at, rotation, scaling, translation
+
+
+def both() -> tuple[FlatScene, FlatScene]:
+    """Meshes and instances by turns, held and copied."""
+    random = np.random.default_rng(5)
+    ball, box = (
+        Mesh(name, data.vertices, data.faces, data.normals, data.uvs, number)
+        for number, (name, data) in enumerate((("ball", sphere(16)), ("box", cube())))
+    )
+    solids: list[Solid] = []
+    for number in range(20):
+        turn = rotation(random.normal(size=3), float(random.uniform(0, 360)))
+        matrix = translation(random.normal(size=3)) @ turn @ scaling(random.uniform(0.1, 0.5, 3))
+        if number % 5 == 2:
+            moved = sphere(10).transformed(matrix)
+            solids.append(Mesh(f"own {number}", moved.vertices, moved.faces, moved.normals, moved.uvs, 2))
+        else:
+            solids.append(Instance(f"{number}", (ball, box)[number % 2], matrix))
+    camera = Camera(look_at((0, 0, 9), (0, 0, 0), (0, 1, 0)), 40.0, 8, 8)
+    lights = (PointLight("lamp", (0.0, 5.0, 5.0), (1.0, 1.0, 1.0)),)
+    scene = Scene("both", tuple(solids), tuple(diffuse(name) for name in "abc"), lights, camera)
+    return flatten(scene, Instancing.KEEP), flatten(scene, Instancing.EXPAND)
+
+
+@pytest.mark.parametrize("block", [128, 1000, 1 << 20])
+def test_areas_are_added_as_numpy_adds_those_of_copies(monkeypatch: pytest.MonkeyPatch, block: int) -> None:
+    held, copied = both()
+    assert len(held.triangles.instances) == 16
+    monkeypatch.setattr(whole, "BLOCK", block)
+    assert total_area(held.triangles) == total_area(copied.triangles)
+    np.testing.assert_allclose(area_by_material(held.triangles, 3), area_by_material(copied.triangles, 3), rtol=1e-12)
+
+
+def test_triangles_of_some_materials_come_in_their_order() -> None:
+    held, copied = both()
+    for chosen in ([True, False, True], [False, True, False], [False, False, True], [False, False, False]):
+        some = np.array(chosen)
+        np.testing.assert_array_equal(positions_of(held.triangles, some), positions_of(copied.triangles, some))
+
+
+def test_too_many_triangles_stand_as_boxes(monkeypatch: pytest.MonkeyPatch) -> None:
+    held, copied = both()
+    monkeypatch.setattr(whole, "MOST_POSITIONS", 10)
+    boxes = positions_of(held.triangles, np.array([True, False, False]))
+    exact = positions_of(copied.triangles, np.array([True, False, False]))
+    assert len(boxes) < len(exact)
+    assert (boxes.min(axis=(0, 1)) <= exact.min(axis=(0, 1))).all()
+    assert (boxes.max(axis=(0, 1)) >= exact.max(axis=(0, 1))).all()
