@@ -16,12 +16,14 @@ from typing import Any
 import pytest
 
 import wdpm
+from wdpm.cli.main import main
+from wdpm.cluster.render_settings import Indirect
 from wdpm.images.image import load
 from wdpm.rendering.record_file import read_records
 
 pytestmark = pytest.mark.sockets
 
-CHOSEN: dict[str, Any] = {"photons": 1000, "spp": 8, "k": 20, "indirect": wdpm.cluster.render_settings.Indirect.CACHE}
+CHOSEN: dict[str, Any] = {"photons": 1000, "spp": 8, "k": 20, "indirect": Indirect.CACHE}
 OPTIONS = ["cornell-box", "--size", "40x40", "--photons", "1000", "--spp", "8", "--k", "20"]
 OPTIONS += ["--indirect", "cache", "--bucket", "8", "-q"]
 LONGEST_S = 90.0
@@ -62,9 +64,9 @@ def expected() -> str:
 
 def test_a_master_is_killed_in_photons_records_and_image(expected: str, tmp_path: Path) -> None:
     """Its slaves have keys, wait for it, and are the same processes to the end."""
-    assert wdpm.cli.main.main(["keys", str(tmp_path / "master")]) == 0
+    assert main(["keys", str(tmp_path / "master")]) == 0
     for name in ("anna", "bert"):
-        assert wdpm.cli.main.main(["keys", "add", str(tmp_path / "master"), name]) == 0
+        assert main(["keys", "add", str(tmp_path / "master"), name]) == 0
     with socket.create_server(("127.0.0.1", 0)) as free:
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
     log, journal = tmp_path / "log", tmp_path / "box.exr.wdpm-journal"

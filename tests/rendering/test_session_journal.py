@@ -17,6 +17,7 @@ from wdpm.cluster.kept import Kept, TaskKept
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.session import Session
 from wdpm.images.image import Image
+from wdpm.progress import SilentProgress
 from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.pass_plan import PassPlan, session_of
 from wdpm.rendering.passes import render_in_passes
@@ -71,7 +72,7 @@ def interrupted(tmp_path_factory: pytest.TempPathFactory) -> Interrupted:
     log.close()
     whole = render(scene, None)
     with InProcess(threads=1) as backend:
-        prepared = backend.prepare(scene, CHOSEN, wdpm.progress.SilentProgress())
+        prepared = backend.prepare(scene, CHOSEN, SilentProgress())
     session = session_of(prepared.session, PLAN)
     ends = tuple(end for _, end in read_records(path))
     kept = begun(path, prepared, session).kept
@@ -122,7 +123,7 @@ def test_a_journal_may_end_anywhere(interrupted: Interrupted, keep: int, tmp_pat
     log.close()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(data=st.data())
 def test_nothing_wrong_is_believed(interrupted: Interrupted, tmp_path_factory: Any, data: st.DataObject) -> None:
     """Bytes changed, left out, put in, cut off: what is gone on with is a beginning of what was kept, or nothing."""
@@ -210,7 +211,7 @@ def test_a_full_disk_ends_the_journal_and_not_the_render(
             room[0] -= len(data)
         return write(descriptor, data)
 
-    class Notes(wdpm.progress.SilentProgress):
+    class Notes(SilentProgress):
         def note(self, text: str) -> None:
             notes.append(text)
 

@@ -71,7 +71,7 @@ def render_with_lost_masters(
     raise AssertionError("the last master ended, too")
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     lives=st.lists(st.integers(0, 6), max_size=4),
