@@ -6,11 +6,13 @@ process runs them in line. Either way there is one job at a time.
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from wdpm.cluster.batch import Batch
+from wdpm.cluster.host_memory import return_free_memory
 from wdpm.cluster.messages.protocol import Copy
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.records import NO_RECORDS, Records
@@ -246,7 +248,10 @@ class Compute:
         if job.kept and self._worker is not None:
             self._worker.regroup(job.world, job.partition, job.holders)
         else:
-            self._worker = None  # frees the world before, so that the two are never in memory together
+            if self._worker is not None:
+                self._worker = None  # frees the world before, so that the two are never in memory together
+                gc.collect()  # of what refers to itself in a circle, too
+                return_free_memory()
             self._worker = self._make_worker(job.number, job.world, job.partition, job.holders)
             self._elsewhere = None if self._share is None else self._share(self._worker)
         # The job is not kept: it would keep triangles that the worker may have let go.
@@ -277,6 +282,7 @@ class Compute:
             case ForgetPhotons(plan):
                 worker.forget_photons(plan)
             case ReadStatistics():
+                return_free_memory()  # a session has ended, and what was on its way is gone
                 return Outcome(job, statistics=worker.statistics())
         return Outcome(job)
 
