@@ -59,7 +59,7 @@ def test_readers_look_and_do_nothing_else(tmp_path: Path, capsys: pytest.Capture
         capsys.readouterr()
         eve = str(tmp_path / "others" / "eve")
         for options in ([], ["--keys", eve]):
-            assert main(["status", master.endpoint, "--timeout", "1s", *options]) in (2, 4)
+            assert main(["status", master.endpoint, "--timeout", "1s", *options]) in (1, 2)
             assert "keys" in capsys.readouterr().err
     assert slave.end() is None
 
@@ -67,5 +67,5 @@ def test_readers_look_and_do_nothing_else(tmp_path: Path, capsys: pytest.Capture
 def test_nobody_answers(capsys: pytest.CaptureFixture[str]) -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-    assert main(["status", address, "--timeout", "0.5"]) == 4
+    assert main(["status", address, "--timeout", "0.5"]) == 75
     assert "no master answers at" in capsys.readouterr().err
