@@ -33,6 +33,7 @@ from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, Point
 from wdpm.scenes.model.scene import Camera, FilterKind, Material, Medium, Mesh, PixelFilter, Scene, diffuse
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Interpolation, Wrap
 from wdpm.scenes.model.transforms import look_at
+from wdpm.scenes.model.volumes import Volume
 
 Array = NDArray[np.float64]
 
@@ -188,6 +189,16 @@ def distant_lights(rng: np.random.Generator) -> tuple[Light, ...]:
     )
 
 
+def voxels(name: str, rng: np.random.Generator) -> Volume:
+    """A turned grid of densities from 0 to 2, half of them 0, that fills much of the space or little of it."""
+    sides = rng.integers(1, 12, 3)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.linalg.qr(rng.normal(size=(3, 3)))[0] * rng.uniform(0.5, 4.0)
+    matrix[:3, 3] = rng.uniform(-0.5, 0.5, 3) - matrix[:3, :3].sum(axis=1) / 2
+    values = rng.uniform(-2.0, 2.0, (*sides, 1)).clip(0.0).astype(np.float32)
+    return Volume(name, values, matrix, nearest=bool(rng.integers(2)))
+
+
 @st.composite
 def scenes_with_effects(draw: st.DrawFn, size: int = 12) -> Scene:
     """A random scene whose materials, lights, camera and space may be of any kind."""
@@ -198,6 +209,8 @@ def scenes_with_effects(draw: st.DrawFn, size: int = 12) -> Scene:
         Medium("haze", (0.2, 0.3, 0.4), (0.9, 0.8, 0.7), 0.5),
         Medium("ink", (3.0, 1.0, 9.0), (0.5, 0.9, 0.1), -0.2),
     )
+    if draw(st.booleans(), label="media in grids"):
+        media = tuple(replace(medium, density=voxels(medium.name, rng)) for medium in media)
     around = draw(st.sampled_from([None, None, 0]), label="medium around all")
 
     def changed(mesh: Mesh, number: int) -> Mesh:
