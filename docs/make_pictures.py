@@ -22,7 +22,6 @@ from wdpm.scenes.flat.renderer_space import renderer_space
 from wdpm.scenes.model.scene import Camera
 
 FOLDER = Path(__file__).parent / "pictures"
-EXPOSURE = {"cornell-box": 1.8, "atrium": 0.8}
 CELL_COLOURS = np.array([[0.95, 0.35, 0.25], [0.25, 0.55, 0.95], [0.95, 0.80, 0.25], [0.35, 0.80, 0.45]])
 RECORD_COLOURS = np.array([[255, 70, 50], [255, 150, 40], [250, 220, 70], [120, 230, 110], [90, 200, 255]], np.uint8)
 """Of the rounds, the last of them also of later ones."""
@@ -39,11 +38,11 @@ def main(spp: int) -> None:
     FOLDER.mkdir(exist_ok=True)
     quality: dict[str, Any] = {"spp": spp, "light_samples": 4, "photons": 2_000_000, "k": 250}
     box = wdpm.render(wdpm.load("cornell-box", size=(400, 400)), **quality)
-    save("cornell-box", encode_srgb8(box.pixels * EXPOSURE["cornell-box"]))
+    save("cornell-box", box.to_srgb8())
     hall = wdpm.render(wdpm.load("atrium:200k", size=(640, 400)), slaves=4, **quality)
-    shown = hall.pixels * EXPOSURE["atrium"]
-    save("atrium", encode_srgb8(shown))
-    save("atrium-cells", encode_srgb8(tinted(shown, hall.layers["cell"])))
+    save("atrium", hall.to_srgb8())
+    exposed = hall.pixels * np.float32(2.0 ** (hall.look.exposure or 0.0))
+    save("atrium-cells", encode_srgb8(tinted(exposed, hall.layers["cell"])))
     show_records()
 
 
@@ -63,7 +62,7 @@ def show_records() -> None:
         with np.load(file, allow_pickle=False) as records:
             camera = renderer_space(scene.meshes).camera(scene.camera)
             places, rounds = projected(camera, records["position"]), records["number"] >> ROUND_BITS
-    shown = encode_srgb8(image.pixels * EXPOSURE["cornell-box"] * DIMMED)
+    shown = image.looking((image.look.exposure or 0.0) + np.log2(DIMMED)).to_srgb8()
     for (x, y), number in zip(places, rounds, strict=True):
         shown[y : y + 2, x : x + 2] = RECORD_COLOURS[min(number, len(RECORD_COLOURS) - 1)]
     imageio.imwrite(FOLDER / "irradiance-records.png", shown, optimize=True)

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from wdpm.scenes.builtin.names import BUILT_IN_NAMES, load_built_in
 from wdpm.scenes.errors import SceneError, did_you_mean
 from wdpm.scenes.gltf.read import read_gltf
+from wdpm.scenes.meshes.framing import Frame
 from wdpm.scenes.meshes.in_memory import Meshes, is_of_trimesh
 from wdpm.scenes.meshes.stand_alone import read_stand_alone
 from wdpm.scenes.mitsuba.read import read_mitsuba
 from wdpm.scenes.model.checks import check_scene
 from wdpm.scenes.model.scene import Scene
+from wdpm.scenes.model.viewpoint import named_camera
 from wdpm.scenes.scene_root import check_within, files_within
+
+GLTF = (".gltf", ".glb")
+"""Extensions of files that may be animated."""
 
 _EXTENSIONS = (".xml", ".gltf", ".glb", ".obj", ".ply", ".stl", ".off")
 
@@ -25,6 +31,9 @@ def load(
     size: tuple[int, int] | None = None,
     root: Path | None = None,
     lenient: bool = False,
+    camera: str | None = None,
+    frame: Frame | str | None = None,
+    time: float | None = None,
 ) -> Scene:
     """Loads a scene file or a built-in scene, and checks it.
 
@@ -37,41 +46,81 @@ def load(
         root: folder that the scene's file and all files that it names must lie in; None for what `files_within` says.
         lenient: whether, in a Mitsuba file, the nearest known thing may stand in for what is not known; each such
             place is a warning of the scene. Other formats are always read so.
+        camera: name of the camera to look through, where a file has several; None for the first.
+        frame: "inside" or "outside": from where a model without a camera is seen; None for from inside where it is a
+            closed room.
+        time: of a glTF file's animations, in seconds; None for the scene as it stands without.
 
     Raises:
         SceneError: with file and line where known.
     """
     if size is not None and min(size) < 1:
         raise SceneError(f"the image size is {size[0]}x{size[1]}; both must be at least 1")
+    asked = _Asked(defines or {}, size, lenient, camera, frame_of(frame), time)
     if is_of_trimesh(source):
         from wdpm.scenes.meshes.from_trimesh import read_trimesh  # only for those who have imported trimesh
 
         _refuse_defines(defines, "trimesh")
+        if camera is not None or frame is not None or time is not None:
+            raise SceneError("camera, frame and time are for files; set them in the scene of trimesh")
         return check_scene(read_trimesh(source, size))
     if not isinstance(source, str | Path):
         raise SceneError(f"{type(source).__name__} is no scene: expected a file, a built-in scene or meshes of trimesh")
     file = find(source)
     if file is None:
         _refuse_defines(defines, source)
+        _refuse_view(asked, source)
         return check_scene(load_built_in(str(source), size))
     with files_within(root):
         check_within(file)
-        return check_scene(_read(file, source, defines, size, lenient=lenient), file)
+        return check_scene(_read(file, source, asked), file)
 
 
-def _read(
-    file: Path,
-    source: str | Path,
-    defines: Mapping[str, str] | None,
-    size: tuple[int, int] | None,
-    *,
-    lenient: bool,
-) -> Scene:
+@dataclass(frozen=True)
+class _Asked:
+    """What is asked of a reader, as `load` has it."""
+
+    defines: Mapping[str, str]
+    size: tuple[int, int] | None
+    lenient: bool
+    camera: str | None
+    frame: Frame | None
+    time: float | None
+
+
+def frame_of(frame: Frame | str | None) -> Frame | None:
+    """A frame by its name. Raises SceneError if there is none."""
+    if frame is None or isinstance(frame, Frame):
+        return frame
+    try:
+        return Frame(frame)
+    except ValueError:
+        raise SceneError(f"frame '{frame}': must be one of {', '.join(each.value for each in Frame)}") from None
+
+
+def _read(file: Path, source: str | Path, asked: _Asked) -> Scene:
+    if file.suffix.lower() in GLTF:
+        _refuse_defines(asked.defines, source)
+        return read_gltf(file, asked.size, camera=asked.camera, frame=asked.frame, time=asked.time)
+    if asked.time is not None:
+        raise SceneError("only glTF files are animated", file)
     if file.suffix.lower() == ".xml":
-        return read_mitsuba(file, defines or {}, size, lenient=lenient)
-    _refuse_defines(defines, source)
-    reader = read_gltf if file.suffix.lower() in (".gltf", ".glb") else read_stand_alone
-    return reader(file, size)
+        return read_mitsuba(
+            file, asked.defines, asked.size, lenient=asked.lenient, camera=asked.camera, frame=asked.frame
+        )
+    _refuse_defines(asked.defines, source)
+    if asked.camera is not None:
+        named_camera(asked.camera, [], file)
+    return read_stand_alone(file, asked.size, asked.frame)
+
+
+def _refuse_view(asked: _Asked, source: str | Path) -> None:
+    """A built-in scene has one camera, which has no name, and stands still."""
+    if asked.time is not None:
+        raise SceneError(f"{source} is built in and stands still; only glTF files are animated")
+    if asked.camera is not None or asked.frame is not None:
+        what = "--camera NAME" if asked.camera is not None else "--frame"
+        raise SceneError(f"{what}: {source} is built in and has one camera; give --camera FROM/AT to look elsewhere")
 
 
 def find(source: str | Path) -> Path | None:

@@ -10,6 +10,9 @@ from wdpm.cluster.plan.copies import Copies
 from wdpm.scenes.model.viewpoint import Viewpoint
 
 _COUNT_UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
+MOST_STOPS = 64.0
+"""Size of an exposure: beyond it there is nothing to be seen."""
+
 _MEMORY_UNITS = {"k": 2**10, "m": 2**20, "g": 2**30, "t": 2**40}
 
 
@@ -30,6 +33,12 @@ def region(text: str) -> tuple[int, int, int, int]:
         raise ArgumentTypeError(f"'{text}' is not a region: expected LEFT,TOP,RIGHT,BOTTOM in pixels, like 0,0,64,64")
     left, top, right, bottom = map(int, match.groups())
     return left, top, right, bottom
+
+
+def camera(text: str) -> Viewpoint | str:
+    """A viewpoint, or the name of a camera: what has a slash, or points alone, is a viewpoint."""
+    points = "," in text and re.fullmatch(r"[-+\d.,eE/\s]*", text) is not None
+    return viewpoint(text) if "/" in text or points else text
 
 
 def viewpoint(text: str) -> Viewpoint:
@@ -55,6 +64,39 @@ def viewpoint_text(given: Viewpoint) -> str:
     """What `viewpoint` reads as the same."""
     points = [",".join(map(repr, point)) for point in (given.origin, given.target, given.up)]
     return "/".join(points if given.fov is None else [*points, repr(given.fov)])
+
+
+def exposure(text: str) -> float | str:
+    """`auto`, or stops such as -1.5."""
+    if text == "auto":
+        return text
+    try:
+        stops = float(text)
+    except ValueError:
+        stops = math.nan
+    if not abs(stops) <= MOST_STOPS:
+        raise ArgumentTypeError(f"'{text}' is not an exposure: expected auto, or stops (each doubles), like 1.5 or -2")
+    return stops
+
+
+def frames(text: str) -> tuple[int, ...]:
+    """`1..24`, `1..24..2` (every other one) or `7`."""
+    match = re.fullmatch(r"(\d{1,9})(?:\.\.(\d{1,9})(?:\.\.(\d{1,9}))?)?", text)
+    first, last, step = (int(part or 0) for part in match.groups()) if match else (1, 0, 0)
+    if match is not None and match[2] is None:
+        last = first
+    step = step or 1 if match is None or match[3] is None else step
+    if last < first or step < 1:
+        raise ArgumentTypeError(f"'{text}' are no frames: expected FIRST..LAST, FIRST..LAST..STEP or one number")
+    return tuple(range(first, last + 1, step))
+
+
+def rate(text: str) -> float:
+    """A number above 0."""
+    number = length(text)
+    if not (0.0 < number < math.inf):
+        raise ArgumentTypeError(f"'{text}' must be above 0")
+    return number
 
 
 def sample(text: str) -> tuple[int, int, int]:

@@ -18,6 +18,8 @@ from wdpm.scenes.model.transforms import look_at
 
 MIN_TRIANGLES, MAX_TRIANGLES, DEFAULT_TRIANGLES = 10_000, 10_000_000, 100_000
 
+EXPOSURE = -0.3  # stops: its court is in the sun
+
 # the plan, in metres: a court of 7 x 3 bays with an aisle one bay deep on all sides
 BAY = 4.0
 BAYS_X, BAYS_Z = 7, 3
@@ -132,7 +134,7 @@ def atrium(triangles: int = DEFAULT_TRIANGLES, size: tuple[int, int] | None = No
     width, height = size or (512, 512)
     to_world = look_at((-13.0, 2.1, -2.6), (2.0, 4.3, 1.2), (0.0, 1.0, 0.0))
     camera = Camera(to_world, 80.0, width, height, near_clip=0.05, far_clip=1e3)
-    return Scene("atrium", tuple(meshes), tuple(materials), (), camera)
+    return Scene("atrium", tuple(meshes), tuple(materials), (), camera, exposure=EXPOSURE)
 
 
 def _finest(triangles: int) -> _Fineness:

@@ -18,6 +18,7 @@ _Quad = tuple[_Point, _Point, _Point, _Point]
 
 LAMP_DROP = 0.5  # mm below the ceiling: the real box has a hole there, in which the lamp lies flush
 RADIANCE = (17.0, 12.0, 4.0)
+EXPOSURE = 1.5  # stops: the measured lamp leaves the room dim
 FOV = 39.3077  # degrees: a 25 mm film behind a 35 mm lens
 
 _WHITE, _RED, _GREEN, _LAMP = range(4)
@@ -76,7 +77,7 @@ def cornell_box(size: tuple[int, int] | None = None) -> Scene:
     lamp = _mesh("lamp", (_LAMP_QUAD,), _LAMP, RADIANCE)
     to_world = look_at((278.0, 273.0, -800.0), (278.0, 273.0, -799.0), (0.0, 1.0, 0.0))
     camera = Camera(to_world, FOV, width, height, near_clip=1.0, far_clip=1e4)
-    return Scene("cornell-box", (*meshes, lamp), _MATERIALS, (), camera)
+    return Scene("cornell-box", (*meshes, lamp), _MATERIALS, (), camera, exposure=EXPOSURE)
 
 
 def _mesh(name: str, quads: tuple[_Quad, ...], material: int, emission: _Point | None = None) -> Mesh:

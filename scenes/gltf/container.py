@@ -47,6 +47,7 @@ class GltfFile:
             raise self.error("broken glTF: the document is not a JSON object")
         self.json: dict[str, Any] = document
         self._buffers: dict[int, bytes] = {}
+        self._supplied: dict[int, NDArray[Any]] = {}
         version = self.get(self.json, "asset", dict, {}).get("version")
         if version is None or not str(version).startswith("2."):
             raise self.error(f'expected glTF version 2.x in asset.version, got "{version}"')
@@ -100,7 +101,14 @@ class GltfFile:
         if component not in _COMPONENTS or width is None or count < 0:
             raise self.error(f"broken glTF: accessors[{index}] has no valid componentType, type or count")
         dtype = np.dtype(_COMPONENTS[component])
-        if "bufferView" in accessor:
+        if index in self._supplied:
+            values = self._supplied[index]
+            if values.shape != (count, width):
+                raise self.error(
+                    f"broken glTF: accessors[{index}] is of shape {values.shape}, expected {(count, width)}"
+                )
+            values = values.astype(dtype)
+        elif "bufferView" in accessor:
             offset = self.get(accessor, "byteOffset", int, 0)
             values = self._strided(accessor["bufferView"], offset, dtype, count, width)
         else:
@@ -111,6 +119,11 @@ class GltfFile:
         if accessor.get("normalized", False) is True and dtype.kind in "iu":
             return np.maximum(values.astype(np.float64) / np.iinfo(dtype).max, -1.0)
         return values
+
+    def supply(self, index: Any, values: NDArray[Any]) -> None:
+        """Give an accessor its values, shape [count, components], where they are not simply in the file."""
+        self.item("accessors", index)
+        self._supplied[index] = values
 
     def _check_allocation(self, size: int) -> None:
         # an accessor without data is all zeros; nothing in the file bounds it, so a gigabyte has to

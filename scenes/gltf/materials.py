@@ -18,7 +18,7 @@ from wdpm.scenes.gltf.container import GltfFile
 from wdpm.scenes.gltf.textures import BLUE as BLUE_CHANNEL
 from wdpm.scenes.gltf.textures import GREEN, RED, GltfTextures
 from wdpm.scenes.model.bsdfs import WHITE, Blend, Bsdf, Diffuse, Mask, NormalMap, Principled, ThinDielectric, TwoSided
-from wdpm.scenes.model.scene import Material
+from wdpm.scenes.model.scene import Material, Medium
 from wdpm.scenes.model.textures import RGB, Bitmap, Color, Number, VertexColors
 
 COLOR_ATTRIBUTE: Final = "COLOR_0"
@@ -28,6 +28,7 @@ MATERIAL_EXTENSIONS: Final = frozenset(
         "KHR_materials_clearcoat",
         "KHR_materials_emissive_strength",
         "KHR_materials_ior",
+        "KHR_materials_sheen",
         "KHR_materials_specular",
         "KHR_materials_transmission",
         "KHR_materials_unlit",
@@ -35,6 +36,10 @@ MATERIAL_EXTENSIONS: Final = frozenset(
     )
 )
 """Extensions of materials that are read here; a file that requires others cannot be read."""
+
+
+_DARKEST = 1e-6
+"""Share of light that the darkest attenuation lets pass: none at all would be infinitely dense."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +51,14 @@ class GltfMaterial:
         uv_set: which TEXCOORD_n its textures use.
         vertex_tint: the factor that the mesh's vertex colours (COLOR_0) must be multiplied by, where the material reads
             them; else None.
+        medium: what is behind its surfaces, or None.
     """
 
     material: Material
     emission: Color | None
     uv_set: int
     vertex_tint: RGB | None = None
+    medium: Medium | None = None
 
 
 class GltfMaterials:
@@ -93,6 +100,7 @@ class _Converter:
         self._pbr: dict[str, Any] = gltf.get(owner, "pbrMetallicRoughness", dict, {})
         self._extensions: dict[str, Any] = gltf.get(owner, "extensions", dict, {})
         self._uv_set: int | None = None
+        self._medium: Medium | None = None
 
     def convert(self, *, colored: bool) -> GltfMaterial:
         factor = self._base_factor()
@@ -103,7 +111,7 @@ class _Converter:
         bsdf = self._with_opacity(self._scattering(base), factor[3])
         emission = self._emission()
         self._warn_about_rest()
-        return GltfMaterial(Material(self._name, bsdf), emission, self._uv_set or 0, tint)
+        return GltfMaterial(Material(self._name, bsdf), emission, self._uv_set or 0, tint, self._medium)
 
     def _warn(self, message: str) -> None:
         self._warnings.append(f'material "{self._name}": {message}')
@@ -170,7 +178,8 @@ class _Converter:
     def _principled(self, base: Color, eta: float, spec_trans: Number) -> Principled:
         roughness = self._number(self._pbr, "roughnessFactor", 1.0, "metallicRoughnessTexture", GREEN)
         metallic = self._number(self._pbr, "metallicFactor", 1.0, "metallicRoughnessTexture", BLUE_CHANNEL)
-        principled = Principled(base, roughness, metallic=metallic, spec_trans=spec_trans, eta=eta)
+        sheen = self._sheen()
+        principled = Principled(base, roughness, metallic=metallic, spec_trans=spec_trans, eta=eta, sheen=sheen)
         if "KHR_materials_clearcoat" not in self._extensions:
             return principled
         coat = self._extension("KHR_materials_clearcoat")
@@ -179,6 +188,16 @@ class _Converter:
             self._warn("its clear coat is Disney's, of a quarter of the strength")
         gloss = _clearcoat_gloss(self._share(coat, "clearcoatRoughnessFactor", 0.0))
         return replace(principled, clearcoat=clearcoat, clearcoat_gloss=gloss)
+
+    def _sheen(self) -> float:
+        """The strength of Disney's sheen, which has no colour of its own and is as broad at any roughness."""
+        sheen = self._extension("KHR_materials_sheen")
+        colour = self._gltf.numbers(sheen, "sheenColorFactor", [0.0, 0.0, 0.0])
+        if not all(0.0 <= channel <= 1.0 for channel in colour):
+            raise self._gltf.error(f'material "{self._name}": sheenColorFactor must lie between 0 and 1, got {colour}')
+        if max(colour) > 0.0:
+            self._warn("its sheen is Disney's, grey and as broad at any roughness")
+        return sum(colour) / 3.0
 
     def _eta(self) -> float:
         """The index of refraction, with what KHR_materials_specular does to the reflection at normal incidence."""
@@ -202,9 +221,21 @@ class _Converter:
         volume = self._extension("KHR_materials_volume")
         if not self._gltf.number(volume, "thicknessFactor", 0.0) > 0.0:
             return False
-        if "attenuationDistance" in volume:
-            self._warn("the volume's attenuation is ignored")
+        self._medium = self._absorption(volume)
         return True
+
+    def _absorption(self, volume: dict[str, Any]) -> Medium | None:
+        """What a solid absorbs: over `attenuationDistance`, light becomes `attenuationColor`."""
+        colour = self._gltf.numbers(volume, "attenuationColor", [1.0, 1.0, 1.0])
+        if not all(0.0 <= channel <= 1.0 for channel in colour):
+            raise self._gltf.error(f'material "{self._name}": attenuationColor must lie between 0 and 1, got {colour}')
+        if "attenuationDistance" not in volume or min(colour) == 1.0:
+            return None
+        distance = self._gltf.number(volume, "attenuationDistance", 1.0)
+        if not distance > 0.0:
+            raise self._gltf.error(f'material "{self._name}": attenuationDistance must be above 0, got {distance:g}')
+        red, green, blue = (-math.log(max(channel, _DARKEST)) / distance for channel in colour)
+        return Medium(self._name, (red, green, blue), (0.0, 0.0, 0.0))
 
     def _bending(self) -> Callable[[Bsdf], Bsdf]:
         info = self._info(self._owner, "normalTexture")
@@ -253,6 +284,7 @@ class _Converter:
             self._warn(f"{', '.join(unknown)} ignored")
         textures = {
             "KHR_materials_clearcoat": ("clearcoatRoughnessTexture", "clearcoatNormalTexture"),
+            "KHR_materials_sheen": ("sheenColorTexture", "sheenRoughnessTexture"),
             "KHR_materials_specular": ("specularTexture", "specularColorTexture"),
             "KHR_materials_volume": ("thicknessTexture",),
         }

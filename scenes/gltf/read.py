@@ -18,50 +18,69 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.scenes.gltf.animation import Poses
 from wdpm.scenes.gltf.container import GltfFile
+from wdpm.scenes.gltf.draco import DRACO, decompress
 from wdpm.scenes.gltf.instancing import INSTANCING, places_of, rotations
 from wdpm.scenes.gltf.lights import read_gltf_camera, read_gltf_light
-from wdpm.scenes.gltf.materials import COLOR_ATTRIBUTE, MATERIAL_EXTENSIONS, GltfMaterials
-from wdpm.scenes.meshes.framing import completed_scene
+from wdpm.scenes.gltf.materials import COLOR_ATTRIBUTE, MATERIAL_EXTENSIONS, GltfMaterial, GltfMaterials
+from wdpm.scenes.gltf.textures import WEBP
+from wdpm.scenes.meshes.framing import Frame, completed_scene, refuse_frame
 from wdpm.scenes.meshes.mesh_data import MeshData
 from wdpm.scenes.model.lights import Light
-from wdpm.scenes.model.scene import Camera, Instance, Mesh, Scene, Solid
+from wdpm.scenes.model.scene import Camera, Instance, Medium, Mesh, Scene, Solid
 from wdpm.scenes.model.textures import RGB
 from wdpm.scenes.model.transforms import Matrix
+from wdpm.scenes.model.viewpoint import named_camera
 
 _EXTENSIONS = MATERIAL_EXTENSIONS | {
     "KHR_lights_punctual",
     "KHR_texture_transform",
     "KHR_mesh_quantization",
     INSTANCING,
+    DRACO,
+    WEBP,
 }
+MESHOPT = "EXT_meshopt_compression"
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 
 
-def read_gltf(file: Path, size: tuple[int, int] | None = None) -> Scene:
+def read_gltf(
+    file: Path,
+    size: tuple[int, int] | None = None,
+    *,
+    camera: str | None = None,
+    frame: Frame | None = None,
+    time: float | None = None,
+) -> Scene:
     """Reads the file's default scene. What it lacks, camera or light, is added as for a bare mesh.
 
     Args:
         size: width and height in pixels; by default 512 high with the camera's aspect ratio.
+        camera: name of the camera to look through; None for the first.
+        frame: from where a scene without a camera is seen.
+        time: of its animations, in seconds; None for the nodes as they stand without.
 
     Raises:
         SceneError: broken or truncated, or in need of an extension or a kind of light that is not supported.
     """
-    return _Reader(GltfFile(file)).read(size)
+    return _Reader(GltfFile(file), time).read(size, camera, frame)
 
 
 class _Reader:
-    def __init__(self, gltf: GltfFile) -> None:
+    def __init__(self, gltf: GltfFile, time: float | None) -> None:
         self.gltf = gltf
         self.warnings: list[str] = []
+        self.poses = Poses(gltf, time, self.warnings)
         self.materials = GltfMaterials(gltf, self.warnings)
         self.meshes: list[Solid] = []
         self._shapes: dict[int, Mesh | None] = {}
         self._uses: Counter[object] = Counter()
         self.lights: list[Light] = []
+        self.media: list[Medium] = []
         self.cameras: list[tuple[str, dict[str, Any], Matrix]] = []
 
-    def read(self, size: tuple[int, int] | None) -> Scene:
+    def read(self, size: tuple[int, int] | None, wanted: str | None, frame: Frame | None) -> Scene:
         self._check_extensions()
         nodes = list(self._nodes())
         self._uses = Counter(node["mesh"] for _, node, _ in nodes if isinstance(node.get("mesh"), int))
@@ -76,12 +95,25 @@ class _Reader:
                 "lights: 1 candela is taken as 1 W/sr and 1 lux as 1 W/m², "
                 "like 1 nit of emissive surfaces as 1 W/(m² sr)"
             )
-        camera = self._read_camera(size) if self.cameras else None
-        return completed_scene(name, self.meshes, materials, self.lights, camera, size=size, warnings=self.warnings)
+        if not self.cameras and wanted is not None:
+            named_camera(wanted, [], self.gltf.file)
+        if self.cameras:
+            refuse_frame(frame, self.gltf.file)
+        camera = self._read_camera(size, wanted) if self.cameras else None
+        scene = completed_scene(
+            name, self.meshes, materials, self.lights, camera, size=size, warnings=self.warnings, frame=frame
+        )
+        # Lights of its own may be as bright as the sun or as a candle: glTF says nothing of exposure.
+        return replace(scene, media=tuple(self.media), exposure=None if self.lights else 0.0)
 
     def _check_extensions(self) -> None:
         required = self.gltf.get(self.gltf.json, "extensionsRequired", list, [])
         missing = [str(name) for name in required if name not in _EXTENSIONS]
+        if MESHOPT in missing:
+            raise self.gltf.error(
+                f"its buffers are compressed by {MESHOPT}, which is not read: unpack them first, as "
+                f"`gltf-transform copy {self.gltf.file.name} unpacked.glb` does"
+            )
         if missing:
             raise self.gltf.error(f"needs extensions that are not supported: {', '.join(missing)}")
 
@@ -95,7 +127,7 @@ class _Reader:
             if index in visited:
                 raise self.gltf.error(f"broken glTF: nodes[{index}] has two parents or is its own ancestor")
             visited.add(index)
-            to_world = parent @ self._local(node, index)
+            to_world = parent @ self._local(self.poses.posed(node, index), index)
             yield self.gltf.get(node, "name", str, f"node {index}"), node, to_world
             children = self.gltf.get(node, "children", list, [])
             stack.extend((child, to_world) for child in reversed(children))
@@ -176,6 +208,7 @@ class _Reader:
             return None
         if "targets" in primitive:
             self._warn_once(f'mesh "{name}": morph targets are ignored')
+        decompress(self.gltf, primitive)
         number = self.materials.read(primitive.get("material"), colored=COLOR_ATTRIBUTE in attributes)
         entry = self.materials.materials[number]
         vertices = self.gltf.accessor(attributes["POSITION"]).astype(np.float64)
@@ -185,7 +218,16 @@ class _Reader:
         normals = self._attribute(attributes, "NORMAL", 3, len(vertices))
         uvs = self._attribute(attributes, f"TEXCOORD_{entry.uv_set}", 2, len(vertices))
         colors = None if entry.vertex_tint is None else self._colors(attributes, entry.vertex_tint, len(vertices))
-        return Mesh(name, vertices, faces, normals, uvs, number, entry.emission, colors)
+        mesh = Mesh(name, vertices, faces, normals, uvs, number, entry.emission, colors)
+        return mesh if entry.medium is None else replace(mesh, interior=self._medium(entry), bounds=True)
+
+    def _medium(self, entry: GltfMaterial) -> int:
+        """The number of the medium behind the surfaces of a material."""
+        if entry.medium is None:
+            raise AssertionError("asked for a material without one")
+        if entry.medium not in self.media:
+            self.media.append(entry.medium)
+        return self.media.index(entry.medium)
 
     def _placed(self, data: MeshData, to_world: Matrix, name: str) -> MeshData:
         try:
@@ -236,8 +278,12 @@ class _Reader:
             return np.stack([np.full(len(indices) - 2, indices[0]), indices[1:-1], indices[2:]], axis=1)
         raise self.gltf.error(f'mesh "{name}": primitives of mode {mode} do not exist')
 
-    def _read_camera(self, size: tuple[int, int] | None) -> Camera:
-        name, camera, to_world = self.cameras[0]
-        for other, _, _ in self.cameras[1:]:
-            self.warnings.append(f'the file has {len(self.cameras)} cameras: "{other}" is ignored, the first is used')
+    def _read_camera(self, size: tuple[int, int] | None, wanted: str | None) -> Camera:
+        names = [name for name, _, _ in self.cameras]
+        if wanted is not None:
+            self.warnings.append(f'--camera: it looks through "{wanted}"')
+        elif len(names) > 1:
+            others = ", ".join(f'"{name}"' for name in names[1:])
+            self.warnings.append(f'the file has {len(names)} cameras: "{names[0]}" is used; --camera NAME for {others}')
+        name, camera, to_world = self.cameras[0 if wanted is None else named_camera(wanted, names, self.gltf.file)]
         return read_gltf_camera(self.gltf, name, camera, to_world, size)

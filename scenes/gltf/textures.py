@@ -12,6 +12,7 @@ from wdpm.scenes.images.read import decode_alpha, decode_texture
 from wdpm.scenes.model.textures import RGB, Bitmap, Interpolation, Wrap
 
 _WRAPS = {33071: Wrap.CLAMP, 33648: Wrap.MIRROR, 10497: Wrap.REPEAT}
+WEBP: Final = "EXT_texture_webp"
 _NEAREST = 9728
 _UPWARDS = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])  # glTF's v = 0 is the top of the image
 
@@ -70,9 +71,13 @@ class GltfTextures:
         return self._gltf.item("textures", info.get("index"))
 
     def _source(self, info: dict[str, Any]) -> int:
-        source: int = self._gltf.get(self._texture(info), "source", int, -1)
+        texture = self._texture(info)
+        extensions = self._gltf.get(texture, "extensions", dict, {})
+        fallback: int = self._gltf.get(texture, "source", int, -1)
+        source: int = self._gltf.get(self._gltf.get(extensions, WEBP, dict, {}), "source", int, fallback)
         if source < 0:
-            raise self._gltf.error("a texture has no PNG or JPEG source; other image formats are not supported")
+            other = f" (it is in {', '.join(sorted(extensions))})" if extensions else ""
+            raise self._gltf.error(f"a texture has no PNG, JPEG or WebP source{other}; no other format is read")
         return source
 
     def _encoded(self, info: dict[str, Any]) -> tuple[bytes, str]:

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from enum import Enum
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.scenes.errors import SceneError
+from wdpm.scenes.meshes.interior import interior_view, is_room
 from wdpm.scenes.meshes.primitives import rectangle
 from wdpm.scenes.model.bounds import bounding_box
 from wdpm.scenes.model.bsdfs import BLACK, GREY
@@ -32,6 +36,13 @@ _LAMPS: dict[str, tuple[tuple[float, float, float], RGB]] = {
     "key lamp": ((-0.7, 1.0, 0.8), (14.5, 14.0, 13.2)),
     "fill lamp": ((1.0, 0.7, 0.5), (4.4, 4.7, 5.3)),
 }
+
+
+class Frame(Enum):
+    """From where a model that has no camera is seen."""
+
+    INSIDE = "inside"
+    OUTSIDE = "outside"
 
 
 def glows(mesh: Solid) -> bool:
@@ -61,6 +72,34 @@ def framing_camera(
     return Camera(to_world, FRAMING_FOV, width, height, near_clip=1e-4 * distance, far_clip=1e3 * distance)
 
 
+def added_camera(
+    meshes: Sequence[Solid],
+    size: tuple[int, int] | None,
+    frame: Frame | None,
+    warnings: list[str],
+    lack: str = "no camera in the file",
+) -> Camera:
+    """A camera for a scene that has lights, but no camera; said in `warnings`.
+
+    Args:
+        lack: what there is not, and where.
+    """
+    if frame is Frame.INSIDE or (frame is None and is_room(meshes)):
+        warnings.append(f"{lack}: {_INSIDE}")
+        return interior_view(meshes, size or DEFAULT_SIZE).camera
+    warnings.append(f"{lack}: the camera frames the bounding box")
+    return framing_camera(meshes, size)
+
+
+_INSIDE = "it is seen from inside, along the longest way (--frame outside: from outside)"
+
+
+def refuse_frame(frame: Frame | None, file: Path) -> None:
+    """Raise SceneError if a frame is wanted where there is a camera."""
+    if frame is not None:
+        raise SceneError(f"--frame {frame.value}: the file has a camera; give --camera FROM/AT to look elsewhere", file)
+
+
 def bounding_radius(low: NDArray[np.float64], high: NDArray[np.float64]) -> float:
     """Half the diagonal of a bounding box; 1 for a single point, so that something can be framed."""
     radius = float(np.linalg.norm(high - low)) / 2.0
@@ -77,18 +116,19 @@ def completed_scene(
     size: tuple[int, int] | None,
     warnings: Sequence[str],
     place: str = "the file",
+    frame: Frame | None = None,
 ) -> Scene:
     """A scene with what it lacks: a camera, lights, or both. What is added is said in Scene.warnings.
 
     Args:
         place: where neither was found, in words.
+        frame: from where a scene without a camera is seen; None for from inside where it is a closed room.
     """
     if camera is None and not lights:
-        return framed_scene(name, meshes, materials, size=size, warnings=warnings, place=place)
+        return framed_scene(name, meshes, materials, size=size, warnings=warnings, place=place, frame=frame)
     notes = list(warnings)
     if camera is None:
-        notes.append(f"no camera in {place}: it frames the bounding box")
-        camera = framing_camera(meshes, size)
+        camera = added_camera(meshes, size, frame, notes, f"no camera in {place}")
     if not lights and all(mesh.emission is None for mesh in meshes):
         notes.append(f"no lights in {place}: a point light at the camera is added")
         lights = (_headlamp(meshes, camera),)
@@ -111,6 +151,7 @@ def framed_scene(
     size: tuple[int, int] | None,
     warnings: Sequence[str],
     place: str = "the file",
+    frame: Frame | None = None,
 ) -> Scene:
     """A scene of meshes that came without a camera: framed, and on a floor under two soft lamps if nothing in it glows.
 
@@ -118,9 +159,12 @@ def framed_scene(
 
     Args:
         place: where it was not found, in words.
+        frame: from where it is seen; None for from inside where it is a closed room.
     """
     for mesh in meshes:
         check_reach(mesh, None)
+    if frame is Frame.INSIDE or (frame is None and is_room(meshes)):
+        return _seen_from_inside(name, meshes, materials, size or DEFAULT_SIZE, warnings, place)
     low, high = bounding_box(meshes)
     if any(glows(mesh) for mesh in meshes):
         # lamps of its own: most likely a room that is open to the front
@@ -131,6 +175,22 @@ def framed_scene(
     stage, stage_materials = stage_for(low, high, first_material=len(materials))
     note = f"no camera and no lights in {place}: framed from the front, put on a grey floor and lit by two soft lamps"
     return Scene(name, (*meshes, *stage), (*materials, *stage_materials), (), camera, warnings=(*warnings, note))
+
+
+def _seen_from_inside(
+    name: str,
+    meshes: Sequence[Solid],
+    materials: Sequence[Material],
+    size: tuple[int, int],
+    warnings: Sequence[str],
+    place: str,
+) -> Scene:
+    view = interior_view(meshes, size)
+    lamps = () if any(glows(mesh) for mesh in meshes) else (view.lamp,)
+    note = (
+        f"no camera {'and no lights ' if lamps else ''}in {place}: {_INSIDE}{', by the light of a lamp' * len(lamps)}"
+    )
+    return Scene(name, tuple(meshes), tuple(materials), lamps, view.camera, warnings=(*warnings, note))
 
 
 def stage_for(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from wdpm.scenes.meshes.framing import framed_scene
+from wdpm.scenes.meshes.framing import Frame, framed_scene
 from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute
 from wdpm.scenes.meshes.mtl import MtlMaterial, read_mtl
 from wdpm.scenes.meshes.obj import ObjFile, read_obj
@@ -25,17 +25,21 @@ LAMP_RADIANCE: RGB = (10.0, 10.0, 10.0)
 COLORED = diffuse("vertex colours", VertexColors(VERTEX_COLOR), twosided=True)
 
 
-def read_stand_alone(file: Path, size: tuple[int, int] | None = None) -> Scene:
+def read_stand_alone(file: Path, size: tuple[int, int] | None = None, frame: Frame | None = None) -> Scene:
     """Reads an OBJ, PLY, STL or OFF file. Vertex normals and colours are used where the file has them.
+
+    Args:
+        size: width and height in pixels.
+        frame: from where it is seen; None for from inside where it is a closed room.
 
     Raises:
         SceneError: the file is broken.
     """
     if file.suffix.lower() == ".obj":
-        return _read_obj_scene(file, size)
+        return _read_obj_scene(file, size, frame)
     read = {".ply": read_ply, ".stl": read_stl, ".off": read_off}[file.suffix.lower()]
     mesh, material = _colored(file.stem, read(file), 0)
-    return framed_scene(file.stem, [mesh], [material], size=size, warnings=[])
+    return framed_scene(file.stem, [mesh], [material], size=size, warnings=[], frame=frame)
 
 
 def _placed(name: str, mesh: MeshData, material: int, emission: Color | None = None) -> Mesh:
@@ -49,7 +53,7 @@ def _colored(name: str, data: MeshData, material: int) -> tuple[Mesh, Material]:
     return mesh, GREY if colors is None else COLORED
 
 
-def _read_obj_scene(file: Path, size: tuple[int, int] | None) -> Scene:
+def _read_obj_scene(file: Path, size: tuple[int, int] | None, frame: Frame | None) -> Scene:
     obj = read_obj(file)
     warnings = list(obj.warnings)
     library = _read_libraries(obj, file, warnings)
@@ -72,7 +76,7 @@ def _read_obj_scene(file: Path, size: tuple[int, int] | None) -> Scene:
                 warnings.append(f'{file.name}: material "{name}" is in no library: {instead} used')
         meshes.append(mesh)
         materials.append(material)
-    return framed_scene(file.stem, meshes, materials, size=size, warnings=warnings)
+    return framed_scene(file.stem, meshes, materials, size=size, warnings=warnings, frame=frame)
 
 
 def _part(obj: ObjFile, material: int) -> MeshData:

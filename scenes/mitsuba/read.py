@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.scenes.meshes.framing import framing_camera
+from wdpm.scenes.meshes.framing import Frame, added_camera, refuse_frame
 from wdpm.scenes.meshes.mesh_data import MeshData
 from wdpm.scenes.meshes.vertex_attributes import colors_of
 from wdpm.scenes.mitsuba.document import Document, Element, read_document
@@ -39,15 +39,26 @@ from wdpm.scenes.model.bsdfs import (
 from wdpm.scenes.model.lights import Light
 from wdpm.scenes.model.scene import Camera, Mesh, Scene, Solid
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color
+from wdpm.scenes.model.viewpoint import named_camera
 
 
-def read_mitsuba(file: Path, defines: Mapping[str, str], size: Size | None = None, *, lenient: bool = False) -> Scene:
+def read_mitsuba(
+    file: Path,
+    defines: Mapping[str, str],
+    size: Size | None = None,
+    *,
+    lenient: bool = False,
+    camera: str | None = None,
+    frame: Frame | None = None,
+) -> Scene:
     """Reads a scene file.
 
     Args:
         defines: values of the file's `$name` parameters.
         size: width and height in pixels that replace the film's.
         lenient: whether the nearest known thing may stand in for what is not known (rules).
+        camera: id of the sensor to look through; None for the first.
+        frame: from where a scene without a sensor is seen.
 
     Raises:
         SceneError: with file and line.
@@ -55,7 +66,7 @@ def read_mitsuba(file: Path, defines: Mapping[str, str], size: Size | None = Non
     document = read_document(file, defines)
     document.rules.lenient = lenient
     upgrade(document)
-    return _SceneReader(document, file).read(size)
+    return _SceneReader(document, file).read(size, camera, frame)
 
 
 class _SceneReader:
@@ -75,7 +86,7 @@ class _SceneReader:
         self.sensors: list[Plugin] = []
         self.integrators: list[Plugin] = []
 
-    def read(self, size: Size | None) -> Scene:
+    def read(self, size: Size | None, wanted: str | None, frame: Frame | None) -> Scene:
         for element in self.document.root.children:
             self._read_top_level(element)
         max_depth = None
@@ -83,7 +94,7 @@ class _SceneReader:
             max_depth = read_integrator(integrator, self.warnings)
         for extra in self.integrators[1:]:
             raise extra.error("the scene has more than one integrator")
-        camera, samples = self._camera(size)
+        camera, samples, exposure = self._camera(size, wanted, frame)
         return Scene(
             self.file.parent.name if self.file.stem == "scene" else self.file.stem,
             tuple(self.meshes),
@@ -94,6 +105,7 @@ class _SceneReader:
             max_depth,
             tuple(self.warnings),
             tuple(self.media.media),
+            exposure,
         )
 
     def _read_top_level(self, element: Element) -> None:
@@ -175,15 +187,25 @@ class _SceneReader:
         if mesh.uvs is None and used:
             self.warnings.append(f"shape {plugin.name} has a texture but no texture coordinates: (0, 0) is used")
 
-    def _camera(self, size: Size | None) -> tuple[Camera, int | None]:
+    def _camera(
+        self, size: Size | None, wanted: str | None, frame: Frame | None
+    ) -> tuple[Camera, int | None, float | None]:
+        """The camera, the samples that it asks for, and the exposure of its pictures."""
+        names = [
+            sensor.element.attributes.get("id", f"sensor {number}") for number, sensor in enumerate(self.sensors, 1)
+        ]
+        chosen = 0 if wanted is None else named_camera(wanted, names, self.file)
         if not self.sensors:
-            self.warnings.append("the scene has no sensor: the camera frames its bounding box")
-            return framing_camera(self.meshes, size), None
-        for other in self.sensors[1:]:
+            return added_camera(self.meshes, size, frame, self.warnings, "no sensor in the file"), None, 0.0
+        refuse_frame(frame, self.file)
+        if wanted is not None:
+            self.warnings.append(f'--camera: it looks through "{wanted}"')
+        elif len(names) > 1:
+            others = ", ".join(f'"{name}"' for name in names[1:])
             self.warnings.append(
-                f"the scene has {len(self.sensors)} sensors: {other.name} is ignored, the first is used"
+                f'the scene has {len(names)} sensors: "{names[0]}" is used; --camera NAME for {others}'
             )
-        return read_sensor(self.sensors[0], size, self.media.read_around, self.warnings)
+        return read_sensor(self.sensors[chosen], size, self.media.read_around, self.warnings)
 
 
 def _is_old(document: Document) -> bool:

@@ -15,6 +15,7 @@ from wdpm.scenes.model.scene import Camera, PixelFilter, horizontal_fov
 Size = tuple[int, int]
 DEFAULT_SIZE: Size = (768, 576)  # Mitsuba's
 FILM_DIAGONAL = math.hypot(36.0, 24.0)  # mm, of the 35 mm film that focal lengths refer to
+MOST_STOPS = 64.0
 _FOV_AXES = ("x", "y", "diagonal", "smaller", "larger")
 
 # what the written file looks like, which is --output's business here
@@ -25,8 +26,6 @@ _FILE_FORMAT_PARAMETERS = (
     "banner",
     "attach_log",
     "gamma",
-    "exposure",
-    "tonemap_method",
     "key",
     "burn",
     "variable",
@@ -37,17 +36,24 @@ _FILE_FORMAT_PARAMETERS = (
 
 @dataclass(frozen=True)
 class _Film:
-    """Attributes: size: of the whole image; crop: x, y, width and height of the part that is rendered, or None."""
+    """What a film says.
+
+    Attributes:
+        size: of the whole image.
+        crop: x, y, width and height of the part that is rendered, or None.
+        exposure: stops that pictures are to be shown with; None where it is to be found from the picture.
+    """
 
     size: Size = DEFAULT_SIZE
     crop: tuple[int, int, int, int] | None = None
     filter: PixelFilter = DEFAULT_FILTER
+    exposure: float | None = 0.0
 
 
 def read_sensor(
     plugin: Plugin, size: Size | None, read_medium: Callable[[Plugin], int | None], warnings: list[str]
-) -> tuple[Camera, int | None]:
-    """A perspective, thin lens or orthographic sensor as camera, with the number of samples it asks for.
+) -> tuple[Camera, int | None, float | None]:
+    """A perspective, thin lens or orthographic sensor: camera, samples that it asks for, exposure of its pictures.
 
     Args:
         size: width and height that replace the film's; a crop window keeps its share of the image, in whole pixels.
@@ -81,7 +87,7 @@ def read_sensor(
     ignored = plugin.ignore("shutter_open", "shutter_close", "srf")
     warnings.extend(f"{plugin}: {name} is ignored: nothing moves, and all wavelengths count alike" for name in ignored)
     plugin.finish()
-    return camera, None if sampler is None else _read_sampler(sampler)
+    return camera, None if sampler is None else _read_sampler(sampler), film.exposure
 
 
 def _read_principal_point(plugin: Plugin) -> tuple[float, float]:
@@ -163,9 +169,20 @@ def _read_film(plugin: Plugin, size: Size | None, warnings: list[str]) -> _Film:
     plugin.ignore(*_FILE_FORMAT_PARAMETERS)
     ignored = plugin.ignore("sample_border", "high_quality_edges", "compensate")
     warnings.extend(f"{plugin}: {name} is ignored" for name in ignored)
+    exposure = _read_exposure(plugin)
     nested = plugin.take_one("rfilter")
     plugin.finish()
-    return _Film(size or own, crop, default if nested is None else read_filter(nested))
+    return _Film(size or own, crop, default if nested is None else read_filter(nested), exposure)
+
+
+def _read_exposure(plugin: Plugin) -> float | None:
+    """Of 0.6's `ldrfilm`; its other way, Reinhard's, finds an exposure from the picture."""
+    error = plugin.value_error("exposure", f"must be stops between -{MOST_STOPS:g} and {MOST_STOPS:g}")
+    stops = plugin.take_float("exposure", 0.0)
+    if not abs(stops) <= MOST_STOPS:
+        raise error
+    method = plugin.take_choice("tonemap_method", "gamma", ("gamma", "reinhard"))
+    return stops if method == "gamma" else None
 
 
 def _read_crop(plugin: Plugin, size: Size) -> tuple[int, int, int, int] | None:

@@ -48,6 +48,7 @@ class ShapeReader:
 
         Takes all parameters that belong to the geometry; bsdf, emitter and media are left.
         """
+        plugin.ignore("silhouette_sampling_weight")  # of derivatives, which nobody takes here
         from_file = plugin.type in ("obj", "ply", "serialized")
         around = primitives.segments_around(self._spheres, fine=use.fine)
         mesh = self._read_file(plugin) if from_file else _read_primitive(plugin, around, use.emits)

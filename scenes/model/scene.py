@@ -238,6 +238,8 @@ class Scene:
         max_depth: longest light path in edges that the file asks for, or None for no limit
             (1: emitted light only, 2: direct light, ...; Mitsuba's convention).
         warnings: what the loader ignored, dropped or mended, for the person to read.
+        exposure: that pictures of it are shown with, in stops: radiance is multiplied by 2 to this power. None where
+            nobody has said how bright it is meant to be, so that a picture is to tell. It changes no radiance.
     """
 
     name: str
@@ -249,6 +251,7 @@ class Scene:
     max_depth: int | None = None
     warnings: tuple[str, ...] = ()
     media: tuple[Medium, ...] = ()
+    exposure: float | None = 0.0
 
     def _repr_html_(self) -> str:
         """What a notebook shows: what is in it, its largest meshes, and the warnings."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.model.scene import Scene
@@ -50,6 +52,19 @@ def seen_from(scene: Scene, viewpoint: Viewpoint) -> Scene:
     fov = scene.camera.fov_x if viewpoint.fov is None else viewpoint.fov
     camera = replace(scene.camera, to_world=to_world, fov_x=fov)
     return replace(scene, camera=camera, warnings=(*scene.warnings, f"--camera: it looks {viewpoint}"))
+
+
+def named_camera(name: str, names: Sequence[str], file: Path) -> int:
+    """The number of the camera of that name among those of a file.
+
+    Raises:
+        SceneError: there is none of that name, or several.
+    """
+    if names.count(name) == 1:
+        return names.index(name)
+    many = f"{names.count(name)} cameras" if name in names else "no camera"
+    known = ", ".join(f'"{each}"' for each in names) or "none"
+    raise SceneError(f'--camera: there is {many} of the name "{name}"; the file has {known}', file)
 
 
 def cropped(scene: Scene, region: tuple[int, int, int, int]) -> Scene:

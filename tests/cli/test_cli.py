@@ -16,10 +16,7 @@ from typing import Any
 import numpy as np
 import PIL.Image
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from wdpm import values
 from wdpm.cli import main
 from wdpm.cli import options as cli_options
 from wdpm.cluster.plan.copies import Copies
@@ -76,52 +73,6 @@ class Renderer:
 def renderer(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Renderer:
     monkeypatch.chdir(tmp_path)
     return Renderer(monkeypatch)
-
-
-# ---- values -------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("text", "number"), [("0", 0), ("250k", 250_000), ("1M", 10**6), ("2.5M", 2_500_000), ("1.5k", 1500), ("1g", 10**9)]
-)
-def test_counts(text: str, number: int) -> None:
-    assert values.count(text) == number
-
-
-@given(st.integers(0, 10**7))
-def test_counts_are_exact(thousandths: int) -> None:
-    assert values.count(f"{thousandths // 1000}.{thousandths % 1000:03d}k") == thousandths
-
-
-@pytest.mark.parametrize(
-    ("parse", "text"),
-    [
-        *((values.count, text) for text in ("", "-1", "1.5", "1.0001k", "k", "1e6", "1 000", "12kk", "nan")),
-        *((values.positive_count, text) for text in ("0", "0k")),
-        *((values.size, text) for text in ("512", "0x512", "512x0", "-1x5", "5x5x5", "axb", "5.5x5")),
-        *((values.memory, text) for text in ("8", "0G", "8.5G", "G", "8GB")),
-        *((values.address, text) for text in ("localhost:1", "tcp://h", "tcp://h:0", "tcp://h:65536", "tcp://:1")),
-        *((values.address, text) for text in ("udp://h:1", "tcp://a b:1", "tcp://h:1/x", "tcp://::1:5")),
-        *((values.device, text) for text in ("gpu", "cuda:", "cuda:x", "")),
-        *((values.definition, text) for text in ("a", "=1", "")),
-        *((values.region, text) for text in ("1,2,3", "a,b,c,d", "-1,0,1,1")),
-        (values.length, "wide"),
-    ],
-)
-def test_bad_values_say_what_is_expected(parse: Any, text: str) -> None:
-    with pytest.raises(argparse.ArgumentTypeError, match=r"expected|must be|is not a number"):
-        parse(text)
-
-
-def test_good_values() -> None:
-    assert values.size("640x480") == (640, 480)
-    assert values.memory("8G") == 8 * 2**30
-    assert values.address("tcp://[::1]:7117") == "tcp://[::1]:7117"
-    assert values.address("tcp://render-1.example.org:7117") == "tcp://render-1.example.org:7117"
-    assert values.definition("path=a=b") == ("path", "a=b")
-    assert values.definition("empty=") == ("empty", "")
-    assert values.device("cuda:1") == "cuda:1"
-    assert values.region("1,2,30,40") == (1, 2, 30, 40)
 
 
 # ---- help and mistakes --------------------------------------------------------------------------------------------
@@ -227,7 +178,15 @@ def test_defaults_are_those_of_the_settings(renderer: Renderer) -> None:
     assert renderer.rendered["slaves"] == 0
     assert renderer.rendered["device"] == "cpu"
     assert renderer.rendered["threads"] is None, "all there are"
-    assert renderer.loaded == {"scene": "cornell-box", "defines": {}, "size": None, "lenient": False}
+    assert renderer.loaded == {
+        "scene": "cornell-box",
+        "defines": {},
+        "size": None,
+        "lenient": False,
+        "camera": None,
+        "frame": None,
+        "time": None,
+    }
     assert load("cornell-box.exr").shape == (2, 3)
 
 
@@ -235,7 +194,7 @@ def test_every_option_arrives(renderer: Renderer) -> None:
     line = (
         "render a.xml --photons 1M --k 80 --radius 0.5 --spp 64 --light-samples 4 --max-depth 7 --seed 3 --bucket 16 "
         "--routing merge --band 0.5 --inexact --slaves 4 --threads 3 --device cuda:0 -D a=1 -D b=x --size 64x32 "
-        "--lenient -q"
+        "--lenient --camera left -q"
     )
     assert run(line.split()) == 0
     assert renderer.rendered["settings"] == RenderSettings(
@@ -256,7 +215,15 @@ def test_every_option_arrives(renderer: Renderer) -> None:
         "threads": 3,
         "device": "cuda:0",
     }
-    assert renderer.loaded == {"scene": "a.xml", "defines": {"a": "1", "b": "x"}, "size": (64, 32), "lenient": True}
+    assert renderer.loaded == {
+        "scene": "a.xml",
+        "defines": {"a": "1", "b": "x"},
+        "size": (64, 32),
+        "lenient": True,
+        "camera": "left",
+        "frame": None,
+        "time": None,
+    }
 
 
 def test_negative_pixels_and_hdr_files_do_not_go_together(
@@ -289,6 +256,18 @@ def test_several_outputs_and_the_report(renderer: Renderer, capsys: pytest.Captu
     assert out.startswith("wrote a.exr\nwrote a.png\n")
     assert "0 gathers left the band" in out
     assert err.startswith("load ...\n")
+
+
+def test_pictures_are_exposed_and_a_dark_one_is_told_of(renderer: Renderer, capsys: pytest.CaptureFixture[str]) -> None:
+    renderer.pixels = np.full((2, 3, 3), 0.18 / 4, dtype=np.float32)
+    assert run(["render", "a.xml", "-o", "a.exr", "-o", "a.png"]) == 0
+    assert "wrote a.png at +0 stops: it is dark; --exposure auto would take +2\n" in capsys.readouterr().out
+    dark = load("a.png").pixels
+    assert run(["render", "a.xml", "-o", "a.exr", "-o", "b.png", "--exposure", "auto"]) == 0
+    assert "wrote b.png at +2 stops\n" in capsys.readouterr().out
+    assert load("b.png").pixels == pytest.approx(4 * dark, rel=0.02)
+    assert load("a.exr").metadata["look"] == {"exposure": 2.0, "transform": "standard"}
+    assert np.array_equal(load("a.exr").pixels, renderer.pixels)
 
 
 def test_quiet_is_quiet(renderer: Renderer, capsys: pytest.CaptureFixture[str]) -> None:  # noqa: ARG001

@@ -41,6 +41,7 @@ WRONG = [
     ("blender", "wdpm/api.py", "import bpy"),
     ("dask", "wdpm/clusters.py", "import distributed"),
     ("metrics", "wdpm/api.py", "import prometheus_client"),
+    ("draco", "wdpm/api.py", "import DracoPy"),
     ("meshes", "wdpm/api.py", "import trimesh"),
     ("terminal", "wdpm/api.py", "def f():\n    import rich"),
     ("warp", "wdpm/cli/main.py", "import warp"),

@@ -200,3 +200,20 @@ def test_gltf_camera_errors(tmp_path: Path) -> None:
         read_gltf(broken)
     with pytest.raises(SceneError, match='type "fisheye" does not exist'):
         read_gltf(gltf(tmp_path, {"type": "fisheye"}))
+
+
+@pytest.mark.parametrize(
+    ("inside", "exposure"),
+    [
+        ("", 0.0),
+        (number("exposure", -2.5), -2.5),
+        ('<string name="tonemapMethod" value="reinhard"/>', None),
+    ],
+)
+def test_exposure_of_old_films(tmp_path: Path, inside: str, exposure: float | None) -> None:
+    assert read(tmp_path, sensor("perspective", f'<film type="ldrfilm">{inside}</film>')).exposure == exposure
+
+
+def test_an_exposure_that_cannot_be(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"scene.xml:2: .*exposure.* must be stops between -64 and 64"):
+        read(tmp_path, sensor("perspective", f'<film type="ldrfilm">{number("exposure", 1e4)}</film>'))

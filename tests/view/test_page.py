@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 from watching import bucket, frame
 
+from wdpm.images.channels import encode_srgb8
 from wdpm.images.image import Image
+from wdpm.images.view_transform import Look, ViewTransform, auto_exposure, shown_pixels
 from wdpm.progress import SilentProgress
 from wdpm.view.address import ViewAddress
 from wdpm.view.live import LiveView
@@ -180,6 +182,38 @@ def test_keys_and_values(page: Browser) -> None:
     assert page.run("return document.getElementById('pixel').textContent").endswith(
         "y 10  |  this 0.5000 0.5000 0.5000  |  other 0.2500 0.2500 0.2500"
     )
+
+
+def test_exposure_and_view_transform(page: Browser, view: LiveView) -> None:
+    view.look = Look(1.0)  # as --exposure, or the scene, says
+    page.until("wdpm.look.exposure", 1)
+    page.until_color(0.45, 0.5, GREY[1.0])
+    page.key("a")
+    assert page.run("return wdpm.look.exposure") == auto_exposure(np.full((1, 1, 3), 0.5, np.float32))
+    page.key("t")
+    assert page.run("return document.getElementById('transform').value") == "filmic"
+    view.look = Look(None, ViewTransform.AGX)
+    page.until("wdpm.look.transform", "agx")
+    page.until_color(0.45, 0.5, list(shown_pixels(np.full((1, 1, 3), 0.18, np.float32), view.look)[0, 0]))
+
+
+def test_the_page_shows_what_a_png_shows(page: Browser) -> None:
+    random = np.random.default_rng(1)
+    light = (2.0 ** random.uniform(-8, 4, (1, 200, 3))).astype(np.float32)
+    for transform in ViewTransform:
+        shown = page.driver.execute_async_script(
+            "const [name, light, done] = arguments; import('./transforms.js').then((all) =>"
+            "done(light.map((rgb) => all.TRANSFORMS[name](...rgb))))",
+            transform.value,
+            light[0].tolist(),
+        )
+        difference = encode_srgb8(np.array(shown)).astype(int) - shown_pixels(light, Look(0.0, transform))[0]
+        assert np.abs(difference).max() <= 1
+    found = page.driver.execute_async_script(
+        "const [light, done] = arguments; import('./transforms.js').then((all) => done(all.autoExposure(light)))",
+        light.ravel().tolist(),
+    )
+    assert found == pytest.approx(auto_exposure(light))
 
 
 def test_ways_to_compare(page: Browser) -> None:

@@ -12,7 +12,7 @@ from enum import Enum
 from typing import Any
 
 from wdpm import values
-from wdpm.cli.options import SETTING_OPTIONS, chosen_settings, scene_words
+from wdpm.cli.options import SETTING_OPTIONS, chosen_settings, look_words, scene_words
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.rendering.backend import Backend
 from wdpm.scenes.errors import SettingsError
@@ -128,4 +128,4 @@ def command(args: argparse.Namespace, settings: dict[str, Any]) -> str:
             words += [flag, ",".join(value)] if value else []
         elif value is not None:
             words += [flag, str(value)]
-    return shlex.join(words)
+    return shlex.join(words + look_words(args))

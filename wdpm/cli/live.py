@@ -14,6 +14,7 @@ from wdpm.scenes.errors import SettingsError
 from wdpm.view.address import ViewAddress, view_address
 
 if TYPE_CHECKING:
+    from wdpm.images.view_transform import Look
     from wdpm.progress import Progress
     from wdpm.tev.display import TevDisplay
     from wdpm.view.live import LiveView
@@ -59,6 +60,11 @@ class Viewers(Displays):
     def __init__(self, each: Sequence[LiveView | TevDisplay]) -> None:
         super().__init__(each)
         self._viewers = tuple(each)
+
+    def show_as(self, look: Look) -> None:
+        """Have those who can show an image as this says, at first."""
+        for viewer in self._viewers:
+            viewer.look = look
 
     def following(self, progress: Progress) -> Progress:
         """An observer of progress that tells them, too."""

@@ -29,6 +29,7 @@ from wdpm.cli import (
     view,
 )
 from wdpm.cli.interrupts import Terminated, interrupts_raise, no_lost_interrupts, termination_raises
+from wdpm.cli.output import convert
 from wdpm.cli.placing import slurm
 from wdpm.exit_codes import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_TERMINATED, exit_code_of
 from wdpm.scenes.errors import WdpmError
@@ -42,6 +43,7 @@ COMMANDS = (
     inspect,
     check,
     compare,
+    convert,
     view,
     accuracy,
     bench,

@@ -11,6 +11,7 @@ from wdpm.cli.goal import add_until_options, asks_for_a_goal, duration, render_t
 from wdpm.cli.journals import add_journal_options, journals
 from wdpm.cli.live import add_view_options, shown
 from wdpm.cli.monitoring import add_monitoring_options, observers
+from wdpm.cli.output.frames import add_frame_options, asks_for_frames, render_frames
 
 _EXAMPLES = """\
 examples:
@@ -39,6 +40,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     add_until_options(parser)
     options.add_cache_options(parser)
     add_view_options(parser)
+    add_frame_options(parser)
     cluster = parser.add_argument_group("cluster")
     cluster.add_argument(
         "--bind",
@@ -82,6 +84,8 @@ def run(args: argparse.Namespace) -> int:
             "join_timeout": args.join_timeout,
             "observers": told,
         }
+        if asks_for_frames(args):
+            return render_frames(args, lambda: Cluster.listen(args.bind, args.slaves[0], **terms))
         if asks_for_a_goal(args):
             return render_to_goal(args, lambda: Cluster.listen(args.bind, args.slaves[0], **terms))
         with shown(args) as view, journals(args, first_output(args)) as kept:

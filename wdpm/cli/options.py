@@ -21,6 +21,8 @@ from wdpm.cluster.render_settings import (
     Routing,
 )
 from wdpm.devices import available_cores
+from wdpm.images.view_transform import ViewTransform
+from wdpm.scenes.meshes.framing import Frame
 
 
 @dataclass(frozen=True)
@@ -212,11 +214,19 @@ def add_view_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("view")
     group.add_argument(
         "--camera",
-        type=values.viewpoint,
-        metavar="FROM/AT[/UP][/FOV]",
-        help="place the camera elsewhere: three points x,y,z (UP: 0,1,0) and the horizontal field of view in degrees, "
-        "like 0,1,5/0,1,0/40; write --camera=... where it begins with a minus (default: the scene's)",
+        type=values.camera,
+        metavar="NAME|FROM/AT[/UP][/FOV]",
+        help="one of the scene's cameras by its name, or another place: three points x,y,z (UP: 0,1,0) and the "
+        "horizontal field of view in degrees, like 0,1,5/0,1,0/40; write --camera=... where it begins with a minus "
+        "(default: the scene's first)",
     )
+    group.add_argument(
+        "--frame",
+        choices=[each.value for each in Frame],
+        metavar="inside|outside",
+        help="from where a model without a camera is seen (default: from inside where it is a closed room)",
+    )
+    parser.set_defaults(time=None)  # seconds of an animation: of a frame (frames.py)
     group.add_argument(
         "--crop",
         type=values.region,
@@ -235,7 +245,10 @@ def scene_words(args: argparse.Namespace) -> list[str]:
     if args.lenient:
         words.append("--lenient")
     if args.camera is not None:
-        words.append(f"--camera={values.viewpoint_text(args.camera)}")
+        name = args.camera if isinstance(args.camera, str) else values.viewpoint_text(args.camera)
+        words.append(f"--camera={name}")
+    if args.frame is not None:
+        words += ["--frame", args.frame]
     if args.crop is not None:
         words += ["--crop", ",".join(map(str, args.crop))]
     return words
@@ -254,8 +267,33 @@ def add_output_options(parser: argparse.ArgumentParser) -> None:
         help="image to write: .exr (all layers, settings and report), .png, .hdr, .pfm or .npy; may be given several "
         "times (default: SCENE.exr in this folder)",
     )
+    add_look_options(group)
     group.add_argument("--report", type=Path, metavar="FILE.json", help="also write the report as JSON")
     group.add_argument("-q", "--quiet", action="store_true", help="show neither progress nor report")
+
+
+def add_look_options(group: argparse._ActionsContainer) -> None:
+    """--exposure and --view-transform."""
+    group.add_argument(
+        "--exposure",
+        type=values.exposure,
+        metavar="EV|auto",
+        help="of PNG and of the page: stops, each doubles the brightness, or auto, from the image; EXR only names it "
+        "(default: the scene's, or else 0)",
+    )
+    group.add_argument(
+        "--view-transform",
+        choices=[each.value for each in ViewTransform],
+        metavar="NAME",
+        help="of PNG and of the page: standard (sRGB, clipped), filmic, agx (as Blender shows pictures) or neutral "
+        "(Khronos') (default: standard)",
+    )
+
+
+def look_words(args: argparse.Namespace) -> list[str]:
+    """The words of a command line that show an image in the same way."""
+    words = [] if args.exposure is None else [f"--exposure={args.exposure}"]
+    return words if args.view_transform is None else [*words, "--view-transform", args.view_transform]
 
 
 def add_cache_options(parser: argparse.ArgumentParser) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from wdpm import values
 from wdpm.cli import options
@@ -11,9 +11,16 @@ from wdpm.cli.goal import add_until_options, asks_for_a_goal, render_to_goal
 from wdpm.cli.journals import add_journal_options, journals
 from wdpm.cli.live import add_view_options, shown
 from wdpm.cli.monitoring import add_monitoring_options, observers
+from wdpm.cli.output.frames import add_frame_options, asks_for_frames, render_frames
 from wdpm.cli.placing.options import add_placing_options, is_placed
 from wdpm.cli.placing.running import render_placed
 from wdpm.scenes.errors import SettingsError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from wdpm.cluster.cluster_events import ClusterObserver
+    from wdpm.rendering.backend import Backend
 
 _EXAMPLES = """\
 examples:
@@ -26,6 +33,8 @@ examples:
   wdpm render scene.xml --until-error 0.02
   wdpm render scene.xml --time-budget 60s
   wdpm render scene.xml --slaves 4 --passes 64 --spp 1024 --view
+  wdpm render moving.glb --frames 1..48 --fps 24 -o frames/moving.exr
+  wdpm render scene.%04d.xml --frames 1..100 -o frames/a.png --resume
   wdpm render scene.xml --tev 127.0.0.1:14158
   srun -n 9 wdpm render scene.xml --slurm
   wdpm render scene.xml --strict
@@ -49,6 +58,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     add_until_options(parser)
     options.add_cache_options(parser)
     add_view_options(parser)
+    add_frame_options(parser)
     options.add_machine_options(parser)
     add_monitoring_options(parser)
     debugging = parser.add_argument_group("debugging")
@@ -81,13 +91,15 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> int:
     """Render and write, or replay a sample; returns the exit code."""
     if is_placed(args):
+        if args.frames is not None:
+            raise SettingsError("--frames renders here, or by wdpm master; leave --slurm, --dask and --hosts out")
         return render_placed(args)
-    if asks_for_a_goal(args):
-        from wdpm.clusters import backend_here
-
-        here = (args.slaves, args.threads, args.device, args.copies, args.memory)
+    if asks_for_frames(args):
         with observers(args) as told:
-            return render_to_goal(args, lambda: backend_here(*here, told))
+            return render_frames(args, lambda: _backend(args, told))
+    if asks_for_a_goal(args):
+        with observers(args) as told:
+            return render_to_goal(args, lambda: _backend(args, told))
     if args.replay is not None:
         if args.view or args.tev is not None:
             way = "--view" if args.view else "--tev"
@@ -118,3 +130,9 @@ def run(args: argparse.Namespace) -> int:
             ),
             view,
         )
+
+
+def _backend(args: argparse.Namespace, told: Sequence[ClusterObserver]) -> Backend:
+    from wdpm.clusters import backend_here
+
+    return backend_here(args.slaves, args.threads, args.device, args.copies, args.memory, told)

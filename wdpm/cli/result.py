@@ -20,6 +20,7 @@ from wdpm.goal.render import OUTCOME
 from wdpm.images.files import check_apart, check_output_path, check_place, write_bytes
 from wdpm.images.image import Image
 from wdpm.images.limits import check_memory
+from wdpm.images.view_transform import Look, auto_exposure, look_of
 from wdpm.kernels.camera.pixel_filter import is_signed
 from wdpm.progress import Progress, make_progress
 from wdpm.quiet import quiet_warp
@@ -36,13 +37,16 @@ if TYPE_CHECKING:
 Renderer = Callable[[Callable[[], Scene], RenderSettings, Progress], Image]
 
 
-def render_and_write(args: argparse.Namespace, render: Renderer, view: Viewers | None = None) -> int:
+def render_and_write(
+    args: argparse.Namespace, render: Renderer, view: Viewers | None = None, *, brief: bool = False
+) -> int:
     """Load `args.scene`, have it rendered, write every output and the report; returns the exit code.
 
     Whatever can be found wrong before the render is found before it.
 
     Args:
         view: is told of progress; `render` shows it the image.
+        brief: whether the report is not printed: of one frame of many.
     """
     outputs = _checked_outputs(args)
     chosen = chosen_settings(args)
@@ -57,6 +61,8 @@ def render_and_write(args: argparse.Namespace, render: Renderer, view: Viewers |
         began = time.perf_counter()
         scene = viewed_scene_of(args)
         load_s = time.perf_counter() - began
+        if view is not None:
+            view.show_as(look_of(args.exposure, args.view_transform, Look(scene.exposure)))
         check_memory(scene.camera)
         _check_room(outputs, scene)
         _refuse_negative(scene, outputs)
@@ -69,11 +75,11 @@ def render_and_write(args: argparse.Namespace, render: Renderer, view: Viewers |
         failed.append(error)
     finally:
         progress.finish()
-    image, account = _completed(image, load_s)
+    image, account = _completed(image.looking(args.exposure, args.view_transform), load_s)
     failed += _write_all(image, account, outputs, args)
     if failed:
         raise ImageError("; ".join(map(str, failed)))
-    if not args.quiet:
+    if not (args.quiet or brief):
         print_report(account, Console())
     return 0
 
@@ -145,6 +151,21 @@ def _check_room(outputs: list[Path], scene: Scene) -> None:
             raise ImageError(f"{path}: {path.parent} has {free} bytes left; the image takes more than {least}")
 
 
+FAR_OFF_STOPS = 1.5
+"""Between a picture's exposure and what `auto` finds, from which on a person is told."""
+
+
+def _exposed(image: Image, path: Path) -> str:
+    """How a picture is exposed, where that is not simply as it is, or makes it hard to see."""
+    if path.suffix.lower() != ".png":
+        return ""
+    stops, found = image.look.exposure or 0.0, auto_exposure(image.pixels)
+    if abs(stops - found) > FAR_OFF_STOPS:
+        how = "dark" if found > stops else "bright"
+        return f" at {stops:+g} stops: it is {how}; --exposure auto would take {found:+g}"
+    return f" at {stops:+g} stops" if stops else ""
+
+
 def _write_all(image: Image, account: report.Report, outputs: list[Path], args: argparse.Namespace) -> list[ImageError]:
     """Write every output, even when one fails: a PNG that cannot be written must not cost the EXR.
 
@@ -159,7 +180,7 @@ def _write_all(image: Image, account: report.Report, outputs: list[Path], args: 
             errors.append(_kept_elsewhere(image, path, error))
             continue
         if not args.quiet:
-            print(f"wrote {path}")
+            print(f"wrote {path}{_exposed(image, path)}")
     if args.report is not None:
         try:
             write_bytes(account.to_json().encode(), args.report)

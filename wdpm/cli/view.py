@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from wdpm.cli.live import add_tev_option, add_view_address, check_can_view, print_url
+from wdpm.cli.options import add_look_options
 from wdpm.scenes.errors import SettingsError
 from wdpm.view.address import ViewAddress
 
@@ -30,6 +31,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     parser.add_argument("image", type=Path, metavar="FILE", help="image: .exr, .png, .hdr, .pfm or .npy")
     parser.add_argument("other", type=Path, nargs="?", metavar="OTHER", help="another to compare with")
     add_view_address(parser)
+    add_look_options(parser)
     add_tev_option(parser, "have the viewer tev, which listens there, open them in place of a page")
     return parser
 
@@ -44,7 +46,8 @@ def run(args: argparse.Namespace) -> int:
 
     address = args.view_at or ViewAddress()
     title = args.image.name if args.other is None else f"{args.image.name} | {args.other.name}"
-    view = FileView(address, title, load(args.image), None if args.other is None else load(args.other))
+    image = load(args.image).looking(args.exposure, args.view_transform)
+    view = FileView(address, title, image, None if args.other is None else load(args.other))
     try:
         print_url(view.url, address)
         view.wait()

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.scenes.errors import ImageError
-
 Layers = dict[str, NDArray[np.float32]]
 """Layers of an image by name (LAYER_CHANNELS): shape [height, width, 3], or [height, width] for a single channel."""
 
@@ -39,18 +37,6 @@ def encode_srgb8(linear: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
     value = np.clip(linear, 0.0, 1.0).astype(np.float64)
     encoded = np.where(value <= 0.0031308, 12.92 * value, 1.055 * value ** (1 / 2.4) - 0.055)
     return np.round(encoded * 255.0).astype(np.uint8)
-
-
-def screen_pixels(pixels: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Linear RGB, shape [height, width, 3], as a screen shows it: sRGB, 8 bits, clipped to [0, 1].
-
-    Raises:
-        ImageError: a pixel is NaN.
-    """
-    bad = int(np.isnan(pixels).any(axis=2).sum())
-    if bad:
-        raise ImageError(f"{bad} pixels are NaN and have no colour: save as .exr to find them")
-    return encode_srgb8(pixels)
 
 
 def decode_srgb(encoded: NDArray[np.floating[Any]]) -> NDArray[np.float32]:

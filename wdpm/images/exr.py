@@ -68,6 +68,15 @@ def read_exr(path: Path) -> tuple[Layers, dict[str, Any]]:
     return layers, _metadata(header)
 
 
+def read_exr_metadata(path: Path) -> dict[str, Any]:
+    """What wdpm put into the header of a file, without reading its pixels; nothing for a broken file."""
+    with _diverted_stderr():
+        try:
+            return _metadata(OpenEXR.InputFile(str(path)).header())
+        except (OSError, RuntimeError, TypeError, ValueError):
+            return {}
+
+
 def _channel_names(layer: str) -> list[str]:
     prefix = "" if layer == "beauty" else f"{layer}."
     return [prefix + channel for channel in LAYER_CHANNELS[layer]]

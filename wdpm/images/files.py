@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import platform
+import struct
 import uuid
+import zlib
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,14 +17,24 @@ import imageio.v3 as imageio
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.images.channels import Layers, decode_srgb, screen_pixels
-from wdpm.images.exr import read_exr, write_exr
+from wdpm.images.channels import Layers, decode_srgb
+from wdpm.images.exr import read_exr, read_exr_metadata, write_exr
 from wdpm.images.npy import read_npy, write_npy
+from wdpm.images.view_transform import LOOK, Look, look_in, shown_pixels
 from wdpm.scenes.errors import ImageError, NotWrittenError
 from wdpm.scenes.images.hdr import decode_hdr, encode_hdr
 from wdpm.scenes.images.pfm import decode_pfm, encode_pfm
 
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_PNG_HEADER = 33
+"""Bytes of the signature and the first chunk, which says the size."""
+
+_PNG_KEYWORD = "wdpm"
+_PNG_TEXT_WITHIN = 1 << 16
+"""Bytes of a file within which its texts lie."""
+
+_IN_PNG = (LOOK, "camera", "left_out")
+"""Of an image's metadata, what a PNG's header holds: what explains the picture, the same from any cluster."""
 
 
 Metadata = Mapping[str, Any]
@@ -49,6 +62,32 @@ def read(path: Path) -> tuple[Layers, dict[str, Any]]:
         return _FORMATS[path.suffix.lower()].read(path)
     except OSError as error:
         raise ImageError(f"{path}: cannot be read: {_reason(error)}") from None
+
+
+def look_in_file(path: Path) -> Look | None:
+    """How a file that wdpm wrote is shown, from the header of an EXR or PNG file; None where it does not say."""
+    if path.suffix.lower() == ".exr":
+        metadata = read_exr_metadata(path)
+    elif path.suffix.lower() == ".png":
+        metadata = _png_metadata(path)
+    else:
+        return None
+    return look_in(metadata) if LOOK in metadata else None
+
+
+def _png_metadata(path: Path) -> dict[str, Any]:
+    with path.open("rb") as stream:
+        begin = stream.read(_PNG_TEXT_WITHIN)
+    mark = b"tEXt" + _PNG_KEYWORD.encode() + b"\0"
+    at = begin.find(mark)
+    if at < 4:
+        return {}
+    (length,) = struct.unpack_from(">I", begin, at - 4)
+    try:
+        found = json.loads(begin[at + len(mark) : at + 4 + length])
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def write(layers: Layers, metadata: Metadata, path: Path) -> None:
@@ -115,11 +154,22 @@ def check_apart(uses: Iterable[tuple[str, Path | None]]) -> None:
             raise ImageError(f"{path}: cannot hold both {other} and {what}; give another name for one of them")
 
 
-def png_bytes(pixels: NDArray[np.uint8]) -> bytes:
-    """8-bit RGB, shape [height, width, 3], as the bytes of a PNG file."""
+def png_bytes(pixels: NDArray[np.uint8], texts: Mapping[str, str] | None = None) -> bytes:
+    """8-bit sRGB, shape [height, width, 3], as the bytes of a PNG file.
+
+    Args:
+        texts: go into its header by keyword, both in ASCII.
+    """
     buffer = io.BytesIO()
     imageio.imwrite(buffer, pixels, extension=".png")
-    return buffer.getvalue()
+    data = buffer.getvalue()
+    chunks = [_png_chunk(b"sRGB", b"\0")]
+    chunks += [_png_chunk(b"tEXt", f"{key}\0{text}".encode("ascii")) for key, text in (texts or {}).items()]
+    return b"".join([data[:_PNG_HEADER], *chunks, data[_PNG_HEADER:]])
+
+
+def _png_chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
 
 def write_whole(path: Path, write_to: Callable[[Path], object]) -> None:
@@ -194,6 +244,14 @@ def _read_png(path: Path) -> NDArray[np.float32]:
     return decode_srgb(pixels / np.iinfo(pixels.dtype).max)
 
 
+def _write_png(layers: Layers, metadata: Metadata, path: Path) -> None:
+    """Write the beauty layer as its look wants it shown, and what was done to it."""
+    look = look_in(metadata).of(layers["beauty"])
+    told = {name: metadata[name] for name in _IN_PNG if name in metadata} | {LOOK: look.to_dict()}
+    texts = {"Software": "wdpm", _PNG_KEYWORD: json.dumps(told)}
+    path.write_bytes(png_bytes(shown_pixels(layers["beauty"], look), texts))
+
+
 def _of_colors(
     read: Callable[[Path], NDArray[np.float32]], write: Callable[[NDArray[np.float32], Path], object]
 ) -> _Format:
@@ -205,7 +263,7 @@ def _of_colors(
 
 _FORMATS: Mapping[str, _Format] = {
     ".exr": _Format(read_exr, write_exr),
-    ".png": _of_colors(_read_png, lambda pixels, path: path.write_bytes(png_bytes(screen_pixels(pixels)))),
+    ".png": _Format(lambda path: ({"beauty": _read_png(path)}, {}), _write_png),
     ".hdr": _of_colors(
         lambda path: decode_hdr(path.read_bytes(), str(path)),
         lambda pixels, path: path.write_bytes(encode_hdr(pixels)),

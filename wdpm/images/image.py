@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.images import files
-from wdpm.images.channels import LAYER_CHANNELS, PARTITION_LAYER, Layers, screen_pixels
+from wdpm.images.channels import LAYER_CHANNELS, PARTITION_LAYER, Layers
+from wdpm.images.view_transform import LOOK, Look, ViewTransform, look_in, look_of, shown_pixels
 from wdpm.scenes.errors import ImageError
 
 if TYPE_CHECKING:
@@ -73,13 +75,36 @@ class Image:
             raise ImageError("the image has no report: it is not wdpm's, or was saved in a format that keeps none")
         return shown_report(self.metadata["report"])
 
-    def to_srgb8(self) -> NDArray[np.uint8]:
-        """The beauty layer as a screen shows it: sRGB, 8 bits, clipped to [0, 1], shape [height, width, 3].
+    @property
+    def look(self) -> Look:
+        """How a screen is to show it: what its metadata says, or else as it is."""
+        return look_in(self.metadata)
+
+    def looking(self, exposure: float | str | None = None, view_transform: ViewTransform | str | None = None) -> Image:
+        """The same image with another look in its metadata; no pixel changes.
+
+        Args:
+            exposure: stops, or "auto", which is worked out now; None for what it has.
+            view_transform: standard, filmic, agx or neutral; None for what it has.
 
         Raises:
-            ImageError: a pixel is NaN.
+            ImageError: there is no such exposure or transform.
         """
-        return screen_pixels(self.pixels)
+        look = look_of(exposure, view_transform, self.look).of(self.pixels)
+        return replace(self, metadata={**self.metadata, LOOK: look.to_dict()})
+
+    def to_srgb8(
+        self, exposure: float | str | None = None, view_transform: ViewTransform | str | None = None
+    ) -> NDArray[np.uint8]:
+        """The beauty layer as a screen shows it: sRGB, 8 bits, shape [height, width, 3].
+
+        Args:
+            exposure, view_transform: see `looking`.
+
+        Raises:
+            ImageError: a pixel is NaN, or there is no such exposure or transform.
+        """
+        return shown_pixels(self.pixels, look_of(exposure, view_transform, self.look))
 
     def digest(self) -> str:
         """SHA-256 of names, shapes and bytes of all layers but `cell`, in hexadecimal: equal iff every bit of them is.
@@ -93,15 +118,28 @@ class Image:
             sha.update(layer.data)
         return sha.hexdigest()
 
-    def save(self, path: str | Path) -> None:
+    def save(
+        self,
+        path: str | Path,
+        *,
+        exposure: float | str | None = None,
+        view_transform: ViewTransform | str | None = None,
+    ) -> None:
         """Write a file of the format that the extension names: .exr (all layers), or .png, .hdr, .pfm, .npy (beauty).
 
-        The file appears whole or not at all.
+        The file appears whole or not at all. All but PNG hold radiance, whatever the exposure; EXR names it in its
+        header.
+
+        Args:
+            exposure, view_transform: how a PNG is to look, see `looking`; None for what the image says.
 
         Raises:
-            ImageError: unknown extension, a folder that cannot be written, or pixels that the format cannot hold.
+            ImageError: unknown extension, a folder that cannot be written, pixels that the format cannot hold, or no
+                such exposure or transform.
         """
-        files.write(self.layers, self.metadata, Path(path))
+        given = exposure is not None or view_transform is not None
+        metadata: Mapping[str, Any] = self.looking(exposure, view_transform).metadata if given else self.metadata
+        files.write(self.layers, metadata, Path(path))
 
     def _repr_png_(self) -> bytes:
         """What a notebook shows."""

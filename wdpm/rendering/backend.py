@@ -32,6 +32,8 @@ class Backend(ABC):
 
     Attributes:
         display: is shown images while they are rendered; None where nobody looks.
+        keeps_scene: whether geometry and photons of the last scene stay for the next one, which has them if no more
+            than the camera moved. A cluster's slaves keep theirs in any case.
         keeper: is given what is finished of a session as it comes; None where nobody keeps it.
     """
 
@@ -40,6 +42,7 @@ class Backend(ABC):
         self.threads = threads
         self.device = device
         self.display: Display | None = None
+        self.keeps_scene = False
         self.keeper: Keeper | None = None
 
     @property

@@ -6,6 +6,7 @@ import random
 import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 from wdpm.cluster.cluster_events import ClusterObserver
 from wdpm.cluster.in_process import MemoryCluster
@@ -27,6 +28,19 @@ from wdpm.scenes.model.scene import Camera, Scene
 WORTH_FORKING = 1 << 16
 """Camera samples of a pass from which on processes are forked: some half a second of one core. A fork takes some ten
 milliseconds, and a pass has two: for the photons, and for records and image when the maps of the photons are built."""
+
+
+class _Held(NamedTuple):
+    """A cluster of this process for a scene.
+
+    Attributes:
+        processes: that share its tasks.
+        end: closes it when the scene is let go of.
+    """
+
+    cluster: MemoryCluster
+    processes: int
+    end: weakref.finalize[Any, Any]
 
 
 class InProcess(Backend):
@@ -62,7 +76,8 @@ class InProcess(Backend):
         self._observers = observers
         self._alone = workers == 1 and cells in (None, 1) and shuffle is None
         # By scene, and no longer than whoever renders it holds it: a worker has all its triangles and photons.
-        self._clusters: weakref.WeakKeyDictionary[Prepared, MemoryCluster] = weakref.WeakKeyDictionary()
+        self._clusters: weakref.WeakKeyDictionary[Prepared, _Held] = weakref.WeakKeyDictionary()
+        self._kept: Prepared | None = None
 
     def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:
         return prepare(
@@ -77,32 +92,59 @@ class InProcess(Backend):
         )
 
     def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:
-        cluster = self._clusters.get(prepared)
-        if cluster is None:
-            cluster = self._clusters[prepared] = self._cluster_of(prepared)
-            weakref.finalize(prepared, cluster.close)
+        cluster = self._held_for(prepared)
         if prepared.pilot is not None:
             session = replace(session, partition=lambda _: NO_TRIANGLES)
         try:
             return cluster.render(session, progress, self.display, self.keeper)
         except BaseException:
             cluster.close()
+            self._kept = None
             raise
 
     def close(self) -> None:
-        for cluster in self._clusters.values():
-            cluster.close()
+        for held in self._clusters.values():
+            held.cluster.close()
         self._clusters.clear()
+        self._kept = None
+
+    def _held_for(self, prepared: Prepared) -> MemoryCluster:
+        """The cluster that renders a scene: its own, or that of the last one if photons see no difference."""
+        held = self._clusters.get(prepared)
+        if held is None:
+            before, self._kept = self._kept, prepared if self.keeps_scene else None
+            held = None if before is None else self._passed_on(before, prepared)
+            if held is None:
+                cluster = self._cluster_of(prepared)
+                held = _Held(cluster, self._processes_for(prepared), weakref.finalize(prepared, cluster.close))
+            self._clusters[prepared] = held
+        return held.cluster
+
+    def _passed_on(self, before: Prepared, prepared: Prepared) -> _Held | None:
+        """The last scene's cluster, if it has this one's geometry and as many processes; else nothing is kept."""
+        held = self._clusters.pop(before, None)
+        if held is None:
+            return None
+        held.end.detach()
+        processes = self._processes_for(prepared)
+        if before.session.digest != prepared.session.digest or held.processes != processes:
+            held.cluster.close()
+            return None
+        prepared.pilot = None  # its geometry is there already
+        return _Held(held.cluster, processes, weakref.finalize(prepared, held.cluster.close))
 
     def _worth(self, camera: Camera, settings: RenderSettings) -> int:
         """Processes that a render is worth; 1 where none may be forked now."""
         samples = camera.width * camera.height * -(-settings.spp // settings.passes)
         return self.threads if self._alone and samples >= WORTH_FORKING and can_fork(self.device) else 1
 
+    def _processes_for(self, prepared: Prepared) -> int:
+        return self._worth(prepared.session.view.camera, prepared.settings)
+
     def _cluster_of(self, prepared: Prepared) -> MemoryCluster:
         """A cluster for any number of sessions of a scene."""
         launcher, pilot = self._launcher, prepared.pilot
-        processes = self._worth(prepared.session.view.camera, prepared.settings)
+        processes = self._processes_for(prepared)
 
         def make_worker(
             number: int, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]

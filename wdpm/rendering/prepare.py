@@ -35,6 +35,7 @@ from wdpm.kernels.launch import Launcher
 from wdpm.kernels.variants import make_variants
 from wdpm.progress import Progress
 from wdpm.rendering.approximations import approximations, settings_without_effect
+from wdpm.rendering.header import SceneHeader, header_of
 from wdpm.rendering.settled import settle
 from wdpm.rendering.spool import spooled
 from wdpm.report.report import (
@@ -70,6 +71,7 @@ class Prepared:
         approximated: what is only approximated.
         seconds: by phase.
         lit_scene: names what irradiance records depend on: the scene without its camera, and its photons.
+        header: what headers of its images say of the scene.
     """
 
     pilot: CellWorker | None
@@ -85,6 +87,7 @@ class Prepared:
     seconds: dict[str, float]
     identity: dict[str, str]
     lit_scene: str
+    header: SceneHeader
 
 
 OF_RECORDS = ("seed", "photons", "k", "radius", "max_depth")
@@ -181,6 +184,7 @@ def prepare(
         seconds,
         _identity(world, session.view, triangles, settings),
         digest(*_lit_scene(world, triangles), *(getattr(settings, name) for name in OF_RECORDS)),
+        header_of(scene),
     )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from wdpm.cluster.display import Bucket, Frame, PassMean
 from wdpm.images.channels import LAYER_CHANNELS
+from wdpm.images.view_transform import Look
 from wdpm.progress import Progress
 from wdpm.tev.connection import connected, hang_up
 from wdpm.tev.packets import create_image, update_image
@@ -33,6 +34,7 @@ class TevDisplay:
 
     Attributes:
         enough: always false: tev cannot say so.
+        look: that somebody wants; tev has controls of its own for it, and shows radiance.
 
     Raises:
         SettingsError: tev does not answer there.
@@ -41,6 +43,7 @@ class TevDisplay:
     enough = False
 
     def __init__(self, address: ViewAddress, title: str) -> None:
+        self.look = Look()
         self._address = address
         self._title = title
         self._connection = connected(address)

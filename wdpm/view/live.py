@@ -11,6 +11,7 @@ from typing import Any
 
 from wdpm.cluster.display import Bucket, Frame, PassMean
 from wdpm.images.image import Image
+from wdpm.images.view_transform import Look
 from wdpm.progress import Progress
 from wdpm.view.address import ViewAddress
 from wdpm.view.asked import ENOUGH, STOP
@@ -44,6 +45,7 @@ class LiveView:
     Attributes:
         enough: whether a page said that the passes so far are good enough.
         url: what to open in a browser.
+        look: how pages show the image at first; one with an exposure of None follows the image.
 
     Raises:
         SettingsError: it cannot listen there.
@@ -59,6 +61,7 @@ class LiveView:
         stop: Callable[[], None] = interrupt,
     ) -> None:
         self.enough = False
+        self.look = Look()
         self._stop = stop
         self._status = Status(title, passes)
         self._picture = Picture()
@@ -108,7 +111,8 @@ class LiveView:
         self._server.close()
 
     def _state(self) -> dict[str, Any]:
-        return {**self._status.to_dict(), "pictures": state_of(self._pictures), "enough": self.enough}
+        state = {"pictures": state_of(self._pictures), "enough": self.enough, "look": self.look.to_dict()}
+        return {**self._status.to_dict(), **state}
 
     def _act(self, action: str) -> None:
         if action == STOP:

@@ -23,6 +23,7 @@ class FileView:
 
     def __init__(self, address: ViewAddress, title: str, image: Image, other: Image | None = None) -> None:
         self._pictures = {"a": Picture(image.layers), **({} if other is None else {"b": Picture(other.layers)})}
+        self._look = image.look.of(image.pixels)
         self._status = Status(title, passes=False)
         self._stopped = threading.Event()
         self._server = ViewServer(address, self._pictures, self._state, self._act)
@@ -39,7 +40,8 @@ class FileView:
         self._server.close()
 
     def _state(self) -> dict[str, Any]:
-        return {**self._status.to_dict(), "pictures": state_of(self._pictures), "enough": False}
+        state = {"pictures": state_of(self._pictures), "enough": False, "look": self._look.to_dict()}
+        return {**self._status.to_dict(), **state}
 
     def _act(self, action: str) -> None:
         if action == STOP:

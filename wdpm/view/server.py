@@ -30,6 +30,7 @@ PAGE = {
     "pixels.js": ("pixels.js", "text/javascript"),
     "stage.js": ("stage.js", "text/javascript"),
     "panel.js": ("panel.js", "text/javascript"),
+    "transforms.js": ("transforms.js", "text/javascript"),
 }
 """Path under the token -> file in page/, and its type. Nothing else is served."""
 

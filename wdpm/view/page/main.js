@@ -3,14 +3,15 @@
 import { DECADES, Layer, readTile, viridis } from "./pixels.js";
 import { show } from "./panel.js";
 import { short, Stage } from "./stage.js";
+import { autoExposure } from "./transforms.js";
 
 const $ = (id) => document.getElementById(id);
 const RETRY_MS = [1000, 2000, 4000, 5000];
 
 const pictures = {}; // "a", "b" -> {image, width, height, layers, shown: Layer, cells: Layer}
-const look = { exposure: 0, falseColor: false, mode: "a", cells: null, holder: (cell) => holders.get(cell) };
+const look = { exposure: 0, transform: "standard", falseColor: false, mode: "a", cells: null, holder: (cell) => holders.get(cell) };
 let holders = new Map();
-let status = null, socket = null, tries = 0, layerName = "beauty";
+let status = null, socket = null, tries = 0, layerName = "beauty", given = null, automatic = false;
 
 const stage = new Stage($("canvas"), pictures, look, showPixel);
 
@@ -54,6 +55,8 @@ function told(message) {
     pictures[name] = known && known.image === state.image ? Object.assign(known, state) : { ...state, shown: null, cells: null };
   }
   if (changed) pick();
+  lookAs(status.look);
+  if (automatic) autoExpose();
   show(status, true);
   if (status.ended !== null) banner(`${status.title}: ${status.ended}. What is shown stays until the page is closed.`, !status.ended.startsWith("failed"));
 }
@@ -109,6 +112,31 @@ function setExposure(stops) {
   stage.touchAll();
 }
 
+function autoExpose() {
+  const layer = stage.base;
+  if (layer && layer.channels === 3) setExposure(autoExposure(layer.data));
+}
+
+function chooseExposure(stops) {
+  automatic = false;
+  setExposure(stops);
+}
+
+function setTransform(name) {
+  look.transform = $("transform").value = name;
+  stage.touchAll();
+}
+
+/** Show it as the scene or the person who renders wants it shown, until somebody changes that here. */
+function lookAs(wanted) {
+  const key = JSON.stringify(wanted);
+  if (key === given) return;
+  given = key;
+  setTransform(wanted.transform);
+  automatic = wanted.exposure === null; // then it follows the image as it comes
+  if (!automatic) setExposure(wanted.exposure);
+}
+
 function setLayer(name) {
   layerName = $("layer").value = name;
   want();
@@ -148,7 +176,8 @@ const KEYS = {
   "+": () => stage.zoomBy(2), "=": () => stage.zoomBy(2), "-": () => stage.zoomBy(0.5),
   0: () => stage.fit(), 1: () => stage.oneToOne(),
   ArrowLeft: () => stage.pan(60, 0), ArrowRight: () => stage.pan(-60, 0), ArrowUp: () => stage.pan(0, 60), ArrowDown: () => stage.pan(0, -60),
-  e: () => setExposure(look.exposure + 0.5), E: () => setExposure(look.exposure - 0.5),
+  e: () => chooseExposure(look.exposure + 0.5), E: () => chooseExposure(look.exposure - 0.5),
+  a: () => { automatic = false; autoExpose(); }, t: () => setTransform(next($("transform"), 1)),
   f: () => setFalse(!look.falseColor),
   l: () => setLayer(next($("layer"), 1)), L: () => setLayer(next($("layer"), -1)),
   w: () => { $("who").checked = !$("who").checked; want(); },
@@ -166,7 +195,9 @@ document.addEventListener("keydown", (e) => {
 
 $("layer").onchange = (e) => setLayer(e.target.value);
 $("mode").onchange = (e) => setMode(e.target.value);
-$("exposure").oninput = (e) => setExposure(Number(e.target.value));
+$("exposure").oninput = (e) => chooseExposure(Number(e.target.value));
+$("auto").onclick = KEYS.a;
+$("transform").onchange = (e) => setTransform(e.target.value);
 $("false").onchange = (e) => setFalse(e.target.checked);
 $("who").onchange = want;
 $("in").onclick = () => stage.zoomBy(2);

@@ -1,5 +1,7 @@
 // Pixels as floats, and as a screen shows them.
 
+import { TRANSFORMS } from "./transforms.js";
+
 const ENCODED = Uint8ClampedArray.from({ length: 4096 }, (_, i) => {
   const v = (i / 4095) ** 2; // steps of the root: dark values need the finer ones
   return Math.round(255 * (v <= 0.0031308 ? 12.92 * v : 1.055 * v ** (1 / 2.4) - 0.055));
@@ -64,7 +66,7 @@ export function difference(a, b) {
 /** Paint a rectangle of a layer into an ImageData of the same size as the rectangle. */
 export function paint(layer, look, box, out) {
   const { channels, width, data, name } = layer;
-  const gain = 2 ** look.exposure;
+  const gain = 2 ** look.exposure, transform = TRANSFORMS[look.transform];
   const scale = name === "depth" ? gain / (layer.most || 1) : gain;
   const owners = look.cells && look.cells.width === width && look.cells.height === layer.height ? look.cells.data : null;
   let to = 0;
@@ -83,7 +85,9 @@ export function paint(layer, look, box, out) {
       } else if (name === "normal") {
         r = 127.5 * (r + 1); g = 127.5 * (g + 1); b = 127.5 * (b + 1);
       } else {
-        r = encode(r * scale); g = encode(g * scale); b = encode(b * scale);
+        // signed layers (bias) show their size; what has one channel is no light
+        const light = channels === 3 ? transform(Math.abs(r) * scale, Math.abs(g) * scale, Math.abs(b) * scale) : [r * scale, r * scale, r * scale];
+        [r, g, b] = light.map(encode);
       }
       const owner = owners && name !== "cell" ? look.holder(Math.round(owners[p])) : undefined;
       if (owner !== undefined) {
@@ -96,7 +100,7 @@ export function paint(layer, look, box, out) {
 }
 
 function encode(v) {
-  return ENCODED[Math.round(Math.sqrt(Math.min(Math.abs(v), 1)) * 4095)]; // signed layers (bias) show their size
+  return ENCODED[Math.round(Math.sqrt(Math.min(Math.max(v, 0), 1)) * 4095)];
 }
 
 /** A binary message (docs/view.md). */

@@ -1,0 +1,1 @@
+"""What is written beside one image of one scene: sequences, and images in other formats."""
