@@ -18,7 +18,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-slurm test-dask test-ssh chaos soak test-blender test-notebook release-check fuzz hard-cases guards lint peers gpu-check gpu-table clean
+.PHONY: help demo test test-slurm test-dask test-ssh chaos soak test-blender test-notebook release-check fuzz hard-cases guards lint handbook gallery peers gpu-check gpu-table clean
 
 help:  ## show this list
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 16
@@ -84,6 +84,13 @@ lint: $(VENV)/.installed-test  ## check style, types and directions of imports
 	$(BIN)/mypy -p wdpm
 	$(BIN)/lint-imports --no-cache
 
+handbook: $(VENV)/.installed-docs  ## build the handbook, with warnings as errors -> out/handbook/index.html
+	$(BIN)/python -m sphinx -W --keep-going -q -c docs/handbook docs $(OUT)/handbook
+	@echo "The handbook is $(abspath $(OUT))/handbook/index.html."
+
+gallery: $(VENV)/.installed  ## render the gallery anew, and write docs/gallery.md with its times (a quarter of an hour)
+	$(BIN)/python docs/make_gallery.py
+
 gpu-check: $(VENV)/.installed  ## compare a GPU's bits and times with the CPU's: ten minutes (DEVICE, WDPM_SCENES)
 	@mkdir -p $(OUT)
 	$(BIN)/wdpm bench device --device $(DEVICE) --json $(OUT)/gpu-check.json --markdown $(OUT)/gpu-check.md
@@ -135,6 +142,11 @@ $(VENV)/.installed-dask: pyproject.toml | $(BIN)/python
 $(VENV)/.installed-cuda: pyproject.toml | $(BIN)/python
 	@echo "Installing wdpm and NVIDIA's assembler into $(VENV)"
 	$(PIP) install --quiet -e '.[cuda]'
+	@touch $@ $(VENV)/.installed
+
+$(VENV)/.installed-docs: pyproject.toml | $(BIN)/python
+	@echo "Installing wdpm and what makes its handbook into $(VENV)"
+	$(PIP) install --quiet -e '.[docs]'
 	@touch $@ $(VENV)/.installed
 
 $(VENV)/.installed-peers: pyproject.toml | $(BIN)/python

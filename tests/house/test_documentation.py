@@ -17,7 +17,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("scenes", "kernels", "cluster", "wdpm", "tests", "docs")
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 EVERY_PAGE = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
 LINK = re.compile(r"!?\[([^\]]*)\]\(([^)\s]+)\)")
@@ -35,12 +35,17 @@ FOREIGN = {
     "RECONNECT_IVL",  # an option of ZeroMQ's sockets, ZMQ_ in front
     "SECONDS_PER_TASK",  # what a program's arguments are
     "emissive_strength",  # a glTF extension
+    "export_apply",  # Blender's exporter, and what it is told
+    "export_cameras",
+    "export_lights",
+    "export_scene",
     "pdf_solid_angle",  # the field's word for the density that our `pdf`s are
     "proc_pid_stat",  # a page of the Linux manual
     "rotation_i",
     "stb_image",  # a library
     "vertex_foo",  # how PLY files name attributes
     "vertex_foo_color",
+    "write_bitmap",  # Mitsuba's
     "x86_64",
 }
 """Names in our prose that are nobody's in our code."""
