@@ -85,7 +85,7 @@ lint: $(VENV)/.installed-test  ## check style, types and directions of imports
 	$(BIN)/lint-imports --no-cache
 
 handbook: $(VENV)/.installed-docs  ## build the handbook, with warnings as errors -> out/handbook/index.html
-	$(BIN)/python -m sphinx -W --keep-going -q -c docs/handbook docs $(OUT)/handbook
+	$(BIN)/python -m sphinx -W --keep-going -q -a -E -c docs/handbook docs $(OUT)/handbook
 	@echo "The handbook is $(abspath $(OUT))/handbook/index.html."
 
 gallery: $(VENV)/.installed  ## render the gallery anew, and write docs/gallery.md with its times (a quarter of an hour)

@@ -31,6 +31,7 @@ html_static_path = ["style"]
 html_css_files = ["handbook.css"]
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+smartquotes = False  # it would make one dash of the two of an option
 source_suffix = {".md": "markdown"}
 exclude_patterns = ["handbook", "gallery"]
 nitpicky = False  # docstrings name types of NumPy and of the standard library, which are not part of the site
