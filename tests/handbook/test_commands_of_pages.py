@@ -79,7 +79,7 @@ def test_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
             continue  # the test above has seen them
         for name in inputs(words):
             put_stand_in(Path(name))
-        assert main(words) in codes_of(words), command
+        assert main(words) in codes_of(words), f"{command}: mend it, or say in NOT_RUN why it is not run"
         for name in outputs(words):
             assert Path(name).stat().st_size > 0, command
 

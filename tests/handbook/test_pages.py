@@ -20,7 +20,7 @@ ALL_PICTURES = 500_000
 def test_every_page_is_in_the_navigation_once() -> None:
     listed = [page for pages in navigation.parts((DOCS / "index.md").read_text()).values() for page in pages]
     there = {path.relative_to(DOCS).with_suffix("").as_posix() for path in DOCS.rglob("*.md")}
-    assert sorted(listed) == sorted(there - {navigation.INDEX})
+    assert sorted(listed) == sorted(there - {navigation.INDEX}), "list each page once in docs/index.md"
 
 
 def test_the_navigation_is_made_of_headings_and_links() -> None:
