@@ -38,9 +38,10 @@ def commands_of(page: Path) -> list[str]:
 
 
 def words_of(command: str) -> list[str]:
-    """The words of a command up to `&&`, without its comment and without `wdpm`."""
+    """The words of a command, without `wdpm`, its comment, and what a shell does with its end or its output."""
     words = shlex.split(command, comments=True)
-    return words[1 : words.index("&&")] if "&&" in words else words[1:]
+    ends = [words.index(sign) for sign in ("&&", ">", "|") if sign in words]
+    return words[1 : min(ends, default=None)]
 
 
 def programs_of(page: Path) -> list[Program]:
