@@ -25,9 +25,9 @@ from wdpm.kernels.camera import vertices as sh
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.camera.paths import Paths
 from wdpm.kernels.camera.rays import Rays, first_path_cells
-from wdpm.kernels.materials.triangles import Surfaces
 from wdpm.kernels.materials.types import DIFFUSE
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
+from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.two_level import Trees
 from wdpm.scenes.errors import ProtocolError
 

@@ -23,9 +23,9 @@ from wdpm.cluster.work.photon_store import DEPOSITS_A_PATH, LEAST_DEPOSITS, Phot
 from wdpm.cluster.work.replica import Replica
 from wdpm.kernels import columns
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
-from wdpm.kernels.materials import triangles as of_triangles
 from wdpm.kernels.photons import flight as pf
 from wdpm.kernels.photons.paths import Fates, TraceOrders, TraceScene
+from wdpm.kernels.rays import cell_triangles as of_triangles
 from wdpm.kernels.rays import placing, two_level
 from wdpm.kernels.rays.triangle import NO_HIT
 from wdpm.scenes.errors import ProtocolError
@@ -104,7 +104,7 @@ class Cell:
 
     @property
     def geometry(self) -> tuple[Any, Any]:
-        """Its trees (kernels.rays.two_level.Trees) and surfaces (kernels.materials.triangles.Surfaces)."""
+        """Its trees (kernels.rays.two_level.Trees) and surfaces (kernels.rays.cell_triangles.Surfaces)."""
         return self._trees, self._surfaces
 
     @property

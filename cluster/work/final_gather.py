@@ -33,7 +33,7 @@ from wdpm.kernels.constants import INV_PI
 from wdpm.kernels.irradiance.at_photons import read_irradiance
 from wdpm.kernels.irradiance.cache import interpolate
 from wdpm.kernels.irradiance.gather_places import Places, places_of_paths
-from wdpm.kernels.materials.triangles import Surfaces
+from wdpm.kernels.rays.cell_triangles import Surfaces
 
 
 @dataclass

@@ -19,13 +19,13 @@ from wdpm.cluster.world import MapPlan
 from wdpm.kernels import columns
 from wdpm.kernels.irradiance import at_photons
 from wdpm.kernels.limits import MAPS
-from wdpm.kernels.materials.triangles import Surfaces
 from wdpm.kernels.photons import photon_map
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, Deposits
 from wdpm.kernels.photons.flight import BOUNCE_BITS
 from wdpm.kernels.photons.gather_at_photons import gather_at_photons
 from wdpm.kernels.photons.surface_points import reflect_gathered, spread
 from wdpm.kernels.rays import cells
+from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.areas import triangle_areas
 from wdpm.scenes.flat.instances import Instances

@@ -23,9 +23,9 @@ from wdpm.kernels.irradiance import record_tree
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.lights import environment, guide, lights
 from wdpm.kernels.materials import medium, resolve, texture
-from wdpm.kernels.materials.triangles import Surfaces
 from wdpm.kernels.photons.departure import EmitScene
 from wdpm.kernels.rays import cells
+from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.variants import Variants, make_variants
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.material_sides import lambertian_sides

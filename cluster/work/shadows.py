@@ -14,7 +14,7 @@ from wdpm.cluster.work import guards
 from wdpm.cluster.work.replica import Replica
 from wdpm.kernels import columns
 from wdpm.kernels.camera import shadow_rays as sr
-from wdpm.kernels.materials.triangles import Surfaces
+from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.two_level import Trees
 from wdpm.scenes.errors import ProtocolError
 

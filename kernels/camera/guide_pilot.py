@@ -14,11 +14,11 @@ from wdpm.kernels.lights.environment import Environment, EnvironmentSample, patc
 from wdpm.kernels.lights.guide import Guide, region_of, sample_guided, tile_of
 from wdpm.kernels.lights.tree import DISTANT, LeafChoice, chance_of_start, walk_down
 from wdpm.kernels.materials.bsdf import cosine_direction
-from wdpm.kernels.materials.standing import front_of_all, position_at_all, row_of_all, table_row_of_all
 from wdpm.kernels.materials.surface import leave
-from wdpm.kernels.materials.triangles import Surfaces
 from wdpm.kernels.maths.directions import around
 from wdpm.kernels.maths.random import PURPOSE_GUIDE, rounded_down, sample_2d, sample_2d_fine, stream_of
+from wdpm.kernels.rays.cell_triangles import Surfaces
+from wdpm.kernels.rays.standing_triangles import front_of_all, position_at_all, row_of_all, table_row_of_all
 from wdpm.kernels.rays.triangle import no_hit
 from wdpm.kernels.rays.two_level import Trees, closest_of_all
 

@@ -11,10 +11,10 @@ from wdpm.kernels.camera.camera import CameraView, make_camera, whole_pixel
 from wdpm.kernels.camera.paths import Paths, Vertex, load_hit, store_hit, store_path
 from wdpm.kernels.columns import FromFields, columns_of, loader, storer
 from wdpm.kernels.features import Features
-from wdpm.kernels.materials.standing import make_triangles
-from wdpm.kernels.materials.triangles import Surfaces
 from wdpm.kernels.ray_fields import CAMERA_RAY
+from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.cells import Cells, cell_of, entry_of, inverse_direction, next_cell
+from wdpm.kernels.rays.standing_triangles import make_triangles
 from wdpm.kernels.rays.triangle import Hit
 from wdpm.kernels.rays.two_level import Trees, closest_function
 

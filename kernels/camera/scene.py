@@ -9,7 +9,7 @@ from wdpm.kernels.lights.lights import Lights
 from wdpm.kernels.materials.medium import Media
 from wdpm.kernels.materials.resolve import Materials
 from wdpm.kernels.materials.texture import Textures
-from wdpm.kernels.materials.triangles import Surfaces
+from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.cells import Cells
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

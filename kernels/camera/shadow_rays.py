@@ -18,11 +18,11 @@ from wdpm.kernels.fields import chosen
 from wdpm.kernels.materials.flights import make_flights
 from wdpm.kernels.materials.medium import Media
 from wdpm.kernels.materials.resolve import make_materials, medium_beyond
-from wdpm.kernels.materials.standing import make_triangles
 from wdpm.kernels.materials.surface import leave, make_surface
-from wdpm.kernels.materials.triangles import Surfaces
 from wdpm.kernels.ray_fields import SEGMENT, STRETCH, WALK
+from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.cells import Cells, cell_of, next_cell
+from wdpm.kernels.rays.standing_triangles import make_triangles
 from wdpm.kernels.rays.triangle import Hit
 from wdpm.kernels.rays.two_level import Trees, any_function, closest_function
 

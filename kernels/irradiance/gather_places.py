@@ -5,14 +5,14 @@ from __future__ import annotations
 import warp as wp
 
 from wdpm.kernels.camera.paths import Paths
-from wdpm.kernels.materials.standing import (
+from wdpm.kernels.rays.cell_triangles import Surfaces
+from wdpm.kernels.rays.standing_triangles import (
     front_of_all,
     normal_at_all,
     position_at_all,
     row_of_all,
     table_row_of_all,
 )
-from wdpm.kernels.materials.triangles import Surfaces
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -11,10 +11,10 @@ from wdpm.kernels.constants import OFFSET_SHARE
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials.frames import bump_shadowing
 from wdpm.kernels.materials.resolve import Materials, make_materials
-from wdpm.kernels.materials.standing import make_triangles
 from wdpm.kernels.materials.texture import Textures
-from wdpm.kernels.materials.triangles import Surfaces
 from wdpm.kernels.materials.types import Bsdf
+from wdpm.kernels.rays.cell_triangles import Surfaces
+from wdpm.kernels.rays.standing_triangles import make_triangles
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -29,7 +29,6 @@ from wdpm.kernels.materials.bsdf import make_bsdf
 from wdpm.kernels.materials.flights import make_flights
 from wdpm.kernels.materials.medium import Media, pass_weight, phase_sample, scatter_weight
 from wdpm.kernels.materials.resolve import Materials, medium_beyond
-from wdpm.kernels.materials.standing import make_triangles
 from wdpm.kernels.materials.surface import (
     Surface,
     bump_shading,
@@ -39,7 +38,6 @@ from wdpm.kernels.materials.surface import (
     to_world,
 )
 from wdpm.kernels.materials.texture import Textures
-from wdpm.kernels.materials.triangles import Surfaces
 from wdpm.kernels.materials.types import FLUX
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, NO_MAP, VOLUME_MAP, Deposit, Deposits, store
 from wdpm.kernels.photons.flight import (
@@ -65,7 +63,9 @@ from wdpm.kernels.photons.flight import (
     store_photon,
     without_hit,
 )
+from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.cells import Cells, cell_of, next_cell
+from wdpm.kernels.rays.standing_triangles import make_triangles
 from wdpm.kernels.rays.triangle import NO_HIT, Hit
 from wdpm.kernels.rays.two_level import Trees, closest_function
 

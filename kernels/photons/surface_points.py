@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from wdpm.kernels.constants import INV_PI, LEAST_POINTS, NORMAL_COS
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.materials.standing import front_of_all, position_at_all
-from wdpm.kernels.materials.triangles import Surfaces
 from wdpm.kernels.photons.gather import box_distance2, distance2_to, dot8, next_above
 from wdpm.kernels.photons.photon_map import LEAF_ROWS, NODE_ROWS, PhotonMap, first_child, vec8
+from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.cells import Cells, cell_of
+from wdpm.kernels.rays.standing_triangles import front_of_all, position_at_all
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -87,7 +87,7 @@ def spread(
     """The points of a cell on some triangles: those that lie in it.
 
     Args:
-        rows: of the triangles, as materials.standing has them, shape [T, 2].
+        rows: of the triangles, as rays.standing_triangles has them, shape [T, 2].
         ids, area: their numbers and areas, shape [T].
         point_area: the area that each point stands for.
         point_set: which of many sets; each goes on in a triangle where the one before ended. The error of a count is

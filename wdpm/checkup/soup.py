@@ -95,7 +95,7 @@ def sound_faces(mesh: Solid) -> Bools:
 
 
 def _fronts(mesh: Solid, rows: Ints, positions: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Area vectors on the front, which is where the vertex normals are (kernels.materials.triangles.front_normals)."""
+    """Area vectors on the front, which is where the vertex normals are (kernels.rays.cell_triangles.front_normals)."""
     corners = positions.astype(np.float64)
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     if mesh.normals is not None:

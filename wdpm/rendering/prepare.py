@@ -146,9 +146,7 @@ def prepare(
     began = flattening + compiling.seconds  # all but that is planning
     photons = settings.photons + settings.caustic_photons + settings.volume_photons
     workers = max(workers, 1)
-    standing = len(flat.triangles.instances)
-    needed = scene_memory(flat.triangles.held, photons, flat.textures, flat.media.grids.voxels, standing)
-    least = workers if team is None else team(needed)
+    least = workers if team is None else team(_memory_of(flat, photons))
     plan = make_render_plan(flat, settings, largest_team(workers, least), launcher, cells, settled.pilot)
     world = replace(plan.world, strict=settings.strict)
     triangles = digest(flat.triangles)
@@ -186,6 +184,12 @@ def prepare(
         digest(*_lit_scene(world, triangles), *(getattr(settings, name) for name in OF_RECORDS)),
         header_of(scene),
     )
+
+
+def _memory_of(flat: FlatScene, photons: int) -> SceneMemory:
+    """What a scene takes in one process, with so many photons stored."""
+    standing = len(flat.triangles.instances)
+    return scene_memory(flat.triangles.held, photons, flat.textures, flat.media.grids.voxels, standing)
 
 
 class _Stopwatch:

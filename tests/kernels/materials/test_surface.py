@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from wdpm.kernels.features import ALL
 from wdpm.kernels.materials import resolve, texture
-from wdpm.kernels.materials import triangles as triangles_of
 from wdpm.kernels.materials.resolve import Materials
 from wdpm.kernels.materials.surface import leave, make_surface
 from wdpm.kernels.materials.texture import Textures
-from wdpm.kernels.materials.triangles import Surfaces, position_at
+from wdpm.kernels.rays import cell_triangles as triangles_of
+from wdpm.kernels.rays.cell_triangles import Surfaces, position_at
 from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.flatten import flatten

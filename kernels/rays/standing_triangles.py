@@ -1,4 +1,4 @@
-"""The triangles of a cell with instances: the same questions as of those with arrays of their own (triangles.py).
+"""The triangles of a cell with instances: the same questions as of those with arrays of their own (cell_triangles.py).
 
 A row is then two numbers: of the triangle among all that are held, and of the instance that it stands in, or -1.
 """
@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from wdpm.kernels.materials import triangles
-from wdpm.kernels.materials.triangles import Surfaces, combined, distance_to_line
+from wdpm.kernels.rays import cell_triangles as triangles
+from wdpm.kernels.rays.cell_triangles import Surfaces, combined, distance_to_line
 from wdpm.kernels.rays.placing import instance_of, own_corner, standing_corner, standing_front, standing_normal
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
