@@ -150,8 +150,7 @@ def prepare(
     plan = make_render_plan(flat, settings, largest_team(workers, least), launcher, cells, settled.pilot)
     world = replace(plan.world, strict=settings.strict)
     triangles = digest(flat.triangles)
-    view = with_guide(view_of(flat, settings, max(workers, processes)), plan.learnt)
-    view = replace(view, caustic_k=plan.caustic_k)
+    view = with_guide(replace(view_of(flat, settings, max(workers, processes)), caustic_k=plan.caustic_k), plan.learnt)
     alone = workers == 1 and plan.pilot is not None
     session = Session(
         world=world,
@@ -167,7 +166,6 @@ def prepare(
     by_photons = settings.algorithm.shoots_photons and settings.photons > 0
     if by_photons and not plan.world.global_map.paths:
         dropped += (f"none of {PILOT_PATHS:,} photon paths stored a photon: there is no indirect light",)
-    left_out = _left_out(scene, flat, plan.world, features, settings)
     return Prepared(
         plan.pilot if alone else None,
         session,
@@ -176,7 +174,7 @@ def prepare(
         sum(flat.dropped.values()),
         kernels,
         (*settled.chose, *plan.chose, *plan.learnt.words),
-        left_out,
+        _left_out(scene, flat, plan.world, features, settings),
         approximations(scene, plan.world, settings),
         scene.warnings + dropped + unused,
         seconds,

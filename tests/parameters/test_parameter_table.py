@@ -25,10 +25,10 @@ HEAD = """\
 
 Every parameter that the documentation of Mitsuba 3 has (August 2026) of the plugins that are read ([which those
 are](scenes.md#plugins)), and what becomes of it in a file: made by
-[tests/scenes/test_parameter_table.py](../tests/scenes/test_parameter_table.py), which reads a scene with each. What
-means nothing here says how Mitsuba computes or writes, and is taken without a word. Types stand beside a name where
-they fare differently. An error is a warning with `--lenient`. Names of 0.6, and what more than a table can say, are in
-[scenes.md](scenes.md#mitsuba-xml).
+[tests/parameters/test_parameter_table.py](../tests/parameters/test_parameter_table.py), which reads a scene with each.
+What means nothing here says how Mitsuba computes or writes, and is taken without a word. Types stand beside a name
+where they fare differently. An error is a warning with `--lenient`. Names of 0.6, and what more than a table can say,
+are in [scenes.md](scenes.md#mitsuba-xml).
 
 """
 
