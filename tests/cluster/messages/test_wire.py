@@ -62,6 +62,11 @@ results = (
     | st.builds(picture, views.filter(lambda view: view.camera.width * view.camera.height < 10_000))
 )
 
+seconds = st.floats(0.0, 1e6)
+slaves_seen = st.builds(
+    p.SlaveStatus, counts, texts, *[counts] * 4, st.integers(-1, 99), *[counts] * 3, seconds, seconds
+)
+
 MESSAGES: dict[type, st.SearchStrategy[Any]] = {
     p.Hello: st.builds(p.Hello, st.dictionaries(texts, texts, max_size=4), texts, counts, counts, epochs, endpoints),
     p.PartitionReceived: st.builds(p.PartitionReceived, epochs, counts),
@@ -117,6 +122,10 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
     p.PeerHello: st.builds(p.PeerHello, texts, counts),
     p.PeerWelcome: st.builds(p.PeerWelcome, counts),
     p.PeerBatch: st.builds(p.PeerBatch, epochs, batches),
+    p.AskStatus: st.just(p.AskStatus()),
+    p.StatusReport: st.builds(
+        p.StatusReport, texts, *[counts] * 2, seconds, *[counts] * 7, st.lists(slaves_seen, max_size=3).map(tuple)
+    ),
 }
 
 
