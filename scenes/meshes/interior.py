@@ -21,6 +21,8 @@ _BACKED = 0.8  # of the free way behind: how far the camera steps back from the 
 _LAMP_HEIGHT = 0.8  # of the free way up from the middle
 _ROUND = 24  # horizontal directions that are looked along
 _TRIANGLES_AT_ONCE = 1 << 14
+MOST_TRIANGLES = 1 << 22
+"""Of a model that is looked at: beyond, that takes longer than to read it, and copies of shapes might fill memory."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +40,10 @@ class Interior:
 def is_room(meshes: Sequence[Solid]) -> bool:
     """Whether a model is a closed room: along the axes and the diagonals from its middle, there are fronts all about.
 
-    Of a solid thing, one would see the backs.
+    Of a solid thing, one would see the backs. A model of more than MOST_TRIANGLES is not asked.
     """
+    if sum(len(mesh.faces) for mesh in meshes) > MOST_TRIANGLES:
+        return False
     low, high = bounding_box(meshes)
     diagonals = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / math.sqrt(3.0)
     ways = np.concatenate([np.eye(3), -np.eye(3), diagonals])

@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 
 from wdpm import values
 from wdpm.scenes import PointLight, Scene, SceneError, cornell_box, load
+from wdpm.scenes.meshes import interior
 from wdpm.scenes.meshes.interior import free_ways
 from wdpm.scenes.model.viewpoint import Viewpoint, cropped, seen_from
 
@@ -146,6 +147,11 @@ def test_a_closed_room_is_seen_from_inside_along_the_longest_way(tmp_path: Path)
 def test_a_solid_box_is_seen_from_outside_unless_one_wants_in(tmp_path: Path) -> None:
     assert not is_inside(load(box(tmp_path, inwards=False)))
     assert is_inside(load(box(tmp_path, inwards=False), frame="inside"))
+
+
+def test_nobody_looks_into_a_model_of_very_many_triangles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(interior, "MOST_TRIANGLES", 11)
+    assert not is_inside(load(box(tmp_path, inwards=True)))
 
 
 @given(st.integers(0, 2**32 - 1))
