@@ -82,13 +82,16 @@ def render(
     beside |= {"save_cache": save_cache, "load_cache": load_cache}
     goal = goal_in_python(until_error, metric, time_budget, beside)
     began = time.perf_counter()
-    with shown_live(live, display, progress) as (shown, told), backend_here(slaves, threads, device) as backend:
+    with (
+        shown_live(live, source, display, progress) as (scene, shown, told),
+        backend_here(slaves, threads, device) as backend,
+    ):
         backend.display = shown
         if goal is not None:
             used = time.perf_counter() - began
-            return render_until(source, goal, backend, progress=told, used=used, **chosen)
+            return render_until(scene, goal, backend, progress=told, used=used, **chosen)
         return render_in_passes(
-            source,
+            scene,
             backend,
             settings,
             progress=told,

@@ -321,10 +321,10 @@ class Cluster(Backend):
             ClusterError: a slave failed, or all were lost; the cluster has ended.
         """
         display = self.display
-        with shown_live(live, display, progress) as (self.display, told):
+        with shown_live(live, source, display, progress) as (scene, self.display, told):
             try:
                 return render_in_passes(
-                    source,
+                    scene,
                     self,
                     settings,
                     progress=told,

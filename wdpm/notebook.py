@@ -15,10 +15,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from wdpm.cluster.display import Bucket, Display, Displays, Frame, PassMean
-from wdpm.images.channels import encode_srgb8
 from wdpm.images.files import png_bytes
+from wdpm.images.view_transform import Look, shown_pixels
 from wdpm.progress import Progress, SilentProgress
 from wdpm.quiet import quiet_warp
+from wdpm.rendering.prepare import Source, scene_of
+from wdpm.scenes.model.scene import Scene
 from wdpm.view.picture import Picture
 
 SHARE = 0.02
@@ -45,6 +47,7 @@ class LiveRender:
 
     Attributes:
         enough: always false: nobody can say so here.
+        look: how the picture is shown.
     """
 
     enough = False
@@ -53,6 +56,7 @@ class LiveRender:
         self, picture: Place, bar: Place, beside: Progress, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._picture_place, self._bar_place, self._beside, self._clock = picture, bar, beside, clock
+        self.look = Look()
         self._picture = Picture()
         self._began = self._phase_began = clock()
         self._next_picture = self._next_bar = -1.0
@@ -105,7 +109,8 @@ class LiveRender:
         beauty = self._picture.layers.get("beauty")
         if beauty is None or not (now or began >= self._next_picture):
             return
-        pixels = encode_srgb8(np.nan_to_num(beauty))  # a pixel that is not finite is the image's to complain of
+        # A pixel that is not finite is the image's to complain of.
+        pixels = shown_pixels(np.nan_to_num(beauty), self.look)
         self._picture_place.update({"image/png": png_bytes(pixels)}, raw=True)
         ended = self._clock()
         self._next_picture = ended + max(PICTURE_S, (ended - began) / SHARE)
@@ -127,24 +132,31 @@ class LiveRender:
 
 @contextmanager
 def shown_live(
-    live: bool, display: Display | None, progress: Progress | None
-) -> Iterator[tuple[Display | None, Progress | None]]:
+    live: bool, source: Source, display: Display | None, progress: Progress | None
+) -> Iterator[tuple[Source, Display | None, Progress | None]]:
     """What a render is to tell, so that it is seen in the notebook, too, where `live` asks for that and there is one.
 
-    Elsewhere that is said in a line, and the render goes on without.
+    Elsewhere that is said in a line, and the render goes on without. The source is among it: its scene says how the
+    picture is to look.
     """
     if not live:
-        yield display, progress
+        yield source, display, progress
         return
     if not in_notebook():
         print("wdpm: live=True shows the image in a notebook, which this is not: it renders without", file=sys.stderr)
-        yield display, progress
+        yield source, display, progress
         return
     quiet_warp()  # its lines for each kernel would stand above the picture
     shown = LiveRender(*_places(), progress or SilentProgress())
     how = "failed"
+
+    def seen() -> Scene:
+        scene = scene_of(source)
+        shown.look = Look(scene.exposure)
+        return scene
+
     try:
-        yield shown if display is None else Displays([display, shown]), shown
+        yield seen, shown if display is None else Displays([display, shown]), shown
         how = "done"
     except KeyboardInterrupt:
         how = "interrupted"

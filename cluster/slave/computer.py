@@ -27,6 +27,8 @@ class ComputeThread:
         self._compute = compute
         self._jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name="wdpm compute", daemon=True)
+        self._leaving = threading.Lock()
+        self._ended = self._left_behind = False
 
     def start(self) -> None:
         """Begin to wait for jobs."""
@@ -40,13 +42,20 @@ class ComputeThread:
         """End after the job that runs, and wait a moment for that."""
         self._jobs.put(None)
         self._thread.join(LEAVE_S)
-        # A long kernel or a compilation cannot be interrupted. It is left behind, to die with the process.
-        if not self._thread.is_alive():
-            self.mailbox.close()
+        # A long kernel or a compilation cannot be interrupted. It is left behind, to die with the process: whoever ends
+        # last closes the mailbox.
+        with self._leaving:
+            self._left_behind = not self._ended
+            if self._ended:
+                self.mailbox.close()
 
     def _run(self) -> None:
         while (job := self._jobs.get()) is not None:
             self.mailbox.put(self._outcome(job))
+        with self._leaving:
+            self._ended = True
+            if self._left_behind:
+                self.mailbox.close()
 
     def _outcome(self, job: Job) -> s.Computed | s.ComputeFailed:
         try:

@@ -68,12 +68,11 @@ def upload(textures: Sequence[Texture], device: str) -> Textures:
 
 def _texels(pixels: Sequence[NDArray[np.float32]], device: str) -> Any:
     """All texels, one after another. Each is copied once on its way: there may be hundreds of megabytes."""
-    texels = wp.empty(max(sum(image.size // 3 for image in pixels), 1), dtype=wp.vec3, device="cpu")
-    if pixels:
-        np.concatenate([image.reshape(-1, 3) for image in pixels], out=texels.numpy())
-    else:
-        texels.zero_()
-    return texels.to(device)
+    if not pixels:
+        return wp.zeros(1, dtype=wp.vec3, device=device)
+    texels = np.empty((sum(image.size // 3 for image in pixels), 3), np.float32)
+    np.concatenate([image.reshape(-1, 3) for image in pixels], out=texels)
+    return wp.array(texels, dtype=wp.vec3, device=device, copy=False)
 
 
 def _kind(texture: Texture) -> int:

@@ -44,7 +44,12 @@ GUARDS = (
         name="cells hold what lies two pads outside",
         file="cluster/plan/partition.py",
         prevents="a ray that a rounding let into a cell does not find there what it can hit",
-        changes=(("grow = 2.0 * PAD_SHARE * extent", "grow = 0.0 * PAD_SHARE * extent"),),
+        changes=(
+            (
+                "grow = 2.0 * PAD_SHARE * extent\n    reach",
+                "grow = 0.0 * PAD_SHARE * extent\n    reach",
+            ),
+        ),
         tests=("tests/cluster/plan/test_partition_extremes.py::test_the_cell_of_a_rounded_hit_holds_its_triangle",),
     ),
     Guard(
@@ -185,7 +190,7 @@ GUARDS = (
     ),
     Guard(
         name="indices from the network are within their tables",
-        file="cluster/messages/checks.py",
+        file="cluster/messages/demands.py",
         prevents="a kernel reads outside of a table",
         changes=(("    if len(array) and not (array.min() >= least and array.max() < end):\n", "    if False:\n"),),
         tests=(

@@ -47,19 +47,19 @@ GUARDS = (
     ),
     Guard(
         name="hits are combined in double",
-        file="kernels/materials/surface.py",
+        file="kernels/rays/cell_triangles.py",
         prevents="a hit is further off its surface than the offset covers",
         changes=(
             (
-                "return wp.vec3(p0 * a + p1 * b + p2 * c)",
-                "return wp.vec3(p0) * float(a) + wp.vec3(p1) * u + wp.vec3(p2) * v",
+                "return wp.vec3(wp.vec3d(p0) * a + wp.vec3d(p1) * b + wp.vec3d(p2) * c)",
+                "return p0 * float(a) + p1 * u + p2 * v",
             ),
         ),
         tests=(SURFACE + "test_rays_leave_on_their_side",),
     ),
     Guard(
         name="normals in double",
-        file="kernels/materials/surface.py",
+        file="kernels/rays/cell_triangles.py",
         prevents="needles have normals of noise, or none",
         changes=(("p = triangles.positions.astype(np.float64)", "p = triangles.positions"),),
         tests=(SURFACE + "test_normals_of_needles",),

@@ -26,7 +26,18 @@ from wdpm.scenes.model.scene import Material, Medium, Scene
 
 PATH = RenderSettings(integrator=Integrator.PATH, spp=3, light_samples=2, all_effects=True)
 
-FOR_PATHS = {"spp", "light_samples", "max_depth", "passes", "seed", "bucket", "routing", "integrator", "all_effects"}
+FOR_PATHS = {
+    "spp",
+    "light_samples",
+    "max_depth",
+    "passes",
+    "seed",
+    "bucket",
+    "routing",
+    "integrator",
+    "all_effects",
+    "instances",
+}
 
 
 def foggy_room() -> Scene:

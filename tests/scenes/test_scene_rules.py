@@ -72,7 +72,6 @@ CHANGES = [
         '<shape type="cube"><bsdf type="roughconductor"><texture type="wood" name="alpha"/></bsdf></shape>',
         'unknown texture plugin "wood": it is left out',
     ),
-    ('<shape type="cube"><medium type="heterogeneous" name="interior"/></shape>', "is left out"),
     ('<integrator type="path"><boolean name="hide_emitters" value="true"/></integrator>', "lights stay visible"),
     ('<shape type="cube"><float name="wobble" value="1"/></shape>', 'unknown parameter "wobble": it is ignored'),
     ('<sensor type="perspective"><film type="specfilm"/></sensor>', 'it is taken for "hdrfilm"'),

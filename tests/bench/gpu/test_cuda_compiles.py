@@ -26,7 +26,7 @@ from wdpm.scenes.errors import WdpmError
 MOST_SECONDS = 10.0
 """Of one core, for a module: what unrolled too far took minutes."""
 
-FEW = ("departure", "beam", "cache", "rays")
+FEW = ("departure", "gather", "cache", "rays")
 """Modules whose kernels are compiled in `make test`."""
 
 

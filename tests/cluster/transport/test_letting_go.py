@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from wdpm.progress import SilentProgress
 from wdpm.rendering.prepare import Prepared, prepare
 from wdpm.rendering.spool import spooled
 from wdpm.scenes import cornell_box
-from wdpm.scenes.flat.arrays import Triangles
+from wdpm.scenes.flat.arrays import ARRAYS, Triangles
 from wdpm.scenes.flat.flatten import flatten
 
 
@@ -44,9 +45,13 @@ def test_the_triangles_lie_on_disk() -> None:
 
 def test_what_was_spooled_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     triangles = flatten(cornell_box((8, 8))).triangles
-    for name, array in vars(spooled(triangles)).items():
-        np.testing.assert_array_equal(array, getattr(triangles, name))
-        assert array.dtype == getattr(triangles, name).dtype
+    kept = spooled(triangles)
+    assert kept is not triangles
+    assert {field.name for field in fields(kept)} == {*ARRAYS, "instances"}
+    assert kept.instances is triangles.instances
+    for name in ARRAYS:
+        np.testing.assert_array_equal(getattr(kept, name), getattr(triangles, name))
+        assert getattr(kept, name).dtype == getattr(triangles, name).dtype
     monkeypatch.setattr(tempfile, "TemporaryFile", no_room)
     assert spooled(triangles) is triangles
 

@@ -263,6 +263,7 @@ def test_a_slave_whose_link_is_slower_than_its_peers_joins_like_others(flaky: Fl
         second = SlaveThread(address)
         session = make_session(2, 2)
         check_picture(session, master.render(session).layers)
+    own.close()
     assert [first.end(), second.end()] == [None, None]
 
 
