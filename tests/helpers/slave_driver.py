@@ -69,5 +69,12 @@ def jobs(instructions: list[s.Instruction]) -> list[c.Job]:
     return [i.job for i in instructions if isinstance(i, s.Run)]
 
 
+def error_of(instructions: list[s.Instruction]) -> str:
+    """Why the slave exits with an error."""
+    [ending] = [i for i in instructions if isinstance(i, s.Exit)]
+    assert ending.error is not None
+    return ending.error
+
+
 def to_master(instructions: list[s.Instruction]) -> list[Any]:
     return [i.message for i in instructions if isinstance(i, s.ToMaster)]

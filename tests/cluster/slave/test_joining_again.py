@@ -4,19 +4,12 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from slave_driver import EPOCH, HELLO, Driver, jobs, part, setup, to_master
+from slave_driver import EPOCH, HELLO, Driver, error_of, jobs, part, setup, to_master
 
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.slave import events as s
 from wdpm.cluster.slave import jobs as c
 from wdpm.cluster.task import PhotonsTraced, PhotonTask
-
-
-def error_of(instructions: list[s.Instruction]) -> str:
-    """Why the slave exits with an error."""
-    [ending] = [i for i in instructions if isinstance(i, s.Exit)]
-    assert ending.error is not None
-    return ending.error
 
 
 def test_a_slave_joins_again_when_the_master_is_lost() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from fake_worker import arrays, make_view, make_world, triangles
-from slave_driver import EPOCH, HELLO, HOLDERS, PEER, PEERS, WELCOME, Driver, jobs, part, setup, to_master
+from slave_driver import EPOCH, HELLO, HOLDERS, PEER, PEERS, WELCOME, Driver, error_of, jobs, part, setup, to_master
 
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.messages import protocol as p
@@ -19,13 +19,6 @@ from wdpm.cluster.task import PhotonsTraced, PhotonTask
 
 def batch(kind: Kind, cell: int = 1, home: int = 1) -> Batch:
     return Batch(kind, 5, home, cell, 1, arrays(kind, 1))
-
-
-def error_of(instructions: list[s.Instruction]) -> str:
-    """Why the slave exits with an error."""
-    [ending] = [i for i in instructions if isinstance(i, s.Exit)]
-    assert ending.error is not None
-    return ending.error
 
 
 # Joining and leaving.
