@@ -10,7 +10,7 @@ from wdpm.kernels.camera import add_samples, filter_weights, guide_pilot, rays, 
 from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance import at_photons, cache, gather_places, record_clamp, record_rays, records
 from wdpm.kernels.photons import departure, gather, gather_at_photons, photon_map, surface_points
-from wdpm.kernels.rays import bvh, bvh_build, overlap
+from wdpm.kernels.rays import bvh, bvh_build, overlap, standing_areas
 from wdpm.kernels.variants import make_variants
 
 COMMON = (
@@ -38,7 +38,10 @@ COMMON = (
 WITH_CHOICE = (guide_pilot,)
 """For scenes with an environment, or with lights to be chosen among."""
 
-MODULES = (*COMMON, *WITH_CHOICE)
+WITH_INSTANCES = (standing_areas,)
+"""For scenes in which shapes stand in several places."""
+
+MODULES = (*COMMON, *WITH_CHOICE, *WITH_INSTANCES)
 
 
 def compile_kernels(device: str, features: Features | None = None) -> None:
@@ -48,7 +51,7 @@ def compile_kernels(device: str, features: Features | None = None) -> None:
         features: the effects of the scene that is to be rendered; None where none is.
     """
     called = features or Features()
-    some = ((called.environment, WITH_CHOICE),)
+    some = ((called.environment, WITH_CHOICE), (called.instances, WITH_INSTANCES))
     names = {module.__name__ for on, group in ((True, COMMON), *some) if on for module in group}
     modules = [wp.get_module(name) for name in sorted(names)]
     if features is not None:

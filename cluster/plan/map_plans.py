@@ -95,7 +95,7 @@ def map_plans(pilot: PhotonPilot, settings: RenderSettings, flat: FlatScene) -> 
     paths = min(max(of_global, of_volume), _most_paths(stored[VOLUME_MAP], pilot, settings))
     caustic_paths = caustics.paths(settings.caustic_photons, pilot.paths) if world.caustic_map.paths else 0
     every = [paths, caustic_paths, paths if of_volume or _may_scatter(pilot, settings) else 0]
-    area = total_area(flat.triangles) if any(every) else 1.0
+    area = total_area(flat.triangles, cell.store.standing_areas.of) if any(every) else 1.0
     expected = [s * p / pilot.paths for s, p in zip(stored, every, strict=True)]
     caustic_k = settings.caustic_k
     if 0 < expected[CAUSTIC_MAP] < settings.caustic_photons:  # of as many as were asked for, k is as it was asked for

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,9 +24,10 @@ from wdpm.kernels.photons import photon_map
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, Deposits
 from wdpm.kernels.photons.flight import BOUNCE_BITS
 from wdpm.kernels.photons.gather_at_photons import gather_at_photons
-from wdpm.kernels.photons.surface_points import reflect_gathered, spread
+from wdpm.kernels.photons.surface_points import point_counts, reflect_gathered, spread
 from wdpm.kernels.rays import cells
 from wdpm.kernels.rays.cell_triangles import Surfaces
+from wdpm.kernels.rays.standing_areas import StandingAreas
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.areas import triangle_areas
 from wdpm.scenes.flat.instances import Instances
@@ -72,6 +74,14 @@ class BuiltMap:
     edges: Any
 
 
+Rows = Callable[[NDArray[np.intp]], NDArray[np.int32]]
+"""Rows of chosen triangles, as kernels.rays.standing_triangles has them, shape [N, 2]."""
+
+
+def _plain_rows(chosen: NDArray[np.intp]) -> NDArray[np.int32]:
+    return np.stack([chosen, np.full(len(chosen), -1)], axis=1).astype(np.int32)
+
+
 class PhotonStore:
     """Photons of one cell.
 
@@ -86,6 +96,7 @@ class PhotonStore:
         self._surfaces = surfaces
         self._instances = instances
         self._replica = replica
+        self.standing_areas = StandingAreas(instances, surfaces.standing, replica.launcher)
         self._own: list[Arrays] = []
         self._copies: list[Arrays] = []
         self._ghosts: list[Arrays] = []
@@ -187,28 +198,33 @@ class PhotonStore:
     def _spread_points(self) -> Arrays:
         """The surface points that lie in this cell: for each map as many as suit it."""
         replica, surfaces = self._replica, self._surfaces
+        plans = {number: replica.world.maps[number] for number in SURFACE_MAPS}
+        used = {number: plan for number, plan in plans.items() if plan.paths and plan.read}
         parts: list[Arrays] = []
-        for rows, ids, area in self._areas():
-            for number in SURFACE_MAPS:
-                plan = replica.world.maps[number]
-                if plan.paths and plan.read:
-                    of_map = plan.point_area, replica.launcher, plan.point_set
-                    position, normal = spread(surfaces, replica.cells, self._cell, rows, ids, area, *of_map)
-                    kind = np.full(len(position), number, np.int32)
-                    parts.append({"map": kind, "position": position, "normal": normal})
+        for rows, ids, area in self._areas() if used else ():
+            for number, plan in used.items():
+                counts = point_counts(area, ids, plan.point_area, plan.point_set)
+                some = np.flatnonzero(counts)
+                of_map = counts[some], replica.launcher, plan.point_set
+                position, normal = spread(surfaces, replica.cells, self._cell, rows(some), ids[some], *of_map)
+                kind = np.full(len(position), number, np.int32)
+                parts.append({"map": kind, "position": position, "normal": normal})
         return concatenate(parts, Kind.GHOST_POINTS)
 
-    def _areas(self) -> Iterator[tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]]:
-        """Rows, numbers and areas of the cell's triangles, some at a time."""
-        corners, ids = self._surfaces.corners.numpy(), self._surfaces.ids.numpy()
-        rows = np.stack([np.arange(len(ids), dtype=np.int32), np.full(len(ids), -1, np.int32)], axis=1)
-        yield rows, ids, triangle_areas(corners)
-        for chosen in self._instances.chunks():
-            of_shapes = [np.arange(s.start, s.stop) + len(ids) for s in map(self._instances.rows, chosen)]
-            which = np.repeat(np.array(chosen, np.int32), [len(rows) for rows in of_shapes])
-            rows = np.stack([np.concatenate(of_shapes).astype(np.int32), which], axis=1)
-            numbers = np.concatenate([self._instances.ids(instance) for instance in chosen])
-            yield rows, numbers, np.concatenate([triangle_areas(self._instances.positions(i)) for i in chosen])
+    def _areas(self) -> Iterator[tuple[Rows, NDArray[np.int32], NDArray[np.float64]]]:
+        """Of the cell's triangles, some at a time: the rows of chosen ones, and the numbers and areas of all."""
+        ids = self._surfaces.ids.numpy()
+        yield _plain_rows, ids, triangle_areas(self._surfaces.corners.numpy())
+        for begin, end in self.standing_areas.blocks():
+            numbers = np.arange(begin, end, dtype=np.int32)
+            yield functools.partial(self._standing_rows, begin), numbers, self.standing_areas.of(begin, end)
+
+    def _standing_rows(self, begin: int, chosen: NDArray[np.intp]) -> NDArray[np.int32]:
+        """Rows of triangles by how many numbers come before theirs from `begin` on, shape [N, 2]."""
+        instances, prims = self._instances, chosen + begin
+        which = instances.base.searchsorted(prims, side="right") - 1
+        row = instances.shapes.first[instances.shape[which]] + prims - instances.base[which]
+        return np.stack([row + len(self._surfaces.ids), which], axis=1).astype(np.int32)
 
     def build(self, part: int = 0, parts: int = 1) -> None:
         """Build the trees of photons and of surface points, own and ghosts, and let go of what they are built from.

@@ -79,8 +79,7 @@ def spread(
     cell: int,
     rows: NDArray[np.int32],
     ids: NDArray[np.int32],
-    area: NDArray[np.float64],
-    point_area: float,
+    counts: NDArray[np.int64],
     launcher: Launcher,
     point_set: int = 0,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -88,15 +87,14 @@ def spread(
 
     Args:
         rows: of the triangles, as rays.standing_triangles has them, shape [T, 2].
-        ids, area: their numbers and areas, shape [T].
-        point_area: the area that each point stands for.
+        ids: their numbers, shape [T].
+        counts: how many points each gets (point_counts), shape [T].
         point_set: which of many sets; each goes on in a triangle where the one before ended. The error of a count is
             then another in each pass of a render, and the mean of passes has less of it.
 
     Returns:
         positions and unit normals of the front side, float32, shape [points, 3] each.
     """
-    counts = point_counts(area, ids, point_area, point_set)
     row = np.repeat(np.arange(len(ids), dtype=np.int32), counts)
     # Numbered within the triangle, from a start that differs from triangle to triangle.
     number = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts) + point_set * counts[row]

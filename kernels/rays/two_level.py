@@ -5,12 +5,14 @@ much (`grow`) that none is skipped which holds a triangle that the ray hits wher
 there, by the test and with the clamp of all triangles (triangle.py), so hits have the bits that copies would give, and
 which tree found them does not matter.
 
-By how much boxes are grown, with r = 2^-24 and E the scene's extent: a hit that the test accepts lies within 4 r of the
-ray's length of the triangle (t is rounded, and clamped by slab arithmetic), and within 2^-22 of the triangle's size
-(weights). Ray and boxes in the shape's space are known to r of their size, and slab arithmetic there is off by 3 r.
-Rays are shorter than 4 E within the scene, so all together is below 2^-18.4 E in the world: 4 pads, 2^-17 E, cover it,
-turned into the shape's space by the absolute values of the inverse matrix; roundings of the shape's own coordinates are
-added.
+By how much boxes are grown, with r = 2^-24, D the largest component of what leads from the ray's origin to the far side
+of the instance's box, and C the box's largest coordinate: a hit that the test accepts lies within 4 r of the ray's
+length of the triangle (t is rounded, and clamped by slab arithmetic), so within 7 r D, and within 2^-22 of the
+triangle's size (weights), 8 r D; corners are rounded by r C where they stand. The ray in the shape's space is known to
+r of its size and slab arithmetic is off by 3 r of the distance, together less than 10 r D. So 64 r D and 8 r C cover
+all with room to spare, turned into the shape's space by the absolute values of the inverse matrix; roundings of the
+shape's own coordinates are added. Near rays are thus tested against little more than what they hit, however large the
+scene.
 
 Leaves are tested by lanes_inside in the shape's space, whose edge functions change by at most 12 times grow, direction
 and longest edge when the ray is moved by `grow` (u and v each by 6, their difference from the determinant by 12).
@@ -48,7 +50,11 @@ from wdpm.scenes.flat.reach import instance_boxes
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 PADS = 4.0
-"""By how many pads of the scene boxes are grown."""
+"""By how many pads of the scene boxes of instances are grown."""
+
+OF_DISTANCE = wp.constant(2.0**-18)
+OF_PLACE = 2.0**-21
+"""Shares of D and of C, see above."""
 
 OWN_ROUNDINGS = 2.0**-21
 """By what share of the shape's largest coordinate its boxes are grown besides."""
@@ -71,8 +77,10 @@ class Trees:
         standing: the instances.
         root: node of the root of each instance's shape, shape [I].
         inverse: rows of the matrix from the renderer's space to the shape's about its middle, shape [I, 3].
-        grow: by what boxes there are grown, shape [I].
-        slack: what an edge function may be off by, over the direction's largest component, shape [I].
+        spread: how far what is moved by one in any way is moved in the shape's space, shape [I].
+        grow: by what boxes there are grown besides OF_DISTANCE of the spread distance, shape [I].
+        edge: what an edge function may be off by, over the direction's largest component and what boxes are grown by,
+            shape [I].
     """
 
     plain: Bvh
@@ -81,8 +89,9 @@ class Trees:
     standing: Standing
     root: wp.array[wp.int32]
     inverse: wp.array2d[wp.vec4d]
+    spread: wp.array[wp.vec3]
     grow: wp.array[wp.vec3]
-    slack: wp.array[wp.float32]
+    edge: wp.array[wp.float32]
 
 
 def build(triangles: Triangles, standing: Any, pad: float, device: str) -> Any:
@@ -103,14 +112,15 @@ def build(triangles: Triangles, standing: Any, pad: float, device: str) -> Any:
     trees.shapes, roots = _shapes(instances, middle, pad, device)
     inverse = np.linalg.inv(instances.matrix[:, :, :3]).astype(np.float64)
     offset = -np.einsum("iab,ib->ia", inverse, instances.matrix[:, :, 3]) - middle[instances.shape]
-    grow = _grow(instances, middle, inverse, pad)
+    spread = np.abs(inverse).sum(axis=2)
+    grow = _grow(instances, middle, spread, np.maximum(np.abs(low), np.abs(high)).max(axis=1, initial=0.0))
     edge = np.array([_longest_edge(instances, shape) for shape in range(len(instances.shapes))])
     rows = np.concatenate([inverse, offset[:, :, None]], axis=2)
     trees.root = wp.array(roots[instances.shape], dtype=wp.int32, device=device)
     trees.inverse = wp.array(rows, dtype=wp.vec4d, device=device)
+    trees.spread = wp.array(spread.astype(np.float32), dtype=wp.vec3, device=device)
     trees.grow = wp.array(grow.astype(np.float32), dtype=wp.vec3, device=device)
-    slack = SLACK * grow.max(axis=1, initial=0.0) * edge[instances.shape]
-    trees.slack = wp.array(slack.astype(np.float32), dtype=wp.float32, device=device)
+    trees.edge = wp.array((SLACK * edge[instances.shape]).astype(np.float32), dtype=wp.float32, device=device)
     return trees
 
 
@@ -131,14 +141,14 @@ def _longest_edge(instances: Instances, shape: int) -> float:
 
 
 def _grow(
-    instances: Instances, middle: NDArray[np.float64], inverse: NDArray[np.float64], pad: float
+    instances: Instances, middle: NDArray[np.float64], spread: NDArray[np.float64], farthest: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     reach = [
         np.abs(instances.shapes.corners[_rows(instances, shape)] - middle[shape]).max(axis=(0, 1))
         for shape in range(len(instances.shapes))
     ]
     own = np.array(reach).reshape(-1, 3)[instances.shape]
-    grow: NDArray[np.float64] = PADS * pad * np.abs(inverse).sum(axis=2) + OWN_ROUNDINGS * own
+    grow: NDArray[np.float64] = OF_PLACE * farthest[:, None] * spread + OWN_ROUNDINGS * own
     return grow
 
 
@@ -220,17 +230,19 @@ def nearer(trees: wp.ref[Trees], instance: wp.int32, row: wp.int32, ray: Ray, be
 
 
 @wp.func
-def meets_box(trees: wp.ref[Trees], at: wp.int32, size: wp.int32, ray: Ray, t_max: wp.float32) -> wp.bool:
-    """Whether a ray may meet the box of an instance before t_max.
+def far_side(trees: wp.ref[Trees], at: wp.int32, size: wp.int32, ray: Ray, t_max: wp.float32) -> wp.float32:
+    """How far the far side of an instance's box is off along some axis, at most; negative where a ray misses the box.
 
     Args:
         at, size: of its box in a leaf of `places`, as bvh.intersect_lane has them.
+        t_max: what lies beyond does not count.
     """
     axes = wp.vec3i(0, 1, 2)
     low = leaf_corner(trees.places.corners, at, size, axes)
     high = leaf_corner(trees.places.corners, at + 3 * size, size, axes)
     enter = wp.float32(0.0)
     leave = t_max
+    off = wp.float32(0.0)
     for axis in range(3):
         near = low[axis]
         far = high[axis]
@@ -239,19 +251,24 @@ def meets_box(trees: wp.ref[Trees], at: wp.int32, size: wp.int32, ray: Ray, t_ma
             far = low[axis]
         enter = wp.max(enter, (near - ray.origin[axis]) * ray.inverse[axis])
         leave = wp.min(leave, (far - ray.origin[axis]) * ray.inverse_leave[axis])
-    return enter <= leave
+        off = wp.max(off, wp.max(wp.abs(near - ray.origin[axis]), wp.abs(far - ray.origin[axis])))
+    if not (enter <= leave):
+        off = -1.0
+    return off
 
 
 @functools.cache
 def _make_walk(first_suffices: bool) -> wp.Function:
-    """`in_instance(trees, instance, ray, best) -> Hit`: the smaller of `best` and the hits with one instance.
+    """`in_instance(trees, instance, off, ray, best) -> Hit`: the smaller of `best` and the hits with one instance.
+
+    Its argument `off` is as far_side has it.
 
     Args:
         first_suffices: whether any hit before `best` will do.
     """
 
     @wp.func
-    def in_instance(trees: wp.ref[Trees], instance: wp.int32, ray: Ray, best: Hit) -> Hit:
+    def in_instance(trees: wp.ref[Trees], instance: wp.int32, off: wp.float32, ray: Ray, best: Hit) -> Hit:
         """A walk through the tree of the instance's shape."""
         stack = child_stack_of_ints()
         stack_enter = child_stack_of_floats()
@@ -260,9 +277,10 @@ def _make_walk(first_suffices: bool) -> wp.Function:
             own_vector(trees, instance, ray.origin, wp.float64(1.0)),
             own_vector(trees, instance, ray.direction, wp.float64(0.0)),
         )
-        shift = towards(own.inverse, trees.grow[instance])
+        grow = trees.grow[instance] + OF_DISTANCE * off * trees.spread[instance]
+        shift = towards(own.inverse, grow)
         longest = wp.float32(own.longest)
-        slack = trees.slack[instance] * longest
+        slack = trees.edge[instance] * wp.max(grow) * longest
         nearest = best
         code = wp.int32(0) + trees.root[instance]
         while True:
@@ -359,8 +377,9 @@ def _make_descent(first_suffices: bool) -> wp.Function:
                 first = leaf_first(code)
                 size = -code - 8 * first
                 for lane in range(size):
-                    if meets_box(trees, 9 * first + lane, size, ray, nearest.t):
-                        nearest = in_instance(trees, trees.places.ids[first + lane], ray, nearest)
+                    off = far_side(trees, 9 * first + lane, size, ray, nearest.t)
+                    if off >= 0.0:
+                        nearest = in_instance(trees, trees.places.ids[first + lane], off, ray, nearest)
                 if wp.static(first_suffices):
                     if nearest.prim != best.prim:
                         break

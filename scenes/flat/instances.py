@@ -7,7 +7,6 @@ are the very floats that a copy would be made of: whether it is held as a copy o
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,19 +105,6 @@ class Instances:
         if instance < 0 or number >= int(self.base[instance]) + int(self.sizes[instance]):
             return None
         return instance, number - int(self.base[instance])
-
-    def chunks(self, most: int = 1 << 18) -> Iterator[list[int]]:
-        """The instances, in runs of about so many triangles."""
-        run: list[int] = []
-        left = most
-        for instance, size in enumerate(self.sizes.tolist()):
-            run.append(instance)
-            left -= size
-            if left <= 0:
-                yield run
-                run, left = [], most
-        if run:
-            yield run
 
     def take(self, chosen: NDArray[np.intp]) -> Instances:
         """Some of the instances, ascending, and of the shapes only those that they need."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,22 +16,45 @@ BLOCK = 1 << 20
 """Triangles whose areas are in memory at once, at most."""
 
 
-def total_area(triangles: Triangles) -> float:
-    """The sum that NumPy makes of the areas of all triangles, in the order of their numbers."""
+AreasOf = Callable[[int, int], NDArray[np.float64]]
+"""Areas of the triangles with the global numbers begin to end - 1, 0 for those of no instance."""
+
+
+def total_area(triangles: Triangles, of_instances: AreasOf) -> float:
+    """The sum that NumPy makes of the areas of all triangles, in the order of their numbers.
+
+    Args:
+        of_instances: kernels.rays.standing_areas has it.
+    """
     if not len(triangles.instances):
         return float(triangle_areas(triangles.positions).sum())
-    return _pairwise(_Areas(triangles), 0, triangles.total)
+    return _pairwise(triangles, of_instances, 0, triangles.total)
 
 
-def area_by_material(triangles: Triangles, materials: int) -> NDArray[np.float64]:
+def area_by_material(triangles: Triangles, materials: int, of_instances: AreasOf) -> NDArray[np.float64]:
     """The area of each material, shape [materials]; added in any order, so not to decide bits by."""
     area = np.zeros(materials)
     area += np.bincount(triangles.material, triangle_areas(triangles.positions), materials)
-    shapes, sizes = triangles.instances.shapes, triangles.instances.sizes
-    for instance in range(len(sizes)):
-        own = shapes.material[triangles.instances.rows(instance)]
-        area += np.bincount(own, triangle_areas(triangles.instances.positions(instance)), materials)
+    instances = triangles.instances
+    ends = instances.base.astype(np.int64) + instances.sizes
+    for run in _runs(instances.base.tolist(), ends.tolist()):
+        begin = int(instances.base[run[0]])
+        areas = of_instances(begin, int(ends[run[-1]]))
+        for instance in run:
+            own = slice(int(instances.base[instance]) - begin, int(ends[instance]) - begin)
+            area += np.bincount(instances.shapes.material[instances.rows(instance)], areas[own], materials)
     return area
+
+
+def _runs(begins: list[int], ends: list[int]) -> Iterator[range]:
+    """Instances one after another whose numbers are within a block, but for those that are larger themselves."""
+    first = 0
+    for number, end in enumerate(ends):
+        if number > first and end - begins[first] > BLOCK:
+            yield range(first, number)
+            first = number
+    if ends:
+        yield range(first, len(ends))
 
 
 MOST_POSITIONS = 1 << 25
@@ -68,43 +91,16 @@ def _boxes(instances: Instances, some: list[int]) -> list[NDArray[np.float32]]:
     return [np.stack([low, mixed[0], mixed[1]], axis=1), np.stack([high, mixed[2], low], axis=1)]
 
 
-def _pairwise(areas: _Areas, begin: int, end: int) -> float:
+def _pairwise(triangles: Triangles, of_instances: AreasOf, begin: int, end: int) -> float:
     """NumPy's sum of a range of the areas: halved as NumPy does it, until a part is short enough to be computed."""
     count = end - begin
     if count <= BLOCK:
-        return float(areas.of(begin, end).sum())
+        areas = of_instances(begin, end)
+        rows = slice(int(triangles.ids.searchsorted(begin)), int(triangles.ids.searchsorted(end)))
+        areas[triangles.ids[rows] - begin] = triangle_areas(triangles.positions[rows])
+        return float(areas.sum())
     half = count // 2
     half -= half % 8
-    return _pairwise(areas, begin, begin + half) + _pairwise(areas, begin + half, end)
-
-
-class _Areas:
-    """Areas by ranges of triangles' numbers."""
-
-    def __init__(self, triangles: Triangles) -> None:
-        self._triangles = triangles
-        self._ends = triangles.instances.base.astype(np.int64) + triangles.instances.sizes
-        self._last: tuple[int, NDArray[np.float64]] = (-1, np.zeros(0))
-
-    def of(self, begin: int, end: int) -> NDArray[np.float64]:
-        """The areas of triangles begin to end - 1."""
-        areas = np.zeros(end - begin)
-        plain = self._triangles
-        rows = slice(int(plain.ids.searchsorted(begin)), int(plain.ids.searchsorted(end)))
-        areas[plain.ids[rows] - begin] = triangle_areas(plain.positions[rows])
-        for instance in self._touched(begin, end):
-            base = int(plain.instances.base[instance])
-            low, high = max(begin, base), min(end, int(self._ends[instance]))
-            areas[low - begin : high - begin] = self._instance(instance)[low - base : high - base]
-        return areas
-
-    def _touched(self, begin: int, end: int) -> Iterator[int]:
-        first = int(self._ends.searchsorted(begin, side="right"))
-        last = int(self._triangles.instances.base.searchsorted(end))
-        yield from range(first, last)
-
-    def _instance(self, instance: int) -> NDArray[np.float64]:
-        """Areas of an instance; the last one is often asked for again."""
-        if self._last[0] != instance:
-            self._last = instance, triangle_areas(self._triangles.instances.positions(instance))
-        return self._last[1]
+    return _pairwise(triangles, of_instances, begin, begin + half) + _pairwise(
+        triangles, of_instances, begin + half, end
+    )

@@ -127,6 +127,37 @@ def test_hits_are_those_of_copies(seed: int) -> None:
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_hits_at_borders_are_those_of_copies_from_near_and_far(seed: int) -> None:
+    """Corners, edges and silhouettes, hit from a hair's breadth to many times the scene away."""
+    scene = cluttered(seed)
+    if seed % 2:  # far from the middle of the scene, whose coordinates are coarse there
+        post = transforms.translation((400.0, -300.0, 90.0)) @ transforms.scaling([0.1] * 3)
+        solids = [*scene.meshes, mesh("post", primitives.cube().transformed(post))]
+        scene = scene_of(solids)
+    held, copied = flatten(scene, Instancing.KEEP), flatten(scene, Instancing.EXPAND)
+    rng = np.random.default_rng(seed)
+    _, direction = rays_at(copied, seed)
+    corners = copied.triangles.positions.astype(np.float64)
+    chosen = rng.integers(0, len(corners), RAYS)
+    weights = rng.dirichlet((1.0, 1.0, 1.0), RAYS)
+    weights[::3] = np.eye(3)[rng.integers(0, 3, len(weights[::3]))]
+    weights[1::3, 0] = 0.0
+    weights[2::9] = 0.5, 0.5 + 1e-7, -1e-7  # beside an edge
+    target = np.einsum("ic,ica->ia", weights / weights.sum(axis=1, keepdims=True), corners[chosen])
+    way = rng.normal(size=(RAYS, 3))
+    way[::5] = (corners[chosen, 1] - corners[chosen, 0])[::5] + 1e-6 * way[::5]  # along an edge
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    away = copied.extent * 10.0 ** rng.uniform(-6, 0.3, (RAYS, 1))
+    origin = (target - way * away).astype(np.float32)
+    direction = ((target - origin) * 10.0 ** rng.uniform(-3, 3, (RAYS, 1))).astype(np.float32)
+    rays = origin[np.any(direction != 0, axis=1)], direction[np.any(direction != 0, axis=1)]
+    expected = hits(copied, *rays, 1.0)
+    assert (expected[1] >= 0).mean() > 0.5
+    for one, other in zip(hits(held, *rays, 1.0), expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def test_a_scene_of_nothing_but_instances() -> None:
     shape = mesh("sphere", primitives.sphere(12))
     places = [transforms.translation((float(x), 0.0, 0.0)) @ transforms.scaling([0.4] * 3) for x in range(5)]

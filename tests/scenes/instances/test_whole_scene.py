@@ -5,7 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from wdpm.kernels.launch import Launcher
+from wdpm.kernels.rays import placing
+from wdpm.kernels.rays.standing_areas import StandingAreas
 from wdpm.scenes.flat import whole
+from wdpm.scenes.flat.areas import triangle_areas
 from wdpm.scenes.flat.flatten import FlatScene, flatten
 from wdpm.scenes.flat.shapes import Instancing
 from wdpm.scenes.flat.whole import area_by_material, positions_of, total_area
@@ -37,13 +41,34 @@ def both() -> tuple[FlatScene, FlatScene]:
     return flatten(scene, Instancing.KEEP), flatten(scene, Instancing.EXPAND)
 
 
+def areas_of(flat: FlatScene) -> StandingAreas:
+    instances = flat.triangles.instances
+    return StandingAreas(instances, placing.upload(instances, "cpu"), Launcher(threads=2))
+
+
 @pytest.mark.parametrize("block", [128, 1000, 1 << 20])
 def test_areas_are_added_as_numpy_adds_those_of_copies(monkeypatch: pytest.MonkeyPatch, block: int) -> None:
     held, copied = both()
     assert len(held.triangles.instances) == 16
     monkeypatch.setattr(whole, "BLOCK", block)
-    assert total_area(held.triangles) == total_area(copied.triangles)
-    np.testing.assert_allclose(area_by_material(held.triangles, 3), area_by_material(copied.triangles, 3), rtol=1e-12)
+    areas, none = areas_of(held), areas_of(copied)
+    assert total_area(held.triangles, areas.of) == total_area(copied.triangles, none.of)
+    by_material = area_by_material(held.triangles, 3, areas.of)
+    np.testing.assert_allclose(by_material, area_by_material(copied.triangles, 3, none.of), rtol=1e-12)
+
+
+@pytest.mark.parametrize("most", [7, 1000, 1 << 20])
+def test_areas_of_instances_have_the_bits_of_those_of_copies(most: int) -> None:
+    held, copied = both()
+    areas, found = areas_of(held), np.zeros(len(copied.triangles))
+    for begin, end in areas.blocks(most):
+        assert 0 < end - begin <= most
+        assert not found[begin:end].any()
+        found[begin:end] = areas.of(begin, end)
+    expected = triangle_areas(copied.triangles.positions)
+    expected[held.triangles.ids] = 0.0
+    np.testing.assert_array_equal(found, expected)
+    assert list(areas_of(copied).blocks()) == []
 
 
 def test_triangles_of_some_materials_come_in_their_order() -> None:

@@ -1,0 +1,112 @@
+"""Areas of instances' triangles where they stand: the floats that scenes.flat.areas computes of copies.
+
+A forest has a thousand million of them. Each is worked out when it is asked for; none is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from wdpm.kernels.launch import Launcher
+from wdpm.kernels.rays.placing import Standing, standing_corner
+from wdpm.scenes.flat.instances import Instances
+
+wp.set_module_options({"enable_backward": False, "fuse_fp": False})
+
+BLOCK = 1 << 20
+"""Triangles that are asked for at once."""
+
+
+@wp.func
+def instance_among(standing: wp.ref[Standing], prim: wp.int32, first: wp.int32, last: wp.int32) -> wp.int32:
+    """Which of the instances first to last - 1 a triangle is of, by its global number; -1 for none of them."""
+    low = first  # instances before `low` begin at prim or before
+    high = last
+    while low < high:
+        middle = (low + high) // 2
+        if standing.base[middle] <= prim:
+            low = middle + 1
+        else:
+            high = middle
+    found = low - 1
+    if found < first:
+        return -1
+    if prim - standing.base[found] >= standing.size[found]:
+        return -1
+    return found
+
+
+@wp.func
+def standing_area(standing: wp.ref[Standing], instance: wp.int32, prim: wp.int32) -> wp.float64:
+    """Area of an instance's triangle, operation by operation as scenes.flat.areas has it."""
+    row = standing.first[instance] + prim - standing.base[instance]
+    p = wp.vec3d(standing_corner(standing, instance, row, 0))
+    e = wp.vec3d(standing_corner(standing, instance, row, 1)) - p
+    f = wp.vec3d(standing_corner(standing, instance, row, 2)) - p
+    x = e[1] * f[2] - e[2] * f[1]
+    y = e[2] * f[0] - e[0] * f[2]
+    z = e[0] * f[1] - e[1] * f[0]
+    return wp.float64(0.5) * wp.sqrt(x * x + y * y + z * z)
+
+
+@wp.kernel
+def _measure(
+    standing: Standing,
+    begin: wp.int32,
+    first: wp.int32,
+    last: wp.int32,
+    offset: wp.int32,
+    area_out: wp.array[wp.float64],
+) -> None:
+    i = offset + wp.tid()
+    instance = instance_among(standing, begin + i, first, last)
+    area = wp.float64(0.0)
+    if instance >= 0:
+        area = standing_area(standing, instance, begin + i)
+    area_out[i] = area
+
+
+class StandingAreas:
+    """Areas of the triangles of some instances.
+
+    Args:
+        standing: the instances on the launcher's device.
+    """
+
+    def __init__(self, instances: Instances, standing: Any, launcher: Launcher) -> None:
+        self._base = instances.base.astype(np.int64)
+        self._ends = self._base + instances.sizes
+        self._standing, self._launcher = standing, launcher
+
+    def of(self, begin: int, end: int) -> NDArray[np.float64]:
+        """Areas of the triangles with the global numbers begin to end - 1, 0 for those of no instance."""
+        area = wp.empty(end - begin, dtype=wp.float64, device=self._launcher.device)
+        first = int(self._ends.searchsorted(begin, side="right"))
+        last = int(self._base.searchsorted(end))
+        self._launcher(
+            _measure, end - begin, standing=self._standing, begin=begin, first=first, last=last, area_out=area
+        )
+        areas: NDArray[np.float64] = area.numpy()
+        return areas
+
+    def blocks(self, most: int = BLOCK) -> Iterator[tuple[int, int]]:
+        """Ranges of at most so many numbers, in which all instances' triangles are, and few others."""
+        if not len(self._base):
+            return
+        start, stop = int(self._base[0]), int(self._ends[0])
+        for base, end in zip(self._base[1:].tolist(), self._ends[1:].tolist(), strict=True):
+            if end - start > most:
+                yield from _cut(start, stop, most)
+                start = base
+            stop = end
+        yield from _cut(start, stop, most)
+
+
+def _cut(start: int, stop: int, most: int) -> Iterator[tuple[int, int]]:
+    for begin in range(start, stop, most):
+        yield begin, min(begin + most, stop)
