@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import os
 import random
 import socket
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-import wdpm
+from commands import command, drawn, options_of
+from slaves import ENVIRONMENT
+from trials import Trial, digest_of, expected
+
 from wdpm.images.image import load
 
 SLAVES = 3
@@ -21,15 +22,11 @@ LONGEST_S = 600.0
 """After which a render counts as hung [s]."""
 
 PHASES = ("partition", "photons", "map", "records", "render")
-MOST_STEPS = 12
+MOST_STEPS = 10
 """In a phase, before a master is killed; the image has more buckets than that."""
 
-Words = list[str]
-
-
-def command(*words: str) -> Words:
-    """wdpm as a process runs it."""
-    return [sys.executable, "-m", "wdpm", *words]
+KILLS = 5
+"""Of the master of one render."""
 
 
 class Hung(RuntimeError):
@@ -46,11 +43,11 @@ def ended(process: subprocess.Popen[bytes]) -> int:
 
 
 @contextmanager
-def waiting_slaves(address: str, environment: dict[str, str]) -> Iterator[list[subprocess.Popen[bytes]]]:
+def waiting_slaves(address: str) -> Iterator[list[subprocess.Popen[bytes]]]:
     """Slaves that wait for any master at an address for as long as the render may take."""
     words = command("slave", address, "--threads", "1", "--timeout", "600", "--rejoin", "600s")
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    slaves = [subprocess.Popen(words, env=environment, **quiet) for _ in range(SLAVES)]
+    slaves = [subprocess.Popen(words, env=ENVIRONMENT, **quiet) for _ in range(SLAVES)]
     try:
         yield slaves
     finally:
@@ -82,35 +79,52 @@ def kill_in(master: subprocess.Popen[bytes], log: Path, phase: str, after: int) 
     return True
 
 
-def render(scene: str, options: Words, chance: random.Random) -> tuple[str, list[str], float]:
-    """An image whose master is killed one to three times.
-
-    Returns:
-        Digest of the image, what happened, and the time that it took [s].
-    """
-    environment = {**os.environ, "PYTHONPATH": str(Path(wdpm.__file__).parents[1])}
+def trial(number: int, seed: int) -> Trial:
+    """An image whose master is killed again and again, or as often as it is slow enough for that."""
+    chance = random.Random(f"{seed} masters {number}")
+    what = drawn(chance, number)
+    wanted = expected(*what.picture)
     happened: list[str] = []
+    began = time.monotonic()
+    try:
+        digest = _render([what.scene, *options_of(what)], chance, happened)
+        error = "" if digest == wanted else f"bits differ: {digest}, of one process {wanted}"
+    except RuntimeError as failed:
+        error = str(failed)
+    return Trial("masters", number, what, tuple(happened), time.monotonic() - began, error=error)
+
+
+def _moments(chance: random.Random) -> list[tuple[str, int]]:
+    """Phases, and steps in them, after which a master is killed."""
+    return [(chance.choice(PHASES), chance.randrange(MOST_STEPS)) for _ in range(KILLS)]
+
+
+def _render(words: list[str], chance: random.Random, happened: list[str]) -> str:
+    """The digest of an image.
+
+    Args:
+        words: the scene and its options.
+        happened: what has, is added to it.
+    """
     with tempfile.TemporaryDirectory() as folder, socket.create_server(("127.0.0.1", 0)) as free:
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
         free.close()
         output = Path(folder) / "image.exr"
-        words = command("master", scene, *options, "-q", "-o", str(output), "--resume", "--journal", folder)
         log = Path(folder) / "log"
-        words += ["--bind", address, "--slaves", str(SLAVES), "--log", str(log)]
-        began = time.monotonic()
-        with waiting_slaves(address, environment) as slaves:
-            for _ in range(chance.randint(1, 3)):
-                phase, after = chance.choice(PHASES), chance.randrange(MOST_STEPS)
-                master = subprocess.Popen(words, env=environment, stderr=subprocess.DEVNULL)
+        whole = command("master", *words, "-q", "-o", str(output), "--resume", "--journal", folder)
+        whole += ["--bind", address, "--slaves", str(SLAVES), "--log", str(log)]
+        with waiting_slaves(address) as slaves:
+            for phase, after in sorted(_moments(chance), key=lambda moment: PHASES.index(moment[0])):
+                master = subprocess.Popen(whole, env=ENVIRONMENT, stderr=subprocess.DEVNULL)
                 if not kill_in(master, log, phase, after):
                     break
                 log.unlink()
                 journal = output.with_name(output.name + ".wdpm-journal")
                 size = journal.stat().st_size if journal.exists() else 0
                 happened.append(f"kill in {phase} after {after} ({size // 1024} KiB kept)")
-            if not output.exists() and (code := ended(subprocess.Popen(words, env=environment))):
-                raise RuntimeError(f"the master ended with {code}, after {', '.join(happened)}")
+            if not output.exists() and (code := ended(subprocess.Popen(whole, env=ENVIRONMENT))):
+                raise RuntimeError(f"the master ended with {code}")
             codes = [ended(slave) for slave in slaves]
             if codes != [0] * SLAVES:
-                raise RuntimeError(f"slaves ended with {codes}, after {', '.join(happened)}")
-        return load(output).digest(), happened, time.monotonic() - began
+                raise RuntimeError(f"slaves ended with {codes}")
+        return digest_of(load(output))

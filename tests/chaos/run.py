@@ -1,175 +1,160 @@
-"""Renders of a local cluster whose slave processes are killed, terminated or stopped for a while, at random moments.
+"""Renders of a cluster that is struck at random moments: each image must have the bits of one process, and none hangs.
 
-Each image must have the bits of one process, and no render may hang. `make chaos` runs it; a page goes to out/chaos.
-Of --masters more renders the master is killed, and started again with --resume (masters.py).
+Slaves are killed, terminated and stopped, and their links cut, slowed and forgotten (strikes.py); masters are killed
+and started again with --resume (masters.py); the disk is full (full_disk.py). Four slaves and their master stay up over
+many renders; each begins anew, and slaves that are lost are replaced by new processes. Scenes (one with every effect,
+and Sponza where WDPM_SCENES is set), cache and map, passes, routing and copies change from render to render.
 
-    python tests/chaos/run.py --renders 40 --masters 10 --seed 1 -o out/chaos
+    python tests/chaos/run.py --renders kill=200,term=30,cut=20 --seed 1 -o out/chaos
+
+A row for each render goes to rows.jsonl as it comes, and --resume goes on after them; the page is index.md.
 """
 
 from __future__ import annotations
 
 import argparse
-import itertools
-import os
 import random
-import signal
-import threading
+import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+import traceback
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import full_disk
 import masters
+from page import page
+from standing import Hung, StandingCluster
+from strikes import KINDS, Strikes
+from trials import Configuration, Rows, Trial, chosen_by, expected
 
-import wdpm
-from wdpm.cluster.plan.copies import Copies
-from wdpm.cluster.render_settings import Indirect, Routing
-from wdpm.images.image import Image
-from wdpm.scenes.model.scene import Scene
+OTHERS = {"masters": masters.trial, "disk": full_disk.trial}
+"""Kinds whose renders are processes of their own: number, seed -> trial."""
 
-SLAVES = 4
-FAULTS = {"kill": signal.SIGKILL, "term": signal.SIGTERM, "stop": signal.SIGSTOP}
-STOPPED_S = 3.0
-"""How long a process that is stopped stands still [s]."""
+MISSED = 20
+"""Times in a row that a strike may come too late before something is wrong."""
 
 
-@dataclass(frozen=True)
-class Trial:
-    """One render.
+def counts(text: str) -> dict[str, int]:
+    """kill=200,term=30 as a dictionary."""
+    known = [*KINDS, *OTHERS]
+    found = {}
+    for part in text.split(","):
+        name, _, count = part.partition("=")
+        if name not in known or not count.isdigit():
+            raise argparse.ArgumentTypeError(f"{part!r}; expected KIND=COUNT with a KIND of {', '.join(known)}")
+        found[name] = int(count)
+    return found
+
+
+class Run:
+    """Renders under faults of a kind, after those that are in the rows already.
 
     Attributes:
-        faults: what happened, and when, as a share of the time of an undisturbed render.
-        seconds, undisturbed: wall-clock.
+        bases: undisturbed renders of this run.
     """
 
-    copies: str
-    routing: str
-    indirect: str
-    faults: tuple[str, ...]
-    seconds: float
-    undisturbed: float
-    bits_equal: bool
+    def __init__(self, rows: Rows, seed: int) -> None:
+        self._rows, self._seed = rows, seed
+        self._bases: dict[Configuration, Trial] = {trial.configuration: trial for trial in rows.of("none")}
+        self._missed = 0
+
+    def trials(self, name: str, count: int) -> Iterator[Trial]:
+        """Those that are missing of a kind."""
+        numbers = range(len(self._rows.of(name)), count)
+        if name in OTHERS:
+            yield from (OTHERS[name](number, self._seed) for number in numbers)
+        elif numbers:
+            yield from self._struck(name, numbers)
+
+    def _struck(self, name: str, numbers: Sequence[int]) -> Iterator[Trial]:
+        left = list(numbers)
+        while left:
+            with StandingCluster(KINDS[name].link) as cluster:
+                sound = True
+                while left and sound:
+                    for trial in self._one(cluster, name, left[0]):
+                        sound = not trial.error
+                        left = left[trial.kind == name :]
+                        yield trial
+
+    def _one(self, cluster: StandingCluster, name: str, number: int) -> Iterator[Trial]:
+        """A render under faults, with an undisturbed one before it where there is none of its configuration.
+
+        A strike that came too late is none, and another is drawn.
+        """
+        kind = KINDS[name]
+        what = chosen_by(random.Random(f"{self._seed} {name} {number}"), number)
+        if kind.link is None and what not in self._bases:
+            undisturbed = Strikes(cluster, KINDS["none"], random.Random(0), 1.0)
+            self._bases[what] = _rendered(cluster, "none", len(self._bases), what, undisturbed)
+            yield self._bases[what]
+        base = self._bases.get(what)
+        strikes = Strikes(cluster, kind, random.Random(f"{self._seed} {name} {number} {self._missed}"), _base_cpu(base))
+        trial = _rendered(cluster, name, number, what, strikes, base)
+        if kind.signal is None or trial.happened or trial.error:
+            self._missed = 0
+            yield trial
+            return
+        self._missed += 1
+        if self._missed > MISSED:
+            raise Hung(f"{name} {number}: {MISSED} strikes in a row came too late")
 
 
-def run(scene: Scene, renders: int, seed: int) -> Iterator[Trial]:
-    """Render again and again."""
-    chance = random.Random(seed)
-    expected: dict[Indirect, str] = {}
-    for _ in range(renders):
-        copies, routing = chance.choice(list(Copies)), chance.choice(list(Routing))
-        indirect = chance.choice([Indirect.CACHE, Indirect.MAP])
-        chosen = {"photons": 20_000, "spp": 8, "routing": routing, "indirect": indirect}
-        if indirect not in expected:
-            expected[indirect] = _digest(wdpm.render(scene, **chosen))
-        with wdpm.Cluster.local(SLAVES, copies=copies) as cluster:
-            cluster.render(scene, **{**chosen, "photons": 1000, "spp": 1})
-            began = time.monotonic()
-            cluster.render(scene, **{**chosen, "seed": 1})
-            undisturbed = time.monotonic() - began
-            happened: list[str] = []
-            with _faults(chance, cluster.processes, undisturbed, happened):
-                began = time.monotonic()
-                image = cluster.render(scene, **chosen)
-                seconds = time.monotonic() - began
-        equal = _digest(image) == expected[indirect]
-        yield Trial(copies.value, routing.value, indirect.value, tuple(happened), seconds, undisturbed, equal)
+def _base_cpu(base: Trial | None) -> float:
+    return 4.0 if base is None else base.base_cpu_s
 
 
-def run_masters(name: str, size: str, renders: int, seed: int) -> Iterator[Trial]:
-    """Renders whose master is killed."""
-    chance = random.Random(seed)
-    width, height = map(int, size.split("x"))
-    scene = wdpm.load(name, size=(width, height))
-    expected: dict[tuple[Indirect, int], tuple[str, float]] = {}
-    for _ in range(renders):
-        copies, routing = chance.choice(list(Copies)), chance.choice(list(Routing))
-        indirect, passes = chance.choice([Indirect.CACHE, Indirect.MAP]), chance.choice([1, 2])
-        chosen = {"photons": 20_000, "spp": 8, "routing": routing, "indirect": indirect, "passes": passes}
-        options = [f"--{name}={getattr(value, 'value', value)}" for name, value in chosen.items()]
-        options += ["--size", size, "--copies", copies.value, "--bucket", "16"]
-        if (indirect, passes) not in expected:
-            began = time.monotonic()
-            digest = _digest(wdpm.render(scene, **chosen))
-            expected[indirect, passes] = digest, time.monotonic() - began
-        digest, undisturbed = expected[indirect, passes]
-        found, happened, seconds = masters.render(name, options, chance)
-        what = (copies.value, routing.value, f"{indirect.value}, {passes} passes")
-        yield Trial(*what, tuple(happened), seconds, undisturbed, found == digest)
-
-
-@contextmanager
-def _faults(chance: random.Random, processes: tuple[int, ...], duration: float, happened: list[str]) -> Iterator[None]:
-    """Faults of one to three of the processes, each at a random moment."""
-    timers = []
-    for victim in chance.sample(processes, chance.randint(1, SLAVES - 1)):
-        kind, moment = chance.choice(list(FAULTS)), chance.random()
-        timers.append(threading.Timer(moment * duration, _strike, (kind, moment, victim, happened)))
-    for timer in timers:
-        timer.start()
+def _rendered(
+    cluster: StandingCluster, kind: str, number: int, what: Configuration, strikes: Strikes, base: Trial | None = None
+) -> Trial:
+    wanted = expected(*what.picture)
+    began = time.monotonic()
     try:
-        yield
-    finally:
-        for timer in timers:
-            timer.cancel()
-            timer.join()
-
-
-def _strike(kind: str, moment: float, process: int, happened: list[str]) -> None:
-    happened.append(f"{kind} at {moment:.0%}")
-    os.kill(process, FAULTS[kind])
-    if kind == "stop":
-        time.sleep(STOPPED_S)
-        os.kill(process, signal.SIGCONT)
-
-
-def _digest(image: Image) -> str:
-    return Image({name: layer for name, layer in image.layers.items() if name != "cell"}).digest()
-
-
-def page(trials: list[Trial], seed: int) -> str:
-    """A table of all renders, as Markdown."""
-    slaves = [t for t in trials if "passes" not in t.indirect]
-    equal, worst = sum(t.bits_equal for t in trials), max((t.seconds / t.undisturbed for t in slaves), default=0.0)
-    lines = [
-        f"# {equal} of {len(trials)} renders have the bits of one process (seed {seed})",
-        "",
-        f"{SLAVES} slaves; the longest took {worst:.2f} times as long as undisturbed.",
-        f"Where masters were killed: {masters.SLAVES} slaves, and the time of starting all processes is included; "
-        "undisturbed is that of one process, which is there already.",
-        "",
-        "| copies | routing | indirect | faults | s | undisturbed | bits |",
-        "| --- | --- | --- | --- | ---: | ---: | --- |",
-    ]
-    lines += [
-        f"| {t.copies} | {t.routing} | {t.indirect} | {', '.join(t.faults)} | {t.seconds:.1f} | {t.undisturbed:.1f} | "
-        f"{'equal' if t.bits_equal else 'DIFFER'} |"
-        for t in trials
-    ]
-    return "\n".join(lines) + "\n"
+        cluster.complete()
+        cluster.warm_up(what)
+        with strikes.meanwhile():
+            found = cluster.render(what, KINDS[kind].longest_s)
+    except Exception as error:  # whatever went wrong is what this is for: it goes into the row
+        text = f"{type(error).__name__}: {error}"
+        traceback.print_exc()
+        return Trial(kind, number, what, tuple(strikes.happened), time.monotonic() - began, error=text)
+    base_s, base_cpu = (found.seconds, found.cpu_s) if base is None else (base.base_seconds, base.base_cpu_s)
+    return Trial(
+        kind,
+        number,
+        what,
+        tuple(strikes.happened),
+        found.seconds,
+        found.cpu_s,
+        found.start_up_s,
+        base_s,
+        base_cpu,
+        found.redone,
+        "" if found.digest == wanted else f"bits differ: {found.digest}, of one process {wanted}",
+    )
 
 
 def main() -> int:
-    """Run, print and write; 1 if an image differed."""
+    """Run, print and write; 1 if a render failed, or an image differed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--renders", type=int, default=40)
-    parser.add_argument("--masters", type=int, default=0, help="renders whose master is killed")
+    parser.add_argument("--renders", type=counts, default=counts("kill=20"), metavar="KIND=COUNT,...")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--scene", default="cornell-box")
-    parser.add_argument("--size", default="128x128")
+    parser.add_argument("--resume", action="store_true", help="go on after the rows that are there")
     parser.add_argument("-o", "--output", type=Path, default=Path("out/chaos"))
     args = parser.parse_args()
-    width, height = map(int, args.size.split("x"))
-    scene = wdpm.load(args.scene, size=(width, height))
-    args.output.mkdir(parents=True, exist_ok=True)
-    trials: list[Trial] = []
-    lost = run_masters(args.scene, args.size, args.masters, args.seed)
-    for trial in itertools.chain(run(scene, args.renders, args.seed), lost):
-        trials.append(trial)
-        print(f"{len(trials)}: {trial}", flush=True)
-        (args.output / "index.md").write_text(page(trials, args.seed))  # as it goes: what was found is kept
-    return int(not all(trial.bits_equal for trial in trials))
+    rows = Rows(args.output / "rows.jsonl", resume=args.resume)
+    run = Run(rows, args.seed)
+    for name, count in args.renders.items():
+        for trial in run.trials(name, count):
+            rows.add(trial)
+            (args.output / "index.md").write_text(page(rows.trials, args.seed))
+            verdict = trial.error or "equal"
+            print(
+                f"{trial.kind} {trial.number}: {trial.configuration}: {', '.join(trial.happened)}: {verdict}",
+                flush=True,
+            )
+    return int(any(trial.error for trial in rows.trials))
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

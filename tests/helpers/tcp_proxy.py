@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import socket
 import threading
+import time
 from types import TracebackType
 from typing import Self
 
@@ -43,6 +44,7 @@ class TcpProxy:
         self._bytes_per_s, self._delay_s, self._frozen = bytes_per_s, delay_s, frozen
         self.opened = 0
         self._halted = False
+        self._cut_until = 0.0
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
         self.endpoint = f"tcp://127.0.0.1:{self._listener.getsockname()[1]}"
@@ -50,8 +52,9 @@ class TcpProxy:
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
-    def cut(self) -> None:
-        """Break every connection; new ones may be made."""
+    def cut(self, seconds: float = 0.0) -> None:
+        """Break every connection; new ones may be made, after that time [s]."""
+        self._cut_until = time.monotonic() + seconds
         asyncio.run_coroutine_threadsafe(self._abort(), self._loop).result(10.0)
 
     def freeze(self) -> None:
@@ -80,6 +83,9 @@ class TcpProxy:
 
     async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         number, self.opened = self.opened, self.opened + 1
+        if time.monotonic() < self._cut_until:
+            writer.transport.abort()
+            return
         self._writers.add(writer)
         if number in self._frozen:
             return
