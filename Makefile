@@ -7,8 +7,8 @@ RAYS ?= 1e8
 GATHERS ?= 1e6
 MESSAGES ?= 1e6
 RENDERS ?= 1e3
-RENDERS_CHAOS ?= 40
-MASTERS_CHAOS ?= 10
+CHAOS ?= kill=200,kills=12,term=40,cut=16,stop=8,minute=3,delay=4,slow=4,flaky=4,half-open=2,disk=6,masters=20
+RESUME ?=
 RENDERS_SOAK ?= 30
 SEED ?= 1
 JOBS ?= auto
@@ -60,8 +60,8 @@ fuzz: $(VENV)/.installed-test  ## fuzz rays, routing and gathers against brute f
 	$(BIN)/python tests/fuzz/run.py --rays $(RAYS) --gathers $(GATHERS) --messages $(MESSAGES) \
 		--renders $(RENDERS) --seed $(SEED) -o $(OUT)/fuzz
 
-chaos: $(VENV)/.installed-test  ## render while slaves and masters are killed, terminated and stopped, and compare all bits (RENDERS_CHAOS, MASTERS_CHAOS, SEED)
-	$(BIN)/python tests/chaos/run.py --renders $(RENDERS_CHAOS) --masters $(MASTERS_CHAOS) --seed $(SEED) -o $(OUT)/chaos
+chaos: $(VENV)/.installed-test  ## render under faults of slaves, links, disks and masters, and compare all bits: an hour (CHAOS, SEED, RESUME=--resume, WDPM_SCENES)
+	$(BIN)/python tests/chaos/run.py --renders $(CHAOS) --seed $(SEED) $(RESUME) -o $(OUT)/chaos
 
 soak: $(VENV)/.installed-test  ## render again and again with one cluster: its memory must not grow (RENDERS_SOAK)
 	$(BIN)/python tests/chaos/soak.py --renders $(RENDERS_SOAK) -o $(OUT)/soak

@@ -120,13 +120,15 @@ class StandingCluster:
 
     Args:
         link: what the slaves' connections suffer, as options of linked_slave.py; None for plain connections.
+        slaves: how many there are when a render begins.
     """
 
-    def __init__(self, link: Sequence[str] | None = None) -> None:
+    def __init__(self, link: Sequence[str] | None = None, slaves: int = SLAVES) -> None:
+        self._count = slaves
         self._stack = ExitStack()
         self._watcher = Watcher()
         self._cluster = AnewCluster.listen(
-            "tcp://127.0.0.1:0", SLAVES, most=2 * SLAVES, join_timeout=JOIN_S, observers=[self._watcher]
+            "tcp://127.0.0.1:0", slaves, most=2 * slaves, join_timeout=JOIN_S, observers=[self._watcher]
         )
         self._stack.callback(self._cluster.close)
         self.slaves = self._watcher.slaves = Slaves(self._cluster.endpoint, link)
@@ -135,7 +137,7 @@ class StandingCluster:
 
     def complete(self) -> None:
         """Have as many slaves as there should be, all of them joined."""
-        for _ in range(SLAVES - len(self.slaves.alive)):
+        for _ in range(self._count - len(self.slaves.alive)):
             self.slaves.start()
         wanted = {slave.number for slave in self.slaves.alive}
         watcher = self._watcher

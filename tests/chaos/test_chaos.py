@@ -1,0 +1,67 @@
+"""A few renders under faults of slaves and links, with real processes. `make chaos` runs hundreds."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from page import page
+from standing import SLAVES, Hung, StandingCluster
+from strikes import KINDS, Strikes
+from trials import Configuration, Rows, Trial, expected
+
+pytestmark = pytest.mark.sockets
+
+WHAT = Configuration("cornell-box", "cache", 1, "forward", "none")
+BASE_CPU_S = 1.0
+"""Of a render; less than it takes, so that faults come in its course."""
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[StandingCluster]:
+    with StandingCluster() as standing:
+        standing.complete()
+        yield standing
+
+
+@pytest.mark.parametrize(("kind", "copies"), [("kill", "auto"), ("kills", "none"), ("term", "none")])
+def test_the_bits_survive(cluster: StandingCluster, kind: str, copies: str) -> None:
+    what = Configuration(**{**vars(WHAT), "copies": copies, "indirect": "map" if copies == "auto" else "cache"})
+    strikes = Strikes(cluster, KINDS[kind], random.Random(f"{kind} {copies}"), BASE_CPU_S)
+    cluster.complete()
+    assert len(cluster.slaves.alive) == SLAVES
+    with strikes.meanwhile():
+        outcome = cluster.render(what, 120.0)
+    assert strikes.happened
+    assert outcome.digest == expected(*what.picture)
+    assert outcome.redone == 0
+
+
+def test_links_that_are_cut_for_a_second() -> None:
+    with StandingCluster(KINDS["cut"].link, 2) as linked:
+        linked.complete()
+        strikes = Strikes(linked, KINDS["cut"], random.Random(2), BASE_CPU_S)
+        with strikes.meanwhile():
+            outcome = linked.render(WHAT, 120.0)
+        assert strikes.happened
+        assert outcome.digest == expected(*WHAT.picture)
+        assert len(linked.slaves.alive) == 2, "it was to join again by itself"
+
+
+def test_a_render_that_takes_too_long_is_said_to_hang(cluster: StandingCluster) -> None:
+    cluster.complete()
+    with pytest.raises(Hung, match="not rendered within 0 s"):
+        cluster.render(WHAT, 0.0)
+
+
+def test_rows_are_gone_on_with(tmp_path: Path) -> None:
+    path = tmp_path / "rows.jsonl"
+    told = Trial("kill", 0, WHAT, ("SIGKILL at 50%",), 2.0, 3.0, 1.0, 1.0, 2.0, 0, "bits differ")
+    Rows(path, resume=False).add(told)
+    assert Rows(path, resume=True).of("kill") == [told]
+    text = page([told, Trial("kill", 1, WHAT, ("SIGKILL at 1%",), 2.0, 3.0, 1.0, 1.0, 2.0)], 7)
+    assert text.startswith("# 1 of 2 renders have the bits of one process (seed 7)")
+    assert "| kill | none | 1 | 1.50 | 1.50 | 1.0 | 2.00 | 2.00 | 2.0 |" in text
+    assert Rows(path, resume=False).trials == []
