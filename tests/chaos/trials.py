@@ -22,11 +22,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "helpers"))
 
 from effect_scenes import everything
 
-SIZE = (48, 48)
+SIZE = (32, 32)
 FEW = {"photons": 4000, "caustic_photons": 2000, "volume_photons": 2000, "spp": 2, "k": 30, "caustic_k": 30}
 """Settings that make a render take seconds; the bucket leaves some sixteen tasks, a few for each slave."""
 
-BUCKET = 12
+BUCKET = 8
 
 
 @cache
