@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import gc
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -102,7 +104,8 @@ def serve(
         from wdpm.kernels.launch import Launcher
 
         quiet_warp()
-        compile_kernels(device)
+        compile_kernels(device, world.features)
+        _keep_what_is_there()
         return CellWorker(number, world, partition, holders, Launcher(device, threads))
 
     run_slave(
@@ -115,6 +118,12 @@ def serve(
         rejoin=rejoin,
         life_line=line_to_watch(sys.stdin.buffer) if life_line else None,
     )
+
+
+@functools.cache
+def _keep_what_is_there() -> None:
+    """Before the first world: modules and kernels stay anyway, and searching them takes a collection 0.1 s."""
+    gc.freeze()
 
 
 def _check(device: str) -> None:

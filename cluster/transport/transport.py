@@ -31,8 +31,9 @@ Received = Any
 Accepted = Mapping[str, type]
 """Messages that may come somewhere, by name: `packing.by_name`."""
 
-TURN_S = 0.1
-"""Longest sleep of a loop: several a heartbeat."""
+TURN_S = 0.25
+"""Longest sleep of a loop: several a heartbeat. What comes wakes it; a turn in which nothing did costs a slave of a
+large cluster a millisecond."""
 
 TURN_MESSAGES = 64
 """Messages that a loop takes from one place before the others get their turn."""

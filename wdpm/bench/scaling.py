@@ -1,8 +1,8 @@
 """`wdpm bench scaling`: what more slaves cost. Work inflation: CPU seconds of all processes over those of one process.
 
 Slaves have one thread each and share this machine's cores, so wall time says little, and CPU seconds say what as many
-machines would compute together. Clusters are warm: a small render before the measured one has loaded kernels, but the
-scene is sent and photons are traced anew.
+machines would compute together. Clusters are warm: a small render before the measured one has loaded its kernels, but
+the scene is sent and photons are traced anew.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.comparison import compare
 from wdpm.images.image import Image
-from wdpm.progress import Progress
+from wdpm.progress import Progress, SilentProgress
 from wdpm.rendering.backend import Backend, ClusterBackends
 from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.scene_settings import settings_for
@@ -159,9 +159,11 @@ def _run(
 ) -> tuple[Run, Image]:
     width, height = WARM_SIZE
     small = replace(scene, camera=replace(scene.camera, width=width, height=height, crop=None, full_size=None))
-    # Another limit of depth makes another scene of it for the cluster, so that nothing is left for the measured render.
-    warm = replace(settings, photons=WARM_PHOTONS, spp=1, passes=1, max_depth=(settings.max_depth or 63) + 1)
     with backend:
+        # What so small a render leaves open it would choose differently, and so load other kernels. Another limit of
+        # depth makes another scene of it for the cluster, so that nothing is left for the measured render.
+        chosen = backend.prepare(scene, settings, SilentProgress()).settings
+        warm = replace(chosen, photons=WARM_PHOTONS, spp=1, passes=1, max_depth=(settings.max_depth or 63) + 1)
         render_in_passes(small, backend, warm)
         began, master, others = time.perf_counter(), _cpu_of(os.getpid()), sum(map(_cpu_of, backend.processes))
         image = render_in_passes(scene, backend, settings)
