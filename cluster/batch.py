@@ -58,6 +58,8 @@ class Kind(Enum):
     """Copies of surface points that lie in the destination cell's overlap band."""
     COPIED_PHOTONS = "copied_photons"
     """Photons of the destination cell that landed in another team, which has the same cell."""
+    COPIED_ORDER = "copied_order"
+    """What another team, which has the same cell, has sorted of the trees of its photons and surface points."""
     COPIED_IRRADIANCE = "copied_irradiance"
     """Irradiance at photons of the destination cell that another team has worked out."""
 
@@ -78,7 +80,7 @@ TO_HOME = frozenset({Kind.PROBED, Kind.SAMPLES, Kind.LIT, Kind.RECORD_SITES, Kin
 GHOSTS = frozenset({Kind.GHOST_PHOTONS, Kind.GHOST_POINTS})
 """What slaves of a team exchange before they build their maps."""
 
-OF_MAPS = GHOSTS | {Kind.COPIED_PHOTONS, Kind.COPIED_IRRADIANCE}
+OF_MAPS = GHOSTS | {Kind.COPIED_PHOTONS, Kind.COPIED_ORDER, Kind.COPIED_IRRADIANCE}
 """What maps are built of, besides what landed in the cell itself. It belongs to no task, and is counted by batches."""
 
 SCHEMAS: Final[dict[Kind, Fields]] = {
@@ -98,6 +100,7 @@ SCHEMAS: Final[dict[Kind, Fields]] = {
     Kind.GHOST_PHOTONS: fields.STORED_PHOTON,
     Kind.GHOST_POINTS: fields.SURFACE_POINT,
     Kind.COPIED_PHOTONS: fields.STORED_PHOTON,
+    Kind.COPIED_ORDER: fields.TREE_PLACE,
     Kind.COPIED_IRRADIANCE: fields.IRRADIANCE_POINT,
     Kind.PROBED: {**chosen(fields.RAY, "slot"), **fields.HIT},
     Kind.SAMPLES: fields.SAMPLE,

@@ -121,6 +121,12 @@ IRRADIANCE_POINT: Final[Fields] = {
 }
 """Irradiance at photons, as light that a white surface reflects: kernels.irradiance.at_photons."""
 
+TREE_PLACE: Final[Fields] = {
+    "place": integer("in the leaves of the cell's trees, one tree after another", least=0),
+    "item": integer("photon or surface point that stands there, as its tree numbers them", least=0),
+}
+"""A part of the order in which trees of photons and points are laid out: cluster.work.tree_orders."""
+
 SAMPLE: Final[Fields] = {
     **_SLOT,
     "emission": vector("light of the first surface itself [W/(m² sr)]"),

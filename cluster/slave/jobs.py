@@ -38,6 +38,8 @@ class Worker(Protocol):
 
     def ghosts_expected(self) -> int: ...
 
+    def sort_trees(self, part: int, parts: int, cells: Sequence[int]) -> Sequence[Batch]: ...
+
     def build_maps(self, part: int, parts: int, cells: Sequence[int]) -> Sequence[Batch]: ...
 
     def finish_maps(self) -> None: ...
@@ -116,6 +118,20 @@ class ExchangeGhosts:
 
 
 @dataclass(frozen=True)
+class SortTrees:
+    """Sort a part of the trees of photons and points for all who hold the same, where that is worth it.
+
+    Attributes:
+        copies: for whom: one batch for each, in their order, or none at all.
+        part, parts: which part, from 0, and of how many.
+    """
+
+    copies: tuple[Copy, ...]
+    part: int
+    parts: int
+
+
+@dataclass(frozen=True)
 class BuildMaps:
     """Build the maps, of which all is here, and send the part of the irradiance at photons that is worked out here.
 
@@ -160,6 +176,7 @@ Job = (
     | HandleBatch
     | SendCopies
     | ExchangeGhosts
+    | SortTrees
     | BuildMaps
     | FinishMaps
     | SetRecords
@@ -271,6 +288,8 @@ class Compute:
                 return Outcome(job, worker.copies([copy.cell for copy in copies]))
             case ExchangeGhosts():
                 return Outcome(job, worker.exchange_ghosts(), ghosts_expected=worker.ghosts_expected())
+            case SortTrees(copies, part, parts):
+                return Outcome(job, worker.sort_trees(part, parts, [copy.cell for copy in copies]))
             case BuildMaps(copies, part, parts):
                 return Outcome(job, worker.build_maps(part, parts, [copy.cell for copy in copies]))
             case FinishMaps():

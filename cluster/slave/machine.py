@@ -451,12 +451,11 @@ class Slave:
             self._had = frozenset(cell for cell, holder in enumerate(job.holders) if holder == job.number)
         if epoch != self._epoch:
             return self._drop("outcome of another epoch")  # a Setup came while the worker was busy
-        if isinstance(job, jobs.SendCopies | jobs.BuildMaps):
-            if isinstance(job, jobs.BuildMaps):
-                self._orders += self._material.built()
+        if isinstance(job, jobs.SendCopies | jobs.SortTrees | jobs.BuildMaps):
+            self._orders += self._material.sent(job, len(outcome.batches))
             return [
                 ToPeer(copy.slave, protocol.PeerBatch(copy.epoch, batch))
-                for copy, batch in zip(job.copies, outcome.batches, strict=True)
+                for copy, batch in zip(job.copies if outcome.batches else (), outcome.batches, strict=True)
             ]
         out: list[Instruction] = []
         for batch in outcome.batches:

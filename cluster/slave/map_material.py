@@ -1,7 +1,8 @@
 """What photon maps are built of, as it comes from other slaves: counted by batches, so that nothing is missing.
 
 First come photons from slaves of other teams that hold the same cells, then ghosts from slaves of the same team, which
-may be of photons that were copied. Last comes the irradiance at photons that other teams have worked out, each a part.
+may be of photons that were copied. Then come parts of the trees of both, where teams share the sorting. Last comes the
+irradiance at photons that other teams have worked out, each a part.
 """
 
 from __future__ import annotations
@@ -13,7 +14,14 @@ from wdpm.cluster.messages.protocol import BuildMaps
 from wdpm.cluster.slave import jobs
 from wdpm.scenes.errors import ProtocolError
 
-PHOTONS, GHOST, IRRADIANCE = "copies of photons", "ghosts and points", "copies of irradiance"
+PHOTONS, GHOST, ORDER, IRRADIANCE = (
+    "copies of photons",
+    "ghosts and points",
+    "parts of trees",
+    "copies of irradiance",
+)
+
+_COPIED = {Kind.COPIED_PHOTONS: PHOTONS, Kind.COPIED_ORDER: ORDER, Kind.COPIED_IRRADIANCE: IRRADIANCE}
 
 
 class MapMaterial:
@@ -48,10 +56,7 @@ class MapMaterial:
 
     def handled(self, batch: Batch) -> list[jobs.Job]:
         """A batch was taken in: what is to be done next."""
-        if batch.kind in GHOSTS:
-            self._came[GHOST] += 1
-        else:
-            self._came[PHOTONS if batch.kind is Kind.COPIED_PHOTONS else IRRADIANCE] += 1
+        self._came[GHOST if batch.kind in GHOSTS else _COPIED[batch.kind]] += 1
         return self._next()
 
     def exchanged(self, ghosts_due: int) -> list[jobs.Job]:
@@ -59,20 +64,24 @@ class MapMaterial:
         self._due[GHOST] = ghosts_due
         return self._next()
 
-    def built(self) -> list[jobs.Job]:
-        """The slave's own maps are built: what is to be done next."""
-        if self._order is not None:
+    def sent(self, job: jobs.SendCopies | jobs.SortTrees | jobs.BuildMaps, batches: int) -> list[jobs.Job]:
+        """A job's batches are on their way to other teams, which send as many: what is to be done next."""
+        if self._order is not None and isinstance(job, jobs.SortTrees):
+            self._due[ORDER] = self._order.awaited if batches else 0
+        if self._order is not None and isinstance(job, jobs.BuildMaps):
             self._due[IRRADIANCE] = self._order.awaited
         return self._next()
 
     def _next(self) -> list[jobs.Job]:
         if self._order is None:
             return []
-        order = self._order
+        share = self._order.copies, self._order.part, self._order.parts
         if self._complete(PHOTONS):
             return [jobs.ExchangeGhosts()]
         if self._complete(GHOST):
-            return [jobs.BuildMaps(order.copies, order.part, order.parts)]
+            return [jobs.SortTrees(*share) if self._order.copies else jobs.BuildMaps(*share)]
+        if self._complete(ORDER):
+            return [jobs.BuildMaps(*share)]
         if self._complete(IRRADIANCE):
             self._order = None
             return [jobs.FinishMaps()]

@@ -82,6 +82,8 @@ class Cell:
             self.store.add_ghosts(batch)
         elif batch.kind is Kind.COPIED_PHOTONS:
             self.store.add_copies(batch.arrays)
+        elif batch.kind is Kind.COPIED_ORDER:
+            self.store.add_order(batch.arrays)
         elif batch.kind is Kind.COPIED_IRRADIANCE:
             self.store.add_irradiance(batch.arrays)
         elif batch.kind in self._actions:

@@ -13,10 +13,10 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, concatenate, take, zeros
+from wdpm.cluster.work import tree_orders
 from wdpm.cluster.work.guards import PHOTON, Guards
 from wdpm.cluster.work.overlap_band import rows_near
 from wdpm.cluster.work.replica import Replica
-from wdpm.cluster.world import MapPlan
 from wdpm.kernels import columns
 from wdpm.kernels.irradiance import at_photons
 from wdpm.kernels.limits import MAPS
@@ -107,6 +107,7 @@ class PhotonStore:
         self.points: list[Any] = [None] * MAPS
         self.irradiance: Any = None
         self._carriers: Arrays = {}
+        self._order_parts: list[Arrays] = []
         self._irradiance_parts: list[Arrays] = []  # of this store first, once it has one
         self.irradiance_count = 0
         self.irradiance_s = 0.0
@@ -226,21 +227,58 @@ class PhotonStore:
         row = instances.shapes.first[instances.shape[which]] + prims - instances.base[which]
         return np.stack([row + len(self._surfaces.ids), which], axis=1).astype(np.int32)
 
+    def sort(self, part: int, parts: int) -> Arrays | None:
+        """Sort a part of the trees for all who hold this cell, and own it whole; None if that is not worth it.
+
+        Photons and points are all here then, but those of no other cell.
+        """
+        photons = concatenate(self._own, Kind.GHOST_PHOTONS)
+        trees = self._photons_of_trees(photons), self._points_of_trees(self._own_points)
+        counts = [len(tree["map"]) for kind in trees for tree in kind.values()]
+        if not tree_orders.worth_sharing(counts, parts):
+            return None
+        by_number = np.argsort(photons["id"])  # the order in which all have them
+        photons = {name: column[by_number] for name, column in photons.items()}
+        self._own, self._deposits = [photons], None
+        trees = self._photons_of_trees(photons), trees[1]
+        positions = [tree["position"] for kind in trees for tree in kind.values()]
+        found = tree_orders.sort_part(positions, part, parts, self._replica.launcher.build_launcher())
+        self.add_order(found)
+        return found
+
+    def add_order(self, part: Arrays) -> None:
+        """Take in what somebody has sorted."""
+        self._order_parts.append(part)
+
     def build(self, part: int = 0, parts: int = 1) -> None:
         """Build the trees of photons and of surface points, own and ghosts, and let go of what they are built from.
 
         Irradiance is worked out at one of so many parts of the photons that carry it; the others come from others.
         """
         photons = concatenate([*self._own, *self._ghosts], Kind.GHOST_PHOTONS)
-        self._own, self._ghosts, self._deposits = [], [], None
-        for number, plan in enumerate(self._replica.world.maps):
-            self.maps[number] = self._built(photons, number, plan)
         points = concatenate([self._own_points, *self._ghost_points], Kind.GHOST_POINTS)
-        self._own_points, self._ghost_points = {}, []
-        for number in SURFACE_MAPS:
-            self.points[number] = self._tree_of_points(take(points, np.flatnonzero(points["map"] == number)))
+        self._own, self._ghosts, self._deposits, self._own_points, self._ghost_points = [], [], None, {}, []
+        of_photons, of_points = self._photons_of_trees(photons), self._points_of_trees(points)
+        counts = [len(tree["map"]) for kind in (of_photons, of_points) for tree in kind.values()]
+        orders: Iterator[NDArray[np.int32] | None] = iter([None] * len(counts))
+        if self._order_parts:
+            orders = iter(tree_orders.joined(self._order_parts, counts))
+        self._order_parts = []
+        for number, tree in of_photons.items():
+            self.maps[number] = self._built(tree, next(orders))
+        for number, tree in of_points.items():
+            self.points[number] = self._tree_of_points(tree, next(orders))
         if self._replica.world.irradiance.share and self.maps[GLOBAL_MAP] is not None:
             self._compute_irradiance(take(photons, np.flatnonzero(photons["map"] == int(GLOBAL_MAP))), part, parts)
+
+    def _photons_of_trees(self, photons: Arrays) -> dict[int, Arrays]:
+        """The photons of each map that is read, by its number."""
+        plans = enumerate(self._replica.world.maps)
+        return {number: _of_map(photons, number) for number, plan in plans if plan.paths and plan.read}
+
+    def _points_of_trees(self, points: Arrays) -> dict[int, Arrays]:
+        """The surface points of each map that needs some, by its number."""
+        return {number: _of_map(points, number) for number in SURFACE_MAPS}
 
     def irradiance_part(self) -> Arrays:
         """What was worked out here, as COPIED_IRRADIANCE."""
@@ -346,18 +384,15 @@ class PhotonStore:
         self._irradiance_parts.insert(0, own)
         self.irradiance_s = time.perf_counter() - began
 
-    def _tree_of_points(self, points: Arrays) -> Any:
-        none, order = np.zeros_like(points["position"]), np.arange(len(points["map"]), dtype=np.int64)
+    def _tree_of_points(self, points: Arrays, order: NDArray[np.int32] | None) -> Any:
+        none, number = np.zeros_like(points["position"]), np.arange(len(points["map"]), dtype=np.int64)
         launcher = self._replica.launcher
         return photon_map.build(
-            points["position"], none, points["normal"], none, order, launcher.device, launcher.build_launcher()
+            points["position"], none, points["normal"], none, number, launcher.device, launcher.build_launcher(), order
         )
 
-    def _built(self, photons: Arrays, number: int, plan: MapPlan) -> BuiltMap | None:
-        if plan.paths == 0 or not plan.read:
-            return None
+    def _built(self, chosen: Arrays, order: NDArray[np.int32] | None) -> BuiltMap:
         launcher = self._replica.launcher
-        chosen = take(photons, np.flatnonzero(photons["map"] == number))
         tree = photon_map.build(
             chosen["position"],
             chosen["flux"],
@@ -366,6 +401,7 @@ class PhotonStore:
             chosen["id"],
             launcher.device,
             launcher.build_launcher(),
+            order,
         )
         edges = np.ascontiguousarray(chosen["edges"][np.argsort(chosen["id"])])
         return BuiltMap(tree, wp.array(edges, dtype=wp.int32, device=launcher.device))
@@ -376,13 +412,17 @@ class PhotonStore:
         self._own_points, self._ghost_points, self.points = {}, [], [None] * MAPS
         self.maps = [None] * MAPS
         self.irradiance, self.irradiance_count, self.irradiance_s = None, 0, 0.0
-        self._carriers, self._irradiance_parts = {}, []
+        self._carriers, self._irradiance_parts, self._order_parts = {}, [], []
         self.count[:] = 0
         self.copy_count[:] = 0
         self.ghost_count[:] = 0
         self.counters.by_light[:] = 0
         self.counters.flux_by_light[:] = 0.0
         self.guards.counts.clear()
+
+
+def _of_map(places: Arrays, number: int) -> Arrays:
+    return take(places, np.flatnonzero(places["map"] == number))
 
 
 def _along(position: NDArray[np.float32], step: float) -> tuple[NDArray[np.float32], ...]:

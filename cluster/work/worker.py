@@ -151,6 +151,29 @@ class CellWorker:
         """Batches of ghosts and of surface points that other workers send to this one."""
         return 2 * len(self.cells) * (len(self.holders) - len(self.cells))
 
+    def sort_trees(self, part: int, parts: int, cells: Sequence[int]) -> list[Batch]:
+        """Sort a part of the trees that maps are built as, if several who hold the same are to share that.
+
+        Args:
+            part, parts: which, from 0, and of how many.
+            cells: of which others want that part.
+
+        Returns:
+            one batch for each of `cells`; none if each is to build its trees alone.
+        """
+        if len(self.holders) > 1:
+            return []  # ghosts come in any order, and each holder of a cell numbers them in its own
+        began = time.perf_counter()
+        orders = {cell: held.store.sort(part, parts) for cell, held in self.cells.items()}
+        batches = [
+            Batch(Kind.COPIED_ORDER, -1, self.number, cell, 0, order)
+            for cell in cells
+            if (order := orders[cell]) is not None
+        ]
+        self._traffic["bytes_out"] += sum(batch.nbytes for batch in batches)
+        self._busy += time.perf_counter() - began
+        return batches
+
     def build_maps(self, part: int = 0, parts: int = 1, cells: Sequence[int] = ()) -> list[Batch]:
         """Build the photon maps of all cells, and a part of the irradiance at photons.
 

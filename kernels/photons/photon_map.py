@@ -139,18 +139,22 @@ def _select(records: wp.array[_Record], axis: wp.int32, begin: wp.int32, end: wp
 
 
 @wp.kernel
-def _fill_records(position: wp.array[wp.vec3], offset: wp.int32, records_out: wp.array[_Record]) -> None:
+def _fill_records(
+    position: wp.array[wp.vec3], order: wp.array[wp.int32], offset: wp.int32, records_out: wp.array[_Record]
+) -> None:
     i = offset + wp.tid()
     record = _Record()
-    record.position = position[i]
-    record.index = i
+    record.position = position[order[i]]
+    record.index = order[i]
     records_out[i] = record
 
 
 @wp.kernel
-def _split_level(count: wp.int32, level: wp.int32, offset: wp.int32, records: wp.array[_Record]) -> None:
-    """Splits each of the 2^level segments at its median."""
-    segment = offset + wp.tid()
+def _split_level(
+    count: wp.int32, level: wp.int32, first: wp.int32, offset: wp.int32, records: wp.array[_Record]
+) -> None:
+    """Splits some of the 2^level segments at their medians, from the first on."""
+    segment = first + offset + wp.tid()
     begin = _segment_begin(2 * segment, level + 1, count)
     middle = _segment_begin(2 * segment + 1, level + 1, count)
     end = _segment_begin(2 * segment + 2, level + 1, count)
@@ -267,6 +271,7 @@ def build(
     id: npt.ArrayLike,
     device: Any = "cpu",
     launch: Launch | None = None,
+    order: npt.NDArray[np.int32] | None = None,
 ) -> Any:
     """The map of N >= 0 photons. It is built on the CPU and copied to the device.
 
@@ -278,6 +283,8 @@ def build(
         id: integers, unique among all photons of the pass, in this map or not, shape [N].
         device: where the map will be used.
         launch: runs the kernels, on several threads perhaps (see `Launch`); None for one thread.
+        order: what `sort` gave for all places, one part after another, so that nothing is left to be sorted; any
+            permutation of 0 to N - 1 makes a tree, if a slow one. None if nobody has sorted.
 
     Returns:
         PhotonMap.
@@ -292,18 +299,18 @@ def build(
     run = _launch_whole if launch is None else launch
 
     count = len(ids)
-    leaf_bits = max(-(-count // LEAF_SIZE) - 1, 0).bit_length()  # least B with 8 * 2^B >= count
+    leaf_bits = _leaf_bits(count)
     level_count = max(-(-leaf_bits // 3), 1)
     fan_out = 1 << (leaf_bits - 3 * (level_count - 1))
     level_begin = [0, *(1 + fan_out * (8**level - 1) // 7 for level in range(level_count))]
     leaf_count = 1 << leaf_bits
     inner_count = level_begin[level_count]
 
-    records = wp.empty(count, dtype=_Record, device="cpu")
     place_of = {name: wp.array(value, dtype=wp.vec3, device="cpu", copy=False) for name, value in vectors.items()}
-    run(_fill_records, count, [place_of["position"]], [records])
-    for level in range(leaf_bits):
-        run(_split_level, 1 << level, [count, level], [records])
+    if order is None:
+        records = _sorted_records(place_of["position"], 0, count, run)
+    else:
+        records = _records(place_of["position"], order, run)
 
     nodes = wp.empty(6 * inner_count, dtype=vec8, device="cpu")
     leaves = wp.empty(9 * leaf_count, dtype=vec8, device="cpu")
@@ -329,6 +336,61 @@ def build(
     photons.flux = flux_out.to(device)
     photons.rank = rank_out.to(device)
     return photons
+
+
+def leaf_from(count: int, place: int) -> int:
+    """The first place of a leaf, at or after a place in a tree of `count` > 0 photons: where parts may be cut."""
+    bits = _leaf_bits(count)
+    return _leaf_at(count, place) * count >> bits
+
+
+def sort(
+    position: npt.NDArray[np.float32], begin: int, end: int, launch: Launch | None = None
+) -> npt.NDArray[np.int32]:
+    """Which photons stand at the places from `begin` to `end` of a tree's leaves, int32, shape [end - begin].
+
+    Only the nodes above those leaves are split: the root, half of the next level, and so on. So several can share the
+    work, and what they find fits together, since a split depends on nothing but the photons and their order.
+
+    Args:
+        position: of N > 0 photons, in the order that all who share the work have them in, float32, shape [N, 3].
+        begin, end: as `leaf_from` gives them, 0 <= begin <= end <= N.
+    """
+    places = wp.array(np.ascontiguousarray(position, np.float32), dtype=wp.vec3, device="cpu", copy=False)
+    records = _sorted_records(places, begin, end, _launch_whole if launch is None else launch)
+    found: npt.NDArray[np.int32] = records.numpy()["index"][begin:end].astype(np.int32)
+    return found
+
+
+def _leaf_bits(count: int) -> int:
+    """The least B with 8 * 2^B >= count."""
+    return max(-(-count // LEAF_SIZE) - 1, 0).bit_length()
+
+
+def _leaf_at(count: int, place: int) -> int:
+    """The first leaf that begins at or after a place."""
+    return -(-(place << _leaf_bits(count)) // count)
+
+
+def _records(position: Any, order: npt.NDArray[np.int32], run: Launch) -> Any:
+    records = wp.empty(len(order), dtype=_Record, device="cpu")
+    numbers = wp.array(np.ascontiguousarray(order, np.int32), dtype=wp.int32, device="cpu", copy=False)
+    run(_fill_records, len(order), [position, numbers], [records])
+    return records
+
+
+def _sorted_records(position: Any, begin: int, end: int, run: Launch) -> Any:
+    """All records, sorted at the places from `begin` to `end`, which are whole leaves."""
+    count = len(position)
+    records = _records(position, np.arange(count, dtype=np.int32), run)
+    if begin == end:
+        return records
+    bits = _leaf_bits(count)
+    first_leaf, end_leaf = _leaf_at(count, begin), _leaf_at(count, end)
+    for level in range(bits):
+        first, last = first_leaf >> (bits - level), -(-end_leaf >> (bits - level))
+        run(_split_level, last - first, [count, level, first], [records])
+    return records
 
 
 def _launch_whole(kernel: Any, count: int, inputs: list[Any], outputs: list[Any]) -> None:

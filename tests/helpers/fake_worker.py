@@ -87,7 +87,8 @@ class FakeWorker:
             assert not self.maps_built
             self.copied += len(batch)
             return
-        if batch.kind is Kind.COPIED_IRRADIANCE:
+        if batch.kind in (Kind.COPIED_ORDER, Kind.COPIED_IRRADIANCE):
+            assert not self.maps_built
             return
         if batch.kind is Kind.LANDED:
             assert not self.maps_built
@@ -133,6 +134,11 @@ class FakeWorker:
 
     def ghosts_expected(self) -> int:
         return len(self.cells) * (len(self.holders) - len(self.cells))
+
+    def sort_trees(self, part: int, parts: int, cells: Sequence[int]) -> list[Batch]:
+        assert 0 <= part < parts
+        kind = Kind.COPIED_ORDER
+        return [Batch(kind, -1, self.number, cell, 0, arrays(kind, 1)) for cell in cells]
 
     def build_maps(self, part: int, parts: int, cells: Sequence[int]) -> list[Batch]:
         assert self.ghosts == 2 * self.ghosts_expected()

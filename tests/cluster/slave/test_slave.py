@@ -219,7 +219,17 @@ def test_copies_go_to_other_teams() -> None:
         assert jobs(driver.peer(p.PeerBatch(EPOCH, theirs))) == [c.HandleBatch(theirs)]
         out = driver.computed(c.HandleBatch(theirs))
     assert jobs(out) == [c.ExchangeGhosts()]
-    [build] = jobs(driver.computed(c.ExchangeGhosts(), ghosts_expected=0))
+    [sort] = jobs(driver.computed(c.ExchangeGhosts(), ghosts_expected=0))
+    assert sort == c.SortTrees(copies, 0, 3)
+    sorted_here = [batch(Kind.COPIED_ORDER, cell=cell) for cell in (1, 3)]
+    out = driver.computed(sort, *sorted_here)
+    assert [i.message.batch for i in out if isinstance(i, s.ToPeer)] == sorted_here
+    for _ in range(2):
+        assert jobs(out) == []
+        theirs = batch(Kind.COPIED_ORDER, cell=1, home=12)
+        driver.peer(p.PeerBatch(EPOCH, theirs))
+        out = driver.computed(c.HandleBatch(theirs))
+    [build] = jobs(out)
     assert build == c.BuildMaps(copies, 0, 3)
     worked_out = [batch(Kind.COPIED_IRRADIANCE, cell=cell) for cell in (1, 3)]
     out = driver.computed(build, *worked_out)
@@ -231,6 +241,17 @@ def test_copies_go_to_other_teams() -> None:
         out = driver.computed(c.HandleBatch(theirs))
     assert jobs(out) == [c.FinishMaps()]
     assert to_master(driver.computed(c.FinishMaps())) == [p.MapsBuilt(EPOCH)]
+
+
+def test_trees_that_are_not_worth_sharing_are_built_at_once() -> None:
+    driver = Driver().ready()
+    copies = (p.Copy(1, 7, 9, "tcp://g:1"),)
+    [send] = jobs(driver.told(p.BuildMaps(EPOCH, copies, 0, 0, 2)))
+    assert jobs(driver.computed(send, batch(Kind.COPIED_PHOTONS, cell=1))) == [c.ExchangeGhosts()]
+    assert jobs(driver.computed(c.ExchangeGhosts(), ghosts_expected=0)) == [c.SortTrees(copies, 0, 2)]
+    out = driver.computed(c.SortTrees(copies, 0, 2))
+    assert not [i for i in out if isinstance(i, s.ToPeer)]
+    assert jobs(out) == [c.BuildMaps(copies, 0, 2)]
 
 
 def test_copies_of_a_cell_that_is_not_held_are_refused() -> None:

@@ -1,0 +1,70 @@
+"""How those who hold the same cell share the sorting of its trees, which is most of what building them takes.
+
+A tree of photons or of surface points is laid out by an order of its items (`photon_map.sort`). All holders of the cell
+have the same items and number them alike; each sorts some of the places of all trees and is sent the rest. What gathers
+return depends on no tree's shape (docs/exactness.md, item 5), so a wrong order would cost time and change no bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.cluster.batch import Arrays, Kind, concatenate, zeros
+from wdpm.kernels.photons import photon_map
+from wdpm.kernels.photons.photon_map import Launch
+from wdpm.scenes.errors import ProtocolError
+
+PLACES_A_PART = 1 << 14
+"""Places that are worth a part: sorting them takes some 5 ms, as long as a batch to a few others and their batches."""
+
+
+def worth_sharing(counts: Sequence[int], parts: int) -> bool:
+    """Whether sorting trees of so many items each is worth so many parts."""
+    return parts > 1 and sum(counts) >= PLACES_A_PART * parts
+
+
+def sort_part(
+    positions: Sequence[NDArray[np.float32]], part: int, parts: int, launch: Launch | None = None
+) -> dict[str, NDArray[np.int32]]:
+    """What stands at the places of one part, as COPIED_ORDER.
+
+    Args:
+        positions: of the items of each tree, shape [N, 3].
+        part, parts: which, from 0, and of how many.
+    """
+    first = np.concatenate([[0], np.cumsum([len(each) for each in positions])])
+    whole = int(first[-1])
+    begin, end = whole * part // parts, whole * (part + 1) // parts
+    found = [zeros(Kind.COPIED_ORDER)]
+    for position, start in zip(positions, first, strict=False):
+        low, high = (_cut(len(position), place - int(start)) for place in (begin, end))
+        if low < high:
+            items = photon_map.sort(position, low, high, launch)
+            found.append({"place": np.arange(start + low, start + high, dtype=np.int32), "item": items})
+    return concatenate(found, Kind.COPIED_ORDER)
+
+
+def _cut(count: int, place: int) -> int:
+    """Where a tree is cut that a part ends in, before or after."""
+    return photon_map.leaf_from(count, place) if 0 < place < count else min(max(place, 0), count)
+
+
+def joined(parts: Sequence[Arrays], counts: Sequence[int]) -> list[NDArray[np.int32]]:
+    """The order of each tree, of all parts; ProtocolError if they are not one place for every item of every tree."""
+    whole = concatenate(parts, Kind.COPIED_ORDER)
+    items = np.full(sum(counts), -1, np.int32)
+    place = whole["place"]
+    if len(place) != len(items) or place.max(initial=-1) >= len(items):
+        raise ProtocolError(f"the order of {len(place)} places of trees came; expected one of {len(items)}")
+    items[place] = whole["item"]
+    orders = np.split(items, np.cumsum(counts)[:-1])
+    for number, (order, count) in enumerate(zip(orders, counts, strict=True)):
+        there = np.zeros(count, bool)
+        there[order[(order >= 0) & (order < count)]] = True
+        if not there.all():
+            missing = count - np.count_nonzero(there)
+            raise ProtocolError(f"the order of tree {number} that came leaves out {missing} of {count} items")
+    return orders
