@@ -34,6 +34,7 @@ class MasterShell:
         listener: where slaves reach the master.
         answer: takes the instructions that are no messages to slaves, in order.
         observers: are told what happens.
+        clock: what the state machine takes for the time [s].
     """
 
     def __init__(
@@ -42,11 +43,13 @@ class MasterShell:
         listener: Listener,
         answer: Callable[[m.Instruction], None],
         observers: Sequence[ClusterObserver] = (),
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.state = state
         self._listener = listener
         self._answer = answer
         self._chronicle = Chronicle(observers)
+        self._clock = clock
 
     def receive(self) -> None:
         """Take in messages that have come."""
@@ -63,7 +66,7 @@ class MasterShell:
     def handle(self, event: m.Event) -> None:
         """Tell the state machine, and do what it says."""
         lost: list[bytes] = []
-        now = time.monotonic()
+        now = self._clock()
         instructions = self.state.handle(event, now)
         self._chronicle.tell(event, instructions, now)
         for instruction in instructions:
@@ -79,7 +82,7 @@ class MasterShell:
 
     def abort(self, reason: str) -> None:
         """Tell the slaves to stop, and nobody else: something failed here."""
-        for instruction in self.state.handle(m.Abort(reason), time.monotonic()):
+        for instruction in self.state.handle(m.Abort(reason), self._clock()):
             if isinstance(instruction, m.Send):
                 self._listener.send(instruction.identity, instruction.message)
 

@@ -25,6 +25,17 @@ def at_once(session: Session, members: Members, teams: int) -> int:
     return sum(member.hello.processes for member in members)
 
 
+def most_in_flight(limit: int, open_tasks: int, tasks: int) -> int:
+    """Tasks that each of `tasks` places may be handed: no more than its share of those that are not done.
+
+    The first slave that is ready would take several of few, one after another, while others have none.
+
+    Args:
+        limit: however many there are.
+    """
+    return limit if tasks <= 1 else min(limit, max(1, open_tasks // tasks))
+
+
 def photon_task_size(session: Session, tasks: int, limits: ClusterLimits) -> int:
     """Photon paths a task, where so many tasks are done at once."""
     size = limits.photon_task_paths

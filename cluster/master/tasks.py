@@ -77,6 +77,11 @@ class Tasks:
         return bool(self._waiting)
 
     @property
+    def open(self) -> int:
+        """Tasks of the phase that are not done."""
+        return len(self._waiting) + len(self._flying)
+
+    @property
     def total(self) -> int:
         """Tasks of the phase."""
         return self._total
