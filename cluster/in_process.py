@@ -102,7 +102,7 @@ class MemoryCluster:
         observers: Sequence[ClusterObserver] = (),
     ) -> None:
         self._post = Post(shuffle)
-        self._transport = MemoryTransport(self._post.put)
+        self._transport = MemoryTransport(lambda channel, _, delivery: self._post.put(channel, delivery))
         self._session: Session | None = None
         self._progress: ProgressObserver | None = None
         self._display: Display | None = None

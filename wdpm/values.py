@@ -130,6 +130,35 @@ def slaves(text: str) -> tuple[int, int]:
     return numbers
 
 
+def cluster_sizes(text: str) -> tuple[int, ...]:
+    """`2..256` to the powers of two between, ends included; or `2,4,12` as they are. Each once."""
+    match = re.fullmatch(r"(\d{1,6})\.\.(\d{1,6})", text)
+    if match is None:
+        return tuple(dict.fromkeys(positive_count(part) for part in text.split(",")))
+    first, last = positive_count(match[1]), positive_count(match[2])
+    if last < first:
+        raise ArgumentTypeError(f"'{text}' has no size in it: expected FIRST..LAST, like 2..256")
+    between = [1 << power for power in range(last.bit_length()) if first < 1 << power < last]
+    return tuple(dict.fromkeys((first, *between, last)))
+
+
+def bandwidth(text: str) -> float:
+    """`10Gb`, `100Mb` (bits a second) or `1GB` (bytes) to bytes a second."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)([kMG])(b|B)(?:/s)?", text)
+    size = 0.0 if match is None else float(match[1]) * _COUNT_UNITS[match[2].lower()] / (8 if match[3] == "b" else 1)
+    if not size:
+        raise ArgumentTypeError(f"'{text}' is no bandwidth: expected bits or bytes a second above 0, like 10Gb or 1GB")
+    return size
+
+
+def latency(text: str) -> float:
+    """`50us`, `1.5ms` or `2s` to seconds."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)(us|ms|s)", text)
+    if match is None:
+        raise ArgumentTypeError(f"'{text}' is no latency: expected a time with its unit, like 50us or 1.5ms")
+    return float(match[1]) * {"us": 1e-6, "ms": 1e-3, "s": 1.0}[match[2]]
+
+
 def copies(text: str) -> Copies:
     """Whether slaves hold copies of what others hold."""
     try:

@@ -26,6 +26,9 @@ PEER_ANSWER = packing.by_name(protocol.PeerAnswer)
 Tell = Callable[[str], None]
 """Shows a line to a person."""
 
+Clock = Callable[[], float]
+"""Seconds, growing."""
+
 
 class SlaveShell:
     """Carries events to the state machine and instructions from it.
@@ -35,6 +38,7 @@ class SlaveShell:
         master: resolved address of the master.
         submit: has the worker do a job.
         tell: shows a line to a person.
+        clock: what the state machine takes for the time [s].
 
     Attributes:
         error: why the slave has ended, if that is a failure ...
@@ -49,6 +53,7 @@ class SlaveShell:
         master: str,
         submit: Callable[[Job], None],
         tell: Tell,
+        clock: Clock = time.monotonic,
     ) -> None:
         self.state = state
         self.error: str | None = None
@@ -58,6 +63,7 @@ class SlaveShell:
         self._master_address = master
         self._submit = submit
         self._tell = tell
+        self._clock = clock
         self._identity = uuid.uuid4().bytes
         self._peers: dict[int, Connection] = {}
         self._endpoints: dict[int, str] = {}
@@ -83,7 +89,7 @@ class SlaveShell:
 
     def handle(self, event: s.Event) -> None:
         """Tell the state machine, and do what it says."""
-        for instruction in self.state.handle(event, time.monotonic()):
+        for instruction in self.state.handle(event, self._clock()):
             self._obey(instruction)
 
     def tell_master(self, message: protocol.FromSlave) -> None:

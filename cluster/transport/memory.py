@@ -32,11 +32,11 @@ class Channel:
     receiver: Hashable
 
 
-Carrier = Callable[[Channel, Callable[[], None]], None]
-"""Makes a delivery, behind all others of its channel."""
+Carrier = Callable[[Channel, Message, Callable[[], None]], None]
+"""Makes the delivery of a message, behind all others of its channel."""
 
 
-def at_once(channel: Channel, delivery: Callable[[], None]) -> None:  # noqa: ARG001 - a Carrier
+def at_once(channel: Channel, message: Message, delivery: Callable[[], None]) -> None:  # noqa: ARG001 - a Carrier
     """Carries messages without any delay."""
     delivery()
 
@@ -113,7 +113,7 @@ class MemoryListener:
         if connection is None:
             return False
         channel = Channel(self.network, connection.network)
-        self._memory.carry(channel, lambda: connection.inbox.put(identity, message))
+        self._memory.carry(channel, message, lambda: connection.inbox.put(identity, message))
         return True
 
     def admit(self, identity: bytes) -> None:
@@ -152,7 +152,8 @@ class MemoryConnection:
         listener = self._listener
         if listener is None or listener.closed:
             return False
-        self._memory.carry(Channel(self.network, listener.network), lambda: listener.inbox.put(self._identity, message))
+        channel = Channel(self.network, listener.network)
+        self._memory.carry(channel, message, lambda: listener.inbox.put(self._identity, message))
         return True
 
     def receive(self) -> Received | None:

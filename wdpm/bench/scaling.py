@@ -157,14 +157,8 @@ def measure(
 def _run(
     scene: Scene, settings: RenderSettings, backend: Backend, copies: Copies | None, alone: Image | None
 ) -> tuple[Run, Image]:
-    width, height = WARM_SIZE
-    small = replace(scene, camera=replace(scene.camera, width=width, height=height, crop=None, full_size=None))
     with backend:
-        # What so small a render leaves open it would choose differently, and so load other kernels. Another limit of
-        # depth makes another scene of it for the cluster, so that nothing is left for the measured render.
-        chosen = backend.prepare(scene, settings, SilentProgress()).settings
-        warm = replace(chosen, photons=WARM_PHOTONS, spp=1, passes=1, max_depth=(settings.max_depth or 63) + 1)
-        render_in_passes(small, backend, warm)
+        warm_render(scene, settings, backend)
         began, master, others = time.perf_counter(), _cpu_of(os.getpid()), sum(map(_cpu_of, backend.processes))
         image = render_in_passes(scene, backend, settings)
         wall, master = time.perf_counter() - began, _cpu_of(os.getpid()) - master
@@ -180,12 +174,24 @@ def _run(
         sent=sum(slave["bytes_out"] for slave in report["slaves"]),
         triangles=max(slave["triangles"] for slave in report["slaves"]) / max(report["triangles"], 1),
         photons=max(held) / max(sum(report[kind]["stored"] for kind in ("photons", "caustics", "volume")), 1),
-        bits_equal=alone is None or compare(_pixels(image), _pixels(alone)).bits_equal,
+        bits_equal=alone is None or compare(pixels(image), pixels(alone)).bits_equal,
     )
     return run, image
 
 
-def _pixels(image: Image) -> Image:
+def warm_render(scene: Scene, settings: RenderSettings, backend: Backend) -> None:
+    """Have kernels loaded: a small render."""
+    width, height = WARM_SIZE
+    small = replace(scene, camera=replace(scene.camera, width=width, height=height, crop=None, full_size=None))
+    # What so small a render leaves open it would choose differently, and so load other kernels. Another limit of
+    # depth makes another scene of it for the cluster, so that nothing is left for the measured render.
+    chosen = backend.prepare(scene, settings, SilentProgress()).settings
+    warm = replace(chosen, photons=WARM_PHOTONS, spp=1, passes=1, max_depth=(settings.max_depth or 63) + 1)
+    render_in_passes(small, backend, warm)
+
+
+def pixels(image: Image) -> Image:
+    """The layers that are the same on any cluster."""
     return Image({name: layer for name, layer in image.layers.items() if name != "cell"})
 
 

@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
 from wdpm import values
 from wdpm.bench.commands.arguments import add_rows, find_all, rows_of, slave_counts
 from wdpm.bench.commands.benchmark import Benchmark, Measured
+from wdpm.cluster.limits import MOST_SLAVES
 from wdpm.cluster.plan.copies import Copies
 from wdpm.progress import Progress
 from wdpm.rendering.backend import ClusterBackends
+from wdpm.scenes.errors import SettingsError
+
+if TYPE_CHECKING:
+    from wdpm.bench.rows import Rows
 
 _DESCRIPTION = """\
 Render scenes in one process and with clusters of slaves on this machine, with
 copies of the scene and without: CPU seconds of all processes against those of
-one, what is sent, and what a slave holds at most."""
+one, what is sent, and what a slave holds at most.
+
+With --simulate no cluster is started: its own master and slaves run in simulated
+time, on machines and links as described, one thread a slave. Their jobs are
+computed here, one after another, so that a large cluster takes this machine what
+all its slaves compute together; speed-up, and what the rest of the time goes to."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,6 +37,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=(1, 2, 4, 8),
         metavar="N,N,...",
         help="numbers of slaves; one process is always measured (default: 1,2,4,8)",
+    )
+    parser.add_argument(
+        "--simulate",
+        type=values.cluster_sizes,
+        metavar="N..M",
+        help="numbers of slaves, each twice the one before, or N,N,...: simulate them",
+    )
+    parser.add_argument(
+        "--link", type=values.bandwidth, default=1.25e9, metavar="RATE", help="between machines (default: 10Gb)"
+    )
+    parser.add_argument(
+        "--latency", type=values.latency, default=50e-6, metavar="TIME", help="of that link (default: 50us)"
+    )
+    parser.add_argument(
+        "--machines",
+        type=values.positive_count,
+        metavar="N",
+        help="simulated machines, over which slaves are spread (default: one for each)",
+    )
+    parser.add_argument(
+        "--cores", type=values.positive_count, default=1, metavar="N", help="cores of a simulated machine (default: 1)"
     )
     parser.add_argument(
         "--copies",
@@ -50,11 +82,29 @@ def run(args: argparse.Namespace, backends: ClusterBackends, progress: Progress)
     chosen = {name: getattr(args, name) for name in ("spp", "photons") if getattr(args, name) is not None}
     copies = tuple(dict.fromkeys(args.copies or (Copies.AUTO, Copies.NONE)))
     rows = rows_of(args)
+    if args.simulate is not None:
+        return _simulate(args, copies, rows, progress, chosen)
     scenes = [
         measure(name, args.slaves, copies, backends, progress, size=args.size, rows=rows, **chosen)
         for name in args.scenes
     ]
     return Measured([each.grid() for each in scenes], {"scaling": [each.to_dict() for each in scenes]})
+
+
+def _simulate(
+    args: argparse.Namespace, copies: tuple[Copies, ...], rows: Rows, progress: Progress, chosen: dict[str, int]
+) -> Measured:
+    from wdpm.bench.simulation.machines import Link
+    from wdpm.bench.simulation.measure import Description, simulate
+
+    if max(args.simulate) > MOST_SLAVES:
+        raise SettingsError(f"--simulate {max(args.simulate)}: a cluster has at most {MOST_SLAVES} slaves")
+    description = Description(Link(args.link, args.latency), args.machines, args.cores)
+    scenes = [
+        simulate(name, args.simulate, copies, description, progress, size=args.size, rows=rows, **chosen)
+        for name in args.scenes
+    ]
+    return Measured([each.grid() for each in scenes], {"simulated": [each.to_dict() for each in scenes]})
 
 
 BENCHMARK = Benchmark("scaling", "what more slaves cost", _DESCRIPTION, add_arguments, run)
