@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 
 import warp as wp
 
+from wdpm.kernels.cached import is_compiled
 from wdpm.kernels.camera import add_samples, filter_weights, guide_pilot, rays, shadow_rays
 from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance import at_photons, cache, gather_places, record_clamp, record_rays, records
 from wdpm.kernels.photons import departure, gather, gather_at_photons, photon_map, surface_points
 from wdpm.kernels.rays import bvh, bvh_build, overlap, standing_areas
+from wdpm.kernels.stand_ins import Chosen, compiled_kernels, own_kernels, stand_ins
 from wdpm.kernels.variants import make_variants
 
 COMMON = (
@@ -44,17 +48,76 @@ WITH_INSTANCES = (standing_areas,)
 MODULES = (*COMMON, *WITH_CHOICE, *WITH_INSTANCES)
 
 
+Told = Callable[[int], Callable[[], None]]
+"""Is told before a wait how many modules are to be compiled; gives what is called when one of them is."""
+
+SECONDS_A_MODULE = 1.0
+"""Of one core, to compile a module: 18 s for the 19 that all scenes share, 11 s for the 11 of a diffuse room; with all
+effects 36 s for 15, whose largest two take 15 s."""
+
+ALL_AT_ONCE = Features(traced=True)
+"""Of a diffuse room, which has its own kernels from the start as well: the first picture of many people."""
+
+
 def compile_kernels(device: str, features: Features | None = None) -> None:
     """Compile kernels for a device, or load them from Warp's cache. Seconds the first time ever.
 
     Args:
         features: the effects of the scene that is to be rendered; None where none is.
     """
-    called = features or Features()
-    some = ((called.environment, WITH_CHOICE), (called.instances, WITH_INSTANCES))
-    names = {module.__name__ for on, group in ((True, COMMON), *some) if on for module in group}
-    modules = [wp.get_module(name) for name in sorted(names)]
+    modules = _shared_modules(features or Features())
     if features is not None:
         modules += make_variants(features).modules()
-    for place in {device, "cpu"}:  # trees are built on the CPU wherever they are used
-        wp.force_load(place, modules, max_workers=os.cpu_count())
+    _load(device, modules, None)
+
+
+def ready_kernels(device: str, features: Features, *, wait: bool = True, told: Told | None = None) -> Chosen:
+    """The kernels of a scene, ready to be launched.
+
+    Args:
+        wait: whether the scene's own are waited for, where a kernel with all effects could stand in (on the CPU).
+        told: hears of what has to be compiled first.
+    """
+    chosen = own_kernels(features) if wait or device != "cpu" else compiled_kernels(features)
+    _load(device, [*_shared_modules(features), *chosen.variants.modules()], told)
+    return chosen
+
+
+def kernels_for_all_scenes() -> list[wp.Module]:
+    """With these compiled no scene has to wait for any, on the CPU."""
+    shared = [wp.get_module(module.__name__) for module in MODULES]
+    of_features = [*make_variants(ALL_AT_ONCE).modules(), *stand_ins().modules()]
+    return list({id(module): module for module in [*shared, *of_features]}.values())
+
+
+def compile_for_cpu(modules: Sequence[wp.Module], told: Told | None = None, threads: int | None = None) -> int:
+    """Compile and load modules for the CPU; returns how many were not compiled.
+
+    Args:
+        threads: compilers at a time; None for one a core.
+    """
+    missing = [module for module in modules if not is_compiled(module)]
+    done = told(len(missing)) if told is not None and missing else None
+    with ThreadPoolExecutor(threads or os.cpu_count() or 1) as compilers:
+        for made in as_completed([compilers.submit(_load_one, module) for module in missing]):
+            made.result()
+            if done is not None:
+                done()
+    return len(missing)
+
+
+def _load_one(module: wp.Module) -> None:
+    wp.force_load("cpu", [module])
+
+
+def _shared_modules(features: Features) -> list[wp.Module]:
+    """Of the kernels that do not depend on features, those that a scene with these needs."""
+    some = ((True, COMMON), (features.environment, WITH_CHOICE), (features.instances, WITH_INSTANCES))
+    return [wp.get_module(name) for name in sorted({each.__name__ for on, group in some if on for each in group})]
+
+
+def _load(device: str, modules: Sequence[wp.Module], told: Told | None) -> None:
+    """Trees are built on the CPU wherever they are used, so all modules are loaded there, too."""
+    compile_for_cpu(modules, told)
+    for place in {device, "cpu"}:
+        wp.force_load(place, list(modules), max_workers=os.cpu_count())

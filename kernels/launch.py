@@ -35,10 +35,13 @@ class Launcher:
     Args:
         device: a Warp device name, "cpu" or "cuda:0".
         threads: cores to use on the CPU; None for all. On CUDA a launch is never cut.
+        wait_for_kernels: whether a scene's own kernels are compiled before it is rendered; else kernels with all
+            effects stand in for those that are not compiled (kernels/stand_ins.py).
     """
 
-    def __init__(self, device: str = "cpu", threads: int | None = None) -> None:
+    def __init__(self, device: str = "cpu", threads: int | None = None, *, wait_for_kernels: bool = True) -> None:
         self.device = device
+        self.wait_for_kernels = wait_for_kernels
         self.threads = max(1, threads or os.cpu_count() or 1) if device == "cpu" else 1
         self._idle: ThreadPoolExecutor | None = None
 

@@ -43,10 +43,14 @@ class Variants:
     add_beams: wp.Kernel | None
     gather_glossy: wp.Kernel | None
 
+    def kernels(self) -> dict[str, wp.Kernel]:
+        """Those that there are, by name."""
+        every = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: kernel for name, kernel in every.items() if kernel is not None}
+
     def modules(self) -> list[wp.Module]:
         """The modules that hold them, each once."""
-        kernels = [getattr(self, field.name) for field in fields(self)]
-        return list({id(kernel.module): kernel.module for kernel in kernels if kernel is not None}.values())
+        return list({id(kernel.module): kernel.module for kernel in self.kernels().values()}.values())
 
 
 @cache

@@ -273,15 +273,15 @@ class CameraLight:
         if kernel is None:
             raise ProtocolError("a camera path goes on in a scene where none does")
         replica, view = self._replica, self._view
-        features, device = replica.world.features, replica.launcher.device
+        outputs, device = replica.outputs, replica.launcher.device
         ends = kernel is replica.kernels.shade_camera_hits
         counts = {
             "seen": count,
             "queries": count,
-            "coats": count if features.coated else 0,
+            "coats": count if outputs.coated else 0,
             "shots": count * shots,
             "paths": 0 if ends else count,
-            "stretches": count if features.media else 0,
+            "stretches": count if outputs.media else 0,
         }
         shaded = columns.empty_nested(sh.Shaded, counts, device)
         if ends:

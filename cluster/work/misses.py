@@ -61,7 +61,7 @@ def missed_light(
         return
     device, count = replica.launcher.device, len(rays["slot"])
     radiance = wp.empty(count, dtype=wp.vec3, device=device)
-    stretches = columns.empty(Stretches, count if features.media else 0, device)
+    stretches = columns.empty(Stretches, count if replica.outputs.media else 0, device)
     later = "bounce" in rays
     items = columns.upload(Paths if later else Rays, rays, device)
     paths = items if later else start_paths(replica, items, count)

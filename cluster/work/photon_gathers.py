@@ -90,7 +90,7 @@ class PhotonGathering:
         if len(wanted):  # glass and mirrors gather nothing
             device = replica.launcher.device
             few = columns.chosen(Queries, queries, wanted, device)
-            few_coats = columns.chosen(Coats, coats, wanted, device) if replica.world.features.coated else coats
+            few_coats = columns.chosen(Coats, coats, wanted, device) if replica.outputs.coated else coats
             radiance[wanted] = self._reflected(number, few, few_coats, take(rays, wanted))
         return radiance
 

@@ -16,7 +16,7 @@ from wdpm.kernels.camera import camera
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.camera.scene import Scene
 from wdpm.kernels.camera.vertices import Orders
-from wdpm.kernels.compile import compile_kernels
+from wdpm.kernels.compile import ready_kernels
 from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.features import ALL, Features
 from wdpm.kernels.irradiance import record_tree
@@ -26,7 +26,7 @@ from wdpm.kernels.materials import medium, resolve, texture
 from wdpm.kernels.photons.departure import EmitScene
 from wdpm.kernels.rays import cells
 from wdpm.kernels.rays.cell_triangles import Surfaces
-from wdpm.kernels.variants import Variants, make_variants
+from wdpm.kernels.variants import Variants
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.material_sides import lambertian_sides
 from wdpm.scenes.model.scene import Camera
@@ -63,6 +63,7 @@ class Replica:
         worker: its number.
         paths_by_light: photon paths that its homes have started, by pass (global, caustic) and light.
         scene: kernels.camera.scene.Scene seen through the view, without surfaces, which each cell has its own of.
+        outputs: features of which its kernels that shade write the arrays; no fewer than the view's.
         observer: is shown what happens at the vertices of camera paths, for replays; None in a render.
     """
 
@@ -73,6 +74,7 @@ class Replica:
     camera: Any = None
     observer: Observer | None = None
     kernels: Variants = field(init=False)
+    outputs: Features = field(init=False)
     paths_by_light: NDArray[np.int64] = field(init=False)
     cells: Any = field(init=False)
     lights: Any = field(init=False)
@@ -89,8 +91,7 @@ class Replica:
     def __post_init__(self) -> None:
         world, device = self.world, self.launcher.device
         tree, media = world.top_tree, world.media
-        compile_kernels(device, world.features)
-        self.kernels = make_variants(world.features)
+        self._choose_kernels(world.features)
         self.paths_by_light = np.zeros((2, len(world.lights.names)), np.int64)
         self.cells = cells.upload(tree.axis, tree.split, self.pad, device)
         self.textures = texture.upload(world.textures, device)
@@ -110,6 +111,11 @@ class Replica:
         scene.cumulative = lights.upload_shares(emission.share, device)
         scene.caustic_cumulative = lights.upload_shares(emission.caustic_share, device)
         self.emit_scene = scene
+
+    def _choose_kernels(self, features: Features) -> None:
+        """Have kernels for these features: by and by their own, if others stand in for them now."""
+        chosen = ready_kernels(self.launcher.device, features, wait=self.launcher.wait_for_kernels)
+        self.kernels, self.outputs = chosen.variants, chosen.outputs
 
     @property
     def pad(self) -> float:
@@ -131,8 +137,7 @@ class Replica:
         self.view = view
         self.records, self.cache = NO_RECORDS, None
         features = with_camera(self.world.features, view.camera)
-        compile_kernels(self.launcher.device, features)
-        self.kernels = make_variants(features)
+        self._choose_kernels(features)
         self._view_lights = self._guided(view.guide)
         self.camera = camera.upload(view.camera, view.seed, self.launcher.device)
         self.scene = self._scene()

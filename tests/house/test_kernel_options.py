@@ -32,9 +32,7 @@ KERNEL = re.compile(r"^( *)@wp\.kernel(.*)$", re.MULTILINE)
 
 def kernels_of(features: Features) -> dict[str, wp.Kernel]:
     """The kernels that features pick, by name."""
-    variants = make_variants(features)
-    every = {field.name: getattr(variants, field.name) for field in fields(Variants)}
-    return {name: kernel for name, kernel in every.items() if kernel is not None}
+    return make_variants(features).kernels()
 
 
 def options_of(kernel: wp.Kernel) -> dict[str, Any]:

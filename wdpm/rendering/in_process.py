@@ -20,6 +20,7 @@ from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backend
+from wdpm.rendering.kernels_beside import Compiling, KernelsBeside
 from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.prepare import Prepared, prepare
 from wdpm.scenes.flat.arrays import NO_TRIANGLES, Triangles
@@ -54,6 +55,7 @@ class InProcess(Backend):
         team: how many of them hold the whole scene together; None for all.
         shuffle: shuffles the order in which messages arrive, for tests that it does not matter.
         observers: are told what happens.
+        compiling: when a scene's kernels are compiled, on the CPU, if they have not been.
     """
 
     def __init__(
@@ -66,9 +68,11 @@ class InProcess(Backend):
         team: int | None = None,
         shuffle: random.Random | None = None,
         observers: Sequence[ClusterObserver] = (),
+        compiling: Compiling = Compiling.FIRST,
     ) -> None:
         super().__init__(slaves=0, threads=threads or available_cores(), device=device)
-        self._launcher = Launcher(device, threads)
+        self._launcher = Launcher(device, threads, wait_for_kernels=compiling is Compiling.FIRST)
+        self._beside = KernelsBeside(compiling)
         self._workers = workers
         self._cells = cells
         self._team = workers if team is None else team
@@ -80,7 +84,7 @@ class InProcess(Backend):
         self._kept: Prepared | None = None
 
     def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:
-        return prepare(
+        prepared = prepare(
             scene,
             settings,
             self._workers,
@@ -90,6 +94,8 @@ class InProcess(Backend):
             self._worth(scene.camera, settings),
             lambda _: self._team,
         )
+        self._beside.compile(prepared.uncompiled)
+        return prepared
 
     def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:
         cluster = self._held_for(prepared)
@@ -107,6 +113,7 @@ class InProcess(Backend):
             held.cluster.close()
         self._clusters.clear()
         self._kept = None
+        self._beside.stop()
 
     def _held_for(self, prepared: Prepared) -> MemoryCluster:
         """The cluster that renders a scene: its own, or that of the last one if photons see no difference."""

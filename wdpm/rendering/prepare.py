@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
@@ -11,7 +12,6 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-import warp as wp
 
 from wdpm.cluster.layers import layers_of
 from wdpm.cluster.plan.copies import SceneMemory, largest_team, scene_memory
@@ -21,18 +21,19 @@ from wdpm.cluster.plan.light_guide import with_guide
 from wdpm.cluster.plan.photon_pilot import PILOT_PATHS
 from wdpm.cluster.plan.render_plan import RenderPlan, make_render_plan
 from wdpm.cluster.plan.view import view_of
+from wdpm.cluster.progress import ProgressObserver
 from wdpm.cluster.render_settings import CHANGE_NO_BIT, RenderSettings
 from wdpm.cluster.session import Session
 from wdpm.cluster.work import guards
 from wdpm.cluster.work.replica import with_camera
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import MapPlan, PhotonPlan, View, World
-from wdpm.devices import check_device
+from wdpm.devices import available_cores, check_device
 from wdpm.images.limits import check_pixels
-from wdpm.kernels.compile import compile_kernels
+from wdpm.kernels.cached import cache_folder
+from wdpm.kernels.compile import SECONDS_A_MODULE, ready_kernels
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.variants import make_variants
 from wdpm.progress import Progress
 from wdpm.rendering.approximations import approximations, settings_without_effect
 from wdpm.rendering.header import SceneHeader, header_of
@@ -72,6 +73,7 @@ class Prepared:
         seconds: by phase.
         lit_scene: names what irradiance records depend on: the scene without its camera, and its photons.
         header: what headers of its images say of the scene.
+        uncompiled: features whose kernels others stand in for; first what the image is rendered with.
     """
 
     pilot: CellWorker | None
@@ -88,6 +90,7 @@ class Prepared:
     identity: dict[str, str]
     lit_scene: str
     header: SceneHeader
+    uncompiled: tuple[Features, ...] = ()
 
 
 OF_RECORDS = ("seed", "photons", "k", "radius", "max_depth")
@@ -135,7 +138,7 @@ def prepare(
         _demand_all(flat)
     unused = settings_without_effect(settings)
     progress.start("compile")
-    compiling = _Stopwatch(partial(_compile, settings=settings, device=launcher.device))
+    compiling = _Stopwatch(partial(_compile, settings=settings, launcher=launcher, progress=progress))
     settled = settle(scene, flat, settings, launcher, compiling)
     settings = settled.settings
     features = with_camera(features_of(flat, settings), flat.camera)
@@ -181,6 +184,7 @@ def prepare(
         _identity(world, session.view, triangles, settings),
         digest(*_lit_scene(world, triangles), *(getattr(settings, name) for name in OF_RECORDS)),
         header_of(scene),
+        tuple(reversed(compiling.uncompiled)),
     )
 
 
@@ -191,16 +195,19 @@ def _memory_of(flat: FlatScene, photons: int) -> SceneMemory:
 
 
 class _Stopwatch:
-    """Compiles kernels, and adds up how long that takes [s]."""
+    """Compiles kernels, adds up how long that takes [s], and notes for which features others stand in."""
 
     def __init__(self, compile_for: Callable[[Features], KernelReport]) -> None:
         self._compile_for = compile_for
         self.seconds = 0.0
+        self.uncompiled: list[Features] = []
 
     def __call__(self, features: Features) -> KernelReport:
         began = time.perf_counter()
         report = self._compile_for(features)
         self.seconds += time.perf_counter() - began
+        if report.standing_in:
+            self.uncompiled.append(features)
         return report
 
 
@@ -211,25 +218,36 @@ def _demand_all(flat: FlatScene) -> None:
         raise GuardError(f"strict: {what}: {count} left out ({cause}); to see which: wdpm check SCENE")
 
 
-def _compile(features: Features, settings: RenderSettings, device: str) -> KernelReport:
+def _compile(
+    features: Features, settings: RenderSettings, launcher: Launcher, progress: ProgressObserver
+) -> KernelReport:
     """Compile what is needed, and tell what that was."""
-    wp.init()
     before = _cached_modules()
-    compile_kernels(device, features)
-    variants = make_variants(features)
-    kernels = [getattr(variants, each.name) for each in fields(variants)]
+    chosen = ready_kernels(launcher.device, features, wait=launcher.wait_for_kernels, told=partial(_say, progress))
     return KernelReport(
         features=features.names(),
         all_effects=settings.all_effects,
-        kernels=sum(kernel is not None for kernel in kernels),
-        modules=len(variants.modules()),
+        kernels=len(chosen.variants.kernels()),
+        modules=len(chosen.variants.modules()),
         compiled=len(_cached_modules() - before),
+        standing_in=len(chosen.standing_in),
     )
+
+
+def _say(progress: ProgressObserver, modules: int) -> Callable[[], None]:
+    """Tell a person that there is a wait, why, and how long; gives what tells of progress."""
+    seconds = math.ceil(modules * SECONDS_A_MODULE / available_cores())
+    progress.start("compile", modules)
+    progress.note(
+        f"{modules} modules of kernels are compiled, for some {seconds} s, and kept; "
+        "`wdpm doctor --prepare` compiles what any scene needs"
+    )
+    return progress.advance
 
 
 def _cached_modules() -> set[str]:
     """Names of the modules in Warp's cache. Other processes may add theirs at the same time."""
-    folder = Path(wp.config.kernel_cache_dir or "")
+    folder = cache_folder()
     return {path.name for path in folder.iterdir()} if folder.is_dir() else set()
 
 

@@ -116,6 +116,7 @@ class KernelReport:
         kernels: how many kernels depend on the features.
         modules: modules that they are compiled in.
         compiled: modules that this process had to compile, of these or others; the rest came from Warp's cache.
+        standing_in: kernels with all effects that began in the place of such as were not compiled.
     """
 
     features: tuple[str, ...] = ()
@@ -123,6 +124,7 @@ class KernelReport:
     kernels: int = 0
     modules: int = 0
     compiled: int = 0
+    standing_in: int = 0
 
 
 @dataclass(frozen=True)

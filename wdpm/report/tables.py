@@ -253,6 +253,8 @@ def _kernels(kernels: KernelReport) -> str:
     names = ", ".join(kernels.features) or "none but diffuse surfaces"
     effects = "all" if kernels.all_effects else names
     made = f"{kernels.compiled} compiled now" if kernels.compiled else "none compiled now"
+    if kernels.standing_in:
+        made += f", {kernels.standing_in} began with all effects, as their own were not compiled"
     return f"kernels: {kernels.kernels} in {kernels.modules} modules, {made}; effects: {effects}"
 
 

@@ -1,0 +1,43 @@
+"""Which modules of kernels are compiled already: in this process, or in Warp's cache on disk."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import warp as wp
+
+CPU_BLOCK = 1
+"""Threads of a block on the CPU: Warp compiles a module for each size of block, and names it by that among others."""
+
+
+def is_compiled(module: wp.Module) -> bool:
+    """Whether launches of a module's kernels on the CPU need no compiler."""
+    if any(context is None for context, _ in module.execs):
+        return True
+    name = module.get_module_identifier(CPU_BLOCK)
+    folder = cache_folder() / name
+    return (folder / f"{name}.meta").is_file() and any(folder.glob("*.o"))
+
+
+def cache_folder() -> Path:
+    """Where Warp keeps what it has compiled; a folder of its version."""
+    wp.init()
+    return Path(wp.config.kernel_cache_dir)
+
+
+def use_cache_folder(folder: Path) -> None:
+    """Have Warp keep what it compiles there from now on."""
+    wp.config.kernel_cache_dir = str(folder)
+
+
+def remove_half_made(process: int) -> None:
+    """Remove what a process that was killed while it compiled has left in the cache.
+
+    Warp compiles in a folder that is named by process and thread, and renames it when all is done.
+
+    Args:
+        process: its number; it has ended.
+    """
+    for folder in cache_folder().glob(f"wp_*_p{process}_t*"):
+        shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,58 @@
+"""A scene's own kernels, compiled beside its render by a process of low priority, while others stand in for them."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from enum import Enum
+
+from wdpm.cluster.master.local_slaves import SlaveProcess
+from wdpm.kernels.cached import cache_folder, remove_half_made
+from wdpm.kernels.features import Features
+from wdpm.rendering import compile_beside
+
+
+class Compiling(Enum):
+    """When a scene's own kernels are compiled, if they have not been.
+
+    BESIDE: kernels with all effects stand in for those that are missing, and the render begins. Another process
+        compiles them meanwhile, until the render ends; passes that begin later have what is ready.
+    FIRST: before the render.
+    NO: kernels with all effects stand in for them.
+    """
+
+    BESIDE = "beside"
+    FIRST = "first"
+    NO = "no"
+
+
+class KernelsBeside:
+    """At most one process that compiles, and that ends with this one, however that ends.
+
+    Args:
+        when: whether there is any; BESIDE.
+    """
+
+    def __init__(self, when: Compiling) -> None:
+        self._wanted = when is Compiling.BESIDE
+        self._process: SlaveProcess | None = None
+
+    def compile(self, features: Sequence[Features]) -> None:
+        """Have the kernels of these compiled, in this order; does nothing while others are."""
+        if not self._wanted or not features or (self._process is not None and self._process.ended() is None):
+            return
+        self.stop()
+        words = [",".join(each.names()) for each in features]
+        self._process = SlaveProcess([sys.executable, "-m", compile_beside.__name__, str(cache_folder()), *words])
+
+    def stop(self) -> None:
+        """End it, whatever it is at, and what it has left half made; may be called again."""
+        if self._process is not None:
+            process, self._process = self._process, None
+            process.kill()
+            process.stop(GRACE_S)
+            remove_half_made(process.number)
+
+
+GRACE_S = 5.0
+"""How long a process that was killed may take to be gone [s]."""
