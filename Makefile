@@ -25,7 +25,9 @@ help:  ## show this list
 
 demo: $(VENV)/.installed  ## render a Cornell box with a master and four slaves
 	@mkdir -p $(OUT)
-	@echo "A first, small picture: it compiles the kernels that the large one needs, too (once)"
+	@echo "Kernels for any scene are compiled, once: about a minute and a half of one core"
+	$(BIN)/wdpm doctor --prepare > $(OUT)/doctor.txt
+	@echo "A first, small picture"
 	$(BIN)/wdpm render cornell-box --size 256x256 --spp 4 --photons 100k -q -o $(OUT)/cornell-box-first.png
 	@echo "It is $(abspath $(OUT))/cornell-box-first.png; now the large one, by a master and four slaves"
 	$(BIN)/wdpm render cornell-box --slaves 4 --photons 1M --k 100 -o $(OUT)/cornell-box.exr -o $(OUT)/cornell-box.png

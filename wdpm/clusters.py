@@ -35,7 +35,9 @@ from wdpm.placing.ssh_slaves import SshSlaves
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backend
 from wdpm.rendering.cache_file import CacheFiles
+from wdpm.rendering.compiling import Compiling
 from wdpm.rendering.in_process import InProcess
+from wdpm.rendering.kernels_beside import KernelsBeside
 from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.prepare import Prepared, Source, prepare
 from wdpm.rendering.session_journal import SessionJournal
@@ -71,6 +73,7 @@ class Cluster(Backend):
         placed: Placed | None = None,
         threads: int | None = None,
         device: str = "cpu",
+        compiling: Compiling = Compiling.FIRST,
     ) -> None:
         super().__init__(slaves=slaves, threads=threads or available_cores(), device=device)
         self._master = master
@@ -78,7 +81,9 @@ class Cluster(Backend):
         self._copies = copies
         self._processes = processes
         self._placed = placed
-        self._launcher = Launcher(device, threads)
+        self._launcher = Launcher(device, threads, wait_for_kernels=compiling is Compiling.FIRST)
+        self._beside = KernelsBeside(compiling)
+        stack.callback(self._beside.stop)
 
     @classmethod
     def local(
@@ -90,6 +95,7 @@ class Cluster(Backend):
         threads: int | None = None,
         device: str = "cpu",
         observers: Sequence[ClusterObserver] = (),
+        compiling: Compiling = Compiling.FIRST,
     ) -> Self:
         """Start slave processes on this machine.
 
@@ -100,6 +106,7 @@ class Cluster(Backend):
             threads: cores to use in all, shared out among the slaves; None for all there are.
             device: that they compute on.
             observers: are told what happens to the cluster, on a thread of its own.
+            compiling: when a scene's kernels are compiled, if they have not been.
         """
         if slaves < 1:
             raise SettingsError(f"slaves is {slaves}; expected at least 1")
@@ -118,9 +125,18 @@ class Cluster(Backend):
                 "tcp://127.0.0.1:0", slaves, security=keys.master, watch=processes.ended, observers=observers
             )
             master = stack.enter_context(server)
-            processes.start(slaves, slave_command(each, device, memory), master.endpoint, keys.for_slave)
-            kept = stack.pop_all()
-            return cls(master, slaves, kept, copies=copies, processes=processes, threads=threads, device=device)
+            command = slave_command(each, device, memory, wait_for_kernels=compiling is Compiling.FIRST)
+            processes.start(slaves, command, master.endpoint, keys.for_slave)
+            return cls(
+                master,
+                slaves,
+                stack.pop_all(),
+                copies=copies,
+                processes=processes,
+                threads=threads,
+                device=device,
+                compiling=compiling,
+            )
 
     @classmethod
     def listen(
@@ -285,7 +301,9 @@ class Cluster(Backend):
         if self._placed is not None:
             self._placed.all_joined()
         team = partial(slaves_a_team, self._copies, slaves)
-        return prepare(scene, settings, len(slaves), self._launcher, progress, team=team)
+        prepared = prepare(scene, settings, len(slaves), self._launcher, progress, team=team)
+        self._beside.compile(prepared.uncompiled)
+        return prepared
 
     def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:  # noqa: ARG002
         """Render a session. What slaves have of it already they are not sent again, nor do they trace it again."""
@@ -367,6 +385,7 @@ def backend_here(
     copies: Copies = Copies.AUTO,
     memory: int | None = None,
     observers: Sequence[ClusterObserver] = (),
+    compiling: Compiling = Compiling.FIRST,
 ) -> Backend:
     """What renders on this machine: slave processes, or with none of them this process.
 
@@ -375,35 +394,34 @@ def backend_here(
         device: "cpu" or a CUDA device, "cuda:0".
         copies, memory: of slaves, see Cluster.local.
         observers: are told what happens.
+        compiling: when a scene's kernels are compiled, if they have not been.
     """
-    if slaves:
-        return Cluster.local(slaves, copies=copies, memory=memory, threads=threads, device=device, observers=observers)
-    return InProcess(threads=threads, device=device, observers=observers)
+    how: Mapping[str, Any] = {
+        "threads": threads,
+        "device": device,
+        "observers": observers,
+        "compiling": compiling,
+    }
+    return Cluster.local(slaves, copies=copies, memory=memory, **how) if slaves else InProcess(**how)
 
 
 def render_here(
     source: Source,
     settings: RenderSettings,
     *,
-    slaves: int,
-    threads: int | None,
-    device: str,
-    copies: Copies,
-    memory: int | None,
-    observers: Sequence[ClusterObserver] = (),
+    here: Mapping[str, Any],
     display: Display | None = None,
     save_cache: Path | None = None,
     load_cache: Path | None = None,
     **how: Any,
 ) -> Image:
-    """What `wdpm render` does: as `wdpm.render`, which has the arguments, with what is asked of slaves besides.
+    """What `wdpm render` does: as `wdpm.render`, which has the arguments.
 
     Args:
-        copies, memory: of slaves, see Cluster.local.
-        observers: are told what happens.
+        here: slaves, threads, device, copies, memory, observers and compiling, see backend_here.
         how: progress and journals.
     """
-    with backend_here(slaves, threads, device, copies, memory, observers) as backend:
+    with backend_here(**here) as backend:
         backend.display = display
         return render_in_passes(source, backend, settings, cache=CacheFiles(save_cache, load_cache), **how)
 

@@ -36,6 +36,7 @@ def serve_as_slave(
     insecure: bool = False,
     patience: float = PATIENCE_S,
     rejoin: float | None = None,
+    wait_for_kernels: bool = True,
     life_line: bool = False,
 ) -> None:
     """What `wdpm slave` does: compute for a master until it says stop.
@@ -65,6 +66,7 @@ def serve_as_slave(
         memory=memory,
         patience=patience,
         rejoin=rejoin,
+        wait_for_kernels=wait_for_kernels,
         life_line=life_line,
     )
 
@@ -78,6 +80,7 @@ def serve(
     memory: int | None = None,
     patience: float = PATIENCE_S,
     rejoin: float | None = None,
+    wait_for_kernels: bool = True,
     life_line: bool = False,
 ) -> None:
     """Compute for a master until it says stop.
@@ -88,6 +91,7 @@ def serve(
         memory: most memory to use [bytes]; None for no limit.
         patience: how long to wait for the master's first answer [s].
         rejoin: how long to wait for a master that was lost [s]; None for as long.
+        wait_for_kernels: compile a scene's own kernels first where others could stand in for them.
         life_line: end when standard input closes, which the process that started this one holds open.
 
     Raises:
@@ -104,9 +108,10 @@ def serve(
         from wdpm.kernels.launch import Launcher
 
         quiet_warp()
-        compile_kernels(device, world.features)
+        compile_kernels(device)
         _keep_what_is_there()
-        return CellWorker(number, world, partition, holders, Launcher(device, threads))
+        launcher = Launcher(device, threads, wait_for_kernels=wait_for_kernels)
+        return CellWorker(number, world, partition, holders, launcher)
 
     run_slave(
         master,

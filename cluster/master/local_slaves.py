@@ -25,14 +25,18 @@ Command = Callable[[str], Sequence[str]]
 """The master's endpoint -> command line of a slave."""
 
 
-def slave_command(threads: int, device: str, memory: int | None = None) -> Command:
+def slave_command(threads: int, device: str, memory: int | None = None, *, wait_for_kernels: bool = True) -> Command:
     """`wdpm slave` with this interpreter, for a run with keys of its own.
 
     Standard input brings the keys, and is the life line: the slave ends when it closes.
+
+    Args:
+        wait_for_kernels: whether it compiles a scene's kernels itself, where others could stand in for them.
     """
 
     def command(endpoint: str) -> list[str]:
         options = ["--threads", str(threads), "--device", device, "--keys", "-", "--life-line"]
+        options += ["--compile", "first" if wait_for_kernels else "no"]
         options += [] if memory is None else ["--memory", f"{-(-memory // 1024)}K"]
         return [sys.executable, "-m", "wdpm", "slave", endpoint, *options]
 

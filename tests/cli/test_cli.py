@@ -22,6 +22,7 @@ from wdpm.cli import options as cli_options
 from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.images.image import Image, load
+from wdpm.rendering.compiling import Compiling
 from wdpm.report.report import Report, from_json
 from wdpm.scenes.errors import ClusterEndedError, ClusterError, MasterLostError, SceneError
 from wdpm.scenes.model.scene import Camera, FilterKind, PixelFilter, Scene
@@ -175,9 +176,11 @@ def test_every_setting_has_an_option_and_none_is_unknown() -> None:
 def test_defaults_are_those_of_the_settings(renderer: Renderer) -> None:
     assert run(["render", "cornell-box", "--quiet"]) == 0
     assert renderer.rendered["settings"] == RenderSettings()
-    assert renderer.rendered["slaves"] == 0
-    assert renderer.rendered["device"] == "cpu"
-    assert renderer.rendered["threads"] is None, "all there are"
+    here = renderer.rendered["here"]
+    assert here["slaves"] == 0
+    assert here["device"] == "cpu"
+    assert here["threads"] is None, "all there are"
+    assert here["compiling"] is Compiling.BESIDE
     assert renderer.loaded == {
         "scene": "cornell-box",
         "defines": {},
@@ -194,7 +197,7 @@ def test_every_option_arrives(renderer: Renderer) -> None:
     line = (
         "render a.xml --photons 1M --k 80 --radius 0.5 --spp 64 --light-samples 4 --max-depth 7 --seed 3 --bucket 16 "
         "--routing merge --band 0.5 --inexact --slaves 4 --threads 3 --device cuda:0 -D a=1 -D b=x --size 64x32 "
-        "--lenient --camera left -q"
+        "--lenient --camera left --compile first -q"
     )
     assert run(line.split()) == 0
     assert renderer.rendered["settings"] == RenderSettings(
@@ -210,10 +213,11 @@ def test_every_option_arrives(renderer: Renderer) -> None:
         band=0.5,
         inexact=True,
     )
-    assert {name: renderer.rendered[name] for name in ("slaves", "threads", "device")} == {
+    assert {name: renderer.rendered["here"][name] for name in ("slaves", "threads", "device", "compiling")} == {
         "slaves": 4,
         "threads": 3,
         "device": "cuda:0",
+        "compiling": Compiling.FIRST,
     }
     assert renderer.loaded == {
         "scene": "a.xml",
@@ -398,6 +402,7 @@ def test_the_slave_gets_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
         "insecure": True,
         "patience": PATIENCE_S,
         "rejoin": 5400.0,
+        "wait_for_kernels": True,
         "life_line": False,
     }
 

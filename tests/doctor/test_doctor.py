@@ -14,7 +14,7 @@ import pytest
 
 from wdpm.cli import main
 from wdpm.cluster.transport.probe import is_free, loopback_trouble
-from wdpm.doctor import kernels, machine, software
+from wdpm.doctor import kernels, machine, preparation, software
 from wdpm.doctor.examine import examine, lines_of
 from wdpm.doctor.facts import Fact, State
 from wdpm.doctor.software import Requirement, requirements_of
@@ -36,6 +36,36 @@ def test_json_is_for_programs(capsys: pytest.CaptureFixture[str]) -> None:
     assert facts["cores"]["figures"]["usable"] >= 1
     assert facts["kernel cache"]["figures"]["modules"] >= 0
     assert {fact["state"] for fact in facts.values()} <= {"ok", "note"}
+
+
+def test_preparing_compiles_what_is_missing_and_says_for_how_long_first(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def compile_all(modules: Any, told: Any) -> int:
+        assert modules == ["one", "two"]
+        done = told(2)
+        assert "2 modules of kernels are compiled, for some " in capsys.readouterr().err
+        done()
+        done()
+        return 2
+
+    monkeypatch.setattr(preparation, "kernels_for_all_scenes", lambda: ["one", "two"])
+    monkeypatch.setattr(preparation, "compile_for_cpu", compile_all)
+    assert main.main(["doctor", "--prepare"]) == 0
+    captured = capsys.readouterr()
+    assert captured.err.endswith("compile: done in 0.0 s\n")
+    assert captured.out.endswith("nothing is wrong\n")
+
+
+def test_a_cache_without_kernels_for_all_effects_is_told_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(kernels, "is_compiled", lambda module: "trace_photons" not in module.name)
+    lacking = kernels.kernel_cache()
+    assert lacking.state is State.NOTE
+    assert lacking.advice is not None
+    assert "wdpm doctor --prepare" in lacking.advice
+    assert lacking.figures["missing"] >= 1
+    monkeypatch.setattr(kernels, "is_compiled", lambda _: True)
+    assert kernels.kernel_cache().state is State.FINE
 
 
 def test_what_is_wrong_is_the_exit_code(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,8 +15,8 @@ from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.images.image import Image
 from wdpm.kernels import stand_ins
 from wdpm.kernels.variants import make_variants
+from wdpm.rendering.compiling import Compiling
 from wdpm.rendering.in_process import InProcess
-from wdpm.rendering.kernels_beside import Compiling
 from wdpm.rendering.passes import render_in_passes
 from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.flatten import flatten

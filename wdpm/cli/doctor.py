@@ -10,6 +10,7 @@ _EXAMPLES = """\
 examples:
   wdpm doctor
   wdpm doctor --json
+  wdpm doctor --prepare
 
 exit code: 0 nothing is wrong, 1 something must be put right"""
 
@@ -25,6 +26,12 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "kernels, GPUs; and say what to do about each that is not as it should be.",
         epilog=_EXAMPLES,
     )
+    parser.add_argument(
+        "--prepare",
+        action="store_true",
+        help="first compile the kernels for all effects, on all cores, so that no render of any scene waits for a "
+        "compiler",
+    )
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
     return parser
 
@@ -34,6 +41,11 @@ def run(args: argparse.Namespace) -> int:
     from wdpm.doctor.examine import examine, lines_of
     from wdpm.doctor.facts import State
 
+    if args.prepare:
+        from wdpm.doctor.preparation import prepare_kernels
+        from wdpm.progress import make_progress
+
+        prepare_kernels(make_progress())
     facts = examine()
     if args.json:
         print(json.dumps([fact.to_dict() for fact in facts], indent=2))

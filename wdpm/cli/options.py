@@ -22,6 +22,7 @@ from wdpm.cluster.render_settings import (
 )
 from wdpm.devices import available_cores
 from wdpm.images.view_transform import ViewTransform
+from wdpm.rendering.compiling import Compiling
 from wdpm.scenes.meshes.framing import Frame
 
 
@@ -307,8 +308,8 @@ def add_cache_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_machine_options(parser: argparse.ArgumentParser) -> None:
-    """--threads and --device."""
+def add_machine_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """--threads and --device; returns their group."""
     group = parser.add_argument_group("machine")
     group.add_argument(
         "--threads",
@@ -319,6 +320,20 @@ def add_machine_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--device", type=values.device, default="cpu", metavar="NAME", help="cpu or cuda:N (default: cpu)"
+    )
+    return group
+
+
+def add_compile_option(group: argparse._ActionsContainer) -> None:
+    """--compile, of what renders here."""
+    group.add_argument(
+        "--compile",
+        type=_enum_parser(Compiling),
+        default=Compiling.BESIDE,
+        metavar="beside|first|no",
+        help="kernels for just the scene's effects, where they are not compiled: beside: begin with kernels for all "
+        "effects, which give the same bits, and compile meanwhile for later passes and renders; first: before the "
+        "render; no: not now (default: beside)",
     )
 
 

@@ -59,7 +59,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     options.add_cache_options(parser)
     add_view_options(parser)
     add_frame_options(parser)
-    options.add_machine_options(parser)
+    options.add_compile_option(options.add_machine_options(parser))
     add_monitoring_options(parser)
     debugging = parser.add_argument_group("debugging")
     debugging.add_argument(
@@ -116,12 +116,7 @@ def run(args: argparse.Namespace) -> int:
             lambda source, settings, progress: render_here(
                 source,
                 settings,
-                slaves=args.slaves,
-                threads=args.threads,
-                device=args.device,
-                copies=args.copies,
-                memory=args.memory,
-                observers=told,
+                here=_here(args, told),
                 progress=progress,
                 display=view,
                 save_cache=args.save_cache,
@@ -135,4 +130,10 @@ def run(args: argparse.Namespace) -> int:
 def _backend(args: argparse.Namespace, told: Sequence[ClusterObserver]) -> Backend:
     from wdpm.clusters import backend_here
 
-    return backend_here(args.slaves, args.threads, args.device, args.copies, args.memory, told)
+    return backend_here(**_here(args, told))
+
+
+def _here(args: argparse.Namespace, told: Sequence[ClusterObserver]) -> dict[str, Any]:
+    """What backend_here is told."""
+    asked = {name: getattr(args, name) for name in ("slaves", "threads", "device", "copies", "memory")}
+    return {**asked, "observers": told, "compiling": args.compile}

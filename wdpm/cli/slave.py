@@ -25,7 +25,14 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         epilog=_EXAMPLES,
     )
     parser.add_argument("address", type=values.address, metavar="tcp://HOST:PORT", help="address of the master")
-    options.add_machine_options(parser)
+    machine = options.add_machine_options(parser)
+    machine.add_argument(
+        "--compile",
+        choices=("first", "no"),
+        default="first",
+        help="kernels for just the scene's effects, where they are not compiled yet: first: wait for them; no: use "
+        "kernels for all effects if these are, which give the same bits (default: first)",
+    )
     parser.add_argument(
         "--memory", type=values.memory, metavar="SIZE", help="most memory to use, like 8G (default: no limit)"
     )
@@ -71,6 +78,7 @@ def run(args: argparse.Namespace) -> int:
         insecure=args.insecure,
         patience=float(args.timeout),
         rejoin=args.rejoin,
+        wait_for_kernels=args.compile == "first",
         life_line=args.life_line,
     )
     return 0

@@ -9,6 +9,8 @@ from pathlib import Path
 import warp as wp
 
 from wdpm.doctor.facts import Fact, State
+from wdpm.kernels.cached import is_compiled
+from wdpm.kernels.compile import kernels_for_all_scenes
 from wdpm.quiet import quiet_warp
 from wdpm.report.tables import format_bytes
 
@@ -29,9 +31,11 @@ def kernel_cache() -> Fact:
     figures = {"folder": str(folder), "modules": len(modules), "bytes": size, "free": free}
     if free < LITTLE_ROOM:
         return Fact("kernel cache", found, State.NOTE, "make room: a scene's kernels take some ten megabytes", figures)
-    if not modules:
-        return Fact("kernel cache", found, State.NOTE, "the first render compiles kernels, for half a minute", figures)
-    return Fact("kernel cache", found, figures=figures)
+    missing = sum(not is_compiled(module) for module in kernels_for_all_scenes())
+    if missing:
+        advice = f"wdpm doctor --prepare compiles {missing} modules, so that no render waits for a compiler"
+        return Fact("kernel cache", found, State.NOTE, advice, {**figures, "missing": missing})
+    return Fact("kernel cache", f"{found}; kernels for all effects are compiled", figures={**figures, "missing": 0})
 
 
 def gpus() -> Fact:

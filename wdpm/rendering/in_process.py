@@ -20,7 +20,8 @@ from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backend
-from wdpm.rendering.kernels_beside import Compiling, KernelsBeside
+from wdpm.rendering.compiling import Compiling
+from wdpm.rendering.kernels_beside import KernelsBeside
 from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.prepare import Prepared, prepare
 from wdpm.scenes.flat.arrays import NO_TRIANGLES, Triangles

@@ -4,26 +4,15 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from enum import Enum
 
 from wdpm.cluster.master.local_slaves import SlaveProcess
 from wdpm.kernels.cached import cache_folder, remove_half_made
 from wdpm.kernels.features import Features
 from wdpm.rendering import compile_beside
+from wdpm.rendering.compiling import Compiling
 
-
-class Compiling(Enum):
-    """When a scene's own kernels are compiled, if they have not been.
-
-    BESIDE: kernels with all effects stand in for those that are missing, and the render begins. Another process
-        compiles them meanwhile, until the render ends; passes that begin later have what is ready.
-    FIRST: before the render.
-    NO: kernels with all effects stand in for them.
-    """
-
-    BESIDE = "beside"
-    FIRST = "first"
-    NO = "no"
+GRACE_S = 5.0
+"""How long a process that was killed may take to be gone [s]."""
 
 
 class KernelsBeside:
@@ -37,9 +26,14 @@ class KernelsBeside:
         self._wanted = when is Compiling.BESIDE
         self._process: SlaveProcess | None = None
 
+    @property
+    def running(self) -> bool:
+        """Whether there is one."""
+        return self._process is not None and self._process.ended() is None
+
     def compile(self, features: Sequence[Features]) -> None:
         """Have the kernels of these compiled, in this order; does nothing while others are."""
-        if not self._wanted or not features or (self._process is not None and self._process.ended() is None):
+        if not self._wanted or not features or self.running:
             return
         self.stop()
         words = [",".join(each.names()) for each in features]
@@ -52,7 +46,3 @@ class KernelsBeside:
             process.kill()
             process.stop(GRACE_S)
             remove_half_made(process.number)
-
-
-GRACE_S = 5.0
-"""How long a process that was killed may take to be gone [s]."""

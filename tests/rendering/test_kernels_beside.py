@@ -1,0 +1,57 @@
+"""The process that compiles a scene's kernels beside its render."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from wdpm.kernels.cached import cache_folder, use_cache_folder
+from wdpm.kernels.features import Features
+from wdpm.rendering.compiling import Compiling
+from wdpm.rendering.kernels_beside import KernelsBeside
+
+PATIENCE_S = 120.0
+
+
+@pytest.fixture
+def empty_cache(tmp_path: Path) -> Iterator[Path]:
+    before = cache_folder()
+    use_cache_folder(tmp_path)
+    yield tmp_path
+    use_cache_folder(before)
+
+
+def modules_in(folder: Path) -> list[str]:
+    return [path.name for path in folder.iterdir() if path.name.startswith("wp_")]
+
+
+def test_it_compiles_until_it_is_stopped_and_leaves_nothing_half_made(empty_cache: Path) -> None:
+    beside = KernelsBeside(Compiling.BESIDE)
+    beside.compile([Features()])
+    patience = time.monotonic() + PATIENCE_S
+    while not any("_p" not in name for name in modules_in(empty_cache)) and time.monotonic() < patience:
+        time.sleep(0.05)
+    beside.stop()
+    beside.stop()
+    made = modules_in(empty_cache)
+    assert made
+    assert not [name for name in made if "_t" in name.rpartition("_p")[2]]
+    assert all(any((empty_cache / name).glob("*.o")) for name in made)
+
+
+@pytest.mark.parametrize("when", [Compiling.FIRST, Compiling.NO])
+def test_there_is_none_unless_it_is_wanted(empty_cache: Path, when: Compiling) -> None:
+    beside = KernelsBeside(when)
+    beside.compile([Features()])
+    assert beside.running is False
+    beside.stop()
+    assert modules_in(empty_cache) == []
+
+
+def test_there_is_none_where_nothing_is_missing() -> None:
+    beside = KernelsBeside(Compiling.BESIDE)
+    beside.compile([])
+    assert beside.running is False
