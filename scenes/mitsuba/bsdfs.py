@@ -12,10 +12,11 @@ from typing import Final
 
 from wdpm.scenes.errors import did_you_mean
 from wdpm.scenes.mitsuba.metals import METALS
-from wdpm.scenes.mitsuba.plugin import Plugin, numbers
+from wdpm.scenes.mitsuba.plugin import Plugin
 from wdpm.scenes.mitsuba.refraction_indices import INDICES
 from wdpm.scenes.mitsuba.supported import reads
 from wdpm.scenes.mitsuba.textures import TextureReader
+from wdpm.scenes.mitsuba.values import numbers
 from wdpm.scenes.model.bsdfs import (
     BLACK,
     GREY,

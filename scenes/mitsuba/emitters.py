@@ -16,7 +16,7 @@ from wdpm.scenes.mitsuba.daylight import DAYLIGHT_PLUGINS, read_daylight
 from wdpm.scenes.mitsuba.media import MediaReader
 from wdpm.scenes.mitsuba.plugin import Plugin
 from wdpm.scenes.mitsuba.supported import reads
-from wdpm.scenes.mitsuba.textures import TextureReader
+from wdpm.scenes.mitsuba.textures import TextureReader, take_plain
 from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
 from wdpm.scenes.model.textures import RGB, Bitmap, Color
 from wdpm.scenes.model.transforms import Matrix, normalized
@@ -181,13 +181,7 @@ def read_emission(plugin: Plugin, name: str) -> RGB:
     Raises:
         SceneError: it is negative, or a texture.
     """
-    for texture in plugin.take_nested("texture", name):
-        raise texture.error(f'{plugin}: "{name}" cannot be a texture; give an <rgb>')
-    error = plugin.value_error(name, "must not be negative")
-    value = plugin.take_colour(name, WHITE, emission=True)
-    if min(value) < 0:
-        raise error
-    return value
+    return take_plain(plugin, name, WHITE, emission=True)
 
 
 def take_rotation(plugin: Plugin) -> Matrix:

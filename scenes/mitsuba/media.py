@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from wdpm.scenes.meshes.mesh_data import MeshData
 from wdpm.scenes.mitsuba.document import Element
 from wdpm.scenes.mitsuba.plugin import Plugin
+from wdpm.scenes.mitsuba.textures import take_plain
 from wdpm.scenes.mitsuba.volumes import VolumeReader, single_density
 from wdpm.scenes.model.scene import Medium
 from wdpm.scenes.model.textures import RGB
@@ -155,13 +156,10 @@ def _value_of(plugin: Plugin, name: str, default: float, volume: Plugin | None) 
     if volume is not None and plugin.has(name):
         raise plugin.value_error(name, "is given twice: as a value and as a volume")
     owner, parameter = (plugin, name) if volume is None else (volume, "value")
-    error = owner.value_error(parameter, "must not be negative")
-    value = owner.take_colour(parameter, (default, default, default), emission=False)
+    value = take_plain(owner, parameter, (default, default, default), emission=False)
     if volume is not None:
         volume.ignore("to_world")
         volume.finish()
-    if min(value) < 0.0:
-        raise error
     return value
 
 

@@ -7,41 +7,25 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from wdpm.scenes.errors import SceneError, did_you_mean
+from wdpm.scenes.mitsuba.colours import COLOUR_TAGS, read_colour
 from wdpm.scenes.mitsuba.document import Document, Element
 from wdpm.scenes.mitsuba.rules import HARMLESS
 from wdpm.scenes.mitsuba.supported import is_known, supported
-from wdpm.scenes.model import transforms
+from wdpm.scenes.mitsuba.values import numbers, read_transform, xyz
 from wdpm.scenes.model.textures import RGB
 from wdpm.scenes.model.transforms import Matrix
 
-VALUE_TAGS = {"integer", "float", "string", "boolean", "vector", "point", "rgb", "srgb", "spectrum", "transform"}
+VALUE_TAGS = {"integer", "float", "string", "boolean", "vector", "point", "transform", *COLOUR_TAGS}
 OBJECT_TAGS = {"shape", "bsdf", "texture", "emitter", "medium", "phase", "volume"}
 OBJECT_TAGS |= {"sensor", "sampler", "film", "rfilter", "integrator"}
-FOREIGN_TAGS = {"subsurface", "animation", "blackbody", "random", "luminaire", "camera"}
+FOREIGN_TAGS = {"subsurface", "animation", "random", "luminaire", "camera"}
 STRUCTURE_TAGS = {"ref"}
-
-# Mitsuba 3 makes the emission of a constant spectrum the colour of equal-energy white in linear sRGB
-# (its rgb variants; measured from version 3.9). A reflectance stays the plain number.
-EQUAL_ENERGY_WHITE = (1.20479, 0.948291, 0.908916)
 
 
 def snake_case(name: str) -> str:
     """Mitsuba 0.6's camelCase as Mitsuba 3's snake_case."""
     return re.sub(r"(?<=[a-z0-9])([A-Z])", r"_\1", name).lower()
-
-
-def numbers(text: str, at: Element) -> list[float]:
-    """Numbers between spaces and commas; each must be finite."""
-    try:
-        values = [float(token) for token in text.replace(",", " ").split()]
-    except ValueError:
-        raise at.error(f'<{at.tag}>: expected numbers, got "{text}"') from None
-    if not all(map(math.isfinite, values)):
-        raise at.error(f'<{at.tag}>: expected finite numbers, got "{text}"')
-    return values
 
 
 class Plugin:
@@ -199,18 +183,26 @@ class Plugin:
         element = self._take(name, ("point", "vector"))
         return default if element is None else xyz(element, 0.0)
 
+    def take_numbers(self, name: str) -> tuple[float, float, float]:
+        """Three numbers as they are, or one that stands for three."""
+        element = self._take(name, ("vector", "point", "rgb", "float", "integer"))
+        if element is None:
+            raise self.error(f'{self}: the parameter "{name}" is missing')
+        return xyz(element, 0.0)
+
     def take_transform(self, name: str) -> Matrix | None:
         element = self._take(name, ("transform",))
         return None if element is None else read_transform(element)
 
-    def take_colour(self, name: str, default: RGB, *, emission: bool) -> RGB:
+    def take_colour(self, name: str, default: RGB, *, emission: bool, most: float = math.inf) -> RGB:
         """A colour as linear sRGB.
 
         Args:
-            emission: whether a constant <spectrum> is a light's; Mitsuba treats the two differently.
+            emission: whether it is a light's; Mitsuba treats spectra of lights and of surfaces differently.
+            most: what spectra outside of sRGB's gamut are cut off at.
         """
-        element = self._take(name, ("rgb", "srgb", "spectrum", "float", "integer"))
-        return default if element is None else read_colour(element, emission=emission)
+        element = self._take(name, COLOUR_TAGS)
+        return default if element is None else read_colour(element, self.document, emission=emission, most=most)
 
     def ignore(self, *names: str) -> list[str]:
         """Takes parameters that change nothing here; returns those that were given."""
@@ -281,117 +273,3 @@ def unknown_tag(element: Element) -> SceneError:
     """The error for an element that Mitsuba does not know."""
     known = VALUE_TAGS | OBJECT_TAGS | STRUCTURE_TAGS | FOREIGN_TAGS | {"default", "include", "alias", "path"}
     return element.error(f"unknown element <{element.tag}>{did_you_mean(element.tag, known)}")
-
-
-def xyz(element: Element, missing: float) -> tuple[float, float, float]:
-    """A vector as `value="x y z"`, `value="all"` or `x= y= z=`; axes that are not given have the value `missing`."""
-    if "value" in element.attributes:
-        values = numbers(element.attributes["value"], element)
-        if len(values) == 1:
-            values *= 3
-    else:
-        values = [_number(element, axis, missing) for axis in "xyz"]
-    if len(values) != 3:
-        raise element.error(f"<{element.tag}>: expected three numbers, got {len(values)}")
-    return values[0], values[1], values[2]
-
-
-def _number(element: Element, attribute: str, missing: float) -> float:
-    values = numbers(element.attributes.get(attribute, str(missing)), element)
-    if len(values) != 1:
-        raise element.error(f'<{element.tag}>: "{attribute}" must be one number')
-    return values[0]
-
-
-def _triple(element: Element, attribute: str) -> list[float]:
-    values = numbers(element.attribute(attribute), element)
-    if len(values) != 3:
-        raise element.error(f'<{element.tag}>: "{attribute}" must be three numbers, got {len(values)}')
-    return values
-
-
-def read_transform(element: Element) -> Matrix:
-    """The product of a <transform>'s children; the first is applied first."""
-    matrix = np.eye(4)
-    for child in element.children:
-        try:
-            matrix = _one_transform(child) @ matrix
-        except ValueError as error:
-            raise child.error(f"<{child.tag}>: {error}") from error
-    return matrix
-
-
-def _one_transform(child: Element) -> Matrix:
-    match child.tag.lower():  # 0.6 wrote lookAt
-        case "translate":
-            return transforms.translation(xyz(child, 0.0))
-        case "scale":
-            return transforms.scaling(xyz(child, 1.0))
-        case "rotate":
-            return transforms.rotation(xyz(child, 0.0), _number(child, "angle", 0.0))
-        case "lookat":
-            return transforms.look_at(_triple(child, "origin"), _triple(child, "target"), _up(child))
-        case "matrix":
-            return _matrix(child)
-    raise child.error(
-        f"<transform>: unknown element <{child.tag}>"
-        + did_you_mean(child.tag, ["translate", "scale", "rotate", "lookat", "matrix"])
-    )
-
-
-def _up(child: Element) -> list[float]:
-    if "up" in child.attributes:
-        return _triple(child, "up")
-    # any direction that is not the line of sight
-    forward = np.subtract(_triple(child, "target"), _triple(child, "origin"))
-    return [float(axis == np.argmin(np.abs(forward))) for axis in range(3)]
-
-
-def _matrix(child: Element) -> Matrix:
-    values = np.array(numbers(child.attribute("value"), child))
-    if len(values) == 9:
-        matrix = np.eye(4)
-        matrix[:3, :3] = values.reshape(3, 3)
-    elif len(values) == 16:
-        matrix = values.reshape(4, 4)
-    else:
-        raise child.error(f"<matrix>: expected 16 or 9 numbers, got {len(values)}")
-    if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
-        raise child.error('<matrix>: the last row must be "0 0 0 1"; projective transforms are not supported')
-    return matrix
-
-
-def read_colour(element: Element, *, emission: bool) -> RGB:
-    """The value of <rgb>, <srgb>, <spectrum> or <float> as linear sRGB."""
-    text = element.attribute("value") if "value" in element.attributes else ""
-    if not text:
-        raise element.error(f"<{element.tag}>: only colours given by value=... are supported")
-    if element.tag == "spectrum" and ":" in text:
-        raise element.error("<spectrum>: spectra by wavelength are not supported; give an <rgb>")
-    if text.startswith("#"):
-        colour = _hexadecimal(element, text)
-    else:
-        colour = xyz(element, 0.0)
-    if element.tag == "srgb":
-        decoded = srgb_to_linear(np.array(colour))
-        return float(decoded[0]), float(decoded[1]), float(decoded[2])
-    if element.tag == "spectrum" and emission and len(numbers(text, element)) == 1:
-        return (
-            colour[0] * EQUAL_ENERGY_WHITE[0],
-            colour[1] * EQUAL_ENERGY_WHITE[1],
-            colour[2] * EQUAL_ENERGY_WHITE[2],
-        )
-    return colour
-
-
-def _hexadecimal(element: Element, text: str) -> RGB:
-    if element.tag != "srgb":
-        raise element.error(f'<{element.tag}>: "{text}" is a colour on screen (sRGB); write <srgb ... value="{text}"/>')
-    if not re.fullmatch(r"#[0-9a-fA-F]{6}", text):
-        raise element.error(f'<srgb>: expected "#rrggbb", got "{text}"')
-    return int(text[1:3], 16) / 255.0, int(text[3:5], 16) / 255.0, int(text[5:7], 16) / 255.0
-
-
-def srgb_to_linear(values: np.ndarray) -> np.ndarray:
-    """Decodes sRGB (IEC 61966-2-1); negative values stay linear."""
-    return np.where(values <= 0.04045, values / 12.92, ((np.maximum(values, 0.04045) + 0.055) / 1.055) ** 2.4)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.images.read import read_texture
+from wdpm.scenes.mitsuba.colours import read_spectrum_file, within_gamut
 from wdpm.scenes.mitsuba.document import Element
 from wdpm.scenes.mitsuba.plugin import Plugin
 from wdpm.scenes.model import transforms
@@ -24,9 +25,22 @@ from wdpm.scenes.model.textures import (
     VertexColors,
     Wrap,
 )
+from wdpm.scenes.spectra.cie import LONGEST, SHORTEST
+from wdpm.scenes.spectra.spectrum import (
+    Spectrum,
+    blackbody,
+    color_of_light,
+    color_of_surface,
+    parse_even,
+    parse_lists,
+    parse_pairs,
+)
 
 LUMINANCE: Final = (0.212671, 0.715160, 0.072169)
 """Weights of linear sRGB; how Mitsuba makes one number of a colour."""
+
+CONSTANTS: Final = ("uniform", "srgb", "d65", "regular", "irregular", "blackbody", "rawconstant")
+"""Texture plugins that are the same everywhere: Mitsuba 3's spectra."""
 
 _VERTEX, _FACE = "vertex_", "face_"
 _UPWARDS = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
@@ -58,7 +72,29 @@ class TextureReader:
                 return self._bitmap(plugin)
             case "checkerboard":
                 return _checkerboard(plugin)
+            case "scale":
+                return self._scaled(plugin)
+            case plugin_type if plugin_type in CONSTANTS:
+                pixels = np.array(constant(plugin), np.float32).reshape(1, 1, 3)
+                return Bitmap(plugin.name, pixels, Wrap.REPEAT, Interpolation.NEAREST)
         return _vertex_colors(plugin)
+
+    def _scaled(self, plugin: Plugin) -> Texture:
+        """0.6's: a texture, all of it times a number."""
+        at = plugin.at("scale")
+        scale = plugin.take_float("scale", 1.0)
+        nested = plugin.take_one("texture")
+        plugin.finish()
+        if nested is None or scale < 0.0:
+            raise at.error(f"{plugin}: expected one nested texture, and a scale that is not negative")
+        texture = self.read(nested)
+        match texture:
+            case Bitmap():
+                return replace(texture, pixels=texture.pixels * np.float32(scale))
+            case Checkerboard():
+                first, second = (np.multiply(scale, color) for color in (texture.color0, texture.color1))
+                return replace(texture, color0=_rgb(first), color1=_rgb(second))
+        return replace(texture, scale=texture.scale * scale)
 
     def take_color(
         self, plugin: Plugin, name: str, default: RGB, *, most: float = np.inf, emission: bool = False
@@ -69,11 +105,15 @@ class TextureReader:
             most: the largest value that a channel may have; none may be negative.
             emission: whether it is a light's (see `read_colour`).
         """
-        texture = self.take_texture(plugin, name)
-        if texture is not None:
-            return texture
-        at = plugin.at(name)
-        colour = plugin.take_colour(name, default, emission=emission)
+        nested = self._take_nested(plugin, name)
+        if nested is not None and nested.type not in CONSTANTS:
+            return self.read(nested)
+        if nested is None:
+            at = plugin.at(name)
+            colour = plugin.take_colour(name, default, emission=emission, most=most)
+        else:
+            at = nested.element
+            colour = constant(nested, emission=emission, most=most)
         if not all(0.0 <= channel <= most for channel in colour):
             shown = " ".join(f"{channel:g}" for channel in colour)
             allowed = f"lie between 0 and {most:g}" if most < np.inf else "not be negative"
@@ -93,10 +133,14 @@ class TextureReader:
 
     def take_texture(self, plugin: Plugin, name: str | None = None) -> Texture | None:
         """The nested texture of this parameter name, or under any name, if there is one."""
+        found = self._take_nested(plugin, name)
+        return None if found is None else self.read(found)
+
+    def _take_nested(self, plugin: Plugin, name: str | None) -> Plugin | None:
         found = plugin.take_one("texture", name)
         if found is not None and name is not None and plugin.has(name):
             raise plugin.value_error(name, "is given twice: as a value and as a texture")
-        return None if found is None else self.read(found)
+        return found
 
     def _bitmap(self, plugin: Plugin) -> Bitmap:
         file = plugin.take_file().resolve()
@@ -136,13 +180,88 @@ def _checkerboard(plugin: Plugin) -> Checkerboard:
 
 
 def _plain_color(plugin: Plugin, name: str, default: float) -> RGB:
-    for inner in plugin.take_nested("texture", name):
-        raise inner.error(f'{plugin}: a texture as "{name}" is not supported; give an <rgb>')
+    return take_plain(plugin, name, (default, default, default), emission=False)
+
+
+def take_plain(plugin: Plugin, name: str, default: RGB, *, emission: bool) -> RGB:
+    """A parameter that is one colour, given as a value or by a texture that is the same everywhere.
+
+    Raises:
+        SceneError: it is negative, or another texture.
+    """
     at = plugin.at(name)
-    colour = plugin.take_colour(name, (default, default, default), emission=False)
-    if min(colour) < 0:
+    nested = plugin.take_one("texture", name)
+    if nested is None:
+        colour = plugin.take_colour(name, default, emission=emission)
+    elif nested.type in CONSTANTS:
+        at = nested.element
+        colour = constant(nested, emission=emission)
+    else:
+        raise nested.error(f'{plugin}: "{name}" cannot be a texture; give an <rgb>')
+    if min(colour) < 0.0:
         raise at.error(f'{plugin}: "{name}" must not be negative')
     return colour
+
+
+def constant(plugin: Plugin, *, emission: bool = False, most: float = np.inf) -> RGB:
+    """The colour of a texture plugin of CONSTANTS; arguments as for `read_colour`.
+
+    Spectra that Mitsuba 3 has in its spectral modes alone are seen as a <spectrum> of the same values is.
+    """
+    match plugin.type:
+        case "uniform":
+            plugin.ignore("wavelength_min", "wavelength_max")
+            value = plugin.take_float("value", 1.0)
+            colour: RGB = (value, value, value)
+        case "rawconstant":
+            colour = plugin.take_numbers("value")
+        case "srgb":
+            plugin.ignore("unbounded")
+            colour = plugin.take_colour("color", (1.0, 1.0, 1.0), emission=emission)
+        case "d65":
+            colour = _d65(plugin, emission=emission)
+        case _:
+            spectrum = _by_wavelength(plugin)
+            seen = color_of_light(spectrum) if emission else color_of_surface(spectrum)
+            colour = within_gamut(seen, most, plugin.element, plugin.document)
+    plugin.finish()
+    return colour
+
+
+def _d65(plugin: Plugin, *, emission: bool) -> RGB:
+    """A colour under D65, which is sRGB's white: itself."""
+    nested = plugin.take_one("texture")
+    scale = plugin.take_float("scale", 1.0)
+    if nested is not None:
+        if nested.type not in CONSTANTS:
+            raise nested.error(f"{plugin}: {nested} in it is not supported; use it in place of the d65")
+        return constant(nested, emission=emission)
+    return _rgb(scale * np.array(plugin.take_colour("color", (1.0, 1.0, 1.0), emission=False)))
+
+
+def _by_wavelength(plugin: Plugin) -> Spectrum:
+    try:
+        if plugin.type == "blackbody":
+            temperature = plugin.take_float("temperature", 0.0)
+            ends = plugin.take_float("wavelength_min", SHORTEST), plugin.take_float("wavelength_max", LONGEST)
+            return blackbody(temperature, *ends)
+        if plugin.has("value"):
+            at = plugin.at("value")
+            if "filename" in at.attributes:
+                plugin.ignore("value")
+                return read_spectrum_file(plugin.document.resolve_file(at.attributes["filename"], at), at)
+            plugin.ignore("value")
+            return parse_pairs(at.attribute("value"))
+        if plugin.type == "irregular":
+            return parse_lists(plugin.take_string("wavelengths"), plugin.take_string("values"))
+        ends = plugin.take_float("wavelength_min", SHORTEST), plugin.take_float("wavelength_max", LONGEST)
+        return parse_even(plugin.take_string("values"), *ends)
+    except ValueError as error:
+        raise plugin.error(f"{plugin}: {error}") from error
+
+
+def _rgb(values: NDArray[np.float64]) -> RGB:
+    return float(values[0]), float(values[1]), float(values[2])
 
 
 def _vertex_colors(plugin: Plugin) -> VertexColors:

@@ -1,5 +1,7 @@
 """Brings the elements of old Mitsuba files up to version 0.6, whose names the readers know beside Mitsuba 3's.
 
+Of all files, what is written in two ways is written in one: a <spectrum> with a type is a <texture>.
+
 What has changed from version to version: Mitsuba 0.6's own upgrades, data/schema/upgrade_*.xsl.
 """
 
@@ -12,7 +14,13 @@ from typing import Final
 from wdpm.scenes.mitsuba.document import Document, Element
 
 _TAGS: Final = {"luminaire": "emitter", "camera": "sensor"}
-_FILES: Final = {"exrfilm": "hdrfilm", "pngfilm": "ldrfilm", "errctrl": "adaptive"}
+_FILES: Final = {
+    "exrfilm": "hdrfilm",
+    "pngfilm": "ldrfilm",
+    "errctrl": "adaptive",
+    "ldrtexture": "bitmap",
+    "exrtexture": "bitmap",
+}
 _EVERYWHERE: Final = {"focusDepth": "focusDistance", "intensityScale": "scale", "densityMultiplier": "scale"}
 _RADIANCE: Final = {"area": "radiance", "constant": "radiance", "directional": "irradiance"}
 
@@ -20,7 +28,10 @@ _LAST_WITH_BUMP, _LAST_WITH_LUMINAIRES = (0, 5), (0, 4)
 
 
 def upgrade(document: Document) -> None:
-    """Rename in place what a file older than version 0.5 calls otherwise; newer files stay as they are."""
+    """Rename in place what a file older than version 0.5 calls otherwise, and what has two names in all."""
+    for element in _all(document):
+        if element.tag == "spectrum" and "type" in element.attributes:
+            element.tag = "texture"
     version = version_of(document)
     if version is None:
         return

@@ -439,12 +439,12 @@ ERRORS = [
     ),
     *(
         (f'<bsdf type="diffuse">\n<texture type="{kind}" name="reflectance"/></bsdf>', 4, "is not supported yet")
-        for kind in ("ldrtexture", "scale", "gridtexture", "volume")
+        for kind in ("ldrtexture", "wireframe", "gridtexture", "volume")
     ),
     (
         f'<bsdf type="diffuse"><texture type="checkerboard" name="reflectance">\n{checks("color0")}</texture></bsdf>',
         4,
-        'a texture as "color0" is not supported',
+        '"color0" cannot be a texture',
     ),
     (
         '<bsdf type="diffuse"><texture type="mesh_attribute" name="reflectance">\n'

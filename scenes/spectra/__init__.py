@@ -1,0 +1,1 @@
+"""Spectra by wavelength, and the colours that they have in linear sRGB."""
