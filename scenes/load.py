@@ -8,6 +8,7 @@ from pathlib import Path
 
 from wdpm.scenes.builtin.names import BUILT_IN_NAMES, load_built_in
 from wdpm.scenes.errors import SceneError, did_you_mean
+from wdpm.scenes.git_lfs import check_not_a_pointer
 from wdpm.scenes.gltf.read import read_gltf
 from wdpm.scenes.meshes.framing import Frame
 from wdpm.scenes.meshes.in_memory import Meshes, is_of_trimesh
@@ -73,6 +74,7 @@ def load(
         return check_scene(load_built_in(str(source), size))
     with files_within(root):
         check_within(file)
+        check_not_a_pointer(file)
         return check_scene(_read(file, source, asked), file)
 
 

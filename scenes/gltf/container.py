@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.errors import SceneError
+from wdpm.scenes.git_lfs import check_not_a_pointer
 from wdpm.scenes.scene_root import check_within
 
 _MAGIC, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
@@ -201,6 +202,7 @@ class GltfFile:
             raise self.error(f'"{uri[:60]}": only files beside the scene are read, nothing is fetched')
         file = self.file.parent / unquote(uri)
         check_within(file, self.file)
+        check_not_a_pointer(file, self.file)
         try:
             return file.read_bytes()
         except OSError as error:

@@ -283,8 +283,9 @@ def _principled_index(plugin: Plugin, *, refracts: bool) -> float:
     reflects 8 % at normal incidence, and the index is solved for from Fresnel's equation there.
     """
     if plugin.has("eta"):
-        if plugin.has("specular"):
+        if plugin.has("specular") and not plugin.replaced:
             raise plugin.value_error("specular", 'cannot be given together with "eta": one follows from the other')
+        plugin.ignore("specular")
         eta = plugin.take_positive("eta", 1.5)
         return _LEAST_ETA if refracts and eta == 1.0 else eta
     at = plugin.at("specular")

@@ -13,6 +13,7 @@ from pathlib import Path
 from xml.parsers import expat
 
 from wdpm.scenes.errors import SceneError, did_you_mean
+from wdpm.scenes.git_lfs import check_not_a_pointer
 from wdpm.scenes.mitsuba.rules import Rules
 from wdpm.scenes.scene_root import check_within
 
@@ -72,6 +73,7 @@ class Document:
         for folder in (at.file.parent, *self.search_paths):
             if (folder / name).is_file():
                 check_within(folder / name, at.file, at.line)
+                check_not_a_pointer(folder / name, at.file, at.line)
                 return folder / name
         raise at.error(f'file "{name}" not found (looked in {", ".join(map(str, self._folders(at)))})')
 
@@ -139,7 +141,7 @@ class _Reader:
             elif element.tag == "alias":
                 self.aliases.append(self._renamed_alias(element))
             elif element.tag == "path":
-                document.search_paths.insert(0, self._folder(element))
+                document.search_paths.insert(0, self._folder(element, document))
             else:
                 if "id" in element.attributes and element.tag != "ref":
                     _add_id(document.ids, element.attributes["id"], element, element)
@@ -151,12 +153,14 @@ class _Reader:
         element.attribute("as")
         return element
 
-    def _folder(self, element: Element) -> Path:
+    def _folder(self, element: Element, document: Document) -> Path:
+        """Beside the file that names it or, as for other files, in one of the folders known so far."""
         value = element.attributes.get("value") or element.attribute("name")
-        folder = element.file.parent / value
-        if not folder.is_dir():
-            raise element.error(f'<path>: folder "{folder}" not found')
-        return folder
+        folders = [element.file.parent / value, *(folder / value for folder in document.search_paths)]
+        found = next((folder for folder in folders if folder.is_dir()), None)
+        if found is None:
+            raise element.error(f'<path>: folder "{folders[0]}" not found')
+        return found
 
     def _include(self, element: Element, document: Document, depth: int) -> Iterator[Element]:
         if depth >= MAX_INCLUDE_DEPTH:

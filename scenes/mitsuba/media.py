@@ -9,7 +9,7 @@ from wdpm.scenes.meshes.mesh_data import MeshData
 from wdpm.scenes.mitsuba.document import Element
 from wdpm.scenes.mitsuba.plugin import Plugin
 from wdpm.scenes.mitsuba.textures import take_plain
-from wdpm.scenes.mitsuba.volumes import VolumeReader, single_density
+from wdpm.scenes.mitsuba.volumes import VolumeReader, mean_density, single_density
 from wdpm.scenes.model.scene import Medium
 from wdpm.scenes.model.textures import RGB
 from wdpm.scenes.model.volumes import Volume
@@ -53,7 +53,7 @@ class MediaReader:
             return None
         if plugin.element not in self._by_element:
             self._by_element[plugin.element] = len(self.media)
-            heterogeneous = plugin.type == "heterogeneous"
+            heterogeneous = plugin.type == "heterogeneous" or plugin.nests("volume", "gridvolume")
             self.media.append(
                 _read_heterogeneous(plugin, self._volumes) if heterogeneous else _read_homogeneous(plugin)
             )
@@ -83,7 +83,9 @@ def _read_density(plugin: Plugin, name: str, volumes: VolumeReader) -> tuple[Vol
         return density, (1.0, 1.0, 1.0)
     single = single_density(density)
     if single is None:
-        raise error
+        what = f'{grid}: a "{name}" whose hue differs from voxel to voxel is not supported'
+        plugin.rules.refuse(error, what, "the mean of its channels is taken")
+        return mean_density(density)
     return single
 
 

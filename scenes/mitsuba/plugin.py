@@ -10,7 +10,7 @@ from pathlib import Path
 from wdpm.scenes.errors import SceneError, did_you_mean
 from wdpm.scenes.mitsuba.colours import COLOUR_TAGS, read_colour
 from wdpm.scenes.mitsuba.document import Document, Element
-from wdpm.scenes.mitsuba.rules import HARMLESS
+from wdpm.scenes.mitsuba.rules import HARMLESS, IMPLIED, RENAMED
 from wdpm.scenes.mitsuba.supported import is_known, supported
 from wdpm.scenes.mitsuba.values import numbers, read_transform, xyz
 from wdpm.scenes.model.textures import RGB
@@ -77,7 +77,7 @@ class Plugin:
         if self.type in types:
             return
         what, error = _not_supported(self.element)
-        stand_in = self.rules.stand_in(self.category, self.type)
+        stand_in = _stand_in(self.element, self.document)
         if self.category in HARMLESS:
             self.rules.tell(self.line, f'{what}: it is taken for "{stand_in}", which changes how, not what is computed')
         elif stand_in is None:
@@ -85,7 +85,15 @@ class Plugin:
         else:
             self.rules.refuse(error, what, f'it is taken for "{stand_in}"')
         self.replaced = True
+        self._rename_as_stand_in(self.type)
         self.type = stand_in or self.type
+
+    def _rename_as_stand_in(self, plugin_type: str) -> None:
+        """Give a stand-in what it can use of the parameters of the plugin for which it stands."""
+        self._values = {RENAMED.get(name, name): element for name, element in self._values.items()}
+        for name, value in IMPLIED.get(plugin_type, {}).items():
+            child = Element("float", {"name": name, "value": value}, self.element.file, self.line)
+            self._values.setdefault(name, child)
 
     def __str__(self) -> str:
         return f'{self.category} "{self.type}"'
@@ -106,9 +114,12 @@ class Plugin:
         """Whether a plugin of this category is nested under this name; does not take it."""
         return any(given == name and element.tag == category for given, element in self._nested)
 
-    def nests(self, category: str) -> bool:
-        """Whether a plugin of this category is nested under any name; does not take it."""
-        return any(element.tag == category for _, element in self._nested)
+    def nests(self, category: str, plugin_type: str | None = None) -> bool:
+        """Whether a plugin of this category, and of this type, is nested under any name; does not take it."""
+        return any(
+            element.tag == category and plugin_type in (None, element.attributes.get("type"))
+            for _, element in self._nested
+        )
 
     def at(self, name: str) -> Element:
         """Where a parameter is given, for messages; the plugin itself where it is not. Ask before taking it."""
@@ -225,7 +236,8 @@ class Plugin:
         """The nested plugin of a category, if there is one; more than one is an error."""
         found = self.take_nested(category, name)
         if len(found) > 1:
-            raise found[1].error(f"{self} takes one {category}, got {len(found)}")
+            what = f"{self} takes one {category}, got {len(found)}"
+            self.rules.refuse(found[1].error(what), what, "the first is taken")
         return found[0] if found else None
 
     def finish(self) -> None:
@@ -258,11 +270,19 @@ def _not_supported(element: Element) -> tuple[str, SceneError]:
     return f"unknown {what}", element.error(f"unknown {what}{hint} (supported: {', '.join(types)})")
 
 
+def _stand_in(element: Element, document: Document) -> str | None:
+    """The plugin that may stand in for one that is not known: one that differs in capitals alone, or the rules'."""
+    small = element.attribute("type").lower()
+    if small in supported(element.tag):
+        return small
+    return document.rules.stand_in(element.tag, element.attribute("type"))
+
+
 def left_out(element: Element, document: Document) -> bool:
     """Whether a plugin is left out of the scene, as a lenient reader does with one that nothing can stand in for."""
     category, plugin_type = element.tag, element.attribute("type")
     rules = document.rules
-    if not rules.lenient or plugin_type in supported(category) or rules.stand_in(category, plugin_type) is not None:
+    if not rules.lenient or plugin_type in supported(category) or _stand_in(element, document) is not None:
         return False
     what, error = _not_supported(element)
     rules.refuse(error, what, "it is left out")

@@ -41,6 +41,9 @@ from wdpm.scenes.model.scene import Camera, Mesh, Scene, Solid
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color
 from wdpm.scenes.model.viewpoint import named_camera
 
+_PARTS = {"bsdf", "texture", "medium", "phase", "volume", "sampler", "film", "rfilter"}
+"""What is nested in other plugins, and stands in the scene itself only to be referred to."""
+
 
 def read_mitsuba(
     file: Path,
@@ -116,21 +119,26 @@ class _SceneReader:
                 pass
             case "shape":
                 self._read_shape(Plugin(element, self.document))
+            case "emitter" if element.attributes.get("type") == "area" and "id" in element.attributes:
+                pass  # read when a shape refers to it
             case "emitter":
                 self.lights.append(self.emitters.read(Plugin(element, self.document)))
             case "sensor":
                 self.sensors.append(Plugin(element, self.document))
             case "integrator":
                 self.integrators.append(Plugin(element, self.document))
-            case "bsdf" | "texture" | "medium" | "phase" | "volume" if "id" in element.attributes:
+            case tag if tag in _PARTS and "id" in element.attributes:
                 pass  # read when a shape refers to it, so what no shape uses may be unsupported
-            case "bsdf" | "texture" | "medium" | "phase" | "volume":
+            case tag if tag in _PARTS:
                 self.warnings.append(f"line {element.line}: <{element.tag}> without id: nothing can use it")
             case "subsurface":
                 what = f"<{element.tag}> is not supported yet"
                 self.document.rules.refuse(element.error(what), what, "it is left out")
+            case tag if tag in VALUE_TAGS and element.attributes.get("name") in ("blockSize", "block_size"):
+                self.document.rules.tell(element.line, f"<{tag}>: the size of blocks is ignored")  # 0.6's
             case tag if tag in VALUE_TAGS | OBJECT_TAGS:
-                raise element.error(f"<{tag}> does not belong directly into <scene>")
+                what = f"<{tag}> does not belong directly into <scene>"
+                self.document.rules.refuse(element.error(what), what, "it is left out")
             case _:
                 raise unknown_tag(element)
 

@@ -21,6 +21,28 @@ NEAREST: Final = {
 }
 """Stand-ins by category and plugin, for lenient readers."""
 
+NEAREST_BY_WORD: Final = {
+    "bsdf": (
+        *(("disney", "principled"), ("principled", "principled"), ("roughplastic", "roughplastic")),
+        *(("plastic", "plastic"), ("roughdielectric", "roughdielectric"), ("dielectric", "dielectric")),
+        *(("glass", "dielectric"), ("roughconductor", "roughconductor"), ("conductor", "conductor")),
+        *(("metal", "roughconductor"), ("mirror", "conductor")),
+    )
+}
+"""Stand-ins by a word in the plugin's name, where none stands for the whole name; the first word that is in it."""
+
+RENAMED: Final = {"specular_transmission": "spec_trans", "specular_tint": "spec_tint", "subsurface": "flatness"}
+"""Parameters of plugins that are not known, by what their stand-ins call them: Burley's names, and Mitsuba's."""
+
+IMPLIED: Final = {
+    "disneymetal": {"metallic": "1"},
+    "disneyglass": {"spec_trans": "1"},
+    "disneydiffuse": {"specular": "0"},
+    "disneyclearcoat": {"base_color": "0", "specular": "0", "clearcoat": "1"},
+    "disneysheen": {"specular": "0", "sheen": "1"},
+}
+"""What a plugin that is not known means without saying it, for its stand-in: parts of Burley's model by themselves."""
+
 STAND_IN: Final = {"bsdf": "diffuse", "film": "hdrfilm", "sensor": "perspective"}
 """What stands in for all others of a category. In the other categories, what is not known is left out."""
 
@@ -63,4 +85,6 @@ class Rules:
         """The plugin that may stand in for one that is not known; None where it would be left out."""
         if category in HARMLESS:
             return HARMLESS[category]
-        return NEAREST.get(category, {}).get(plugin_type) or STAND_IN.get(category)
+        words = NEAREST_BY_WORD.get(category, ())
+        by_word = next((nearest for word, nearest in words if word in plugin_type.lower()), None)
+        return NEAREST.get(category, {}).get(plugin_type) or by_word or STAND_IN.get(category)

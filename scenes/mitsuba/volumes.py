@@ -14,6 +14,9 @@ from wdpm.scenes.model.volumes import Volume
 from wdpm.scenes.volume_files.read import read_voxels
 from wdpm.scenes.volume_files.vol import Voxels
 
+_TRACE = 1e-4
+"""Largest share of the largest voxel that one may be below 0 by: what a simulation's roundings leave."""
+
 _SAME_COLOR = 1e-5
 """Largest difference between voxels of one hue, as a share of the largest: a few roundings of float32."""
 
@@ -51,7 +54,8 @@ class VolumeReader:
             if file not in self._voxels:
                 self._voxels[file] = read_voxels(file)
             voxels = self._voxels[file]
-            _check(voxels.values, most)
+            values = _without_negatives(voxels.values, plugin, file)
+            _check(values, most)
         except ValueError as error:
             raise at.error(f"{plugin}: {file.name}: {error}") from error
         placed = np.eye(4) if to_world is None else to_world
@@ -60,8 +64,8 @@ class VolumeReader:
             placed = placed @ _box_matrix(low, high)
         if not abs(np.linalg.det(placed)) > 0.0:
             raise at.error(f"{plugin}: {file.name}: its box has no volume; look at to_world and its bounding box")
-        corners = self._old and min(voxels.values.shape[:3]) > 1
-        return Volume(file.name, voxels.values, placed, nearest, corners, wrap)
+        corners = self._old and min(values.shape[:3]) > 1
+        return Volume(file.name, values, placed, nearest, corners, wrap)
 
 
 def single_density(volume: Volume) -> tuple[Volume, RGB] | None:
@@ -77,6 +81,14 @@ def single_density(volume: Volume) -> tuple[Volume, RGB] | None:
     return single, (color[0], color[1], color[2])
 
 
+def mean_density(volume: Volume) -> tuple[Volume, RGB]:
+    """A volume of colours as one of numbers, at most 1, times a grey: the mean of its channels."""
+    mean = volume.values.mean(axis=3, keepdims=True)
+    peak = float(mean.max()) or 1.0
+    single = Volume(volume.name, mean / peak, volume.to_world, volume.nearest, volume.at_corners, volume.wrap)
+    return single, (peak, peak, peak)
+
+
 def _take_box(plugin: Plugin) -> tuple[tuple[float, float, float], tuple[float, float, float]] | None:
     """The box that 0.6's `min` and `max` give in place of the file's."""
     if not (plugin.has("min") and plugin.has("max")):
@@ -89,6 +101,22 @@ def _box_matrix(low: tuple[float, float, float], high: tuple[float, float, float
     matrix = np.diag([*np.subtract(high, low), 1.0])
     matrix[:3, 3] = low
     return matrix
+
+
+def _without_negatives(values: NDArray[np.float32], plugin: Plugin, file: Path) -> NDArray[np.float32]:
+    """Voxels that are negative by a trace as 0, with a warning; for a lenient reader all that are negative."""
+    negative = values < 0.0
+    if not negative.any():
+        return values
+    count = f"{int(negative.any(axis=3).sum()):,} negative voxels"
+    if values.min() >= -_TRACE * values.max(initial=0.0):
+        plugin.rules.tell(plugin.line, f"{plugin}: {file.name}: {count}, all but 0: they are taken as 0")
+    elif plugin.rules.lenient:
+        error = plugin.error(count)
+        plugin.rules.refuse(error, f"{plugin}: {file.name}: {count}, down to {values.min():g}", "they are taken as 0")
+    else:
+        return values
+    return np.where(negative, np.float32(0.0), values)
 
 
 def _check(values: NDArray[np.float32], most: float) -> None:
