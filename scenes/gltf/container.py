@@ -14,10 +14,12 @@ from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.git_lfs import check_not_a_pointer
+from wdpm.scenes.meshes.mapped import FileBytes, let_go, map_file
+from wdpm.scenes.meshes.several import converted
 from wdpm.scenes.scene_root import check_within
 
 _MAGIC, _JSON_CHUNK, _BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
@@ -35,10 +37,11 @@ class GltfFile:
     def __init__(self, file: Path) -> None:
         self.file = file
         try:
-            data = file.read_bytes()
+            data = map_file(file)
         except OSError as error:
             raise self.error(f"cannot be read: {error.strerror}") from error
-        text, self._glb_chunk = _split_glb(data, file) if data[:4] == b"glTF" else (data, None)
+        self._mapped = [data]
+        text, self._glb_chunk = _split_glb(data, file) if data[:4] == b"glTF" else (data[:], None)
         try:
             document = json.loads(text)
         except (ValueError, RecursionError) as error:
@@ -47,7 +50,7 @@ class GltfFile:
         if not isinstance(document, dict):
             raise self.error("broken glTF: the document is not a JSON object")
         self.json: dict[str, Any] = document
-        self._buffers: dict[int, bytes] = {}
+        self._buffers: dict[int, memoryview] = {}
         self._supplied: dict[int, NDArray[Any]] = {}
         version = self.get(self.json, "asset", dict, {}).get("version")
         if version is None or not str(version).startswith("2."):
@@ -142,10 +145,8 @@ class GltfFile:
             raise self.error(f"broken glTF: an accessor reads beyond the end of bufferViews[{view_index}]")
         if count == 0:
             return np.zeros((0, width), dtype=dtype)
-        # strides need not be multiples of the component's size, so rows are gathered as bytes
-        raw = np.frombuffer(data, np.uint8)
-        rows = np.lib.stride_tricks.as_strided(raw[offset:], (count, row), (stride, 1), writeable=False)
-        return np.ascontiguousarray(rows).view(dtype)
+        # strides need not be multiples of the component's size
+        return np.ndarray((count, width), dtype, data, offset, (stride, dtype.itemsize))
 
     def _with_sparse(self, values: NDArray[Any], sparse: dict[str, Any], dtype: np.dtype[Any]) -> NDArray[np.generic]:
         count = self.get(sparse, "count", int, 0)
@@ -163,8 +164,15 @@ class GltfFile:
         patched[rows] = patch
         return patched
 
-    def view_bytes(self, index: Any) -> bytes:
-        """The bytes of a buffer view."""
+    def converted(self, index: Any, dtype: DTypeLike) -> NDArray[Any]:
+        """The values of an accessor, as `accessor`, of some type; the file's memory is given back."""
+        values = converted([self.accessor(index)], dtype)
+        for data in self._mapped:
+            let_go(data)
+        return values
+
+    def view_bytes(self, index: Any) -> memoryview:
+        """The bytes of a buffer view, where the file is mapped."""
         view = self.item("bufferViews", index)
         data = self._buffer(self.get(view, "buffer", int, -1))
         offset, length = self.get(view, "byteOffset", int, 0), self.get(view, "byteLength", int, -1)
@@ -172,11 +180,11 @@ class GltfFile:
             raise self.error(f"broken glTF: bufferViews[{index}] reads beyond the end of its buffer")
         return data[offset : offset + length]
 
-    def _buffer(self, index: int) -> bytes:
+    def _buffer(self, index: int) -> memoryview:
         if index not in self._buffers:
             buffer = self.item("buffers", index)
             if "uri" in buffer:
-                self._buffers[index] = self.uri_bytes(self.get(buffer, "uri", str, ""))
+                self._buffers[index] = memoryview(self._uri_data(self.get(buffer, "uri", str, "")))
             elif self._glb_chunk is not None and index == 0:
                 self._buffers[index] = self._glb_chunk
             else:
@@ -190,6 +198,9 @@ class GltfFile:
 
     def uri_bytes(self, uri: str) -> bytes:
         """The content of a data URI or of a file beside this one; nothing is fetched from a network."""
+        return self._uri_data(uri)[:]
+
+    def _uri_data(self, uri: str) -> FileBytes:
         if uri.startswith("data:"):
             header, comma, payload = uri.partition(",")
             if not comma or not header.endswith(";base64"):
@@ -204,12 +215,14 @@ class GltfFile:
         check_within(file, self.file)
         check_not_a_pointer(file, self.file)
         try:
-            return file.read_bytes()
+            data = map_file(file)
         except OSError as error:
             raise self.error(f'"{uri}" cannot be read: {error.strerror}') from error
+        self._mapped.append(data)
+        return data
 
 
-def _split_glb(data: bytes, file: Path) -> tuple[bytes, bytes | None]:
+def _split_glb(data: FileBytes, file: Path) -> tuple[bytes, memoryview | None]:
     """JSON text and binary chunk of a GLB container."""
     if len(data) < 20:
         raise SceneError("GLB is too short: it is truncated", file)
@@ -218,15 +231,16 @@ def _split_glb(data: bytes, file: Path) -> tuple[bytes, bytes | None]:
         raise SceneError(f"GLB container of version {version}; expected 2", file)
     if length > len(data):
         raise SceneError(f"GLB announces {length} bytes but has {len(data)}: it is truncated", file)
-    chunks: dict[int, bytes] = {}
+    chunks: dict[int, memoryview] = {}
+    view = memoryview(data)
     position = 12
     while position + 8 <= length:
         size, kind = struct.unpack_from("<II", data, position)
         position += 8
         if position + size > length:
             raise SceneError("a GLB chunk reads beyond the end of the file: it is truncated", file)
-        chunks.setdefault(kind, data[position : position + size])
+        chunks.setdefault(kind, view[position : position + size])
         position += size
     if _JSON_CHUNK not in chunks:
         raise SceneError("GLB without a JSON chunk", file)
-    return chunks[_JSON_CHUNK], chunks.get(_BINARY_CHUNK)
+    return bytes(chunks[_JSON_CHUNK]), chunks.get(_BINARY_CHUNK)

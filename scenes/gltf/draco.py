@@ -24,7 +24,7 @@ def decompress(gltf: GltfFile, primitive: dict[str, Any]) -> None:
     if DRACO not in extensions:
         return
     compressed: dict[str, Any] = gltf.get(extensions, DRACO, dict, {})
-    mesh = _decoded(gltf, gltf.view_bytes(compressed.get("bufferView")))
+    mesh = _decoded(gltf, bytes(gltf.view_bytes(compressed.get("bufferView"))))
     attributes = gltf.get(primitive, "attributes", dict, {})
     for name, number in gltf.get(compressed, "attributes", dict, {}).items():
         found = mesh.get_attribute_by_unique_id(number) if isinstance(number, int) else None

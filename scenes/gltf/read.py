@@ -211,7 +211,7 @@ class _Reader:
         decompress(self.gltf, primitive)
         number = self.materials.read(primitive.get("material"), colored=COLOR_ATTRIBUTE in attributes)
         entry = self.materials.materials[number]
-        vertices = self.gltf.accessor(attributes["POSITION"]).astype(np.float64)
+        vertices = self.gltf.converted(attributes["POSITION"], np.float64)
         if vertices.shape[1] != 3:
             raise self.gltf.error(f"broken glTF: POSITION has {vertices.shape[1]} components, expected 3")
         faces = self._faces(primitive, mode, len(vertices), name)
@@ -240,7 +240,7 @@ class _Reader:
 
     def _colors(self, attributes: dict[str, Any], tint: RGB, count: int) -> NDArray[np.float64]:
         """Vertex colours times their material's base colour; a fourth component, of opacity, is ignored."""
-        values = self.gltf.accessor(attributes[COLOR_ATTRIBUTE]).astype(np.float64)
+        values = self.gltf.converted(attributes[COLOR_ATTRIBUTE], np.float64)
         if values.shape[1] not in (3, 4) or len(values) != count:
             raise self.gltf.error(
                 f"broken glTF: {COLOR_ATTRIBUTE} has shape {values.shape}, expected ({count}, 3 or 4)"
@@ -252,14 +252,14 @@ class _Reader:
     def _attribute(self, attributes: dict[str, Any], key: str, width: int, count: int) -> NDArray[np.float64] | None:
         if key not in attributes:
             return None
-        values = self.gltf.accessor(attributes[key]).astype(np.float64)
+        values = self.gltf.converted(attributes[key], np.float64)
         if values.shape[1] != width or len(values) != count:
             raise self.gltf.error(f"broken glTF: {key} has shape {values.shape}, expected ({count}, {width})")
         return values
 
     def _faces(self, primitive: dict[str, Any], mode: int, vertex_count: int, name: str) -> NDArray[np.int64]:
         if "indices" in primitive:
-            indices = self.gltf.accessor(primitive["indices"]).astype(np.int64).reshape(-1)
+            indices = self.gltf.converted(primitive["indices"], np.int64).reshape(-1)
         else:
             indices = np.arange(vertex_count)
         if len(indices) and not 0 <= indices.min() <= indices.max() < vertex_count:

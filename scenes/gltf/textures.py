@@ -87,7 +87,7 @@ class GltfTextures:
         data = (
             self._gltf.uri_bytes(self._gltf.get(image, "uri", str, ""))
             if "uri" in image
-            else self._gltf.view_bytes(image.get("bufferView"))
+            else bytes(self._gltf.view_bytes(image.get("bufferView")))
         )
         return data, f"{self._gltf.file} (image {source})"
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,7 +105,10 @@ def vertex_normals(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> N
     return normalized(sums)
 
 
-def merge_corners(*columns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+Numbers = NDArray[np.signedinteger[Any]]
+
+
+def merge_corners(*columns: Numbers) -> tuple[NDArray[np.int64], Numbers]:
     """Makes one vertex of every distinct combination of indices.
 
     Args:
@@ -112,8 +116,63 @@ def merge_corners(*columns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArr
 
     Returns:
         first: for every vertex a corner that has its combination, shape [V], in order of first appearance.
-        corner_vertex: for every corner its vertex, shape [N].
+        corner_vertex: for every corner its vertex, shape [N], in 32 bits where they are enough.
     """
+    key, *others = columns
+    if not len(key):
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    if key.min() < 0 or key.max() > 4 * len(key):  # no table of them
+        return _merge_by_sorting(columns)
+    others = [column for column in others if column is not key and column.min() != column.max()]
+    # for every corner, the first one of its combination
+    earliest: Numbers = np.arange(len(key), dtype=np.int64 if len(key) >= 1 << 31 else np.int32)
+    _find_earliest(key, others, earliest)
+    first = np.flatnonzero(earliest == np.arange(len(key), dtype=earliest.dtype))
+    number = np.empty_like(earliest)  # of vertices, at their first corners
+    number[first] = np.arange(len(first))
+    for block in range(0, len(key), _CORNERS_AT_ONCE):
+        earliest[block : block + _CORNERS_AT_ONCE] = number[earliest[block : block + _CORNERS_AT_ONCE]]
+    return first, earliest
+
+
+_CORNERS_AT_ONCE = 1 << 16
+_MOST_ROUNDS = 16
+"""What still differs after so many rounds is sorted: corners in which very many meet, each another combination."""
+
+
+def _find_earliest(key: Numbers, others: Sequence[Numbers], earliest: Numbers) -> None:
+    """For every corner the first that has its combination, in linear time where few meet in one of the key column.
+
+    In every round, corners of one key are held against the first of them that is left.
+
+    Args:
+        key: not negative, not much larger than there are corners.
+        earliest: numbers of the corners; it becomes the result.
+    """
+    first = np.empty(int(key.max()) + 1, earliest.dtype)
+    left = earliest
+    if not others:
+        first[key[::-1]] = earliest[::-1]
+        earliest[:] = first[key]
+        return
+    for _ in range(_MOST_ROUNDS):
+        own = key[left]
+        first[own[::-1]] = left[::-1]  # of numbers that are written to one place the last stays
+        found = first[own]
+        alike = np.ones(len(left), np.bool_)
+        for column in others:
+            alike &= column[left] == column[found]
+        rest = left[~alike]
+        earliest[left[alike]] = found[alike]
+        left = rest
+        if not len(left):
+            return
+    first_of, number = _merge_by_sorting([column[left] for column in (key, *others)])
+    earliest[left] = left[first_of][number]
+
+
+def _merge_by_sorting(columns: Sequence[Numbers]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """As `merge_corners`, whatever the numbers."""
     code = np.zeros(len(columns[0]), dtype=np.int64)
     size = 1  # codes are below it
     for column in columns:

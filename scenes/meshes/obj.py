@@ -3,6 +3,9 @@
 Format: "Object Files (.obj)", Wavefront Advanced Visualizer, appendix B1. Indices may be negative: they then count
 back from the latest vertex before the face. Polygons are cut into fans.
 
+Files as programs write them are read by whole arrays (obj_plain); what else there is in others, and what is wrong in
+any, is found here, line by line.
+
 Read by hand: trimesh (5.2) counts negative indices back from the end of the file, so that faces between vertices get
 others' corners, and answers an index out of range with an IndexError that names no line.
 """
@@ -18,39 +21,11 @@ from numpy.typing import NDArray
 
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute, merge_corners, triangulate_fans
+from wdpm.scenes.meshes.obj_file import IGNORED, NO_MATERIAL, ObjFile, unknown_keywords
+from wdpm.scenes.meshes.obj_plain import read_plain_obj
 from wdpm.scenes.meshes.vertex_attributes import VERTEX_COLOR
 from wdpm.scenes.model.checks import FARTHEST
 from wdpm.scenes.model.transforms import normalized
-
-NO_MATERIAL = ""
-
-# neither surfaces nor how they look: names, smoothing groups, points, lines, free-form geometry, display attributes
-# fmt: off
-_IGNORED = frozenset((
-    "g", "o", "s", "mg", "p", "l", "vp", "cstype", "deg", "bmat", "step", "curv", "curv2", "surf", "parm", "trim",
-    "hole", "scrv", "sp", "end", "con", "bevel", "c_interp", "d_interp", "lod", "shadow_obj", "trace_obj", "ctech",
-    "stech", "maplib", "usemap",
-))
-# fmt: on
-
-
-@dataclass(frozen=True, eq=False)
-class ObjFile:
-    """What an OBJ file holds.
-
-    Attributes:
-        mesh: all its triangles.
-        materials: names from `usemtl`, in order of first use; "" for faces before any.
-        face_material: index into materials for every triangle, int64, shape [F].
-        libraries: file names from `mtllib`, with the line they are in.
-        warnings: what was not understood.
-    """
-
-    mesh: MeshData
-    materials: tuple[str, ...]
-    face_material: NDArray[np.int64]
-    libraries: tuple[tuple[str, int], ...]
-    warnings: tuple[str, ...]
 
 
 @dataclass(eq=False)
@@ -125,10 +100,20 @@ def read_obj(file: Path) -> ObjFile:
         SceneError: with file and line; also if there is no face.
     """
     try:
-        text = file.read_text(encoding="utf-8", errors="replace")
+        plain = read_plain_obj(file)
+        return read_by_lines(file) if plain is None else plain
     except OSError as error:
         raise SceneError(f"cannot be read: {error.strerror}", file) from error
-    return _Parser(file).parse(text)
+
+
+def read_by_lines(file: Path) -> ObjFile:
+    """Reads an OBJ file line by line: whatever the format allows, and it says what is wrong and where.
+
+    Raises:
+        OSError: it cannot be read.
+        SceneError: with file and line; also if there is no face.
+    """
+    return _Parser(file).parse(file.read_text(encoding="utf-8", errors="replace"))
 
 
 class _Parser:
@@ -160,7 +145,7 @@ class _Parser:
                 material = " ".join(words[1:])
             elif keyword == "mtllib":
                 self.libraries.append((" ".join(words[1:]), line))
-            elif keyword not in _IGNORED:
+            elif keyword not in IGNORED:
                 self.unknown.setdefault(keyword, line)
         return self._assemble()
 
@@ -174,15 +159,13 @@ class _Parser:
         corners, polygon = triangulate_fans(counts)
         mesh = MeshData(
             self.positions.array(self.file)[indices[first, 0]],
-            corner_vertex[corners],
+            corner_vertex[corners].astype(np.int64),
             _gather(normalized(self.normals.array(self.file)), indices[first, 2]),
             _gather(self.uvs.array(self.file), indices[first, 1]),
             self._attributes(indices[first, 0]),
         )
-        warnings = tuple(
-            f'{self.file.name}:{line}: unknown keyword "{word[:40]}" ignored' for word, line in self.unknown.items()
-        )
-        face_material = np.array(self.faces.materials, dtype=np.int64)[polygon]
+        warnings = unknown_keywords(self.file.name, self.unknown)
+        face_material = np.array(self.faces.materials, dtype=np.int32)[polygon]
         return ObjFile(mesh, tuple(self.materials), face_material, tuple(self.libraries), warnings)
 
     def _attributes(self, vertices: NDArray[np.int64]) -> dict[str, VertexAttribute]:

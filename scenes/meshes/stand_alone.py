@@ -6,11 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wdpm.scenes.meshes.framing import Frame, framed_scene
 from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute
 from wdpm.scenes.meshes.mtl import MtlMaterial, read_mtl
-from wdpm.scenes.meshes.obj import ObjFile, read_obj
+from wdpm.scenes.meshes.obj import read_obj
+from wdpm.scenes.meshes.obj_file import ObjFile
 from wdpm.scenes.meshes.off import read_off
 from wdpm.scenes.meshes.ply import read_ply
 from wdpm.scenes.meshes.stl import read_stl
@@ -81,17 +83,30 @@ def _read_obj_scene(file: Path, size: tuple[int, int] | None, frame: Frame | Non
 
 def _part(obj: ObjFile, material: int) -> MeshData:
     """The triangles of one material, with the vertices that they use."""
-    faces = obj.mesh.faces[obj.face_material == material]
-    used, renumbered = np.unique(faces, return_inverse=True)
     mesh = obj.mesh
+    if len(obj.materials) == 1:  # every vertex is a corner of some triangle
+        return mesh
+    faces = mesh.faces[obj.face_material == material]
+    used, renumbered = _renumbered(faces, len(mesh.vertices))
     attributes = {name: VertexAttribute(a.values[used], a.coded) for name, a in mesh.attributes.items()}
     return MeshData(
         mesh.vertices[used],
-        renumbered.reshape(-1, 3),
+        renumbered,
         None if mesh.normals is None else mesh.normals[used],
         None if mesh.uvs is None else mesh.uvs[used],
         attributes,
     )
+
+
+def _renumbered(faces: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The vertices that faces use, ascending, and the faces by their places among these."""
+    if 8 * faces.size < count:  # many small parts: not all vertices for each
+        used, renumbered = np.unique(faces, return_inverse=True)
+        return used, renumbered.reshape(-1, 3)
+    is_used = np.zeros(count, np.bool_)
+    is_used[faces] = True
+    number = np.cumsum(is_used) - 1
+    return np.flatnonzero(is_used), number[faces]
 
 
 def _read_own_library(

@@ -9,6 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 Matrix = NDArray[np.float64]
 
+_IDENTITY = np.eye(4)
+_ROWS_AT_ONCE = 1 << 16
+
 
 def translation(offset: ArrayLike) -> Matrix:
     """Moves by offset, shape [3]."""
@@ -74,7 +77,11 @@ def facing_forward(node: Matrix) -> Matrix:
 
 def apply_to_points(matrix: Matrix, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Maps points, shape [N, 3], by an affine matrix."""
-    return np.asarray(points @ matrix[:3, :3].T + matrix[:3, 3])
+    if np.array_equal(matrix, _IDENTITY):
+        return points + 0.0  # as products and sums would have it, of minus zero too
+    moved = np.asarray(points @ matrix[:3, :3].T)
+    moved += matrix[:3, 3]
+    return moved
 
 
 def placed(matrix: Matrix, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -98,10 +105,20 @@ def apply_to_normals(matrix: Matrix, normals: NDArray[np.float64]) -> NDArray[np
         inverse = np.linalg.inv(matrix[:3, :3])
     except np.linalg.LinAlgError as error:
         raise ValueError("the transform flattens space: its matrix has no inverse") from error
-    return normalized(normals @ inverse)
+    turned = normals + 0.0 if np.array_equal(inverse, _IDENTITY[:3, :3]) else np.asarray(normals @ inverse)
+    return _normalize(turned, out=turned)
 
 
 def normalized(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     """Vectors, shape [N, 3], scaled to unit length; zero stays zero."""
-    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)
+    return _normalize(vectors, out=np.empty_like(vectors))
+
+
+def _normalize(vectors: NDArray[np.float64], out: NDArray[np.float64]) -> NDArray[np.float64]:
+    """As `normalized`; out may be the vectors themselves."""
+    for first in range(0, len(vectors), _ROWS_AT_ONCE):
+        block = slice(first, first + _ROWS_AT_ONCE)
+        lengths = np.linalg.norm(vectors[block], axis=-1, keepdims=True)
+        np.divide(vectors[block], lengths, out=out[block], where=lengths > 0)
+        out[block][~(lengths[:, 0] > 0)] = 0.0
+    return out

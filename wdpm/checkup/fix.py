@@ -111,7 +111,9 @@ def _read(source: Path, changes: list[str]) -> _File:
 def _read_whole(source: Path) -> _File:
     if source.suffix.lower() == ".obj":
         obj = read_obj(source)
-        return _File(obj.mesh, obj.face_material, obj.materials, tuple(name for name, _ in obj.libraries))
+        return _File(
+            obj.mesh, obj.face_material.astype(np.int64), obj.materials, tuple(name for name, _ in obj.libraries)
+        )
     mesh = READERS[source.suffix.lower()](source)
     return _File(mesh, np.zeros(len(mesh.faces), np.int64))
 
@@ -180,7 +182,7 @@ def _codes(table: NDArray[np.float64]) -> list[Ints]:
 
 def _places(vertices: NDArray[np.float64]) -> Ints:
     """A number for each vertex, the same for those in one place, shape [V]."""
-    return merge_corners(*_codes(vertices + 0.0))[1]
+    return merge_corners(*_codes(vertices + 0.0))[1].astype(np.int64)
 
 
 def _turned(file: _File, changes: list[str]) -> _File:
