@@ -59,6 +59,29 @@ class Bucket:
     slave: int
 
 
+@dataclass(frozen=True)
+class SlaveSeen:
+    """A slave of a cluster, as those see it who look at the image.
+
+    Attributes:
+        name: host and process.
+        cells: how many it holds; whole: whether those are all of the scene.
+        lost: it is no more.
+        memory: that its process has in use now [bytes]; 0 before it has said so.
+        cores: that it keeps busy.
+        sent, received: by it, to and from all others [bytes/s].
+    """
+
+    name: str
+    cells: int
+    whole: bool
+    lost: bool
+    memory: int = 0
+    cores: float = 0.0
+    sent: float = 0.0
+    received: float = 0.0
+
+
 class PassMean(Protocol):
     """The mean of the passes so far, which costs something to work out: a display asks when it wants to know."""
 
@@ -89,6 +112,9 @@ class Display(Protocol):
     def bucket(self, bucket: Bucket) -> None:
         """Pixels of the frame are done. Its arrays may be kept, and must not be written to."""
 
+    def slaves(self, seen: Sequence[SlaveSeen]) -> None:
+        """What slaves of a cluster hold and take has changed; all that ever were, by number. May come at any time."""
+
     def end(self, statistics: Sequence[Mapping[str, Any]]) -> None:
         """The frame is complete; what each slave held and did, by its number (CellWorker.statistics)."""
 
@@ -113,6 +139,10 @@ class Displays:
     def bucket(self, bucket: Bucket) -> None:
         for display in self._each:
             display.bucket(bucket)
+
+    def slaves(self, seen: Sequence[SlaveSeen]) -> None:
+        for display in self._each:
+            display.slaves(seen)
 
     def end(self, statistics: Sequence[Mapping[str, Any]]) -> None:
         for display in self._each:

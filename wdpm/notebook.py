@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from wdpm.cluster.display import Bucket, Display, Displays, Frame, PassMean
+from wdpm.cluster.display import Bucket, Display, Displays, Frame, PassMean, SlaveSeen
 from wdpm.images.files import png_bytes
 from wdpm.images.view_transform import Look, shown_pixels
 from wdpm.progress import Progress, SilentProgress
@@ -71,6 +71,9 @@ class LiveRender:
     def bucket(self, bucket: Bucket) -> None:
         self._picture.put(bucket)
         self._show()
+
+    def slaves(self, seen: Sequence[SlaveSeen]) -> None:
+        """They are no part of the picture."""
 
     def end(self, statistics: Sequence[Mapping[str, Any]]) -> None:
         """What slaves did is in the report."""

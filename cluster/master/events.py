@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from wdpm.cluster.display import Bucket, Frame
+from wdpm.cluster.display import Bucket, Frame, SlaveSeen
 from wdpm.cluster.kept import TaskKept
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.session import Session, SessionResult
@@ -154,6 +154,13 @@ class BucketDone:
 
 
 @dataclass(frozen=True)
+class SlavesSeen:
+    """What slaves hold and take now has changed; for those who show the image."""
+
+    slaves: tuple[SlaveSeen, ...]
+
+
+@dataclass(frozen=True)
 class WorthKeeping:
     """A bucket or records are done; for those who keep what is finished."""
 
@@ -183,6 +190,7 @@ Instruction = (
     | Noted
     | FrameBegun
     | BucketDone
+    | SlavesSeen
     | WorthKeeping
     | Finished
     | Broken

@@ -20,6 +20,9 @@ from wdpm.scenes.errors import ProtocolError
 
 FROM_SLAVE = packing.by_name(protocol.FromSlave | protocol.FromReader)
 
+SEEN_S = 2.0
+"""Between two words on what slaves take, to whoever looks at the image [s]."""
+
 SEE_OFF_S = 5.0
 """How long a master that ends waits for the Goodbye of slaves that it has told to stop; they answer at once."""
 
@@ -114,7 +117,8 @@ class MasterLoop:
         self._watch = watch
         self._answers = answers
         self._closing = False
-        self._ticked = 0.0
+        self._ticked = self._seen_again = 0.0
+        self._seen: list[tuple[int, bool]] = []
         network.watch(mailbox.fd)
 
     def run(self) -> None:
@@ -143,3 +147,17 @@ class MasterLoop:
             for process, reason in self._watch():
                 self._shell.handle(m.ProcessEnded(process, reason))
             self._shell.handle(m.Tick())
+            self._tell_of_slaves(now)
+
+    def _tell_of_slaves(self, now: float) -> None:
+        """Who looks at the image hears of slaves when one comes or goes, and of what they take every so often.
+
+        Answers are read while something is rendered; meanwhile only, or they would pile up.
+        """
+        if not self.state.rendering:
+            return
+        slaves = self.state.seen()
+        who = [(slave.cells, slave.lost) for slave in slaves]
+        if who != self._seen or now >= self._seen_again:
+            self._seen, self._seen_again = who, now + SEEN_S
+            self._answers.put(m.SlavesSeen(slaves))

@@ -12,6 +12,7 @@ import uuid
 from collections import Counter
 from collections.abc import Mapping
 
+from wdpm.cluster.display import SlaveSeen
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.events import (
     Abort,
@@ -34,7 +35,7 @@ from wdpm.cluster.master.events import (
 from wdpm.cluster.master.joining import JoinWait
 from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.master.phases import Phase, Phases
-from wdpm.cluster.master.standing import Standing
+from wdpm.cluster.master.standing import Standing, seen
 from wdpm.cluster.messages import protocol
 from wdpm.scenes.errors import ProtocolError
 
@@ -98,6 +99,15 @@ class Master:
     def all_left(self) -> bool:
         """Whether every slave that joined has said its last word, or is known to be lost."""
         return self._members.all_left
+
+    @property
+    def rendering(self) -> bool:
+        """Whether a session is rendered just now."""
+        return self.phase not in (Phase.JOINING, Phase.IDLE, Phase.ENDED)
+
+    def seen(self) -> tuple[SlaveSeen, ...]:
+        """All slaves that ever joined, for those who look at the image."""
+        return seen(self._members, self._phases.roster)
 
     def handle(self, event: Event, now: float) -> list[Instruction]:
         """What to do about an event.
@@ -269,6 +279,9 @@ class Master:
         member.heard_at = now
         match message:
             case protocol.Heartbeat():
+                return []
+            case protocol.Vitals():
+                member.vitals = message
                 return []
             case protocol.PeerGone(number):
                 return self._miss(member, number, "", now)

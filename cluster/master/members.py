@@ -18,6 +18,7 @@ class Member:
     Attributes:
         left: it has said its last word, or is known to be lost.
         done: tasks that it has done, and busy_s: how long those took, from their handing out to their results [s].
+        vitals: what its process takes now, as it last said; None before.
         peak_memory: most that it has used, as it last said; 0 before [bytes].
         cells: of the scene that was set up last, those that it has built.
     """
@@ -34,9 +35,15 @@ class Member:
     done: int = 0
     busy_s: float = 0.0
     peak_memory: int = 0
+    vitals: protocol.Vitals | None = None
 
     def __str__(self) -> str:
         return f"slave {self.number} ({self.hello.host}, process {self.hello.process})"
+
+    @property
+    def name(self) -> str:
+        """Host and process, for those who look at the image."""
+        return f"{self.hello.host}, process {self.hello.process}"
 
     def silence(self, now: float) -> float:
         """How long nothing has been heard of it [s]."""

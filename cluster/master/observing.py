@@ -35,6 +35,8 @@ def tell_display(answer: object, display: Display | None) -> None:
             display.begin(frame)
         case m.BucketDone(bucket):
             display.bucket(bucket)
+        case m.SlavesSeen(slaves):
+            display.slaves(slaves)
         case m.Finished(result):
             display.end(result.statistics)
 
@@ -62,7 +64,7 @@ def shown_again(kept: Iterable[BucketKept]) -> list[m.Instruction]:
 def frame_begun(session: Session, holders: tuple[int, ...], members: Members) -> m.FrameBegun:
     """The image of a session begins."""
     view = session.view
-    slaves = tuple(f"{member.hello.host}, process {member.hello.process}" for member in members.ever)
+    slaves = tuple(member.name for member in members.ever)
     camera = view.camera
     return m.FrameBegun(
         Frame(camera.width, camera.height, session.layers, view.first_sample, view.spp, holders, slaves)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from wdpm.cluster.display import SlaveSeen
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.master.roster import Roster
@@ -66,4 +67,26 @@ def _status_of(member: Member, roster: Roster, now: float) -> protocol.SlaveStat
         done=member.done,
         busy_s=member.busy_s,
         silent_s=member.silence(now),
+        now=member.vitals,
+    )
+
+
+def seen(members: Members, roster: Roster) -> tuple[SlaveSeen, ...]:
+    """All that ever joined, for those who look at the image."""
+    return tuple(_seen(member, roster) for member in members.ever)
+
+
+def _seen(member: Member, roster: Roster) -> SlaveSeen:
+    team = roster.team_of(member)
+    all_cells = 0 if team is None else len(team.holders)
+    vitals = member.vitals or protocol.Vitals()
+    return SlaveSeen(
+        member.name,
+        cells=len(member.cells),
+        whole=0 < all_cells == len(member.cells),
+        lost=member.left,
+        memory=vitals.memory,
+        cores=vitals.cores,
+        sent=vitals.sent,
+        received=vitals.received,
     )

@@ -416,6 +416,12 @@ def _welcome(welcome: protocol.Welcome, where: str) -> None:
     _require(welcome.number >= 0 and times, where, f"{welcome} makes no sense")
 
 
+def _vitals(vitals: protocol.Vitals, where: str) -> None:
+    rates = (vitals.cores, vitals.sent, vitals.received)
+    sound = vitals.memory >= 0 and all(math.isfinite(rate) and rate >= 0 for rate in rates)
+    _require(sound, where, f"{vitals} makes no sense")
+
+
 def _slave_status(slave: protocol.SlaveStatus, where: str) -> None:
     counts = (slave.number, slave.process, slave.threads, slave.memory, slave.peak_memory, slave.team + 1, slave.cells)
     _require(min(*counts, slave.tasks, slave.done) >= 0, where, "a count is negative")
@@ -461,6 +467,7 @@ _RANGES: dict[type, Callable[[Any, str], None]] = {
     protocol.Copy: _copy,
     protocol.BuildMaps: _build_maps,
     protocol.Welcome: _welcome,
+    protocol.Vitals: _vitals,
     protocol.SlaveStatus: _slave_status,
     protocol.StatusReport: _status_report,
 }

@@ -123,6 +123,22 @@ class PeerUnreachable:
 
 
 @dataclass(frozen=True)
+class Vitals:
+    """What the slave's process takes now, for those who ask how far the render is.
+
+    Attributes:
+        memory: in use [bytes].
+        cores: that it keeps busy, on average since it last said so.
+        sent, received: by it, to and from all others [bytes/s].
+    """
+
+    memory: int = 0
+    cores: float = 0.0
+    sent: float = 0.0
+    received: float = 0.0
+
+
+@dataclass(frozen=True)
 class Note:
     """A line for the person at the master."""
 
@@ -354,6 +370,7 @@ class SlaveStatus:
         tasks: that it is at; done: that it has done.
         busy_s: that those took, from their handing out to their results, added up [s].
         silent_s: since when nothing was heard of it [s].
+        now: what its process takes; None before it has said so.
     """
 
     number: int
@@ -368,6 +385,7 @@ class SlaveStatus:
     done: int
     busy_s: float
     silent_s: float
+    now: Vitals | None = None
 
 
 @dataclass(frozen=True)
@@ -414,6 +432,7 @@ FromSlave = (
     | Statistics
     | PeerGone
     | PeerUnreachable
+    | Vitals
     | Note
     | Failed
     | Goodbye

@@ -14,6 +14,7 @@ from wdpm.cluster.slave import events as s
 from wdpm.cluster.slave.computer import ComputeThread
 from wdpm.cluster.slave.jobs import Job
 from wdpm.cluster.slave.machine import Slave
+from wdpm.cluster.slave.vital_signs import VitalSigns
 from wdpm.cluster.transport.transport import TURN_MESSAGES, TURN_S, Connection, Listener, Network, Role
 from wdpm.scenes.errors import ClusterEndedError, ClusterError, MasterLostError, ProtocolError
 
@@ -194,6 +195,7 @@ class SlaveLoop:
         self._network = network
         self._computer = computer
         self._life_line = life_line
+        self._vital_signs = VitalSigns(network.carried, time.monotonic())
         network.watch(computer.mailbox.fd)
         if life_line is not None:
             network.watch(life_line)
@@ -237,3 +239,5 @@ class SlaveLoop:
                 ticked = now
                 shell.find_broken_connections()
                 shell.handle(s.Tick())
+                if shell.state.number >= 0 and (vitals := self._vital_signs.due(now)) is not None:
+                    shell.tell_master(vitals)

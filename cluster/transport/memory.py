@@ -18,7 +18,7 @@ from wdpm.cluster.messages.protocol import Message
 from wdpm.cluster.transport import stream
 from wdpm.cluster.transport.keys import Keys
 from wdpm.cluster.transport.stream import Stream
-from wdpm.cluster.transport.transport import Accepted, Received, Role
+from wdpm.cluster.transport.transport import Accepted, Carried, Received, Role
 from wdpm.scenes.errors import ClusterError, ProtocolError, SettingsError
 
 SCHEME = "memory://"
@@ -184,6 +184,7 @@ class MemoryNetwork:
     """The listeners and connections of one master or slave."""
 
     def __init__(self, memory: MemoryTransport) -> None:
+        self.carried = Carried()
         self._memory = memory
         self._listeners: list[MemoryListener] = []
         self._connections: list[MemoryConnection] = []

@@ -19,6 +19,7 @@ What every implementation keeps, since the state machines rely on it:
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Protocol
 
@@ -86,8 +87,20 @@ class Connection(Protocol):
         """
 
 
+@dataclass
+class Carried:
+    """Bytes of messages that a process has sent and received so far; of messages that stay in it, none."""
+
+    sent: int = 0
+    received: int = 0
+
+
 class Network(Protocol):
     """What one process has open, with what it waits for together."""
+
+    @property
+    def carried(self) -> Carried:
+        """What has gone over it."""
 
     def listen(self, address: str, role: Role, accepted: Accepted) -> Listener:
         """Listen at an address.

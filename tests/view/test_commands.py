@@ -17,7 +17,7 @@ from watching import Page, watch
 
 import wdpm
 from wdpm.cli import live, main
-from wdpm.cluster.display import Bucket, Frame, PassMean
+from wdpm.cluster.display import Bucket, Frame, PassMean, SlaveSeen
 from wdpm.cluster.render_settings import Indirect
 from wdpm.images.image import Image, load
 from wdpm.view.open_files import FileView
@@ -41,6 +41,9 @@ class EnoughAfter:
 
     def bucket(self, bucket: Bucket) -> None:
         assert np.isfinite(bucket.layers["beauty"]).all()
+
+    def slaves(self, seen: Sequence[SlaveSeen]) -> None:
+        assert not seen, "this process has none"
 
     def end(self, statistics: Sequence[Mapping[str, Any]]) -> None:
         assert len(statistics) == 1

@@ -5,12 +5,14 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from watching import Page, bucket, fetch, frame, watch
 
+from wdpm.cluster.display import SlaveSeen
 from wdpm.images.image import Image, load
 from wdpm.scenes.errors import SettingsError
 from wdpm.view.address import ViewAddress, view_address
@@ -224,3 +226,26 @@ def test_the_error_is_worked_out_no_more_often_than_costs_allow(view: LiveView) 
     assert mean.asked == 1
     assert "noise" in view._picture.layers
     assert view._state()["errors"][0][1:] == [4.0, 0.5, 0.25, 1.0]
+
+
+def test_a_page_tells_who_holds_what_and_who_is_lost(view: LiveView) -> None:
+    """A slave that joins in the middle of a frame is known as soon as it brings a bucket."""
+    view.begin(frame(300, 20))
+    view.slaves(
+        [
+            SlaveSeen("here, process 1", 4, True, False, 2**30, 1.5, 10.0, 20.0),
+            SlaveSeen("there, process 2", 0, False, True),
+        ]
+    )
+    view.bucket(replace(bucket(0, 0, 300, 10, 0.5), slave=2))
+    view.end([{"slave": 2, "busy_s": 3.0}])
+
+    async def look(page: Page) -> None:
+        await page.until(lambda: bool(page.status))
+        here, there, late = page.status["slaves"]
+        assert (here["cells"], here["holds"], here["whole"], here["lost"]) == ([0], 4, True, False)
+        assert here["now"] == {"memory": 2**30, "cores": 1.5, "sent": 10.0, "received": 20.0}
+        assert (there["lost"], there["now"]) == (True, None)
+        assert (late["name"], late["buckets"], late["figures"]) == ("slave 2", 1, {"busy_s": 3.0})
+
+    watch(view.url, look)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from wdpm.blender.layers import Layers
-from wdpm.cluster.display import Bucket, Frame, PassMean
+from wdpm.cluster.display import Bucket, Frame, PassMean, SlaveSeen
 
 Show = Callable[[Layers, int, int], None]
 """Takes layers of some pixels, and where their upper left corner is."""
@@ -111,6 +111,9 @@ class BlenderDisplay:
         """Pixels are done: those of the first pass are shown, and later ones only in the mean."""
         if self._first:
             self._show(bucket.layers, bucket.x0, bucket.y0)
+
+    def slaves(self, seen: Sequence[SlaveSeen]) -> None:
+        """They are no part of the image."""
 
     def end(self, statistics: Sequence[Mapping[str, Any]]) -> None:
         """The frame is complete."""

@@ -12,7 +12,7 @@ from wdpm import values
 from wdpm.cli.goal import duration
 
 if TYPE_CHECKING:
-    from wdpm.cluster.messages.protocol import StatusReport
+    from wdpm.cluster.messages.protocol import SlaveStatus, StatusReport
 
 _EXAMPLES = """\
 examples:
@@ -80,16 +80,39 @@ def print_status(report: StatusReport) -> None:
     table = Table(box=None)
     for name in ("slave", "host", "process"):
         table.add_column(name)
-    for name in ("threads", "memory", "used", "team", "cells", "tasks", "done", "s a task", "silent"):
+    for name in (
+        "threads",
+        "memory",
+        "now",
+        "peak",
+        "cores",
+        "in",
+        "out",
+        "team",
+        "cells",
+        "tasks",
+        "done",
+        "s a task",
+    ):
         table.add_column(name, justify="right")
+    table.add_column("silent", justify="right")
     for slave in report.slaves:
         each = f"{slave.busy_s / slave.done:.2f}" if slave.done else "-"
-        used = _size(slave.peak_memory) if slave.peak_memory else "-"
+        peak = _size(slave.peak_memory) if slave.peak_memory else "-"
         team = "-" if slave.team < 0 else str(slave.team)
         counts = map(str, (slave.cells, slave.tasks, slave.done))
         who = (str(slave.number), slave.host, str(slave.process), str(slave.threads))
-        table.add_row(*who, _size(slave.memory), used, team, *counts, each, f"{slave.silent_s:.1f} s")
+        now, *load = _now(slave)
+        table.add_row(*who, _size(slave.memory), now, peak, *load, team, *counts, each, f"{slave.silent_s:.1f} s")
     Console().print(table, markup=False)
+
+
+def _now(slave: SlaveStatus) -> tuple[str, ...]:
+    """Memory in use, cores, bytes in and out a second."""
+    if slave.now is None:
+        return ("-",) * 4
+    rates = (f"{rate / 1e6:.1f} MB/s" for rate in (slave.now.received, slave.now.sent))
+    return (_size(slave.now.memory), f"{slave.now.cores:.1f}", *rates)
 
 
 def _size(count: int) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from wdpm.cluster.display import Bucket, Frame, PassMean
+from wdpm.cluster.display import Bucket, Frame, PassMean, SlaveSeen
 from wdpm.images.channels import LAYER_CHANNELS
 from wdpm.images.view_transform import Look
 from wdpm.progress import Progress
@@ -72,6 +72,9 @@ class TevDisplay:
         with self._news:
             self._places[place] = None
             self._news.notify()
+
+    def slaves(self, seen: Sequence[SlaveSeen]) -> None:
+        """They are no part of the image."""
 
     def end(self, statistics: Sequence[Mapping[str, Any]]) -> None:
         """The frame is complete, which tev need not know."""

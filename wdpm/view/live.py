@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from wdpm.cluster.display import Bucket, Frame, PassMean
+from wdpm.cluster.display import Bucket, Frame, PassMean, SlaveSeen
 from wdpm.images.image import Image
 from wdpm.images.view_transform import Look
 from wdpm.progress import Progress
@@ -81,6 +81,11 @@ class LiveView:
         """Pixels are done."""
         self._status.bucket(bucket)
         self._server.changed([self._picture.put(bucket)])
+
+    def slaves(self, seen: Sequence[SlaveSeen]) -> None:
+        """What slaves hold and take."""
+        self._status.see(seen)
+        self._server.hurry()
 
     def end(self, statistics: Sequence[Mapping[str, Any]]) -> None:
         """The frame is complete."""

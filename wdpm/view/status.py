@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from wdpm.cluster.display import OF_NOBODY, Bucket, Frame
+from wdpm.cluster.display import OF_NOBODY, Bucket, Frame, SlaveSeen
 
 NOTES = 200
 """Lines that are kept."""
@@ -17,15 +17,20 @@ SLAVE_FIGURES = ("busy_s", "peak_memory_bytes", "bytes_in", "bytes_out", "rays_i
 """Of a slave's statistics, those that the page shows."""
 
 
+NOW = ("memory", "cores", "sent", "received")
+"""Of what the master last said of a slave, what it takes."""
+
+
 @dataclass
 class SlaveStatus:
     """What is known of a slave while it renders.
 
     Attributes:
         name: host and process.
-        cells: numbers of the cells that it holds.
+        cells: numbers of the cells that it holds, of the team that colours the image by slaves.
+        seen: what the master last said of it; None where there is no cluster.
         buckets: that it has put together, of all frames.
-        seen: when the last came [s, as the clock of Status].
+        bucket_at: when the last came [s, as the clock of Status].
         figures: SLAVE_FIGURES of the last frame that is complete.
         dropped: what its guards dropped or cut there.
     """
@@ -33,7 +38,8 @@ class SlaveStatus:
     name: str
     cells: list[int]
     buckets: int = 0
-    seen: float = 0.0
+    seen: SlaveSeen | None = None
+    bucket_at: float = 0.0
     figures: dict[str, float] | None = None
     dropped: int = 0
 
@@ -84,8 +90,7 @@ class Status:
         self._frames = 1 if anew else self._frames + 1
         if anew:
             self._errors = []
-        if [slave.name for slave in self._slaves] != list(frame.slaves):
-            self._slaves = [SlaveStatus(name, []) for name in frame.slaves]
+        self._know(frame.slaves)
         for number, slave in enumerate(self._slaves):
             slave.cells = [cell for cell, holder in enumerate(frame.holders) if holder == number]
 
@@ -93,13 +98,31 @@ class Status:
         """A slave has done one, or an interrupted render had."""
         if bucket.slave == OF_NOBODY:
             return
+        for number in range(len(self._slaves), bucket.slave + 1):  # it has joined just now
+            self._slaves.append(SlaveStatus(f"slave {number}", []))
         slave = self._slaves[bucket.slave]
         slave.buckets += 1
-        slave.seen = self._clock()
+        slave.bucket_at = self._clock()
+
+    def see(self, seen: Sequence[SlaveSeen]) -> None:
+        """What slaves hold and take now; all that ever were, by number."""
+        self._know([each.name for each in seen])
+        for slave, each in zip(self._slaves, seen, strict=False):
+            slave.seen = each
+
+    def _know(self, names: Sequence[str]) -> None:
+        """Slaves by number. No number is given twice in a cluster: other names are those of another one."""
+        if len(names) < len(self._slaves):
+            self._slaves = []
+        for number, name in enumerate(names):
+            if number == len(self._slaves):
+                self._slaves.append(SlaveStatus(name, []))
+            self._slaves[number].name = name
 
     def end_frame(self, statistics: Sequence[Mapping[str, Any]]) -> None:
         """What slaves did is known."""
-        for slave, values in zip(self._slaves, statistics, strict=False):
+        for number, values in enumerate(statistics):
+            slave = self._slaves[values.get("slave", number)]
             slave.figures = {name: float(values[name]) for name in SLAVE_FIGURES if name in values}
             slave.dropped = sum(values.get("guards", {}).values())
 
@@ -138,11 +161,16 @@ class Status:
 
 
 def _of_slave(slave: SlaveStatus, now: float) -> dict[str, Any]:
+    seen = slave.seen or SlaveSeen(slave.name, len(slave.cells), False, False)
     return {
         "name": slave.name,
         "cells": slave.cells,
+        "holds": seen.cells,
+        "whole": seen.whole,
+        "lost": seen.lost,
+        "now": {name: getattr(seen, name) for name in NOW} if seen.memory and not seen.lost else None,
         "buckets": slave.buckets,
-        "silent": now - slave.seen if slave.buckets else None,
+        "silent": now - slave.bucket_at if slave.buckets else None,
         "figures": slave.figures,
         "dropped": slave.dropped,
     }

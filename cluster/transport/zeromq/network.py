@@ -17,7 +17,7 @@ from wdpm.cluster.messages import packing
 from wdpm.cluster.messages.protocol import FromReader, Heartbeat, Message
 from wdpm.cluster.transport import address as tcp
 from wdpm.cluster.transport.keys import Guests, Keys, KnownKeys
-from wdpm.cluster.transport.transport import Accepted, Received, Role
+from wdpm.cluster.transport.transport import Accepted, Carried, Received, Role
 from wdpm.cluster.transport.zeromq import curve
 from wdpm.cluster.transport.zeromq.heartbeat_lane import ONLY_HEARTBEATS, HeartbeatLane, lane_of, owner
 from wdpm.cluster.transport.zeromq.sockets import (
@@ -31,6 +31,7 @@ from wdpm.cluster.transport.zeromq.sockets import (
     receive_rest,
     send,
     sender,
+    size_of,
 )
 from wdpm.scenes.errors import ClusterError, ProtocolError, SettingsError
 
@@ -63,11 +64,15 @@ class ZeroMQListener:
     """A ROUTER.
 
     Args:
+        carried: counts what comes and goes.
         members: whose keys make them more than readers; None where nobody has keys.
     """
 
-    def __init__(self, socket: Socket, endpoint: str, accepted: Accepted, members: Guests | None = None) -> None:
+    def __init__(
+        self, socket: Socket, endpoint: str, accepted: Accepted, carried: Carried, members: Guests | None = None
+    ) -> None:
         self._members = members
+        self._carried = carried
         self._socket = socket
         self._endpoint = endpoint
         self._accepted = accepted
@@ -88,6 +93,7 @@ class ZeroMQListener:
         stranger = beating is not None or identity not in self._admitted
         whole = receive_frames(self._socket, packing.most_frames(stranger))
         frames = [frame.buffer for frame in whole]
+        self._carried.received += size_of(frames)
         if stranger and self._members is not None and not self._members.admits(sender(whole)):
             asked = read(frames, ONLY_READERS, stranger=True)
             return identity, NOT_MORE if isinstance(asked, ProtocolError) else asked
@@ -107,7 +113,7 @@ class ZeroMQListener:
 
     def _send(self, identity: bytes, message: Message) -> bool:
         try:
-            send(self._socket, message, identity)
+            self._carried.sent += send(self._socket, message, identity)
         except zmq.ZMQError as error:
             if error.errno != zmq.EHOSTUNREACH:
                 raise
@@ -139,7 +145,7 @@ class ZeroMQConnection:
             self.lane = self.lane or self._open_lane()
             self.lane.send(message)
         try:
-            send(self.socket, message)
+            self._network.carried.sent += send(self.socket, message)
         except zmq.Again:
             return False
         return True
@@ -151,7 +157,9 @@ class ZeroMQConnection:
         first = receive_first(self.socket)
         if first is None:
             return None
-        return read([first, *receive_rest(self.socket, packing.most_frames(stranger=False))], self._accepted)
+        frames = [first, *receive_rest(self.socket, packing.most_frames(stranger=False))]
+        self._network.carried.received += size_of(frames)
+        return read(frames, self._accepted)
 
     def broke(self) -> bool:
         """Whether ZeroMQ has told that the other end hung up."""
@@ -184,6 +192,7 @@ class ZeroMQNetwork:
     """
 
     def __init__(self, keys: Keys | None) -> None:
+        self.carried = Carried()
         self._keys = keys
         self._poller = zmq.Poller()
         self._watched: set[int] = set()
@@ -210,7 +219,7 @@ class ZeroMQNetwork:
             endpoint = curve.with_key(endpoint, self._keys.own.public)
         self._poller.register(router, zmq.POLLIN)
         members = self._keys.guests if self._keys is not None and role is Role.MASTER else None
-        return ZeroMQListener(router, endpoint, accepted, members)
+        return ZeroMQListener(router, endpoint, accepted, self.carried, members)
 
     def connect(self, address: str, role: Role, accepted: Accepted, identity: bytes | None = None) -> ZeroMQConnection:
         """Connect a DEALER. ZeroMQ would look a name up, or take what is none, and say nothing."""

@@ -73,12 +73,19 @@ def _bound_to(socket: Socket) -> str:
     return endpoint.rstrip(b"\0").decode()
 
 
-def send(socket: Socket, message: Any, identity: bytes | None = None) -> None:
-    """Send a message, arrays without a copy; zmq.ZMQError if the other end is gone."""
+def send(socket: Socket, message: Any, identity: bytes | None = None) -> int:
+    """Send a message, arrays without a copy; zmq.ZMQError if the other end is gone. Returns its bytes."""
     frames = packing.encode(message)
+    size = size_of(frames)
     if identity is not None:
         frames.insert(0, identity)
     socket.send_multipart(frames, flags=zmq.NOBLOCK, copy=False)
+    return size
+
+
+def size_of(frames: Sequence[bytes | bytearray | memoryview]) -> int:
+    """Bytes of all of them."""
+    return sum(frame.nbytes if isinstance(frame, memoryview) else len(frame) for frame in frames)
 
 
 def receive_first(socket: Socket) -> memoryview | None:

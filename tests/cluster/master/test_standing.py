@@ -51,6 +51,25 @@ def test_it_counts_the_work_of_a_phase() -> None:
     assert report.slaves[1].silent_s > 4.0
 
 
+def test_it_tells_what_slaves_take_now() -> None:
+    driver = Driver()
+    driver.to_buckets()
+    assert [slave.now for slave in status(driver).slaves] == [None, None]
+    vitals = p.Vitals(2**30, 3.5, 1e6, 2e6)
+    assert driver.says(B, vitals) == []
+    assert [slave.now for slave in status(driver).slaves] == [None, vitals]
+
+
+def test_who_looks_at_the_image_sees_cells_and_the_lost() -> None:
+    driver = Driver()
+    driver.to_buckets()
+    driver.says(A, p.Vitals(2**30, 3.5, 1e6, 2e6))
+    driver(m.SlaveLost(B, "killed"))
+    here, gone = driver.master.seen()
+    assert (here.memory, here.cores, here.sent, here.received, here.lost) == (2**30, 3.5, 1e6, 2e6, False)
+    assert (gone.lost, gone.whole) == (True, False)
+
+
 def test_it_counts_who_is_lost_and_what_is_done_again() -> None:
     driver = Driver()
     driver.to_buckets()

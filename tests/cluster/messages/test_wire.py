@@ -63,8 +63,17 @@ results = (
 )
 
 seconds = st.floats(0.0, 1e6)
+vitals = st.builds(p.Vitals, counts, seconds, seconds, seconds)
 slaves_seen = st.builds(
-    p.SlaveStatus, counts, texts, *[counts] * 4, st.integers(-1, 99), *[counts] * 3, seconds, seconds
+    p.SlaveStatus,
+    counts,
+    texts,
+    *[counts] * 4,
+    st.integers(-1, 99),
+    *[counts] * 3,
+    seconds,
+    seconds,
+    st.none() | vitals,
 )
 
 MESSAGES: dict[type, st.SearchStrategy[Any]] = {
@@ -72,6 +81,7 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
     p.PartitionReceived: st.builds(p.PartitionReceived, epochs, counts),
     p.Ready: st.builds(p.Ready, epochs),
     p.TaskDone: st.builds(p.TaskDone, epochs, results),
+    p.Vitals: vitals,
     p.MapsBuilt: st.builds(p.MapsBuilt, epochs),
     p.ViewSet: st.builds(p.ViewSet, epochs),
     p.RecordsSet: st.builds(p.RecordsSet, epochs),

@@ -14,7 +14,7 @@ from typing import Any
 from wdpm.cluster.messages.protocol import Message
 from wdpm.cluster.transport.keys import Keys
 from wdpm.cluster.transport.memory import MemoryTransport
-from wdpm.cluster.transport.transport import Accepted, Connection, Listener, Network, Role, Transport
+from wdpm.cluster.transport.transport import Accepted, Carried, Connection, Listener, Network, Role, Transport
 
 SCHEME = "flaky://"
 
@@ -108,6 +108,10 @@ class FlakyNetwork:
     def __init__(self, transport: FlakyTransport, inner: Network, number: int) -> None:
         self._transport, self._inner, self._number = transport, inner, number
         self.watch, self.wait, self.close = inner.watch, inner.wait, inner.close
+
+    @property
+    def carried(self) -> Carried:
+        return self._inner.carried
 
     def listen(self, address: str, role: Role, accepted: Accepted) -> FlakyListener:
         return FlakyListener(self._inner.listen(inside(address), role, accepted))

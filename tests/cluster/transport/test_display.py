@@ -12,7 +12,7 @@ from fake_worker import FakeWorker, make_session, picture
 from slave_threads import SMALL, SlaveThread, check_picture
 from slow_slaves import AGREED
 
-from wdpm.cluster.display import Bucket, Frame, PassMean
+from wdpm.cluster.display import Bucket, Frame, PassMean, SlaveSeen
 from wdpm.cluster.in_process import MemoryCluster
 from wdpm.cluster.master.server import MasterServer
 
@@ -25,7 +25,8 @@ class RecordingDisplay:
     def __init__(self) -> None:
         self.frames: list[Frame] = []
         self.ended: list[Sequence[Mapping[str, Any]]] = []
-        self.slaves: set[int] = set()
+        self.workers: set[int] = set()
+        self.seen: list[SlaveSeen] = []
         self.film: dict[str, np.ndarray] = {}
 
     def begin(self, frame: Frame) -> None:
@@ -37,12 +38,15 @@ class RecordingDisplay:
         }
 
     def bucket(self, bucket: Bucket) -> None:
-        self.slaves.add(bucket.slave)
+        self.workers.add(bucket.slave)
         for name, pixels in bucket.layers.items():
             height, width = pixels.shape[:2]
             place = self.film[name][bucket.y0 : bucket.y0 + height, bucket.x0 : bucket.x0 + width]
             assert np.isnan(place).all(), "a bucket came twice"
             place[:] = pixels
+
+    def slaves(self, seen: Sequence[SlaveSeen]) -> None:
+        self.seen = list(seen)
 
     def end(self, statistics: Sequence[Mapping[str, Any]]) -> None:
         self.ended.append(statistics)
@@ -61,7 +65,7 @@ def test_a_display_sees_the_image(seed: int | None) -> None:
     assert (frame.width, frame.height, frame.first_sample, frame.spp) == (50, 34, 0, session.view.spp)
     assert frame.holders == (0, 1, 2, 0)
     assert len(frame.slaves) == 3
-    assert display.slaves == {0, 1, 2}
+    assert display.workers == {0, 1, 2}
     assert len(display.ended[0]) == 3
     for name, layer in picture(session.view).layers.items():
         np.testing.assert_array_equal(display.film[name], layer)
@@ -84,4 +88,5 @@ def test_a_master_with_slaves_at_an_address_feeds_it_too() -> None:
         master.render(session, display=display)
     assert [slave.end() for slave in slaves] == [None, None]
     check_picture(session, display.film)
+    assert [(slave.cells, slave.whole, slave.lost) for slave in display.seen] == [(2, False, False)] * 2
     assert len(display.ended) == 1

@@ -52,7 +52,10 @@ function rows(slaves) {
     const f = slave.figures;
     const row = Object.assign(document.createElement("li"), { className: "slave", textContent: `${number}: ${slave.name}` });
     row.style.borderColor = `rgb(${slaveColor(number)})`;
-    row.append(small(`${count(slave.cells.length, "cell")}, ${count(slave.buckets, "bucket")}${slave.silent === null ? "" : `, the last ${time(slave.silent)} ago`}`));
+    row.classList.toggle("lost", slave.lost);
+    const holds = slave.lost ? "lost" : slave.whole ? "the whole scene" : count(slave.holds, "cell");
+    row.append(small(`${holds}, ${count(slave.buckets, "bucket")}${slave.silent === null ? "" : `, the last ${time(slave.silent)} ago`}`));
+    if (slave.now) row.append(small(`now ${bytes(slave.now.memory)} memory, ${slave.now.cores.toFixed(1)} cores, ${bytes(slave.now.received)}/s in, ${bytes(slave.now.sent)}/s out`));
     if (f) row.append(small(`busy ${time(f.busy_s)}, ${bytes(f.peak_memory_bytes)} memory, ${bytes(f.bytes_in)} in, ${bytes(f.bytes_out)} out, ${slave.dropped} dropped or cut`));
     return row;
   }));
