@@ -100,7 +100,7 @@ SCHEMAS: Final[dict[Kind, Fields]] = {
     Kind.GHOST_PHOTONS: fields.STORED_PHOTON,
     Kind.GHOST_POINTS: fields.SURFACE_POINT,
     Kind.COPIED_PHOTONS: fields.STORED_PHOTON,
-    Kind.COPIED_ORDER: fields.TREE_PLACE,
+    Kind.COPIED_ORDER: fields.TREE_PLACES,
     Kind.COPIED_IRRADIANCE: fields.IRRADIANCE_POINT,
     Kind.PROBED: {**chosen(fields.RAY, "slot"), **fields.HIT},
     Kind.SAMPLES: fields.SAMPLE,

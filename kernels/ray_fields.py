@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from wdpm.kernels.fields import Fields, Many, chosen, integer, long_integer, number, vector
+from wdpm.kernels.fields import Field, Fields, Many, chosen, integer, long_integer, number, vector
 from wdpm.kernels.limits import CHAIN_LIMIT, MAPS
 
 _SLOT: Final = {"slot": integer("where its home wants the result")}  # homes check it: they know how many they have
@@ -121,9 +121,14 @@ IRRADIANCE_POINT: Final[Fields] = {
 }
 """Irradiance at photons, as light that a white surface reflects: kernels.irradiance.at_photons."""
 
-TREE_PLACE: Final[Fields] = {
-    "place": integer("in the leaves of the cell's trees, one tree after another", least=0),
-    "item": integer("photon or surface point that stands there, as its tree numbers them", least=0),
+PLACES_A_RUN = 16
+"""Whose items travel together, so that their place costs little."""
+
+TREE_PLACES: Final[Fields] = {
+    "place": integer("of the first of some places in the leaves of the cell's trees, one tree after another", least=0),
+    "items": Field(
+        "<i4", (PLACES_A_RUN,), "photons or surface points that stand there, as their trees number them; -1: none", -1
+    ),
 }
 """A part of the order in which trees of photons and points are laid out: cluster.work.tree_orders."""
 

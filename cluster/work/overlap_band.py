@@ -5,10 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.kernels.rays.cells import FAR_AWAY
+
 
 def rows_near(
     position: NDArray[np.float32], low: NDArray[np.float32], high: NDArray[np.float32], distance: float
 ) -> NDArray[np.intp]:
     """The points that lie in a box or no further from it than a distance."""
+    if (low <= -FAR_AWAY).all() and (high >= FAR_AWAY).all():
+        return np.arange(len(position))  # the only cell
     outside = np.maximum(np.maximum(low - position, position - high), 0.0).astype(np.float64)
     return np.flatnonzero((outside**2).sum(axis=1) <= distance**2)

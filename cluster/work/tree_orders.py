@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.batch import Arrays, Kind, concatenate, zeros
 from wdpm.kernels.photons import photon_map
 from wdpm.kernels.photons.photon_map import Launch
+from wdpm.kernels.ray_fields import PLACES_A_RUN
 from wdpm.scenes.errors import ProtocolError
 
 PLACES_A_PART = 1 << 14
@@ -38,13 +39,23 @@ def sort_part(
     first = np.concatenate([[0], np.cumsum([len(each) for each in positions])])
     whole = int(first[-1])
     begin, end = whole * part // parts, whole * (part + 1) // parts
-    found = [zeros(Kind.COPIED_ORDER)]
+    runs = [zeros(Kind.COPIED_ORDER)]
     for position, start in zip(positions, first, strict=False):
         low, high = (_cut(len(position), place - int(start)) for place in (begin, end))
         if low < high:
-            items = photon_map.sort(position, low, high, launch)
-            found.append({"place": np.arange(start + low, start + high, dtype=np.int32), "item": items})
-    return concatenate(found, Kind.COPIED_ORDER)
+            runs.append(_runs(int(start) + low, photon_map.sort(position, low, high, launch)))
+    return concatenate(runs, Kind.COPIED_ORDER)
+
+
+def _runs(place: int, items: NDArray[np.int32]) -> dict[str, NDArray[np.int32]]:
+    """What stands at some places from one on, as COPIED_ORDER."""
+    count = -(-len(items) // PLACES_A_RUN)
+    padded = np.full(count * PLACES_A_RUN, -1, np.int32)
+    padded[: len(items)] = items
+    return {
+        "place": (place + PLACES_A_RUN * np.arange(count)).astype(np.int32),
+        "items": padded.reshape(count, PLACES_A_RUN),
+    }
 
 
 def _cut(count: int, place: int) -> int:
@@ -54,17 +65,18 @@ def _cut(count: int, place: int) -> int:
 
 def joined(parts: Sequence[Arrays], counts: Sequence[int]) -> list[NDArray[np.int32]]:
     """The order of each tree, of all parts; ProtocolError if they are not one place for every item of every tree."""
-    whole = concatenate(parts, Kind.COPIED_ORDER)
+    runs = concatenate(parts, Kind.COPIED_ORDER)
+    there = runs["items"] >= 0
+    place = (runs["place"].astype(np.int64)[:, None] + np.arange(PLACES_A_RUN))[there]
     items = np.full(sum(counts), -1, np.int32)
-    place = whole["place"]
     if len(place) != len(items) or place.max(initial=-1) >= len(items):
         raise ProtocolError(f"the order of {len(place)} places of trees came; expected one of {len(items)}")
-    items[place] = whole["item"]
+    items[place] = runs["items"][there]
     orders = np.split(items, np.cumsum(counts)[:-1])
     for number, (order, count) in enumerate(zip(orders, counts, strict=True)):
-        there = np.zeros(count, bool)
-        there[order[(order >= 0) & (order < count)]] = True
-        if not there.all():
-            missing = count - np.count_nonzero(there)
+        found = np.zeros(count, bool)
+        found[order[(order >= 0) & (order < count)]] = True
+        if not found.all():
+            missing = count - np.count_nonzero(found)
             raise ProtocolError(f"the order of tree {number} that came leaves out {missing} of {count} items")
     return orders

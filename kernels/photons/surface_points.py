@@ -30,12 +30,18 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 _NORMAL_COS = wp.constant(wp.float32(NORMAL_COS))
 _PI = wp.constant(wp.float32(math.pi))
+_ONE = wp.constant(wp.float64(1.0))
+_HALF = wp.constant(wp.float64(0.5))
 _STACK = wp.constant(128)  # as in gather.py
 
 GOLDEN = 0.6180339887498949
 PLASTIC = (0.7548776662466927, 0.5698402909980532)
 """1 / p and 1 / p² of the plastic number p: the additive recurrence with them fills the unit square evenly
 (Roberts 2018, "The Unreasonable Effectiveness of Quasirandom Sequences"), as 1 / phi does the unit interval."""
+
+_GOLDEN = wp.constant(wp.float64(GOLDEN))
+_PLASTIC = wp.constant(wp.float64(PLASTIC[0]))
+_PLASTIC_SQUARED = wp.constant(wp.float64(PLASTIC[1]))
 
 
 def point_counts(
@@ -58,18 +64,34 @@ def point_counts(
 def _place_points(
     surfaces: Surfaces,
     cells: Cells,
-    row: wp.array[wp.vec2i],
-    u: wp.array[wp.float32],
-    v: wp.array[wp.float32],
+    rows: wp.array[wp.vec2i],
+    ids: wp.array[wp.int32],
+    begin: wp.array[wp.int64],
+    triangle: wp.array[wp.int32],
     offset: wp.int32,
     position_out: wp.array[wp.vec3],
     normal_out: wp.array[wp.vec3],
     cell_out: wp.array[wp.int32],
 ) -> None:
+    """Points are numbered within their triangle, from a start that differs from triangle to triangle.
+
+    Args:
+        triangle: of each point; rows, ids: of each triangle; begin: the point whose number would be 0 there.
+    """
     i = offset + wp.tid()
-    position = position_at_all(surfaces, row[i], u[i], v[i])
+    t = triangle[i]
+    number = wp.float64(wp.int64(i) - begin[t])
+    start = wp.float64(ids[t]) * _GOLDEN
+    u = start + number * _PLASTIC
+    v = _HALF + start + number * _PLASTIC_SQUARED
+    u = u - wp.floor(u)
+    v = v - wp.floor(v)
+    if u + v > _ONE:
+        u = _ONE - u
+        v = _ONE - v
+    position = position_at_all(surfaces, rows[t], wp.float32(u), wp.float32(v))
     position_out[i] = position
-    normal_out[i] = front_of_all(surfaces, row[i])
+    normal_out[i] = front_of_all(surfaces, rows[t])
     cell_out[i] = cell_of(cells, position)
 
 
@@ -95,31 +117,28 @@ def spread(
     Returns:
         positions and unit normals of the front side, float32, shape [points, 3] each.
     """
-    row = np.repeat(np.arange(len(ids), dtype=np.int32), counts)
-    # Numbered within the triangle, from a start that differs from triangle to triangle.
-    number = np.arange(len(row)) - np.repeat(np.cumsum(counts) - counts, counts) + point_set * counts[row]
-    start = ids[row].astype(np.float64) * GOLDEN
-    u = (start + number * PLASTIC[0]) % 1.0
-    v = (0.5 + start + number * PLASTIC[1]) % 1.0
-    beyond = u + v > 1.0
-    u, v = np.where(beyond, 1.0 - u, u), np.where(beyond, 1.0 - v, v)
+    triangle = np.repeat(np.arange(len(ids), dtype=np.int32), counts)
+    begin = np.cumsum(counts) - counts - point_set * counts
     device = launcher.device
-    position = wp.empty(len(row), dtype=wp.vec3, device=device)
-    normal = wp.empty(len(row), dtype=wp.vec3, device=device)
-    owner = wp.empty(len(row), dtype=wp.int32, device=device)
+    position = wp.empty(len(triangle), dtype=wp.vec3, device=device)
+    normal = wp.empty(len(triangle), dtype=wp.vec3, device=device)
+    owner = wp.empty(len(triangle), dtype=wp.int32, device=device)
     launcher(
         _place_points,
-        len(row),
+        len(triangle),
         surfaces=surfaces,
         cells=cells,
-        row=wp.array(rows[row], dtype=wp.vec2i, device=device),
-        u=wp.array(u.astype(np.float32), dtype=wp.float32, device=device),
-        v=wp.array(v.astype(np.float32), dtype=wp.float32, device=device),
+        rows=wp.array(rows, dtype=wp.vec2i, device=device),
+        ids=wp.array(ids, dtype=wp.int32, device=device),
+        begin=wp.array(begin, dtype=wp.int64, device=device),
+        triangle=wp.array(triangle, dtype=wp.int32, device=device, copy=False),
         position_out=position,
         normal_out=normal,
         cell_out=owner,
     )
-    own = np.flatnonzero(owner.numpy() == cell)
+    own = owner.numpy() == cell
+    if own.all():
+        return position.numpy(), normal.numpy()
     return position.numpy()[own], normal.numpy()[own]
 
 

@@ -15,6 +15,7 @@ from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.work import tree_orders
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.kernels.photons import photon_map
+from wdpm.kernels.ray_fields import PLACES_A_RUN
 from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.passes import render_in_passes
 from wdpm.scenes.errors import ProtocolError
@@ -43,13 +44,21 @@ def test_parts_make_the_trees_of_one(counts: tuple[int, ...], parts: int) -> Non
 
 def test_parts_are_even() -> None:
     trees = [places(20_000), places(60_000)]
-    sizes = [len(tree_orders.sort_part(trees, part, 7)["place"]) for part in range(7)]
+    sizes = [len(places_of(tree_orders.sort_part(trees, part, 7))) for part in range(7)]
     assert sum(sizes) == 80_000
     assert max(sizes) - min(sizes) <= 2 * photon_map.LEAF_SIZE
 
 
+def places_of(order: Arrays) -> np.ndarray:
+    """The places that a part of an order is of."""
+    return (order["place"][:, None] + np.arange(PLACES_A_RUN))[order["items"] >= 0]
+
+
 def part(place: list[int], item: list[int]) -> Arrays:
-    return {"place": np.array(place, np.int32), "item": np.array(item, np.int32)}
+    """Items one by one."""
+    items = np.full((len(item), PLACES_A_RUN), -1, np.int32)
+    items[:, 0] = item
+    return {"place": np.array(place, np.int32), "items": items}
 
 
 @pytest.mark.parametrize(
@@ -102,7 +111,8 @@ def test_an_image_keeps_its_bits(sent: list[Arrays], workers: int, cells: int, t
     assert without_cells(image).digest() == without_cells(alone).digest()
     assert len(sent) == shares
     if shares:
-        whole = np.sort(np.concatenate([each["place"] for each in sent]))
+        places = [places_of(each) for each in sent]
+        whole = np.sort(np.concatenate(places))
         np.testing.assert_array_equal(whole, np.arange(len(whole)))
-        sizes = [len(each["place"]) for each in sent]
+        sizes = [len(each) for each in places]
         assert max(sizes) < 1.1 * min(sizes)
