@@ -187,6 +187,8 @@ class PhotonStore:
         self._own_points = self._spread_points()
         photons = concatenate([*self._own, *self._copies], Kind.GHOST_PHOTONS)
         self._own, self._copies = [photons], []
+        if len(low) == 1:
+            return
         copied = [(Kind.GHOST_PHOTONS, _ByMap(photons)), (Kind.GHOST_POINTS, _ByMap(self._own_points))]
         # Distances are rounded, and photons lie a rounding off their surfaces: pad covers both.
         bands = [plan.band + replica.pad if plan.paths else 0.0 for plan in world.maps]
@@ -232,7 +234,7 @@ class PhotonStore:
 
         Photons and points are all here then, but those of no other cell.
         """
-        photons = concatenate(self._own, Kind.GHOST_PHOTONS)
+        photons = _whole(self._own, Kind.GHOST_PHOTONS)
         trees = self._photons_of_trees(photons), self._points_of_trees(self._own_points)
         counts = [len(tree["map"]) for kind in trees for tree in kind.values()]
         if not tree_orders.worth_sharing(counts, parts):
@@ -255,8 +257,8 @@ class PhotonStore:
 
         Irradiance is worked out at one of so many parts of the photons that carry it; the others come from others.
         """
-        photons = concatenate([*self._own, *self._ghosts], Kind.GHOST_PHOTONS)
-        points = concatenate([self._own_points, *self._ghost_points], Kind.GHOST_POINTS)
+        photons = _whole([*self._own, *self._ghosts], Kind.GHOST_PHOTONS)
+        points = _whole([self._own_points, *self._ghost_points], Kind.GHOST_POINTS)
         self._own, self._ghosts, self._deposits, self._own_points, self._ghost_points = [], [], None, {}, []
         of_photons, of_points = self._photons_of_trees(photons), self._points_of_trees(points)
         counts = [len(tree["map"]) for kind in (of_photons, of_points) for tree in kind.values()]
@@ -419,6 +421,11 @@ class PhotonStore:
         self.counters.by_light[:] = 0
         self.counters.flux_by_light[:] = 0.0
         self.guards.counts.clear()
+
+
+def _whole(parts: Sequence[Arrays], kind: Kind) -> Arrays:
+    """All parts as one, without a copy where there is but one."""
+    return parts[0] if len(parts) == 1 else concatenate(parts, kind)
 
 
 def _of_map(places: Arrays, number: int) -> Arrays:

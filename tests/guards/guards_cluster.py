@@ -105,6 +105,13 @@ GUARDS = (
         tests=(EXACT + "test_a_narrow_band_is_told_and_a_full_one_never_left",),
     ),
     Guard(
+        name="orders of trees that others sorted leave nothing out",
+        file="cluster/work/tree_orders.py",
+        prevents="photons are missing, or a kernel reads outside of its arrays",
+        changes=(("        if not found.all():", "        if False:"),),
+        tests=("tests/cluster/work/test_tree_orders.py::test_an_order_that_is_none_is_refused",),
+    ),
+    Guard(
         name="the pilot's photons in the order of their numbers",
         file="cluster/plan/photon_pilot.py",
         prevents="threads decide the gather radius, and how photons are shared out",
