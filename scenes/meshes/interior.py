@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,12 +47,14 @@ def is_room(meshes: Sequence[Solid]) -> bool:
     low, high = bounding_box(meshes)
     diagonals = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / math.sqrt(3.0)
     ways = np.concatenate([np.eye(3), -np.eye(3), diagonals])
-    return bool(free_ways(_corners(meshes), (low + high) / 2.0, ways)[1].all())
+    middle = (low + high) / 2.0
+    # most models are none, and show it along the first way
+    return all(bool(free_ways(_parts(_astride(meshes, middle, way)), middle, way[None])[1][0]) for way in ways)
 
 
 def interior_view(meshes: Sequence[Solid], size: tuple[int, int]) -> Interior:
     """The view from a place with much space around it, near the middle, along the longest horizontal way; +y is up."""
-    corners = _corners(meshes)
+    corners = list(_parts((mesh, mesh.faces) for mesh in meshes))
     low, high = bounding_box(meshes)
     reach = float(np.linalg.norm(high - low)) or 1.0
     place = _free_place(corners, low, high, reach)
@@ -71,7 +73,7 @@ def interior_view(meshes: Sequence[Solid], size: tuple[int, int]) -> Interior:
     return Interior(camera, PointLight("room lamp", (x, y, z), (strength, strength, strength)))
 
 
-def _free_place(corners: Array, low: Array, high: Array, reach: float) -> Array:
+def _free_place(corners: Sequence[Array], low: Array, high: Array, reach: float) -> Array:
     """Of some places about the middle, the one that is farthest from what is nearest to it; the middle where equal."""
     ways = np.concatenate([np.eye(3), -np.eye(3)])
     best, clearance = (low + high) / 2.0, -1.0
@@ -85,13 +87,13 @@ def _free_place(corners: Array, low: Array, high: Array, reach: float) -> Array:
     return best
 
 
-def free_ways(corners: Array, origin: Array, ways: Array) -> tuple[Array, NDArray[np.bool_]]:
+def free_ways(parts: Iterable[Array], origin: Array, ways: Array) -> tuple[Array, NDArray[np.bool_]]:
     """How far one gets from a point, and whether what one meets there is a front.
 
     Seen along a way, a triangle is in it if the point lies on the same side of its three edges.
 
     Args:
-        corners: of triangles, shape [N, 3, 3].
+        parts: corners of some triangles each, shape [N, 3, 3].
         ways: unit directions, shape [D, 3].
 
     Returns:
@@ -100,10 +102,10 @@ def free_ways(corners: Array, origin: Array, ways: Array) -> tuple[Array, NDArra
     """
     far = np.full(len(ways), np.inf)
     front = np.zeros(len(ways), dtype=bool)
-    for first in range(0, len(corners), _TRIANGLES_AT_ONCE):
-        part = np.ascontiguousarray((corners[first : first + _TRIANGLES_AT_ONCE] - origin).transpose(2, 1, 0))
+    for corners in parts:
+        relative = np.ascontiguousarray((corners - origin).transpose(2, 1, 0))
         for number, way in enumerate(ways):
-            met = _met(part, way)
+            met = _met(relative, way)
             if met is not None and met[0] < far[number]:
                 far[number], front[number] = met
     return far, front
@@ -140,14 +142,37 @@ def _across(way: Array) -> tuple[Array, Array]:
     return first, np.cross(way, first)
 
 
-def _corners(meshes: Sequence[Solid]) -> Array:
-    """Of all triangles, shape [N, 3, 3], counter-clockwise seen from the front, which shading normals say if any."""
-    parts = []
+def _astride(meshes: Sequence[Solid], origin: Array, way: Array) -> Iterator[tuple[Solid, NDArray[np.int64]]]:
+    """Each mesh, and those of its faces that do not lie all to one side of a way; the others are not in it."""
     for mesh in meshes:
-        corners = mesh.vertices[mesh.faces]
-        if mesh.normals is not None:
-            flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-            behind = np.einsum("nd,nd->n", flat, mesh.normals[mesh.faces].sum(axis=1)) < 0.0
-            corners[behind] = corners[behind][:, [0, 2, 1]]
-        parts.append(corners)
-    return np.concatenate(parts) if parts else np.zeros((0, 3, 3))
+        relative = mesh.vertices - origin
+        faces = mesh.faces
+        for across in _across(way):
+            offset = relative @ across
+            slack = 1e-12 * float(np.abs(offset).max(initial=0.0))  # more than roundings
+            for beyond in (offset > slack, offset < -slack):
+                faces = faces[~(beyond[faces[:, 0]] & beyond[faces[:, 1]] & beyond[faces[:, 2]])]
+        yield mesh, faces
+
+
+def _parts(meshes: Iterable[tuple[Solid, NDArray[np.int64]]]) -> Iterator[Array]:
+    """Corners of faces of meshes, some at a time, shape [N, 3, 3] each.
+
+    They go counter-clockwise seen from the front, which shading normals say if there are any.
+    """
+    small: list[Array] = []
+    for mesh, chosen in meshes:
+        vertices, normals = mesh.vertices, mesh.normals
+        for first in range(0, len(chosen), _TRIANGLES_AT_ONCE):
+            faces = chosen[first : first + _TRIANGLES_AT_ONCE]
+            corners = vertices[faces]
+            if normals is not None:
+                flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+                behind = np.einsum("nd,nd->n", flat, normals[faces].sum(axis=1)) < 0.0
+                corners[behind] = corners[behind][:, [0, 2, 1]]
+            small.append(corners)
+            if sum(map(len, small)) >= _TRIANGLES_AT_ONCE:
+                yield np.concatenate(small)
+                small = []
+    if small:
+        yield np.concatenate(small)

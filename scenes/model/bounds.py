@@ -67,6 +67,16 @@ def _outer_box(to_world: NDArray[np.float64], low: Box, high: Box) -> tuple[Box,
 
 
 def _used_vertices(mesh: Mesh) -> NDArray[np.float64]:
+    faces = mesh.faces
+    if faces.size and not (faces.min() >= 0 and faces.max() < len(mesh.vertices)):
+        faces = faces[(faces >= 0) & (faces < len(mesh.vertices))]
     in_use = np.zeros(len(mesh.vertices), dtype=np.bool_)
-    in_use[mesh.faces[(mesh.faces >= 0) & (mesh.faces < len(mesh.vertices))]] = True
+    in_use[faces] = True
+    if in_use.all() and are_finite(mesh.vertices):
+        return mesh.vertices
     return mesh.vertices[in_use & np.isfinite(mesh.vertices).all(axis=1)]
+
+
+def are_finite(values: NDArray[np.floating]) -> bool:
+    """Whether all are finite, without an array of answers."""
+    return not values.size or bool(np.isfinite(values.min()) and np.isfinite(values.max()))

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from wdpm.scenes.errors import SceneError
+from wdpm.scenes.model.bounds import are_finite
 from wdpm.scenes.model.bsdfs import vertex_attributes, walk
 from wdpm.scenes.model.scene import Camera, Instance, Material, Mesh, Scene, Solid
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color, Texture
@@ -29,7 +30,7 @@ def check_scene(scene: Scene, file: Path | None = None) -> Scene:
         shape = mesh.shape if isinstance(mesh, Instance) else mesh
         if id(shape) not in reach:
             _check_mesh(shape, len(scene.materials), file)
-            reach[id(shape)] = float(np.abs(shape.vertices).max(initial=0.0))
+            reach[id(shape)] = float(max(shape.vertices.max(initial=0.0), -shape.vertices.min(initial=0.0)))
         if isinstance(mesh, Instance):
             _check_place(mesh, reach[id(shape)], file)
         _check_looks(mesh, scene.materials[mesh.material], file)
@@ -79,10 +80,13 @@ FARTHEST = 1e37
 
 def check_reach(mesh: Solid, file: Path | None) -> None:
     """Raise SceneError if a vertex lies so far away that distances are no numbers any more."""
-    far = ((np.abs(mesh.vertices) > FARTHEST) & np.isfinite(mesh.vertices)).any(axis=1)
+    vertices = mesh.vertices
+    if not vertices.size or (vertices.min() >= -FARTHEST and vertices.max() <= FARTHEST):
+        return
+    far = ((np.abs(vertices) > FARTHEST) & np.isfinite(vertices)).any(axis=1)
     if far.any():
         first = int(np.argmax(far))
-        where = ", ".join(f"{x:g}" for x in mesh.vertices[first])
+        where = ", ".join(f"{x:g}" for x in vertices[first])
         raise SceneError(
             f'mesh "{mesh.name}": vertex {first} is ({where}), {int(far.sum())} beyond {FARTHEST:g} in all; '
             "give the scene in a larger unit",
@@ -117,8 +121,8 @@ def _check_mesh(mesh: Mesh, material_count: int, file: Path | None) -> None:
             continue
         if what != "vertex" and len(values) != len(mesh.vertices):
             raise SceneError(f'mesh "{mesh.name}": {len(values)} {what}s for {len(mesh.vertices)} vertices', file)
-        finite = np.isfinite(values).all(axis=1)
-        if not finite.all():
+        if not are_finite(values):
+            finite = np.isfinite(values).all(axis=1)
             first = int(np.argmin(finite))
             bad = f"{what} {first} is ({', '.join(f'{x:g}' for x in values[first])})"
             raise SceneError(f'mesh "{mesh.name}": {bad}, {int(np.sum(~finite))} not finite in all', file)

@@ -163,7 +163,7 @@ def test_free_ways_end_where_mathematics_says(seed: int) -> None:
     ways = random.normal(size=(5, 3))
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     origin = random.normal(size=3) * 0.2
-    far, front = free_ways(corners, origin, ways)
+    far, front = free_ways([corners[:7], corners[7:]], origin, ways)
     for way, distance, is_front in zip(ways, far, front, strict=True):
         met = []
         for a, b, c in corners:
