@@ -14,6 +14,12 @@ from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.instances import Instances
 from wdpm.scenes.flat.reach import instance_boxes
 
+MOST_WEIGHED = 1 << 20
+"""Triangles that planes are weighed by."""
+
+AT_ONCE = 1 << 20
+"""Triangles that are held against all cells in one launch, so that its arrays stay small."""
+
 
 def instances_of_cells(instances: Instances, tree: TopTree, extent: float) -> list[NDArray[np.intp]]:
     """For each cell, the instances whose boxes meet it, ascending: it holds their shapes whole.
@@ -34,13 +40,16 @@ def instances_of_cells(instances: Instances, tree: TopTree, extent: float) -> li
 def places_to_cut(triangles: Triangles) -> NDArray[np.float32]:
     """What planes are weighed by: the triangles that are held, and a triangle across the box of each instance.
 
+    Of very many these are some at even distances, which weigh as well.
+
     Returns:
         float32, shape [N, 3, 3].
     """
-    if not len(triangles.instances):
-        return triangles.positions
-    low, high = (corner.astype(np.float32) for corner in instance_boxes(triangles.instances))
-    return np.concatenate([triangles.positions, np.stack([low, high, low], axis=1)])
+    places = triangles.positions
+    if len(triangles.instances):
+        low, high = (corner.astype(np.float32) for corner in instance_boxes(triangles.instances))
+        places = np.concatenate([places, np.stack([low, high, low], axis=1)])
+    return places[:: -(-len(places) // MOST_WEIGHED)] if len(places) > MOST_WEIGHED else places
 
 
 def rows_of_cells(
@@ -56,10 +65,11 @@ def rows_of_cells(
     low, high = cell_boxes(tree.axis, tree.split)
     grow = 2.0 * PAD_SHARE * extent
     reach = 4.0 * extent  # beyond everything, and near enough for the test's arithmetic
-    inside = triangles_in_boxes(
-        corners,
-        np.maximum(low.astype(np.float64) - grow, -reach),
-        np.minimum(high.astype(np.float64) + grow, reach),
-        launcher,
-    )
-    return [np.flatnonzero(inside[:, cell]) for cell in range(tree.cells)]
+    grown_low = np.maximum(low.astype(np.float64) - grow, -reach)
+    grown_high = np.minimum(high.astype(np.float64) + grow, reach)
+    rows: list[list[NDArray[np.intp]]] = [[] for _ in range(tree.cells)]
+    for first in range(0, len(corners), AT_ONCE):
+        inside = triangles_in_boxes(corners[first : first + AT_ONCE], grown_low, grown_high, launcher)
+        for cell, found in enumerate(rows):
+            found.append(np.flatnonzero(inside[:, cell]) + first)
+    return [np.concatenate(found) for found in rows]

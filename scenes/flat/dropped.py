@@ -44,6 +44,17 @@ def degenerate_cause(positions: NDArray[np.float32]) -> NDArray[np.int8]:
     Args:
         positions: corners in the renderer's space, shape [T, 3, 3].
     """
+    cause = np.empty(len(positions), np.int8)
+    for first in range(0, len(positions), _AT_ONCE):
+        cause[first : first + _AT_ONCE] = _degenerate(positions[first : first + _AT_ONCE])
+    return cause
+
+
+_AT_ONCE = 1 << 16
+"""Triangles that are looked at together: what is worked out of them fits into a cache."""
+
+
+def _degenerate(positions: NDArray[np.float32]) -> NDArray[np.int8]:
     cause = np.full(len(positions), KEPT, dtype=np.int8)
     with np.errstate(invalid="ignore", over="ignore", under="ignore"):
         cross = np.cross(positions[:, 1] - positions[:, 0], positions[:, 2] - positions[:, 0])
@@ -65,15 +76,28 @@ def repeated(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
 
     Of surfaces in one place the first is seen, so these are never; but their area would count as surface.
     """
+    key = np.empty(len(positions), np.uint64)
+    for begin in range(0, len(positions), _AT_ONCE):
+        key[begin : begin + _AT_ONCE] = _keys(positions[begin : begin + _AT_ONCE])
+    is_repeated = np.zeros(len(key), np.bool_)
+    ordered = np.sort(key)
+    several = np.unique(ordered[1:][ordered[1:] == ordered[:-1]])  # keys of more than one triangle: few, if any
+    del ordered
+    if not len(several):
+        return is_repeated
+    rows = np.flatnonzero(np.isin(key, several))
+    _, first, inverse = np.unique(key[rows], return_index=True, return_inverse=True)
+    for row, earlier in zip(rows.tolist(), rows[first[inverse]].tolist(), strict=True):
+        if row != earlier:  # keys that are alike by chance must not drop anything
+            same = {tuple(c) for c in positions[row].tolist()} == {tuple(c) for c in positions[earlier].tolist()}
+            is_repeated[row] = same
+    return is_repeated
+
+
+def _keys(positions: NDArray[np.float32]) -> NDArray[np.uint64]:
+    """A number for the places of each triangle's corners, whatever their order, shape [T]."""
     bits = (positions + np.float32(0.0)).view(np.uint32).astype(np.uint64)  # -0 and 0 are the same place
     corner = (bits[..., 0] * _MIX[0]) ^ (bits[..., 1] * _MIX[1]) ^ (bits[..., 2] * _MIX[2])
     corner = (corner ^ (corner >> np.uint64(29))) * _MIX[3]
-    key = corner.sum(axis=1, dtype=np.uint64)
-    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
-    earlier = first[inverse]
-    repeated = earlier != np.arange(len(key))
-    rows = np.flatnonzero(repeated)
-    for row in rows:  # few, if any: keys that are alike by chance must not drop anything
-        same = {tuple(c) for c in positions[row].tolist()} == {tuple(c) for c in positions[earlier[row]].tolist()}
-        repeated[row] = same
-    return repeated
+    key: NDArray[np.uint64] = corner.sum(axis=1, dtype=np.uint64)
+    return key

@@ -7,8 +7,9 @@ another in memory, and no index can point outside a partition.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,16 +124,17 @@ def _triangles(
         )
     kept = choose(meshes, standing, instancing)
     apart = [number for number, is_kept in enumerate(kept) if not is_kept]
-    parts = [
+    sizes = [len(meshes[number].faces) for number in apart]
+    colored = any(mesh.colors is not None for mesh in meshes)
+    parts = (
         _soup(meshes[number], space, material[number], emitter_index.get(id(meshes[number]), -1), standing[number])
         for number in apart
-    ]
-    colored = any(mesh.colors is not None for mesh in meshes)
-    soup = _joined(_with_colors([meshes[number] for number in apart], parts, colored)) if parts else NO_TRIANGLES
-    cause = _cause(soup, [standing[number] for number in apart], [len(part) for part in parts])
+    )
+    soup = _joined([meshes[number] for number in apart], parts, sum(sizes), colored)
+    cause = _cause(soup, [standing[number] for number in apart], sizes)
     held = _Counter()
     counts = np.array([held.kept(each) if k and each else 0 for each, k in zip(standing, kept, strict=True)], np.int64)
-    counts[apart] = _kept_of_parts(cause, parts)
+    counts[apart] = _kept_of_parts(cause, sizes)
     bases = np.cumsum(counts) - counts
     ids = [np.zeros(0, np.int32)]
     ids += [np.arange(bases[number], bases[number] + counts[number], dtype=np.int32) for number in apart]
@@ -173,6 +175,8 @@ def _cause(soup: Triangles, standing: Sequence[Standing | None], sizes: Sequence
     Args:
         standing, sizes: of each mesh in it.
     """
+    if all(each is None for each in standing):
+        return drop_cause(soup.positions, soup.emitter >= 0)
     plain = np.repeat(np.array([each is None for each in standing], np.bool_), sizes)
     cause = np.zeros(len(soup), np.int8)
     cause[plain] = drop_cause(soup.positions[plain], soup.emitter[plain] >= 0)
@@ -180,9 +184,8 @@ def _cause(soup: Triangles, standing: Sequence[Standing | None], sizes: Sequence
     return cause
 
 
-def _kept_of_parts(cause: NDArray[np.int8], parts: Sequence[Triangles]) -> list[int]:
-    ends = np.cumsum([len(part) for part in parts])
-    return [int(np.sum(own == KEPT)) for own in np.split(cause, ends[:-1])] if len(parts) else []
+def _kept_of_parts(cause: NDArray[np.int8], sizes: Sequence[int]) -> list[int]:
+    return [int(np.sum(own == KEPT)) for own in np.split(cause, np.cumsum(sizes)[:-1])] if len(sizes) else []
 
 
 MOST_FACTOR = 1e6
@@ -286,19 +289,6 @@ def _with_emission(
     return tuple(joined), chosen
 
 
-def _with_colors(meshes: Sequence[Solid], parts: Sequence[Triangles], colored: bool) -> list[Triangles]:
-    """Vertex colours at the corners of all triangles, white where a mesh has none; none if no mesh has any."""
-    if not colored:
-        return list(parts)
-    with_colors = []
-    for mesh, part in zip(meshes, parts, strict=True):
-        corners = np.ones((len(part), 3, 3), np.float32)
-        if mesh.colors is not None:
-            corners[:] = mesh.colors.astype(np.float32)[mesh.faces]
-        with_colors.append(replace(part, colors=corners))
-    return with_colors
-
-
 def _soup(
     mesh: Solid, space: RendererSpace, material: int, emitter: int, standing: Standing | None = None
 ) -> Triangles:
@@ -330,8 +320,14 @@ def _corner_normals(mesh: Solid) -> NDArray[np.float32]:
         return np.zeros((len(mesh.faces), 3, 3), dtype=np.float32)
     normals = normalized(mesh.normals).astype(np.float32)[mesh.faces]
     # a normal that is missing at one corner cannot be interpolated: the triangle is flat
-    normals[~np.any(normals != 0, axis=2).all(axis=1)] = 0.0
+    for first in range(0, len(normals), _AT_ONCE):
+        block = normals[first : first + _AT_ONCE]
+        block[~np.any(block != 0, axis=2).all(axis=1)] = 0.0
     return normals
+
+
+_AT_ONCE = 1 << 16
+"""Triangles that are looked at together."""
 
 
 class Origins:
@@ -359,8 +355,26 @@ class Origins:
         return mesh, int(rows[number - (int(self._ends[mesh]) - len(rows))])
 
 
-def _joined(parts: Sequence[Triangles]) -> Triangles:
-    return parts[0].with_arrays({name: np.concatenate([getattr(part, name) for part in parts]) for name in ARRAYS})
+def _joined(meshes: Sequence[Solid], parts: Iterable[Triangles], total: int, colored: bool) -> Triangles:
+    """All parts as one, of which each is let go when it is in its place.
+
+    If any mesh has vertex colours there are some at the corners of all triangles, white where a mesh has none.
+    """
+    columns: dict[str, NDArray[Any]] = {}
+    for name in ARRAYS:
+        of_one = getattr(NO_TRIANGLES, name)
+        columns[name] = np.empty((total, *of_one.shape[1:]), of_one.dtype)
+    columns["colors"] = np.ones((total if colored else 0, 3, 3), np.float32)
+    first = 0
+    for mesh, part in zip(meshes, parts, strict=True):
+        rows = slice(first, first + len(part))
+        first = rows.stop
+        for name in ARRAYS:
+            if name != "colors":
+                columns[name][rows] = getattr(part, name)
+        if mesh.colors is not None:
+            columns["colors"][rows] = mesh.colors.astype(np.float32)[mesh.faces]
+    return NO_TRIANGLES.with_arrays(columns)
 
 
 def _listed(dropped: dict[str, int]) -> str:

@@ -62,8 +62,14 @@ def _farthest(
 
 
 def _coordinate(positions: NDArray[np.float32]) -> float:
-    return float(np.abs(positions).max(initial=0.0))
+    return float(max(positions.max(initial=0.0), -positions.min(initial=0.0)))
 
 
 def _distance(positions: NDArray[np.float32]) -> float:
-    return float(np.sqrt((positions.astype(np.float64) ** 2).sum(axis=2).max(initial=0.0)))
+    blocks = (positions[first : first + _AT_ONCE] for first in range(0, len(positions), _AT_ONCE))
+    squares = ((block.astype(np.float64) ** 2).sum(axis=2).max(initial=0.0) for block in blocks)
+    return float(np.sqrt(max(squares, default=0.0)))
+
+
+_AT_ONCE = 1 << 16
+"""Triangles that are looked at together: in double, all would be held thrice."""
