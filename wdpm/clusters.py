@@ -20,8 +20,6 @@ from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.transport import address
 from wdpm.cluster.transport.registry import transport_of
 from wdpm.cluster.transport.transport import Role
-from wdpm.cluster.transport.zeromq.key_files import keys_for
-from wdpm.cluster.transport.zeromq.run_keys import RunKeys
 from wdpm.devices import available_cores, check_device
 from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
@@ -29,7 +27,6 @@ from wdpm.notebook import shown_live
 from wdpm.placing.hosts import read_hosts
 from wdpm.placing.own_number import listening_address, number_towards, reached_at
 from wdpm.placing.placed import Placed
-from wdpm.placing.rendezvous import Rendezvous, meeting_folder
 from wdpm.placing.slurm import Allocation, other_nodes
 from wdpm.placing.ssh_slaves import SshSlaves
 from wdpm.progress import Progress
@@ -45,6 +42,8 @@ from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.model.scene import Scene
 
 if TYPE_CHECKING:
+    from wdpm.cluster.transport.keys import Keys
+    from wdpm.cluster.transport.zeromq.run_keys import RunKeys
     from wdpm.placing.dask_slaves import DaskSlaves
 
 JOIN_TIMEOUT_S = ClusterLimits().join_timeout_s
@@ -120,7 +119,7 @@ class Cluster(Backend):
         with ExitStack() as stack:
             processes = LocalSlaves()
             stack.callback(processes.stop)
-            keys = RunKeys()  # other people of this machine reach its ports, too
+            keys = _run_keys()  # other people of this machine reach its ports, too
             server = MasterServer(
                 "tcp://127.0.0.1:0", slaves, security=keys.master, watch=processes.ended, observers=observers
             )
@@ -167,7 +166,7 @@ class Cluster(Backend):
             SettingsError: neither keys nor insecure where one is needed, or the keys cannot be read.
             ClusterError: it cannot listen there.
         """
-        security = keys_for(address.resolve(bind), keys, insecure, Role.MASTER)
+        security = _keys_for(bind, keys, insecure)
         with ExitStack() as stack:
             limits = ClusterLimits(join_timeout_s=join_timeout)
             server = MasterServer(bind, slaves, most=most, security=security, limits=limits, observers=observers)
@@ -196,6 +195,8 @@ class Cluster(Backend):
         slaves = allocation.tasks - 1
         number = number_towards(other_nodes(allocation))
         with ExitStack() as stack:
+            from wdpm.placing.rendezvous import Rendezvous, meeting_folder  # needs ZeroMQ
+
             rendezvous = Rendezvous(meeting_folder(shared, allocation.name), slaves)
             stack.callback(rendezvous.close, "the master has ended")
             bind = listening_address(number)
@@ -276,7 +277,7 @@ class Cluster(Backend):
         """Listen, and have slaves placed, with keys of the run."""
         with ExitStack() as stack:
             stack.callback(placed.stop)
-            keys = RunKeys()
+            keys = _run_keys()
             server = MasterServer(
                 placed.listen_at, first, most=most, security=keys.master, watch=placed.ended, observers=observers
             )
@@ -370,6 +371,18 @@ class Cluster(Backend):
         self._stack.__exit__(kind, error, trace)
 
 
+def _run_keys() -> RunKeys:
+    from wdpm.cluster.transport.zeromq.run_keys import RunKeys  # a render without slaves needs no ZeroMQ
+
+    return RunKeys()
+
+
+def _keys_for(bind: str, keys: Path | None, insecure: bool) -> Keys | None:
+    from wdpm.cluster.transport.zeromq.key_files import keys_for
+
+    return keys_for(address.resolve(bind), keys, insecure, Role.MASTER)
+
+
 def _dask_slaves() -> type[DaskSlaves]:
     try:
         from wdpm.placing.dask_slaves import DaskSlaves
@@ -431,7 +444,7 @@ def check_listening(bind: str, keys: Path | None, insecure: bool) -> None:
 
     No master answers meanwhile: a slave that waits for one tries again.
     """
-    network = transport_of(bind).open(keys_for(address.resolve(bind), keys, insecure, Role.MASTER))
+    network = transport_of(bind).open(_keys_for(bind, keys, insecure))
     try:
         network.listen(bind, Role.MASTER, {})
     finally:

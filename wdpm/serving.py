@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import gc
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,6 +18,7 @@ from wdpm.cluster.transport.zeromq.run_keys import FROM_STANDARD_INPUT, slave_ke
 from wdpm.devices import available_cores, check_device
 from wdpm.quiet import quiet_warp
 from wdpm.scenes.errors import SettingsError
+from wdpm.starting import let_collector_go
 
 if TYPE_CHECKING:
     from wdpm.cluster.slave.jobs import Worker
@@ -109,7 +109,7 @@ def serve(
 
         quiet_warp()
         compile_kernels(device)
-        _keep_what_is_there()
+        let_collector_go()
         launcher = Launcher(device, threads, wait_for_kernels=wait_for_kernels)
         return CellWorker(number, world, partition, holders, launcher)
 
@@ -126,11 +126,6 @@ def serve(
 
 
 @functools.cache
-def _keep_what_is_there() -> None:
-    """Before the first world: modules and kernels stay anyway, and searching them takes a collection 0.1 s."""
-    gc.freeze()
-
-
 def _check(device: str) -> None:
     if device != "cpu":
         quiet_warp()

@@ -6,7 +6,6 @@ import io
 from pathlib import Path
 from typing import Any
 
-import imageio.v3 as imageio
 import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
@@ -72,6 +71,8 @@ def _alpha(pixels: NDArray[Any], name: str) -> NDArray[np.float32] | None:
 
 
 def _read_any(data: bytes, name: str, suffix: str | None) -> NDArray[Any]:
+    import imageio.v3 as imageio  # many scenes have no images
+
     try:
         return np.asarray(
             imageio.imread(io.BytesIO(data), index=0, **({} if suffix is None else {"extension": suffix}))

@@ -34,6 +34,7 @@ from wdpm.cli.placing import slurm
 from wdpm.exit_codes import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_TERMINATED, exit_code_of
 from wdpm.scenes.errors import WdpmError
 from wdpm.scenes.scene_root import files_within
+from wdpm.starting import let_collector_go
 
 COMMANDS = (
     render,
@@ -97,6 +98,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader of a pipe has left, as `| head` does. Python would complain once more when it flushes at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    finally:
+        let_collector_go()
     return code
 
 

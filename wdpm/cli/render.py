@@ -15,6 +15,7 @@ from wdpm.cli.output.frames import add_frame_options, asks_for_frames, render_fr
 from wdpm.cli.placing.options import add_placing_options, is_placed
 from wdpm.cli.placing.running import render_placed
 from wdpm.scenes.errors import SettingsError
+from wdpm.starting import hold_off_collector
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -90,6 +91,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> int:
     """Render and write, or replay a sample; returns the exit code."""
+    hold_off_collector()
     if is_placed(args):
         if args.frames is not None:
             raise SettingsError("--frames renders here, or by wdpm master; leave --slurm, --dask and --hosts out")

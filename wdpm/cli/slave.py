@@ -68,7 +68,9 @@ def run(args: argparse.Namespace) -> int:
     """Work until the master is done; returns the exit code."""
     from wdpm.devices import available_cores
     from wdpm.serving import serve_as_slave
+    from wdpm.starting import hold_off_collector
 
+    hold_off_collector()
     serve_as_slave(
         args.address,
         threads=args.threads or max(1, available_cores() // args.share),

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import imageio.v3 as imageio
 import numpy as np
 from numpy.typing import NDArray
 
@@ -160,8 +159,10 @@ def png_bytes(pixels: NDArray[np.uint8], texts: Mapping[str, str] | None = None)
     Args:
         texts: go into its header by keyword, both in ASCII.
     """
+    from PIL import Image as Pillow  # imageio would load all its formats for this one
+
     buffer = io.BytesIO()
-    imageio.imwrite(buffer, pixels, extension=".png")
+    Pillow.fromarray(pixels).save(buffer, format="PNG")
     data = buffer.getvalue()
     chunks = [_png_chunk(b"sRGB", b"\0")]
     chunks += [_png_chunk(b"tEXt", f"{key}\0{text}".encode("ascii")) for key, text in (texts or {}).items()]
@@ -225,6 +226,8 @@ def _check_extension(path: Path, allowed: tuple[str, ...]) -> None:
 
 
 def _read_png(path: Path) -> NDArray[np.float32]:
+    import imageio.v3 as imageio  # renders read none
+
     data = path.read_bytes()
     # The header is checked by hand, since Pillow turns 16-bit colour into 8-bit without a word.
     if data[:8] != _PNG_SIGNATURE or len(data) < 26:

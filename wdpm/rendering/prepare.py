@@ -49,6 +49,7 @@ from wdpm.scenes.load import load
 from wdpm.scenes.meshes.in_memory import Meshes
 from wdpm.scenes.model.left_out import leave_out
 from wdpm.scenes.model.scene import Scene
+from wdpm.starting import let_collector_go
 
 Source: TypeAlias = "Scene | str | Path | Meshes | Callable[[], Scene]"
 """A scene, or how to get it: a file, a built-in scene's name, meshes of trimesh, or a function that is called once.
@@ -144,6 +145,7 @@ def prepare(
     features = with_camera(features_of(flat, settings), flat.camera)
     kernels = compiling(features)
     seconds["compile"] = compiling.seconds
+    let_collector_go()
 
     progress.start("plan")
     began = flattening + compiling.seconds  # all but that is planning
