@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 
@@ -13,11 +14,19 @@ CPU_BLOCK = 1
 
 def is_compiled(module: wp.Module) -> bool:
     """Whether launches of a module's kernels on the CPU need no compiler."""
-    if any(context is None for context, _ in module.execs):
+    if is_loaded(module):
         return True
     name = module.get_module_identifier(CPU_BLOCK)
-    folder = cache_folder() / name
-    return (folder / f"{name}.meta").is_file() and any(folder.glob("*.o"))
+    try:
+        files = os.listdir(cache_folder() / name)
+    except FileNotFoundError:
+        return False
+    return f"{name}.meta" in files and any(file.endswith(".o") for file in files)
+
+
+def is_loaded(module: wp.Module) -> bool:
+    """Whether this process has loaded a module for the CPU."""
+    return any(context is None for context, _ in module.execs)
 
 
 def cache_folder() -> Path:
@@ -29,6 +38,11 @@ def cache_folder() -> Path:
 def use_cache_folder(folder: Path) -> None:
     """Have Warp keep what it compiles there from now on."""
     wp.config.kernel_cache_dir = str(folder)
+
+
+def cached_modules() -> set[str]:
+    """Names of the folders of the modules that are in the cache. Other processes may add theirs at any time."""
+    return set(os.listdir(cache_folder())) if cache_folder().is_dir() else set()
 
 
 def remove_half_made(process: int) -> None:

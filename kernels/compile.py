@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 
 import warp as wp
 
-from wdpm.kernels.cached import is_compiled
+from wdpm.kernels.cached import is_compiled, is_loaded
 from wdpm.kernels.camera import add_samples, filter_weights, guide_pilot, rays, shadow_rays
 from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance import at_photons, cache, gather_places, record_clamp, record_rays, records
@@ -119,5 +119,9 @@ def _shared_modules(features: Features) -> list[wp.Module]:
 def _load(device: str, modules: Sequence[wp.Module], told: Told | None) -> None:
     """Trees are built on the CPU wherever they are used, so all modules are loaded there, too."""
     compile_for_cpu(modules, told)
-    for place in {device, "cpu"}:
-        wp.force_load(place, list(modules), max_workers=os.cpu_count())
+    rest = {"cpu": [module for module in modules if not is_loaded(module)]}
+    if device != "cpu":
+        rest[device] = list(modules)
+    for place, missing in rest.items():
+        if missing:
+            wp.force_load(place, missing, max_workers=os.cpu_count())

@@ -30,7 +30,7 @@ from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import MapPlan, PhotonPlan, View, World
 from wdpm.devices import available_cores, check_device
 from wdpm.images.limits import check_pixels
-from wdpm.kernels.cached import cache_folder
+from wdpm.kernels.cached import cached_modules
 from wdpm.kernels.compile import SECONDS_A_MODULE, ready_kernels
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
@@ -224,14 +224,14 @@ def _compile(
     features: Features, settings: RenderSettings, launcher: Launcher, progress: ProgressObserver
 ) -> KernelReport:
     """Compile what is needed, and tell what that was."""
-    before = _cached_modules()
+    before = cached_modules()
     chosen = ready_kernels(launcher.device, features, wait=launcher.wait_for_kernels, told=partial(_say, progress))
     return KernelReport(
         features=features.names(),
         all_effects=settings.all_effects,
         kernels=len(chosen.variants.kernels()),
         modules=len(chosen.variants.modules()),
-        compiled=len(_cached_modules() - before),
+        compiled=len(cached_modules() - before),
         standing_in=len(chosen.standing_in),
     )
 
@@ -245,12 +245,6 @@ def _say(progress: ProgressObserver, modules: int) -> Callable[[], None]:
         "`wdpm doctor --prepare` compiles what any scene needs"
     )
     return progress.advance
-
-
-def _cached_modules() -> set[str]:
-    """Names of the modules in Warp's cache. Other processes may add theirs at the same time."""
-    folder = cache_folder()
-    return {path.name for path in folder.iterdir()} if folder.is_dir() else set()
 
 
 def _left_out(
