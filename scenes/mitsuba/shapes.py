@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from wdpm.scenes.meshes import primitives
+from wdpm.scenes.meshes.creases import creased
 from wdpm.scenes.meshes.mesh_data import MeshData
 from wdpm.scenes.meshes.obj import read_obj
 from wdpm.scenes.meshes.ply import read_ply
@@ -58,6 +59,7 @@ class ShapeReader:
             mesh = mesh.flat()
         if flat:
             mesh = mesh.flat()
+        mesh = self._creased(plugin, mesh, flat=flat) if from_file else mesh
         to_world = plugin.take_transform("to_world")
         if to_world is not None:
             mesh = _transformed(mesh, to_world, plugin)
@@ -65,6 +67,18 @@ class ShapeReader:
             # Mitsuba computes normals for every mesh that lacks them, in world space, unless it is told to be flat
             mesh = mesh.smooth()
         return mesh.flipped() if plugin.take_bool("flip_normals", False) else mesh
+
+    def _creased(self, plugin: Plugin, mesh: MeshData, *, flat: bool) -> MeshData:
+        """The mesh with 0.6's `maxSmoothAngle`, if it is given."""
+        if not plugin.has("max_smooth_angle"):
+            return mesh
+        at = plugin.at("max_smooth_angle")
+        angle = plugin.take_float("max_smooth_angle", 180.0)
+        if flat or not 0.0 <= angle <= 180.0:
+            raise at.error(
+                f'{plugin}: "max_smooth_angle" must lie between 0 and 180 degrees, and face_normals not be set'
+            )
+        return creased(mesh, angle)
 
     def _read_file(self, plugin: Plugin) -> MeshData:
         file = plugin.take_file()
