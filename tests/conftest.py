@@ -20,16 +20,22 @@ settings.register_profile("unshrunk", derandomize=True, deadline=None, phases=(P
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 SCENES_VARIABLE = "WDPM_SCENES"
+FOREIGN_VARIABLE = "WDPM_FOREIGN_SCENES"
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Skip what needs the scenes with references where they are not."""
-    if os.environ.get(SCENES_VARIABLE):
-        return
-    skip = pytest.mark.skip(reason=f"{SCENES_VARIABLE} is not set: it names a folder of Mitsuba scenes with references")
-    for item in items:
-        if item.get_closest_marker("shared"):
-            item.add_marker(skip)
+    """Skip what needs the scenes with references, or those of others, where they are not."""
+    wanted = {
+        "shared": (SCENES_VARIABLE, "a folder of Mitsuba scenes with references"),
+        "foreign": (FOREIGN_VARIABLE, "a folder of Mitsuba scenes of others"),
+    }
+    for marker, (variable, what) in wanted.items():
+        if os.environ.get(variable):
+            continue
+        skip = pytest.mark.skip(reason=f"{variable} is not set: it names {what}")
+        for item in items:
+            if item.get_closest_marker(marker):
+                item.add_marker(skip)
 
 
 @pytest.fixture(autouse=True)
