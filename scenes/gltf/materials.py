@@ -17,17 +17,33 @@ import numpy as np
 from wdpm.scenes.gltf.container import GltfFile
 from wdpm.scenes.gltf.textures import BLUE as BLUE_CHANNEL
 from wdpm.scenes.gltf.textures import GREEN, RED, GltfTextures
-from wdpm.scenes.model.bsdfs import WHITE, Blend, Bsdf, Diffuse, Mask, NormalMap, Principled, ThinDielectric, TwoSided
+from wdpm.scenes.model.bsdfs import (
+    WHITE,
+    Blend,
+    Bsdf,
+    Diffuse,
+    Distribution,
+    Mask,
+    NormalMap,
+    Principled,
+    ThinDielectric,
+    TwoSided,
+)
+from wdpm.scenes.model.highlights import highlight_over, scaled
 from wdpm.scenes.model.scene import Material, Medium
 from wdpm.scenes.model.textures import RGB, Bitmap, Color, Number, VertexColors
 
 COLOR_ATTRIBUTE: Final = "COLOR_0"
 
+SPECULAR_GLOSSINESS: Final = "KHR_materials_pbrSpecularGlossiness"
+
 MATERIAL_EXTENSIONS: Final = frozenset(
     (
+        "KHR_materials_anisotropy",
         "KHR_materials_clearcoat",
         "KHR_materials_emissive_strength",
         "KHR_materials_ior",
+        SPECULAR_GLOSSINESS,
         "KHR_materials_sheen",
         "KHR_materials_specular",
         "KHR_materials_transmission",
@@ -37,6 +53,9 @@ MATERIAL_EXTENSIONS: Final = frozenset(
 )
 """Extensions of materials that are read here; a file that requires others cannot be read."""
 
+
+_MOST_OF_DIELECTRICS = 0.08
+"""Reflection at normal incidence up to which a grey one is taken for that of a dielectric, as Disney's model has it."""
 
 _DARKEST = 1e-6
 """Share of light that the darkest attenuation lets pass: none at all would be infinitely dense."""
@@ -99,6 +118,11 @@ class _Converter:
         self._name: str = gltf.get(owner, "name", str, fallback)
         self._pbr: dict[str, Any] = gltf.get(owner, "pbrMetallicRoughness", dict, {})
         self._extensions: dict[str, Any] = gltf.get(owner, "extensions", dict, {})
+        self._glossy: dict[str, Any] | None = self._extensions.get(SPECULAR_GLOSSINESS)
+        if self._glossy is not None:
+            self._glossy = self._extension(SPECULAR_GLOSSINESS)
+            names = {"diffuseFactor": "baseColorFactor", "diffuseTexture": "baseColorTexture"}
+            self._pbr = {new: self._glossy[old] for old, new in names.items() if old in self._glossy}
         self._uv_set: int | None = None
         self._medium: Medium | None = None
 
@@ -162,6 +186,9 @@ class _Converter:
             self._warn("unlit: it is lit like any diffuse surface")
             surface: Bsdf = Diffuse(base)
             return TwoSided(surface) if double_sided else surface
+        if self._glossy is not None:
+            surface = bent(self._specular_glossiness(base, self._glossy))
+            return TwoSided(surface) if double_sided else surface
         eta = self._eta()
         transmission = self._extension("KHR_materials_transmission")
         weight = self._number(transmission, "transmissionFactor", 0.0, "transmissionTexture", RED)
@@ -177,9 +204,11 @@ class _Converter:
 
     def _principled(self, base: Color, eta: float, spec_trans: Number) -> Principled:
         roughness = self._number(self._pbr, "roughnessFactor", 1.0, "metallicRoughnessTexture", GREEN)
+        roughness, anisotropic = self._anisotropic(roughness)
         metallic = self._number(self._pbr, "metallicFactor", 1.0, "metallicRoughnessTexture", BLUE_CHANNEL)
         sheen = self._sheen()
         principled = Principled(base, roughness, metallic=metallic, spec_trans=spec_trans, eta=eta, sheen=sheen)
+        principled = replace(principled, anisotropic=anisotropic)
         if "KHR_materials_clearcoat" not in self._extensions:
             return principled
         coat = self._extension("KHR_materials_clearcoat")
@@ -188,6 +217,47 @@ class _Converter:
             self._warn("its clear coat is Disney's, of a quarter of the strength")
         gloss = _clearcoat_gloss(self._share(coat, "clearcoatRoughnessFactor", 0.0))
         return replace(principled, clearcoat=clearcoat, clearcoat_gloss=gloss)
+
+    def _specular_glossiness(self, base: Color, glossy: dict[str, Any]) -> Bsdf:
+        """An archived extension: a diffuse colour and that of the reflection at normal incidence.
+
+        Grey reflections of up to 8 % are those of a dielectric; others become a mixture of diffuse and rough metal.
+        """
+        roughness = 1.0 - self._share(glossy, "glossinessFactor", 1.0)
+        specular = self._gltf.numbers(glossy, "specularFactor", [1.0, 1.0, 1.0])
+        if not all(0.0 <= channel <= 1.0 for channel in specular):
+            raise self._gltf.error(f'material "{self._name}": specularFactor must lie between 0 and 1, got {specular}')
+        if "specularGlossinessTexture" in glossy:
+            self._warn("specularGlossinessTexture is ignored: its factors are used")
+        if max(specular) <= _MOST_OF_DIELECTRICS and max(specular) == min(specular):
+            root = math.sqrt(specular[0])
+            return Principled(base, roughness, eta=(1.0 + root) / (1.0 - root))
+        alpha = roughness * roughness
+        colour = specular[0], specular[1], specular[2]
+        mixed, _ = highlight_over(scaled(base, 1.0 - max(specular)), colour, (alpha, alpha), Distribution.GGX)
+        return mixed
+
+    def _anisotropic(self, roughness: Number) -> tuple[Number, float]:
+        """Disney's roughness and anisotropy for those of the extension: alpha is longer along the texture's u.
+
+        There, alpha along u is a mixture of roughness² and 1 by the strength squared, and roughness² across; Disney's
+        are roughness² over and times the root of 1 - 0.9 anisotropic.
+        """
+        extension = self._extension("KHR_materials_anisotropy")
+        strength = self._share(extension, "anisotropyStrength", 0.0)
+        if strength == 0.0:
+            return roughness, 0.0
+        if not isinstance(roughness, float) or roughness == 0.0:
+            self._warn("its anisotropy is ignored: it is read together with one roughness above 0 alone")
+            return roughness, 0.0
+        if self._gltf.number(extension, "anisotropyRotation", 0.0) != 0.0:
+            self._warn("anisotropyRotation is ignored: its highlights are stretched along u")
+        across = roughness * roughness
+        along = across + (1.0 - across) * strength * strength
+        anisotropic = (1.0 - across / along) / 0.9
+        if anisotropic > 1.0:
+            self._warn("its anisotropy is lowered to Disney's largest, of one to ten")
+        return (across * along) ** 0.25, min(anisotropic, 1.0)
 
     def _sheen(self) -> float:
         """The strength of Disney's sheen, which has no colour of its own and is as broad at any roughness."""
@@ -283,6 +353,7 @@ class _Converter:
         if unknown:
             self._warn(f"{', '.join(unknown)} ignored")
         textures = {
+            "KHR_materials_anisotropy": ("anisotropyTexture",),
             "KHR_materials_clearcoat": ("clearcoatRoughnessTexture", "clearcoatNormalTexture"),
             "KHR_materials_sheen": ("sheenColorTexture", "sheenRoughnessTexture"),
             "KHR_materials_specular": ("specularTexture", "specularColorTexture"),

@@ -33,6 +33,7 @@ from wdpm.scenes.model.textures import RGB
 from wdpm.scenes.model.transforms import Matrix
 from wdpm.scenes.model.viewpoint import named_camera
 
+VARIANTS = "KHR_materials_variants"
 _EXTENSIONS = MATERIAL_EXTENSIONS | {
     "KHR_lights_punctual",
     "KHR_texture_transform",
@@ -40,6 +41,7 @@ _EXTENSIONS = MATERIAL_EXTENSIONS | {
     INSTANCING,
     DRACO,
     WEBP,
+    VARIANTS,
 }
 MESHOPT = "EXT_meshopt_compression"
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
@@ -114,6 +116,8 @@ class _Reader:
                 f"its buffers are compressed by {MESHOPT}, which is not read: unpack them first, as "
                 f"`gltf-transform copy {self.gltf.file.name} unpacked.glb` does"
             )
+        if VARIANTS in self.gltf.get(self.gltf.json, "extensionsUsed", list, []):
+            self.warnings.append("variants of materials: each surface has the one that the file gives without a choice")
         if missing:
             raise self.gltf.error(f"needs extensions that are not supported: {', '.join(missing)}")
 

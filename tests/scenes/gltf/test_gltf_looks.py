@@ -1,0 +1,74 @@
+"""Extensions of glTF's materials that become other parameters here: anisotropy, specular-glossiness, variants."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from test_gltf_extensions import square
+
+from wdpm.scenes import SceneError, load
+from wdpm.scenes.model.bsdfs import Blend, Bsdf, Conductor, Diffuse, Principled
+
+GLOSSY = "KHR_materials_pbrSpecularGlossiness"
+
+
+def looks(folder: Path, extension: str, values: dict[str, Any], **pbr: Any) -> tuple[Bsdf, tuple[str, ...]]:
+    material = {"pbrMetallicRoughness": pbr, "extensions": {extension: values}}
+    scene = load(square(folder, extensionsUsed=[extension], extensionsRequired=[extension], materials=[material]))
+    return scene.materials[scene.meshes[0].material].bsdf, scene.warnings
+
+
+@pytest.mark.parametrize("strength", [0.0, 0.3, 0.5])
+def test_both_roughnesses_are_the_extensions(tmp_path: Path, strength: float) -> None:
+    """The extension: alpha along is mix(roughness², 1, strength²), alpha across is roughness²."""
+    bsdf, _ = looks(tmp_path, "KHR_materials_anisotropy", {"anisotropyStrength": strength}, roughnessFactor=0.7)
+    assert isinstance(bsdf, Principled)
+    assert isinstance(bsdf.roughness, float)
+    assert isinstance(bsdf.anisotropic, float)
+    aspect = math.sqrt(1.0 - 0.9 * bsdf.anisotropic)
+    assert bsdf.roughness**2 / aspect == pytest.approx(0.49 + 0.51 * strength**2)
+    assert bsdf.roughness**2 * aspect == pytest.approx(0.49)
+
+
+def test_more_anisotropy_than_disneys_is_said(tmp_path: Path) -> None:
+    values = {"anisotropyStrength": 1.0, "anisotropyRotation": 1.0, "anisotropyTexture": {"index": 0}}
+    bsdf, warnings = looks(tmp_path, "KHR_materials_anisotropy", values, roughnessFactor=0.2)
+    assert isinstance(bsdf, Principled)
+    assert bsdf.anisotropic == 1.0
+    said = " ".join(warnings)
+    assert all(word in said for word in ("lowered to Disney's largest", "anisotropyRotation", "anisotropyTexture"))
+
+
+def test_a_grey_gloss_is_a_dielectrics(tmp_path: Path) -> None:
+    values = {"diffuseFactor": [0.2, 0.4, 0.6, 1.0], "specularFactor": [0.04, 0.04, 0.04], "glossinessFactor": 0.75}
+    bsdf, _ = looks(tmp_path, GLOSSY, values)
+    assert isinstance(bsdf, Principled)
+    assert (bsdf.base_color, bsdf.roughness) == ((0.2, 0.4, 0.6), 0.25)
+    assert bsdf.eta == pytest.approx(1.5)
+
+
+def test_a_coloured_gloss_is_a_metals_beside_what_it_leaves_to_the_diffuse_colour(tmp_path: Path) -> None:
+    values = {"diffuseFactor": [1.0, 0.5, 0.0, 1.0], "specularFactor": [0.2, 0.6, 0.2], "glossinessFactor": 0.5}
+    bsdf, _ = looks(tmp_path, GLOSSY, values)
+    assert isinstance(bsdf, Blend)
+    assert isinstance(bsdf.first, Diffuse)
+    assert isinstance(bsdf.second, Conductor)
+    assert isinstance(bsdf.weight, float)
+    reflected = [(1.0 - bsdf.weight) * channel for channel in bsdf.first.reflectance]  # type: ignore[union-attr]
+    assert reflected == pytest.approx([0.4, 0.2, 0.0])
+    metal = [bsdf.weight * channel for channel in bsdf.second.specular_reflectance]  # type: ignore[union-attr]
+    assert metal == pytest.approx([0.2, 0.6, 0.2])
+    assert bsdf.second.alpha_u == 0.25
+
+
+def test_a_gloss_out_of_range(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match="specularFactor must lie between 0 and 1"):
+        looks(tmp_path, GLOSSY, {"specularFactor": [2.0, 0.0, 0.0]})
+
+
+def test_variants_are_left_to_the_default(tmp_path: Path) -> None:
+    _, warnings = looks(tmp_path, "KHR_materials_variants", {})
+    assert sum("variants of materials" in warning for warning in warnings) == 1
