@@ -14,8 +14,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels import blocks
+from wdpm.kernels import blocks, host_columns
 from wdpm.kernels.fields import Field, Fields
+from wdpm.kernels.host_columns import HostColumns, HostNest
 
 _WARP_TYPES = {("<i4", ()): wp.int32, ("<i8", ()): wp.int64, ("<f4", ()): wp.float32, ("<f4", (3,)): wp.vec3}
 
@@ -83,12 +84,20 @@ def _function(lines: list[str], columns: wp.Struct, item: wp.Struct) -> wp.Funct
     return wp.func(scope[name])
 
 
+def _layout_on(struct: wp.Struct, device: str) -> host_columns.Layout | None:
+    """How the struct's columns lie on the CPU, where they need no arrays of Warp; None for Warp's own instances."""
+    return host_columns.layout_of(struct) if blocks.shares_memory(device) else None
+
+
 def upload(struct: wp.Struct, arrays: Mapping[str, NDArray[Any]], device: str) -> Any:
     """An instance of a Warp struct whose array fields hold the arrays of the same names.
 
     On the CPU they share memory with arrays that may be written to, so a kernel that refines them in place refines the
     caller's; what came over a wire is read-only, and is copied. To another device all go in one copy.
     """
+    layout = _layout_on(struct, device)
+    if layout is not None:
+        return host_columns.over(layout, {name: arrays[name] for name in layout.types})
     columns = struct()
     dtypes = _dtypes(struct)
     if not blocks.shares_memory(device):
@@ -115,6 +124,8 @@ def _fill(columns: Any, names: Iterable[str], arrays: Iterable[Any]) -> Any:
 
 def part_of(struct: wp.Struct, columns: Any) -> Any:
     """An instance of a Warp struct whose array fields are another's of the same names: nothing is copied."""
+    if isinstance(columns, HostColumns):
+        return upload(struct, {name: columns.column(name) for name in struct.vars}, "cpu")
     part = struct()
     for name in struct.vars:
         setattr(part, name, getattr(columns, name))
@@ -133,6 +144,9 @@ def _none(struct: wp.Struct, device: str) -> Any:
 
 
 def _empty(struct: wp.Struct, count: int, device: str) -> Any:
+    layout = _layout_on(struct, device)
+    if layout is not None:
+        return host_columns.room(layout, count)
     columns = struct()
     _make_room(struct, columns, count, device)
     return columns
@@ -144,11 +158,32 @@ def empty_nested(struct: wp.Struct, counts: Mapping[str, int], device: str) -> A
     Args:
         counts: items of each of the inner structs, of no particular value; without any, its arrays are not there.
     """
+    others = host_columns.without_layout(struct) if blocks.shares_memory(device) else None
+    if others is not None:
+        warps = {name: _some_or_blank(struct.vars[name].type, counts.get(name, 0), device) for name in others}
+        return HostNest(struct, counts, warps)
     nested = struct()
     for name, count in counts.items():
         if count:
             _make_room(struct.vars[name].type, getattr(nested, name), count, device)
     return nested
+
+
+def _some_or_blank(struct: wp.Struct, count: int, device: str) -> Any:
+    return _empty(struct, count, device) if count else _blank(struct)
+
+
+@functools.cache
+def _blank(struct: wp.Struct) -> Any:
+    """An instance without arrays."""
+    return struct()
+
+
+def are_there(columns: Any) -> bool:
+    """Whether columns were made with items."""
+    if isinstance(columns, HostColumns):
+        return columns.has_arrays
+    return any(getattr(columns, name) is not None for name in columns._cls.vars)
 
 
 def _make_room(struct: wp.Struct, columns: Any, count: int, device: str) -> None:
@@ -167,7 +202,7 @@ def zeros(struct: wp.Struct, count: int, device: str) -> Any:
 def chosen(struct: wp.Struct, columns: Any, rows: NDArray[np.intp], device: str) -> Any:
     """Some items of an instance of a Warp struct, as another instance."""
     if blocks.shares_memory(device):
-        return upload(struct, {name: getattr(columns, name).numpy().take(rows, axis=0) for name in struct.vars}, device)
+        return upload(struct, {name: column(columns, name).take(rows, axis=0) for name in struct.vars}, device)
     some = rows_of({name: getattr(columns, name) for name in struct.vars}, rows, device)
     return _fill(struct(), some, some.values())
 
@@ -214,13 +249,28 @@ def to_host(arrays: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     return blocks.to_host(arrays)
 
 
+def column(columns: Any, name: str) -> NDArray[Any]:
+    """One of the arrays as a numpy array; on the CPU it shares memory with the device's."""
+    array: NDArray[Any] = columns.column(name) if isinstance(columns, HostColumns) else getattr(columns, name).numpy()
+    return array
+
+
+def length(columns: Any, name: str) -> int:
+    """How many items one of the arrays has."""
+    return len(column(columns, name) if isinstance(columns, HostColumns) else getattr(columns, name))
+
+
 def download(columns: Any, names: Iterable[str]) -> dict[str, NDArray[Any]]:
     """The named arrays as numpy arrays; on the CPU they share memory with the device's."""
+    if isinstance(columns, HostColumns):
+        return {name: columns.column(name) for name in names}
     return to_host({name: getattr(columns, name) for name in names})
 
 
 def download_part(columns: Any, names: Iterable[str], first: int, count: int) -> dict[str, NDArray[Any]]:
     """Items `first` to `first + count` of the named arrays, as arrays of their own: no more than these are copied."""
+    if isinstance(columns, HostColumns):
+        return {name: columns.column(name)[first : first + count].copy() for name in names}
     arrays = {name: getattr(columns, name) for name in names}
     device = next(iter(arrays.values())).device.alias
     if blocks.shares_memory(device):

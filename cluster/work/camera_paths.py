@@ -228,7 +228,7 @@ class CameraLight:
         follows = list(self._send_on(batch, shaded))
         reaches = () if actions is None else actions.reaches(arrays, self._view.light_samples)
         seen = {
-            parts.EMISSION: shaded.seen.emission.numpy(),
+            parts.EMISSION: columns.column(shaded.seen, "emission"),
             parts.INDIRECT: self._indirect(shaded, arrays, actions),
             parts.CAUSTIC: self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats, arrays),
         }
@@ -251,7 +251,7 @@ class CameraLight:
         # What other surfaces reflect depends on where the light comes from, and where paths may only be so long it is
         # photons that know how long theirs are: these vertices ask the photons themselves.
         asks = actions.by_photons & (~lambertian | (self._view.max_depth is not None))
-        radiance = actions.lambertian(shaded.queries.weight.numpy(), lambertian & ~asks)
+        radiance = actions.lambertian(columns.column(shaded.queries, "weight"), lambertian & ~asks)
         if asks.any():
             radiance += self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays, asks)
         return radiance
@@ -307,7 +307,7 @@ class CameraLight:
         """Everything that vertices start: shadow rays, paths that go on, stretches of medium."""
         features = self._replica.world.features
         yield from self.shadows.start(cause, shaded.shots)
-        if shaded.paths.slot is not None:
+        if columns.are_there(shaded.paths):
             yield from self._start_paths(cause, shaded.paths)
         if features.media:
             yield from start_beams(self._replica, cause, shaded.stretches)

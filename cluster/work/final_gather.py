@@ -128,7 +128,7 @@ class FinalGather:
             np.full(count, int(sh.TRACE_ON), np.int32),
             np.zeros(count, np.bool_),
             np.zeros((count, 3), np.float32),
-            places.length.numpy(),
+            columns.column(places, "length"),
         )
         arrived = arrays["diffuse"] > 0
         self._read(places, np.flatnonzero(arrived), arrays["diffuse"], actions)
@@ -149,12 +149,12 @@ class FinalGather:
             _, weight = self._from_cache(places, rows)
             rows = rows[weight < np.float32(self._view.cache.wanted)]
         pixel = np.float32(self._replica.pixel_width)
-        across = np.ones(len(rows), np.float32) if self._view.camera.orthographic else paths.t.numpy()[rows]
+        across = np.ones(len(rows), np.float32) if self._view.camera.orthographic else columns.column(paths, "t")[rows]
         return {
             "slot": slot[rows],
-            "position": places.position.numpy()[rows],
-            "normal": places.normal.numpy()[rows],
-            "shading_normal": places.shading_normal.numpy()[rows],
+            "position": columns.column(places, "position")[rows],
+            "normal": columns.column(places, "normal")[rows],
+            "shading_normal": columns.column(places, "shading_normal")[rows],
             "footprint": pixel * across,
         }
 
@@ -227,14 +227,14 @@ class FinalGather:
 
     def _cacheable(self, places: Any) -> NDArray[np.bool_]:
         """Where the diffuse part is Lambertian, on the seen side."""
-        material, front = np.divmod(places.side.numpy(), 2)
+        material, front = np.divmod(columns.column(places, "side"), 2)
         seen: NDArray[np.bool_] = (self._replica.lambertian_sides[material] & (2 - front)) != 0
         return seen
 
     def _some(self, places: Any, names: tuple[str, ...], rows: NDArray[np.intp]) -> dict[str, Any]:
         """Some rows of the named columns of places."""
         found = {name: getattr(places, name) for name in names}
-        if len(rows) == len(places.position):
+        if len(rows) == columns.length(places, "position"):
             return found
         return columns.rows_of(found, rows, self._replica.launcher.device)
 

@@ -79,11 +79,11 @@ class PhotonGathering:
             rays: what came to the places of the queries.
             among: which of the queries ask; None for all that want photons.
         """
-        replica, count = self._replica, len(queries.weight)
+        replica, count = self._replica, columns.length(queries, "weight")
         radiance = np.zeros((count, 3), np.float32)
         if self._store.maps[number] is None or replica.view is None:
             return radiance
-        wants = queries.weight.numpy().max(axis=1) > 0
+        wants = columns.column(queries, "weight").max(axis=1) > 0
         wanted = np.flatnonzero(wants if among is None else wants & among)
         if len(wanted) == count or (replica.observer is not None and among is None):
             return self._reflected(number, queries, coats, rays)
@@ -97,7 +97,7 @@ class PhotonGathering:
     def _reflected(self, number: int, queries: Any, coats: Any, rays: Arrays) -> NDArray[np.float32]:
         """As `reflected`, for every query that is given."""
         replica, device = self._replica, self._replica.launcher.device
-        count = len(queries.weight)
+        count = columns.length(queries, "weight")
         plan, built = replica.world.maps[number], self._store.maps[number]
         if built is None or replica.view is None:
             raise AssertionError(f"map {number} is not there")
@@ -133,7 +133,7 @@ class PhotonGathering:
     ) -> None:
         replica, view = self._replica, self._replica.view
         features, kernel = replica.world.features, replica.kernels.gather_glossy
-        runs = -(-len(queries.weight) // GATHER_RUN)
+        runs = -(-columns.length(queries, "weight") // GATHER_RUN)
         depth = 0 if view is None else view.max_depth or 0
         search = {"photons": built.tree, "k": k, "r_max": plan.radius, "run": GATHER_RUN, **outputs}
         if kernel is not None and (features.coated or depth):
@@ -191,7 +191,7 @@ class PhotonGathering:
         truncated: NDArray[np.bool_],
         rays: Arrays,
     ) -> None:
-        wanted = queries.weight.numpy().max(axis=1) > 0
+        wanted = columns.column(queries, "weight").max(axis=1) > 0
         self.counters.gathers += int(np.count_nonzero(wanted))
         self.counters.truncated += int(np.count_nonzero(truncated & wanted))
         # A gather of more than k that yet reports the largest radius has no radius of its own (gather.nearest).
@@ -201,6 +201,6 @@ class PhotonGathering:
         if plan.band < plan.radius:
             tree = self._replica.world.top_tree
             low, high = cells.cell_boxes(tree.axis, tree.split)
-            position = queries.position.numpy()
+            position = columns.column(queries, "position")
             margin = np.minimum(position - low[self._cell], high[self._cell] - position).min(axis=1)
             self.counters.left_band += int(np.count_nonzero((radius > margin + plan.band) & wanted))

@@ -44,7 +44,7 @@ class Shadows:
         """Send shadow segments to the first cell on their way; those that carry nothing end here."""
         replica = self._replica
         arrays = columns.download(shots, SCHEMAS[Kind.SHADOW])
-        each = len(shots.slot) // len(cause)
+        each = len(arrays["slot"]) // len(cause)
         radiance = self._guards.blacken(arrays["radiance"], guards.DIRECT, cause.arrays, each)
         blackened = radiance is not arrays["radiance"]
         arrays["radiance"] = radiance
@@ -58,7 +58,7 @@ class Shadows:
         first = self._integers(count)
         replica.launcher(sr.first_shadow_cells, count, cells=replica.cells, segments=segments, next_cell_out=first)
         if replica.world.features.walks:
-            medium = shots.medium.numpy() if replica.world.features.media else np.full(count, -1, np.int32)
+            medium = columns.column(shots, "medium") if replica.world.features.media else np.full(count, -1, np.int32)
             arrays = {**arrays, "medium": medium, **_no_blockers(count)}
             yield from self._send(cause, Kind.SHADOW_WALK, arrays, first.numpy())
         else:
