@@ -11,7 +11,7 @@ import warp as wp
 from wdpm.kernels.cached import is_compiled, is_loaded
 from wdpm.kernels.camera import add_samples, filter_weights, guide_pilot, rays, shadow_rays
 from wdpm.kernels.features import Features
-from wdpm.kernels.irradiance import at_photons, cache, gather_places, record_clamp, record_rays, records
+from wdpm.kernels.irradiance import arrivals, at_photons, cache, gather_places, record_clamp, record_rays, records
 from wdpm.kernels.photons import departure, gather, gather_at_photons, photon_map, surface_points
 from wdpm.kernels.rays import bvh, bvh_build, overlap, standing_areas
 from wdpm.kernels.stand_ins import Chosen, compiled_kernels, own_kernels, stand_ins
@@ -26,6 +26,7 @@ COMMON = (
     gather_places,
     cache,
     at_photons,
+    arrivals,
     records,
     overlap,
     photon_map,

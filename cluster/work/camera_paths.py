@@ -230,8 +230,9 @@ class CameraLight:
         seen = {
             parts.EMISSION: columns.column(shaded.seen, "emission"),
             parts.INDIRECT: self._indirect(shaded, arrays, actions),
-            parts.CAUSTIC: self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats, arrays),
         }
+        if self._replica.world.caustic_map.paths:
+            seen[parts.CAUSTIC] = self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats, arrays)
         lit = concatenate([*(self._part(arrays, part, light) for part, light in seen.items()), *reaches], Kind.LIT)
         yield self._batch(batch, Kind.LIT, self._cell, rest_of(batch.credit, follows), lit)
         yield from follows

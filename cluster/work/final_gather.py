@@ -30,6 +30,7 @@ from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera import vertices as sh
 from wdpm.kernels.constants import INV_PI
+from wdpm.kernels.irradiance.arrivals import ARRIVALS, read_arrivals
 from wdpm.kernels.irradiance.at_photons import read_irradiance
 from wdpm.kernels.irradiance.cache import interpolate
 from wdpm.kernels.irradiance.gather_places import Places, places_of_paths
@@ -123,6 +124,9 @@ class FinalGather:
             arrays: the same.
         """
         count = len(arrays["slot"])
+        arrived = arrays["diffuse"] > 0
+        if self._store.irradiance is not None and arrived.all():
+            return self._arrive(self._store.irradiance, paths, count)
         places = self._places(paths, count)
         actions = Actions(
             np.full(count, int(sh.TRACE_ON), np.int32),
@@ -130,12 +134,38 @@ class FinalGather:
             np.zeros((count, 3), np.float32),
             columns.column(places, "length"),
         )
-        arrived = arrays["diffuse"] > 0
         self._read(places, np.flatnonzero(arrived), arrays["diffuse"], actions)
         if self._view.max_depth is not None and "edges" in arrays:
             arrived |= arrays["edges"] > 1  # paths from there are shorter than those of the records' rays
         self._interpolate(places, np.flatnonzero(~arrived), actions)
         return actions
+
+    def _arrive(self, points: Any, paths: Any, count: int) -> Actions:
+        """As decide, where all are gather rays that have arrived, for which one kernel does it all.
+
+        Args:
+            points: irradiance at photons.
+        """
+        launcher = self._replica.launcher
+        made = columns.outputs(ARRIVALS, count, launcher.device)
+        began = time.perf_counter()
+        launcher(
+            read_arrivals,
+            count,
+            surfaces=self._surfaces,
+            points=points,
+            paths=paths,
+            reach=self._replica.world.irradiance.reach,
+            **{f"{name}_out": array for name, array in made.items()},
+        )
+        self.counters.read_s += time.perf_counter() - began
+        told = columns.to_host(made)
+        reads = told["code"] == np.int32(sh.CACHED)
+        near = int(np.count_nonzero(told["found"]))
+        self.counters.rays += count
+        self.counters.unread += count - near
+        self.counters.short += near - int(np.count_nonzero(reads))
+        return Actions(told["code"], reads, told["value"], told["length"])
 
     def sites(self, paths: Any, slot: NDArray[np.int32]) -> Arrays:
         """The final hits where a record is wanted, as kernels.ray_fields.SITE.

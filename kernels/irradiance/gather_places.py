@@ -36,10 +36,20 @@ class Places:
     side: wp.array[wp.int32]
 
 
-@wp.kernel
-def places_of_paths(surfaces: Surfaces, paths: Paths, offset: wp.int32, places_out: Places) -> None:
-    """Final hits that lie in this cell, seen from where their paths come."""
-    i = offset + wp.tid()
+@wp.struct
+class Place:
+    """One of them."""
+
+    position: wp.vec3
+    normal: wp.vec3
+    shading_normal: wp.vec3
+    length: wp.float32
+    side: wp.int32
+
+
+@wp.func
+def place_of_path(surfaces: wp.ref[Surfaces], paths: wp.ref[Paths], i: wp.int32) -> Place:
+    """Where path i, whose final hit lies in this cell, has arrived."""
     row = row_of_all(surfaces, paths.prim[i])
     held = table_row_of_all(row)
     u = paths.u[i]
@@ -59,8 +69,22 @@ def places_of_paths(surfaces: Surfaces, paths: Paths, offset: wp.int32, places_o
     if not front:
         normal = -normal
         shading = -shading
-    places_out.position[i] = position_at_all(surfaces, row, u, v)
-    places_out.normal[i] = normal
-    places_out.shading_normal[i] = shading
-    places_out.length[i] = paths.t[i] * wp.length(direction)
-    places_out.side[i] = 2 * surfaces.material[held] + wp.int32(front)
+    place = Place()
+    place.position = position_at_all(surfaces, row, u, v)
+    place.normal = normal
+    place.shading_normal = shading
+    place.length = paths.t[i] * wp.length(direction)
+    place.side = 2 * surfaces.material[held] + wp.int32(front)
+    return place
+
+
+@wp.kernel
+def places_of_paths(surfaces: Surfaces, paths: Paths, offset: wp.int32, places_out: Places) -> None:
+    """Final hits that lie in this cell, seen from where their paths come."""
+    i = offset + wp.tid()
+    place = place_of_path(surfaces, paths, i)
+    places_out.position[i] = place.position
+    places_out.normal[i] = place.normal
+    places_out.shading_normal[i] = place.shading_normal
+    places_out.length[i] = place.length
+    places_out.side[i] = place.side
