@@ -6,12 +6,10 @@ Only run() imports what computes, so that help and errors of the command line co
 from __future__ import annotations
 
 import argparse
-import gc
 import os
 import sys
 import textwrap
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from importlib import metadata
 from typing import Any, NoReturn
 
@@ -83,7 +81,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_BAD_INPUT
     args = parser.parse_args(arguments)
     try:
-        with _seldom_collected(), interrupts_raise(), termination_raises(), no_lost_interrupts():
+        with interrupts_raise(), termination_raises(), no_lost_interrupts():
             with files_within(getattr(args, "scene_root", None)):
                 code: int = args.run(args)
             sys.stdout.flush()
@@ -103,21 +101,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     finally:
         let_collector_go()
     return code
-
-
-@contextmanager
-def _seldom_collected() -> Iterator[None]:
-    """Have Python look for circles among objects less often: a tenth of a small render's time went there.
-
-    Modules and kernels are some hundred thousand objects that stay. What a batch leaves behind holds no circle, so none
-    of its memory waits for the collector.
-    """
-    before = gc.get_threshold()
-    gc.set_threshold(50_000, 20, 20)
-    try:
-        yield
-    finally:
-        gc.set_threshold(*before)
 
 
 def _complete(parser: argparse.ArgumentParser) -> None:
