@@ -41,6 +41,9 @@ class SlaveProcess:
         self.cpu_s = 0.0
         self.start_up_s: float | None = None
 
+    def __repr__(self) -> str:
+        return f"process {self.number}"
+
     @property
     def alive(self) -> bool:
         """Whether it has not ended."""

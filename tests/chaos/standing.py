@@ -22,6 +22,9 @@ from wdpm.rendering.prepare import Prepared
 SLAVES = 4
 TINY = {"photons": 500, "caustic_photons": 300, "volume_photons": 300, "spp": 1, "passes": 1}
 
+LOOK_S = 0.2
+"""Between two looks at whether processes have ended [s]."""
+
 JOIN_S = 120.0
 """How long slaves that were started may take to join [s]."""
 
@@ -136,14 +139,17 @@ class StandingCluster:
         self._warm: list[SlaveProcess] = []
 
     def complete(self) -> None:
-        """Have as many slaves as there should be, all of them joined."""
-        for _ in range(self._count - len(self.slaves.alive)):
-            self.slaves.start()
-        wanted = {slave.number for slave in self.slaves.alive}
-        watcher = self._watcher
-        with watcher.changed:
-            if not watcher.changed.wait_for(lambda: set(watcher.there.values()) == wanted, JOIN_S):
-                raise Hung(f"slaves {wanted} did not all join within {JOIN_S:g} s; there are {watcher.there}")
+        """Have as many slaves as there should be, all of them joined. One that was told to leave may take a while to."""
+        watcher, until = self._watcher, time.monotonic() + JOIN_S
+        while time.monotonic() < until:
+            alive = self.slaves.alive
+            for _ in range(self._count - len(alive)):
+                self.slaves.start()
+            with watcher.changed:
+                if len(alive) == self._count and set(watcher.there.values()) == {slave.number for slave in alive}:
+                    return
+                watcher.changed.wait(LOOK_S)
+        raise Hung(f"slaves did not all join within {JOIN_S:g} s; there are {watcher.there} of {self.slaves.alive}")
 
     def warm_up(self, what: Configuration) -> None:
         """Have new slaves load the kernels of a configuration, by a tiny render: that is part of their start."""
