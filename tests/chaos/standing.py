@@ -139,7 +139,7 @@ class StandingCluster:
         self._warm: list[SlaveProcess] = []
 
     def complete(self) -> None:
-        """Have as many slaves as there should be, all of them joined. One that was told to leave may take a while to."""
+        """Have as many slaves as there should be, all of them joined; one that was told to leave takes a while."""
         watcher, until = self._watcher, time.monotonic() + JOIN_S
         while time.monotonic() < until:
             alive = self.slaves.alive
