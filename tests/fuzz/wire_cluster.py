@@ -42,6 +42,7 @@ NEVER_SENT = (
     p.Refuse("no"),
     p.Rejected("what?"),
     p.Note("hm"),
+    p.Vitals(2**30, 1.5, 1e6, 1e6),
     p.Failed("oh"),
     p.Goodbye("bye"),
     p.PeerGone(0),
