@@ -15,10 +15,11 @@ the traversal's stack.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from wdpm.kernels.rays.lanes import vec8, vec8i
 
@@ -368,15 +369,20 @@ def build_tree(positions: NDArray[np.float32], ids: NDArray[np.int32], pad: floa
         raise ValueError(f"{count} triangles in one tree: at most {MAX_TRIANGLES}; use more cells")
     if not 0.0 <= pad < np.inf:
         raise ValueError(f"pad {pad}: expected a finite number, at least 0")
-    if not np.isfinite(positions).all():
+    if count and not (np.isfinite(positions.min()) and np.isfinite(positions.max())):
         raise ValueError("positions that are not finite: drop such triangles when the scene is loaded")
-    corners_in = wp.array(np.ascontiguousarray(positions, dtype=np.float32), dtype=wp.vec3, device="cpu")
-    ids_in = wp.array(np.ascontiguousarray(ids, dtype=np.int32), dtype=wp.int32, device="cpu")
+    corners_in = _as_warp(positions, np.float32, wp.vec3)
+    ids_in = _as_warp(ids, np.int32, wp.int32)
     bounds, children, order = _build_nodes(corners_in, count, pad)
     corners = wp.zeros(9 * count + WIDTH, dtype=wp.float32, device="cpu")
     leaf_ids = wp.empty(count, dtype=wp.int32, device="cpu")
     wp.launch(pack_leaves, len(children), inputs=[corners_in, ids_in, order, children, corners, leaf_ids], device="cpu")
     return Tree(bounds, children, corners, leaf_ids)
+
+
+def _as_warp(values: NDArray[Any], scalar: DTypeLike, dtype: Any) -> wp.array:
+    """The same values, not copied where they lie as kernels want them."""
+    return wp.array(np.require(values, scalar, ["C", "A"]), dtype=dtype, device="cpu", copy=not len(values))
 
 
 def _build_nodes(corners: wp.array, count: int, pad: float) -> tuple[wp.array, wp.array, wp.array]:

@@ -55,24 +55,32 @@ def upload(triangles: Triangles, extent: float, device: str, standing: Any = Non
     shapes = triangles.instances.shapes
     surfaces = Surfaces()
     surfaces.count = len(triangles)
-    surfaces.ids = wp.array(triangles.ids, dtype=wp.int32, device=device)
-    surfaces.corners = wp.array(triangles.positions, dtype=wp.vec3, device=device)
+    surfaces.ids = shared(triangles.ids, wp.int32, device)
+    surfaces.corners = shared(triangles.positions, wp.vec3, device)
     front, smooth = front_normals(triangles)
-    surfaces.front = wp.array(front, dtype=wp.vec3, device=device)
+    surfaces.front = shared(front, wp.vec3, device)
     smooth = _joined(smooth, smooth_of(shapes.normals))
-    surfaces.smooth = wp.array(smooth, dtype=wp.int32, device=device)
-    surfaces.normals = wp.array(triangles.normals, dtype=wp.vec3, device=device)
-    surfaces.uvs = wp.array(_joined(triangles.uvs, shapes.uvs), dtype=wp.vec2, device=device)
+    surfaces.smooth = shared(smooth, wp.int32, device)
+    surfaces.normals = shared(triangles.normals, wp.vec3, device)
+    surfaces.uvs = shared(_joined(triangles.uvs, shapes.uvs), wp.vec2, device)
     colors = _joined(triangles.colors.reshape(-1, 3, 3), shapes.colors)
     surfaces.colored = int(len(colors) > 0)
-    surfaces.colors = wp.array(colors, dtype=wp.vec3, device=device)
+    surfaces.colors = shared(colors, wp.vec3, device)
     material = _joined(triangles.material, shapes.material)
-    surfaces.material = wp.array(material, dtype=wp.int32, device=device)
+    surfaces.material = shared(material, wp.int32, device)
     emitter = _joined(triangles.emitter, np.full(len(shapes.material), -1, np.int32))
-    surfaces.emitter = wp.array(emitter, dtype=wp.int32, device=device)
+    surfaces.emitter = shared(emitter, wp.int32, device)
     surfaces.offset_min = float(extent) * OFFSET_MIN_SHARE
     surfaces.standing = placing.upload(triangles.instances, device) if standing is None else standing
     return surfaces
+
+
+def shared(values: NDArray[Any], dtype: Any, device: str) -> Any:
+    """An array of Warp that on the CPU lies where the values are: nobody may change them any more."""
+    if device != "cpu" or not len(values):
+        return wp.array(values, dtype=dtype, device=device)
+    single = np.require(values, np.int32 if dtype is wp.int32 else np.float32, ["C", "A"])
+    return wp.array(single, dtype=dtype, device=device, copy=False)
 
 
 def _joined(own: NDArray[Any], of_shapes: NDArray[Any]) -> NDArray[Any]:
@@ -92,14 +100,28 @@ def front_normals(triangles: Triangles) -> tuple[NDArray[np.float32], NDArray[np
     The front is the side that the vertex normals are on; without them, the one from which the corners go
     counter-clockwise. Computed in double: a cross product of needles cancels.
     """
-    p = triangles.positions.astype(np.float64)
+    front = np.empty((len(triangles), 3), np.float32)
+    smooth = np.empty(len(triangles), np.int32)
+    for first in range(0, len(triangles), _AT_ONCE):
+        rows = slice(first, first + _AT_ONCE)
+        front[rows] = _front_normals(triangles.positions[rows], triangles.normals[rows])
+        smooth[rows] = smooth_of(triangles.normals[rows])
+    return front, smooth
+
+
+_AT_ONCE = 1 << 16
+"""Triangles that are looked at together: in double, all would take more than they do on the device."""
+
+
+def _front_normals(positions: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float64]:
+    p = positions.astype(np.float64)
     normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    sums = triangles.normals.sum(axis=1, dtype=np.float64)
+    sums = normals.sum(axis=1, dtype=np.float64)
     # In a fixed order, as rays.placing.front_of_corners does for instances.
     against = normal[:, 0] * sums[:, 0] + normal[:, 1] * sums[:, 1] + normal[:, 2] * sums[:, 2] < 0
     normal[against] *= -1.0
-    return normal.astype(np.float32), smooth_of(triangles.normals)
+    return normal
 
 
 @wp.func
