@@ -9,11 +9,13 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from wdpm.cluster.deal import deal
-from wdpm.cluster.plan.partition import rows_of_cells
+from wdpm.cluster.plan import partition
+from wdpm.cluster.plan.partition import places_to_cut, rows_of_cells
 from wdpm.cluster.world import TopTree
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.rays.cells import cell_boxes
 from wdpm.kernels.rays.overlap import triangles_in_boxes
+from wdpm.scenes.flat.arrays import NO_TRIANGLES
 
 Array = NDArray[np.float64]
 LATTICE = np.linspace(-1, 1, 9)
@@ -156,3 +158,15 @@ def test_heavy_cells_are_dealt_first(workers: int, heaviest: float) -> None:
 def test_cells_without_any_burden_are_dealt_too() -> None:
     holders = deal(np.zeros(8), 8)
     assert sorted(holders) == list(range(8))
+
+
+def test_very_many_triangles_are_looked_at_some_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    corners = triangles_of(np.random.default_rng(4), 300)
+    tree = TopTree(np.array([0, 1, 2], np.int32), np.array([0.1, -0.2, 0.3], np.float32))
+    whole = rows_of_cells(corners, tree, 30.0, LAUNCHER)
+    monkeypatch.setattr(partition, "AT_ONCE", 7)
+    for rows, expected in zip(rows_of_cells(corners, tree, 30.0, LAUNCHER), whole, strict=True):
+        assert rows.tolist() == expected.tolist()
+    monkeypatch.setattr(partition, "MOST_WEIGHED", 100)
+    triangles = NO_TRIANGLES.with_arrays({"positions": corners})
+    assert np.array_equal(places_to_cut(triangles), corners[::3])
