@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from wdpm.bench.simulation import measure
+from wdpm.bench.simulation import measure, paper
 from wdpm.bench.simulation.backend import SimulatedBackend
 from wdpm.bench.simulation.clock import Clock
 from wdpm.bench.simulation.cluster import Hardware
@@ -175,13 +175,13 @@ def test_losses_add_up() -> None:
     assert sum(lost.values()) + 5.0 / 10.0 == pytest.approx(1.0)
 
 
-def test_simulations_of_several_sizes() -> None:
+def test_simulations_with_copies_and_without() -> None:
     description = Description(Link(1.25e9, 50e-6))
-    figures = measure.simulate("cornell-box", (2, 3), tuple(Copies), description, SilentProgress(), size=SIZE, **SMALL)
-    assert [(run.slaves, run.copies) for run in figures.runs] == [(2, "none"), (3, "none"), (2, "auto"), (3, "auto")]
+    figures = measure.simulate("cornell-box", (2,), tuple(Copies), description, SilentProgress(), size=SIZE, **SMALL)
+    assert [(run.slaves, run.copies) for run in figures.runs] == [(2, "none"), (2, "auto")]
     assert all(run.bits_equal for run in figures.runs)
     assert all(sum(run.lost.values()) == pytest.approx(1.0 - run.speed_up / run.slaves) for run in figures.runs)
-    assert [run.triangles == 1.0 for run in figures.runs] == [False, False, True, True]
+    assert [run.triangles == 1.0 for run in figures.runs] == [False, True]
     assert figures.runs[0].sent > 0
 
 
@@ -191,19 +191,39 @@ def test_simulations_of_several_sizes() -> None:
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "simulated.json"
     words = "bench scaling cornell-box --simulate 2..2 --copies auto --link 1Gb --latency 1ms --size 16x16 --spp 1"
-    assert main.main([*words.split(), "--photons", "1k", "--json", str(file)]) == 0
+    picture = tmp_path / "speed.svg"
+    assert main.main([*words.split(), "--photons", "1k", "--json", str(file), "--plot", str(picture)]) == 0
+    assert "most lost to" in picture.read_text()
     [scene] = json.loads(file.read_text())["simulated"]
     assert scene["hardware"] == (
-        "slaves of one thread, a machine each with 1 cores, the master on the first; "
+        "slaves of one thread, a machine each with 1 core, the master on the first; "
         "1 Gbit/s and 1000 us between machines"
     )
     assert scene["runs"][0]["bits_equal"]
     assert "Simulated: slaves of one thread" in capsys.readouterr().out
 
 
+def test_the_papers_table(capsys: pytest.CaptureFixture[str]) -> None:
+    words = "bench paper cornell-box --simulate --slaves 0,4 --size 16x16 --spp 1 --photons 1k"
+    assert main.main(words.split()) == 0
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "1.8-2.8; 0.33-0.34; 0.27-0.28; 1.5e-6 to 6.7e-5" in shown
+    assert "* simulated: slaves of one thread, a machine each" in shown
+
+
+def test_the_papers_scenes_are_looked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(paper.FOLDER, str(tmp_path))
+    assert paper.paper_scenes() == paper.STAND_INS
+    (tmp_path / "sponza").mkdir()
+    file = tmp_path / "sponza" / "scene.xml"
+    file.write_text("<scene/>")
+    assert paper.paper_scenes() == (str(file),)
+
+
 @pytest.mark.parametrize(
     ("option", "value", "words"),
     [
+        ("--plot", "speed.svg", "give --simulate"),
         ("--simulate", "512", "at most 256 slaves"),
         ("--simulate", "8..2", "has no size in it"),
         ("--link", "10", "is no bandwidth"),

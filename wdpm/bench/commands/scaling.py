@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wdpm import values
@@ -71,6 +72,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--spp", type=values.positive_count, metavar="N", help="samples a pixel (default: the scene's, or 16)"
     )
     parser.add_argument("--photons", type=values.count, metavar="N", help="photons to be stored (default: 250k)")
+    parser.add_argument(
+        "--plot", type=Path, metavar="FILE.svg", help="of --simulate: also write the speed-ups as a plot"
+    )
     add_rows(parser)
 
 
@@ -82,6 +86,8 @@ def run(args: argparse.Namespace, backends: ClusterBackends, progress: Progress)
     chosen = {name: getattr(args, name) for name in ("spp", "photons") if getattr(args, name) is not None}
     copies = tuple(dict.fromkeys(args.copies or (Copies.AUTO, Copies.NONE)))
     rows = rows_of(args)
+    if args.plot is not None and args.simulate is None:
+        raise SettingsError("--plot shows what --simulate finds: give --simulate 2..16, too")
     if args.simulate is not None:
         return _simulate(args, copies, rows, progress, chosen)
     scenes = [
@@ -96,6 +102,8 @@ def _simulate(
 ) -> Measured:
     from wdpm.bench.simulation.machines import Link
     from wdpm.bench.simulation.measure import Description, simulate
+    from wdpm.bench.simulation.plot import plot
+    from wdpm.images.files import write_bytes
 
     if max(args.simulate) > MOST_SLAVES:
         raise SettingsError(f"--simulate {max(args.simulate)}: a cluster has at most {MOST_SLAVES} slaves")
@@ -104,6 +112,8 @@ def _simulate(
         simulate(name, args.simulate, copies, description, progress, size=args.size, rows=rows, **chosen)
         for name in args.scenes
     ]
+    if args.plot is not None:
+        write_bytes(plot(scenes).encode(), args.plot)
     return Measured([each.grid() for each in scenes], {"simulated": [each.to_dict() for each in scenes]})
 
 

@@ -46,6 +46,7 @@ class Hardware:
         cores: of each machine.
         link: that joins machines.
         messages: what they cost processors.
+        apart: whether there is no slave on the first machine, which is the master's.
     """
 
     slaves: int
@@ -53,6 +54,7 @@ class Hardware:
     cores: float
     link: Link
     messages: MessageCosts
+    apart: bool = False
 
 
 @dataclass
@@ -107,8 +109,9 @@ class SimulatedCluster:
         self._master_shell = MasterShell(state, listener, self._answer, clock=lambda: self.clock.now)
         self._master = self._processes[network] = self._process(self._machines[0])
         self._master.take_in = self._master_shell.receive
+        places = self._machines[1:] if hardware.apart else self._machines
         for number in range(hardware.slaves):
-            self._add_slave(number, make_worker, self._machines[number % hardware.machines])
+            self._add_slave(number, make_worker, places[number % len(places)])
             while self.clock.step():  # they join one by one, so that numbers are places in the list
                 pass
 

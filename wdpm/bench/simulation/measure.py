@@ -40,21 +40,26 @@ class Description:
         machines: over which slaves are spread in turn; None for one each.
         cores: of each.
         link: that joins them.
+        apart: whether the master has a machine of its own, the first, instead of sharing the first slave's.
     """
 
     link: Link
     machines: int | None = None
     cores: float = 1.0
+    apart: bool = False
 
     def words(self) -> str:
         """For people."""
         where = "a machine each" if self.machines is None else f"on {self.machines} machines"
         link = f"{self.link.bytes_per_s * 8 / 1e9:g} Gbit/s and {self.link.latency_s * 1e6:g} us between machines"
-        return f"slaves of one thread, {where} with {self.cores:g} cores, the master on the first; {link}"
+        master = "on one of its own" if self.apart else "on the first"
+        cores = "core" if self.cores == 1 else "cores"
+        return f"slaves of one thread, {where} with {self.cores:g} {cores}, the master {master}; {link}"
 
     def hardware(self, slaves: int, costs: MessageCosts) -> Hardware:
         """For so many slaves."""
-        return Hardware(slaves, min(self.machines or slaves, slaves), self.cores, self.link, costs)
+        machines = min(self.machines or slaves, slaves)
+        return Hardware(slaves, machines + self.apart, self.cores, self.link, costs, apart=self.apart)
 
 
 def simulate(
