@@ -181,6 +181,7 @@ def test_simulations_with_copies_and_without() -> None:
     assert [(run.slaves, run.copies) for run in figures.runs] == [(2, "none"), (2, "auto")]
     assert all(run.bits_equal for run in figures.runs)
     assert all(sum(run.lost.values()) == pytest.approx(1.0 - run.speed_up / run.slaves) for run in figures.runs)
+    assert all(run.inflation > 1.0 for run in figures.runs)
     assert [run.triangles == 1.0 for run in figures.runs] == [False, True]
     assert figures.runs[0].sent > 0
 

@@ -70,13 +70,19 @@ class Run:
         return self.alone_s / self.seconds
 
     @property
+    def inflation(self) -> float:
+        """Processor seconds of all machines over those of one: what `wdpm bench scaling` measures of real slaves."""
+        alone = 1.0 - sum(self.lost.values())
+        return (alone + self.lost["repeated"] + self.lost["messages"]) / alone
+
+    @property
     def limit(self) -> str:
         """What most of the machines' time is lost to, in words."""
         return _WORDS[max(self.lost, key=lambda name: self.lost[name])]
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON has it."""
-        return asdict(self) | {"speed_up": self.speed_up, "limit": self.limit}
+        return asdict(self) | {"speed_up": self.speed_up, "inflation": self.inflation, "limit": self.limit}
 
 
 @dataclass(frozen=True)
@@ -104,14 +110,15 @@ class Simulation:
     def grid(self) -> Grid:
         """The table."""
         columns = (
-            *("slaves", "copies", "time", "speed-up", "efficiency", "plan", "more work", "messages", "waiting"),
-            *("most lost to", "link", "sent", "bits"),
+            *("slaves", "copies", "time", "speed-up", "efficiency", "inflation", "plan", "more work", "messages"),
+            *("waiting", "most lost to", "link", "sent", "bits"),
         )
         notes = (
             f"Simulated: {self.hardware}. Jobs and messages are those of real slaves, computed here one after another; "
             "their time is processor seconds measured here, and links are simulated.",
-            "plan ... waiting: shares of all slaves' time that did not go to what one machine computes alone. link: "
-            "share of the time in which the busiest interface carries something.",
+            "inflation: processor seconds of all machines over those of one. plan ... waiting: shares of all slaves' "
+            "time that did not go to what one machine computes alone. link: share of the time in which the busiest "
+            "interface carries something.",
         )
         return Grid(self.title, columns, tuple(map(_row, self.runs)), notes)
 
@@ -125,6 +132,7 @@ def _row(run: Run) -> tuple[str, ...]:
         format_seconds(run.seconds),
         f"{run.speed_up:.2f}",
         f"{run.speed_up / run.slaves:.0%}",
+        f"{run.inflation:.2f}",
         *lost,
         run.limit if run.slaves > 1 else "-",
         f"{run.wire:.0%}",
