@@ -73,12 +73,16 @@ class IrradiancePlan:
     Attributes:
         share: of the photons of the global map, that have it; 0 for a map that gather rays do not read.
         k: photons that the estimate at such a photon looks for.
+        caustic_k: the same, of the caustic map.
         reach: how far from a place the photon may lie whose irradiance is taken for that of the place.
+        longest: edges of the longest paths that bring light worth mentioning to photons; 0 where paths have no limit.
     """
 
     share: float = 0.0
     k: int = 1
+    caustic_k: int = 1
     reach: float = 0.0
+    longest: int = 0
 
 
 @dataclass(frozen=True)

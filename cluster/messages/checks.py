@@ -264,7 +264,8 @@ def _map_plan(plan: MapPlan, where: str) -> None:
 
 
 def _irradiance_plan(plan: IrradiancePlan, where: str) -> None:
-    right = plan.share >= 0 and 1 <= plan.k <= MAX_K and math.isfinite(plan.reach) and plan.reach >= 0
+    neighbours = min(plan.k, plan.caustic_k) >= 1 and max(plan.k, plan.caustic_k) <= MAX_K
+    right = plan.share >= 0 and neighbours and math.isfinite(plan.reach) and min(plan.reach, plan.longest) >= 0
     _require(right, where, f"{plan} is no plan of irradiance")
 
 

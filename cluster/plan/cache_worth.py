@@ -59,14 +59,15 @@ def unread_share(flat: FlatScene, pilot: PhotonPilot, settings: RenderSettings) 
         pilot: that was flown for these settings, which have final gathering.
     """
     photons, flown = pilot.photons[GLOBAL_MAP], pilot.world.global_map.paths
-    planned = map_plans(pilot, settings, flat).maps[GLOBAL_MAP]
+    plans = map_plans(pilot, settings, flat)
+    planned = plans.maps[GLOBAL_MAP]
     if not planned.paths or not len(photons["id"]):
         return 1.0
     places = _seen(flat, pilot, settings)
     position = places.all("position")
     if not len(position):
         return 0.0
-    plan = irradiance_plan(settings, planned)
+    plan = irradiance_plan(pilot, settings, plans)
     _, radius = gather_among(pilot.cell, photons, position, places.all("normal"), pilot.world.extent)
     # Photons are strewn at random: where some number is expected, there is none with a probability of exp(-number).
     expected = PILOT_K * plan.share * planned.paths / flown * (plan.reach / radius.astype(np.float64)) ** 2

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.plan.effects import features_of
+from wdpm.cluster.plan.light_guide import NOTHING_LEARNT, Learnt, with_guide
 from wdpm.cluster.plan.light_samples import light_samples_of
 from wdpm.cluster.plan.map_plans import map_plans
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
@@ -192,19 +193,21 @@ def _try_all(flat: FlatScene, pilot: PhotonPilot, ways: Sequence[RenderSettings]
     """Render a small image, without photons, twice in each way: figures by one and the same idea of the truth."""
     looking = replace(flat, camera=small(flat.camera, TRIAL_PIXELS))
     with without_photons(pilot) as worker:
-        halves = [_Halves(looking, worker, each) for each in ways]
+        halves = [Halves(looking, worker, each) for each in ways]
     truth = np.mean([half["beauty"] for each in halves for half in each.layers], axis=0)
     # A pixel that one sample made bright is as bright as those around it: its error is not to hide behind itself.
     weight = 1.0 / (around(truth) ** 2 + DARK)
     return [each.figures(weight) for each in halves]
 
 
-class _Halves:
+class Halves:
     """Two independent images of a trial, and what a sample of them costs."""
 
-    def __init__(self, flat: FlatScene, worker: CellWorker, settings: RenderSettings) -> None:
+    def __init__(
+        self, flat: FlatScene, worker: CellWorker, settings: RenderSettings, learnt: Learnt = NOTHING_LEARNT
+    ) -> None:
         self.settings = settings
-        view = view_of(flat, replace(settings, spp=TRIAL_SAMPLES, passes=1), 1)
+        view = with_guide(view_of(flat, replace(settings, spp=TRIAL_SAMPLES, passes=1), 1), learnt)
         half = TRIAL_SAMPLES // 2
         images = [_image(worker, replace(view, spp=half, first_sample=first)) for first in (0, half)]
         self.layers = [layers for layers, _ in images]
@@ -217,9 +220,14 @@ class _Halves:
     def figures(self, weight: Values) -> Figures:
         """What they tell, with that weight of each pixel's squared error."""
         a, b = self.layers
-        noise = ((a["beauty"] - b["beauty"]) ** 2 * weight).mean() / 2.0 * (TRIAL_SAMPLES // 2)
         indirect = (a["indirect"] * b["indirect"] * weight).mean()  # independent: the square of the truth
-        return Figures(self.settings, float(noise), self.cost, max(float(indirect), 0.0))
+        return Figures(self.settings, float(self.noise(weight).mean()), self.cost, max(float(indirect), 0.0))
+
+    def noise(self, weight: Values) -> Values:
+        """Of one sample of every pixel, shape [height, width, 3], with that weight of its squared error."""
+        a, b = self.layers
+        noise: Values = (a["beauty"] - b["beauty"]) ** 2 * weight / 2.0 * (TRIAL_SAMPLES // 2)
+        return noise
 
 
 def _image(worker: CellWorker, view: View) -> tuple[dict[str, Values], int]:

@@ -52,6 +52,10 @@ IRRADIANCE_REACH = 0.4
 """How far gather rays look for it, in gather radii: where as few as ten photons lie within one, half of the places
 still find one. Where none is found the ray goes on instead."""
 
+LONG_SHARE = 1e-3
+"""Of the flux that photons bring: what the longest paths may bring together to count as nothing, where paths may only
+be so long. The files of many rooms say 65 edges, which no light that matters has."""
+
 POINTS_A_PHOTON = 2
 """Surface points a photon: their count then adds little to the noise of the photons' own."""
 
@@ -155,11 +159,23 @@ def _beam_radius(photons: Arrays, expected: float, extent: float) -> float:
     return nearest * (BEAM_K / PILOT_K * len(sample) / expected) ** (1.0 / 3.0)
 
 
-def irradiance_plan(settings: RenderSettings, global_map: MapPlan) -> IrradiancePlan:
-    """What gather rays read of the global map."""
-    if not settings.final_gathers or not global_map.paths:
+def irradiance_plan(pilot: PhotonPilot, settings: RenderSettings, planned: MapPlans) -> IrradiancePlan:
+    """What gather rays read at photons of the global map."""
+    plan = planned.maps[GLOBAL_MAP]
+    if not settings.final_gathers or not plan.paths:
         return IrradiancePlan()
-    return IrradiancePlan(IRRADIANCE_SHARE, settings.k, IRRADIANCE_REACH * global_map.radius)
+    limited = settings.max_depth is not None
+    longest = max(_longest(pilot.photons[number]) for number in (GLOBAL_MAP, CAUSTIC_MAP)) if limited else 0
+    return IrradiancePlan(
+        IRRADIANCE_SHARE, settings.k, planned.caustic_k, reach=IRRADIANCE_REACH * plan.radius, longest=longest
+    )
+
+
+def _longest(photons: Arrays) -> int:
+    """Edges of the longest paths, but for those that bring less than LONG_SHARE of the flux; 0 of no photons."""
+    by_edges = np.bincount(photons["edges"], photons["flux"].mean(axis=1, dtype=np.float64), 1)
+    beyond = by_edges[::-1].cumsum()[::-1]  # so many edges or more
+    return int(np.flatnonzero(beyond >= LONG_SHARE * beyond[0])[-1])
 
 
 def volume_unit(photons: Sequence[Arrays], volume_map: MapPlan, flat: FlatScene) -> float:

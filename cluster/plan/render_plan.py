@@ -13,18 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.light_guide import Learnt, learn_guide
+from wdpm.cluster.plan.light_guide import Learnt, learn_guide, with_guide
 from wdpm.cluster.plan.light_shares import shared_out
 from wdpm.cluster.plan.map_plans import irradiance_plan, map_plans, volume_unit
 from wdpm.cluster.plan.partition import instances_of_cells, places_to_cut, rows_of_cells
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
+from wdpm.cluster.plan.record_worth import records_in_words, tolerance_of_records
 from wdpm.cluster.plan.top_tree import build_top_tree, photons_in_cells
 from wdpm.cluster.plan.view import view_of
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.work.worker import CellWorker
-from wdpm.cluster.world import World
+from wdpm.cluster.world import View, World
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.photons.deposits import GLOBAL_MAP, VOLUME_MAP
+from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
 from wdpm.kernels.photons.gather import check_settings
 from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.flatten import FlatScene
@@ -43,7 +44,8 @@ class RenderPlan:
         pilot_photons: places of the pilot's photons, float32, shape [P, 3].
         learnt: how the view's shadow rays choose among lights.
         caustic_k: photons that gathers of the caustic map look for.
-        chose: what was decided by what photon maps are worth, and why.
+        tolerance: relative standard error that irradiance records are to have, as CachePlan has it.
+        chose: what was decided by what photon maps and irradiance records are worth, and why.
     """
 
     world: World
@@ -54,7 +56,13 @@ class RenderPlan:
     pilot_photons: NDArray[np.float32]
     learnt: Learnt
     caustic_k: int
+    tolerance: float
     chose: tuple[str, ...]
+
+    def learnt_view(self, view: View) -> View:
+        """The view, with what the pilot has taught."""
+        records = replace(view.cache, tolerance=self.tolerance)
+        return with_guide(replace(view, caustic_k=self.caustic_k, cache=records), self.learnt)
 
     def share_of(self, cell: int, triangles: Triangles) -> float:
         """What a cell holds of the scene's triangles and instances."""
@@ -81,9 +89,10 @@ def make_render_plan(
     maps = planned.maps
     for each in maps:
         check_settings(settings.k, each.radius)
-    irradiance = irradiance_plan(settings, maps[GLOBAL_MAP])
+    irradiance = irradiance_plan(pilot, settings, planned)
     # What lies within reach of a cell is estimated there too, from the photons about it.
-    maps = (replace(maps[GLOBAL_MAP], band=maps[GLOBAL_MAP].band + irradiance.reach), *maps[1:])
+    of_surfaces = [replace(each, band=each.band + irradiance.reach) for each in maps[:VOLUME_MAP]]
+    maps = (of_surfaces[GLOBAL_MAP], of_surfaces[CAUSTIC_MAP], maps[VOLUME_MAP])
     wanted = max(workers, 1) if cells is None else cells
     levels = (wanted - 1).bit_length()
     places = np.concatenate([part["position"] for part in pilot.photons])
@@ -110,5 +119,7 @@ def make_render_plan(
     view = view_of(flat, settings, workers)
     pilot.worker.set_view(view)
     learnt = learn_guide(flat, pilot.cell, view)
+    tolerance = tolerance_of_records(flat, pilot, settings, learnt, view.cache)
+    chose = (*planned.chose, *records_in_words(tolerance, view.cache))
     worker = pilot.worker if tree.cells == 1 else None
-    return RenderPlan(world, rows, instances, weights, worker, places, learnt, planned.caustic_k, planned.chose)
+    return RenderPlan(world, rows, instances, weights, worker, places, learnt, planned.caustic_k, tolerance, chose)

@@ -29,6 +29,9 @@ ray a sample, and shows as single pixels along edges. The tolerance leaves most 
 are: their light changes evenly, and errors are less than its spread tells. More extra rays would cost more than all
 samples. What follows from the image: _cache_plan."""
 
+SAMPLES_OF_PLAN = 32
+"""Samples a pixel, in one pass, that CACHE_PLAN is for."""
+
 RECORD_REACH = 0.08
 """Most that a record reaches, as a share of the image: some dozen records across a wall that is all alike."""
 

@@ -232,7 +232,7 @@ class CameraLight:
             parts.INDIRECT: self._indirect(shaded, arrays, actions),
         }
         if self._replica.world.caustic_map.paths:
-            seen[parts.CAUSTIC] = self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats, arrays)
+            seen[parts.CAUSTIC] = self._later_caustics(shaded, arrays, actions)
         lit = concatenate([*(self._part(arrays, part, light) for part, light in seen.items()), *reaches], Kind.LIT)
         yield self._batch(batch, Kind.LIT, self._cell, rest_of(batch.credit, follows), lit)
         yield from follows
@@ -246,16 +246,27 @@ class CameraLight:
         """Indirect light that is told at the vertices themselves, by photons or by what was computed from them."""
         if actions is None:
             return self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays)
-        lambertian = np.ones(len(actions.codes), np.bool_)
-        if self._replica.world.features.coated:
-            lambertian = columns.member(shaded.coats.bsdf, "kind").numpy() == int(DIFFUSE)
-        # What other surfaces reflect depends on where the light comes from, and where paths may only be so long it is
-        # photons that know how long theirs are: these vertices ask the photons themselves.
-        asks = actions.by_photons & (~lambertian | (self._view.max_depth is not None))
+        lambertian = self._lambertian(shaded, actions)
+        # What other surfaces reflect depends on where the light comes from: these vertices ask the photons themselves.
+        asks = actions.by_photons & (~lambertian | actions.by_length)
         radiance = actions.lambertian(columns.column(shaded.queries, "weight"), lambertian & ~asks)
         if asks.any():
             radiance += self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays, asks)
         return radiance
+
+    def _later_caustics(self, shaded: Any, arrays: Arrays, actions: Actions | None) -> NDArray[np.float32]:
+        """Light of the caustic map beyond the first surface; irradiance that was computed ahead has it in it."""
+        asks = None
+        if actions is not None:
+            asks = ~(actions.by_photons & self._lambertian(shaded, actions) & ~actions.by_length)
+        return self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats, arrays, asks)
+
+    def _lambertian(self, shaded: Any, actions: Actions) -> NDArray[np.bool_]:
+        """Which vertices reflect by a diffuse part alone, shape [N]."""
+        if not self._replica.world.features.coated:
+            return np.ones(len(actions.codes), np.bool_)
+        lambertian: NDArray[np.bool_] = columns.member(shaded.coats.bsdf, "kind").numpy() == int(DIFFUSE)
+        return lambertian
 
     def _part(self, arrays: Arrays, part: int, radiance: NDArray[np.float32]) -> Arrays:
         """One part of each vertex, where it is not black."""

@@ -1,8 +1,8 @@
 """Final gathering in one cell: what the diffuse part of each vertex does, and what gather rays read (Jensen 1996).
 
 A camera path that leaves a surface by its diffuse part is a gather ray. Where it arrives, light straight from lights is
-found by a shadow ray, caustics in their map, and the irradiance of all other light has been computed ahead at some of
-the photons (Christensen 1999): the nearest one is read. Photons straight from the lights would be most of all, and lie
+found by a shadow ray, and the irradiance of all other light, caustics included, has been computed ahead at some of the
+photons (Christensen 1999): the nearest one is read. Photons straight from the lights would be most of all, and lie
 where these shine: under a lamp that lights a room by way of its ceiling few would be left for the room.
 
 A ray that is shorter than the radius of that estimate would see it blurred, in corners above all: it goes on for one
@@ -66,12 +66,14 @@ class Actions:
     Attributes:
         codes: TRACE_ON or CACHED of kernels.camera.vertices, int32, shape [N].
         by_photons: which are told by photons: they end gather rays, shape [N].
+        by_length: those of them that ask the photons themselves, which know how long their paths are, shape [N].
         radiance: what a white Lambertian surface reflects there, where the code is not TRACE_ON, float32, shape [N, 3].
         length: of the rays that arrived [scene units], float32, shape [N].
     """
 
     codes: NDArray[np.int32]
     by_photons: NDArray[np.bool_]
+    by_length: NDArray[np.bool_]
     radiance: NDArray[np.float32]
     length: NDArray[np.float32]
 
@@ -87,7 +89,8 @@ class Actions:
 
     def take(self, rows: NDArray[np.intp]) -> Actions:
         """Those of some vertices."""
-        return Actions(self.codes[rows], self.by_photons[rows], self.radiance[rows], self.length[rows])
+        told = self.by_photons[rows], self.by_length[rows]
+        return Actions(self.codes[rows], *told, self.radiance[rows], self.length[rows])
 
     def reaches(self, arrays: Arrays, light_samples: int) -> Iterator[Arrays]:
         """How far gather rays of records went, as parts for their homes.
@@ -126,27 +129,29 @@ class FinalGather:
         count = len(arrays["slot"])
         arrived = arrays["diffuse"] > 0
         if self._store.irradiance is not None and arrived.all():
-            return self._arrive(self._store.irradiance, paths, count)
+            return self._arrive(self._store.irradiance, paths, arrays)
         places = self._places(paths, count)
         actions = Actions(
             np.full(count, int(sh.TRACE_ON), np.int32),
             np.zeros(count, np.bool_),
+            self._is_too_long(arrays, 0),
             np.zeros((count, 3), np.float32),
             columns.column(places, "length"),
         )
         self._read(places, np.flatnonzero(arrived), arrays["diffuse"], actions)
-        if self._view.max_depth is not None and "edges" in arrays:
-            arrived |= arrays["edges"] > 1  # paths from there are shorter than those of the records' rays
-        self._interpolate(places, np.flatnonzero(~arrived), actions)
+        # Records are made for paths of one edge: from others all light is as many edges longer.
+        later = arrays["edges"] > 1 if "edges" in arrays else False
+        self._interpolate(places, np.flatnonzero(~arrived & ~(later & self._is_too_long(arrays, 1))), actions)
         return actions
 
-    def _arrive(self, points: Any, paths: Any, count: int) -> Actions:
+    def _arrive(self, points: Any, paths: Any, arrays: Arrays) -> Actions:
         """As decide, where all are gather rays that have arrived, for which one kernel does it all.
 
         Args:
             points: irradiance at photons.
+            paths, arrays: see decide.
         """
-        launcher = self._replica.launcher
+        launcher, count = self._replica.launcher, len(arrays["slot"])
         made = columns.outputs(ARRIVALS, count, launcher.device)
         began = time.perf_counter()
         launcher(
@@ -165,7 +170,21 @@ class FinalGather:
         self.counters.rays += count
         self.counters.unread += count - near
         self.counters.short += near - int(np.count_nonzero(reads))
-        return Actions(told["code"], reads, told["value"], told["length"])
+        return Actions(told["code"], reads, self._is_too_long(arrays, 0), told["value"], told["length"])
+
+    def _is_too_long(self, arrays: Arrays, onward: int) -> NDArray[np.bool_]:
+        """Where light of photons may be of longer paths than there are to be, shape [N].
+
+        Args:
+            arrays: of camera paths.
+            onward: edges that lie between them and photons.
+        """
+        count, most = len(arrays["slot"]), self._view.max_depth
+        if most is None:
+            return np.zeros(count, np.bool_)
+        edges = arrays["edges"] if "edges" in arrays else np.ones(count, np.int32)
+        longer: NDArray[np.bool_] = edges + (onward + self._replica.world.irradiance.longest) > most
+        return longer
 
     def sites(self, paths: Any, slot: NDArray[np.int32]) -> Arrays:
         """The final hits where a record is wanted, as kernels.ray_fields.SITE.

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays, take
 from wdpm.cluster.work.guards import COINCIDENT, Guards
-from wdpm.cluster.work.photon_store import GATHER_GRAIN, GATHER_RUN, BuiltMap, PhotonStore
+from wdpm.cluster.work.photon_store import BuiltMap, PhotonStore
+from wdpm.cluster.work.reflected_light import GATHER_GRAIN, GATHER_RUN
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import MapPlan
 from wdpm.kernels import columns
@@ -28,6 +29,13 @@ COINCIDENT_WITHIN = 2.0**-20
 """Share of the largest radius: where more than k photons lie as near as this to a gather that found no radius, they lie
 in one place, and its radius is not that of a photon which happens to be just so far away."""
 
+K_SHARE_OF_RAYS = 0.25
+"""Photons that a gather looks for where a gather ray arrives, as a share of those where the camera looks: nobody sees
+the noise of the few, as many rays are averaged over, and each costs less than half as much. The blur is less, too."""
+
+LEAST_K_OF_RAYS = 8
+"""Of these, at least, unless fewer are asked for everywhere."""
+
 
 _GATHERED = {
     "irradiance": wp.vec3,
@@ -37,6 +45,11 @@ _GATHERED = {
     "radiance": wp.vec3,
 }
 """What gathers tell of each query, and what is reflected of it."""
+
+
+def fewer_of_rays(k: int) -> int:
+    """Photons that a gather looks for where a gather ray arrives, by those where the camera looks."""
+    return min(k, max(LEAST_K_OF_RAYS, round(k * K_SHARE_OF_RAYS)))
 
 
 @dataclass
@@ -76,33 +89,37 @@ class PhotonGathering:
         Args:
             number: of the map.
             queries, coats: kernels.camera.vertices.Queries and Coats.
-            rays: what came to the places of the queries.
+            rays: what came to the places of the queries; where diffuse surfaces sent it on, fewer photons are enough.
             among: which of the queries ask; None for all that want photons.
         """
         replica, count = self._replica, columns.length(queries, "weight")
         radiance = np.zeros((count, 3), np.float32)
         if self._store.maps[number] is None or replica.view is None:
             return radiance
-        wants = columns.column(queries, "weight").max(axis=1) > 0
-        wanted = np.flatnonzero(wants if among is None else wants & among)
-        if len(wanted) == count or (replica.observer is not None and among is None):
-            return self._reflected(number, queries, coats, rays)
-        if len(wanted):  # glass and mirrors gather nothing
-            device = replica.launcher.device
-            few = columns.chosen(Queries, queries, wanted, device)
-            few_coats = columns.chosen(Coats, coats, wanted, device) if replica.outputs.coated else coats
-            radiance[wanted] = self._reflected(number, few, few_coats, take(rays, wanted))
+        k = replica.view.caustic_k if number == CAUSTIC_MAP else replica.view.k
+        wants = columns.column(queries, "weight").max(axis=1) > 0  # glass and mirrors gather nothing
+        if among is not None:
+            wants &= among
+        ends = rays["diffuse"] > 0 if "diffuse" in rays else np.zeros(count, np.bool_)
+        for some, of_some in ((wants & ~ends, k), (wants & ends, fewer_of_rays(k))):
+            rows = np.flatnonzero(some)
+            if len(rows) == count:
+                return self._reflected(number, queries, coats, rays, of_some)
+            if len(rows):
+                device = replica.launcher.device
+                few = columns.chosen(Queries, queries, rows, device)
+                few_coats = columns.chosen(Coats, coats, rows, device) if replica.outputs.coated else coats
+                radiance[rows] = self._reflected(number, few, few_coats, take(rays, rows), of_some)
         return radiance
 
-    def _reflected(self, number: int, queries: Any, coats: Any, rays: Arrays) -> NDArray[np.float32]:
-        """As `reflected`, for every query that is given."""
+    def _reflected(self, number: int, queries: Any, coats: Any, rays: Arrays, k: int) -> NDArray[np.float32]:
+        """As `reflected`, for every query that is given, by k photons each."""
         replica, device = self._replica, self._replica.launcher.device
         count = columns.length(queries, "weight")
         plan, built = replica.world.maps[number], self._store.maps[number]
         if built is None or replica.view is None:
             raise AssertionError(f"map {number} is not there")
         made = columns.outputs(_GATHERED, count, device)
-        k = replica.view.caustic_k if number == CAUSTIC_MAP else replica.view.k
         began = time.perf_counter()
         outputs = ("irradiance", "count", "radius", "truncated")
         self._gather(built, plan, queries, coats, k, {f"{name}_out": made[name] for name in outputs})

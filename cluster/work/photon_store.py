@@ -16,6 +16,7 @@ from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, concatenate, take, 
 from wdpm.cluster.work import tree_orders
 from wdpm.cluster.work.guards import PHOTON, Guards
 from wdpm.cluster.work.overlap_band import rows_near
+from wdpm.cluster.work.reflected_light import GATHER_GRAIN, GATHER_RUN, Places, of_white
 from wdpm.cluster.work.replica import Replica
 from wdpm.kernels import columns
 from wdpm.kernels.irradiance import at_photons
@@ -38,12 +39,6 @@ DEPOSITS_A_PATH = 6
 LEAST_DEPOSITS = 1 << 14
 """Room for photons of each chunk of a launch, at least: a few paths that scatter ten thousand times each would wait
 thousands of times. A megabyte."""
-
-GATHER_RUN = 32
-"""Gathers that one Warp thread makes one after another: enough to profit from its last radius, and to share out."""
-
-GATHER_GRAIN = 32
-"""Runs of gathers that are worth a launch of their own."""
 
 SURFACE_MAPS = (int(GLOBAL_MAP), int(CAUSTIC_MAP))
 """Those whose gathers divide by a measured area."""
@@ -380,11 +375,20 @@ class PhotonStore:
         self.irradiance_count = count
         own = {
             "place": np.arange(first, end, dtype=np.int32),
-            "radiance": radiance.numpy(),
+            "radiance": radiance.numpy() + self._caustics_at(position, normal, front),
             "radius": radius.numpy(),
         }
         self._irradiance_parts.insert(0, own)
         self.irradiance_s = time.perf_counter() - began
+
+    def _caustics_at(self, position: Any, normal: Any, front: Any) -> NDArray[np.float32]:
+        """What a white Lambertian surface reflects of the caustic map at some places, shape [N, 3]."""
+        world, built = self._replica.world, self.maps[CAUSTIC_MAP]
+        if built is None or not len(position):
+            return np.zeros((len(position), 3), np.float32)
+        k, plan, points = world.irradiance.caustic_k, world.caustic_map, self.points[CAUSTIC_MAP]
+        places = Places(position, normal, front)
+        return of_white(built.tree, points, plan, k, places, self._replica.launcher)
 
     def _tree_of_points(self, points: Arrays, order: NDArray[np.int32] | None) -> Any:
         none, number = np.zeros_like(points["position"]), np.arange(len(points["map"]), dtype=np.int64)

@@ -46,7 +46,7 @@ class Observer(Protocol):
         """
 
     def gathered(self, number: int, queries: Any, count: Any, radius: Any, truncated: Any) -> None:
-        """The vertices that were shaded last asked a map.
+        """Some of the vertices that were shaded last asked a map.
 
         Args:
             number: of the map.

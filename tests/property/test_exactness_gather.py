@@ -195,7 +195,9 @@ def test_kernels_for_few_effects_give_the_same_bits(name: str, way: Indirect) ->
     assert same_bits(image, reference(name, way))
 
 
-@pytest.mark.parametrize("change", [{"light_samples": 2, "seed": 99}, {"max_depth": 3, "k": 5}, {"passes": 2}])
+@pytest.mark.parametrize(
+    "change", [{"light_samples": 2, "seed": 99}, {"max_depth": 3, "k": 5}, {"max_depth": 12}, {"passes": 2}]
+)
 def test_every_setting_gives_the_same_bits(way: Indirect, change: dict[str, Any]) -> None:
     chosen, scene = replace(FEW, indirect=way, **change), SCENES["everything"]
     expected = alone(scene, chosen)
@@ -270,7 +272,7 @@ def test_two_slaves_over_sockets_give_the_same_bits(way: Indirect) -> None:
 
 CELLS = st.sampled_from([2, 4, 8])
 WORKERS = st.sampled_from([1, 2, 3, 5])
-DEPTHS = st.sampled_from([None, None, 2, 3, 4])
+DEPTHS = st.sampled_from([None, None, 2, 3, 4, 9])
 
 
 @given(

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.plan.view import SAMPLES_OF_PLAN
 from wdpm.cluster.records import CachePlan
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
@@ -22,9 +23,6 @@ from wdpm.scenes.errors import SettingsError
 
 ALPHA = 2.0 / 3.0
 """How slowly the radius shrinks; at 2/3 noise and bias of the mean fall at the same rate (Knaus & Zwicker 2011)."""
-
-SAMPLES_OF_PLAN = 32
-"""Samples a pixel, in one pass, that cluster.plan.view.CACHE_PLAN is for."""
 
 LEAST_RAYS, MOST_RAYS = 0.125, 4.0
 """Bounds to a record's gather rays, as a share of that plan's: with fewer, radii and gradients would be noise as well;
@@ -183,6 +181,7 @@ def photon_plan(world: World, number: int) -> PhotonPlan:
         irradiance=replace(
             world.irradiance,
             k=smaller_k(world.irradiance.k, share),
+            caustic_k=smaller_k(world.irradiance.caustic_k, share),
             reach=world.irradiance.reach * math.sqrt(share),
         ),
     )

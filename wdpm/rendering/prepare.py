@@ -17,7 +17,6 @@ from wdpm.cluster.layers import layers_of
 from wdpm.cluster.plan.copies import SceneMemory, largest_team, scene_memory
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import effects_of, missing_effects
-from wdpm.cluster.plan.light_guide import with_guide
 from wdpm.cluster.plan.photon_pilot import PILOT_PATHS
 from wdpm.cluster.plan.render_plan import RenderPlan, make_render_plan
 from wdpm.cluster.plan.view import view_of
@@ -155,7 +154,7 @@ def prepare(
     plan = make_render_plan(flat, settings, largest_team(workers, least), launcher, cells, settled.pilot)
     world = replace(plan.world, strict=settings.strict)
     triangles = digest(flat.triangles)
-    view = with_guide(replace(view_of(flat, settings, max(workers, processes)), caustic_k=plan.caustic_k), plan.learnt)
+    view = plan.learnt_view(view_of(flat, settings, max(workers, processes)))
     alone = workers == 1 and plan.pilot is not None
     session = Session(
         world=world,

@@ -1,0 +1,70 @@
+"""How good irradiance records need be: as good as is seen beside the noise of the samples.
+
+What a record gets wrong shows as a blotch, wherever samples leave less noise than that. In a cathedral that lamps light
+evenly they do; in a room that the sky lights through its windows hardly a blotch is seen, and gather rays that make
+records better still would take most of the time. So a trial of a few thousand samples tells the noise of one, of a part
+of the image that is not the noisiest, and records get as many gather rays as it takes to err less than that.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from wdpm.cluster.plan.integrator_trial import DARK, TRIAL_PIXELS, Halves, Values, around
+from wdpm.cluster.plan.light_guide import Learnt
+from wdpm.cluster.plan.photon_pilot import PhotonPilot
+from wdpm.cluster.plan.small_view import small, without_photons
+from wdpm.cluster.plan.view import SAMPLES_OF_PLAN
+from wdpm.cluster.records import CachePlan
+from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
+from wdpm.scenes.flat.flatten import FlatScene
+
+LEFT_BY_RECORDS = 0.1
+"""Squared error that records may leave, as a share of what samples leave: a blotch is seen where grain of the same
+error is not, and ten times less of it is not either."""
+
+NOISIEST = 0.1
+"""Share of the image that is not looked at, the noisiest: blotches are seen in the rest of it."""
+
+MOST_TOLERANCE = 1.0
+"""Beyond that records get no more gather rays than one a stratum, whatever the noise."""
+
+
+def tolerance_of_records(
+    flat: FlatScene, pilot: PhotonPilot, settings: RenderSettings, learnt: Learnt, cache: CachePlan
+) -> float:
+    """Relative standard error that records are to have, with SAMPLES_OF_PLAN samples a pixel, as CachePlan.tolerance.
+
+    Args:
+        pilot: that was flown for these settings.
+        learnt: how shadow rays choose among lights.
+        cache: with the least tolerance, which it is where records get no rays for it.
+    """
+    if not cache.extra:
+        return cache.tolerance
+    looking = replace(flat, camera=small(flat.camera, TRIAL_PIXELS))
+    whole = replace(settings, integrator=Integrator.PATH, indirect=Indirect.MAP, light_samples=1)
+    with without_photons(pilot) as worker:
+        without_indirect = Halves(looking, worker, replace(settings, indirect=Indirect.MAP), learnt)
+        by_path = Halves(looking, worker, whole, learnt)
+    weight = 1.0 / (around(np.mean([half["beauty"] for half in by_path.layers], axis=0)) ** 2 + DARK)
+    indirect = by_path.figures(weight).indirect
+    noise = _but_the_noisiest(without_indirect.noise(weight)) / SAMPLES_OF_PLAN
+    asked = math.sqrt(LEFT_BY_RECORDS * noise / indirect) if indirect else MOST_TOLERANCE
+    return max(cache.tolerance, min(asked, MOST_TOLERANCE))
+
+
+def records_in_words(tolerance: float, cache: CachePlan) -> tuple[str, ...]:
+    """What was decided of the records, for people; nothing where they are as exact as they may be."""
+    if tolerance <= cache.tolerance:
+        return ()
+    return (f"irradiance records: with an error of {tolerance:.2g}, since samples are so noisy that it is not seen",)
+
+
+def _but_the_noisiest(noise: Values) -> float:
+    """Mean over pixels, the noisiest ones left out."""
+    ascending = np.sort(noise.mean(axis=2), axis=None)
+    return float(ascending[: max(1, round(len(ascending) * (1.0 - NOISIEST)))].mean())

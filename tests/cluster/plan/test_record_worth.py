@@ -1,0 +1,46 @@
+"""How good irradiance records are made: as good as is seen beside the noise of the samples."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import window_room
+
+from wdpm.cluster.plan.record_worth import MOST_TOLERANCE
+from wdpm.cluster.plan.view import CACHE_PLAN
+from wdpm.cluster.records import NO_CACHE
+from wdpm.cluster.render_settings import Indirect, RenderSettings
+from wdpm.kernels.launch import Launcher
+from wdpm.progress import SilentProgress
+from wdpm.rendering.prepare import prepare
+from wdpm.scenes import cornell_box
+from wdpm.scenes.model.scene import Scene
+
+CACHED = RenderSettings(indirect=Indirect.CACHE, photons=20_000)
+
+
+def tolerance(scene: Scene, settings: RenderSettings = CACHED, threads: int = 1, cells: int = 1) -> float:
+    """What records of a render are to keep to; it is said where that is not what they keep to in other scenes."""
+    prepared = prepare(scene, settings, 1, Launcher("cpu", threads), SilentProgress(), cells)
+    found = prepared.session.view.cache.tolerance
+    said = any(line.startswith("irradiance records: with an error of ") for line in prepared.chose)
+    assert said == (CACHE_PLAN.tolerance < found < NO_CACHE.tolerance)
+    return found
+
+
+def test_records_are_exact_where_samples_are_and_no_better_than_needed_where_these_are_noisy() -> None:
+    """A lamp lights all of the Cornell box; through the window of the room hardly a shadow ray gets to the sky."""
+    assert tolerance(cornell_box((256, 256))) == CACHE_PLAN.tolerance
+    noisy = tolerance(window_room.room())
+    assert 2 * CACHE_PLAN.tolerance < noisy <= MOST_TOLERANCE
+
+
+def test_it_is_the_same_on_any_number_of_threads_and_cells() -> None:
+    assert tolerance(window_room.room(), threads=2, cells=4) == tolerance(window_room.room())
+
+
+def test_without_a_cache_nothing_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("wdpm.cluster.plan.record_worth.Halves", None)
+    assert tolerance(cornell_box((16, 16)), RenderSettings(indirect=Indirect.MAP, photons=2000)) == NO_CACHE.tolerance
+    assert math.isfinite(NO_CACHE.tolerance)
