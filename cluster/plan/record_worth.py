@@ -57,6 +57,15 @@ def tolerance_of_records(
     return max(cache.tolerance, min(asked, MOST_TOLERANCE))
 
 
+def with_tolerance(cache: CachePlan, tolerance: float) -> CachePlan:
+    """The plan of records that may err so much: they get fewer rays, and reach further where things are near.
+
+    Samples that are so many times noisier are worth as many times fewer, squared, and records are made for so few
+    (wdpm.rendering.pass_plan.worth).
+    """
+    return replace(cache, tolerance=tolerance, clearance=cache.clearance * math.sqrt(tolerance / cache.tolerance))
+
+
 def records_in_words(tolerance: float, cache: CachePlan) -> tuple[str, ...]:
     """What was decided of the records, for people; nothing where they are as exact as they may be."""
     if tolerance <= cache.tolerance:

@@ -18,7 +18,7 @@ from wdpm.cluster.plan.light_shares import shared_out
 from wdpm.cluster.plan.map_plans import irradiance_plan, map_plans, volume_unit
 from wdpm.cluster.plan.partition import instances_of_cells, places_to_cut, rows_of_cells
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
-from wdpm.cluster.plan.record_worth import records_in_words, tolerance_of_records
+from wdpm.cluster.plan.record_worth import records_in_words, tolerance_of_records, with_tolerance
 from wdpm.cluster.plan.top_tree import build_top_tree, photons_in_cells
 from wdpm.cluster.plan.view import view_of
 from wdpm.cluster.render_settings import RenderSettings
@@ -61,8 +61,8 @@ class RenderPlan:
 
     def learnt_view(self, view: View) -> View:
         """The view, with what the pilot has taught."""
-        records = replace(view.cache, tolerance=self.tolerance)
-        return with_guide(replace(view, caustic_k=self.caustic_k, cache=records), self.learnt)
+        cache = with_tolerance(view.cache, self.tolerance)
+        return with_guide(replace(view, caustic_k=self.caustic_k, cache=cache), self.learnt)
 
     def share_of(self, cell: int, triangles: Triangles) -> float:
         """What a cell holds of the scene's triangles and instances."""
