@@ -2,8 +2,8 @@
 
 As a program, `python tests/foreign/against_mitsuba.py FILE...` prints a row for each. Both trace paths, with the file's
 filter and as deep as wdpm has read, so that what differs is how the file was read. Mitsuba runs in a process of its
-own. What stops it alone is taken out of the file first: integrators, which are replaced, and 0.6's spelling of
-<lookat>; parameters that it does not know it may ignore.
+own. What stops it alone is taken out of the file first: integrators, which are replaced, 0.6's spelling of <lookat>,
+and its media by sigma_a and sigma_s, which become those by sigma_t and albedo; parameters it does not know it ignores.
 """
 
 from __future__ import annotations
@@ -39,6 +39,22 @@ for integrator in root.findall("integrator"):
     root.remove(integrator)
 for element in root.iter("lookAt"):
     element.tag = "lookat"
+def numbers(element):
+    values = [] if element is None else [float(v) for v in element.get("value").replace(",", " ").split()]
+    return np.array(values * 3 if len(values) == 1 else values or [0.0] * 3)
+for medium in root.iter("medium"):
+    named = {child.get("name"): child for child in medium}
+    found = [named.get("sigmaA", named.get("sigma_a")), named.get("sigmaS", named.get("sigma_s"))]
+    if any(element is not None for element in found):
+        absorbed, scattered = (numbers(element) for element in found)
+        total, scale = absorbed + scattered, named.get("scale")
+        for element in (*found, scale):
+            if element is not None:
+                medium.remove(element)
+        factor = (1.0 if scale is None else float(scale.get("value"))) * total.max()
+        tree.SubElement(medium, "float", name="scale", value=repr(float(factor)))
+        for name, value in (("sigma_t", total / total.max()), ("albedo", scattered / np.maximum(total, 1e-30))):
+            tree.SubElement(medium, "rgb", name=name, value=" ".join(repr(float(v)) for v in value))
 config = mi.parser.ParserConfig(asked["variant"])
 config.unused_properties = config.unused_parameters = mi.LogLevel.Debug
 mi.file_resolver().prepend(os.path.dirname(asked["file"]))
