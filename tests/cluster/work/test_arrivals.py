@@ -1,0 +1,58 @@
+"""What gather rays read by one kernel is what the steps of the others give, bit for bit."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import pytest
+
+from wdpm.cluster.render_settings import Indirect, RenderSettings
+from wdpm.cluster.work.final_gather import Actions, FinalGather, FinalGatherCounters
+from wdpm.kernels.camera import vertices as sh
+from wdpm.rendering.in_process import render_in_process
+from wdpm.scenes import cornell_box
+
+SCENE = cornell_box((16, 16))
+
+
+def step_by_step(gather: FinalGather, paths: Any, diffuse: np.ndarray) -> Actions:
+    """Places, readings and decisions one after another."""
+    count = len(diffuse)
+    places = gather._places(paths, count)
+    actions = Actions(
+        np.full(count, int(sh.TRACE_ON), np.int32),
+        np.zeros(count, np.bool_),
+        np.zeros((count, 3), np.float32),
+        places.length.numpy(),
+    )
+    gather._read(places, np.arange(count), diffuse, actions)
+    return actions
+
+
+@pytest.mark.parametrize("indirect", [Indirect.CACHE, Indirect.GATHER])
+def test_one_kernel_decides_as_three_steps_do(indirect: Indirect) -> None:
+    arrive, codes = FinalGather._arrive, Counter()
+
+    def both(gather: FinalGather, points: Any, paths: Any, count: int) -> Actions:
+        before, gather.counters = gather.counters, FinalGatherCounters()
+        expected = step_by_step(gather, paths, paths.diffuse.numpy())
+        counted, gather.counters = gather.counters, FinalGatherCounters()
+        actions = arrive(gather, points, paths, count)
+        for name in ("codes", "by_photons", "radiance", "length"):
+            np.testing.assert_array_equal(getattr(actions, name), getattr(expected, name))
+        for name in ("rays", "short", "unread"):
+            assert getattr(gather.counters, name) == getattr(counted, name), name
+            setattr(before, name, getattr(before, name) + getattr(counted, name))
+        gather.counters = before
+        codes.update(actions.codes.tolist())
+        return actions
+
+    settings = RenderSettings(photons=2000, spp=2, indirect=indirect)
+    plain = render_in_process(SCENE, settings, workers=1, threads=1)
+    with mock.patch.object(FinalGather, "_arrive", both):
+        checked = render_in_process(SCENE, settings, workers=1, threads=1)
+    assert codes.keys() == {int(sh.TRACE_ON), int(sh.CACHED)}
+    assert checked.digest() == plain.digest()
