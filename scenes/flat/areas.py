@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-
 _AT_ONCE = 1 << 16
 """Triangles that are looked at together: in double, all of a large scene would take thrice what it holds."""
 
