@@ -53,7 +53,8 @@ class MediaReader:
             return None
         if plugin.element not in self._by_element:
             self._by_element[plugin.element] = len(self.media)
-            heterogeneous = plugin.type == "heterogeneous" or plugin.nests("volume", "gridvolume")
+            in_grid = plugin.has_nested("volume", "albedo", "gridvolume")
+            heterogeneous = plugin.type == "heterogeneous" or in_grid
             self.media.append(
                 _read_heterogeneous(plugin, self._volumes) if heterogeneous else _read_homogeneous(plugin)
             )

@@ -110,16 +110,16 @@ class Plugin:
         """Whether the parameter is given; does not take it."""
         return name in self._values
 
-    def has_nested(self, category: str, name: str) -> bool:
-        """Whether a plugin of this category is nested under this name; does not take it."""
-        return any(given == name and element.tag == category for given, element in self._nested)
-
-    def nests(self, category: str, plugin_type: str | None = None) -> bool:
-        """Whether a plugin of this category, and of this type, is nested under any name; does not take it."""
+    def has_nested(self, category: str, name: str, plugin_type: str | None = None) -> bool:
+        """Whether a plugin of this category, and of this type, is nested under this name; does not take it."""
         return any(
-            element.tag == category and plugin_type in (None, element.attributes.get("type"))
-            for _, element in self._nested
+            given == name and element.tag == category and plugin_type in (None, element.attributes.get("type"))
+            for given, element in self._nested
         )
+
+    def nests(self, category: str) -> bool:
+        """Whether a plugin of this category is nested under any name; does not take it."""
+        return any(element.tag == category for _, element in self._nested)
 
     def at(self, name: str) -> Element:
         """Where a parameter is given, for messages; the plugin itself where it is not. Ask before taking it."""
