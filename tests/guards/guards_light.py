@@ -61,7 +61,7 @@ GUARDS = (
         name="normals in double",
         file="kernels/rays/cell_triangles.py",
         prevents="needles have normals of noise, or none",
-        changes=(("p = triangles.positions.astype(np.float64)", "p = triangles.positions"),),
+        changes=(("p = positions.astype(np.float64)", "p = positions"),),
         tests=(SURFACE + "test_normals_of_needles",),
     ),
     Guard(
