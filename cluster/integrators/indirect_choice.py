@@ -10,9 +10,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from wdpm.cluster.integrators.indirect import Indirect
-from wdpm.kernels.launch import Launcher
-from wdpm.kernels.rays import placing
-from wdpm.kernels.rays.standing_areas import StandingAreas
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.material_sides import gathering_sides, lambertian_sides
 from wdpm.scenes.flat.used_media import calls_for_media
@@ -56,6 +53,10 @@ def _choice(flat: FlatScene, settings: Wishes, wanted: bool) -> tuple[Indirect, 
 
 def _lambertian_share(flat: FlatScene) -> float:
     """Of the area on which photons are stored, that which irradiance records serve."""
+    from wdpm.kernels.launch import Launcher  # needs Warp, which a command that is only asked for help does not import
+    from wdpm.kernels.rays import placing
+    from wdpm.kernels.rays.standing_areas import StandingAreas
+
     instances = flat.triangles.instances
     areas = StandingAreas(instances, placing.upload(instances, "cpu"), Launcher())
     area = area_by_material(flat.triangles, len(flat.materials), areas.of)
