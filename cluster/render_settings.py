@@ -105,9 +105,7 @@ class RenderSettings:
 
     def __post_init__(self) -> None:
         self._make_plain()
-        if not isinstance(self.integrator, Integrator):
-            names = ", ".join(integrator.value for integrator in Integrator)
-            raise SettingsError(f"integrator is {self.integrator!r}; expected a member of Integrator: {names}")
+        self._make_members()
         _at_least("photons", self.photons, 0)
         _at_least("caustic_photons", self.caustic_photons, 0)
         _at_least("volume_photons", self.volume_photons, 0)
@@ -169,6 +167,24 @@ class RenderSettings:
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, float(getattr(self, name)))
         object.__setattr__(self, "without", tuple(self.without))
+
+    def _make_members(self) -> None:
+        """Choices may be given by name, as on the command line: integrator="path"."""
+        kinds: dict[str, type[Enum]] = {
+            "integrator": Integrator,
+            "indirect": Indirect,
+            "routing": Routing,
+            "instances": Instancing,
+        }
+        for name, kind in kinds.items():
+            value = getattr(self, name)
+            if isinstance(value, kind):
+                continue
+            named = {member.value: member for member in kind}
+            if not isinstance(value, str) or value not in named:
+                names = ", ".join(f'"{member}"' for member in named)
+                raise SettingsError(f"{name} is {value!r}; expected one of {names}, or a member of {kind.__name__}")
+            object.__setattr__(self, name, named[value])
 
 
 def _at_least(name: str, value: int, least: int) -> None:

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import ast
 import copy
+import re
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from wdpm.cluster.integrators.registry import REFERENCE
-from wdpm.cluster.render_settings import EFFECTS_TO_LEAVE_OUT, Indirect, Integrator, RenderSettings
+from wdpm.cluster.render_settings import EFFECTS_TO_LEAVE_OUT, Indirect, Integrator, RenderSettings, Routing
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.flat.flatten import flatten
+from wdpm.scenes.flat.shapes import Instancing
 
 ROOT = Path(__file__).parents[2]
 REGISTRY = Path("cluster/integrators/registry.py")
@@ -54,9 +57,21 @@ def test_a_name_stands_for_its_integrator(integrator: Integrator) -> None:
     assert copy.deepcopy(integrator) is integrator
 
 
-def test_a_name_alone_is_no_integrator() -> None:
-    with pytest.raises(SettingsError, match="integrator is 'path'; expected a member of Integrator: photons, path"):
-        RenderSettings(integrator="path")  # type: ignore[arg-type]
+@each
+def test_settings_take_its_name(integrator: Integrator) -> None:
+    assert RenderSettings(integrator=integrator.value) == RenderSettings(integrator=integrator)  # type: ignore[arg-type]
+
+
+def test_other_choices_go_by_name_as_well() -> None:
+    named = RenderSettings(indirect="map", routing="merge", instances="keep")  # type: ignore[arg-type]
+    assert named == RenderSettings(indirect=Indirect.MAP, routing=Routing.MERGE, instances=Instancing.KEEP)
+
+
+@pytest.mark.parametrize("wrong", ["paths", 3, None, ["path"]])
+def test_a_name_that_is_none_is_refused(wrong: Any) -> None:
+    known = 'expected one of "photons", "path", "auto", or a member of Integrator'
+    with pytest.raises(SettingsError, match=f"integrator is {re.escape(repr(wrong))}; {known}"):
+        RenderSettings(integrator=wrong)
 
 
 @each
