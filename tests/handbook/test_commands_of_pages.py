@@ -25,7 +25,6 @@ from wdpm.images.image import Image
 NOT_RUN = {
     r"wdpm accuracy ": "renders for minutes; tests/accuracy/test_accuracy_command.py runs it small",
     r"wdpm bench (mitsuba|peers|caustic) ": "needs Mitsuba; tests/bench/test_bench_commands.py has its options",
-    r"wdpm bench (scaling|paper) .*--simulate": "computes for minutes; tests/bench/test_simulation.py runs it small",
     r"wdpm blender .* --wheels": "needs wheels of everything; tests/blender/test_extension.py writes such a file",
     r"wdpm master ": "waits for slaves; test_three_machines.py renders with them",
     r"wdpm slave ": "waits for a master; test_three_machines.py starts some",
