@@ -75,6 +75,8 @@ class MasterShell:
         for instruction in instructions:
             if not isinstance(instruction, m.Send):
                 self._answer(instruction)
+                if isinstance(instruction, m.FrameBegun):
+                    self._answer(m.SlavesSeen(self.state.seen()))
                 continue
             if isinstance(instruction.message, protocol.Welcome):
                 self._listener.admit(instruction.identity)
