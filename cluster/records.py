@@ -21,6 +21,11 @@ from wdpm.scenes.errors import ProtocolError
 ROUND_BITS = 32
 """A record's number is round * 2^32 + place of its pixel in the round's candidates."""
 
+NEIGHBOURS = 8
+"""Candidates of one row that follow each other: their camera rays meet the same triangles."""
+
+GOLDEN = 0.6180339887498949
+
 STRATA_SPACING = 4
 """Distance of candidates for whose records CachePlan.rows and columns are [pixels]."""
 
@@ -79,7 +84,10 @@ NO_CACHE = CachePlan()
 
 
 def candidates(width: int, height: int, plan: CachePlan, number: int) -> NDArray[np.int32]:
-    """The pixels of a round's candidates, counted row by row, ascending: every so many-th, but those of earlier rounds.
+    """The pixels of a round's candidates, counted row by row: every so many-th, but those of earlier rounds.
+
+    They come in an order of which each range is spread over the whole image, a few neighbours at a time: tasks are
+    ranges of them, and what a record costs differs from one part of an image to another by more than ten times.
 
     Args:
         width, height: of the image [pixels].
@@ -92,8 +100,18 @@ def candidates(width: int, height: int, plan: CachePlan, number: int) -> NDArray
     if number:
         before = 2 * step
         new = ((x - plan.left) % before != 0)[None, :] | ((y - plan.top) % before != 0)[:, None]
-        return pixels[new]
-    return pixels.reshape(-1)
+        return _spread(pixels[new])
+    return _spread(pixels.reshape(-1))
+
+
+def _spread(pixels: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Runs of pixels in the order of multiples of the golden ratio, which leave no part of the image out for long."""
+    runs = -(-len(pixels) // NEIGHBOURS)
+    order = np.argsort(np.arange(runs) * GOLDEN % 1.0, kind="stable")
+    rank = np.empty(runs, np.intp)
+    rank[order] = np.arange(runs)
+    places = (rank[:, None] * NEIGHBOURS + np.arange(NEIGHBOURS)).reshape(-1)
+    return pixels[places[places < len(pixels)]]
 
 
 @dataclass(frozen=True, eq=False)

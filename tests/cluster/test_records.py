@@ -251,7 +251,18 @@ def test_no_pixel_is_a_candidate_twice(width: int, height: int) -> None:
     assert (x % step == 0).all()
     assert (y % step == 0).all()
     assert len(together) == -(-width // step) * -(-height // step)
-    assert all((np.diff(pixels) > 0).all() for pixels in rounds)
+
+
+@pytest.mark.parametrize("tasks", [2, 3, 4, 7])
+def test_each_range_of_candidates_is_spread_over_the_image(tasks: int) -> None:
+    width, height = 320, 200
+    for number in range(2, PLAN.rounds):
+        pixels = candidates(width, height, PLAN, number)
+        for part in np.array_split(pixels, tasks):
+            y, x = np.divmod(part, width)
+            for values, size in ((x, width), (y, height)):
+                quarters = np.bincount(values * 4 // size, minlength=4) / len(part)
+                np.testing.assert_allclose(quarters, 0.25, atol=0.06)
 
 
 def test_a_picture_of_one_pixel_has_one_candidate() -> None:
