@@ -122,6 +122,14 @@ def _fill(columns: Any, names: Iterable[str], arrays: Iterable[Any]) -> Any:
     return columns
 
 
+def struct_of(value: Any) -> wp.Struct | None:
+    """The Warp struct that a kernel takes a value for, be it Warp's own instance of it or one of columns; or None."""
+    if isinstance(value, HostColumns | HostNest):
+        return value.of_struct
+    struct = getattr(value, "_cls", None)  # Warp has no public name for what its instances are of
+    return struct if hasattr(struct, "vars") else None
+
+
 def part_of(struct: wp.Struct, columns: Any) -> Any:
     """An instance of a Warp struct whose array fields are another's of the same names: nothing is copied."""
     if isinstance(columns, HostColumns):

@@ -110,6 +110,11 @@ class HostColumns:
         """What Warp hands to a kernel."""
         return self._struct
 
+    @property
+    def of_struct(self) -> wp.Struct:
+        """What it is an instance of, for a kernel."""
+        return self._layout.struct
+
     def __getattr__(self, name: str) -> Any:
         if name not in self._layout.types:
             raise AttributeError(f"{self._layout.struct.key} has no member {name}")
@@ -179,6 +184,7 @@ class HostNest:
 
     def __init__(self, struct: wp.Struct, counts: Mapping[str, int], others: Mapping[str, Any]) -> None:
         words = np.zeros(ctypes.sizeof(struct.ctype) // 8, np.uint64)
+        self.of_struct = struct
         self._struct = struct.ctype.from_buffer(words)
         for name, var in struct.vars.items():
             if name in others:

@@ -97,7 +97,7 @@ def deposits(ids: list[int]) -> Any:
     made = columns.empty_nested(Deposits, {"photons": 6}, "cpu")
     made.capacity = 3
     made.count = wp.array([2, 1], dtype=wp.int32, device="cpu")
-    for name in made.photons._cls.vars:
+    for name in columns.struct_of(made.photons).vars:
         getattr(made.photons, name).zero_()
     made.photons.id = wp.array(ids, dtype=wp.int64, device="cpu")
     return made

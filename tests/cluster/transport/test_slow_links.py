@@ -124,7 +124,7 @@ def test_a_connection_that_was_cut_is_noticed_at_once() -> None:
 
 
 def test_a_stopped_slave_is_waited_for_and_told_of() -> None:
-    limits = ClusterLimits(heartbeat_s=0.1, late_s=0.5, dead_s=30.0, photon_task_paths=500)
+    limits = ClusterLimits(heartbeat_s=0.1, late_s=0.8, dead_s=30.0, photon_task_paths=500)
     slaves = LocalSlaves()
     with ExitStack() as stack:
         stack.callback(slaves.stop)
@@ -136,7 +136,7 @@ def test_a_stopped_slave_is_waited_for_and_told_of() -> None:
 
         def stop() -> None:
             os.kill(victim, signal.SIGSTOP)
-            threading.Timer(0.9, os.kill, (victim, signal.SIGCONT)).start()
+            threading.Timer(1.5, os.kill, (victim, signal.SIGCONT)).start()
 
         notes = Notes(At("render", stop))
         session = make_session(2, 4, view=make_view(160, 160))

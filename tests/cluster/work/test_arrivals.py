@@ -9,6 +9,7 @@ from unittest import mock
 import numpy as np
 import pytest
 
+from wdpm.cluster.batch import Arrays
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.work.final_gather import Actions, FinalGather, FinalGatherCounters
 from wdpm.kernels.camera import vertices as sh
@@ -18,17 +19,18 @@ from wdpm.scenes import cornell_box
 SCENE = cornell_box((16, 16))
 
 
-def step_by_step(gather: FinalGather, paths: Any, diffuse: np.ndarray) -> Actions:
+def step_by_step(gather: FinalGather, paths: Any, arrays: Arrays) -> Actions:
     """Places, readings and decisions one after another."""
-    count = len(diffuse)
+    count = len(arrays["slot"])
     places = gather._places(paths, count)
     actions = Actions(
         np.full(count, int(sh.TRACE_ON), np.int32),
         np.zeros(count, np.bool_),
+        gather._is_too_long(arrays, 0),
         np.zeros((count, 3), np.float32),
         places.length.numpy(),
     )
-    gather._read(places, np.arange(count), diffuse, actions)
+    gather._read(places, np.arange(count), arrays["diffuse"], actions)
     return actions
 
 
@@ -36,12 +38,12 @@ def step_by_step(gather: FinalGather, paths: Any, diffuse: np.ndarray) -> Action
 def test_one_kernel_decides_as_three_steps_do(indirect: Indirect) -> None:
     arrive, codes = FinalGather._arrive, Counter()
 
-    def both(gather: FinalGather, points: Any, paths: Any, count: int) -> Actions:
+    def both(gather: FinalGather, points: Any, paths: Any, arrays: Arrays) -> Actions:
         before, gather.counters = gather.counters, FinalGatherCounters()
-        expected = step_by_step(gather, paths, paths.diffuse.numpy())
+        expected = step_by_step(gather, paths, arrays)
         counted, gather.counters = gather.counters, FinalGatherCounters()
-        actions = arrive(gather, points, paths, count)
-        for name in ("codes", "by_photons", "radiance", "length"):
+        actions = arrive(gather, points, paths, arrays)
+        for name in ("codes", "by_photons", "by_length", "radiance", "length"):
             np.testing.assert_array_equal(getattr(actions, name), getattr(expected, name))
         for name in ("rays", "short", "unread"):
             assert getattr(gather.counters, name) == getattr(counted, name), name

@@ -130,11 +130,14 @@ class Repeat:
     def _copy(self, value: Any) -> Any:
         if isinstance(value, wp.array):
             return self._copy_array(value)
-        if not is_struct(value):
+        struct = columns.struct_of(value)
+        if struct is None:
             return value
-        copy = value._cls()
-        for name in value._cls.vars:
-            setattr(copy, name, self._copy(getattr(value, name)))
+        copy = struct()
+        for name in struct.vars:
+            member = getattr(value, name)
+            if member is not None:  # of columns without arrays
+                setattr(copy, name, self._copy(member))
         return copy
 
     def _copy_array(self, array: wp.array) -> wp.array:
@@ -144,20 +147,17 @@ class Repeat:
         return self._arrays[key]
 
 
-def is_struct(value: Any) -> bool:
-    """Whether a value is an instance of a Warp struct, for which Warp has no public type."""
-    return hasattr(value, "_cls") and hasattr(value._cls, "vars")
-
-
 def _pairs(path: str, expected: Any, got: Any) -> Iterator[tuple[str, NDArray[Any], NDArray[Any]]]:
     """Arrays of one value of an argument and of its copy, with where they are."""
     if isinstance(expected, wp.array):
         if expected.size:
             yield path, expected.numpy(), got.numpy()
-    elif is_struct(expected):
-        if expected._cls is Deposits:
+        return
+    struct = columns.struct_of(expected)
+    if struct is not None:
+        if struct is Deposits:
             expected, got = _Sorted(expected), _Sorted(got)
-        for name in expected._cls.vars:
+        for name in struct.vars:
             yield from _pairs(f"{path}.{name}", getattr(expected, name), getattr(got, name))
 
 
@@ -165,16 +165,15 @@ class _Sorted:
     """Stored photons of a launch, by number: threads take places as they come, and their order has no say in a map."""
 
     def __init__(self, deposits: Any) -> None:
-        self._cls = deposits._cls
         self.capacity = deposits.capacity
         self.count = deposits.count
         counts = np.minimum(deposits.count.numpy(), deposits.capacity)
         rows = np.concatenate([chunk * deposits.capacity + np.arange(count) for chunk, count in enumerate(counts)])
         rows = rows[np.argsort(deposits.photons.id.numpy()[rows], kind="stable")]
-        names = deposits.photons._cls.vars
-        self.photons = columns.upload(
-            deposits.photons._cls, {name: getattr(deposits.photons, name).numpy()[rows] for name in names}, "cpu"
-        )
+        struct = columns.struct_of(deposits.photons)
+        assert struct is not None
+        sorted_photons = {name: getattr(deposits.photons, name).numpy()[rows] for name in struct.vars}
+        self.photons = columns.upload(struct, sorted_photons, "cpu")
 
 
 def first_difference(argument: str, expected: NDArray[Any], got: NDArray[Any]) -> Difference | None:
