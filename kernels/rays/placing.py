@@ -143,10 +143,10 @@ def standing_front(standing: wp.ref[Standing], instance: wp.int32, row: wp.int32
 
 
 @wp.func
-def instance_of(standing: wp.ref[Standing], prim: wp.int32) -> wp.int32:
-    """Which instance a triangle is of, by its global number; -1 for none."""
-    low = wp.int32(0)  # instances before `low` begin at prim or before
-    high = standing.count
+def instance_among(standing: wp.ref[Standing], prim: wp.int32, first: wp.int32, last: wp.int32) -> wp.int32:
+    """Which of the instances first to last - 1 a triangle is of, by its global number; -1 for none of them."""
+    low = first  # instances before `low` begin at prim or before
+    high = last
     while low < high:
         middle = (low + high) // 2
         if standing.base[middle] <= prim:
@@ -154,7 +154,14 @@ def instance_of(standing: wp.ref[Standing], prim: wp.int32) -> wp.int32:
         else:
             high = middle
     found = low - 1
-    if found >= 0:
-        if prim - standing.base[found] >= standing.size[found]:
-            found = -1
+    if found < first:
+        return -1
+    if prim - standing.base[found] >= standing.size[found]:
+        return -1
     return found
+
+
+@wp.func
+def instance_of(standing: wp.ref[Standing], prim: wp.int32) -> wp.int32:
+    """Which instance a triangle is of, by its global number; -1 for none."""
+    return instance_among(standing, prim, 0, standing.count)

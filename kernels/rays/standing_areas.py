@@ -13,32 +13,13 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.rays.placing import Standing, standing_corner
+from wdpm.kernels.rays.placing import Standing, instance_among, standing_corner
 from wdpm.scenes.flat.instances import Instances
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 BLOCK = 1 << 20
 """Triangles that are asked for at once."""
-
-
-@wp.func
-def instance_among(standing: wp.ref[Standing], prim: wp.int32, first: wp.int32, last: wp.int32) -> wp.int32:
-    """Which of the instances first to last - 1 a triangle is of, by its global number; -1 for none of them."""
-    low = first  # instances before `low` begin at prim or before
-    high = last
-    while low < high:
-        middle = (low + high) // 2
-        if standing.base[middle] <= prim:
-            low = middle + 1
-        else:
-            high = middle
-    found = low - 1
-    if found < first:
-        return -1
-    if prim - standing.base[found] >= standing.size[found]:
-        return -1
-    return found
 
 
 @wp.func
