@@ -9,6 +9,7 @@ MESSAGES ?= 1e6
 RENDERS ?= 1e3
 CHAOS ?= kill=200,kills=12,term=40,cut=16,stop=8,minute=3,delay=4,slow=4,flaky=4,half-open=2,disk=6,masters=20
 RESUME ?=
+CHAOS_SCALE ?= 1
 RENDERS_SOAK ?= 30
 SEED ?= 1
 JOBS ?= auto
@@ -62,8 +63,8 @@ fuzz: $(VENV)/.installed-test  ## fuzz rays, routing and gathers against brute f
 	$(BIN)/python tests/fuzz/run.py --rays $(RAYS) --gathers $(GATHERS) --messages $(MESSAGES) \
 		--renders $(RENDERS) --seed $(SEED) -o $(OUT)/fuzz
 
-chaos: $(VENV)/.installed-test  ## render under faults of slaves, links, disks and masters, and compare all bits: an hour (CHAOS, SEED, RESUME=--resume, WDPM_SCENES)
-	$(BIN)/python tests/chaos/run.py --renders $(CHAOS) --seed $(SEED) $(RESUME) -o $(OUT)/chaos
+chaos: $(VENV)/.installed-test  ## render under faults of slaves, links, disks and masters, and compare all bits: an hour (CHAOS, CHAOS_SCALE, SEED, RESUME=--resume, WDPM_SCENES)
+	CHAOS_SCALE=$(CHAOS_SCALE) $(BIN)/python tests/chaos/run.py --renders $(CHAOS) --seed $(SEED) $(RESUME) -o $(OUT)/chaos
 
 soak: $(VENV)/.installed-test  ## render again and again with one cluster: its memory must not grow (RENDERS_SOAK)
 	$(BIN)/python tests/chaos/soak.py --renders $(RENDERS_SOAK) -o $(OUT)/soak

@@ -22,11 +22,22 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "helpers"))
 
 from effect_scenes import everything
 
-SIZE = (32, 32)
-FEW = {"photons": 4000, "caustic_photons": 2000, "volume_photons": 2000, "spp": 2, "k": 30, "caustic_k": 30}
+SCALE = int(os.environ.get("CHAOS_SCALE", "1"))
+"""How many times as wide and high images are, with as many times more photons as pixels: what a fault costs is mostly a
+second or two, which is much of a short render and little of a long one."""
+
+SIZE = (32 * SCALE, 32 * SCALE)
+FEW = {
+    "photons": 4000 * SCALE**2,
+    "caustic_photons": 2000 * SCALE**2,
+    "volume_photons": 2000 * SCALE**2,
+    "spp": 2,
+    "k": 30,
+    "caustic_k": 30,
+}
 """Settings that make a render take seconds; the bucket leaves some sixteen tasks, a few for each slave."""
 
-BUCKET = 8
+BUCKET = 8 * SCALE
 
 CHEAP_OFTEN = (3, 1)
 """A render with a cache and without copies takes five times as long as one that looks into the map."""
