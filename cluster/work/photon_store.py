@@ -16,7 +16,7 @@ from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, concatenate, take, 
 from wdpm.cluster.work import tree_orders
 from wdpm.cluster.work.guards import PHOTON, Guards
 from wdpm.cluster.work.overlap_band import rows_near
-from wdpm.cluster.work.reflected_light import GATHER_GRAIN, GATHER_RUN, Places, of_white
+from wdpm.cluster.work.reflected_light import GATHER_GRAIN, GATHER_RUN, Places, by_white, of_white
 from wdpm.cluster.work.replica import Replica
 from wdpm.kernels import columns
 from wdpm.kernels.irradiance import at_photons
@@ -25,7 +25,7 @@ from wdpm.kernels.photons import photon_map
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, Deposits
 from wdpm.kernels.photons.flight import BOUNCE_BITS
 from wdpm.kernels.photons.gather_at_photons import gather_at_photons
-from wdpm.kernels.photons.surface_points import point_counts, reflect_gathered, spread
+from wdpm.kernels.photons.surface_points import point_counts, spread
 from wdpm.kernels.rays import cells
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.standing_areas import StandingAreas
@@ -355,39 +355,23 @@ class PhotonStore:
             irradiance_out=irradiance,
             radius_out=radius,
         )
-        radiance = wp.empty(count, dtype=wp.vec3, device=device)
-        white, no_clearance = wp.full(count, wp.vec3(1.0), dtype=wp.vec3, device=device), wp.zeros(count, device=device)
-        launcher(
-            reflect_gathered,
-            count,
-            points=self.points[GLOBAL_MAP],
-            position=position,
-            front_normal=front,
-            clearance=no_clearance,
-            albedo=white,
-            irradiance=irradiance,
-            radius=radius,
-            point_area=plan.point_area,
-            r_max=plan.radius,
-            scale=1.0 / plan.paths,
-            radiance_out=radiance,
-        )
+        places = Places(position, normal, front)
+        radiance = by_white(irradiance, radius, self.points[GLOBAL_MAP], plan, places, launcher)
         self.irradiance_count = count
         own = {
             "place": np.arange(first, end, dtype=np.int32),
-            "radiance": radiance.numpy() + self._caustics_at(position, normal, front),
+            "radiance": radiance + self._caustics_at(places),
             "radius": radius.numpy(),
         }
         self._irradiance_parts.insert(0, own)
         self.irradiance_s = time.perf_counter() - began
 
-    def _caustics_at(self, position: Any, normal: Any, front: Any) -> NDArray[np.float32]:
+    def _caustics_at(self, places: Places) -> NDArray[np.float32]:
         """What a white Lambertian surface reflects of the caustic map at some places, shape [N, 3]."""
         world, built = self._replica.world, self.maps[CAUSTIC_MAP]
-        if built is None or not len(position):
-            return np.zeros((len(position), 3), np.float32)
+        if built is None or not len(places.position):
+            return np.zeros((len(places.position), 3), np.float32)
         k, plan, points = world.irradiance.caustic_k, world.caustic_map, self.points[CAUSTIC_MAP]
-        places = Places(position, normal, front)
         return of_white(built.tree, points, plan, k, places, self._replica.launcher)
 
     def _tree_of_points(self, points: Arrays, order: NDArray[np.int32] | None) -> Any:

@@ -47,7 +47,7 @@ def of_white(
         k: photons to look for.
     """
     count, device = len(places.position), launcher.device
-    radiance, irradiance = (wp.empty(count, dtype=wp.vec3, device=device) for _ in range(2))
+    irradiance = wp.empty(count, dtype=wp.vec3, device=device)
     radius = wp.empty(count, dtype=wp.float32, device=device)
     launcher(
         gather_kernel,
@@ -65,6 +65,20 @@ def of_white(
         radius_out=radius,
         truncated_out=wp.empty(count, dtype=wp.bool, device=device),
     )
+    return by_white(irradiance, radius, points, plan, places, launcher)
+
+
+def by_white(
+    irradiance: Any, radius: Any, points: Any, plan: MapPlan, places: Places, launcher: Launcher
+) -> NDArray[np.float32]:
+    """Radiance that white Lambertian surfaces reflect of what was gathered there, shape [N, 3].
+
+    Args:
+        irradiance, radius: of the gathers, arrays [N] on the device.
+        points: tree of the map's surface points.
+    """
+    count, device = len(places.position), launcher.device
+    radiance = wp.empty(count, dtype=wp.vec3, device=device)
     launcher(
         reflect_gathered,
         count,

@@ -15,6 +15,7 @@ from typing import Any
 
 import warp as wp
 
+from wdpm.kernels.cached import use_cache_folder
 from wdpm.kernels.compile import COMMON
 from wdpm.kernels.features import Features
 from wdpm.kernels.variants import make_variants
@@ -26,7 +27,7 @@ def main() -> None:
     order = json.load(sys.stdin)
     quiet_warp()
     folder = Path(order["cache"])
-    wp.config.kernel_cache_dir = str(folder)
+    use_cache_folder(folder)
     modules = _modules(order.get("features"))
     began = time.perf_counter()
     wp.force_load("cpu", modules, max_workers=os.cpu_count())
