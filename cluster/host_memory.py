@@ -62,14 +62,18 @@ def memory_in_use() -> int:
     return int(resident.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if resident.is_file() else peak_memory()
 
 
-def return_free_memory() -> None:
+def return_free_memory() -> bool:
     """Have the allocator give back to the system what is free. A moment for it: a scene is gone, an image is done.
 
     Of what threads have used in turn, glibc keeps pages between others that are in use: a slave of many renders would
     hold some megabytes more with each (`make soak`). Elsewhere than on Linux nothing is done.
+
+    Returns:
+        Whether the allocator says that it has given something back.
     """
     if sys.platform == "linux" and (trim := getattr(ctypes.CDLL(None), "malloc_trim", None)) is not None:
-        trim(0)
+        return bool(trim(0))
+    return False
 
 
 class PrivateMemory:

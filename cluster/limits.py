@@ -67,3 +67,9 @@ class ClusterLimits:
     buckets_in_flight: int = 3
     cells_in_flight: int = 2
     part_triangles: int = 450_000
+
+    @property
+    def slept_s(self) -> float:
+        """Time between two ticks of a process's loop after which the process itself stood still, a laptop's lid say, so
+        that the silence of others says nothing [s]: far more than a turn of the loop takes."""
+        return max(self.late_s / 2, 1.0)

@@ -21,7 +21,7 @@ class JoinWait:
         passed = 0.0 if self._ticked_at is None else now - self._ticked_at
         self._ticked_at = now
         # A longer step than any loop takes means that this process itself stood still (a laptop's lid).
-        self._waited_s += min(passed, self._limits.late_s / 2)
+        self._waited_s += min(passed, self._limits.slept_s)
         if self._waited_s - self._told_s < self._limits.join_news_s:
             return None
         self._told_s = self._waited_s

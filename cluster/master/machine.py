@@ -183,7 +183,7 @@ class Master:
         slept, self._ticked_at = now - (now if self._ticked_at is None else self._ticked_at), now
         out: list[Instruction] = []
         for member in list(self._members):
-            if slept > self._limits.late_s / 2:
+            if slept > self._limits.slept_s:
                 member.heard_at = now  # this process itself stood still (a laptop's lid): silence says nothing
             silence = member.silence(now)
             if silence > self._limits.dead_s:

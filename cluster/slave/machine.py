@@ -172,7 +172,7 @@ class Slave:
         slept, self._ticked_at = now - self._ticked_at, now
         if self._welcome is None:
             return self._try_again(now)
-        if slept > self._limits.late_s / 2:
+        if slept > self._limits.slept_s:
             self._heard_at = now  # this process itself stood still (a laptop's lid): silence says nothing
             self._peers.stood_still(slept)
         silence = now - self._heard_at

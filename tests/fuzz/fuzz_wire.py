@@ -27,21 +27,26 @@ MOST_MEMORY = 1 << 28
 
 
 def run_case(number: int) -> tuple[int, list[Failure]]:
-    """One render with one liar. Returns how many lies were told, and what went wrong."""
-    rng = random.Random(number)
-    liar = rng.choice((STRANGER, STRANGER, MASTER, *range(SLAVES)))
-    cluster = WireCluster(rng, SLAVES, liar, rate=5.0 if liar == STRANGER else rng.choice((0.01, 0.05, 0.3)))
+    """One render with one liar, in bounded time and memory. Returns how many lies were told, and what went wrong."""
     began, before = time.process_time(), _peak()
-    try:
-        outcome = cluster.run()
-    except Exception:  # whatever it is: nobody's lies may have that effect
-        return 1, [Failure(f"a crash: {traceback.format_exc(limit=-6)}")]
-    wrong = [] if (reason := judge(cluster, outcome, liar)) is None else [Failure(reason)]
+    lies, wrong = run_unmeasured(number)
     if time.process_time() - began > MOST_CPU_S:
         wrong.append(Failure(f"it took {time.process_time() - began:.1f} s"))
     if (taken := _peak() - before) > MOST_MEMORY:
         wrong.append(Failure(f"it took {taken >> 20} MiB"))
-    return outcome.lies, wrong
+    return lies, wrong
+
+
+def run_unmeasured(number: int) -> tuple[int, list[Failure]]:
+    """The same case for tests, which run on slow machines, beside others, and in processes with other threads."""
+    rng = random.Random(number)
+    liar = rng.choice((STRANGER, STRANGER, MASTER, *range(SLAVES)))
+    cluster = WireCluster(rng, SLAVES, liar, rate=5.0 if liar == STRANGER else rng.choice((0.01, 0.05, 0.3)))
+    try:
+        outcome = cluster.run()
+    except Exception:  # whatever it is: nobody's lies may have that effect
+        return 1, [Failure(f"a crash: {traceback.format_exc(limit=-6)}")]
+    return outcome.lies, [] if (reason := judge(cluster, outcome, liar)) is None else [Failure(reason)]
 
 
 def _peak() -> int:

@@ -20,8 +20,8 @@ EPOCH = 1
 class Driver:
     """Feeds a master, and keeps the time."""
 
-    def __init__(self, slaves: int = 2) -> None:
-        self.master = Master(slaves, VERSIONS, LIMITS)
+    def __init__(self, slaves: int = 2, limits: ClusterLimits = LIMITS) -> None:
+        self.master = Master(slaves, VERSIONS, limits)
         self.now = 0.0
 
     def __call__(self, event: m.Event) -> list[m.Instruction]:

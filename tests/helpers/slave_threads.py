@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from fake_worker import FakeWorker, picture
+from patience import WAIT_S
 from slow_slaves import AGREED
 
 from wdpm.cluster.limits import ClusterLimits
@@ -25,7 +26,7 @@ class SlaveThread(threading.Thread):
         super().__init__(daemon=True)
         self.error: BaseException | None = None
         self._endpoint, self._make_worker = endpoint, make_worker
-        self._options = {"agreed": AGREED, "patience": 10.0, "tell": lambda _: None, **options}
+        self._options = {"agreed": AGREED, "patience": WAIT_S, "tell": lambda _: None, **options}
         self.start()
 
     def run(self) -> None:
@@ -36,7 +37,7 @@ class SlaveThread(threading.Thread):
 
     def end(self) -> BaseException | None:
         """Wait for its end; what ended it."""
-        self.join(10.0)
+        self.join(WAIT_S)
         assert not self.is_alive()
         return self.error
 

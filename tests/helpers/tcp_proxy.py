@@ -13,6 +13,9 @@ from typing import Self
 _CHUNK = 4096
 """Bytes that are carried in one go; connections take turns."""
 
+_WAIT_S = 100.0
+"""For its own thread: it may be slow, but must not hang."""
+
 _BUFFER = 64 << 10
 """What the proxy itself holds of a connection: the rest waits at the sender, as it does before a slow link."""
 
@@ -55,7 +58,7 @@ class TcpProxy:
     def cut(self, seconds: float = 0.0) -> None:
         """Break every connection; new ones may be made, after that time [s]."""
         self._cut_until = time.monotonic() + seconds
-        asyncio.run_coroutine_threadsafe(self._abort(), self._loop).result(10.0)
+        asyncio.run_coroutine_threadsafe(self._abort(), self._loop).result(_WAIT_S)
 
     def freeze(self) -> None:
         """Carry nothing any more, on no connection, and tell nobody."""
@@ -68,9 +71,9 @@ class TcpProxy:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        asyncio.run_coroutine_threadsafe(self._end(), self._loop).result(10.0)
+        asyncio.run_coroutine_threadsafe(self._end(), self._loop).result(_WAIT_S)
         self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(10.0)
+        self._thread.join(_WAIT_S)
         self._loop.close()
 
     def _run(self) -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from master_driver import A, B, Driver, noted, sent
+from dataclasses import replace
+
+from master_driver import LIMITS, A, B, Driver, noted, sent
 
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.machine import Phase
 from wdpm.cluster.messages import protocol as p
+from wdpm.cluster.transport.transport import TURN_S
 
 
 def silent_slave(driver: Driver, seconds: range) -> list[str]:
@@ -28,6 +31,19 @@ def test_a_silent_slave_is_lost() -> None:
     out = driver.master.handle(m.Tick(), 91.0)
     assert "slave 1 (host, process 1) is lost: it has been silent" in noted(out)
     assert [type(message) for message in sent(out, A)] == [p.Setup, p.Heartbeat]
+
+
+def test_turns_of_the_loop_are_no_sleep() -> None:
+    """However short the silence that counts: a process that stands still does so for longer."""
+    driver = Driver(limits=replace(LIMITS, late_s=0.4, dead_s=2.0))
+    driver.to_photons()
+    told = []
+    for turn in range(1, 12):
+        now = turn * TURN_S
+        driver.master.handle(m.SlaveSaid(A, p.Heartbeat()), now)
+        told += [text] if (text := noted(driver.master.handle(m.Tick(), now))) else []
+    assert told[0] == "slave 1 (host, process 1) has been silent for 0 s; it is waited for 2 s more"
+    assert "is lost: it has been silent for 2 s" in told[1]
 
 
 def test_a_slave_that_is_late_may_come_back() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -12,6 +11,7 @@ from typing import Any, NamedTuple
 
 import pytest
 from fake_worker import arrays, make_session, make_view, triangles
+from patience import wait_until
 from slave_threads import SlaveThread, check_picture
 from slow_slaves import AGREED, slow_slave
 from tcp_proxy import TcpProxy
@@ -29,10 +29,15 @@ from wdpm.cluster.transport.zeromq.run_keys import RunKeys, slave_keys
 
 pytestmark = pytest.mark.sockets
 
-IMPATIENT = ClusterLimits(heartbeat_s=0.1, late_s=0.5, dead_s=1.0, photon_task_paths=500)
+IMPATIENT = ClusterLimits(heartbeat_s=0.1, late_s=2.0, dead_s=3.0, photon_task_paths=500)
+"""No thread of a process stands still for so long while another one runs, however laden the machine."""
+
+PATIENT = ClusterLimits(heartbeat_s=0.1, photon_task_paths=500)
+"""Silence is no death in any test: what is noticed is noticed otherwise."""
+
 BIG = 13_000
 """Triangles of a cell: 1.8 MB."""
-SLOW = 1_000_000.0
+SLOW = 450_000.0
 """Bytes a second."""
 
 
@@ -45,18 +50,19 @@ def big_session(slaves: int) -> Any:
 
 
 class At(NamedTuple):
-    """What happens when a phase begins."""
+    """What happens when a phase begins, or a line comes."""
 
     phase: str
     action: Callable[[], None]
 
 
 class Notes:
-    """Keeps what a person is told, and does something when a phase begins."""
+    """Keeps what a person is told, and does something when a phase begins, or when a line with some words comes."""
 
-    def __init__(self, at: At | None = None) -> None:
+    def __init__(self, at: At | None = None, at_line: At | None = None) -> None:
         self.lines: list[str] = []
         self._at = at
+        self._at_line = at_line
 
     def start(self, phase: str, total: int | None = None) -> None:  # noqa: ARG002 - a Progress
         if self._at is not None and self._at.phase == phase:
@@ -66,11 +72,13 @@ class Notes:
 
     def note(self, text: str) -> None:
         self.lines.append(text)
+        if self._at_line is not None and self._at_line.phase in text:
+            self._at_line.action()
 
 
 @contextmanager
 def one_slave_over(
-    link_of: Callable[[str], TcpProxy], limits: ClusterLimits = IMPATIENT, keys: Sequence[Keys | None] = (None, None)
+    link_of: Callable[[str], TcpProxy], limits: ClusterLimits = PATIENT, keys: Sequence[Keys | None] = (None, None)
 ) -> Iterator[tuple[MasterServer, TcpProxy]]:
     """A master, and a slave that reaches it over a link and is told that all is rendered."""
     with (
@@ -88,13 +96,14 @@ def test_heartbeats_do_not_wait_behind_bulk_data(with_keys: bool) -> None:
     run = RunKeys()
     keys = (run.master, slave_keys(run.for_slave())) if with_keys else (None, None)
     notes = Notes()
-    with one_slave_over(lambda target: TcpProxy(target, bytes_per_s=SLOW), keys=keys) as (master, link):
+    with one_slave_over(lambda target: TcpProxy(target, bytes_per_s=SLOW), IMPATIENT, keys) as (master, link):
         session = big_session(1)
         began = time.monotonic()
-        check_picture(session, master.render(session, notes).layers)
-        assert time.monotonic() - began > 1.5, "the link was not slow"
+        result = master.render(session, notes)
+        assert time.monotonic() - began > IMPATIENT.dead_s, "the link was not slow"
+        check_picture(session, result.layers)
         assert link.opened == 2
-    assert not any("silent" in line for line in notes.lines)
+    assert len(result.lost) == 0
 
 
 def test_fifty_milliseconds_of_delay() -> None:
@@ -117,14 +126,14 @@ def test_a_connection_that_was_cut_is_noticed_at_once() -> None:
     with one_slave_over(TcpProxy) as (master, link):
         notes = Notes(At("render", link.cut))
         session = make_session(1, 2)
-        began = time.monotonic()
         check_picture(session, master.render(session, notes).layers)
-        assert time.monotonic() - began < 20.0
     assert any("is lost" in line for line in notes.lines)
+    assert not any("silent" in line for line in notes.lines)
 
 
 def test_a_stopped_slave_is_waited_for_and_told_of() -> None:
-    limits = ClusterLimits(heartbeat_s=0.1, late_s=0.8, dead_s=30.0, photon_task_paths=500)
+    """It goes on as soon as its silence has been noticed."""
+    limits = ClusterLimits(heartbeat_s=0.1, late_s=0.8, photon_task_paths=500)
     slaves = LocalSlaves()
     with ExitStack() as stack:
         stack.callback(slaves.stop)
@@ -134,15 +143,17 @@ def test_a_stopped_slave_is_waited_for_and_told_of() -> None:
         slaves.start(2, slow_slave(0.02, "life-line"), master.endpoint)
         victim = slaves.processes[1]
 
-        def stop() -> None:
-            os.kill(victim, signal.SIGSTOP)
-            threading.Timer(1.5, os.kill, (victim, signal.SIGCONT)).start()
-
-        notes = Notes(At("render", stop))
+        notes = Notes(
+            At("render", lambda: os.kill(victim, signal.SIGSTOP)),
+            At(f"process {victim}) has been silent for", lambda: os.kill(victim, signal.SIGCONT)),
+        )
         session = make_session(2, 4, view=make_view(160, 160))
-        check_picture(session, master.render(session, notes).layers)
-    assert sum("has been silent for" in line for line in notes.lines) == 1
-    assert any(line.endswith("is back") for line in notes.lines)
+        result = master.render(session, notes)
+        check_picture(session, result.layers)
+    told = [line.partition(") ")[2] for line in notes.lines if f"process {victim})" in line]
+    assert any(line.startswith("has been silent for") for line in told)
+    assert "is back" in told
+    assert len(result.lost) == 0
 
 
 def test_a_link_that_takes_no_byte_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -153,15 +164,12 @@ def test_a_link_that_takes_no_byte_is_given_up(monkeypatch: pytest.MonkeyPatch) 
     with TcpProxy(listener.endpoint) as link:
         connection = there.connect(link.endpoint, Role.SLAVE, {})
         assert connection.send(protocol.PeerHello("cluster", 0))
-        while listener.receive() is None:
-            here.wait(0.1)
+        wait_until(lambda: listener.receive() is not None, "a greeting", lambda: here.wait(0.1))
         link.freeze()
         big = Batch(Kind.LIT, 1, 0, 0, 1, arrays(Kind.LIT, 1_000_000))
-        assert connection.send(protocol.PeerBatch(1, big))
         began = time.monotonic()
-        while not connection.broke():
-            there.wait(0.1)
-            assert time.monotonic() - began < 20.0
+        assert connection.send(protocol.PeerBatch(1, big))
+        wait_until(connection.broke, "the end of the connection", lambda: there.wait(0.1))
     assert time.monotonic() - began > 0.9
     there.close()
     here.close()
