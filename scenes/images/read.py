@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -85,18 +86,32 @@ def _read_any(data: bytes, name: str, suffix: str | None) -> NDArray[Any]:
 def _decode(pixels: NDArray[Any], name: str, *, raw: bool) -> NDArray[np.float32]:
     if pixels.dtype == np.bool_:
         pixels = pixels.astype(np.uint8) * np.uint8(255)
-    if np.issubdtype(pixels.dtype, np.integer):
-        values = pixels.astype(np.float32) / np.float32(np.iinfo(pixels.dtype).max)
-        rgb = _rgb(values, name)
-        return _checked(rgb if raw else srgb_to_linear(rgb), name)
-    return _checked(_rgb(pixels.astype(np.float32), name), name)
+    rgb = _rgb(pixels, name)
+    if rgb.dtype in (np.uint8, np.uint16):
+        return np.take(_table(rgb.dtype, raw=raw), rgb)
+    if np.issubdtype(rgb.dtype, np.integer):
+        return _decoded(rgb, raw=raw)
+    return _checked(rgb.astype(np.float32), name)
 
 
-def _rgb(values: NDArray[np.float32], name: str) -> NDArray[np.float32]:
+@cache
+def _table(dtype: np.dtype[Any], *, raw: bool) -> NDArray[np.float32]:
+    """What each whole number of a type becomes: far fewer than a picture has pixels, and powers are slow."""
+    return _decoded(np.arange(np.iinfo(dtype).max + 1, dtype=dtype), raw=raw)
+
+
+def _decoded(values: NDArray[Any], *, raw: bool) -> NDArray[np.float32]:
+    shares = values.astype(np.float32) / np.float32(np.iinfo(values.dtype).max)
+    return shares if raw else srgb_to_linear(shares)
+
+
+def _rgb(values: NDArray[Any], name: str) -> NDArray[Any]:
     if values.ndim == 2:
         values = values[:, :, None]
     if values.ndim != 3 or values.shape[2] not in (1, 2, 3, 4):
         raise SceneError(f"expected an image of 1 to 4 channels, got an array of shape {values.shape}", name)
+    if values.size == 0:
+        raise SceneError("the image has no pixels", name)
     colour = values[:, :, :3] if values.shape[2] >= 3 else np.repeat(values[:, :, :1], 3, axis=2)
     return np.ascontiguousarray(colour)
 
