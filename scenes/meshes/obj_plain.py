@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from wdpm.scenes.meshes.growing import Growing
 from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute, merge_corners, triangulate_fans
 from wdpm.scenes.meshes.obj_file import NO_MATERIAL, ObjFile, unknown_keywords
-from wdpm.scenes.meshes.obj_piece import NotPlainError, ObjPiece, read_piece
 from wdpm.scenes.meshes.several import in_threads
+from wdpm.scenes.meshes.text.obj_piece import NotPlainError, ObjPiece, read_pieces
 from wdpm.scenes.meshes.vertex_attributes import VERTEX_COLOR
 
-PIECE: Final = 1 << 18
+PIECE: Final = 1 << 17
 """Bytes that are read at a time: the arrays that come of them fit into a core's cache."""
 
 
@@ -31,8 +31,9 @@ def read_plain_obj(file: Path, piece: int = PIECE) -> ObjFile | None:
     """
     whole = _Whole()
     try:
-        for part in in_threads(read_piece, _pieces(file, piece)):
-            whole.add(part)
+        for parts in in_threads(read_pieces, _pieces(file, piece)):
+            for part in parts:
+                whole.add(part)
         return whole.assembled(file.name)
     except NotPlainError:
         return None

@@ -13,7 +13,7 @@ from numpy.typing import DTypeLike, NDArray
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.meshes.mapped import FileBytes, let_go
 from wdpm.scenes.meshes.several import converted, in_threads
-from wdpm.scenes.meshes.text_numbers import find_words, floats, integers, padded
+from wdpm.scenes.meshes.text.numbers import find_words, floats, integers, padded
 
 Lists = tuple[NDArray[np.int64], NDArray[np.int64]]
 """Lengths of lists, and their items one after another."""

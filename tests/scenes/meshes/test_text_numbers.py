@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wdpm.scenes.meshes.text_numbers import find_words, floats, integers, padded
+from wdpm.scenes.meshes.text.numbers import find_words, floats, integers, padded
 
 FORMATS = ("%.6f", "%.3f", "%g", "%r", "%.9g", "%+.4f", "%.15g", "%e", "%d", "%.1f", "%.8f", "%.12f", "%.0f")
 SHORT = ("%.3f", "%.1f", "%+.2f")  # of which eight digits are enough, and each has a dot

@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.meshes.obj_file import IGNORED
-from wdpm.scenes.meshes.text_numbers import Places, Words, find_words, floats, integers, padded
+from wdpm.scenes.meshes.text.even_lines import EvenLines, read_even
+from wdpm.scenes.meshes.text.numbers import Places, Words, find_words, floats, integers, padded
 from wdpm.scenes.model.checks import FARTHEST
 from wdpm.scenes.model.transforms import normalized
 
 _OTHER, _POSITION, _UV, _NORMAL, _FACE, _COMMENT = range(6)
 _KEYWORDS: Final = {_POSITION: b"v", _UV: b"vt", _NORMAL: b"vn", _FACE: b"f"}
-_SLASH: Final = ord("/")
+_NEWLINE, _DOT, _SLASH = b"\n./"
 _MOST: Final = 2**31 - 1
 
 
@@ -56,6 +57,84 @@ class ObjPiece:
     materials: list[tuple[int, str]] = field(default_factory=list)
     libraries: list[tuple[str, int]] = field(default_factory=list)
     unknown: dict[str, int] = field(default_factory=dict)
+
+
+def read_pieces(text: bytes) -> list[ObjPiece]:
+    """Reads whole lines: long runs of even ones as such, others by what their words are.
+
+    Raises:
+        NotPlainError: something in them is not as programs write it.
+    """
+    if text and not text.endswith(b"\n"):
+        text += b"\n"
+    whole = _read_even(text)
+    if whole is not None:
+        return [whole]
+    parts = _runs(text)
+    if len(parts) == 1:
+        return [read_piece(text)]
+    return [_read_even(part) or read_piece(part) for part in parts]
+
+
+LONG_RUN: Final = 1 << 14
+"""Bytes of lines of one kind that are worth being read by themselves."""
+
+
+def _runs(text: bytes) -> list[bytes]:
+    """The text, cut where long runs of one kind of lines begin and end."""
+    data = np.frombuffer(text, np.uint8)
+    starts = np.flatnonzero(data[:-1] == _NEWLINE) + 1
+    starts = np.concatenate([np.zeros(1, np.int64), starts])
+    kinds = data[starts].astype(np.uint16) << 8 | data[np.minimum(starts + 1, len(data) - 1)]
+    cuts = starts[np.append(True, kinds[1:] != kinds[:-1])]
+    ends = np.append(cuts[1:], len(text))
+    long = ends - cuts >= LONG_RUN
+    # a run of short ones together begins where none is before
+    begins = cuts[long | np.append(True, long[:-1])].tolist()
+    return [text[begin:end] for begin, end in zip(begins, [*begins[1:], len(text)], strict=True)]
+
+
+def _read_even(text: bytes) -> ObjPiece | None:
+    """Lines of one kind and one form; None if they are not, or hold what is unusual."""
+    keyword, last = text[:3].split(b" ")[0], text.rfind(b"\n", 0, len(text) - 1) + 1
+    if keyword not in _KEYWORDS.values() or not text.startswith(keyword + b" ", last):
+        return None
+    lines = read_even(text, keyword, _SLASH if keyword == b"f" else _DOT)
+    if lines is None:
+        return None
+    return _even_faces(lines) if keyword == b"f" else _even_vertices(lines, keyword)
+
+
+def _even_faces(lines: EvenLines) -> ObjPiece | None:
+    corners = lines.corners()
+    if corners is None or corners[0] is None or corners[0].shape[1] < 3:
+        return None
+    count, each = corners[0].shape
+    v, vt, vn = (np.zeros(count * each, np.int32) if one is None else one.reshape(-1) for one in corners)
+    none = np.zeros((0, 3))
+    return ObjPiece(none, none[:, :2], none, none, (v, vt, vn), np.full(count, each), None, count)
+
+
+def _even_vertices(lines: EvenLines, keyword: bytes) -> ObjPiece | None:
+    values = lines.decimals()
+    if values is None:
+        return None
+    count, each = values.shape
+    least, width = (1, 2) if keyword == b"vt" else (3, 3)
+    if each < least:
+        return None
+    rows = np.ascontiguousarray(values[:, :width]) if each >= width else np.pad(values, ((0, 0), (0, width - each)))
+    none, no_corners = np.zeros((0, 3)), np.zeros(0, np.int32)
+    return ObjPiece(
+        rows if keyword == b"v" else none,
+        rows if keyword == b"vt" else none[:, :2],
+        normalized(rows) if keyword == b"vn" else none,
+        values[:, 3:] if keyword == b"v" and each == 6 else none,
+        (no_corners, no_corners, no_corners),
+        np.zeros(0, np.int64),
+        None,
+        count,
+    )
 
 
 def read_piece(text: bytes) -> ObjPiece:

@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 PADDING: Final = 16
 """Bytes that must stand before the text: words are fetched by their ends."""
 
-_SAFE_DIGITS: Final = 15
-_EIGHT: Final = 8
+SAFE_DIGITS: Final = 15
+EIGHT: Final = 8
 _ZEROS: Final = np.uint64(0x3030303030303030)
 _NO_DIGIT: Final = np.uint64(0x7676767676767676)
 _HIGH: Final = np.uint64(0x8080808080808080)
-_POWERS: Final = np.concatenate([10.0 ** np.arange(2 * _EIGHT + 1), -(10.0 ** np.arange(2 * _EIGHT + 1))])
+POWERS: Final = np.concatenate([10.0 ** np.arange(2 * EIGHT + 1), -(10.0 ** np.arange(2 * EIGHT + 1))])
 _NEWLINE, _PLUS, _MINUS, _DOT = (ord(letter) for letter in "\n+-.")
-_HUNDRED_MILLION: Final = np.uint64(10**_EIGHT)
-_BITS: Final = (8 * np.arange(2 * _EIGHT + 1)).astype(np.uint64)
+_HUNDRED_MILLION: Final = np.uint64(10**EIGHT)
+_BITS: Final = (8 * np.arange(2 * EIGHT + 1)).astype(np.uint64)
 # of a word of eight bytes, those before its digits, by their number
-_BITS_BEFORE: Final = np.maximum(8 * (_EIGHT - np.arange(2 * _EIGHT + 1)), 0).astype(np.uint64)
+_BITS_BEFORE: Final = np.maximum(8 * (EIGHT - np.arange(2 * EIGHT + 1)), 0).astype(np.uint64)
 # steps of putting together neighbours of one, two and four digits
 _STEPS: Final = tuple(
     (np.uint64(factor), np.uint64(shift), np.uint64(mask))
@@ -102,13 +102,13 @@ def floats(data: NDArray[np.uint8], begin: Places, end: Places) -> NDArray[np.fl
     count -= minus
     count -= sign == _PLUS
     digits = count + decimals
-    bad = (digits < 1) | (digits > _SAFE_DIGITS)
+    bad = (digits < 1) | (digits > SAFE_DIGITS)
     longest = int(digits.max(initial=0))
-    if longest > 2 * _EIGHT:
-        count, decimals = np.minimum(count, 2 * _EIGHT), np.minimum(decimals, 2 * _EIGHT)
+    if longest > 2 * EIGHT:
+        count, decimals = np.minimum(count, 2 * EIGHT), np.minimum(decimals, 2 * EIGHT)
     # the sign is the divisor's, so that there is a minus zero
-    divisor = _POWERS[decimals + minus * len(_POWERS) // 2] if minus.any() else _POWERS[decimals]
-    if longest <= _EIGHT:
+    divisor = POWERS[decimals + minus * len(POWERS) // 2] if minus.any() else POWERS[decimals]
+    if longest <= EIGHT:
         word = _last(data, dot, count)
         word >>= _BITS[decimals]
         word |= _last(data, end, decimals)
@@ -135,9 +135,9 @@ def integers(data: NDArray[np.uint8], begin: Places, end: Places) -> NDArray[np.
     count = end - begin
     count -= minus
     count -= sign == _PLUS
-    bad = (count < 1) | (count > _SAFE_DIGITS)
-    if int(count.max(initial=0)) > 2 * _EIGHT:
-        count = np.minimum(count, 2 * _EIGHT)
+    bad = (count < 1) | (count > SAFE_DIGITS)
+    if int(count.max(initial=0)) > 2 * EIGHT:
+        count = np.minimum(count, 2 * EIGHT)
     values = _digits(data, end, count, bad).astype(np.int64)
     if minus.any():
         values *= np.where(minus, -1, 1)
@@ -167,10 +167,10 @@ def _digits(data: NDArray[np.uint8], end: Places, count: Places, bad: NDArray[np
         count: of digits, at most twice eight where it is not bad.
     """
     lower = _number(_last(data, end, count), bad)
-    (longer,) = np.nonzero(count > _EIGHT)
+    (longer,) = np.nonzero(count > EIGHT)
     if len(longer):
         wrong = np.zeros(len(longer), np.bool_)
-        lower[longer] += _number(_last(data, end[longer] - _EIGHT, count[longer] - _EIGHT), wrong) * _HUNDRED_MILLION
+        lower[longer] += _number(_last(data, end[longer] - EIGHT, count[longer] - EIGHT), wrong) * _HUNDRED_MILLION
         bad[longer] |= wrong
     return lower
 
@@ -181,13 +181,37 @@ def _last(data: NDArray[np.uint8], end: Places, count: Places) -> NDArray[np.uin
     Args:
         count: how many are wanted, at most twice eight.
     """
-    eights = np.ndarray((len(data) - _EIGHT + 1,), np.dtype("<u8"), data, 0, (1,))  # from each byte on, nothing copied
-    word = eights[end - _EIGHT]
+    word = _eights(data).take(end - EIGHT, mode="clip")  # which is the faster; all of them are there
     word ^= _ZEROS
     before = _BITS_BEFORE[count]
     word >>= before  # NumPy shifts by 64 to zero
     word <<= before
     return word
+
+
+def shifted(data: NDArray[np.uint8], begin: Places, count: Places) -> NDArray[np.uint64]:
+    """The digits from `begin` on as words for `of_digits`.
+
+    Args:
+        data: with eight bytes from each begin on.
+        count: of digits, at most eight.
+    """
+    word = _eights(data).take(begin, mode="clip")  # which is the faster; all of them are there
+    word ^= _ZEROS
+    word <<= (EIGHT * (EIGHT - count)).view(np.uint64)  # NumPy shifts by 64 to zero
+    return word
+
+
+def of_digits(word: NDArray[np.uint64]) -> NDArray[np.uint64] | None:
+    """The number of the eight digits of each word, the last one in its highest byte; None if any is no digit."""
+    bad = np.zeros(len(word), np.bool_)
+    number = _number(word, bad)
+    return None if bad.any() else number
+
+
+def _eights(data: NDArray[np.uint8]) -> NDArray[np.uint64]:
+    """The eight bytes from each byte on, nothing copied."""
+    return np.ndarray((len(data) - EIGHT + 1,), np.dtype("<u8"), data, 0, (1,))
 
 
 def _number(word: NDArray[np.uint64], bad: NDArray[np.bool_]) -> NDArray[np.uint64]:

@@ -1,0 +1,1 @@
+"""Text that holds numbers, read by whole arrays."""
