@@ -13,6 +13,7 @@ from wdpm.checkup.part import Part
 from wdpm.checkup.scene import check_camera, check_lights, check_materials, check_size
 from wdpm.checkup.shapes import check_copies, check_normals, check_spikes, check_triangles
 from wdpm.checkup.soup import make_soup
+from wdpm.checkup.standing import looked_at, tell_of
 from wdpm.checkup.surfaces import Solid, check_surface, rims
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.flat.dropped import degenerate_cause
@@ -63,8 +64,10 @@ def _find(scene: Scene) -> Iterator[Finding]:
         )
     if not all(0 <= mesh.material < len(scene.materials) for mesh in scene.meshes):
         return
+    scene, left_out = looked_at(scene)
+    yield from tell_of(left_out)
     try:
-        soup = make_soup(scene)
+        soup = make_soup(scene, left_out)
     except SceneError:
         return  # no triangles: told above
     cause = degenerate_cause(soup.positions)

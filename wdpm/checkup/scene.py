@@ -25,10 +25,9 @@ SPECK = 1e-5
 
 def check_size(scene: Scene, soup: Soup, cause: NDArray[np.int8]) -> Iterator[Finding]:
     """Size and place: what single precision leaves of the scene."""
-    kept = soup.positions[cause == 0]
-    if not len(kept):
+    if not (cause == 0).any():
         return
-    size = float(np.ptp(kept.reshape(-1, 3).astype(np.float64), axis=0).max())
+    size = float(np.ptp(soup.reach(cause == 0), axis=0).max())
     distance = float(np.abs(soup.space.center).max()) / soup.space.unit
     coarse = [m for m in scene.meshes if len(m.vertices) and np.array_equal(m.vertices, m.vertices.astype(np.float32))]
     if size > 0 and distance > FAR_OFF * size:
@@ -166,8 +165,8 @@ def check_lights(scene: Scene, soup: Soup, cause: NDArray[np.int8]) -> Iterator[
 
 def check_camera(scene: Scene, soup: Soup, cause: NDArray[np.int8], solids: list[Solid]) -> Iterator[Finding]:
     """A camera that sees nothing, is cut off by its clip planes, or sits in a body."""
-    kept = soup.positions[cause == 0].reshape(-1, 3).astype(np.float64)
-    if not len(kept) or not np.isfinite(scene.camera.to_world).all():
+    kept = soup.reach(cause == 0)
+    if not (cause == 0).any() or not np.isfinite(scene.camera.to_world).all():
         return
     camera, unit = soup.space.camera(scene.camera), soup.space.unit
     eye = np.asarray(camera.to_world)[:3, 3]

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.checkup.standing import box_corners
 from wdpm.scenes.flat.renderer_space import RendererSpace, renderer_space
-from wdpm.scenes.model.scene import Scene, Solid
+from wdpm.scenes.model.scene import Instance, Scene, Solid
 
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -27,6 +29,7 @@ class Soup:
         row: its number in that mesh, int64, shape [T].
         begin: where the triangles of each mesh begin, and the end of the last, int64, shape [meshes + 1].
         front: normal of the front times twice the area, float64, shape [T, 3].
+        beyond: corners of the boxes of instances that are left out, float32, shape [N, 3].
     """
 
     space: RendererSpace
@@ -36,6 +39,7 @@ class Soup:
     row: Ints
     begin: Ints
     front: NDArray[np.float64]
+    beyond: NDArray[np.float32]
 
     def __len__(self) -> int:
         return len(self.mesh)
@@ -47,7 +51,11 @@ class Soup:
     @property
     def extent(self) -> float:
         """Largest absolute coordinate of a corner."""
-        return float(np.abs(self.positions).max(initial=0.0))
+        return float(max(np.abs(self.positions).max(initial=0.0), np.abs(self.beyond).max(initial=0.0)))
+
+    def reach(self, kept: Bools) -> NDArray[np.float64]:
+        """Corners of some of the triangles, and of what is left out, shape [N, 3]."""
+        return np.concatenate([self.positions[kept].reshape(-1, 3), self.beyond]).astype(np.float64)
 
     def longest(self) -> NDArray[np.float64]:
         """Length of each triangle's longest edge, shape [T]."""
@@ -55,13 +63,16 @@ class Soup:
         return np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1, initial=0.0)
 
 
-def make_soup(scene: Scene) -> Soup:
+def make_soup(scene: Scene, left_out: Sequence[Instance] = ()) -> Soup:
     """The triangles of a scene.
+
+    Args:
+        left_out: what belongs to the scene and is too much to be looked at (standing.looked_at).
 
     Raises:
         SceneError: it has no triangles.
     """
-    space = renderer_space(scene.meshes)
+    space = renderer_space([*scene.meshes, *left_out])
     parts, rows = [], []
     fronts = []
     for mesh in scene.meshes:
@@ -82,6 +93,7 @@ def make_soup(scene: Scene) -> Soup:
         np.concatenate(rows),
         np.concatenate([[0], np.cumsum(counts)]),
         np.concatenate(fronts),
+        box_corners(left_out, space),
     )
 
 

@@ -50,7 +50,7 @@ ODD = (
 odd = st.sampled_from(ODD).map(lambda line: [line])
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=100)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
 @given(st.lists(st.one_of(vertices(), faces(), odd), max_size=8), st.sampled_from([60, 1 << 18]), st.integers(1, 80))
 def test_even_runs_as_by_lines(tmp_path: Path, blocks: list[list[str]], piece: int, long: int) -> None:
     head = [f"{word} {i}.5 {i}.25 {i * i}.0" for word in ("v", "vt", "vn") for i in range(COUNT)]
