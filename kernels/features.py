@@ -48,7 +48,7 @@ class Features:
         passing: light passes straight through some surface: masks, null boundaries, thin dielectrics.
         bent: bump or normal maps.
         bitmaps, checkerboards, vertex_colors: textures, by kind.
-        points, spots, directionals, environment: lights besides emitting triangles, which are always there.
+        points, spots, projectors, directionals, environment: lights besides emitting triangles, which are always there.
         textured_lights: the emission of some mesh is textured.
         media: participating media.
         grids: some medium's density changes from place to place.
@@ -72,6 +72,7 @@ class Features:
     vertex_colors: bool = _effect(Group.TEXTURES, "vertex colours", "colours interpolated at each hit")
     points: bool = _effect(Group.LIGHTS, "point lights", "their sampling")
     spots: bool = _effect(Group.LIGHTS, "spot lights", "their cones")
+    projectors: bool = _effect(Group.LIGHTS, "projectors", "the pictures that they throw")
     directionals: bool = _effect(Group.LIGHTS, "directional lights", "photons and shadow rays from afar")
     environment: bool = _effect(Group.LIGHTS, "light from all around", "importance sampling of its map")
     textured_lights: bool = _effect(Group.LIGHTS, "textured lights", "a look-up for each point on a lamp")

@@ -13,16 +13,18 @@ from wdpm.kernels.lights.directionals import make_directionals
 from wdpm.kernels.lights.elements import Lights
 from wdpm.kernels.lights.photon_targets import Targets
 from wdpm.kernels.lights.points import make_points
+from wdpm.kernels.lights.projectors import make_projectors
 from wdpm.kernels.lights.samples import DeltaLightCode, DirectSample, Emission
 from wdpm.kernels.lights.spots import make_spots
 from wdpm.kernels.materials.texture import Textures
-from wdpm.scenes.model.lights import DeltaLight, DirectionalLight, PointLight, SpotLight
+from wdpm.scenes.model.lights import DeltaLight, DirectionalLight, PointLight, ProjectorLight, SpotLight
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 MAKERS: Final[dict[type[DeltaLight], Callable[[Features], DeltaLightCode]]] = {
     PointLight: make_points,
     SpotLight: make_spots,
+    ProjectorLight: make_projectors,
     DirectionalLight: make_directionals,
 }
 """What makes the code of each kind; it is asked about in this order."""

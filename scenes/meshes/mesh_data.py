@@ -17,10 +17,10 @@ COSINE_OF_FLAT = 0.9945
 
 @dataclass(frozen=True, eq=False)
 class VertexAttribute:
-    """What a mesh file says about its vertices besides their geometry.
+    """What a mesh file says about its vertices, or its faces, besides their geometry.
 
     Attributes:
-        values: float64, shape [V, C]; whole numbers of a file as shares of their type's largest.
+        values: float64, shape [V, C], of faces [F, C]; whole numbers of a file as shares of their type's largest.
         coded: whether they are most likely meant for the screen (sRGB), if they are colours.
     """
 
@@ -38,6 +38,7 @@ class MeshData:
         normals: unit vertex normals, float64, shape [V, 3], or None.
         uvs: texture coordinates, float64, shape [V, 2], or None.
         attributes: others by name, as Mitsuba calls them: "vertex_color", ...
+        face_attributes: likewise, one value a face: "face_color", ...
     """
 
     vertices: NDArray[np.float64]
@@ -45,6 +46,7 @@ class MeshData:
     normals: NDArray[np.float64] | None = None
     uvs: NDArray[np.float64] | None = None
     attributes: Mapping[str, VertexAttribute] = field(default_factory=dict)
+    face_attributes: Mapping[str, VertexAttribute] = field(default_factory=dict)
 
     def transformed(self, matrix: Matrix) -> MeshData:
         """The mesh mapped by an affine matrix.
@@ -63,6 +65,18 @@ class MeshData:
     def flipped(self) -> MeshData:
         """The mesh with front and back exchanged."""
         return replace(self, faces=self.faces[:, ::-1], normals=None if self.normals is None else -self.normals)
+
+    def apart(self) -> MeshData:
+        """The mesh with vertices of its own for every face: three to a face, in the order of the faces."""
+        kept = self.faces.reshape(-1)
+        return replace(
+            self,
+            vertices=self.vertices[kept],
+            faces=np.arange(len(kept)).reshape(-1, 3),
+            normals=None if self.normals is None else self.normals[kept],
+            uvs=None if self.uvs is None else self.uvs[kept],
+            attributes={name: replace(a, values=a.values[kept]) for name, a in self.attributes.items()},
+        )
 
     def flat(self) -> MeshData:
         """The mesh without vertex normals."""

@@ -1,7 +1,7 @@
 """Reads PLY files: ASCII and binary, either byte order.
 
 Format: Greg Turk, "The PLY Polygon File Format", 1994. Polygons are cut into fans. Elements that are not
-geometry are skipped; properties of vertices that are not become attributes.
+geometry are skipped; properties of vertices and of faces that are not become attributes.
 
 Read by hand: trimesh (5.2) takes faces that name vertices which do not exist, and of a file that ends too early what
 there is, without a word.
@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.meshes.mapped import FileBytes, map_file
-from wdpm.scenes.meshes.mesh_data import MeshData, triangulate_fans
+from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute, triangulate_fans
 from wdpm.scenes.meshes.ply_bodies import AsciiBody, BinaryBody, ElementKind, Property, Table
-from wdpm.scenes.meshes.vertex_attributes import named_attributes
+from wdpm.scenes.meshes.vertex_attributes import grouped, named_attributes
 
 _TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -50,15 +50,71 @@ def read_ply(file: Path) -> MeshData:
     columns: dict[str, Table] = {}
     whole: dict[str, int] = {}
     polygons: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
+    of_faces: dict[str, VertexAttribute] = {}
     for kind in kinds:
         if kind.has_lists:
+            begin = reader.position
             found = reader.read_lists(kind, _CORNER_NAMES if kind.name == "face" else ())
-            polygons = found if kind.name == "face" else polygons
+            if kind.name == "face":
+                polygons = found
+                of_faces = _face_attributes(reader, begin, kind, found[0])
         else:
             columns[kind.name] = reader.read_table(kind)
         if kind.name == "vertex":
-            whole = {p.name: int(np.iinfo(p.dtype).max) for p in kind.properties if p.dtype[0] in "iu"}
-    return _assemble(columns.get("vertex"), whole, polygons, file)
+            whole = _whole(kind)
+    return _assemble(columns.get("vertex"), whole, polygons, of_faces, file)
+
+
+def _whole(kind: ElementKind) -> dict[str, int]:
+    """The largest value of each property that is a whole number."""
+    return {p.name: int(np.iinfo(p.dtype).max) for p in kind.properties if p.dtype[0] in "iu"}
+
+
+def _face_attributes(
+    reader: AsciiBody | BinaryBody, begin: int, kind: ElementKind, counts: NDArray[np.int64]
+) -> dict[str, VertexAttribute]:
+    """What a file says of its polygons besides their corners; nothing where these are not all of as many corners.
+
+    Args:
+        begin: where the element begins: of the file's bytes, or of the words of its text.
+        counts: corners of each.
+    """
+    single = [p.name for p in kind.properties if p.count_dtype is None]
+    lists = len(kind.properties) - len(single)
+    if not grouped(single, "face") or lists != 1 or not len(counts) or counts.min() != counts.max():
+        return {}
+    corners = int(counts[0])
+    if isinstance(reader, BinaryBody):
+        columns = _binary_columns(reader, begin, kind, corners)
+    else:
+        columns = _ascii_columns(reader, begin, kind, corners)
+    return named_attributes(columns, _whole(kind), "face")
+
+
+def _binary_columns(reader: BinaryBody, begin: int, kind: ElementKind, corners: int) -> dict[str, NDArray[np.float64]]:
+    fields: list[tuple[str, str] | tuple[str, str, tuple[int]]] = []
+    for p in kind.properties:
+        if p.count_dtype is None:
+            fields.append((p.name, reader.order + p.dtype))
+        else:
+            fields += [("corners", reader.order + p.count_dtype), (p.name, reader.order + p.dtype, (corners,))]
+    table = np.frombuffer(reader.data, np.dtype(fields), kind.count, begin)
+    return {p.name: table[p.name].astype(np.float64) for p in kind.properties if p.count_dtype is None}
+
+
+def _ascii_columns(reader: AsciiBody, begin: int, kind: ElementKind, corners: int) -> dict[str, NDArray[np.float64]]:
+    columns: dict[str, NDArray[np.float64]] = {}
+    width = len(kind.properties) + corners
+    place = begin
+    for p in kind.properties:
+        if p.count_dtype is not None:
+            place += 1 + corners
+            continue
+        words = slice(place, begin + width * kind.count, width)
+        ends = zip(reader.begin[words].tolist(), reader.end[words].tolist(), strict=True)
+        columns[p.name] = np.array([float(reader.data[first:last].tobytes()) for first, last in ends])
+        place += 1
+    return columns
 
 
 def _read_header(data: FileBytes, file: Path) -> tuple[str, list[ElementKind], int]:
@@ -107,6 +163,7 @@ def _assemble(
     columns: Table | None,
     whole: dict[str, int],
     polygons: tuple[NDArray[np.int64], NDArray[np.int64]] | None,
+    of_faces: dict[str, VertexAttribute],
     file: Path,
 ) -> MeshData:
     vertices = None if columns is None else columns.together(("x", "y", "z"))
@@ -124,4 +181,7 @@ def _assemble(
     faces = corners.reshape(-1, 3) if counts.max() == 3 else corners[triangulate_fans(counts)[0]]
     uvs = next((found for names in _UV_NAMES if (found := columns.together(names)) is not None), None)
     normals = columns.together(("nx", "ny", "nz"))
-    return MeshData(vertices, faces, normals, uvs, named_attributes(columns, whole))
+    if of_faces and counts.max() > 3:
+        triangles = np.repeat(np.arange(len(counts)), counts - 2)
+        of_faces = {name: VertexAttribute(a.values[triangles], a.coded) for name, a in of_faces.items()}
+    return MeshData(vertices, faces, normals, uvs, named_attributes(columns, whole), of_faces)

@@ -64,7 +64,7 @@ def _read_obj_scene(file: Path, size: tuple[int, int] | None, frame: Frame | Non
     materials: list[Material] = []
     meshes: list[Mesh] = []
     for number, name in enumerate(obj.materials):
-        part = _part(obj, number)
+        part = part_of(obj, number)
         entry = library.get(name)
         if entry is not None:
             mesh, material = _placed(name or file.stem, part, number, entry.emission), entry.material
@@ -81,7 +81,7 @@ def _read_obj_scene(file: Path, size: tuple[int, int] | None, frame: Frame | Non
     return framed_scene(file.stem, meshes, materials, size=size, warnings=warnings, frame=frame)
 
 
-def _part(obj: ObjFile, material: int) -> MeshData:
+def part_of(obj: ObjFile, material: int) -> MeshData:
     """The triangles of one material, with the vertices that they use."""
     mesh = obj.mesh
     if len(obj.materials) == 1:  # every vertex is a corner of some triangle

@@ -1,4 +1,4 @@
-"""Attributes of vertices: how files name them, and which of them a mesh's materials read."""
+"""Attributes of vertices and faces: how files name them, and which of them a mesh's materials read."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _CHANNELS: Final = ("rgba", "0123", "xyzw")
 
 
 def named_attributes(
-    columns: Mapping[str, NDArray[np.float64]], whole: Mapping[str, int]
+    columns: Mapping[str, NDArray[np.float64]], whole: Mapping[str, int], element: str = "vertex"
 ) -> dict[str, VertexAttribute]:
     """The attributes that columns of a PLY file make up, by the names that Mitsuba 3 gives them.
 
@@ -27,17 +27,25 @@ def named_attributes(
     Args:
         columns: values by property, each of shape [V].
         whole: the largest value of the properties that are whole numbers.
+        element: what they are of, "vertex" or "face", which names begin with.
     """
+    groups = grouped(columns, element)
+    return {group: _attribute(columns, names, whole) for group, names in groups.items()}
+
+
+def grouped(properties: Iterable[str], element: str) -> dict[str, list[str]]:
+    """Which properties of an element make up which attribute."""
+    names = list(properties)
     groups: dict[str, list[str]] = {}
-    for names in _COLOR_NAMES:
-        if all(name in columns for name in names):
-            groups.setdefault(VERTEX_COLOR, list(names))
-    for name in columns:
+    for channels in _COLOR_NAMES:
+        if all(name in names for name in channels):
+            groups.setdefault(f"{element}_color", list(channels))
+    for name in names:
         base, _, channel = name.rpartition("_")
         kind = next((kind for kind in _CHANNELS if base and len(channel) == 1 and channel in kind), None)
         if kind is not None:
-            groups.setdefault(f"vertex_{base}_color" if kind == "rgba" else f"vertex_{base}", []).append(name)
-    return {group: _attribute(columns, names, whole) for group, names in groups.items()}
+            groups.setdefault(f"{element}_{base}_color" if kind == "rgba" else f"{element}_{base}", []).append(name)
+    return groups
 
 
 def _attribute(
@@ -47,30 +55,35 @@ def _attribute(
     return VertexAttribute(np.stack(scaled, axis=1), coded=all(name in whole for name in names))
 
 
-def colors_of(mesh: MeshData, names: Iterable[str]) -> NDArray[np.float64] | None:
-    """The colours that go with a mesh (Mesh.colors) whose materials read these attributes, shape [V, 3].
+def with_colors(mesh: MeshData, names: Iterable[str]) -> tuple[MeshData, NDArray[np.float64] | None]:
+    """A mesh with the colours that go with it (Mesh.colors) where its materials read these attributes, shape [V, 3].
 
     The values are as in the file, without decoding, as in Mitsuba. One channel is spread over three, a fourth dropped.
+    Where they are of faces, every face of the mesh that is returned has vertices of its own.
 
     Args:
         names: of attributes (bsdfs.vertex_attributes).
 
     Returns:
-        None if there are no names.
+        The mesh; its colours, None if there are no names.
 
     Raises:
         ValueError: more than one name, or one that the mesh does not have.
     """
     wanted = sorted(names)
     if not wanted:
-        return None
+        return mesh, None
     if len(wanted) > 1:
-        raise ValueError(f"its materials read several attributes of vertices ({', '.join(wanted)}); one is supported")
-    if wanted[0] not in mesh.attributes:
-        has = f"it has {', '.join(mesh.attributes)}" if mesh.attributes else "it has none"
+        raise ValueError(f"its materials read several attributes of its mesh ({', '.join(wanted)}); one is supported")
+    known = {**mesh.attributes, **mesh.face_attributes}
+    if wanted[0] not in known:
+        has = f"it has {', '.join(known)}" if known else "it has none"
         raise ValueError(f'the mesh has no attribute "{wanted[0]}" ({has})')
-    values = mesh.attributes[wanted[0]].values
-    return np.repeat(values[:, :1], 3, axis=1) if values.shape[1] < 3 else values[:, :3]
+    values = known[wanted[0]].values
+    colors = np.repeat(values[:, :1], 3, axis=1) if values.shape[1] < 3 else values[:, :3]
+    if wanted[0] in mesh.attributes:
+        return mesh, colors
+    return mesh.apart(), np.repeat(colors, 3, axis=0)
 
 
 def screen_colors(mesh: MeshData) -> NDArray[np.float64] | None:

@@ -6,7 +6,9 @@ lights are chosen by what they are good for.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -15,9 +17,10 @@ from wdpm.scenes.images.read import read_texture
 from wdpm.scenes.mitsuba.daylight import DAYLIGHT_PLUGINS, read_daylight
 from wdpm.scenes.mitsuba.media import MediaReader
 from wdpm.scenes.mitsuba.plugin import Plugin
+from wdpm.scenes.mitsuba.sensor import read_fov, read_unscaled
 from wdpm.scenes.mitsuba.supported import reads
-from wdpm.scenes.mitsuba.textures import TextureReader, take_plain
-from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
+from wdpm.scenes.mitsuba.textures import UPWARDS, TextureReader, take_plain
+from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, ProjectorLight, SpotLight
 from wdpm.scenes.model.textures import RGB, Bitmap, Color
 from wdpm.scenes.model.transforms import Matrix, normalized
 
@@ -113,18 +116,47 @@ def _read_spot(reader: EmitterReader, plugin: Plugin) -> SpotLight:
     if not 0.0 <= beam <= cutoff:
         raise beam_error
     return SpotLight(
-        plugin.name, to_world, intensity, cutoff, beam, _read_pattern(reader, plugin), reader.media.read_around(plugin)
+        plugin.name,
+        to_world,
+        intensity,
+        cutoff,
+        beam,
+        _read_pattern(reader, plugin, "texture"),
+        reader.media.read_around(plugin),
     )
 
 
-def _read_pattern(reader: EmitterReader, plugin: Plugin) -> Bitmap | None:
-    nested = plugin.take_one("texture", "texture")
+@_reads("projector")
+def _read_projector(reader: EmitterReader, plugin: Plugin) -> ProjectorLight:
+    scale_error = plugin.value_error("scale", "must not be negative")
+    scale = plugin.take_float("scale", 1.0)
+    if scale < 0.0:
+        raise scale_error
+    picture = None
+    if plugin.has_nested("texture", "irradiance") and not plugin.has("irradiance"):
+        picture = _read_pattern(reader, plugin, "irradiance")
+    irradiance = WHITE if picture is not None else read_emission(plugin, "irradiance")
+    aspect = 1.0 if picture is None else picture.pixels.shape[1] / picture.pixels.shape[0]
+    red, green, blue = (math.pi * scale * channel for channel in irradiance)  # its irradiance is that of radiance 1
+    return ProjectorLight(
+        plugin.name,
+        read_unscaled(plugin),
+        (red, green, blue),
+        read_fov(plugin, aspect),
+        aspect,
+        picture,
+        reader.media.read_around(plugin),
+    )
+
+
+def _read_pattern(reader: EmitterReader, plugin: Plugin, name: str) -> Bitmap | None:
+    nested = plugin.take_one("texture", name)
     if nested is None:
         return None
     texture = reader.textures.read(nested)
     if not isinstance(texture, Bitmap):
-        raise nested.error(f'{plugin}: "texture" must be a bitmap, not a {nested.type}')
-    return texture
+        raise nested.error(f'{plugin}: "{name}" must be a bitmap, not a {nested.type}')
+    return replace(texture, to_uv=texture.to_uv @ UPWARDS)  # lights know v = 1 as the top, their textures Mitsuba's v
 
 
 @_reads("directional")

@@ -22,11 +22,11 @@ class GroupReader:
     """Reads groups when an instance first asks for them.
 
     Args:
-        read_mesh: of a shape plugin.
+        read_meshes: of a shape plugin.
     """
 
-    def __init__(self, read_mesh: Callable[[Plugin], Mesh]) -> None:
-        self._read_mesh = read_mesh
+    def __init__(self, read_meshes: Callable[[Plugin], list[Mesh]]) -> None:
+        self._read_meshes = read_meshes
         self._groups: dict[int, Members] = {}
         self._open: list[Element] = []
         self._count = 0
@@ -67,7 +67,10 @@ class GroupReader:
             for shape in group.take_nested("shape"):
                 if shape.type == "shapegroup":
                     raise shape.error(f"{group} holds another group; let an instance of that stand in it")
-                members += self._placed(shape) if shape.type == "instance" else [(self._read_mesh(shape), np.eye(4))]
+                if shape.type == "instance":
+                    members += self._placed(shape)
+                else:
+                    members += [(mesh, np.eye(4)) for mesh in self._read_meshes(shape)]
                 if len(members) > MOST_INSTANCES:
                     raise shape.error(f"{group}: nested instances stand for more than {MOST_INSTANCES:,} meshes")
             group.finish()

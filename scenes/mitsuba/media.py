@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +17,15 @@ from wdpm.scenes.model.textures import RGB
 from wdpm.scenes.model.volumes import Volume
 
 _SAME_PLACE = 1e-6  # of a mesh's size: vertices nearer than about this are one
+
+
+@dataclass(frozen=True)
+class Sides:
+    """The media inside and outside of a shape, and whether it bounds any."""
+
+    inside: int | None
+    outside: int | None
+    bounds: bool
 
 
 class MediaReader:
@@ -34,10 +45,10 @@ class MediaReader:
         """The medium that an emitter or a sensor is in, or None."""
         return self._read(plugin.take_one("medium"))
 
-    def read_sides(self, shape: Plugin) -> tuple[int | None, int | None, bool]:
-        """The media inside and outside of a shape, and whether it bounds any."""
+    def read_sides(self, shape: Plugin) -> Sides:
+        """The media on both sides of a shape."""
         inside, outside = shape.take_one("medium", "interior"), shape.take_one("medium", "exterior")
-        return self._read(inside), self._read(outside), inside is not None or outside is not None
+        return Sides(self._read(inside), self._read(outside), inside is not None or outside is not None)
 
     def warn_if_open(self, shape: Plugin, mesh: MeshData) -> None:
         """A warning for a shape that bounds media but is not closed: light may then enter without a boundary."""

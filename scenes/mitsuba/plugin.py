@@ -232,6 +232,15 @@ class Plugin:
         self._nested = [pair for pair in self._nested if pair not in taken]
         return [Plugin(element, self.document) for _, element in taken]
 
+    def take_named(self, category: str) -> list[tuple[str, Plugin]]:
+        """The nested plugins of a category with the names that they are nested under, in document order."""
+        names = [name for name, element in self._nested if element.tag == category]
+        return [*zip(names, self.take_nested(category), strict=True)]
+
+    def count_nested(self, category: str) -> int:
+        """How many plugins of a category are nested; does not take them."""
+        return sum(element.tag == category for _, element in self._nested)
+
     def take_one(self, category: str, name: str | None = None) -> Plugin | None:
         """The nested plugin of a category, if there is one; more than one is an error."""
         found = self.take_nested(category, name)

@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from wdpm.scenes.meshes.framing import Frame, added_camera, refuse_frame
 from wdpm.scenes.meshes.mesh_data import MeshData
-from wdpm.scenes.meshes.vertex_attributes import colors_of
+from wdpm.scenes.meshes.vertex_attributes import with_colors
 from wdpm.scenes.mitsuba.document import Document, Element, read_document
 from wdpm.scenes.mitsuba.emitters import EmitterReader
 from wdpm.scenes.mitsuba.groups import GroupReader
 from wdpm.scenes.mitsuba.materials import MaterialReader
-from wdpm.scenes.mitsuba.media import MediaReader
+from wdpm.scenes.mitsuba.media import MediaReader, Sides
+from wdpm.scenes.mitsuba.named_materials import parts_of, take_named_bsdfs
 from wdpm.scenes.mitsuba.plugin import OBJECT_TAGS, VALUE_TAGS, Plugin, left_out, unknown_tag
 from wdpm.scenes.mitsuba.sensor import Size, read_integrator, read_sensor
 from wdpm.scenes.mitsuba.shapes import ShapeReader, Use
@@ -83,7 +84,7 @@ class _SceneReader:
             self.materials.textures, self.media, old_axes=_is_old(document), warnings=self.warnings
         )
         self.shapes = ShapeReader(_count_spheres(document), self.warnings)
-        self.groups = GroupReader(self._mesh)
+        self.groups = GroupReader(self._read_meshes)
         self.meshes: list[Solid] = []
         self.lights: list[Light] = []
         self.sensors: list[Plugin] = []
@@ -149,22 +150,36 @@ class _SceneReader:
             if plugin.id is None:
                 self.warnings.append(f"line {plugin.line}: {plugin} without id: nothing can use it")
         else:
-            self.meshes.append(self._mesh(plugin))
+            self.meshes += self._read_meshes(plugin)
 
-    def _mesh(self, plugin: Plugin) -> Mesh:
-        """A shape that has triangles of its own."""
+    def _read_meshes(self, plugin: Plugin) -> list[Mesh]:
+        """A shape that has triangles of its own: one mesh, or one for each material of its file."""
         emitter = plugin.take_one("emitter")
         emission = None if emitter is None else self.emitters.read_area(emitter)
-        material = self.materials.read(plugin.take_one("bsdf"), emits=emitter is not None)
-        inside, outside, bounds = self.media.read_sides(plugin)
-        mesh = self.shapes.read(plugin, Use(self._is_fine(material), emitter is not None))
+        emits = emitter is not None
+        by_material = take_named_bsdfs(plugin, old=_is_old(self.document))
+        sides = self.media.read_sides(plugin)
+        if by_material:
+            at = plugin.at("filename")
+            obj = self.shapes.read_obj_file(self.document.resolve_file(at.attribute("value"), at))
+            mesh = self.shapes.read(plugin, Use(fine=True, emits=emits))
+            parts = parts_of(plugin, mesh, obj, by_material, self.materials, emits=emits)
+        else:
+            material = self.materials.read(plugin.take_one("bsdf"), emits=emits)
+            mesh = self.shapes.read(plugin, Use(self._is_fine(material), emits))
+            parts = [(plugin.name, mesh, material)]
         plugin.finish()
-        self._warn_without_uvs(plugin, mesh, material, emission)
-        colors = self._vertex_colors(plugin, mesh, material, emission)
-        if bounds:
+        if sides.bounds:
             self.media.warn_if_open(plugin, mesh)
+        return [self._mesh(plugin, name, part, material, emission, sides) for name, part, material in parts]
+
+    def _mesh(
+        self, plugin: Plugin, name: str, mesh: MeshData, material: int, emission: Color | None, sides: Sides
+    ) -> Mesh:
+        self._warn_without_uvs(plugin, mesh, material, emission)
+        mesh, colors = self._with_colors(plugin, mesh, material, emission)
         return Mesh(
-            plugin.name,
+            name,
             mesh.vertices,
             mesh.faces,
             mesh.normals,
@@ -172,9 +187,9 @@ class _SceneReader:
             material,
             emission,
             colors,
-            inside,
-            outside,
-            bounds,
+            sides.inside,
+            sides.outside,
+            sides.bounds,
         )
 
     def _is_fine(self, material: int) -> bool:
@@ -182,11 +197,11 @@ class _SceneReader:
         dull = Diffuse | Null | TwoSided | Mask | Blend | BumpMap | NormalMap
         return not all(isinstance(node, dull) for node in walk(self.materials.materials[material].bsdf))
 
-    def _vertex_colors(
+    def _with_colors(
         self, plugin: Plugin, mesh: MeshData, material: int, emission: Color | None
-    ) -> NDArray[np.float64] | None:
+    ) -> tuple[MeshData, NDArray[np.float64] | None]:
         try:
-            return colors_of(mesh, vertex_attributes(self.materials.materials[material].bsdf, emission))
+            return with_colors(mesh, vertex_attributes(self.materials.materials[material].bsdf, emission))
         except ValueError as error:
             raise plugin.error(f"shape {plugin.name}: {error}") from error
 

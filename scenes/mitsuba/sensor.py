@@ -69,8 +69,8 @@ def read_sensor(
     aperture, focus = _read_lens(plugin, far, warnings)
     width, height = film.size if film.crop is None else film.crop[2:]
     camera = Camera(
-        _read_stretched(plugin) if orthographic else _read_to_world(plugin),
-        90.0 if orthographic else _read_fov(plugin, film.size[0] / film.size[1]),
+        _read_stretched(plugin) if orthographic else read_unscaled(plugin),
+        90.0 if orthographic else read_fov(plugin, film.size[0] / film.size[1]),
         width,
         height,
         near,
@@ -125,8 +125,10 @@ def _read_stretched(plugin: Plugin) -> np.ndarray:
     return matrix
 
 
-def _read_to_world(plugin: Plugin) -> np.ndarray:
-    error = plugin.value_error("to_world", "must not scale a sensor")
+def read_unscaled(plugin: Plugin) -> np.ndarray:
+    error = plugin.value_error(
+        "to_world", "must not scale " + ("an emitter" if plugin.category == "emitter" else "a sensor")
+    )
     matrix = plugin.take_transform("to_world")
     if matrix is None:
         return np.eye(4)
@@ -135,7 +137,7 @@ def _read_to_world(plugin: Plugin) -> np.ndarray:
     return matrix
 
 
-def _read_fov(plugin: Plugin, aspect: float) -> float:
+def read_fov(plugin: Plugin, aspect: float) -> float:
     """The horizontal field of view in degrees."""
     axis = plugin.take_choice("fov_axis", "x", _FOV_AXES)
     if plugin.has("fov") and plugin.has("focal_length"):

@@ -11,6 +11,7 @@ from wdpm.scenes.meshes import primitives
 from wdpm.scenes.meshes.creases import creased
 from wdpm.scenes.meshes.mesh_data import MeshData
 from wdpm.scenes.meshes.obj import read_obj
+from wdpm.scenes.meshes.obj_file import ObjFile
 from wdpm.scenes.meshes.ply import read_ply
 from wdpm.scenes.mitsuba.plugin import Plugin
 from wdpm.scenes.mitsuba.serialized import read_serialized
@@ -43,6 +44,7 @@ class ShapeReader:
         self._spheres = spheres
         self._warnings = [] if warnings is None else warnings
         self._files: dict[tuple[Path, int], MeshData] = {}
+        self._objs: dict[Path, ObjFile] = {}
 
     def read(self, plugin: Plugin, use: Use) -> MeshData:
         """The shape in world space, facing the way Mitsuba's does.
@@ -67,6 +69,12 @@ class ShapeReader:
             # Mitsuba computes normals for every mesh that lacks them, in world space, unless it is told to be flat
             mesh = mesh.smooth()
         return mesh.flipped() if plugin.take_bool("flip_normals", False) else mesh
+
+    def read_obj_file(self, file: Path) -> ObjFile:
+        """An OBJ file with its materials' names."""
+        if file not in self._objs:
+            self._objs[file] = read_obj(file)
+        return self._objs[file]
 
     def _creased(self, plugin: Plugin, mesh: MeshData, *, flat: bool) -> MeshData:
         """The mesh with 0.6's `maxSmoothAngle`, if it is given."""
@@ -97,7 +105,7 @@ class ShapeReader:
     def _load(self, plugin: Plugin, file: Path, index: int) -> MeshData:
         match plugin.type:
             case "obj":
-                return read_obj(file).mesh
+                return self.read_obj_file(file).mesh
             case "ply":
                 return read_ply(file)
         return read_serialized(file, index)

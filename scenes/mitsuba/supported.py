@@ -95,7 +95,6 @@ KNOWN: dict[str, tuple[str, ...]] = {
         "curvature",
     ),
     "emitter": (
-        "projector",
         "directionalarea",
         "timed_sunsky",
         "collimated",

@@ -36,14 +36,13 @@ from wdpm.scenes.spectra.spectrum import (
     parse_pairs,
 )
 
-LUMINANCE: Final = (0.212671, 0.715160, 0.072169)
-"""Weights of linear sRGB; how Mitsuba makes one number of a colour."""
-
 CONSTANTS: Final = ("uniform", "srgb", "d65", "regular", "irregular", "blackbody", "rawconstant")
 """Texture plugins that are the same everywhere: Mitsuba 3's spectra."""
 
 _VERTEX, _FACE = "vertex_", "face_"
-_UPWARDS = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
+
+UPWARDS: Final = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
+"""Texture coordinates whose v grows the other way."""
 
 
 class TextureReader:
@@ -121,15 +120,16 @@ class TextureReader:
         return colour
 
     def take_number(self, plugin: Plugin, name: str, default: float, *, most: float = np.inf) -> Number:
-        """A parameter that is a number or a texture; of a colour its luminance, as in Mitsuba."""
+        """A parameter that is a number or a texture; of a colour its mean, of an image its luminance, as in Mitsuba."""
         value = self.take_color(plugin, name, (default, default, default), most=most)
         if isinstance(value, Checkerboard):
             # Mitsuba 3.9 reads a checkerboard's numbers from the other squares than its colours (eval_1 and eval)
-            return self._exchanged.setdefault(value, replace(value, color0=value.color1, color1=value.color0))
+            return self._exchanged.setdefault(
+                value, replace(value, color0=_grey(value.color1), color1=_grey(value.color0))
+            )
         if isinstance(value, Texture):
             return value
-        # equal channels must give just their value, whatever rounding does to the weights' sum
-        return value[0] if len(set(value)) == 1 else float(np.dot(value, LUMINANCE))
+        return _grey(value)[0]
 
     def take_texture(self, plugin: Plugin, name: str | None = None) -> Texture | None:
         """The nested texture of this parameter name, or under any name, if there is one."""
@@ -147,7 +147,7 @@ class TextureReader:
         raw = plugin.take_bool("raw", False)
         wrap = Wrap(plugin.take_choice("wrap_mode", "repeat", [mode.value for mode in Wrap]))
         interpolation = self._filter(plugin)
-        to_uv = _UPWARDS @ _planar(plugin)  # Mitsuba's images begin at the top with v = 0
+        to_uv = UPWARDS @ _planar(plugin)  # Mitsuba's images begin at the top with v = 0
         _check_gamma(plugin)
         plugin.ignore("cache", "max_anisotropy", "accel", "format")  # change speed and memory only
         plugin.finish()
@@ -164,6 +164,14 @@ class TextureReader:
             self._warnings.append(f'texture {plugin.name}: filter "{name}" is replaced by "bilinear"')
             return Interpolation.BILINEAR
         return Interpolation(name)
+
+
+def _grey(colour: RGB) -> RGB:
+    """The number that Mitsuba makes of one colour: the mean, also where an image's would be its luminance."""
+    if len(set(colour)) == 1:
+        return colour  # just this value, whatever rounding does
+    mean = sum(colour) / 3.0
+    return mean, mean, mean
 
 
 def _check_gamma(plugin: Plugin) -> None:
@@ -270,9 +278,7 @@ def _vertex_colors(plugin: Plugin) -> VertexColors:
         return VertexColors("vertex_color")
     at = plugin.at("name")
     name = plugin.take_string("name")
-    if name.startswith(_FACE):
-        raise at.error(f'{plugin}: attributes of faces ("{name}") are not supported; use one of vertices')
-    if not name.startswith(_VERTEX):
+    if not name.startswith((_VERTEX, _FACE)):
         raise at.error(f'{plugin}: "name" must begin with "{_VERTEX}" or "{_FACE}", got "{name}"')
     at = plugin.at("scale")
     scale = plugin.take_float("scale", 1.0)

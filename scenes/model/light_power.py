@@ -77,13 +77,27 @@ def spot_power(intensity: float, cutoff: float, beam: float) -> float:
     return intensity * 2.0 * math.pi * (1.0 - (math.sin(cutoff) - math.sin(beam)) / (cutoff - beam))
 
 
+def pattern_mean(texture: Bitmap) -> float:
+    """Mean of RGB of a texture over the unit square, at least LEAST_SHARE of the texture's own."""
+    return _mean_at(texture, _square_grid())
+
+
 def spot_pattern_mean(texture: Bitmap, cutoff: float) -> float:
     """Mean of RGB of a spot light's texture over the cone, at least LEAST_SHARE of the texture's own."""
-    place = (np.arange(64) + 0.5) / 64
-    uv = np.stack(np.meshgrid(place, place), axis=2).reshape(-1, 2)
+    uv = _square_grid()
     inside = np.sum((uv - 0.5) ** 2, axis=1) < 0.25
     # Beyond a right angle the plane that carries the texture is not met, and the formula repeats it.
-    shown = texture_values(texture, uv if cutoff >= math.pi / 2 else uv[inside], np.ones((1, 3)))
+    return _mean_at(texture, uv if cutoff >= math.pi / 2 else uv[inside])
+
+
+def _square_grid() -> Array:
+    """Places spread evenly over the unit square, shape [N, 2]."""
+    place = (np.arange(64) + 0.5) / 64
+    return np.stack(np.meshgrid(place, place), axis=2).reshape(-1, 2)
+
+
+def _mean_at(texture: Bitmap, uv: Array) -> float:
+    shown = texture_values(texture, uv, np.ones((1, 3)))
     return max(float(shown.mean()), LEAST_SHARE * texture_mean(texture, np.zeros((0, 3, 3), np.float32)))
 
 

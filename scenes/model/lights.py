@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.model.light_kind import LightKind, LightRow
-from wdpm.scenes.model.light_power import spot_pattern_mean, spot_power
+from wdpm.scenes.model.light_power import pattern_mean, spot_pattern_mean, spot_power
 from wdpm.scenes.model.textures import RGB, Bitmap
 
-__all__ = ["DirectionalLight", "Environment", "Light", "PointLight", "SpotLight"]
+__all__ = ["DirectionalLight", "Environment", "Light", "PointLight", "ProjectorLight", "SpotLight"]
 
 Array = NDArray[np.float64]
 Place = Callable[[Any], Array]
@@ -187,6 +187,65 @@ class SpotLight(DeltaLight):
     def _angles(self) -> tuple[float, float]:
         """Half angles of no light and of full light, radians."""
         return math.radians(self.cutoff_angle), math.radians(self.beam_width)
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectorLight(DeltaLight):
+    """A point that throws a picture, as Mitsuba's `projector`: what a perspective camera there would see, reversed.
+
+    Its irradiance on any plane across its axis is that of the picture. Intensity falls off the axis accordingly: it is
+    that on the axis over the cosine cubed.
+
+    Attributes:
+        to_world: shape [4, 4]; the light sits at the origin and shines along +z, with +x to the picture's left.
+        intensity: on the axis where the picture is 1, linear RGB [W/sr].
+        fov: horizontal field of view in degrees.
+        aspect: width over height of the picture.
+        texture: the picture, a factor of the intensity; None for a white one.
+    """
+
+    KIND = LightKind(2, "projector", "projectors", numbers=("half_width", "half_height"))
+
+    to_world: Array
+    intensity: RGB
+    fov: float
+    aspect: float = 1.0
+    texture: Bitmap | None = None
+    medium: int | None = None
+
+    @property
+    def at(self) -> Array:
+        return np.asarray(self.to_world, np.float64)[:3, 3]
+
+    @property
+    def orientation(self) -> Array:
+        return self.to_world
+
+    @property
+    def strength(self) -> Array:
+        return np.array(self.intensity)
+
+    def moved(self, place: Place, unit: float) -> ProjectorLight:
+        to_world = np.array(self.to_world, np.float64)
+        to_world[:3, 3] = place(to_world[:3, 3])
+        return replace(self, to_world=to_world, intensity=_times(self.intensity, unit**-2.0))
+
+    def row(self) -> LightRow:
+        """Its numbers: half the picture's width and height at distance 1. The cone just holds its corners."""
+        width, height = self._half_size()
+        x, y, z = (float(value) for value in self.at)
+        corner = 1.0 / math.sqrt(1.0 + width * width + height * height)
+        return LightRow(self.intensity, (x, y, z), axes_of(self.to_world), corner * (1.0 - 1e-6), (width, height))
+
+    def power(self, radius: float) -> float:  # noqa: ARG002 - all of it is in the scene
+        width, height = self._half_size()
+        power = _mean(self.intensity) * 4.0 * width * height
+        return power if self.texture is None else power * pattern_mean(self.texture)
+
+    def _half_size(self) -> tuple[float, float]:
+        """Of the picture at distance 1."""
+        width = math.tan(math.radians(self.fov) / 2.0)
+        return width, width / self.aspect
 
 
 @dataclass(frozen=True)

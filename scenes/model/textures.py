@@ -69,7 +69,7 @@ class Checkerboard:
 
 @dataclass(frozen=True, eq=False)
 class VertexColors:
-    """The colours at a mesh's vertices (Mesh.colors), linear between them.
+    """The colours at a mesh's vertices (Mesh.colors), linear between them; also of faces that have their own vertices.
 
     Attributes:
         name: of the attribute in the file.

@@ -27,7 +27,7 @@ from wdpm.scenes.model.bsdfs import (
     ThinDielectric,
     TwoSided,
 )
-from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
+from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, ProjectorLight, SpotLight
 from wdpm.scenes.model.scene import Camera, FilterKind, Material, Medium, Mesh, PixelFilter, Scene
 from wdpm.scenes.model.textures import RGB, Bitmap, Checkerboard, Interpolation, VertexColors, Wrap
 from wdpm.scenes.model.transforms import look_at, rotation, scaling, translation
@@ -260,6 +260,7 @@ def everything() -> Scene:
     lights: tuple[Light, ...] = (
         PointLight("point", (0.3, -0.4, -0.1), (0.6, 0.6, 0.5), 0),  # in the smoke
         SpotLight("spot", down, (5.0, 4.0, 3.0), 30.0, 20.0, NOISE),
+        ProjectorLight("slide", down, (1.0, 1.5, 2.0), 50.0, 1.3, NOISE),
         DirectionalLight("sun", (0.4, -0.8, 0.4472136), (1.0, 0.9, 0.8)),
         Environment("sky", SKY, rotation((0.1, 1.0, 0.3), 70.0)),
     )

@@ -17,7 +17,7 @@ from wdpm.kernels.materials import texture
 from wdpm.kernels.materials.texture import Textures
 from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.light_table import LightTable, tabulate_lights
-from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
+from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, ProjectorLight, SpotLight
 from wdpm.scenes.model.scene import Mesh
 from wdpm.scenes.model.textures import RGB, Texture
 from wdpm.scenes.model.transforms import look_at
@@ -259,6 +259,9 @@ def without_power(table: LightTable, elements: Sequence[int]) -> LightTable:
 
 POINT = PointLight("point", (1.0, 2.0, 2.0), (1.0, 2.0, 3.0))
 SPOT = SpotLight("spot", look_at((1, -1, 3), (0, 0.2, 0), (0, 1, 0)), (4.0, 5.0, 6.0), 30.0, 20.0)
+PROJECTOR = ProjectorLight(
+    "projector", look_at((1, -1, 3), (0, 0.2, 0), (0, 1, 0)), (4.0, 5.0, 6.0), fov=70.0, aspect=1.4
+)
 SUN = DirectionalLight("sun", (0.6, 0.0, -0.8), (1.0, 0.5, 0.25))
 
 
@@ -274,6 +277,7 @@ KINDS: dict[str, tuple[list[Light], Features]] = {
     "none": ([], Features()),
     "points": ([POINT], Features(points=True)),
     "spots": ([SPOT], Features(spots=True)),
+    "projectors": ([PROJECTOR], Features(projectors=True)),
     "directionals": ([SUN], Features(directionals=True)),
     "environment": ([sky()], Features(environment=True)),
 }

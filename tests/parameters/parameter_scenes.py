@@ -94,7 +94,7 @@ def write_files(folder: Path) -> None:
 
 def parameter_xml(name: str, kind: str, value: str | None = None, plugin: str = "") -> str:
     """One parameter, of a fitting value unless one is given."""
-    if kind == "texture" and plugin == "spot":
+    if kind == "texture" and plugin in ("spot", "projector"):
         return f'<texture type="bitmap" name="{name}"><string name="filename" value="a.png"/></texture>'
     if kind == "texture":
         return f'<texture type="checkerboard" name="{name}"/>'

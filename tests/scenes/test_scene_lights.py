@@ -23,6 +23,8 @@ from wdpm.scenes.model.scene import Scene
 from wdpm.scenes.model.textures import Bitmap, Checkerboard
 
 FLOOR = '<shape type="rectangle"/>'
+SLIDE = '<texture type="checkerboard" name="irradiance"/>'
+WIDE = '<transform name="to_world"><scale x="2"/></transform>'
 
 
 def read(folder: Path, body: str, version: str = "3.0.0") -> Scene:
@@ -164,7 +166,11 @@ ERRORS = (
         "cannot both be given",
     ),
     (emitter("sunsky", "\n" + number("stretch", 2)), 3, 'unknown parameter "stretch"'),
-    (emitter("projector"), 2, '"projector" is not supported yet; supported: area, point, spot'),
+    (emitter("collimated"), 2, '"collimated" is not supported yet; supported: area, point, spot'),
+    (emitter("projector", number("scale", -1)), 2, '"scale" must not be negative'),
+    (emitter("projector", number("fov", 180)), 2, '"fov" must lie between 0 and 180 degrees'),
+    (emitter("projector", SLIDE), 2, '"irradiance" must be a bitmap, not a checkerboard'),
+    (emitter("projector", WIDE), 2, '"to_world" must not scale an emitter'),
     (emitter("spot", "\n" + number("cutof_angle", 9)), 3, 'did you mean "cutoff_angle"?'),
     (f'<shape type="cube">\n{emitter("spot")}</shape>', 3, 'a shape takes an emitter "area"'),
     (emitter("area"), 2, 'emitter "area" must be nested in a shape'),

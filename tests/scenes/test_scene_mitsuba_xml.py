@@ -293,7 +293,7 @@ ERRORS = [
     ('<shape type="cube"><transform name="to_world"><scale x="0"/>\n</transform></shape>', 2, "flattens space"),
     ('<shape type="obj">\n<string name="filename" value="no.obj"/></shape>', 3, 'file "no.obj" not found'),
     ('<shape type="obj"/>', 2, '"filename" is missing'),
-    ('<emitter type="projector"/>', 2, 'emitter plugin "projector" is not supported yet; supported: area, point'),
+    ('<emitter type="collimated"/>', 2, 'emitter plugin "collimated" is not supported yet; supported: area, point'),
     ('<emitter type="area"/>', 2, "must be nested in a shape"),
     ('\n\n<subsurface type="dipole"/>', 4, "<subsurface> is not supported yet"),
     ("<shpe/>", 2, 'unknown element <shpe>; did you mean "shape"?'),

@@ -62,7 +62,7 @@ def test_an_unknown_integrators_depth_and_a_samplers_count_hold(tmp_path: Path) 
 # what changes the picture: (body, what the lenient reader says; it goes on)
 CHANGES = [
     ('<shape type="hair"/>', 'shape plugin "hair" is not supported yet: it is left out'),
-    ('<emitter type="projector"/>', 'emitter plugin "projector" is not supported yet: it is left out'),
+    ('<emitter type="collimated"/>', 'emitter plugin "collimated" is not supported yet: it is left out'),
     ('<shape type="cube"><bsdf type="hair"/></shape>', 'it is taken for "diffuse"'),
     (
         '<shape type="cube"><bsdf type="velvet"><float name="pile" value="1"/></bsdf></shape>',

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 import pytest
-from light_rig import KINDS, POINT, SPOT, SUN, Array, Photons, Rows, emitted, sky, square, table_of
+from light_rig import KINDS, POINT, PROJECTOR, SPOT, SUN, Array, Photons, Rows, emitted, sky, square, table_of
 
 from wdpm.kernels.lights.target_clusters import MOST_TARGETS, cluster_targets
-from wdpm.scenes.model.lights import Environment, Light, SpotLight
+from wdpm.scenes.model.lights import Environment, Light, ProjectorLight, SpotLight
 from wdpm.scenes.model.textures import Bitmap, Interpolation
 
 COUNT = 1 << 16
@@ -20,10 +20,11 @@ LIGHTS: dict[str, tuple[bool, list[Light]]] = {
     "area": (True, []),
     "point": (False, [POINT]),
     "spot": (False, [SPOT]),
+    "projector": (False, [PROJECTOR]),
     "directional": (False, [SUN]),
     "environment": (False, [sky()]),
     "constant": (False, [Environment("constant", np.full((1, 1, 3), [1.0, 2.0, 3.0], np.float32))]),
-    "all": (True, [POINT, SPOT, SUN, sky()]),
+    "all": (True, [POINT, SPOT, PROJECTOR, SUN, sky()]),
 }
 
 
@@ -70,6 +71,20 @@ def test_photons_of_a_textured_square_carry_what_it_shows() -> None:
     np.testing.assert_array_equal(photons.flux[:, 1] > 0, ~left)
     assert np.all(photons.direction[:, 2] <= 1e-7)
     assert photons.origin[:, 2].max() < 2.0
+
+
+def test_a_projector_throws_its_picture() -> None:
+    """Left is where +x is; the flux of each half is its share of the area at distance 1."""
+    texture = Bitmap("halves", np.array([[[1, 0, 0], [0, 3, 0]]], np.float32), interpolation=Interpolation.NEAREST)
+    projector = ProjectorLight("projector", np.eye(4), (1.0, 1.0, 1.0), 90.0, 2.0, texture)
+    table = table_of(others=[projector], textures=[texture])
+    photons = emitted(table, COUNT, [texture])
+    np.testing.assert_array_equal(photons.flux[:, 0] > 0, photons.direction[:, 0] > 0)
+    mean, error = mean_and_error(photons.flux)
+    assert np.all(np.abs(mean - np.array([1, 3, 0])) <= ERRORS * error)  # half of 2 x 1 each
+    assert table.power.sum() == pytest.approx(4 / 3)
+    at_one = photons.direction[:, :2] / photons.direction[:, 2:]
+    np.testing.assert_allclose(np.abs(at_one).max(axis=0), [1.0, 0.5], rtol=1e-3)
 
 
 def test_a_patterned_spot_shows_its_pattern() -> None:

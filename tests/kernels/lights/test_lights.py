@@ -8,11 +8,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from light_rig import KINDS, POINT, SPOT, SUN, Array, direct, irradiance, numbers, sky, square, table_of, without_power
+from light_rig import (
+    KINDS,
+    POINT,
+    PROJECTOR,
+    SPOT,
+    SUN,
+    Array,
+    direct,
+    irradiance,
+    numbers,
+    sky,
+    square,
+    table_of,
+    without_power,
+)
 
 from wdpm.kernels.lights.tree import EVEN
 from wdpm.scenes.flat.light_table import LightTable
-from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, SpotLight
+from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, ProjectorLight, SpotLight
 from wdpm.scenes.model.textures import Bitmap, Interpolation
 
 COUNT = 1 << 15
@@ -338,6 +352,13 @@ def mitsuba_plugin(mi: object, light: Light) -> object:
                 # Bottom row first: Mitsuba's images begin with v = 0, wdpm's with v = 1, and the loader turns to_uv.
                 image = mi.Bitmap(light.texture.pixels)  # type: ignore[attr-defined]
                 plugin["texture"] = {"type": "bitmap", "bitmap": image, "raw": True}
+        case ProjectorLight():
+            plugin = {"type": "projector", "to_world": matrix(light.to_world), "fov": light.fov}
+            shown = np.full((5, 7, 3), light.intensity, np.float32) / np.pi
+            if light.texture is not None:
+                shown *= light.texture.pixels
+            image = mi.Bitmap(shown)  # type: ignore[attr-defined]
+            plugin["irradiance"] = {"type": "bitmap", "bitmap": image, "raw": True}
         case DirectionalLight():
             plugin = {"type": "directional", "direction": list(light.direction), "irradiance": rgb(light.irradiance)}
         case Environment():
@@ -350,14 +371,14 @@ PATTERN = Bitmap("pattern", np.random.default_rng(8).uniform(0.2, 1, (5, 7, 3)).
 
 
 @pytest.mark.parametrize(
-    "light", [POINT, SPOT, SUN, sky(), "patterned"], ids=["point", "spot", "sun", "sky", "pattern"]
+    "light",
+    [POINT, SPOT, PROJECTOR, SUN, sky(), replace(SPOT, texture=PATTERN), replace(PROJECTOR, texture=PATTERN)],
+    ids=["point", "spot", "projector", "sun", "sky", "pattern", "picture"],
 )
-def test_mitsuba_has_the_same_light(light: Light | str) -> None:
+def test_mitsuba_has_the_same_light(light: Light) -> None:
     """Radiance (of a delta light, irradiance) at many places, or from many directions."""
     mi = pytest.importorskip("mitsuba")
     mi.set_variant("scalar_rgb")
-    if isinstance(light, str):
-        light = SpotLight("spot", SPOT.to_world, (4.0, 5.0, 6.0), 30.0, 20.0, PATTERN)
     plugin = mitsuba_plugin(mi, light)
     places = numbers(64, 4, 3) * [1, 1, 0.5]
     ways = direct(table_of(others=[light], textures=[PATTERN]), places, 64, [PATTERN])
