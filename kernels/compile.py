@@ -12,7 +12,7 @@ from wdpm.kernels.cached import is_compiled, is_loaded
 from wdpm.kernels.camera import add_samples, filter_weights, guide_pilot, rays, shadow_rays
 from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance import arrivals, at_photons, cache, gather_places, record_clamp, record_rays, records
-from wdpm.kernels.photons import departure, gather, gather_at_photons, photon_map, surface_points
+from wdpm.kernels.photons import departure, gather, gather_at_photons, kd_order, photon_map, surface_points
 from wdpm.kernels.rays import bvh, bvh_build, overlap, standing_areas
 from wdpm.kernels.stand_ins import Chosen, compiled_kernels, own_kernels, stand_ins
 from wdpm.kernels.variants import make_variants
@@ -29,6 +29,7 @@ COMMON = (
     arrivals,
     records,
     overlap,
+    kd_order,
     photon_map,
     departure,
     record_clamp,

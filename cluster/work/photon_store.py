@@ -16,6 +16,7 @@ from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, concatenate, take, 
 from wdpm.cluster.work import tree_orders
 from wdpm.cluster.work.guards import PHOTON, Guards
 from wdpm.cluster.work.overlap_band import rows_near
+from wdpm.cluster.work.photon_pile import Numbered, Pile, Piles
 from wdpm.cluster.work.reflected_light import GATHER_GRAIN, GATHER_RUN, Places, by_white, of_white
 from wdpm.cluster.work.replica import Replica
 from wdpm.kernels import columns
@@ -39,6 +40,12 @@ DEPOSITS_A_PATH = 6
 LEAST_DEPOSITS = 1 << 14
 """Room for photons of each chunk of a launch, at least: a few paths that scatter ten thousand times each would wait
 thousands of times. A megabyte."""
+
+POINTS_AT_ONCE = 1 << 20
+"""Surface points that are spread at once, about."""
+
+CARRIED = ("id", "position", "normal", "front")
+"""What is kept of photons that carry irradiance, until that is worked out."""
 
 SURFACE_MAPS = (int(GLOBAL_MAP), int(CAUSTIC_MAP))
 """Those whose gathers divide by a measured area."""
@@ -92,15 +99,17 @@ class PhotonStore:
         self._instances = instances
         self._replica = replica
         self.standing_areas = StandingAreas(instances, surfaces.standing, replica.launcher)
-        self._own: list[Arrays] = []
-        self._copies: list[Arrays] = []
-        self._ghosts: list[Arrays] = []
+        self._own = Piles(Kind.GHOST_PHOTONS)
+        self._copies = Piles(Kind.GHOST_PHOTONS)
+        self._ghosts = Piles(Kind.GHOST_PHOTONS)
+        self._numbered: dict[int, Numbered] = {}
         self._deposits: Any = None
-        self._own_points: Arrays = {}
-        self._ghost_points: list[Arrays] = []
+        self._own_points = Piles(Kind.GHOST_POINTS)
+        self._ghost_points = Piles(Kind.GHOST_POINTS)
         self.maps: list[BuiltMap | None] = [None] * MAPS
         self.points: list[Any] = [None] * MAPS
         self.irradiance: Any = None
+        self._sites: Arrays = {}
         self._carriers: Arrays = {}
         self._order_parts: list[Arrays] = []
         self._irradiance_parts: list[Arrays] = []  # of this store first, once it has one
@@ -136,7 +145,7 @@ class PhotonStore:
                     bounce = number[bad] & ((1 << BOUNCE_BITS) - 1)
                     self.guards.act_on_photons(PHOTON, number[bad] >> BOUNCE_BITS, bounce, light[bad])
                     photons, light = take(photons, np.flatnonzero(finite)), light[finite]
-                self._own.append(photons)
+                self._own.add(photons)
                 self._count(photons, light)
 
     def _count(self, photons: Arrays, light: NDArray[np.int32]) -> None:
@@ -150,64 +159,60 @@ class PhotonStore:
 
     def take_new(self) -> Arrays:
         """The photons stored since this was last asked, which are let go of: another store takes them in."""
-        photons, self._own = self.so_far(), []
+        photons = self.so_far()
+        self._own.clear()
         return photons
 
     def add_new(self, photons: Arrays) -> None:
         """Take in photons of this cell that another store gave. They are counted there."""
-        if len(photons["id"]):
-            self._own.append(photons)
+        self._own.add(photons)
 
     def add_copies(self, photons: Arrays) -> None:
         """Take in photons of this cell that landed in another team. They are counted there."""
-        self._copies.append(photons)
+        self._copies.add(photons)
         self.copy_count += np.bincount(photons["map"], minlength=MAPS)
 
     def so_far(self) -> Arrays:
         """The photons that landed here so far; only before the maps are built."""
-        return concatenate(self._own, Kind.GHOST_PHOTONS)
+        return self._own.whole()
 
     def add_ghosts(self, batch: Batch) -> None:
         """Take in copies of a neighbour's photons, or of its surface points."""
         if batch.kind is Kind.GHOST_POINTS:
-            self._ghost_points.append(batch.arrays)
+            self._ghost_points.add(batch.arrays)
         else:
-            self._ghosts.append(batch.arrays)
+            self._ghosts.add(batch.arrays)
             self.ghost_count += np.bincount(batch.arrays["map"], minlength=MAPS)
 
     def ghosts(self) -> Iterator[Batch]:
         """For every other cell, the photons and surface points that lie in its band: two batches, even if empty."""
         replica, world = self._replica, self._replica.world
         low, high = cells.cell_boxes(world.top_tree.axis, world.top_tree.split)
-        self._own_points = self._spread_points()
-        photons = concatenate([*self._own, *self._copies], Kind.GHOST_PHOTONS)
-        self._own, self._copies = [photons], []
+        self._spread_points()
+        self._own.join(self._copies)
         if len(low) == 1:
             return
-        copied = [(Kind.GHOST_PHOTONS, _ByMap(photons)), (Kind.GHOST_POINTS, _ByMap(self._own_points))]
+        copied = [(Kind.GHOST_PHOTONS, self._own), (Kind.GHOST_POINTS, self._own_points)]
         # Distances are rounded, and photons lie a rounding off their surfaces: pad covers both.
         bands = [plan.band + replica.pad if plan.paths else 0.0 for plan in world.maps]
         for cell in range(len(low)):
             if cell != self._cell:
-                for kind, places in copied:
-                    rows = places.near(low[cell], high[cell], bands)
-                    yield Batch(kind, -1, replica.worker, cell, 0, take(places.arrays, rows))
+                near = functools.partial(_near, low[cell], high[cell], bands)
+                for kind, piles in copied:
+                    yield Batch(kind, -1, replica.worker, cell, 0, piles.chosen(near))
 
-    def _spread_points(self) -> Arrays:
-        """The surface points that lie in this cell: for each map as many as suit it."""
+    def _spread_points(self) -> None:
+        """Pile up the surface points that lie in this cell: for each map as many as suit it."""
         replica, surfaces = self._replica, self._surfaces
         plans = {number: replica.world.maps[number] for number in SURFACE_MAPS}
         used = {number: plan for number, plan in plans.items() if plan.paths and plan.read}
-        parts: list[Arrays] = []
         for rows, ids, area in self._areas() if used else ():
             for number, plan in used.items():
                 counts = point_counts(area, ids, plan.point_area, plan.point_set)
-                some = np.flatnonzero(counts)
-                of_map = counts[some], replica.launcher, plan.point_set
-                position, normal = spread(surfaces, replica.cells, self._cell, rows(some), ids[some], *of_map)
-                kind = np.full(len(position), number, np.int32)
-                parts.append({"map": kind, "position": position, "normal": normal})
-        return concatenate(parts, Kind.GHOST_POINTS)
+                for some in _even_runs(counts, POINTS_AT_ONCE):
+                    of_map = counts[some], replica.launcher, plan.point_set
+                    position, normal = spread(surfaces, replica.cells, self._cell, rows(some), ids[some], *of_map)
+                    self._own_points[number].add({"position": position, "normal": normal})
 
     def _areas(self) -> Iterator[tuple[Rows, NDArray[np.int32], NDArray[np.float64]]]:
         """Of the cell's triangles, some at a time: the rows of chosen ones, and the numbers and areas of all."""
@@ -229,16 +234,14 @@ class PhotonStore:
 
         Photons and points are all here then, but those of no other cell.
         """
-        photons = _whole(self._own, Kind.GHOST_PHOTONS)
-        trees = self._photons_of_trees(photons), self._points_of_trees(self._own_points)
-        counts = [len(tree["map"]) for kind in trees for tree in kind.values()]
+        of_photons, of_points = self._read_maps(), SURFACE_MAPS
+        counts = [len(self._own[number]) for number in of_photons] + [len(self._own_points[n]) for n in of_points]
         if not tree_orders.worth_sharing(counts, parts):
             return None
-        by_number = np.argsort(photons["id"])  # the order in which all have them
-        photons = {name: column[by_number] for name, column in photons.items()}
-        self._own, self._deposits = [photons], None
-        trees = self._photons_of_trees(photons), trees[1]
-        positions = [tree["position"] for kind in trees for tree in kind.values()]
+        self._deposits = None
+        self._number()
+        positions = [self._numbered[number].by_rank(self._own[number]) for number in of_photons]
+        positions += [self._own_points[number].whole("position") for number in of_points]
         found = tree_orders.sort_part(positions, part, parts, self._replica.launcher.build_launcher())
         self.add_order(found)
         return found
@@ -252,30 +255,56 @@ class PhotonStore:
 
         Irradiance is worked out at one of so many parts of the photons that carry it; the others come from others.
         """
-        photons = _whole([*self._own, *self._ghosts], Kind.GHOST_PHOTONS)
-        points = _whole([self._own_points, *self._ghost_points], Kind.GHOST_POINTS)
-        self._own, self._ghosts, self._deposits, self._own_points, self._ghost_points = [], [], None, {}, []
-        of_photons, of_points = self._photons_of_trees(photons), self._points_of_trees(points)
-        counts = [len(tree["map"]) for kind in (of_photons, of_points) for tree in kind.values()]
+        self._own.join(self._ghosts)
+        self._own_points.join(self._ghost_points)
+        self._deposits = None
+        self._number()
+        of_photons, of_points = self._read_maps(), SURFACE_MAPS
+        counts = [len(self._own[number]) for number in of_photons] + [len(self._own_points[n]) for n in of_points]
         orders: Iterator[NDArray[np.int32] | None] = iter([None] * len(counts))
         if self._order_parts:
             orders = iter(tree_orders.joined(self._order_parts, counts))
         self._order_parts = []
-        for number, tree in of_photons.items():
-            self.maps[number] = self._built(tree, next(orders))
-        for number, tree in of_points.items():
-            self.points[number] = self._tree_of_points(tree, next(orders))
-        if self._replica.world.irradiance.share and self.maps[GLOBAL_MAP] is not None:
-            self._compute_irradiance(take(photons, np.flatnonzero(photons["map"] == int(GLOBAL_MAP))), part, parts)
+        for number in of_photons:
+            self.maps[number] = self._built(number, next(orders))
+        self._own.clear()
+        for number in of_points:
+            self.points[number] = self._tree_of_points(number, next(orders))
+        self._own_points.clear()
+        if self._sites:
+            sites, self._sites = self._sites, {}
+            self._compute_irradiance(sites, part, parts)
 
-    def _photons_of_trees(self, photons: Arrays) -> dict[int, Arrays]:
-        """The photons of each map that is read, by its number."""
-        plans = enumerate(self._replica.world.maps)
-        return {number: _of_map(photons, number) for number, plan in plans if plan.paths and plan.read}
+    def _read_maps(self) -> list[int]:
+        """Numbers of the maps that are read."""
+        return [number for number, plan in enumerate(self._replica.world.maps) if plan.paths and plan.read]
 
-    def _points_of_trees(self, points: Arrays) -> dict[int, Arrays]:
-        """The surface points of each map that needs some, by its number."""
-        return {number: _of_map(points, number) for number in SURFACE_MAPS}
+    def _number(self) -> None:
+        """Find out in which order the photons of each map are by their ids, of which no more is needed then."""
+        for number in self._read_maps():
+            if number in self._numbered:
+                continue
+            pile = self._own[number]
+            photon_map.check(pile)
+            carries = number == GLOBAL_MAP and self._replica.world.irradiance.share
+            chosen = self._carriers_among(pile) if carries else None
+            self._numbered[number] = numbered = Numbered(pile)
+            if chosen is not None:
+                ranks = [rank[rows] for rank, (rows, _) in zip(numbered.ranks, chosen, strict=True)]
+                self._sites = {name: pile.joined(name, [each[name] for _, each in chosen]) for name in CARRIED}
+                self._sites["rank"] = np.concatenate([np.empty(0, np.int32), *ranks])
+
+    def _carriers_among(self, pile: Pile) -> list[tuple[NDArray[np.intp], Arrays]]:
+        """Of each chunk, those that carry irradiance which gather rays of this cell may read: rows and columns."""
+        world, pad = self._replica.world, self._replica.pad
+        low, high = cells.cell_boxes(world.top_tree.axis, world.top_tree.split)
+        found: list[tuple[NDArray[np.intp], Arrays]] = []
+        for chunk in pile.peek():
+            reach = world.irradiance.reach + pad
+            rows = rows_near(chunk["position"], low[self._cell], high[self._cell], reach)
+            rows = rows[at_photons.chosen(chunk["id"][rows], world.irradiance.share)]
+            found.append((rows, {name: chunk[name][rows] for name in CARRIED}))
+        return found
 
     def irradiance_part(self) -> Arrays:
         """What was worked out here, as COPIED_IRRADIANCE."""
@@ -318,10 +347,6 @@ class PhotonStore:
         began = time.perf_counter()
         replica, world = self._replica, self._replica.world
         plan, launcher = world.global_map, replica.launcher
-        low, high = cells.cell_boxes(world.top_tree.axis, world.top_tree.split)
-        near = rows_near(photons["position"], low[self._cell], high[self._cell], world.irradiance.reach + replica.pad)
-        ids = np.sort(photons["id"])
-        photons = take(photons, near[at_photons.chosen(photons["id"][near], world.irradiance.share)])
         # By number first, so that all who hold the cell have them in one order. Then neighbours one after another: the
         # search for one begins with the radius of the one before.
         by_number = np.argsort(photons["id"])
@@ -336,7 +361,7 @@ class PhotonStore:
         position, normal, front = (
             wp.array(a, dtype=wp.vec3, device=device) for a in (photons["position"], photons["normal"], facing)
         )
-        rank = wp.array(np.searchsorted(ids, photons["id"]), dtype=wp.int32, device=device)
+        rank = wp.array(photons["rank"], dtype=wp.int32, device=device)
         irradiance = wp.empty(count, dtype=wp.vec3, device=device)
         radius = wp.empty(count, dtype=wp.float32, device=device)
         launcher(
@@ -374,32 +399,26 @@ class PhotonStore:
         k, plan, points = world.irradiance.caustic_k, world.caustic_map, self.points[CAUSTIC_MAP]
         return of_white(built.tree, points, plan, k, places, self._replica.launcher)
 
-    def _tree_of_points(self, points: Arrays, order: NDArray[np.int32] | None) -> Any:
-        none, number = np.zeros_like(points["position"]), np.arange(len(points["map"]), dtype=np.int64)
+    def _tree_of_points(self, number: int, order: NDArray[np.int32] | None) -> Any:
         launcher = self._replica.launcher
-        return photon_map.build(
-            points["position"], none, points["normal"], none, number, launcher.device, launcher.build_launcher(), order
-        )
+        return photon_map.build_points(self._own_points[number], launcher.device, launcher.build_launcher(), order)
 
-    def _built(self, chosen: Arrays, order: NDArray[np.int32] | None) -> BuiltMap:
-        launcher = self._replica.launcher
-        tree = photon_map.build(
-            chosen["position"],
-            chosen["flux"],
-            chosen["normal"],  # of volume photons: (medium, 0, 0)
-            chosen["direction"],
-            chosen["id"],
+    def _built(self, number: int, order: NDArray[np.int32] | None) -> BuiltMap:
+        launcher, numbered = self._replica.launcher, self._numbered.pop(number)
+        tree = photon_map.build_of(
+            self._own[number],  # of volume photons the normal is (medium, 0, 0)
+            numbered.ranks,
             launcher.device,
             launcher.build_launcher(),
             order,
         )
-        edges = np.ascontiguousarray(chosen["edges"][np.argsort(chosen["id"])])
-        return BuiltMap(tree, wp.array(edges, dtype=wp.int32, device=launcher.device))
+        return BuiltMap(tree, wp.array(numbered.edges, dtype=wp.int32, device=launcher.device, copy=False))
 
     def forget(self) -> None:
         """Let go of all photons and what was counted about them."""
-        self._own, self._copies, self._ghosts = [], [], []
-        self._own_points, self._ghost_points, self.points = {}, [], [None] * MAPS
+        for piles in (self._own, self._copies, self._ghosts, self._own_points, self._ghost_points):
+            piles.clear()
+        self._numbered, self._sites, self.points = {}, {}, [None] * MAPS
         self.maps = [None] * MAPS
         self.irradiance, self.irradiance_count, self.irradiance_s = None, 0, 0.0
         self._carriers, self._irradiance_parts, self._order_parts = {}, [], []
@@ -411,37 +430,21 @@ class PhotonStore:
         self.guards.counts.clear()
 
 
-def _whole(parts: Sequence[Arrays], kind: Kind) -> Arrays:
-    """All parts as one, without a copy where there is but one."""
-    return parts[0] if len(parts) == 1 else concatenate(parts, kind)
+def _near(
+    low: NDArray[np.float32], high: NDArray[np.float32], bands: Sequence[float], number: int, columns: Arrays
+) -> NDArray[np.intp]:
+    """Rows of those in a box, or no further from it than the band of their map."""
+    return rows_near(columns["position"], low, high, bands[number])
 
 
-def _of_map(places: Arrays, number: int) -> Arrays:
-    return take(places, np.flatnonzero(places["map"] == number))
+def _even_runs(counts: NDArray[np.int64], most: int) -> Iterator[NDArray[np.intp]]:
+    """Rows that have some, in order, so many at a time that they have about `most` together."""
+    some = np.flatnonzero(counts)
+    before = np.cumsum(counts[some]) - counts[some]
+    yield from np.split(some, np.flatnonzero(np.diff(before // most)) + 1) if len(some) else ()
 
 
 def _along(position: NDArray[np.float32], step: float) -> tuple[NDArray[np.float32], ...]:
     """Keys that sort places along a line through slabs of a width, ties as they come."""
     slabs = np.floor(position[:, 1:] / np.float32(step))
     return position[:, 0], slabs[:, 0], slabs[:, 1]
-
-
-class _ByMap:
-    """Places by the map that they belong to.
-
-    Args:
-        arrays: with "map" and "position".
-    """
-
-    def __init__(self, arrays: Arrays) -> None:
-        self.arrays = arrays
-        self._rows = [np.flatnonzero(arrays["map"] == number) for number in range(MAPS)]
-        self._places = [arrays["position"][rows] for rows in self._rows]
-
-    def near(self, low: NDArray[np.float32], high: NDArray[np.float32], bands: Sequence[float]) -> NDArray[np.intp]:
-        """Rows of those in a box, or no further from it than the band of their map, ascending."""
-        chosen = [
-            rows[rows_near(place, low, high, band)]
-            for rows, place, band in zip(self._rows, self._places, bands, strict=True)
-        ]
-        return np.sort(np.concatenate(chosen))

@@ -1,6 +1,6 @@
 """How those who hold the same cell share the sorting of its trees, which is most of what building them takes.
 
-A tree of photons or of surface points is laid out by an order of its items (`photon_map.sort`). All holders of the cell
+A tree of photons or of surface points is laid out by an order of its items (`kd_order.sort`). All holders of the cell
 have the same items and number them alike; each sorts some of the places of all trees and is sent the rest. What gathers
 return depends on no tree's shape (docs/exactness.md, item 5), so a wrong order would cost time and change no bit.
 """
@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays, Kind, concatenate, zeros
-from wdpm.kernels.photons import photon_map
-from wdpm.kernels.photons.photon_map import Launch
+from wdpm.kernels.photons import kd_order
+from wdpm.kernels.photons.kd_order import Launch
 from wdpm.kernels.ray_fields import PLACES_A_RUN
 from wdpm.scenes.errors import ProtocolError
 
@@ -43,7 +43,7 @@ def sort_part(
     for position, start in zip(positions, first, strict=False):
         low, high = (_cut(len(position), place - int(start)) for place in (begin, end))
         if low < high:
-            runs.append(_runs(int(start) + low, photon_map.sort(position, low, high, launch)))
+            runs.append(_runs(int(start) + low, kd_order.sort(position, low, high, launch)))
     return concatenate(runs, Kind.COPIED_ORDER)
 
 
@@ -60,7 +60,7 @@ def _runs(place: int, items: NDArray[np.int32]) -> dict[str, NDArray[np.int32]]:
 
 def _cut(count: int, place: int) -> int:
     """Where a tree is cut that a part ends in, before or after."""
-    return photon_map.leaf_from(count, place) if 0 < place < count else min(max(place, 0), count)
+    return kd_order.leaf_from(count, place) if 0 < place < count else min(max(place, 0), count)
 
 
 def joined(parts: Sequence[Arrays], counts: Sequence[int]) -> list[NDArray[np.int32]]:

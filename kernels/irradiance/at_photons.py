@@ -20,7 +20,8 @@ import warp as wp
 
 from wdpm.kernels.constants import NORMAL_COS
 from wdpm.kernels.photons.gather import distance2_to, dot8
-from wdpm.kernels.photons.photon_map import LEAF_ROWS, Launch, PhotonMap, first_child, vec8
+from wdpm.kernels.photons.kd_order import Launch
+from wdpm.kernels.photons.photon_map import LEAF_ROWS, PhotonMap, first_child, vec8
 from wdpm.kernels.photons.photon_map import build as build_tree
 from wdpm.kernels.rays.lanes import children_distance2, lanes_not_above, lowest_bit
 from wdpm.scenes.errors import SettingsError

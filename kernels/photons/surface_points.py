@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from wdpm.kernels.constants import INV_PI, LEAST_POINTS, NORMAL_COS
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photons.gather import box_distance2, distance2_to, dot8, next_above
-from wdpm.kernels.photons.photon_map import LEAF_ROWS, NODE_ROWS, PhotonMap, first_child, vec8
+from wdpm.kernels.photons.photon_map import NODE_ROWS, POINT_ROWS, PhotonMap, first_child, vec8
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.cells import Cells, cell_of
 from wdpm.kernels.rays.standing_triangles import front_of_all, position_at_all
@@ -163,7 +163,7 @@ def count_within(
         else:
             for c in range(8):
                 if distance2[c] <= radius2:
-                    row = LEAF_ROWS * (child + c - points.inner_count)
+                    row = POINT_ROWS * (child + c - points.inner_count)
                     d2 = distance2_to(points.leaves[row + 0], points.leaves[row + 1], points.leaves[row + 2], x, n)
                     facing = dot8(points.leaves[row + 3], points.leaves[row + 4], points.leaves[row + 5], n)
                     passes = wp.min(vec8(above) - d2, facing - vec8(_NORMAL_COS))

@@ -159,7 +159,7 @@ GUARDS = (
     ),
     Guard(
         name="splits without equals",
-        file="kernels/photons/photon_map.py",
+        file="kernels/photons/kd_order.py",
         prevents="photons in one place make the map take for ever",
         changes=(
             (

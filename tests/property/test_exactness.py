@@ -324,7 +324,7 @@ def exchange(monkeypatch: pytest.MonkeyPatch) -> Exchange:
         for batch in original(store):
             seen.sent.append((number, batch.cell, batch.kind, batch.arrays))
             yield batch
-        seen.points[number] = store._own_points
+        seen.points[number] = store._own_points.whole()
 
     monkeypatch.setattr(PhotonStore, "ghosts", recorded)
     return seen

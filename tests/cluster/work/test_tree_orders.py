@@ -14,7 +14,7 @@ from wdpm.cluster.batch import Arrays
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.work import tree_orders
 from wdpm.cluster.work.photon_store import PhotonStore
-from wdpm.kernels.photons import photon_map
+from wdpm.kernels.photons import kd_order, photon_map
 from wdpm.kernels.ray_fields import PLACES_A_RUN
 from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.passes import render_in_passes
@@ -46,7 +46,7 @@ def test_parts_are_even() -> None:
     trees = [places(20_000), places(60_000)]
     sizes = [len(places_of(tree_orders.sort_part(trees, part, 7))) for part in range(7)]
     assert sum(sizes) == 80_000
-    assert max(sizes) - min(sizes) <= 2 * photon_map.LEAF_SIZE
+    assert max(sizes) - min(sizes) <= 2 * kd_order.LEAF_SIZE
 
 
 def places_of(order: Arrays) -> np.ndarray:

@@ -8,7 +8,7 @@ import warp as wp
 from gather_rig import F32, Photons, Queries, gather_all
 
 from wdpm.kernels.constants import ADJOINT_BOUND
-from wdpm.kernels.photons import photon_map
+from wdpm.kernels.photons import kd_order
 from wdpm.kernels.photons.gather import box_distance2, distance2_to
 from wdpm.kernels.photons.photon_map import PhotonMap
 
@@ -83,6 +83,6 @@ def test_millions_of_photons_in_one_place_are_split_like_any_others() -> None:
     assert tree.count == count
     leaves = tree.rank.numpy()
     assert len(np.unique(leaves)) == count
-    assert photon_map.LEAF_SIZE == 8
+    assert kd_order.LEAF_SIZE == 8
     found = gather_all(tree, query_at([[0.0, 0.0, 0.0]]), 50, 1.0)
     assert found.count[0] == 50

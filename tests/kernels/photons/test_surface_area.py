@@ -16,10 +16,8 @@ def corrected(points: Array, clearance: Array, radius: Array, at: Array, point_a
     """reflect_gathered on an irradiance of 1 and an albedo of 1, scaled by pi, at places of the plane z = 0."""
     count = len(at)
     up = np.tile(np.float32([0, 0, 1]), (len(points), 1))
-    none = np.zeros((len(points), 3), np.float32)
-    tree = photon_map.build(
-        points.astype(np.float32), none, up, none, np.arange(len(points), dtype=np.int64), device="cpu"
-    )
+    parts = photon_map.WholeParts({"position": points.astype(np.float32), "normal": up})
+    tree = photon_map.build_points(parts)
     one = wp.array(np.ones((count, 3), np.float32), dtype=wp.vec3, device="cpu")
     radiance = wp.empty(count, dtype=wp.vec3, device="cpu")
     inputs = [

@@ -18,7 +18,7 @@ from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.work.replica import with_camera
 from wdpm.kernels.compile import MODULES
 from wdpm.kernels.features import Features
-from wdpm.kernels.photons import photon_map
+from wdpm.kernels.photons import kd_order, photon_map
 from wdpm.kernels.rays import bvh_build
 from wdpm.kernels.variants import Variants, make_variants
 from wdpm.scenes.errors import WdpmError
@@ -105,7 +105,7 @@ def all_kernels(*, trees: bool = True) -> tuple[str, ...]:
     Args:
         trees: also those that build trees, which the CPU does wherever they are used.
     """
-    build = {bvh_build.__name__, photon_map.__name__}
+    build = {bvh_build.__name__, kd_order.__name__, photon_map.__name__}
     modules = [module for module in common_modules() if trees or module.name not in build]
     shared = {name for module in modules for name in module.kernels}
     return tuple(sorted(shared | {field.name for field in fields(Variants)}))

@@ -1,0 +1,206 @@
+"""Photons of one map, piled up as they come, in 61 bytes each; and surface points, in 24.
+
+Columns lie in chunks, so that a pile grows without being copied, and is let go of column by column and chunk by chunk
+while a tree is built of it: what is stored and what is built of it are never in memory both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.cluster.batch import SCHEMAS, Arrays, Kind, concatenate, take
+from wdpm.kernels.limits import MAPS
+from wdpm.kernels.pages import Pages
+from wdpm.kernels.photons import photon_map
+
+CHUNK = 1 << 18
+"""Photons of a chunk, of which those that there are take memory."""
+
+Columns = Mapping[str, tuple[str, int]]
+"""Type and width of each column's items."""
+
+POINT_COLUMNS: Final[Columns] = {"position": ("<f4", 3), "normal": ("<f4", 3)}
+
+PHOTON_COLUMNS: Final[Columns] = {
+    "id": ("<i8", 1),
+    "edges": ("<i4", 1),
+    "front": ("i1", 1),
+    **POINT_COLUMNS,
+    "flux": ("<f4", 3),
+    "direction": ("<f4", 3),
+}
+"""As kernels.ray_fields.STORED_PHOTON has them, but for the map."""
+
+
+class _Chunk:
+    """Room for some items, and how many there are."""
+
+    def __init__(self, columns: Columns) -> None:
+        self.pages = {name: Pages(CHUNK, dtype, width) for name, (dtype, width) in columns.items()}
+        self.count = 0
+
+    def column(self, name: str) -> NDArray[Any]:
+        return self.pages[name].array[: self.count]
+
+    def add(self, arrays: Arrays, rows: NDArray[np.intp] | slice) -> None:
+        """Add some rows, for which there is room."""
+        for name, pages in self.pages.items():
+            chosen = arrays[name][rows]
+            pages.array[self.count : self.count + len(chosen)] = chosen
+        self.count += len(chosen)
+
+
+class Pile:
+    """Items in chunks: kernels.photons.photon_map.Parts."""
+
+    def __init__(self, columns: Columns) -> None:
+        self._columns = columns
+        self._chunks: list[_Chunk] = []
+
+    def __len__(self) -> int:
+        return sum(self.lengths())
+
+    @property
+    def nbytes(self) -> int:
+        """Of all items, in the columns that are there."""
+        return sum(chunk.column(name).nbytes for chunk in self._chunks for name in chunk.pages)
+
+    def add(self, arrays: Arrays, rows: NDArray[np.intp] | None = None) -> None:
+        """Pile up items.
+
+        Args:
+            arrays: with this pile's columns; others are left out.
+            rows: of them; None for all.
+        """
+        count = len(arrays["position"]) if rows is None else len(rows)
+        begin = 0
+        while begin < count:
+            if not self._chunks or self._chunks[-1].count == CHUNK:
+                self._chunks.append(_Chunk(self._columns))
+            end = min(count, begin + CHUNK - self._chunks[-1].count)
+            self._chunks[-1].add(arrays, slice(begin, end) if rows is None else rows[begin:end])
+            begin = end
+
+    def join(self, other: Pile) -> None:
+        """Take over another pile's items, which are not copied."""
+        self._chunks = other._chunks + self._chunks  # so that the last one, which grows, stays the last
+        other._chunks = []
+
+    def lengths(self) -> Sequence[int]:
+        """Items of each chunk."""
+        return [chunk.count for chunk in self._chunks]
+
+    def peek(self) -> Iterator[Arrays]:
+        """The columns of each chunk."""
+        for chunk in self._chunks:
+            yield {name: chunk.column(name) for name in chunk.pages}
+
+    def take(self, name: str) -> Iterator[NDArray[Any]]:
+        """One column of each chunk, which is let go of when the next is asked for."""
+        for chunk in self._chunks:
+            column = chunk.column(name)
+            del chunk.pages[name]
+            yield column
+
+    def whole(self, name: str) -> NDArray[Any]:
+        """One column of all items, as a copy."""
+        return self.joined(name, [chunk.column(name) for chunk in self._chunks])
+
+    def joined(self, name: str, parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        """Parts of a column, one after another, as a copy."""
+        dtype, width = self._columns[name]
+        return np.concatenate([np.empty((0,) if width == 1 else (0, width), dtype), *parts])
+
+
+class Piles:
+    """A pile for each map, of what batches of a kind bring, with the number of the map in a column.
+
+    Args:
+        kind: of photons or of points.
+    """
+
+    def __init__(self, kind: Kind) -> None:
+        self._kind = kind
+        columns = PHOTON_COLUMNS if "id" in SCHEMAS[kind] else POINT_COLUMNS
+        self._columns = columns
+        self.clear()
+
+    def clear(self) -> None:
+        """Let go of everything."""
+        self._of_map = [Pile(self._columns) for _ in range(MAPS)]
+
+    def __getitem__(self, number: int) -> Pile:
+        return self._of_map[number]
+
+    @property
+    def nbytes(self) -> int:
+        """Of all items."""
+        return sum(pile.nbytes for pile in self._of_map)
+
+    def add(self, arrays: Arrays) -> None:
+        """Pile up what a batch brought."""
+        numbers = arrays["map"]
+        for number in range(MAPS):
+            rows = np.flatnonzero(numbers == number)
+            if len(rows):
+                self._of_map[number].add(arrays, None if len(rows) == len(numbers) else rows)
+
+    def join(self, other: Piles) -> None:
+        """Take over what others hold."""
+        for own, others in zip(self._of_map, other._of_map, strict=True):
+            own.join(others)
+
+    def chosen(self, rows_of: Callable[[int, Arrays], NDArray[np.intp]]) -> Arrays:
+        """Some items as a batch brings them.
+
+        Args:
+            rows_of: (number of a map, columns of some of its items) -> the rows that are chosen.
+        """
+        parts = [
+            self._as_batch(number, take(columns, rows_of(number, columns)))
+            for number, pile in enumerate(self._of_map)
+            for columns in pile.peek()
+        ]
+        return concatenate(parts, self._kind)
+
+    def whole(self) -> Arrays:
+        """All items as a batch brings them."""
+        parts = [self._as_batch(number, columns) for number, pile in enumerate(self._of_map) for columns in pile.peek()]
+        return concatenate(parts, self._kind)
+
+    def _as_batch(self, number: int, columns: Arrays) -> Arrays:
+        count = len(columns["position"])
+        return {
+            name: np.full(count, number, field.dtype)
+            if name == "map"
+            else columns[name].astype(field.dtype, copy=False)
+            for name, field in SCHEMAS[self._kind].items()
+        }
+
+
+class Numbered:
+    """The photons of a pile in the order of their ids, which are taken, as is all that no tree has.
+
+    Attributes:
+        ranks: of each chunk's photons: places in that order.
+        edges: of the photons' paths, in that order.
+    """
+
+    def __init__(self, pile: Pile) -> None:
+        self.ranks = photon_map.ranks_of(pile)
+        self.edges = np.empty(len(pile), np.int32)
+        for edges, rank in zip(pile.take("edges"), self.ranks, strict=True):
+            self.edges[rank] = edges
+        for _ in pile.take("front"):
+            pass  # no tree has it
+
+    def by_rank(self, pile: Pile) -> NDArray[np.float32]:
+        """Positions of the pile's photons in that order, as a copy, shape [N, 3]."""
+        position = np.empty((len(self.edges), 3), np.float32)
+        for columns, rank in zip(pile.peek(), self.ranks, strict=True):
+            position[rank] = columns["position"]
+        return position
