@@ -17,7 +17,7 @@ from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.plan.copies import PROCESS_BYTES, Copies, SlaveMemory, slaves_a_team
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
-from wdpm.cluster.transport import address
+from wdpm.cluster.transport import address, local_sockets
 from wdpm.cluster.transport.registry import transport_of
 from wdpm.cluster.transport.transport import Role
 from wdpm.devices import available_cores, check_device
@@ -118,14 +118,20 @@ class Cluster(Backend):
         each = max(1, (threads or available_cores()) // slaves)
         with ExitStack() as stack:
             processes = LocalSlaves()
+            here = stack.enter_context(local_sockets.address_for_master())
             stack.callback(processes.stop)
-            keys = _run_keys()  # other people of this machine reach its ports, too
+            keys = None if here else _run_keys()  # other people of this machine reach its ports, too
             server = MasterServer(
-                "tcp://127.0.0.1:0", slaves, security=keys.master, watch=processes.ended, observers=observers
+                here or "tcp://127.0.0.1:0",
+                slaves,
+                security=None if keys is None else keys.master,
+                watch=processes.ended,
+                observers=observers,
             )
             master = stack.enter_context(server)
-            command = slave_command(each, device, memory, wait_for_kernels=compiling is Compiling.FIRST)
-            processes.start(slaves, command, master.endpoint, keys.for_slave)
+            first = compiling is Compiling.FIRST
+            command = slave_command(each, device, memory, keyed=keys is not None, wait_for_kernels=first)
+            processes.start(slaves, command, master.endpoint, bytes if keys is None else keys.for_slave)
             return cls(
                 master,
                 slaves,

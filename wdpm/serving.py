@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wdpm.cluster.slave.process import PATIENCE_S, run_slave
-from wdpm.cluster.transport import address
+from wdpm.cluster.transport import local_sockets
 from wdpm.cluster.transport.keys import Keys
+from wdpm.cluster.transport.life_line import has_ended
 from wdpm.cluster.transport.life_line import life_line as line_to_watch
+from wdpm.cluster.transport.registry import transport_of
 from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.transport.zeromq.key_files import keys_for
 from wdpm.cluster.transport.zeromq.run_keys import FROM_STANDARD_INPUT, slave_keys
@@ -42,7 +44,7 @@ def serve_as_slave(
     """What `wdpm slave` does: compute for a master until it says stop.
 
     Args:
-        master: tcp://HOST:PORT.
+        master: tcp://HOST:PORT, or ipc://FOLDER/NAME of one that this user runs on this machine.
         keys: this slave's folder of keys, or "-" for those that the process that started it writes to standard input.
         insecure: there are no keys.
 
@@ -53,7 +55,7 @@ def serve_as_slave(
         ClusterError: no master answered, it refused, or something failed.
     """
     _check(device)
-    resolved = address.resolve(master)
+    resolved = transport_of(master).resolve(master)
     if keys == Path(FROM_STANDARD_INPUT):
         security: Keys | None = slave_keys(sys.stdin.buffer.readline())
     else:
@@ -86,7 +88,7 @@ def serve(
     """Compute for a master until it says stop.
 
     Args:
-        master: tcp://HOST:PORT.
+        master: tcp://HOST:PORT, or ipc://FOLDER/NAME of one that this user runs on this machine.
         security: this slave's keys; None for none.
         memory: most memory to use [bytes]; None for no limit.
         patience: how long to wait for the master's first answer [s].
@@ -113,16 +115,21 @@ def serve(
         launcher = Launcher(device, threads, wait_for_kernels=wait_for_kernels)
         return CellWorker(number, world, partition, holders, launcher)
 
-    run_slave(
-        master,
-        make_worker,
-        threads=threads or available_cores(),
-        memory=memory,
-        security=security,
-        patience=patience,
-        rejoin=rejoin,
-        life_line=line_to_watch(sys.stdin.buffer) if life_line else None,
-    )
+    line = line_to_watch(sys.stdin.buffer) if life_line else None
+    try:
+        run_slave(
+            master,
+            make_worker,
+            threads=threads or available_cores(),
+            memory=memory,
+            security=security,
+            patience=patience,
+            rejoin=rejoin,
+            life_line=line,
+        )
+    finally:
+        if line is not None and local_sockets.is_local(master) and has_ended(line):
+            local_sockets.leave_orphaned(master)
 
 
 @functools.cache

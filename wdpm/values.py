@@ -202,6 +202,11 @@ def address(text: str) -> str:
     return text
 
 
+def address_of_master(text: str) -> str:
+    """The same, or where a master that started slaves itself has them find it: `ipc://FOLDER/NAME`."""
+    return text if re.fullmatch(r"ipc:///.+", text) else address(text)
+
+
 def device(text: str) -> str:
     """`cpu`, `cuda` or `cuda:N`."""
     if re.fullmatch(r"cpu|cuda(:\d+)?", text) is None:

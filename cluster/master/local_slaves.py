@@ -25,17 +25,21 @@ Command = Callable[[str], Sequence[str]]
 """The master's endpoint -> command line of a slave."""
 
 
-def slave_command(threads: int, device: str, memory: int | None = None, *, wait_for_kernels: bool = True) -> Command:
-    """`wdpm slave` with this interpreter, for a run with keys of its own.
+def slave_command(
+    threads: int, device: str, memory: int | None = None, *, keyed: bool = True, wait_for_kernels: bool = True
+) -> Command:
+    """`wdpm slave` with this interpreter.
 
-    Standard input brings the keys, and is the life line: the slave ends when it closes.
+    Standard input is the life line: the slave ends when it closes.
 
     Args:
+        keyed: standard input brings keys first, of a run that has some of its own.
         wait_for_kernels: whether it compiles a scene's kernels itself, where others could stand in for them.
     """
 
     def command(endpoint: str) -> list[str]:
-        options = ["--threads", str(threads), "--device", device, "--keys", "-", "--life-line"]
+        options = ["--threads", str(threads), "--device", device, "--life-line"]
+        options += ["--keys", "-"] if keyed else []
         options += ["--compile", "first" if wait_for_kernels else "no"]
         options += [] if memory is None else ["--memory", f"{-(-memory // 1024)}K"]
         return [sys.executable, "-m", "wdpm", "slave", endpoint, *options]

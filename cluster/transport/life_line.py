@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import select
 import threading
 from typing import IO
 
@@ -25,3 +26,12 @@ def life_line(pipe: IO[bytes], *, sockets_alone: bool = os.name != "posix") -> i
 
     threading.Thread(target=wait, name="life line", daemon=True).start()
     return here.detach()
+
+
+def has_ended(line: int) -> bool:
+    """Whether the process at the other end has ended by now, or has let go.
+
+    Args:
+        line: of `life_line`.
+    """
+    return bool(select.select([line], [], [], 0.0)[0])

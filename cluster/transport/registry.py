@@ -18,7 +18,7 @@ def _zeromq() -> Transport:
 _MEMORY = MemoryTransport()
 """Of this process: masters and slaves on threads of their own find each other there."""
 
-_MAKERS: dict[str, Callable[[], Transport]] = {"tcp": _zeromq, "memory": lambda: _MEMORY}
+_MAKERS: dict[str, Callable[[], Transport]] = {"tcp": _zeromq, "ipc": _zeromq, "memory": lambda: _MEMORY}
 
 
 def register(scheme: str, make: Callable[[], Transport]) -> None:

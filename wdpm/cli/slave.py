@@ -24,7 +24,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "work.",
         epilog=_EXAMPLES,
     )
-    parser.add_argument("address", type=values.address, metavar="tcp://HOST:PORT", help="address of the master")
+    parser.add_argument(
+        "address", type=values.address_of_master, metavar="tcp://HOST:PORT", help="address of the master"
+    )
     machine = options.add_machine_options(parser)
     machine.add_argument(
         "--compile",

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import zmq.auth
 
+from wdpm.cluster.transport import local_sockets
 from wdpm.cluster.transport.address import is_loopback
 from wdpm.cluster.transport.keys import KeyPair, Keys, KnownKeys
 from wdpm.cluster.transport.transport import Role
@@ -151,7 +152,7 @@ def keys_for(resolved: str, folder: Path | None, insecure: bool, role: Role) -> 
     """
     if folder is not None:
         return load_keys(folder, role)
-    if insecure or is_loopback(resolved):
+    if insecure or local_sockets.is_local(resolved) or is_loopback(resolved):
         return None
     raise SettingsError(
         f"{resolved} can be reached from other machines: make keys with `wdpm keys` and give --keys FOLDER to the "

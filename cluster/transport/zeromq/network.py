@@ -1,4 +1,4 @@
-"""The transport tcp://HOST:PORT: ROUTER sockets listen, DEALER sockets connect.
+"""The transports tcp://HOST:PORT and ipc://FOLDER/NAME: ROUTER sockets listen, DEALER sockets connect.
 
 docs/protocol.md is the norm for what sockets there are, and how they are set up.
 """
@@ -16,6 +16,7 @@ from wdpm.cluster.limits import MOST_SLAVES
 from wdpm.cluster.messages import packing
 from wdpm.cluster.messages.protocol import FromReader, Heartbeat, Message
 from wdpm.cluster.transport import address as tcp
+from wdpm.cluster.transport import local_sockets
 from wdpm.cluster.transport.keys import Guests, Keys, KnownKeys
 from wdpm.cluster.transport.transport import Accepted, Carried, Received, Role
 from wdpm.cluster.transport.zeromq import curve
@@ -52,8 +53,8 @@ class ZeroMQTransport:
     """Between processes and machines."""
 
     def resolve(self, address: str) -> str:
-        """tcp://HOST:PORT with a number in place of the name."""
-        return tcp.resolve(address)
+        """tcp://HOST:PORT with a number in place of the name; ipc://FOLDER/NAME as it is."""
+        return local_sockets.resolve(address) if local_sockets.is_local(address) else tcp.resolve(address)
 
     def open(self, keys: Keys | None) -> ZeroMQNetwork:
         """Open a context."""
@@ -64,15 +65,21 @@ class ZeroMQListener:
     """A ROUTER.
 
     Args:
-        carried: counts what comes and goes.
+        network: has waited for messages, and counts what comes and goes.
         members: whose keys make them more than readers; None where nobody has keys.
     """
 
     def __init__(
-        self, socket: Socket, endpoint: str, accepted: Accepted, carried: Carried, members: Guests | None = None
+        self,
+        network: ZeroMQNetwork,
+        socket: Socket,
+        endpoint: str,
+        accepted: Accepted,
+        members: Guests | None = None,
     ) -> None:
         self._members = members
-        self._carried = carried
+        self._network = network
+        self._carried = network.carried
         self._socket = socket
         self._endpoint = endpoint
         self._accepted = accepted
@@ -85,7 +92,7 @@ class ZeroMQListener:
 
     def receive(self) -> tuple[bytes, Received] | None:
         """The next message and the routing id that it came from."""
-        first = receive_first(self._socket)
+        first = self._network.first_of(self._socket)
         if first is None:
             return None
         identity = bytes(first)
@@ -137,7 +144,7 @@ class ZeroMQConnection:
         self._network = network
         self._accepted = accepted
         self._monitor: Socket = socket.get_monitor_socket(zmq.EVENT_DISCONNECTED | HANDSHAKE_FAILED)
-        self._refused = False
+        self._refused = self._broke = False
 
     def send(self, message: Message) -> bool:
         """A DEALER without a connection has no queue to put a message in."""
@@ -152,9 +159,10 @@ class ZeroMQConnection:
 
     def receive(self) -> Received | None:
         """The next answer; heartbeats first."""
-        if self.lane is not None and (beat := receive_first(self.lane.socket)) is not None:
+        if self.lane is not None and (beat := self._network.first_of(self.lane.socket)) is not None:
             return read([beat, *receive_rest(self.lane.socket, 1)], ONLY_HEARTBEATS, stranger=True)
-        first = receive_first(self.socket)
+        # Last words may have come after the wait that ended before the news that this broke.
+        first = receive_first(self.socket) if self._broke else self._network.first_of(self.socket)
         if first is None:
             return None
         frames = [first, *receive_rest(self.socket, packing.most_frames(stranger=False))]
@@ -168,6 +176,7 @@ class ZeroMQConnection:
             happened = recv_monitor_message(self._monitor)["event"]
             self._refused = self._refused or bool(happened & HANDSHAKE_FAILED)
             broke = broke or happened == zmq.EVENT_DISCONNECTED
+        self._broke = self._broke or broke
         return broke
 
     def refused(self) -> bool:
@@ -196,6 +205,7 @@ class ZeroMQNetwork:
         self._keys = keys
         self._poller = zmq.Poller()
         self._watched: set[int] = set()
+        self._ready: set[Socket | int] | None = None
         self._connections: list[ZeroMQConnection] = []
         self._peers = KnownKeys()
         with ExitStack() as stack:
@@ -208,6 +218,7 @@ class ZeroMQNetwork:
 
     def listen(self, address: str, role: Role, accepted: Accepted) -> ZeroMQListener:
         """Bind a ROUTER; port 0 takes a free one."""
+        self._check_keys_go_with(address)
         router = self._stack.enter_context(make_socket(self._context, zmq.ROUTER))
         if role is Role.MASTER:
             router.router_mandatory = True  # a message to a slave that is gone is an error instead of nothing
@@ -215,17 +226,19 @@ class ZeroMQNetwork:
         if self._keys is not None:
             curve.serve(router, self._keys.own)
         endpoint = _bind(router, address)
+        if local_sockets.is_local(endpoint):
+            self._stack.callback(local_sockets.remove, endpoint)
         if self._keys is not None and role is Role.SLAVE:
             endpoint = curve.with_key(endpoint, self._keys.own.public)
         self._poller.register(router, zmq.POLLIN)
         members = self._keys.guests if self._keys is not None and role is Role.MASTER else None
-        return ZeroMQListener(router, endpoint, accepted, self.carried, members)
+        return ZeroMQListener(self, router, endpoint, accepted, members)
 
     def connect(self, address: str, role: Role, accepted: Accepted, identity: bytes | None = None) -> ZeroMQConnection:
         """Connect a DEALER. ZeroMQ would look a name up, or take what is none, and say nothing."""
+        self._check_keys_go_with(address)
         address, server = self._who_is_at(address, role)
-        if not tcp.is_resolved(address):
-            raise ClusterError(f"cannot connect to {address!r}: this is no address tcp://NUMBER:PORT")
+        _check_resolved(address)
 
         def attach(socket: Socket) -> None:
             if self._keys is not None:
@@ -243,6 +256,11 @@ class ZeroMQNetwork:
             connection.socket.routing_id = identity
         attach(connection.socket)
         return connection
+
+    def _check_keys_go_with(self, address: str) -> None:
+        """Raise ClusterError about keys where the system says who may come; a master may name any endpoint."""
+        if self._keys is not None and local_sockets.is_local(address):
+            raise ClusterError(f"cannot use {address!r}: a socket in a folder takes no keys, and there are some here")
 
     def _doorkeeper(self, keys: Keys) -> curve.Doorkeeper:
         is_master = keys.own.public == keys.master  # knows its slaves already; those learn of each other from it
@@ -276,7 +294,9 @@ class ZeroMQNetwork:
             raise ClusterError(f"no more connections can be opened: {error.strerror.lower()}") from None
 
     def address_for_peers(self, master: str) -> str:
-        """Any port of the interface that leads to the master."""
+        """Any port of the interface that leads to the master; or a new socket beside his."""
+        if local_sockets.is_local(master):
+            return local_sockets.beside(master)
         return tcp.join(tcp.interface_towards(master), 0)
 
     def watch(self, descriptor: int) -> None:
@@ -286,10 +306,20 @@ class ZeroMQNetwork:
 
     def wait(self, seconds: float) -> set[int]:
         """Poll all sockets that are read from, and what is watched."""
-        ready = self._poller.poll(round(seconds * 1000))
+        self._ready = {place for place, _ in self._poller.poll(round(seconds * 1000))}
         if self._door is not None:
             self._door.answer()
-        return {place for place, _ in ready if place in self._watched}
+        return {place for place in self._watched if place in self._ready}
+
+    def first_of(self, socket: Socket) -> memoryview | None:
+        """The first frame of a socket's next message; None if there was none when `wait` ended.
+
+        Asking a socket that has nothing takes as long as a small message does, and a slave has one for each of the
+        others.
+        """
+        if self._ready is not None and socket not in self._ready:
+            return None
+        return receive_first(socket)
 
     def close(self) -> None:
         """Close all sockets and the context."""
@@ -306,7 +336,24 @@ class ZeroMQNetwork:
                 self._poller.unregister(socket)
 
 
+def _check_resolved(address: str) -> None:
+    """Raise ClusterError if an address, which others may have sent, is none to connect to as it is."""
+    if local_sockets.is_local(address):
+        try:
+            local_sockets.resolve(address)
+        except SettingsError as error:
+            raise ClusterError(f"cannot connect: {error}") from None
+    elif not tcp.is_resolved(address):
+        raise ClusterError(f"cannot connect to {address!r}: this is no address tcp://NUMBER:PORT")
+
+
 def _bind(router: Socket, where: str) -> str:
+    if local_sockets.is_local(where):
+        local_sockets.check_free(where)
+        try:
+            return bind(router, local_sockets.resolve(where))
+        except zmq.ZMQError as error:
+            raise ClusterError(f"cannot listen at {where}: {error.strerror}") from None
     number, port = tcp.split(tcp.resolve(where))
     try:
         return bind(router, tcp.join(number, port or "*"))

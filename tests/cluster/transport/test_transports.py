@@ -22,6 +22,7 @@ from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.messages import packing, protocol
 from wdpm.cluster.transport import registry
+from wdpm.cluster.transport.local_sockets import address_for_master
 from wdpm.cluster.transport.mailbox import Mailbox
 from wdpm.cluster.transport.memory import MemoryTransport
 from wdpm.cluster.transport.registry import register, transport_of
@@ -54,11 +55,16 @@ TRANSPORTS: dict[str, tuple[Callable[[], Transport], Callable[[], str]]] = {
 }
 
 
-@pytest.fixture(params=TRANSPORTS)
-def place(request: pytest.FixtureRequest) -> tuple[Transport, str]:
+@pytest.fixture(params=[*TRANSPORTS, "local sockets"])
+def place(request: pytest.FixtureRequest) -> Iterator[tuple[Transport, str]]:
     """A transport, and an address of it to listen at."""
-    make, address = TRANSPORTS[request.param]
-    return make(), address()
+    if request.param == "local sockets":
+        with address_for_master() as address:
+            assert address is not None
+            yield ZeroMQTransport(), address
+    else:
+        make, of = TRANSPORTS[request.param]
+        yield make(), of()
 
 
 @pytest.fixture

@@ -1,0 +1,90 @@
+"""Addresses ipc://FOLDER/NAME: the system's own sockets between processes of one user, in a folder of his alone.
+
+The system keeps everybody else out of the folder, so what goes over them need not be encrypted. For what slaves on one
+machine send each other that would be most of the time that messages take (docs/measured.md).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import secrets
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from wdpm.scenes.errors import ClusterError, SettingsError
+
+SCHEME = "ipc://"
+
+MASTER = "master"
+"""The name of the master's socket in its folder."""
+
+LONGEST = 100
+"""Bytes of a path at most. The system takes 104 to 108, with the zero at the end (unix(7), sockaddr_un)."""
+
+_NAME_BYTES = 8
+
+
+def is_local(address: str) -> bool:
+    """Whether an address is one of these."""
+    return address.startswith(SCHEME)
+
+
+def resolve(address: str) -> str:
+    """The address itself; SettingsError if it is none, or if others can enter its folder."""
+    path = _path(address)
+    if not path.is_absolute() or len(os.fsencode(path)) > LONGEST:
+        raise SettingsError(f"'{address}' is no address; expected ipc:// and a path from / of at most {LONGEST} bytes")
+    try:
+        found = path.parent.stat()
+    except OSError as error:
+        raise SettingsError(f"cannot use {address}: {error.strerror}") from None
+    if found.st_uid != os.geteuid() or found.st_mode & 0o077:
+        raise SettingsError(f"cannot use {address}: others can enter its folder; expected one of mode 700 of your own")
+    return address
+
+
+def check_free(address: str) -> None:
+    """Raise ClusterError if there is a socket already: whoever binds there would take it from its owner."""
+    if _path(address).exists():
+        raise ClusterError(f"cannot listen at {address}: it is taken")
+
+
+def remove(address: str) -> None:
+    """Let nobody find a socket any more."""
+    _path(address).unlink(missing_ok=True)
+
+
+def beside(address: str) -> str:
+    """A new address in the folder of another one."""
+    return f"{SCHEME}{_path(address).parent}/{secrets.token_hex(_NAME_BYTES)}"
+
+
+@contextlib.contextmanager
+def address_for_master() -> Iterator[str | None]:
+    """An address in a folder of its own, which is removed at the end; None where there can be none.
+
+    That is on Windows, whose folders have no owner and mode in this sense, and where paths of temporary files are too
+    long.
+    """
+    folder = Path(tempfile.mkdtemp(prefix="wdpm-")) if os.name == "posix" else None
+    try:
+        address = f"{SCHEME}{folder}/{MASTER}"
+        fits = folder is not None and len(os.fsencode(folder)) + 2 + 2 * _NAME_BYTES <= LONGEST
+        yield address if fits else None
+    finally:
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def leave_orphaned(address: str) -> None:
+    """Remove the folder of a master that ended without doing so (it was killed), once no slave listens there."""
+    with contextlib.suppress(OSError):  # others of its slaves are still there, and the last of them removes it
+        remove(address)
+        _path(address).parent.rmdir()
+
+
+def _path(address: str) -> Path:
+    return Path(address.removeprefix(SCHEME))
