@@ -22,7 +22,7 @@ MASTER = "master"
 """The name of the master's socket in its folder."""
 
 LONGEST = 100
-"""Bytes of a path at most. The system takes 104 to 108, with the zero at the end (unix(7), sockaddr_un)."""
+"""Bytes of a path at most. The system takes 104 to 108, with the zero at the end (unix(7))."""
 
 _NAME_BYTES = 8
 

@@ -26,7 +26,7 @@ MUST_RUN = {
     "tests.cli.test_completion": "the extra completion",
     "tests.cluster": "free ports of this machine",
     "tests.shared": "WDPM_SCENES",
-    "tests.scenes.test_scene_against_mitsuba": "the extra peers",
+    "tests.scenes.against_mitsuba.test_scene_against_mitsuba": "the extra peers",
 }
 """Modules of tests, or folders, of which at least one must have run; and what they are skipped without."""
 
