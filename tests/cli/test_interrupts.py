@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from fake_worker import make_session
+from patience import WAIT_S
 from slave_threads import SlaveThread, check_picture
 
 from wdpm.cli import compare, main
@@ -28,7 +29,7 @@ from wdpm.cli import compare, main
 
 def sleep(args):
     print("asleep", flush=True)
-    time.sleep(100.0)
+    time.sleep(300.0)
     return 0
 
 compare.run = sleep
@@ -63,7 +64,7 @@ def test_an_interrupt_in_a_destructor_ends_a_command(
     def command(_: argparse.Namespace) -> int:
         Interrupted()
         if lasts:
-            time.sleep(100.0)
+            time.sleep(300.0)
         return 0
 
     monkeypatch.setattr(compare, "run", command)
@@ -89,7 +90,7 @@ def test_a_signal_ends_a_process(starter: list[str], number: int, code: int, wor
             assert process.stdout is not None
             assert process.stdout.readline() == "asleep\n"
             process.send_signal(number)
-            _, err = process.communicate(timeout=50.0)
+            _, err = process.communicate(timeout=WAIT_S)
         finally:
             process.kill()
     assert (process.returncode, err) == (code, f"wdpm: {word}\n")
@@ -117,7 +118,7 @@ def test_a_terminated_slave_says_goodbye() -> None:
             assert process.stderr is not None
             assert "joined" in process.stderr.readline()
             process.send_signal(signal.SIGTERM)
-            _, err = process.communicate(timeout=50.0)
+            _, err = process.communicate(timeout=WAIT_S)
         assert (process.returncode, err) == (143, "wdpm: terminated\n")
         session = make_session(1, 2)
         slave = SlaveThread(master.endpoint, agreed=versions())

@@ -4,56 +4,72 @@ from __future__ import annotations
 
 import os
 import signal
-import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+from free_ports import free_port
+from patience import WAIT_S
 
 import wdpm
 from wdpm.cli.main import main
 from wdpm.cluster.render_settings import Indirect
 from wdpm.images.image import load
-from wdpm.rendering.record_file import read_records
 
-pytestmark = pytest.mark.sockets
+pytestmark = [pytest.mark.sockets, pytest.mark.timeout(1200)]  # six processes or more, one by one
 
 CHOSEN: dict[str, Any] = {"photons": 1000, "spp": 8, "k": 20, "indirect": Indirect.CACHE}
 OPTIONS = ["cornell-box", "--size", "40x40", "--photons", "1000", "--spp", "8", "--k", "20"]
 OPTIONS += ["--indirect", "cache", "--bucket", "8", "-q"]
-LONGEST_S = 90.0
+
+STRUCK = """
+import os, sys
+from wdpm.cli.main import main
+from wdpm.monitoring.json_log import JsonLog
+from wdpm.rendering.record_file import RecordWriter
+
+what, times, number, *words = sys.argv[1:]
+seen = 0
+
+def struck(write, is_it):
+    def written(self, given):
+        global seen
+        write(self, given)
+        seen += is_it(given)
+        if seen == int(times):
+            seen += 1
+            os.kill(os.getpid(), int(number))
+    return written
+
+JsonLog.__call__ = struck(JsonLog.__call__, lambda event: event.facts.get("phase") == what)
+RecordWriter.append = struck(RecordWriter.append, lambda frames: what.encode() in bytes(frames[0]))
+sys.exit(main(words))
+"""
+"""`wdpm` that sends itself a signal once its log has had a phase, or its journal a kind of record, so many times:
+a test that looked from outside would come too late where it is given no processor."""
 
 
 @contextmanager
-def wdpm_process(folder: Path, *words: str) -> Iterator[subprocess.Popen[str]]:
-    """A command; killed at the end, if it runs then."""
+def wdpm_process(folder: Path, *words: str, struck: Sequence[str] = ()) -> Iterator[subprocess.Popen[str]]:
+    """A command; killed at the end, if it runs then.
+
+    Args:
+        struck: what comes how many times before which signal; none for a command that nothing strikes.
+    """
     root = Path(wdpm.__file__).parents[1]
     environment = {**os.environ, "PYTHONPATH": str(root)}
+    program = ["-c", STRUCK, *struck] if struck else ["-m", "wdpm"]
     with subprocess.Popen(
-        [sys.executable, "-m", "wdpm", *words], cwd=folder, env=environment, stderr=subprocess.PIPE, text=True
+        [sys.executable, *program, *words], cwd=folder, env=environment, stderr=subprocess.PIPE, text=True
     ) as process:
         try:
             yield process
         finally:
             process.kill()
-
-
-def wait_until(what: Callable[[], bool], process: subprocess.Popen[str]) -> None:
-    deadline = time.monotonic() + LONGEST_S
-    while not what():
-        assert process.poll() is None, process.communicate()[1]
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-
-
-def kept(journal: Path) -> list[bytes]:
-    """The headers of what a journal holds."""
-    return [frames[0] for frames, _ in read_records(journal)] if journal.exists() and journal.stat().st_size else []
 
 
 @pytest.fixture(scope="module")
@@ -67,48 +83,31 @@ def test_a_master_is_killed_in_photons_records_and_image(expected: str, tmp_path
     assert main(["keys", str(tmp_path / "master")]) == 0
     for name in ("anna", "bert"):
         assert main(["keys", "add", str(tmp_path / "master"), name]) == 0
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-    log, journal = tmp_path / "log", tmp_path / "box.exr.wdpm-journal"
+    address = f"tcp://127.0.0.1:{free_port()}"
+    journal = tmp_path / "box.exr.wdpm-journal"
     master = ["master", *OPTIONS, "-o", "box.exr", "--bind", address, "--slaves", "2", "--keys", "master"]
     master += ["--resume", "--journal", ".", "--log", "log"]
-
-    def begun(phase: str) -> bool:
-        return log.exists() and f'"phase": "{phase}"' in log.read_text()
-
-    def holds(kind: bytes, before: int) -> bool:
-        return sum(kind in header for header in kept(journal)) > before
-
+    slave = ["slave", address, "--threads", "1", "--timeout", f"{3 * WAIT_S:.0f}"]
     with (
-        wdpm_process(tmp_path, "slave", address, "--keys", "master/anna", "--threads", "1") as anna,
-        wdpm_process(tmp_path, "slave", address, "--keys", "master/bert", "--threads", "1") as bert,
+        wdpm_process(tmp_path, *slave, "--keys", "master/anna") as anna,
+        wdpm_process(tmp_path, *slave, "--keys", "master/bert") as bert,
     ):
-        for moment in (
-            lambda: begun("photons"),
-            lambda: holds(b"RecordsKept", 2),
-            lambda: holds(b"BucketKept", 3),
-        ):
-            with wdpm_process(tmp_path, *master) as process:
-                wait_until(moment, process)
-                process.send_signal(signal.SIGKILL)
-                assert process.wait(LONGEST_S) == -signal.SIGKILL
-            log.unlink()
+        for moment in (("photons", "1"), ("RecordsKept", "3"), ("BucketKept", "4")):
+            with wdpm_process(tmp_path, *master, struck=(*moment, str(int(signal.SIGKILL)))) as process:
+                assert process.wait(WAIT_S) == -signal.SIGKILL, process.communicate()[1]
             assert not (tmp_path / "box.exr").exists()
         with wdpm_process(tmp_path, *master) as process:
-            assert process.wait(LONGEST_S) == 0, process.communicate()[1]
-        assert [anna.wait(LONGEST_S), bert.wait(LONGEST_S)] == [0, 0]
+            assert process.wait(WAIT_S) == 0, process.communicate()[1]
+        assert [anna.wait(WAIT_S), bert.wait(WAIT_S)] == [0, 0]
     assert load(tmp_path / "box.exr").digest() == expected
     assert not journal.exists()
 
 
 def test_a_render_that_is_terminated_says_how_to_go_on(expected: str, tmp_path: Path) -> None:
     """With slaves of its own, which it starts anew."""
-    journal = tmp_path / "box.exr.wdpm-journal"
     render = ["render", *OPTIONS, "-o", "box.exr", "--slaves", "2", "--journal", "."]
-    with wdpm_process(tmp_path, *render) as process:
-        wait_until(lambda: sum(b"BucketKept" in header for header in kept(journal)) > 3, process)
-        process.send_signal(signal.SIGTERM)
-        _, told = process.communicate(timeout=LONGEST_S)
+    with wdpm_process(tmp_path, *render, struck=("BucketKept", "4", str(int(signal.SIGTERM)))) as process:
+        _, told = process.communicate(timeout=WAIT_S)
     assert process.returncode == 143
     assert told.splitlines() == [
         "wdpm: wrote box.partial.exr: the picture as far as it is",
@@ -117,9 +116,9 @@ def test_a_render_that_is_terminated_says_how_to_go_on(expected: str, tmp_path: 
     ]
     assert (load(tmp_path / "box.partial.exr").pixels > 0).any()
     with wdpm_process(tmp_path, *render) as process:
-        _, told = process.communicate(timeout=LONGEST_S)
+        _, told = process.communicate(timeout=WAIT_S)
         assert (process.returncode, "give --resume" in told, told.count("\n")) == (2, True, 1)
     with wdpm_process(tmp_path, *render, "--resume") as process:
-        assert process.wait(LONGEST_S) == 0
+        assert process.wait(WAIT_S) == 0
     assert load(tmp_path / "box.exr").digest() == expected
     assert sorted(path.name for path in tmp_path.iterdir()) == ["box.exr"]

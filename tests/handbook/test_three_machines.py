@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import shutil
-import socket
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from blocks_of_pages import ROOT, commands_of, words_of
+from free_ports import free_port
+from patience import WAIT_S
 
 from wdpm.cli.main import main
 from wdpm.images.image import load
@@ -18,13 +19,6 @@ pytestmark = pytest.mark.sockets
 
 PAGE = ROOT / "docs" / "how-to" / "three-machines.md"
 SMALL = ["--size", "16x16", "--spp", "1", "--photons", "500", "--quiet"]
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def start(folder: Path, words: list[str]) -> subprocess.Popen[str]:
@@ -47,7 +41,7 @@ def test_the_commands_render_a_picture(tmp_path: Path, monkeypatch: pytest.Monke
             shutil.move(tmp_path / add[2] / name, folder / "slave-keys")
             running.append(start(folder, slave))
         running.append(start(tmp_path, [*master, *SMALL]))
-        said = [process.communicate(timeout=120)[1] for process in running]
+        said = [process.communicate(timeout=2 * WAIT_S)[1] for process in running]
     finally:
         for process in running:
             process.kill()

@@ -9,6 +9,7 @@ import threading
 from pathlib import Path
 
 import pytest
+from patience import WAIT_S
 
 from wdpm.cluster import host_memory
 from wdpm.cluster.transport.life_line import life_line
@@ -81,10 +82,10 @@ def test_a_life_line_can_be_watched(sockets_alone: bool) -> None:
         descriptor = life_line(pipe, sockets_alone=sockets_alone)
         assert select.select([descriptor], [], [], 0.05)[0] == []
         os.close(writing)
-        assert select.select([descriptor], [], [], 10.0)[0] == [descriptor]
+        assert select.select([descriptor], [], [], WAIT_S)[0] == [descriptor]
         if sockets_alone:
             os.close(descriptor)
             for thread in threading.enumerate():
                 if thread.name == "life line":
-                    thread.join(10.0)
+                    thread.join(WAIT_S)
                     assert not thread.is_alive()

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from patience import WAIT_S
 
 from wdpm.cluster.cluster_events import ClusterEvent
 from wdpm.monitoring.metrics import Metrics
@@ -27,7 +28,7 @@ def metrics() -> Iterator[Metrics]:
 
 def read(metrics: Metrics) -> dict[tuple[str, ...], float]:
     """Name and labels of each sample -> its value."""
-    with urllib.request.urlopen(f"http://127.0.0.1:{metrics.port}/metrics", timeout=10) as page:
+    with urllib.request.urlopen(f"http://127.0.0.1:{metrics.port}/metrics", timeout=WAIT_S) as page:
         families = list(parser.text_string_to_metric_families(page.read().decode()))
     return {(s.name, *s.labels.values()): s.value for family in families for s in family.samples}
 

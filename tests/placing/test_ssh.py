@@ -6,14 +6,13 @@ import os
 import re
 import shlex
 import signal
-import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from digests import same_bits
 from fake_ssh import calls, make_ssh, make_wdpm
+from patience import WAIT_S, wait_until
 
 import wdpm
 from wdpm.cli.main import main
@@ -38,22 +37,22 @@ def ssh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def ends(slaves: SshSlaves) -> str:
     """Why the slaves have ended."""
-    deadline = time.monotonic() + 30
-    while time.monotonic() < deadline:
+    reasons: list[str] = []
+
+    def has_ended() -> list[str]:
         try:
             slaves.ended()
         except ClusterError as error:
-            return str(error)
-        time.sleep(0.02)
-    raise AssertionError("they have not ended")
+            reasons.append(str(error))
+        return reasons
+
+    wait_until(has_ended, "the end of the slaves")
+    return reasons[0]
 
 
-def wait_until(there: Callable[[], object], slaves: SshSlaves) -> None:
-    deadline = time.monotonic() + 30
-    while not there():
-        slaves.ended()
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+def text_of(path: Path) -> str:
+    """What a program has written so far."""
+    return path.read_text() if path.exists() else ""
 
 
 def script(folder: Path, text: str) -> str:
@@ -77,17 +76,20 @@ def test_a_render_over_ssh_has_the_bits_of_one_process(ssh: Path, tmp_path: Path
     assert shlex.split(started[0][-1])[:2] == [program, "slave"]
 
 
-def test_keys_go_over_standard_input_and_nothing_of_them_is_a_word(ssh: Path, tmp_path: Path) -> None:
+def test_keys_go_over_standard_input_and_nothing_of_them_is_a_word(
+    ssh: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     does = ('head -n 1 > "{0}/keys"', 'echo "$@" > "{0}/words"', "cat", 'touch "{0}/end"')
     program = script(tmp_path, "\n".join(does).format(tmp_path))
     slaves = SshSlaves([Host("bert", 2)], program)
     slaves.start(ENDPOINT, lambda: b"a line of keys\n")
-    wait_until(lambda: (tmp_path / "words").exists() and (tmp_path / "words").read_text(), slaves)
+    wait_until(lambda: text_of(tmp_path / "words"), "the start of the slave", slaves.ended)
     assert (tmp_path / "keys").read_text() == "a line of keys\n"
     said = f"slave {ENDPOINT} --keys - --life-line --device cpu --share 2\n"
     assert (tmp_path / "words").read_text() == said
     assert not [word for call in calls(ssh) for word in call if "line of keys" in word]
     assert not (tmp_path / "end").exists()
+    monkeypatch.setattr(ssh_slaves, "GRACE_S", WAIT_S)
     slaves.stop()  # closes the connection, and with it the standard input of what runs there
     assert (tmp_path / "end").exists()
 
@@ -113,11 +115,11 @@ def test_a_lost_slave_is_started_again(tmp_path: Path, monkeypatch: pytest.Monke
     slaves = SshSlaves([Host("anna")], script(tmp_path, f'echo $$ >> "{tmp_path}/started"; cat'))
     started = tmp_path / "started"
     slaves.start(ENDPOINT, bytes)
-    wait_until(started.exists, slaves)
+    wait_until(lambda: text_of(started), "the first start", slaves.ended)
     slaves.all_joined()
     for times in (2, 3):
         os.kill(int(started.read_text().split()[-1]), signal.SIGKILL)
-        wait_until(lambda times=times: len(started.read_text().split()) == times, slaves)
+        wait_until(lambda times=times: len(text_of(started).split()) == times, f"start {times}", slaves.ended)
     slaves.stop()
     assert len(started.read_text().split()) == 3
 

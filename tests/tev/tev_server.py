@@ -10,8 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-
-WAIT_S = 20.0
+from patience import WAIT_S
 
 
 class Packet:
@@ -53,6 +52,9 @@ class TevServer:
     Args:
         packets: that it takes before it goes away; None for all.
         deaf: accepts the connection, and reads nothing.
+
+    Attributes:
+        gone: it has hung up.
     """
 
     def __init__(self, packets: int | None = None, *, deaf: bool = False) -> None:
@@ -61,6 +63,7 @@ class TevServer:
         self.updates = 0
         self._left = packets
         self._deaf = deaf
+        self.gone = threading.Event()
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.port = int(self._listener.getsockname()[1])
         self.address = f"127.0.0.1:{self.port}"
@@ -97,6 +100,7 @@ class TevServer:
             self.failed = error
         # Data that nobody read makes closing a reset, as when a program is killed.
         self._connection.close()
+        self.gone.set()
 
     def _read(self) -> bytes | None:
         head = self._exactly(4)

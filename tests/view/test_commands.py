@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from patience import WAIT_S
 from watching import Page, watch
 
 import wdpm
@@ -142,7 +143,7 @@ def test_files_are_shown_until_someone_presses_ctrl_c(tmp_path: Path) -> None:
         assert process.stderr is not None
         watch(process.stderr.readline().removeprefix("view: ").strip(), both_are_shown)
         process.send_signal(signal.SIGINT)
-        assert process.wait(50.0) == 130
+        assert process.wait(WAIT_S) == 130
         assert process.stderr.read() == "wdpm: interrupted\n"
 
 

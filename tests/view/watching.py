@@ -11,11 +11,9 @@ from typing import Any
 import aiohttp
 import numpy as np
 from numpy.typing import NDArray
+from patience import WAIT_S
 
 from wdpm.cluster.display import Bucket, Frame
-
-WAIT_S = 20.0
-"""For what must come; a shared machine is slow at times."""
 
 
 def read_tile(data: bytes) -> tuple[dict[str, Any], NDArray[np.float32]]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-WAIT_S = 100.0
+WAIT_S = 240.0
 """Far beyond anything that is waited for, and below pytest's own limit of a test, which tells less."""
 
 
