@@ -37,9 +37,10 @@ demo: $(VENV)/.installed  ## render a Cornell box with a master and four slaves
 
 # pytest prints the seed of the order; `pytest --randomly-seed=SEED` repeats it, `pytest -p no:randomly` keeps files' order.
 # Of work that is left, a free worker takes half of another's: files stay together, and what they prepare once as well.
+# Tests of processes that failed beside others are run once more, alone, and told of: tests/run_tests.py says which.
 test: $(VENV)/.installed-test  ## run the tests (those marked slow are left out) in random order on JOBS cores
 	$(BIN)/python tests/compile_kernels.py
-	$(BIN)/python -m pytest -m "not slow and not slurm and not dask and not sshd" -n $(JOBS) --dist worksteal
+	$(BIN)/python tests/run_tests.py -m "not slow and not slurm and not dask and not sshd" -n $(JOBS) --dist worksteal
 
 test-blender:  ## compare the add-on with Cycles in Blender's module (Python 3.11; its own VENV=.venv-blender)
 	$(MAKE) VENV=$(BLENDER_VENV) $(BLENDER_VENV)/.installed-blender

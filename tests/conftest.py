@@ -10,6 +10,11 @@ from pathlib import Path
 
 import pytest
 import warp as wp
+from failures import (  # noqa: F401 - hooks
+    pytest_runtest_logreport,
+    pytest_runtest_makereport,
+    pytest_sessionfinish,
+)
 from hypothesis import Phase, settings
 
 # The same examples every time, and no deadlines: a shared machine is slow at times, and kernels compile at first use.

@@ -7,13 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from failures import DifferentBits
 from page import page
 from patience import WAIT_S
 from standing import SLAVES, Hung, Outcome, StandingCluster
 from strikes import KINDS, Strikes
 from trials import Configuration, Rows, Trial, expected
 
-pytestmark = pytest.mark.sockets
+pytestmark = [pytest.mark.sockets, pytest.mark.processes]
 
 WHAT = Configuration("cornell-box", "cache", 1, "forward", "none")
 BASE_CPU_S = 1.0
@@ -27,6 +28,11 @@ def cluster() -> Iterator[StandingCluster]:
         standing.complete()
         assert len(standing.slaves.alive) == SLAVES
         yield standing
+
+
+def check_bits(outcome: Outcome, what: Configuration) -> None:
+    if outcome.digest != expected(*what.picture):
+        raise DifferentBits(f"{what}: {outcome}")
 
 
 def struck_render(cluster: StandingCluster, kind: str, what: Configuration) -> Outcome:
@@ -46,14 +52,14 @@ def struck_render(cluster: StandingCluster, kind: str, what: Configuration) -> O
 def test_the_bits_survive(cluster: StandingCluster, kind: str, copies: str) -> None:
     what = Configuration(**{**vars(WHAT), "copies": copies, "indirect": "map" if copies == "auto" else "cache"})
     outcome = struck_render(cluster, kind, what)
-    assert outcome.digest == expected(*what.picture)
+    check_bits(outcome, what)
     assert outcome.redone == 0
 
 
 def test_links_that_are_cut_for_a_second() -> None:
     with StandingCluster(KINDS["cut"].link, 2) as linked:
         outcome = struck_render(linked, "cut", WHAT)
-        assert outcome.digest == expected(*WHAT.picture)
+        check_bits(outcome, WHAT)
         assert len(linked.slaves.alive) == 2, "it was to join again by itself"
 
 

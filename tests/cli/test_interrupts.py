@@ -21,6 +21,8 @@ from wdpm.cli.interrupts import interrupts_raise, no_lost_interrupts, terminatio
 from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.versions import versions
 
+pytestmark = pytest.mark.processes
+
 COMMAND = ["compare", "a", "b"]
 
 SLEEPER = f"""

@@ -20,7 +20,8 @@ from wdpm.cli.main import main
 from wdpm.cluster.render_settings import Indirect
 from wdpm.images.image import load
 
-pytestmark = [pytest.mark.sockets, pytest.mark.timeout(1200)]  # six processes or more, one by one
+# Each starts six processes or more, one after another.
+pytestmark = [pytest.mark.sockets, pytest.mark.processes, pytest.mark.timeout(1200)]
 
 CHOSEN: dict[str, Any] = {"photons": 1000, "spp": 8, "k": 20, "indirect": Indirect.CACHE}
 OPTIONS = ["cornell-box", "--size", "40x40", "--photons", "1000", "--spp", "8", "--k", "20"]

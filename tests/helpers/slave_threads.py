@@ -6,6 +6,7 @@ import threading
 from typing import Any
 
 import numpy as np
+from failures import DifferentBits
 from fake_worker import FakeWorker, picture
 from patience import WAIT_S
 from slow_slaves import AGREED
@@ -45,4 +46,5 @@ class SlaveThread(threading.Thread):
 def check_picture(session: Session, layers: dict[str, Any]) -> None:
     """Every layer must be as FakeWorkers paint it, whoever rendered which bucket."""
     for name, layer in picture(session.view).layers.items():
-        np.testing.assert_array_equal(layers[name], layer)
+        if not np.array_equal(layers[name], layer):
+            raise DifferentBits(f"{name} is {layers[name]}, not {layer}")

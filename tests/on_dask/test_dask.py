@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from digests import same_bits
+from patience import wait_until
 
 import wdpm
 from wdpm.cli.main import main
@@ -63,13 +63,6 @@ class At(Progress):
 
     def note(self, text: str) -> None:
         self.notes.append(text)
-
-
-def wait_until(there: Any) -> None:
-    deadline = time.monotonic() + 60
-    while not there():
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
 
 
 def slaves_of(client: Any) -> dict[str, int]:

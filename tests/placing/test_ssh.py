@@ -25,6 +25,8 @@ from wdpm.scenes.errors import ClusterError, SettingsError
 SETTINGS: dict[str, Any] = {"photons": 5000, "spp": 2, "k": 20}
 ENDPOINT = "tcp://127.0.0.1:4711"
 
+pytestmark = pytest.mark.processes
+
 
 @pytest.fixture
 def ssh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from digests import same_bits
 from fake_ssh import make_wdpm
+from patience import WAIT_S
 
 import wdpm
 from wdpm.scenes.errors import ClusterError
@@ -72,7 +73,7 @@ def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def until_it_listens(port: int) -> None:
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + WAIT_S
     while True:
         try:
             socket.create_connection(("127.0.0.1", port)).close()

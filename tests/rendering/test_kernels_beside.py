@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from patience import wait_until
 
 from wdpm.kernels.cached import cache_folder, use_cache_folder
 from wdpm.kernels.features import Features
 from wdpm.rendering.compiling import Compiling
 from wdpm.rendering.kernels_beside import KernelsBeside
-
-PATIENCE_S = 120.0
 
 
 @pytest.fixture
@@ -31,9 +29,7 @@ def modules_in(folder: Path) -> list[str]:
 def test_it_compiles_until_it_is_stopped_and_leaves_nothing_half_made(empty_cache: Path) -> None:
     beside = KernelsBeside(Compiling.BESIDE)
     beside.compile([Features()])
-    patience = time.monotonic() + PATIENCE_S
-    while not any("_p" not in name for name in modules_in(empty_cache)) and time.monotonic() < patience:
-        time.sleep(0.05)
+    wait_until(lambda: any("_p" not in name for name in modules_in(empty_cache)), "a module")
     beside.stop()
     beside.stop()
     made = modules_in(empty_cache)

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from digests import same_bits
 from local_slurm import local_slurm, missing, node_states, processes_of
+from patience import WAIT_S
 
 import wdpm
 from wdpm.images.image import Image, load
@@ -64,7 +65,7 @@ def slaves_at_work(step: subprocess.Popen[str], slaves: int) -> list[int]:
 
 def test_a_step_gives_the_bits_of_one_process(tmp_path: Path, environment: dict[str, str], alone: Image) -> None:
     with srun(3, tmp_path, environment) as step:
-        _, said = step.communicate(timeout=200)
+        _, said = step.communicate(timeout=WAIT_S)
     assert step.returncode == 0, said
     image = load(tmp_path / "box.exr")
     assert same_bits(image, alone)
@@ -85,7 +86,7 @@ def test_a_slave_that_is_killed_is_done_without(tmp_path: Path, environment: dic
 def test_an_error_of_the_master_ends_the_slaves(tmp_path: Path, environment: dict[str, str]) -> None:
     command = [*SRUN, "3", *WDPM, "render", "nowhere.xml", "-o", "box.exr", "--slurm"]
     done = subprocess.run(
-        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False, timeout=100
+        command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False, timeout=WAIT_S
     )
     assert done.returncode != 0
     assert "nowhere.xml" in done.stderr
@@ -149,7 +150,7 @@ def state(job: str, environment: dict[str, str]) -> str:
 
 def wait_until(there: object, folder: Path) -> None:
     assert callable(there)
-    deadline = time.monotonic() + 200
+    deadline = time.monotonic() + WAIT_S
     while not there():
         out = folder / "job.out"
         assert time.monotonic() < deadline, out.read_text() if out.exists() else "the job has said nothing"

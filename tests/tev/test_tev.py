@@ -21,7 +21,7 @@ from wdpm.view.address import ViewAddress
 
 SMALL = ["render", "cornell-box", "--size", "16x12", "--photons", "500", "--indirect", "map", "-q", "--bucket", "8"]
 
-pytestmark = pytest.mark.sockets
+pytestmark = [pytest.mark.sockets, pytest.mark.processes]
 
 
 def channels_of(layer: str) -> list[str]:

@@ -26,6 +26,7 @@ DRIVER = shutil.which("chromedriver")
 
 pytestmark = [
     pytest.mark.sockets,
+    pytest.mark.processes,
     pytest.mark.skipif(CHROMIUM is None or DRIVER is None, reason="there is no Chromium with its driver"),
 ]
 

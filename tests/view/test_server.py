@@ -18,7 +18,7 @@ from wdpm.scenes.errors import SettingsError
 from wdpm.view.address import ViewAddress, view_address
 from wdpm.view.live import LiveView
 
-pytestmark = pytest.mark.sockets
+pytestmark = [pytest.mark.sockets, pytest.mark.processes]
 
 
 class Stops:

@@ -26,7 +26,7 @@ from wdpm.cluster.transport.zeromq.run_keys import RunKeys, slave_keys
 from wdpm.cluster.transport.zeromq.sockets import ENVELOPE_BYTES, bind, connect, make_socket
 from wdpm.scenes.errors import ClusterError
 
-pytestmark = pytest.mark.sockets
+pytestmark = [pytest.mark.sockets, pytest.mark.processes]
 
 FROM_PEER, PEER_ANSWER = packing.by_name(protocol.FromPeer), packing.by_name(protocol.PeerAnswer)
 

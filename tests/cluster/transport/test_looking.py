@@ -20,7 +20,7 @@ from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.transport.zeromq.key_files import load_keys, make_keys
 from wdpm.scenes.errors import ClusterError
 
-pytestmark = pytest.mark.sockets
+pytestmark = [pytest.mark.sockets, pytest.mark.processes]
 
 PATIENT = ("--timeout", f"{WAIT_S:g}s")
 NO_ANSWER = 75

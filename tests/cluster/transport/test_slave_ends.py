@@ -13,6 +13,8 @@ from wdpm.cluster.transport.registry import transport_of
 from wdpm.cluster.transport.transport import Listener, Network, Role
 from wdpm.scenes.errors import ClusterEndedError, ClusterError, MasterLostError
 
+pytestmark = pytest.mark.processes
+
 ADDRESS = "memory://how-slaves-end"
 
 

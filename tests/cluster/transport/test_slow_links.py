@@ -27,7 +27,7 @@ from wdpm.cluster.transport.zeromq import sockets
 from wdpm.cluster.transport.zeromq.network import ZeroMQTransport
 from wdpm.cluster.transport.zeromq.run_keys import RunKeys, slave_keys
 
-pytestmark = pytest.mark.sockets
+pytestmark = [pytest.mark.sockets, pytest.mark.processes]
 
 IMPATIENT = ClusterLimits(heartbeat_s=0.1, late_s=2.0, dead_s=3.0, photon_task_paths=500)
 """No thread of a process stands still for so long while another one runs, however laden the machine."""

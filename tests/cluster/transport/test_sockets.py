@@ -39,7 +39,7 @@ from wdpm.cluster.task import PhotonTask, Task
 from wdpm.cluster.transport.zeromq.sockets import connect, make_socket, send
 from wdpm.scenes.errors import ClusterEndedError, ClusterError, SettingsError
 
-pytestmark = pytest.mark.sockets
+pytestmark = [pytest.mark.sockets, pytest.mark.processes]
 
 ANY_PORT = "tcp://127.0.0.1:0"
 WAIT_MS = int(1000 * WAIT_S)

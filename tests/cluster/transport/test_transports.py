@@ -33,6 +33,8 @@ from wdpm.scenes.errors import ClusterEndedError, ClusterError, ProtocolError, S
 FROM_SLAVE, FROM_MASTER = packing.by_name(protocol.FromSlave), packing.by_name(protocol.FromMaster)
 FROM_PEER = packing.by_name(protocol.FromPeer)
 
+pytestmark = pytest.mark.processes
+
 LONG_S = 2 * WAIT_S
 """Nothing takes so long: who waits for it has not been woken."""
 

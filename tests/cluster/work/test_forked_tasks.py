@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +18,7 @@ import pytest
 import warp as wp
 from digests import same_bits
 from one_cell import ready
+from patience import wait_until
 
 from wdpm.cluster.records import CachePlan, equal
 from wdpm.cluster.render_settings import Indirect, RenderSettings
@@ -315,10 +315,7 @@ def test_forked_processes_end_with_their_parent(tmp_path: Path) -> None:
         pids = [int(parent.stdout.readline()) for _ in range(3)]
         assert all(map(is_there, pids))
         parent.kill()
-    deadline = time.monotonic() + 60
-    while any(map(is_there, pids)) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not any(map(is_there, pids))
+    wait_until(lambda: not any(map(is_there, pids)), "their end")
 
 
 def test_no_process_forks_that_has_used_cuda(monkeypatch: pytest.MonkeyPatch) -> None:
