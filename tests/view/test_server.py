@@ -10,11 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from patience import WAIT_S, wait_until
 from watching import Page, bucket, fetch, frame, watch
 
 from wdpm.cluster.display import SlaveSeen
 from wdpm.images.image import Image, load
 from wdpm.scenes.errors import SettingsError
+from wdpm.view import server
 from wdpm.view.address import ViewAddress, view_address
 from wdpm.view.live import LiveView
 
@@ -65,7 +67,8 @@ def test_a_page_that_comes_late_sees_all_and_then_what_changes(view: LiveView) -
     watch(view.url, look)
 
 
-def test_a_page_hears_how_it_ends_and_has_the_last_pixels(view: LiveView) -> None:
+def test_a_page_hears_how_it_ends_and_has_the_last_pixels(view: LiveView, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "FAREWELL_S", WAIT_S)
     view.begin(frame(32, 8))
 
     async def look(page: Page) -> None:
@@ -90,12 +93,7 @@ def test_a_browser_that_goes_is_not_missed(view: LiveView) -> None:
         await page.socket.send_json(want(("a", "beauty")))
 
     watch(view.url, leave)
-    for _ in range(1000):
-        view.bucket(bucket(0, 0, 64, 64, 1.0))
-        if not view._server.watched:
-            break
-        time.sleep(0.01)
-    assert not view._server.watched
+    wait_until(lambda: not view._server.watched, "its end", lambda: view.bucket(bucket(0, 0, 64, 64, 1.0)))
 
 
 def test_what_a_page_asks_for_is_done(view: LiveView, stops: Stops) -> None:
