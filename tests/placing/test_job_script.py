@@ -105,6 +105,7 @@ def test_what_would_fail_again_is_not_requeued(code: int, restarts: str, text: s
         (["--tasks", "1", "s.xml"], "needs at least one slave"),
         (["--tasks", "2", "s.xml", "--passses", "2"], "unrecognized arguments: --passses"),
         (["--tasks", "2"], "required: SCENE"),
+        (["--tasks", "2", "a.glb", "--frames", "1..3"], "its scripts are for one image"),
         (["--tasks", "2", "s.xml", "--resume"], "leave --resume out"),
         (["--tasks", "2", "s.xml", "--slaves", "2"], "--slurm and --slaves contradict each other"),
     ],

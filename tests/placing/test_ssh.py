@@ -78,6 +78,28 @@ def test_a_render_over_ssh_has_the_bits_of_one_process(ssh: Path, tmp_path: Path
     assert shlex.split(started[0][-1])[:2] == [program, "slave"]
 
 
+@pytest.mark.sockets
+def test_a_sequence_keeps_its_slaves(ssh: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for number, width in ((1, 40), (2, 48)):
+        Path(f"s.{number}.xml").write_text(ROOM.format(width=width))
+    words = ["render", "s.%d.xml", "--frames", "1..2", "-q", "--photons", "2k", "--spp", "1", "--max-depth", "3"]
+    program = make_wdpm(tmp_path / "wdpm there")
+    assert main([*words, "-o", "a.exr", "--hosts", "bert", "--remote-wdpm", program, "--threads", "1"]) == 0
+    assert len([call for call in calls(ssh) if call[0] != "-G"]) == 1
+    assert main([*words, "-o", "b.exr"]) == 0
+    for number in ("0001", "0002"):
+        assert load(f"a.{number}.exr").digest() == load(f"b.{number}.exr").digest()
+
+
+ROOM = """<scene version="3.0.0">
+<sensor type="perspective"><film type="hdrfilm"><integer name="width" value="{width}"/>
+<integer name="height" value="20"/></film>
+<transform name="to_world"><lookat origin="0.1,0.1,-0.8" target="0,0,1" up="0,1,0"/></transform></sensor>
+<shape type="cube"><boolean name="flip_normals" value="true"/><bsdf type="diffuse"/></shape>
+<emitter type="point"><point name="position" x="0.2" y="0.5" z="0"/></emitter></scene>"""
+
+
 def test_keys_go_over_standard_input_and_nothing_of_them_is_a_word(
     ssh: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -93,8 +93,6 @@ def run(args: argparse.Namespace) -> int:
     """Render and write, or replay a sample; returns the exit code."""
     hold_off_collector()
     if is_placed(args):
-        if args.frames is not None:
-            raise SettingsError("--frames renders here, or by wdpm master; leave --slurm, --dask and --hosts out")
         return render_placed(args)
     if asks_for_frames(args):
         with observers(args) as told:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,7 @@ from wdpm.cli.goal import asks_for_a_goal, render_to_goal
 from wdpm.cli.journals import journals
 from wdpm.cli.live import shown
 from wdpm.cli.monitoring import observers
+from wdpm.cli.output.frames import asks_for_frames, render_frames
 from wdpm.cluster.cluster_events import ClusterObserver
 from wdpm.scenes.errors import ClusterError, SettingsError
 
@@ -22,10 +23,10 @@ Observers = Sequence[ClusterObserver]
 
 def render_placed(args: argparse.Namespace) -> int:
     """Render and write, or be a slave; returns the exit code."""
-    to_goal = asks_for_a_goal(args)
+    way = _way(args)
     if not args.slurm:
         with observers(args) as told, _on_dask(args, told) if args.dask else _over_ssh(args, told) as cluster:
-            return _render_on(cluster, args, to_goal)
+            return way(cluster, args)
     from wdpm.placing.slurm import this_allocation
 
     allocation = this_allocation()
@@ -38,7 +39,16 @@ def render_placed(args: argparse.Namespace) -> int:
         observers(args) as told,
         Cluster.in_slurm(allocation, args.shared, copies=args.copies, observers=told) as cluster,
     ):
-        return _render_on(cluster, args, to_goal)
+        return way(cluster, args)
+
+
+def _way(args: argparse.Namespace) -> Callable[[Cluster, argparse.Namespace], int]:
+    """What is done with a cluster: asked before there is one, so that options that contradict each other start none."""
+    if asks_for_frames(args):
+        return lambda cluster, args: render_frames(args, lambda: cluster)
+    if asks_for_a_goal(args):
+        return lambda cluster, args: render_to_goal(args, lambda: cluster)
+    return _render_on
 
 
 def _serve_in_slurm(args: argparse.Namespace, allocation: Any) -> int:
@@ -83,11 +93,9 @@ def _over_ssh(args: argparse.Namespace, told: Observers) -> Cluster:
     )
 
 
-def _render_on(cluster: Cluster, args: argparse.Namespace, to_goal: bool) -> int:
+def _render_on(cluster: Cluster, args: argparse.Namespace) -> int:
     from wdpm.cli.result import first_output, render_and_write
 
-    if to_goal:
-        return render_to_goal(args, lambda: cluster)
     with shown(args) as view, journals(args, first_output(args)) as kept:
         cluster.display = view
         caches = {"save_cache": args.save_cache, "load_cache": args.load_cache}

@@ -62,6 +62,11 @@ def run(args: argparse.Namespace) -> int:
     words = [*args.words, "--slurm"]
     rendered = args.render_parser.parse_args(words)
     is_placed(rendered)  # checks that nothing contradicts --slurm
+    if rendered.frames is not None:
+        raise SettingsError(
+            "wdpm slurm: its scripts are for one image; for --frames, write one that runs "
+            "srun wdpm render SCENE --frames A..B --slurm --resume"
+        )
     image = first_output(rendered)
     job = Job(
         name=f"wdpm-{re.sub(r'[^A-Za-z0-9_.-]', '-', image.stem)}",
