@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from wdpm.scenes.images.ahead import PicturesAhead
 from wdpm.scenes.mitsuba.bsdfs import BsdfReader
 from wdpm.scenes.mitsuba.document import Element
 from wdpm.scenes.mitsuba.plugin import Plugin
@@ -13,14 +14,17 @@ from wdpm.scenes.model.scene import Material
 class MaterialReader:
     """Collects the materials of a scene; each bsdf element becomes one, however many shapes refer to it.
 
+    Args:
+        pictures: reads the files of textures.
+
     Attributes:
         materials: what was read so far; Mesh.material indexes it.
         textures: reads textures, for whatever else has some (lights).
     """
 
-    def __init__(self, warnings: list[str]) -> None:
+    def __init__(self, warnings: list[str], pictures: PicturesAhead) -> None:
         self.materials: list[Material] = []
-        self.textures = TextureReader(warnings)
+        self.textures = TextureReader(warnings, pictures)
         self._bsdfs = BsdfReader(self.textures, warnings)
         self._by_element: dict[Element, int] = {}
         self._defaults: dict[bool, int] = {}

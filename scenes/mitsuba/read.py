@@ -12,8 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.scenes.images.ahead import PicturesAhead
 from wdpm.scenes.meshes.framing import Frame, added_camera, refuse_frame
 from wdpm.scenes.meshes.mesh_data import MeshData
+from wdpm.scenes.meshes.several import available_cores
 from wdpm.scenes.meshes.vertex_attributes import with_colors
 from wdpm.scenes.mitsuba.document import Document, Element, read_document
 from wdpm.scenes.mitsuba.emitters import EmitterReader
@@ -24,6 +26,7 @@ from wdpm.scenes.mitsuba.named_materials import parts_of, take_named_bsdfs
 from wdpm.scenes.mitsuba.plugin import OBJECT_TAGS, VALUE_TAGS, Plugin, left_out, unknown_tag
 from wdpm.scenes.mitsuba.sensor import Size, read_integrator, read_sensor
 from wdpm.scenes.mitsuba.shapes import ShapeReader, Use
+from wdpm.scenes.mitsuba.textures import pictures_of
 from wdpm.scenes.mitsuba.upgrade import upgrade, version_of
 from wdpm.scenes.model.bsdfs import (
     Blend,
@@ -70,15 +73,16 @@ def read_mitsuba(
     document = read_document(file, defines)
     document.rules.lenient = lenient
     upgrade(document)
-    return _SceneReader(document, file).read(size, camera, frame)
+    with PicturesAhead(pictures_of(document), available_cores()) as pictures:
+        return _SceneReader(document, file, pictures).read(size, camera, frame)
 
 
 class _SceneReader:
-    def __init__(self, document: Document, file: Path) -> None:
+    def __init__(self, document: Document, file: Path, pictures: PicturesAhead) -> None:
         self.document = document
         self.file = file
         self.warnings = document.rules.warnings
-        self.materials = MaterialReader(self.warnings)
+        self.materials = MaterialReader(self.warnings, pictures)
         self.media = MediaReader(self.warnings, old=_is_old(document))
         self.emitters = EmitterReader(
             self.materials.textures, self.media, old_axes=_is_old(document), warnings=self.warnings

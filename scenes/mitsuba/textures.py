@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -9,9 +11,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.scenes.images.read import read_texture
+from wdpm.scenes.errors import SceneError
+from wdpm.scenes.images.ahead import PicturesAhead
 from wdpm.scenes.mitsuba.colours import read_spectrum_file, within_gamut
-from wdpm.scenes.mitsuba.document import Element
+from wdpm.scenes.mitsuba.document import Document, Element
 from wdpm.scenes.mitsuba.plugin import Plugin
 from wdpm.scenes.model import transforms
 from wdpm.scenes.model.textures import (
@@ -45,11 +48,37 @@ UPWARDS: Final = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
 """Texture coordinates whose v grows the other way."""
 
 
-class TextureReader:
-    """Reads textures; plugins that say the same share one texture, and files are read once."""
+def pictures_of(document: Document) -> Iterator[tuple[Path, bool]]:
+    """The files of bitmaps that shapes and emitters use, and whether they are raw, in the order of the document.
 
-    def __init__(self, warnings: list[str]) -> None:
+    What is wrong with a name is told when the plugin is read.
+    """
+    waiting = [element for element in reversed(document.root.children) if element.tag in ("shape", "emitter")]
+    seen: set[int] = set()
+    while waiting:
+        element = waiting.pop()
+        if element.tag == "ref":
+            element = document.ids.get(element.attributes.get("id", ""), element)
+        if id(element) in seen:
+            continue
+        seen.add(id(element))
+        if element.tag == "texture" and element.attributes.get("type") == "bitmap":
+            given = {each.attributes.get("name"): each.attributes.get("value", "") for each in element.children}
+            with suppress(SceneError):
+                yield document.resolve_file(given.get("filename", ""), element).resolve(), given.get("raw") == "true"
+        waiting += reversed(element.children)
+
+
+class TextureReader:
+    """Reads textures; plugins that say the same share one texture, and files are read once.
+
+    Args:
+        pictures: reads their files.
+    """
+
+    def __init__(self, warnings: list[str], pictures: PicturesAhead) -> None:
         self._warnings = warnings
+        self._pictures = pictures
         self._by_element: dict[Element, Texture] = {}
         self._bitmaps: dict[tuple[object, ...], Bitmap] = {}
         self._exchanged: dict[Checkerboard, Checkerboard] = {}
@@ -154,7 +183,7 @@ class TextureReader:
         key = file, raw, wrap, interpolation, to_uv.tobytes()
         if key not in self._bitmaps:
             if (file, raw) not in self._pixels:
-                self._pixels[file, raw] = read_texture(file, raw=raw)
+                self._pixels[file, raw] = self._pictures.read(file, raw=raw)
             self._bitmaps[key] = Bitmap(file.name, self._pixels[file, raw], wrap, interpolation, to_uv)
         return self._bitmaps[key]
 
