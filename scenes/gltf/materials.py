@@ -16,7 +16,7 @@ import numpy as np
 
 from wdpm.scenes.gltf.container import GltfFile
 from wdpm.scenes.gltf.textures import BLUE as BLUE_CHANNEL
-from wdpm.scenes.gltf.textures import GREEN, RED, GltfTextures
+from wdpm.scenes.gltf.textures import GREEN, RED, GltfTextures, Images
 from wdpm.scenes.model.bsdfs import (
     WHITE,
     Blend,
@@ -83,10 +83,10 @@ class GltfMaterial:
 class GltfMaterials:
     """Reads materials on demand; None is glTF's default material."""
 
-    def __init__(self, gltf: GltfFile, warnings: list[str]) -> None:
+    def __init__(self, gltf: GltfFile, warnings: list[str], images: Images) -> None:
         self._gltf = gltf
         self._warnings = warnings
-        self._textures = GltfTextures(gltf, warnings)
+        self._textures = GltfTextures(gltf, warnings, images)
         self._found: dict[tuple[int | None, bool], int] = {}
         self.materials: list[GltfMaterial] = []
 

@@ -12,6 +12,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +25,11 @@ from wdpm.scenes.gltf.draco import DRACO, decompress
 from wdpm.scenes.gltf.instancing import INSTANCING, places_of, rotations
 from wdpm.scenes.gltf.lights import read_gltf_camera, read_gltf_light
 from wdpm.scenes.gltf.materials import COLOR_ATTRIBUTE, MATERIAL_EXTENSIONS, GltfMaterial, GltfMaterials
-from wdpm.scenes.gltf.textures import WEBP
+from wdpm.scenes.gltf.textures import WEBP, Images, images_of, read_image
+from wdpm.scenes.images.ahead import Ahead
 from wdpm.scenes.meshes.framing import Frame, completed_scene, refuse_frame
 from wdpm.scenes.meshes.mesh_data import MeshData
+from wdpm.scenes.meshes.several import available_cores
 from wdpm.scenes.model.lights import Light
 from wdpm.scenes.model.scene import Camera, Instance, Medium, Mesh, Scene, Solid
 from wdpm.scenes.model.textures import RGB
@@ -66,15 +69,17 @@ def read_gltf(
     Raises:
         SceneError: broken or truncated, or in need of an extension or a kind of light that is not supported.
     """
-    return _Reader(GltfFile(file), time).read(size, camera, frame)
+    gltf = GltfFile(file)
+    with Ahead(partial(read_image, gltf), images_of(gltf), available_cores()) as images:
+        return _Reader(gltf, time, images).read(size, camera, frame)
 
 
 class _Reader:
-    def __init__(self, gltf: GltfFile, time: float | None) -> None:
+    def __init__(self, gltf: GltfFile, time: float | None, images: Images) -> None:
         self.gltf = gltf
         self.warnings: list[str] = []
         self.poses = Poses(gltf, time, self.warnings)
-        self.materials = GltfMaterials(gltf, self.warnings)
+        self.materials = GltfMaterials(gltf, self.warnings, images)
         self.meshes: list[Solid] = []
         self._shapes: dict[int, Mesh | None] = {}
         self._uses: Counter[object] = Counter()

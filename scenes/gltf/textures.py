@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.scenes.errors import SceneError
 from wdpm.scenes.gltf.container import GltfFile
-from wdpm.scenes.images.read import decode_alpha, decode_texture
+from wdpm.scenes.images.ahead import Ahead
+from wdpm.scenes.images.read import alpha_of, linear_pixels, unpacked
 from wdpm.scenes.model.textures import RGB, Bitmap, Interpolation, Wrap
 
 _WRAPS = {33071: Wrap.CLAMP, 33648: Wrap.MIRROR, 10497: Wrap.REPEAT}
@@ -21,11 +25,68 @@ GREEN: Final = 1
 BLUE: Final = 2
 
 
-class GltfTextures:
-    """Reads the textures of one file; every image is decoded once."""
+Images = Ahead[int, NDArray[Any]]
+"""Unpacked images by their numbers in the file."""
 
-    def __init__(self, gltf: GltfFile, warnings: list[str]) -> None:
+
+def read_image(gltf: GltfFile, number: int) -> NDArray[Any]:
+    """An image of the file, unpacked."""
+    image = gltf.item("images", number)
+    data = (
+        gltf.uri_bytes(gltf.get(image, "uri", str, ""))
+        if "uri" in image
+        else bytes(gltf.view_bytes(image.get("bufferView")))
+    )
+    return unpacked(data, image_name(gltf, number))
+
+
+def image_name(gltf: GltfFile, number: int) -> str:
+    """What to call an image in messages."""
+    return f"{gltf.file} (image {number})"
+
+
+def images_of(gltf: GltfFile) -> Iterator[int]:
+    """Images of the textures that materials of meshes name. What is wrong with one is told when it is read."""
+    used: list[Any] = []
+    for number in range(gltf.count("meshes")):
+        with suppress(SceneError):
+            primitives = gltf.get(gltf.item("meshes", number), "primitives", list, [])
+            used += [each.get("material") for each in primitives if isinstance(each, dict)]
+    waiting: list[Any] = []
+    for number in dict.fromkeys(each for each in used if isinstance(each, int)):
+        with suppress(SceneError):
+            waiting.append(gltf.item("materials", number))
+    while waiting:
+        for key, value in waiting.pop(0).items():
+            if not isinstance(value, dict):
+                continue
+            waiting.append(value)
+            if key.endswith("Texture") and "index" in value:
+                with suppress(SceneError):
+                    yield _source_of(gltf, gltf.item("textures", value["index"]))
+
+
+def _source_of(gltf: GltfFile, texture: dict[str, Any]) -> int:
+    extensions = gltf.get(texture, "extensions", dict, {})
+    fallback: int = gltf.get(texture, "source", int, -1)
+    source: int = gltf.get(gltf.get(extensions, WEBP, dict, {}), "source", int, fallback)
+    if source < 0:
+        other = f" (it is in {', '.join(sorted(extensions))})" if extensions else ""
+        raise gltf.error(f"a texture has no PNG, JPEG or WebP source{other}; no other format is read")
+    return source
+
+
+class GltfTextures:
+    """Reads the textures of one file; every image is decoded once.
+
+    Args:
+        images: reads them.
+    """
+
+    def __init__(self, gltf: GltfFile, warnings: list[str], images: Images) -> None:
         self._gltf = gltf
+        self._ahead = images
+        self._numbers: dict[int, NDArray[Any]] = {}
         self._warnings = warnings
         self._images: dict[tuple[int, bool], NDArray[np.float32]] = {}
 
@@ -47,8 +108,8 @@ class GltfTextures:
 
     def alpha(self, info: dict[str, Any], name: str) -> Bitmap | None:
         """The alpha channel of a texture, if it has one."""
-        data, label = self._encoded(info)
-        pixels = decode_alpha(data, label)
+        source = self._source(info)
+        pixels = alpha_of(self._unpacked(source), image_name(self._gltf, source))
         return None if pixels is None else self._bitmap(info, pixels, name)
 
     def normals(self, info: dict[str, Any], name: str) -> Bitmap:
@@ -71,32 +132,19 @@ class GltfTextures:
         return self._gltf.item("textures", info.get("index"))
 
     def _source(self, info: dict[str, Any]) -> int:
-        texture = self._texture(info)
-        extensions = self._gltf.get(texture, "extensions", dict, {})
-        fallback: int = self._gltf.get(texture, "source", int, -1)
-        source: int = self._gltf.get(self._gltf.get(extensions, WEBP, dict, {}), "source", int, fallback)
-        if source < 0:
-            other = f" (it is in {', '.join(sorted(extensions))})" if extensions else ""
-            raise self._gltf.error(f"a texture has no PNG, JPEG or WebP source{other}; no other format is read")
-        return source
-
-    def _encoded(self, info: dict[str, Any]) -> tuple[bytes, str]:
-        """The bytes of a texture's image file, and what to call it in messages."""
-        source = self._source(info)
-        image = self._gltf.item("images", source)
-        data = (
-            self._gltf.uri_bytes(self._gltf.get(image, "uri", str, ""))
-            if "uri" in image
-            else bytes(self._gltf.view_bytes(image.get("bufferView")))
-        )
-        return data, f"{self._gltf.file} (image {source})"
+        return _source_of(self._gltf, self._texture(info))
 
     def _pixels(self, info: dict[str, Any], *, raw: bool) -> NDArray[np.float32]:
         key = self._source(info), raw
         if key not in self._images:
-            data, label = self._encoded(info)
-            self._images[key] = decode_texture(data, label, raw=raw)
+            source, _ = key
+            self._images[key] = linear_pixels(self._unpacked(source), image_name(self._gltf, source), raw=raw)
         return self._images[key]
+
+    def _unpacked(self, source: int) -> NDArray[Any]:
+        if source not in self._numbers:
+            self._numbers[source] = self._ahead.get(source)
+        return self._numbers[source]
 
     def _bitmap(self, info: dict[str, Any], pixels: NDArray[np.float32], name: str) -> Bitmap:
         texture = self._texture(info)

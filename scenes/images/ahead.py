@@ -1,44 +1,44 @@
-"""Pictures that are decoded beside other reading, in threads of their own: decoders let others compute meanwhile."""
+"""What is read beside other reading, in threads of their own: decoders of pictures let others compute meanwhile."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Hashable, Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
-from pathlib import Path
+from contextvars import copy_context
 from types import TracebackType
-from typing import Self
+from typing import Generic, Self, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from wdpm.scenes.images.read import read_texture
+Key = TypeVar("Key", bound=Hashable)
+Value = TypeVar("Value")
 
 
-class PicturesAhead:
-    """Reads pictures as `read_texture` does, some of them before anybody asks. To be used as a context.
+class Ahead(Generic[Key, Value]):
+    """Reads things by their keys, some of them before anybody asks. To be used as a context.
 
-    What is wrong with a picture is told when it is asked for, so errors come in the order of the scene's file.
+    What is wrong with one is told when it is asked for, so errors come in the order of the scene's file.
 
     Args:
-        wanted: files that will be asked for, most likely in this order, and whether raw.
-        threads: that decode them.
+        read: reads what has a key.
+        wanted: keys that will be asked for, most likely in this order.
+        threads: that read them; one reads nothing ahead.
     """
 
-    def __init__(self, wanted: Iterable[tuple[Path, bool]] = (), threads: int = 1) -> None:
-        each = list(dict.fromkeys(wanted))
-        self._pool = ThreadPoolExecutor(threads) if threads > 1 and each else None
-        self._coming: dict[tuple[Path, bool], Future[NDArray[np.float32]]] = {}
-        if self._pool is not None:
-            self._coming = {(file, raw): self._pool.submit(read_texture, file, raw=raw) for file, raw in each}
+    def __init__(self, read: Callable[[Key], Value], wanted: Iterable[Key] = (), threads: int = 1) -> None:
+        self._read = read
+        each = list(dict.fromkeys(wanted)) if threads > 1 else []
+        self._pool = ThreadPoolExecutor(threads) if each else None
+        self._coming: dict[Key, Future[Value]] = {}
+        if self._pool is not None:  # each in the caller's context, which has the scene's root
+            self._coming = {key: self._pool.submit(copy_context().run, read, key) for key in each}
 
-    def read(self, file: Path, *, raw: bool) -> NDArray[np.float32]:
-        """As `read_texture`; what was read ahead is given once.
+    def get(self, key: Key) -> Value:
+        """What has a key; what was read ahead is given once.
 
         Raises:
-            SceneError: as `read_texture`.
+            Whatever `read` raises.
         """
-        coming = self._coming.pop((file, raw), None)
-        return read_texture(file, raw=raw) if coming is None else coming.result()
+        coming = self._coming.pop(key, None)
+        return self._read(key) if coming is None else coming.result()
 
     def __enter__(self) -> Self:
         return self

@@ -37,18 +37,18 @@ def read_texture(file: Path, *, raw: bool) -> NDArray[np.float32]:
     return _decode(_read_any(file.read_bytes(), str(file), file.suffix), str(file), raw=raw)
 
 
-def decode_texture(data: bytes, name: str, *, raw: bool) -> NDArray[np.float32]:
-    """Like `read_texture`, for a PNG or JPEG file that lies in memory."""
-    return _decode(_read_any(data, name, None), name, raw=raw)
+def unpacked(data: bytes, name: str) -> NDArray[Any]:
+    """What is in a PNG or JPEG file that lies in memory, as its numbers are; for `linear_pixels` and `alpha_of`."""
+    return _read_any(data, name, None)
 
 
-def linear_pixels(pixels: NDArray[Any], name: str) -> NDArray[np.float32]:
-    """Like `read_texture`, for an image that is decoded already: whole numbers are sRGB; shape [height, width, 3].
+def linear_pixels(pixels: NDArray[Any], name: str, *, raw: bool = False) -> NDArray[np.float32]:
+    """Like `read_texture`, for an image that is unpacked already: whole numbers are sRGB; shape [height, width, 3].
 
     Args:
         pixels: shape [height, width], or [height, width, channels].
     """
-    return _decode(pixels, name, raw=False)
+    return _decode(pixels, name, raw=raw)
 
 
 def read_alpha(file: Path) -> NDArray[np.float32] | None:
@@ -57,15 +57,11 @@ def read_alpha(file: Path) -> NDArray[np.float32] | None:
         raise SceneError("image file not found", file)
     if file.suffix.lower() in (".exr", *_FLOAT_FORMATS):
         return None
-    return _alpha(_read_any(file.read_bytes(), str(file), file.suffix), str(file))
+    return alpha_of(_read_any(file.read_bytes(), str(file), file.suffix), str(file))
 
 
-def decode_alpha(data: bytes, name: str) -> NDArray[np.float32] | None:
-    """Like `read_alpha`, for a PNG or JPEG file that lies in memory."""
-    return _alpha(_read_any(data, name, None), name)
-
-
-def _alpha(pixels: NDArray[Any], name: str) -> NDArray[np.float32] | None:
+def alpha_of(pixels: NDArray[Any], name: str) -> NDArray[np.float32] | None:
+    """Like `read_alpha`, for an image that is unpacked already."""
     if pixels.ndim != 3 or pixels.shape[2] not in (2, 4):
         return None
     return _decode(pixels[:, :, -1], name, raw=True)

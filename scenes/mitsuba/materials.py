@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from wdpm.scenes.images.ahead import PicturesAhead
 from wdpm.scenes.mitsuba.bsdfs import BsdfReader
 from wdpm.scenes.mitsuba.document import Element
 from wdpm.scenes.mitsuba.plugin import Plugin
-from wdpm.scenes.mitsuba.textures import TextureReader
+from wdpm.scenes.mitsuba.textures import Pictures, TextureReader
 from wdpm.scenes.model.bsdfs import BLACK, GREY, Diffuse
 from wdpm.scenes.model.scene import Material
 
@@ -22,7 +21,7 @@ class MaterialReader:
         textures: reads textures, for whatever else has some (lights).
     """
 
-    def __init__(self, warnings: list[str], pictures: PicturesAhead) -> None:
+    def __init__(self, warnings: list[str], pictures: Pictures) -> None:
         self.materials: list[Material] = []
         self.textures = TextureReader(warnings, pictures)
         self._bsdfs = BsdfReader(self.textures, warnings)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.scenes.images.ahead import PicturesAhead
+from wdpm.scenes.images.ahead import Ahead
 from wdpm.scenes.meshes.framing import Frame, added_camera, refuse_frame
 from wdpm.scenes.meshes.mesh_data import MeshData
 from wdpm.scenes.meshes.several import available_cores
@@ -26,7 +26,7 @@ from wdpm.scenes.mitsuba.named_materials import parts_of, take_named_bsdfs
 from wdpm.scenes.mitsuba.plugin import OBJECT_TAGS, VALUE_TAGS, Plugin, left_out, unknown_tag
 from wdpm.scenes.mitsuba.sensor import Size, read_integrator, read_sensor
 from wdpm.scenes.mitsuba.shapes import ShapeReader, Use
-from wdpm.scenes.mitsuba.textures import pictures_of
+from wdpm.scenes.mitsuba.textures import Pictures, pictures_of, read_picture
 from wdpm.scenes.mitsuba.upgrade import upgrade, version_of
 from wdpm.scenes.model.bsdfs import (
     Blend,
@@ -73,12 +73,12 @@ def read_mitsuba(
     document = read_document(file, defines)
     document.rules.lenient = lenient
     upgrade(document)
-    with PicturesAhead(pictures_of(document), available_cores()) as pictures:
+    with Ahead(read_picture, pictures_of(document), available_cores()) as pictures:
         return _SceneReader(document, file, pictures).read(size, camera, frame)
 
 
 class _SceneReader:
-    def __init__(self, document: Document, file: Path, pictures: PicturesAhead) -> None:
+    def __init__(self, document: Document, file: Path, pictures: Pictures) -> None:
         self.document = document
         self.file = file
         self.warnings = document.rules.warnings

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.errors import SceneError
-from wdpm.scenes.images.ahead import PicturesAhead
+from wdpm.scenes.images.ahead import Ahead
+from wdpm.scenes.images.read import read_texture
 from wdpm.scenes.mitsuba.colours import read_spectrum_file, within_gamut
 from wdpm.scenes.mitsuba.document import Document, Element
 from wdpm.scenes.mitsuba.plugin import Plugin
@@ -48,8 +49,20 @@ UPWARDS: Final = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
 """Texture coordinates whose v grows the other way."""
 
 
-def pictures_of(document: Document) -> Iterator[tuple[Path, bool]]:
-    """The files of bitmaps that shapes and emitters use, and whether they are raw, in the order of the document.
+Picture = tuple[Path, bool]
+"""A file, and whether its numbers are raw."""
+
+Pictures = Ahead[Picture, NDArray[np.float32]]
+
+
+def read_picture(picture: Picture) -> NDArray[np.float32]:
+    """As `read_texture`."""
+    file, raw = picture
+    return read_texture(file, raw=raw)
+
+
+def pictures_of(document: Document) -> Iterator[Picture]:
+    """Those of bitmaps that shapes and emitters use, in the order of the document.
 
     What is wrong with a name is told when the plugin is read.
     """
@@ -76,7 +89,7 @@ class TextureReader:
         pictures: reads their files.
     """
 
-    def __init__(self, warnings: list[str], pictures: PicturesAhead) -> None:
+    def __init__(self, warnings: list[str], pictures: Pictures) -> None:
         self._warnings = warnings
         self._pictures = pictures
         self._by_element: dict[Element, Texture] = {}
@@ -183,7 +196,7 @@ class TextureReader:
         key = file, raw, wrap, interpolation, to_uv.tobytes()
         if key not in self._bitmaps:
             if (file, raw) not in self._pixels:
-                self._pixels[file, raw] = self._pictures.read(file, raw=raw)
+                self._pixels[file, raw] = self._pictures.get((file, raw))
             self._bitmaps[key] = Bitmap(file.name, self._pixels[file, raw], wrap, interpolation, to_uv)
         return self._bitmaps[key]
 

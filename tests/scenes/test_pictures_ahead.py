@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import imageio.v3 as imageio
@@ -9,10 +10,12 @@ import numpy as np
 import pytest
 
 from wdpm.scenes import Bitmap, SceneError, load
-from wdpm.scenes.images.ahead import PicturesAhead
+from wdpm.scenes.gltf.container import GltfFile
+from wdpm.scenes.gltf.textures import images_of
+from wdpm.scenes.images.ahead import Ahead
 from wdpm.scenes.images.read import read_texture
 from wdpm.scenes.mitsuba.document import read_document
-from wdpm.scenes.mitsuba.textures import pictures_of
+from wdpm.scenes.mitsuba.textures import pictures_of, read_picture
 from wdpm.scenes.model.bsdfs import textures_of
 
 TEXTURE = '<texture type="bitmap" name="reflectance"><string name="filename" value="{}"/>{}</texture>'
@@ -70,8 +73,25 @@ def test_a_broken_picture_is_told_when_it_is_used(three: Path) -> None:
 @pytest.mark.parametrize("threads", [1, 3])
 def test_any_number_of_threads(three: Path, threads: int) -> None:
     file = three.parent / "a.png"
-    with PicturesAhead([(file, False), (file, True), (three.parent / "broken.png", False)], threads) as pictures:
+    broken = three.parent / "broken.png"
+    with Ahead(read_picture, [(file, False), (file, True), (broken, False)], threads) as pictures:
         for raw in (True, False, False):
-            np.testing.assert_array_equal(pictures.read(file, raw=raw), read_texture(file, raw=raw))
+            np.testing.assert_array_equal(pictures.get((file, raw)), read_texture(file, raw=raw))
         with pytest.raises(SceneError, match="cannot be read as an image"):
-            pictures.read(three.parent / "broken.png", raw=False)
+            pictures.get((broken, False))
+
+
+def test_images_of_a_gltf_file_that_are_read_ahead(tmp_path: Path) -> None:
+    materials = [
+        {"occlusionTexture": {"index": 3}},
+        {"pbrMetallicRoughness": {"baseColorTexture": {"index": 2}}, "emissiveTexture": {"index": 9}},
+        {"extensions": {"KHR_materials_sheen": {"sheenColorTexture": {"index": 1}}}, "normalTexture": {"index": 0}},
+    ]
+    document = {
+        "asset": {"version": "2.0"},
+        "materials": materials,
+        "textures": [{"source": 5}, {"source": 4}, {"source": 3}, {"source": 6}],
+        "meshes": [{"primitives": [{"material": 2}, {"material": 1}, {"material": 7}, {}]}, {"primitives": None}],
+    }
+    (tmp_path / "m.gltf").write_text(json.dumps(document))
+    assert set(images_of(GltfFile(tmp_path / "m.gltf"))) == {5, 4, 3}  # no mesh uses the first material
