@@ -42,7 +42,7 @@ class Features:
     """Which effects kernels are compiled for.
 
     Attributes:
-        conductor ... principled: leaf materials besides the diffuse one, which is always there.
+        conductor ... rough_pane: leaf materials besides the diffuse one, which is always there.
         rough: some microfacet distribution has a roughness above zero.
         blend: some material chooses between two.
         passing: light passes straight through some surface: masks, null boundaries, thin dielectrics.
@@ -63,6 +63,8 @@ class Features:
     thin_dielectric: bool = _effect(Group.MATERIALS, "thin panes", "light straight through panes")
     plastic: bool = _effect(Group.MATERIALS, "plastic", "a diffuse base under a coat")
     principled: bool = _effect(Group.MATERIALS, "principled", "Disney's lobes")
+    translucent: bool = _effect(Group.MATERIALS, "translucent sheets", "diffuse light on the other side")
+    rough_pane: bool = _effect(Group.MATERIALS, "rough panes", "microfacets that let light through unbent")
     rough: bool = _effect(Group.MATERIALS, "rough microfacets", "sampling of visible normals")
     blend: bool = _effect(Group.MATERIALS, "blends", "a choice between two at each hit")
     passing: bool = _effect(Group.MATERIALS, "masks, null boundaries", "light goes on behind them")

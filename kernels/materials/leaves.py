@@ -18,6 +18,8 @@ from wdpm.kernels.materials.null import make_null
 from wdpm.kernels.materials.plastic import make_plastic
 from wdpm.kernels.materials.principled import make_principled
 from wdpm.kernels.materials.texture import Textures
+from wdpm.kernels.materials.thin.rough_pane import make_rough_pane
+from wdpm.kernels.materials.thin.translucent import make_translucent
 from wdpm.kernels.materials.thin_dielectric import make_thin_dielectric
 from wdpm.kernels.materials.types import BLACK, Bsdf
 from wdpm.scenes.model.bsdfs import (
@@ -28,7 +30,9 @@ from wdpm.scenes.model.bsdfs import (
     Null,
     Plastic,
     Principled,
+    RoughPane,
     ThinDielectric,
+    Translucent,
 )
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -40,6 +44,8 @@ MAKERS: Final[dict[type[Leaf], Callable[[Features], LeafCode]]] = {
     ThinDielectric: make_thin_dielectric,
     Plastic: make_plastic,
     Principled: make_principled,
+    Translucent: make_translucent,
+    RoughPane: make_rough_pane,
     Null: make_null,
 }
 """What makes the code of each leaf; it is asked about in this order."""

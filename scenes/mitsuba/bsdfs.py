@@ -15,7 +15,7 @@ from wdpm.scenes.mitsuba.metals import METALS
 from wdpm.scenes.mitsuba.plugin import Plugin
 from wdpm.scenes.mitsuba.refraction_indices import INDICES
 from wdpm.scenes.mitsuba.supported import reads
-from wdpm.scenes.mitsuba.textures import TextureReader
+from wdpm.scenes.mitsuba.textures import TextureReader, halved
 from wdpm.scenes.mitsuba.values import numbers
 from wdpm.scenes.model.bsdfs import (
     BLACK,
@@ -33,7 +33,9 @@ from wdpm.scenes.model.bsdfs import (
     Null,
     Plastic,
     Principled,
+    RoughPane,
     ThinDielectric,
+    Translucent,
     TwoSided,
     transmits,
 )
@@ -295,6 +297,37 @@ def _principled_index(plugin: Plugin, *, refracts: bool) -> float:
     if refracts and specular == 0.0:
         specular = _LEAST_SPECULAR
     return 2.0 / (1.0 - math.sqrt(0.08 * specular)) - 1.0
+
+
+@_reads("principledthin")
+def _principled_thin(reader: BsdfReader, plugin: Plugin) -> Bsdf:
+    """Its lobes one by one: what is not specular is Disney's diffuse part, without a coat, on both sides."""
+    base = reader.color(plugin, "base_color", GREY)
+    roughness = reader.share(plugin, "roughness", 0.5)
+    names = ("anisotropic", "spec_trans", "spec_tint", "sheen", "sheen_tint", "flatness")
+    shares = {name: reader.share(plugin, name, 0.0) for name in names}
+    # 2 lets all of it through
+    crossing = halved(reader.textures.take_number(plugin, "diff_trans", 0.0, most=2.0))
+    eta = reader.textures.take_number(plugin, "eta", 1.5)
+    if eta == 0.0:
+        raise plugin.value_error("eta", "must be greater than 0")
+    plugin.ignore(*(f"{kind}_{way}_sampling_rate" for kind in ("diffuse", "specular") for way in _WAYS))
+    diffuse = {name: shares[name] for name in ("sheen", "sheen_tint", "flatness")}
+    surface: Bsdf = TwoSided(Principled(base, roughness, eta=1.0, **diffuse))  # of index 1: no reflection over it
+    if crossing != 0.0:
+        surface = Blend(surface, Translucent(base), crossing)
+    if shares["spec_trans"] == 0.0:
+        return surface
+    pane = RoughPane(base, roughness, eta, shares["anisotropic"], shares["spec_tint"])
+    return Blend(surface, pane, shares["spec_trans"])
+
+
+_WAYS: Final = ("reflectance", "transmittance")
+
+
+@_reads("difftrans")
+def _diffuse_transmitter(reader: BsdfReader, plugin: Plugin) -> Bsdf:
+    return Translucent(reader.color(plugin, "transmittance", GREY))
 
 
 @_reads("phong")

@@ -15,7 +15,7 @@ HARMLESS: Final = {"integrator": "path", "sampler": "independent"}
 """Categories that say only how the picture is computed, and the plugins that are taken for those not known."""
 
 NEAREST: Final = {
-    "bsdf": {"pplastic": "plastic", "principledthin": "principled", "polarizer": "null", "circular": "null"},
+    "bsdf": {"pplastic": "plastic", "polarizer": "null", "circular": "null"},
     "film": {},
     "sensor": {},
 }

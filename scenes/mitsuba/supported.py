@@ -74,7 +74,6 @@ KNOWN: dict[str, tuple[str, ...]] = {
     ),
     "bsdf": (
         "pplastic",
-        "principledthin",
         "hair",
         "measured",
         "measured_polarized",
@@ -82,7 +81,6 @@ KNOWN: dict[str, tuple[str, ...]] = {
         "circular",
         "retarder",
         "roughdiffuse",
-        "difftrans",
         "hk",
         "irawan",
     ),

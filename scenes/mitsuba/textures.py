@@ -128,14 +128,7 @@ class TextureReader:
         plugin.finish()
         if nested is None or scale < 0.0:
             raise at.error(f"{plugin}: expected one nested texture, and a scale that is not negative")
-        texture = self.read(nested)
-        match texture:
-            case Bitmap():
-                return replace(texture, pixels=texture.pixels * np.float32(scale))
-            case Checkerboard():
-                first, second = (np.multiply(scale, color) for color in (texture.color0, texture.color1))
-                return replace(texture, color0=_rgb(first), color1=_rgb(second))
-        return replace(texture, scale=texture.scale * scale)
+        return _times(self.read(nested), scale)
 
     def take_color(
         self, plugin: Plugin, name: str, default: RGB, *, most: float = np.inf, emission: bool = False
@@ -206,6 +199,22 @@ class TextureReader:
             self._warnings.append(f'texture {plugin.name}: filter "{name}" is replaced by "bilinear"')
             return Interpolation.BILINEAR
         return Interpolation(name)
+
+
+def halved(value: Number) -> Number:
+    """Half of a number or a texture."""
+    return _times(value, 0.5) if isinstance(value, Texture) else 0.5 * value
+
+
+def _times(texture: Texture, scale: float) -> Texture:
+    """A texture, all of it times a number."""
+    match texture:
+        case Bitmap():
+            return replace(texture, pixels=texture.pixels * np.float32(scale))
+        case Checkerboard():
+            first, second = (np.multiply(scale, color) for color in (texture.color0, texture.color1))
+            return replace(texture, color0=_rgb(first), color1=_rgb(second))
+    return replace(texture, scale=texture.scale * scale)
 
 
 def _grey(colour: RGB) -> RGB:

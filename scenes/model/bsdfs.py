@@ -26,7 +26,9 @@ __all__ = [
     "Null",
     "Plastic",
     "Principled",
+    "RoughPane",
     "ThinDielectric",
+    "Translucent",
     "TwoSided",
 ]
 
@@ -271,6 +273,53 @@ class Principled(Leaf):
     @property
     def is_solid(self) -> bool:
         return self.spec_trans != 0
+
+    @property
+    def follows_uvs(self) -> bool:
+        return self.anisotropic != 0
+
+
+@dataclass(frozen=True, eq=False)
+class Translucent(Leaf):
+    """A sheet that light leaves at the other side in all directions alike, from both sides (0.6's `difftrans`)."""
+
+    KIND = LeafKind(8, "translucent", in_order("transmittance"), feature="translucent", transmits=always)
+
+    transmittance: Color = GREY
+
+    @property
+    def lets_through(self) -> bool:
+        return True
+
+
+@dataclass(frozen=True, eq=False)
+class RoughPane(Leaf):
+    """A pane of microfacets, alike from both sides, that bends nothing: the specular part of `principledthin`.
+
+    Attributes:
+        base_color: factor of what is let through.
+        eta: index of refraction of the sheet over that around it.
+    """
+
+    KIND = LeafKind(
+        9,
+        "rough pane",
+        in_order("base_color", "roughness", "eta", "anisotropic", "spec_tint"),
+        feature="rough_pane",
+        always_rough=True,
+        transmits=always,
+        tells_tangents=lambda row: row.number("anisotropic") != 0.0,
+    )
+
+    base_color: Color = GREY
+    roughness: Number = 0.5
+    eta: Number = 1.5
+    anisotropic: Number = 0.0
+    spec_tint: Number = 0.0
+
+    @property
+    def lets_through(self) -> bool:
+        return True
 
     @property
     def follows_uvs(self) -> bool:

@@ -24,7 +24,9 @@ from wdpm.scenes.model.bsdfs import (
     Null,
     Plastic,
     Principled,
+    RoughPane,
     ThinDielectric,
+    Translucent,
     TwoSided,
 )
 from wdpm.scenes.model.lights import DirectionalLight, Environment, Light, PointLight, ProjectorLight, SpotLight
@@ -206,6 +208,9 @@ def panes() -> Scene:
     b.add("leaf", Mask(TwoSided(Diffuse((0.2, 0.7, 0.2))), HOLES), rectangle(), (-0.3, -0.2, 0.3), 0.5, 25.0)
     b.add("grille", Mask(Conductor(), 0.4), rectangle(), (0.4, 0.0, 0.5), 0.4, -30.0)
     b.ball("nothing", Null(), (0.3, -0.5, 0.0))
+    shade = Blend(TwoSided(Diffuse((0.6, 0.5, 0.3))), Translucent(NOISE), 0.5)
+    b.add("shade", shade, cylinder(12), (-0.5, -0.7, 0.0), 0.25, 20.0)
+    b.add("frosted", RoughPane((0.8, 0.9, 0.9), NOISE, 1.4, 0.3, 0.2), rectangle(), (0.5, -0.3, 0.2), 0.3, 60.0)
     b.add("block", Diffuse((0.8, 0.3, 0.2)), cube(), (-0.1, -0.8, 0.5), 0.2, 15.0, flat=True)
     sun = DirectionalLight("sun", (0.4, -0.8, 0.4472136), (3.0, 2.8, 2.5))
     wide = camera(
