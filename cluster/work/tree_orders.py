@@ -65,13 +65,17 @@ def _cut(count: int, place: int) -> int:
 
 def joined(parts: Sequence[Arrays], counts: Sequence[int]) -> list[NDArray[np.int32]]:
     """The order of each tree, of all parts; ProtocolError if they are not one place for every item of every tree."""
-    runs = concatenate(parts, Kind.COPIED_ORDER)
-    there = runs["items"] >= 0
-    place = (runs["place"].astype(np.int64)[:, None] + np.arange(PLACES_A_RUN))[there]
     items = np.full(sum(counts), -1, np.int32)
-    if len(place) != len(items) or place.max(initial=-1) >= len(items):
-        raise ProtocolError(f"the order of {len(place)} places of trees came; expected one of {len(items)}")
-    items[place] = runs["items"][there]
+    came, beyond = 0, False
+    for part in parts:
+        there = part["items"] >= 0
+        place = (part["place"][:, None] + np.arange(PLACES_A_RUN))[there]
+        came += len(place)
+        beyond |= bool(place.max(initial=-1) >= len(items))
+        if not beyond:
+            items[place] = part["items"][there]
+    if beyond or came != len(items):
+        raise ProtocolError(f"the order of {came} places of trees came; expected one of {len(items)}")
     orders = np.split(items, np.cumsum(counts)[:-1])
     for number, (order, count) in enumerate(zip(orders, counts, strict=True)):
         found = np.zeros(count, bool)
