@@ -7,6 +7,7 @@ while a tree is built of it: what is stored and what is built of it are never in
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -198,9 +199,25 @@ class Numbered:
         for _ in pile.take("front"):
             pass  # no tree has it
 
-    def by_rank(self, pile: Pile) -> NDArray[np.float32]:
-        """Positions of the pile's photons in that order, as a copy, shape [N, 3]."""
-        position = np.empty((len(self.edges), 3), np.float32)
-        for columns, rank in zip(pile.peek(), self.ranks, strict=True):
+
+@dataclass(frozen=True, eq=False)
+class PositionsOf:
+    """Positions of a pile's items as cluster.work.tree_orders wants them, made when they are asked for.
+
+    Attributes:
+        numbered: the order in which they are wanted; None for that of the pile.
+    """
+
+    pile: Pile
+    numbered: Numbered | None = None
+
+    def __len__(self) -> int:
+        return len(self.pile)
+
+    def __array__(self, *, copy: bool | None = None) -> NDArray[np.float32]:
+        if self.numbered is None:
+            return self.pile.whole("position")
+        position = np.empty((len(self.pile), 3), np.float32)
+        for columns, rank in zip(self.pile.peek(), self.numbered.ranks, strict=True):
             position[rank] = columns["position"]
         return position

@@ -16,7 +16,7 @@ from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, concatenate, take, 
 from wdpm.cluster.work import tree_orders
 from wdpm.cluster.work.guards import PHOTON, Guards
 from wdpm.cluster.work.overlap_band import rows_near
-from wdpm.cluster.work.photon_pile import Numbered, Pile, Piles
+from wdpm.cluster.work.photon_pile import Numbered, Pile, Piles, PositionsOf
 from wdpm.cluster.work.reflected_light import GATHER_GRAIN, GATHER_RUN, Places, by_white, of_white
 from wdpm.cluster.work.replica import Replica
 from wdpm.kernels import columns
@@ -240,8 +240,8 @@ class PhotonStore:
             return None
         self._deposits = None
         self._number()
-        positions = [self._numbered[number].by_rank(self._own[number]) for number in of_photons]
-        positions += [self._own_points[number].whole("position") for number in of_points]
+        positions = [PositionsOf(self._own[number], self._numbered[number]) for number in of_photons]
+        positions += [PositionsOf(self._own_points[number]) for number in of_points]
         found = tree_orders.sort_part(positions, part, parts, self._replica.launcher.build_launcher())
         self.add_order(found)
         return found

@@ -8,6 +8,7 @@ return depends on no tree's shape (docs/exactness.md, item 5), so a wrong order 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +28,21 @@ def worth_sharing(counts: Sequence[int], parts: int) -> bool:
     return parts > 1 and sum(counts) >= PLACES_A_PART * parts
 
 
+class Positions(Protocol):
+    """Where the items of a tree are: an array of float32, shape [N, 3], or what makes one when it is needed."""
+
+    def __len__(self) -> int: ...
+
+    def __array__(self, *, copy: bool | None = None) -> NDArray[np.float32]: ...
+
+
 def sort_part(
-    positions: Sequence[NDArray[np.float32]], part: int, parts: int, launch: Launch | None = None
+    positions: Sequence[Positions], part: int, parts: int, launch: Launch | None = None
 ) -> dict[str, NDArray[np.int32]]:
     """What stands at the places of one part, as COPIED_ORDER.
 
     Args:
-        positions: of the items of each tree, shape [N, 3].
+        positions: of the items of each tree.
         part, parts: which, from 0, and of how many.
     """
     first = np.concatenate([[0], np.cumsum([len(each) for each in positions])])
@@ -43,7 +52,7 @@ def sort_part(
     for position, start in zip(positions, first, strict=False):
         low, high = (_cut(len(position), place - int(start)) for place in (begin, end))
         if low < high:
-            runs.append(_runs(int(start) + low, kd_order.sort(position, low, high, launch)))
+            runs.append(_runs(int(start) + low, kd_order.sort(np.asarray(position), low, high, launch)))
     return concatenate(runs, Kind.COPIED_ORDER)
 
 

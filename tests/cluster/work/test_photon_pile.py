@@ -9,7 +9,7 @@ import pytest
 
 from wdpm.cluster.batch import Arrays, Kind
 from wdpm.cluster.work import photon_pile
-from wdpm.cluster.work.photon_pile import PHOTON_COLUMNS, Numbered, Pile, Piles
+from wdpm.cluster.work.photon_pile import PHOTON_COLUMNS, Numbered, Pile, Piles, PositionsOf
 from wdpm.kernels import pages
 from wdpm.kernels.limits import MAPS
 from wdpm.kernels.photons import kd_order, photon_map
@@ -76,7 +76,8 @@ def test_photons_are_numbered_by_their_ids() -> None:
     numbered = Numbered(pile)
     expected = by_id(every)
     np.testing.assert_array_equal(numbered.edges, expected["edges"])
-    np.testing.assert_array_equal(numbered.by_rank(pile), expected["position"])
+    np.testing.assert_array_equal(np.asarray(PositionsOf(pile, numbered)), expected["position"])
+    np.testing.assert_array_equal(np.asarray(PositionsOf(pile)), every["position"])
     pile = Pile(PHOTON_COLUMNS)
     pile.add({**every, "id": np.where(every["id"] == every["id"].max(), every["id"].min(), every["id"])})
     with pytest.raises(WdpmError, match=f"photon id {every['id'].min()} comes twice"):
