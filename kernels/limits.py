@@ -11,5 +11,12 @@ CHAIN_LIMIT: Final = 1024
 """Vertices of a camera path: Russian roulette ends nearly all long before; what this bound cuts off is reported."""
 
 
+POINTS_A_PHOTON: Final = 2
+"""Surface points a photon: their count then adds little to the noise of the photons' own."""
+
+POINTS_LEAST: Final = 1 << 16
+POINTS_MOST: Final = 1 << 24
+"""Bounds to the number of surface points: 28 bytes each."""
+
 MAX_K = 500
 """Largest k: a gather's candidates have a fixed place on the stack. A larger k only blurs; more photons do not."""

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
+from wdpm.kernels.limits import POINTS_A_PHOTON, POINTS_LEAST, POINTS_MOST
 from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.model.textures import Bitmap, Texture
 
@@ -28,13 +29,21 @@ SHARE_OF_MEMORY = 0.5
 """Of a machine's memory that its slaves may fill with the scene, its photons and copies of them."""
 
 PROCESS_BYTES = 600 << 20
-"""What a slave has in memory before it holds anything: the interpreter, Warp, compiled kernels, batches in flight."""
+"""What a slave is left before it holds anything: for the interpreter, Warp, compiled kernels, batches in flight, and
+for compiling."""
+
+AT_WORK_BYTES = 300 << 20
+"""What that takes of it where kernels are compiled: 255 to 330 MiB, by the effects and textures of the scene."""
 
 TRIANGLE_BYTES = 450
 """Corners, normals, texture coordinates, the tree over them, and what comes over the wire while it is built."""
 
-PHOTON_BYTES = 550
-"""A stored photon while maps are built of it: as it was stored, sorted, and in the tree."""
+PHOTON_BYTES = 100
+"""A stored photon at its dearest: 61 as it is stored, 60 in its tree, 75 between the two (kernels.photons.photon_map);
+and irradiance at every fourth, or the batches that bring copies of photons from other teams."""
+
+POINT_BYTES = 44
+"""A surface point at its dearest, while its tree is built; 24 before, 28 after."""
 
 
 @dataclass(frozen=True)
@@ -75,17 +84,29 @@ class SceneMemory:
     everywhere: float = 0.0
 
 
+def points_of(photons: float) -> float:
+    """Surface points that are spread for so many photons."""
+    return min(max(POINTS_A_PHOTON * photons, POINTS_LEAST), POINTS_MOST) if photons else 0.0
+
+
 def scene_memory(
-    triangles: int, photons: float, textures: Sequence[Texture] = (), voxels: int = 0, instances: int = 0
+    triangles: int,
+    photons: float,
+    textures: Sequence[Texture] = (),
+    voxels: int = 0,
+    instances: int = 0,
+    points: float | None = None,
 ) -> SceneMemory:
     """What a scene with so many triangles and stored photons takes.
 
     Args:
         triangles: that are held: those of shapes once.
         instances: places where shapes stand.
+        points: surface points; None for those of so many photons.
     """
+    points = points_of(photons) if points is None else points
     texels = sum(each.pixels.size // 3 for each in textures if isinstance(each, Bitmap))
-    divided = triangles * TRIANGLE_BYTES + instances * INSTANCE_BYTES + photons * PHOTON_BYTES
+    divided = triangles * TRIANGLE_BYTES + instances * INSTANCE_BYTES + photons * PHOTON_BYTES + points * POINT_BYTES
     return SceneMemory(divided, texels * TEXEL_BYTES + voxels * VOXEL_BYTES)
 
 

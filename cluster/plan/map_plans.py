@@ -21,6 +21,7 @@ from wdpm.cluster.plan.pilot_gathers import PILOT_K, gather_among
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.world import IrradiancePlan, MapPlan
+from wdpm.kernels.limits import POINTS_A_PHOTON, POINTS_LEAST, POINTS_MOST
 from wdpm.kernels.photons.beam import sum_unit
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
 from wdpm.scenes.flat.flatten import FlatScene
@@ -56,9 +57,6 @@ LONG_SHARE = 1e-3
 """Of the flux that photons bring: what the longest paths may bring together to count as nothing, where paths may only
 be so long. The files of many rooms say 65 edges, which no light that matters has."""
 
-POINTS_A_PHOTON = 2
-"""Surface points a photon: their count then adds little to the noise of the photons' own."""
-
 POINTS_A_DISC = 64
 """Surface points in the largest gather, at least, however few the photons."""
 
@@ -68,10 +66,6 @@ POINTS_IN_DISC = 1 << 11
 VOLUME_PHOTONS_MOST = 1 << 22
 """Photons that media may scatter for the sake of the global map, if fewer are asked for. In white fog without end
 hardly a path comes to a surface: its map has few photons."""
-
-POINTS_LEAST = 1 << 16
-POINTS_MOST = 1 << 24
-"""Bounds to the number of surface points: 52 bytes each."""
 
 
 @dataclass(frozen=True)

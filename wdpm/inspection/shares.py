@@ -8,7 +8,7 @@ import numpy as np
 
 from wdpm.cluster.batch import SCHEMAS, Kind
 from wdpm.cluster.deal import deal
-from wdpm.cluster.plan.copies import PROCESS_BYTES, scene_memory
+from wdpm.cluster.plan.copies import AT_WORK_BYTES, points_of, scene_memory
 from wdpm.cluster.plan.render_plan import RenderPlan
 from wdpm.cluster.work.overlap_band import rows_near
 from wdpm.kernels.rays.cells import cell_boxes
@@ -25,7 +25,7 @@ class Share:
         triangles: as a share of the scene's.
         photons, ghosts: as shares of all photons, foretold from the pilot's. Photons are those of its cells, wherever
             they were traced; ghosts those of its neighbours in its band.
-        memory: with its process, an estimate from above [bytes].
+        memory: with its process, a little above what it takes at its peak [bytes].
         received: of the scene, of photons that were traced elsewhere and of ghosts, before the first bucket [bytes].
     """
 
@@ -66,8 +66,9 @@ def shares_of(plan: RenderPlan, flat: FlatScene, slaves: int, least: int, photon
         cells = [cell for cell, holder in enumerate(deal(np.array(plan.burdens), size)) if holder == place]
         triangles, stored, copied = (float(amount[cells].sum()) for amount in (held, own, ghosts))
         own_triangles, own_instances = round(triangles * len(flat.triangles)) + shapes, round(triangles * standing)
-        own_photons, voxels = (stored + copied) * photons, flat.media.grids.voxels
-        needed = scene_memory(own_triangles, own_photons, flat.textures, voxels, own_instances)
+        within = stored + copied  # of photons, and of surface points, which lie where photons may
+        voxels, points = flat.media.grids.voxels, within * points_of(photons)
+        needed = scene_memory(own_triangles, within * photons, flat.textures, voxels, own_instances, points)
         elsewhere = (stored * (1.0 - 1.0 / teams) + copied) * photons
         received = triangles * _triangle_bytes(flat) + everywhere + elsewhere * _PHOTON_BYTES
         shares.append(
@@ -78,7 +79,7 @@ def shares_of(plan: RenderPlan, flat: FlatScene, slaves: int, least: int, photon
                 triangles,
                 stored,
                 copied,
-                round(PROCESS_BYTES + needed.divided + needed.everywhere),
+                round(AT_WORK_BYTES + needed.divided + needed.everywhere),
                 round(received),
             )
         )

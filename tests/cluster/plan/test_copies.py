@@ -6,15 +6,19 @@ import numpy as np
 import pytest
 
 from wdpm.cluster.plan.copies import (
+    PHOTON_BYTES,
+    POINT_BYTES,
     PROCESS_BYTES,
     SHARE_OF_MEMORY,
     Copies,
     SceneMemory,
     SlaveMemory,
     largest_team,
+    points_of,
     scene_memory,
     slaves_a_team,
 )
+from wdpm.kernels.limits import POINTS_LEAST, POINTS_MOST
 from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.model.textures import Bitmap
 
@@ -64,3 +68,15 @@ def test_too_little_memory_in_all() -> None:
 
 def test_teams_are_as_many_as_can_be() -> None:
     assert [largest_team(slaves, 3) for slaves in (1, 3, 5, 6, 7)] == [1, 3, 5, 3, 4]
+
+
+def test_photons_bring_surface_points_along() -> None:
+    assert points_of(0.0) == 0.0
+    assert points_of(10.0) == POINTS_LEAST
+    assert points_of(1e6) == 2e6
+    assert points_of(1e9) == POINTS_MOST
+    of_photons = scene_memory(0, 1e6).divided
+    assert of_photons == 1e6 * (PHOTON_BYTES + 2 * POINT_BYTES)
+    assert scene_memory(0, 1e6, points=0.0).divided == 1e6 * PHOTON_BYTES
+    # 100 million photons in a Cornell box, a tenth of them ghosts as well, on four slaves.
+    assert scene_memory(36, 1.1e8).divided + 4 * PROCESS_BYTES < 14 * GIB
