@@ -20,7 +20,7 @@ from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.transport import address, local_sockets
 from wdpm.cluster.transport.registry import transport_of
 from wdpm.cluster.transport.transport import Role
-from wdpm.devices import available_cores, check_device
+from wdpm.devices import available_cores, check_device, check_memory
 from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
 from wdpm.notebook import shown_live
@@ -114,6 +114,7 @@ class Cluster(Backend):
                 f"--memory is {memory / 2**20:.0f} MiB; a slave takes {PROCESS_BYTES / 2**20:.0f} MiB before it holds "
                 "anything of the scene: give it more"
             )
+        check_memory(memory, slaves)
         check_device(device)
         each = max(1, (threads or available_cores()) // slaves)
         with ExitStack() as stack:

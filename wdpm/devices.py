@@ -1,9 +1,11 @@
-"""Devices to compute on, as --device names them: whether this machine has the one that is asked for."""
+"""What a machine has to compute with: devices, as --device names them, cores and memory."""
 
 from __future__ import annotations
 
+import math
 import os
 
+from wdpm.cluster.host_memory import machine_memory
 from wdpm.scenes.errors import SettingsError
 
 
@@ -33,3 +35,19 @@ def available_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def check_memory(memory: int | None, slaves: int = 1) -> None:
+    """Raise SettingsError where slaves of this machine may take more memory than it has: it would swap, or kill them.
+
+    Args:
+        memory: that each may take [bytes]; None if nobody said.
+    """
+    there = machine_memory()
+    if memory is not None and memory * slaves > there:
+        most = math.floor(10 * there / slaves / 2**30) / 10
+        each = f" for each of {slaves} slaves" if slaves > 1 else ""
+        raise SettingsError(
+            f"--memory is {memory / 2**30:.1f} GiB{each}; this machine, or the container or job, has "
+            f"{there / 2**30:.1f} GiB in all: give {'each ' if slaves > 1 else ''}at most {most}G"
+        )

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from wdpm import devices
 from wdpm.cli.main import main
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.limits import MOST_PIXELS, check_pixels
@@ -172,6 +173,23 @@ def test_a_wrong_size(size: str, capsys: pytest.CaptureFixture[str]) -> None:
 def test_slaves_with_too_little_memory(memory: str, expected: str, capsys: pytest.CaptureFixture[str]) -> None:
     line = said(["render", "cornell-box", "--size", "16x16", "--slaves", "1", "--memory", memory, "-q"], capsys)
     assert expected in line
+
+
+@pytest.mark.parametrize(
+    ("command", "expected"),
+    [
+        ("render cornell-box --slaves 4 --memory 2G -q", "--memory is 2.0 GiB for each of 4 slaves"),
+        ("slave tcp://127.0.0.1:1 --memory 9G", "--memory is 9.0 GiB; this machine"),
+    ],
+)
+def test_more_memory_than_the_machine_has(
+    command: str, expected: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(devices, "machine_memory", lambda: 6 << 30)
+    line = said(command.split(), capsys)
+    assert expected in line
+    assert "has 6.0 GiB in all: give" in line
+    assert ("at most 1.5G" if "4 slaves" in expected else "at most 6.0G") in line
 
 
 def test_slaves_with_enough_memory(here: Path) -> None:

@@ -68,11 +68,12 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> int:
     """Work until the master is done; returns the exit code."""
-    from wdpm.devices import available_cores
+    from wdpm.devices import available_cores, check_memory
     from wdpm.serving import serve_as_slave
     from wdpm.starting import hold_off_collector
 
     hold_off_collector()
+    check_memory(args.memory)
     serve_as_slave(
         args.address,
         threads=args.threads or max(1, available_cores() // args.share),
