@@ -18,7 +18,7 @@ class ClusterLimits:
 
     Attributes:
         heartbeat_s: a process sends something at least this often [s].
-        late_s: silence that is worth a word [s]. Ten heartbeats: long enough for a machine that swaps for a moment.
+        late_s: silence that is worth a word [s]. Five heartbeats: long enough for a machine that swaps for a moment.
         dead_s: silence that counts as death [s].
         rejoin_s: how long a master that has lost all its slaves waits for another one [s].
         peer_gone_s: time between the news that a connection between slaves broke and a new beginning of their team [s].
@@ -46,7 +46,7 @@ class ClusterLimits:
         part_triangles: triangles of one Partition message, 140 bytes each: about 64 MB.
     """
 
-    heartbeat_s: float = 1.0
+    heartbeat_s: float = 2.0
     late_s: float = 10.0
     dead_s: float = DEAD_S
     rejoin_s: float = 60.0

@@ -15,7 +15,15 @@ from wdpm.cluster.slave.computer import ComputeThread
 from wdpm.cluster.slave.jobs import Job
 from wdpm.cluster.slave.machine import Slave
 from wdpm.cluster.slave.vital_signs import VitalSigns
-from wdpm.cluster.transport.transport import TURN_MESSAGES, TURN_S, Connection, Listener, Network, Role
+from wdpm.cluster.transport.transport import (
+    TURN_MESSAGES,
+    TURN_S,
+    TURNS_A_HEARTBEAT,
+    Connection,
+    Listener,
+    Network,
+    Role,
+)
 from wdpm.scenes.errors import ClusterEndedError, ClusterError, MasterLostError, ProtocolError
 
 FROM_MASTER = packing.by_name(protocol.FromMaster)
@@ -44,6 +52,7 @@ class SlaveShell:
     Attributes:
         error: why the slave has ended, if that is a failure ...
         failed_elsewhere: ... and whether that was not its own.
+        turn_s: how long it may sleep while nothing comes [s].
     """
 
     def __init__(
@@ -59,6 +68,7 @@ class SlaveShell:
         self.state = state
         self.error: str | None = None
         self.failed_elsewhere = False
+        self.turn_s = TURN_S
         self._network = network
         self._listener = listener
         self._master_address = master
@@ -111,6 +121,8 @@ class SlaveShell:
             if isinstance(message, ProtocolError):
                 self.handle(s.Unreadable(None, str(message)))
             else:
+                if isinstance(message, protocol.Welcome):
+                    self.turn_s = max(TURN_S, message.heartbeat_s / TURNS_A_HEARTBEAT)
                 self.handle(s.MasterSaid(message))
 
     def _receive_from_peers(self) -> None:
@@ -228,16 +240,16 @@ class SlaveLoop:
         ticked = 0.0
         shell.handle(s.Start())
         while not shell.state.ended:
-            ready = self._network.wait(TURN_S)
+            ready = self._network.wait(shell.turn_s)
             if self._life_line in ready:
                 shell.handle(s.Leave("the process that started it has ended"))
             for event in self._computer.mailbox.take():
                 shell.handle(event)
             shell.receive()
+            shell.find_broken_connections()
             now = time.monotonic()
-            if now - ticked >= TURN_S:
+            if now - ticked >= shell.turn_s:
                 ticked = now
-                shell.find_broken_connections()
                 shell.handle(s.Tick())
                 if shell.state.number >= 0 and (vitals := self._vital_signs.due(now)) is not None:
                     shell.tell_master(vitals)

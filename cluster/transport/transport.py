@@ -33,7 +33,11 @@ Accepted = Mapping[str, type]
 """Messages that may come somewhere, by name: `packing.by_name`."""
 
 TURN_S = 0.25
-"""Longest sleep of a loop: several a heartbeat. What comes wakes it; a turn without anything takes 0.3 ms."""
+"""Longest sleep of a loop: several a heartbeat. What comes wakes it, and so does news that a connection broke; a turn
+without anything takes 0.3 ms, and three times that on a machine that is busy with other things."""
+
+TURNS_A_HEARTBEAT = 4
+"""Of a slave that has joined, if that makes its sleep longer."""
 
 TURN_MESSAGES = 64
 """Messages that a loop takes from one place before the others get their turn."""
@@ -73,7 +77,7 @@ class Connection(Protocol):
         """The next answer; None if there is none."""
 
     def broke(self) -> bool:
-        """Whether the other end has closed the connection since this was last asked."""
+        """Whether the other end has closed the connection, as `wait` has heard since this was last asked."""
 
     def refused(self) -> bool:
         """Whether somebody is there, who does not know this end: keys do not fit. Asked after `broke`."""

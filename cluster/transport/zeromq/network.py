@@ -143,8 +143,8 @@ class ZeroMQConnection:
         self._open_lane = open_lane
         self._network = network
         self._accepted = accepted
-        self._monitor: Socket = socket.get_monitor_socket(zmq.EVENT_DISCONNECTED | HANDSHAKE_FAILED)
-        self._refused = self._broke = False
+        self.monitor: Socket = socket.get_monitor_socket(zmq.EVENT_DISCONNECTED | HANDSHAKE_FAILED)
+        self._refused = self._broke = self._told = False
 
     def send(self, message: Message) -> bool:
         """A DEALER without a connection has no queue to put a message in."""
@@ -162,21 +162,24 @@ class ZeroMQConnection:
         if self.lane is not None and (beat := self._network.first_of(self.lane.socket)) is not None:
             return read([beat, *receive_rest(self.lane.socket, 1)], ONLY_HEARTBEATS, stranger=True)
         # Last words may have come after the wait that ended before the news that this broke.
-        first = receive_first(self.socket) if self._broke else self._network.first_of(self.socket)
+        first = receive_first(self.socket) if self._told else self._network.first_of(self.socket)
         if first is None:
             return None
         frames = [first, *receive_rest(self.socket, packing.most_frames(stranger=False))]
         self._network.carried.received += size_of(frames)
         return read(frames, self._accepted)
 
+    def read_news(self) -> None:
+        """Read what ZeroMQ has told of the connection."""
+        while self.monitor.poll(0):
+            happened = recv_monitor_message(self.monitor)["event"]
+            self._refused = self._refused or bool(happened & HANDSHAKE_FAILED)
+            self._broke = self._broke or happened == zmq.EVENT_DISCONNECTED
+
     def broke(self) -> bool:
         """Whether ZeroMQ has told that the other end hung up."""
-        broke = False
-        while self._monitor.poll(0):
-            happened = recv_monitor_message(self._monitor)["event"]
-            self._refused = self._refused or bool(happened & HANDSHAKE_FAILED)
-            broke = broke or happened == zmq.EVENT_DISCONNECTED
-        self._broke = self._broke or broke
+        broke, self._broke = self._broke, False
+        self._told = self._told or broke
         return broke
 
     def refused(self) -> bool:
@@ -187,7 +190,7 @@ class ZeroMQConnection:
         """Close the sockets; what is to be delivered lingers."""
         self._network.forget(self)
         self.socket.disable_monitor()
-        self._monitor.close(linger=0)
+        self.monitor.close(linger=0)
         self.socket.close(None if deliver else 0)
         if self.lane is not None:
             self.lane.socket.close()
@@ -252,6 +255,7 @@ class ZeroMQNetwork:
             lane = partial(HeartbeatLane, identity, self._dealer, attach)
         connection = ZeroMQConnection(self, self._dealer(), accepted, lane)
         self._connections.append(connection)
+        self._poller.register(connection.monitor, zmq.POLLIN)
         if identity is not None:
             connection.socket.routing_id = identity
         attach(connection.socket)
@@ -305,10 +309,13 @@ class ZeroMQNetwork:
         self._poller.register(descriptor, zmq.POLLIN)
 
     def wait(self, seconds: float) -> set[int]:
-        """Poll all sockets that are read from, and what is watched."""
+        """Poll all sockets that are read from, what is watched, and ZeroMQ's news of connections that broke."""
         self._ready = {place for place, _ in self._poller.poll(round(seconds * 1000))}
         if self._door is not None:
             self._door.answer()
+        for connection in self._connections:
+            if connection.monitor in self._ready:
+                connection.read_news()
         return {place for place in self._watched if place in self._ready}
 
     def first_of(self, socket: Socket) -> memoryview | None:
@@ -331,7 +338,7 @@ class ZeroMQNetwork:
         """A connection closes."""
         if connection in self._connections:
             self._connections.remove(connection)
-        for socket in (connection.socket, connection.lane and connection.lane.socket):
+        for socket in (connection.socket, connection.monitor, connection.lane and connection.lane.socket):
             if socket is not None and socket in self._poller:
                 self._poller.unregister(socket)
 
