@@ -6,7 +6,7 @@ alike on every machine and cluster, as the bits of the image depend on it (docs/
 What samples leave of noise is measured, by the integrators that are compared: each renders the same few pixels twice,
 with other samples, and half the squared difference is the variance. What photons leave besides, whatever the samples,
 is a share of the square of indirect light. Paths may miss what hardly any of them meets, and a trial of few samples
-does not know what it has missed: caustics that smooth surfaces make are left to photons.
+does not know what it has missed: the noise of caustics that smooth surfaces make is told by photons (path_caustics).
 """
 
 from __future__ import annotations
@@ -20,53 +20,84 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.light_guide import NOTHING_LEARNT, Learnt, with_guide
-from wdpm.cluster.plan.light_samples import light_samples_of
-from wdpm.cluster.plan.map_plans import map_plans
+from wdpm.cluster.plan.map_plans import MapPlans, map_plans
+from wdpm.cluster.plan.path_caustics import PathCaustics, SeenPlaces, caustics_by_paths
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
 from wdpm.cluster.plan.small_view import small, without_photons
-from wdpm.cluster.plan.view import view_of
+from wdpm.cluster.plan.view import CACHE_PLAN, SAMPLES_OF_PLAN, share_of_rays, view_of
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.cluster.task import BucketRendered, BucketTask
 from wdpm.cluster.work.worker import CellWorker
-from wdpm.cluster.world import MapPlan, View
+from wdpm.cluster.world import View
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.used_media import calls_for_media
+from wdpm.scenes.model.scene import Camera, PixelFilter
 
 Values = NDArray[np.float64]
 
 TRIAL_PIXELS = 1024
 TRIAL_SAMPLES = 2
-"""Of each pixel, by each way to render, in two halves: some 6,000 samples in all take about a tenth of a second."""
+"""Of each pixel, in two halves: of a trial that tells how noisy one sample is."""
+
+CHOICE_PIXELS = 512
+CHOICE_SAMPLES = 8
+"""Of each pixel, by each way to render, in two halves: some 12,000 samples in all take about a fifth of a second. Four
+samples of a pixel are spread over lamps and directions as those of a render are: their noise, and not that of single
+ones, falls from there on as 1 / samples."""
+
+BY_CHANCE = 0.01
+"""Share of a trial's pixels whose noise counts for no more than that of the noisiest others."""
 
 DARK = 0.01
 """Added to squared radiance, as in relMSE: noise in the dark is not worth as much."""
 
-# Prices, about nanoseconds of one core. Only their ratios matter.
-CAMERA_RAY = 600.0
-SHADOW_RAY = 250.0
-VERTEX = 800.0
+# Prices, about nanoseconds of one core. Only their ratios matter. Fitted to the CPU seconds of whole renders of
+# cbox, staircase, staircase2, living-room and breakfast-room (160 x 90, 16 samples), within a factor of 1.5.
+CAMERA_RAY = 900.0
+SHADOW_RAY = 400.0
+VERTEX = 1200.0
 """A ray that goes on and what it meets, but for its shadow ray."""
-GATHER = 40.0
+PRICED_TRIANGLES = 36
+"""Of the scene in which rays have these prices: half of them is the way down the tree, which is as deep as the
+logarithm of all triangles."""
+PLANNED_TRIANGLE = 6000.0
+"""To be put into trees: by photons and paths alike."""
+GATHER = 150.0
 """Of each photon that a gather looks for."""
-PHOTON_PATH = 1300.0
-STORED_PHOTON = 2500.0
+PHOTON_PATH = 1000.0
+"""As a ray, with its prices."""
+STORED_PHOTON = 3000.0
 """To be put into a map."""
-RECORD_RAY = 2000.0
-RECORD_RAYS = 1.6
-"""Of a pixel and a sample, of the irradiance cache."""
+RECORDS = 2400
+"""Of an image that is Lambertian everywhere, whatever its size: reach is a share of the image. On eight scenes 1,000 to
+5,500."""
+RECORD_PIXELS = 6
+"""Pixels a record, at least."""
+RECORD_RAY = 1000.0
+"""Beside what it meets: to be stratified, stored and added."""
+COAT_SHARE = 0.25
+"""Of the photons of a gather, those that gather rays look for where they arrive at coats."""
 
 LEFT_BY_MAP = 0.02
 LEFT_BY_CACHE = 0.003
 """Error that samples do not lessen, as a share of the square of indirect light: noise and blur of gathers of 50
 photons, and of irradiance records of 16 samples a pixel. On cbox and sibenik 0.013 to 0.022, and 0.001 to 0.004."""
 
-BETTER_BY = 3.0
-"""Path tracing is chosen where it is expected to take this many times less than photons. A trial sees too little of
-what paths seldom meet, and nothing of what is gained as samples of lamps are spread evenly: on breakfast-room path
-tracing is expected to take half of what photons do, and takes one and a half times as much."""
+GATHERED = 0.3
+"""Noise of a gather ray's light, as a share of that of a whole path's."""
+
+LEFT_BY_RECORDS = 0.1
+"""Squared error that records may leave, as a share of what samples leave: a blotch is seen where grain of the same
+error is not, and ten times less of it is not either."""
+
+MOST_TOLERANCE = 1.0
+"""Beyond that records get no more gather rays than one a stratum, whatever the noise."""
+
+HIDDEN_MOST = 1e-3
+"""Of all light of an image, what path tracing may leave out: less than photons are off by."""
 
 
 @dataclass(frozen=True)
@@ -76,13 +107,17 @@ class Figures:
     Attributes:
         settings: that were tried.
         noise: of one sample of every pixel, as relMSE.
-        cost: of a sample, at the prices above.
+        of_indirect: the part of it that indirect light makes.
+        vertices: of a sample, beyond the first.
+        light_samples: shadow rays of a sample at the first one.
         indirect: the mean square of indirect light, as relMSE is weighted; of photons, without their maps, 0.
     """
 
     settings: RenderSettings
     noise: float
-    cost: float
+    of_indirect: float
+    vertices: float
+    light_samples: int
     indirect: float
 
 
@@ -123,8 +158,6 @@ def choose_integrator(
     photons: RenderSettings,
     launcher: Launcher,
     flown: PhotonPilot | None = None,
-    *,
-    smooth: bool,
 ) -> IntegratorChoice:
     """Choose between photon mapping and path tracing. Kernels for `trial_features` are to be compiled before.
 
@@ -132,26 +165,26 @@ def choose_integrator(
         settings: with an integrator that stands for several.
         photons: the same with photon mapping, and what that chose for itself.
         flown: a pilot that was flown before, perhaps for other settings.
-        smooth: whether light is reflected or refracted in single directions anywhere.
     """
     pilot = pilot_for(flat, trial_features(flat, settings), photons, launcher, flown)
-    maps = map_plans(pilot, photons, flat).maps
-    if smooth and maps[CAUSTIC_MAP].paths:
-        words = "photons, since smooth surfaces make caustics, which paths hardly ever find"
+    plans = map_plans(pilot, photons, flat)
+    trial = _try_both(flat, pilot, photons, replace(settings, integrator=Integrator.PATH, indirect=Indirect.MAP))
+    if trial.caustics.hidden > HIDDEN_MOST:
+        words = f"photons, since no path finds {trial.caustics.hidden:.1%} of the light: caustics of lamps without size"
         return IntegratorChoice(photons, words, pilot)
-    tried = _try_all(flat, pilot, [replace(photons, indirect=Indirect.MAP), *_ways_of_paths(flat, settings)])
-    by_photons, by_path = tried[0], min(tried[1:], key=lambda way: way.noise * way.cost)
-    left = _left(photons) * by_path.indirect
-    error = by_photons.noise / photons.spp + left
-    pixels = flat.camera.width * flat.camera.height
-    paths_cost = pixels * max(by_path.noise / error, 1.0) * by_path.cost if error > 0 else math.inf
-    ratio = paths_cost / _price_of_photons(pixels, photons, maps, by_photons)
-    chosen, name = (by_path.settings, "path") if ratio * BETTER_BY < 1.0 else (photons, "photons")
+    prices = Prices(flat, plans)
+    spp, of_caustics = settings.spp, trial.caustics.noise
+    photons_error = trial.noise_by(photons) / spp + _left(photons) * trial.by_paths[0].indirect
+    photons_cost = prices.of_photons(trial, photons)
+    by_path = min(trial.by_paths, key=lambda way: (way.noise + of_caustics) * prices.of_paths(way))
+    path_error, path_cost = (by_path.noise + of_caustics) / spp, prices.of_paths(by_path)
+    ratio = path_error * path_cost / (photons_error * photons_cost) if photons_error > 0 else math.inf
+    chosen, name = (by_path.settings, "path") if ratio < 1.0 else (photons, "photons")
+    caustics = f", {of_caustics / spp:.2g} of it by caustics" if of_caustics else ""
     return IntegratorChoice(
         chosen,
-        f"{name}, since path tracing is expected to take {ratio:.2g} times what photons take to the same error (in a "
-        f"trial, relMSE of a sample was {by_path.noise:.2g} by paths and {by_photons.noise:.2g} by photons, which add "
-        f"{left:.2g})",
+        f"{name}, since error times price of path tracing is expected to be {ratio:.2g} of that of photons (relMSE "
+        f"{path_error:.2g}{caustics}, against {photons_error:.2g}, for {path_cost / photons_cost:.2g} of the price)",
         pilot,
     )
 
@@ -163,24 +196,96 @@ def _asked_of_photons(settings: RenderSettings) -> list[str]:
     return names + [f"without {effect}" for effect in settings.without if effect in paths.cannot_leave_out]
 
 
-def _ways_of_paths(flat: FlatScene, settings: RenderSettings) -> list[RenderSettings]:
-    """Path tracing with one shadow ray of what the camera sees, and with as many as photon mapping has."""
-    paths = replace(settings, integrator=Integrator.PATH, indirect=Indirect.MAP)
-    if settings.light_samples is not None:
-        return [paths]
-    both = (Integrator.PATH, Integrator.PHOTONS)
-    counts = {light_samples_of(flat, replace(settings, integrator=each)) for each in both}
-    return [replace(paths, light_samples=count) for count in sorted(counts)]
+def _with_more_shadow_rays(by_path: Figures, by_photons: Figures) -> Figures:
+    """Path tracing with as many shadow rays of what the camera sees as photon mapping has: they leave as much noise."""
+    settings = replace(by_path.settings, light_samples=by_photons.light_samples)
+    noise = by_path.of_indirect + min(by_path.noise - by_path.of_indirect, by_photons.noise)
+    return replace(by_path, settings=settings, light_samples=by_photons.light_samples, noise=noise)
 
 
-def _price_of_photons(
-    pixels: int, settings: RenderSettings, maps: tuple[MapPlan, MapPlan, MapPlan], by_photons: Figures
-) -> float:
-    """Of a whole render by photons."""
-    asked = ((maps[GLOBAL_MAP].paths, settings.photons), (maps[CAUSTIC_MAP].paths, settings.caustic_photons))
-    shot = sum(paths * PHOTON_PATH + min(count, paths) * STORED_PHOTON for paths, count in asked)
-    by_records = RECORD_RAY * RECORD_RAYS if settings.algorithm.has_irradiance_cache(settings) else 0.0
-    return settings.passes * shot + pixels * settings.spp * (by_photons.cost + by_records)
+@dataclass(frozen=True)
+class Trial:
+    """What a trial tells.
+
+    Attributes:
+        by_photons: their figures, with Indirect.MAP.
+        by_paths: of each way to trace paths.
+        caustics: what paths make of those, where smooth surfaces make any.
+        lambertian: the share of the diffuse surfaces that camera paths meet that records serve.
+    """
+
+    by_photons: Figures
+    by_paths: Sequence[Figures]
+    caustics: PathCaustics
+    lambertian: float
+
+    def noise_by(self, settings: RenderSettings) -> float:
+        """Of one sample of every pixel by photon mapping: with that of gather rays, where each sample has one."""
+        gathered = 0.0
+        if settings.final_gathers:
+            gathered = 1.0 - self.lambertian if settings.algorithm.has_irradiance_cache(settings) else 1.0
+        return self.by_photons.noise + gathered * GATHERED * self.by_paths[0].of_indirect
+
+
+class Prices:
+    """What whole renders are expected to cost: about nanoseconds of one core, but only their ratios matter.
+
+    Args:
+        plans: of the maps, if it is by photons.
+    """
+
+    def __init__(self, flat: FlatScene, plans: MapPlans) -> None:
+        self._pixels = flat.camera.width * flat.camera.height
+        self._plans = plans
+        triangles = flat.triangles.total + 2
+        self._ray = (1.0 + math.log(triangles) / math.log(PRICED_TRIANGLES)) / 2.0
+        self._trees = flat.triangles.held * PLANNED_TRIANGLE
+
+    def of_paths(self, way: Figures) -> float:
+        """Of a render by path tracing."""
+        return self._trees + self._pixels * way.settings.spp * self._rays(way)
+
+    def of_photons(self, trial: Trial, settings: RenderSettings) -> float:
+        """Of a render by photons."""
+        maps, way = self._plans.maps, trial.by_photons
+        asked = ((maps[GLOBAL_MAP].paths, settings.photons), (maps[CAUSTIC_MAP].paths, settings.caustic_photons))
+        shot = sum(paths * PHOTON_PATH * self._ray + min(count, paths) * STORED_PHOTON for paths, count in asked)
+        caustic = GATHER * self._plans.caustic_k if maps[CAUSTIC_MAP].paths else 0.0
+        asks = 1.0 + way.vertices
+        sample, records = self._rays(way) + asks * caustic, 0.0
+        if settings.algorithm.has_irradiance_cache(settings):
+            coats = 1.0 - trial.lambertian
+            ray = asks * ((VERTEX + SHADOW_RAY) * self._ray + coats * COAT_SHARE * GATHER * settings.k + caustic)
+            sample += coats * ray
+            records = self._record_rays(trial, settings) * (RECORD_RAY + ray)
+        elif settings.final_gathers:
+            sample += asks * ((VERTEX + SHADOW_RAY) * self._ray + caustic)
+        else:
+            sample += asks * GATHER * settings.k
+        return self._trees + settings.passes * (shot + records) + self._pixels * settings.spp * sample
+
+    def _rays(self, way: Figures) -> float:
+        """Of a sample."""
+        rays = CAMERA_RAY + way.light_samples * SHADOW_RAY + way.vertices * (VERTEX + SHADOW_RAY)
+        return rays * self._ray
+
+    def _record_rays(self, trial: Trial, settings: RenderSettings) -> float:
+        """Gather rays of all records of a pass: twice as many where these are to be as exact as they may be."""
+        count = min(RECORDS, self._pixels / RECORD_PIXELS) * trial.lambertian
+        of_each = CACHE_PLAN.rows * CACHE_PLAN.columns * share_of_rays(settings.spp // settings.passes)
+        error = tolerance_for(trial.by_photons.noise / SAMPLES_OF_PLAN, trial.by_paths[0].indirect)
+        return count * of_each * (1.0 + min(1.0, CACHE_PLAN.tolerance / error))
+
+
+def tolerance_for(noise: float, indirect: float) -> float:
+    """Relative standard error that is not seen in irradiance records.
+
+    Args:
+        noise: that samples leave, as relMSE.
+        indirect: the mean square of indirect light, as relMSE is weighted.
+    """
+    asked = math.sqrt(LEFT_BY_RECORDS * noise / indirect) if indirect else MOST_TOLERANCE
+    return max(CACHE_PLAN.tolerance, min(asked, MOST_TOLERANCE))
 
 
 def _left(settings: RenderSettings) -> float:
@@ -189,45 +294,80 @@ def _left(settings: RenderSettings) -> float:
     return left / settings.passes
 
 
-def _try_all(flat: FlatScene, pilot: PhotonPilot, ways: Sequence[RenderSettings]) -> list[Figures]:
+def _try_both(flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, paths: RenderSettings) -> Trial:
     """Render a small image, without photons, twice in each way: figures by one and the same idea of the truth."""
-    looking = replace(flat, camera=small(flat.camera, TRIAL_PIXELS))
+    looking = replace(flat, camera=_few_pixels(flat.camera))
+    places = SeenPlaces()
     with without_photons(pilot) as worker:
-        halves = [Halves(looking, worker, each) for each in ways]
-    truth = np.mean([half["beauty"] for each in halves for half in each.layers], axis=0)
+        worker.replica.observer = places
+        photon_halves = Halves(looking, worker, replace(photons, indirect=Indirect.MAP), samples=CHOICE_SAMPLES)
+        worker.replica.observer = None
+        path_halves = Halves(looking, worker, paths, samples=CHOICE_SAMPLES)
     # A pixel that one sample made bright is as bright as those around it: its error is not to hide behind itself.
-    weight = 1.0 / (around(truth) ** 2 + DARK)
-    return [each.figures(weight) for each in halves]
+    indirect = np.mean([half["indirect"] for half in path_halves.layers], axis=0)
+    images = [half["beauty"] for half in path_halves.layers] + [
+        half["beauty"] + indirect for half in photon_halves.layers
+    ]
+    truth = around(np.mean(images, axis=0))
+    weight = 1.0 / (truth**2 + DARK)
+    by_photons, by_path = photon_halves.figures(weight), path_halves.figures(weight)
+    ways = [by_path]
+    if paths.light_samples is None and by_photons.light_samples > by_path.light_samples:
+        ways.append(_with_more_shadow_rays(by_path, by_photons))
+    caustics = caustics_by_paths(pilot, flat, places, truth, CHOICE_SAMPLES, DARK)
+    return Trial(by_photons, ways, caustics, places.lambertian)
+
+
+def _few_pixels(camera: Camera) -> Camera:
+    """CHOICE_PIXELS pixels of the image, spread over it: each as small as it is there, or all would lie on edges."""
+    few = small(camera, CHOICE_PIXELS)
+    return replace(few, filter=PixelFilter(radius=PixelFilter().radius * few.width / camera.width))
 
 
 class Halves:
-    """Two independent images of a trial, and what a sample of them costs."""
+    """Two independent images of a trial.
+
+    Args:
+        learnt: how shadow rays choose among lights.
+        samples: of each pixel, in both.
+    """
 
     def __init__(
-        self, flat: FlatScene, worker: CellWorker, settings: RenderSettings, learnt: Learnt = NOTHING_LEARNT
+        self,
+        flat: FlatScene,
+        worker: CellWorker,
+        settings: RenderSettings,
+        learnt: Learnt = NOTHING_LEARNT,
+        samples: int = TRIAL_SAMPLES,
     ) -> None:
-        self.settings = settings
-        view = with_guide(view_of(flat, replace(settings, spp=TRIAL_SAMPLES, passes=1), 1), learnt)
-        half = TRIAL_SAMPLES // 2
-        images = [_image(worker, replace(view, spp=half, first_sample=first)) for first in (0, half)]
+        self._settings = settings
+        self._half = samples // 2
+        view = with_guide(view_of(flat, replace(settings, spp=samples, passes=1), 1), learnt)
+        images = [_image(worker, replace(view, spp=self._half, first_sample=first)) for first in (0, self._half)]
         self.layers = [layers for layers, _ in images]
-        samples = TRIAL_SAMPLES * view.camera.width * view.camera.height
-        vertices = sum(count for _, count in images) / samples
-        self.cost = CAMERA_RAY + view.light_samples * SHADOW_RAY + vertices * (VERTEX + SHADOW_RAY)
-        if settings.algorithm.shoots_photons:
-            self.cost += GATHER * settings.k * (1.0 + vertices)
+        self._vertices = sum(count for _, count in images) / (samples * view.camera.width * view.camera.height)
+        self._light_samples = view.light_samples
 
     def figures(self, weight: Values) -> Figures:
         """What they tell, with that weight of each pixel's squared error."""
         a, b = self.layers
         indirect = (a["indirect"] * b["indirect"] * weight).mean()  # independent: the square of the truth
-        return Figures(self.settings, float(self.noise(weight).mean()), self.cost, max(float(indirect), 0.0))
+        noise, of_indirect = (_mean_but_for_chance(self.noise(weight, layer)) for layer in ("beauty", "indirect"))
+        settings = replace(self._settings, light_samples=self._light_samples)
+        of_indirect = min(of_indirect, noise)
+        return Figures(settings, noise, of_indirect, self._vertices, self._light_samples, max(float(indirect), 0.0))
 
-    def noise(self, weight: Values) -> Values:
+    def noise(self, weight: Values, layer: str = "beauty") -> Values:
         """Of one sample of every pixel, shape [height, width, 3], with that weight of its squared error."""
         a, b = self.layers
-        noise: Values = (a["beauty"] - b["beauty"]) ** 2 * weight / 2.0 * (TRIAL_SAMPLES // 2)
+        noise: Values = (a[layer] - b[layer]) ** 2 * weight / 2.0 * self._half
         return noise
+
+
+def _mean_but_for_chance(noise: Values) -> float:
+    """Mean over pixels of which the noisiest count as those that are next to them: one sample decides nothing."""
+    of_pixels = noise.mean(axis=2)
+    return float(np.minimum(of_pixels, np.quantile(of_pixels, 1.0 - BY_CHANCE)).mean())
 
 
 def _image(worker: CellWorker, view: View) -> tuple[dict[str, Values], int]:

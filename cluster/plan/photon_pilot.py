@@ -22,9 +22,10 @@ from wdpm.cluster.world import MapPlan, TopTree, World
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.limits import MAPS
-from wdpm.kernels.photons.deposits import GLOBAL_MAP
+from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
 from wdpm.kernels.photons.flight import BOUNCE_BITS
 from wdpm.scenes.flat.flatten import FlatScene
+from wdpm.scenes.flat.material_table import MaterialTable
 from wdpm.scenes.flat.used_media import calls_for_media
 
 PILOT_PATHS = 1 << 15
@@ -68,6 +69,10 @@ class PhotonPilot:
         """The whole scene."""
         return self.worker.cells[0]
 
+    def light_of_path(self) -> NDArray[np.int32]:
+        """Which light each path comes from, shape [paths of all passes]."""
+        return _light_of_path(self.worker, self.world)
+
     def flux_by_light(self) -> NDArray[np.float64]:
         """Flux that the pilot's photons of each light brought into each map, shape [MAPS, lights].
 
@@ -76,7 +81,7 @@ class PhotonPilot:
         world = self.world
         flux = np.zeros((MAPS, len(world.lights.names)))
         if world.paths:
-            light_of_path = set_out(self.worker.replica, 0, world.paths).light.numpy()
+            light_of_path = self.light_of_path()
             for number, part in enumerate(self.photons):
                 light = light_of_path[part["id"] >> BOUNCE_BITS]
                 flux[number] = np.bincount(light, part["flux"].mean(axis=1, dtype=np.float64), flux.shape[1])
@@ -138,21 +143,40 @@ def pilot_for(
 
 def direct_photons(pilot: PhotonPilot) -> tuple[Arrays, int]:
     """Photons straight from the lights, of which no map has any, and how many paths they are of."""
-    world, worker = pilot.world, pilot.worker
-    paths = min(DIRECT_PATHS, world.global_map.paths or pilot.paths)
+    paths = min(DIRECT_PATHS, pilot.world.global_map.paths or pilot.paths)
     straight = replace(
-        world,
+        pilot.world,
         max_depth=2,
         global_map=MapPlan(paths),
         caustic_map=MapPlan(0),
         volume_map=MapPlan(0),
         stores_direct=True,
     )
-    worker.adopt(straight)
-    worker.start(PhotonTask(number=0, start=0, stop=paths))
-    photons = _by_map(worker.cells[0].store.so_far())[GLOBAL_MAP]
+    return _flown_in(straight, pilot)[0][GLOBAL_MAP], paths
+
+
+def caustic_photons_among(materials: MaterialTable, pilot: PhotonPilot) -> tuple[Arrays, NDArray[np.int32]]:
+    """Caustic photons of as many paths, were the materials others, and which light each of them comes from."""
+    other = replace(pilot.world, materials=materials, global_map=MapPlan(0), volume_map=MapPlan(0))
+    photons, light_of_path = _flown_in(other, pilot)
+    return photons[CAUSTIC_MAP], light_of_path[photons[CAUSTIC_MAP]["id"] >> BOUNCE_BITS]
+
+
+def _flown_in(world: World, pilot: PhotonPilot) -> tuple[list[Arrays], NDArray[np.int32]]:
+    """Photons of each map that the pilot's worker stores in another world, and the light that each path comes from."""
+    worker, before = pilot.worker, pilot.world
     worker.adopt(world)
-    return photons, paths
+    worker.start(PhotonTask(number=0, start=0, stop=world.paths))
+    photons = _by_map(worker.cells[0].store.so_far())
+    light_of_path = _light_of_path(worker, world)
+    worker.adopt(before)
+    return photons, light_of_path
+
+
+def _light_of_path(worker: CellWorker, world: World) -> NDArray[np.int32]:
+    """Which light each path comes from, in the world that the worker has."""
+    light: NDArray[np.int32] = set_out(worker.replica, 0, world.paths).light.numpy()
+    return light
 
 
 def _pilot_world(flat: FlatScene, features: Features, settings: RenderSettings, of_each: int) -> World:

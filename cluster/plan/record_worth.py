@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wdpm.cluster.plan.integrator_trial import DARK, TRIAL_PIXELS, Halves, Values, around
+from wdpm.cluster.plan.integrator_trial import DARK, TRIAL_PIXELS, Halves, Values, around, tolerance_for
 from wdpm.cluster.plan.light_guide import Learnt
 from wdpm.cluster.plan.photon_pilot import PhotonPilot
 from wdpm.cluster.plan.small_view import small, without_photons
@@ -22,15 +22,8 @@ from wdpm.cluster.records import CachePlan
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.scenes.flat.flatten import FlatScene
 
-LEFT_BY_RECORDS = 0.1
-"""Squared error that records may leave, as a share of what samples leave: a blotch is seen where grain of the same
-error is not, and ten times less of it is not either."""
-
 NOISIEST = 0.1
 """Share of the image that is not looked at, the noisiest: blotches are seen in the rest of it."""
-
-MOST_TOLERANCE = 1.0
-"""Beyond that records get no more gather rays than one a stratum, whatever the noise."""
 
 
 def tolerance_of_records(
@@ -53,8 +46,7 @@ def tolerance_of_records(
     weight = 1.0 / (around(np.mean([half["beauty"] for half in by_path.layers], axis=0)) ** 2 + DARK)
     indirect = by_path.figures(weight).indirect
     noise = _but_the_noisiest(without_indirect.noise(weight)) / SAMPLES_OF_PLAN
-    asked = math.sqrt(LEFT_BY_RECORDS * noise / indirect) if indirect else MOST_TOLERANCE
-    return max(cache.tolerance, min(asked, MOST_TOLERANCE))
+    return max(cache.tolerance, tolerance_for(noise, indirect))
 
 
 def with_tolerance(cache: CachePlan, tolerance: float) -> CachePlan:

@@ -32,6 +32,10 @@ samples. What follows from the image: _cache_plan."""
 SAMPLES_OF_PLAN = 32
 """Samples a pixel, in one pass, that CACHE_PLAN is for."""
 
+LEAST_RAYS, MOST_RAYS = 0.125, 4.0
+"""Bounds to a record's gather rays, as a share of that plan's: with fewer, radii and gradients would be noise as well;
+with more, interpolation is further off than the records are."""
+
 RECORD_REACH = 0.08
 """Most that a record reaches, as a share of the image: some dozen records across a wall that is all alike."""
 
@@ -47,6 +51,11 @@ BUCKET_SHADOW_RAYS = 1 << 18
 
 BUCKETS_A_WORKER = 8
 """Buckets that each worker gets, at least, before they are made larger: the last ones are shared out evenly."""
+
+
+def share_of_rays(spp: int) -> float:
+    """Gather rays of a record in a pass of `spp` samples a pixel, as a share of those of CACHE_PLAN."""
+    return min(max(spp / SAMPLES_OF_PLAN, LEAST_RAYS), MOST_RAYS)
 
 
 def view_of(flat: FlatScene, settings: RenderSettings, workers: int) -> View:

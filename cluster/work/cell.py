@@ -207,6 +207,10 @@ class Cell:
         self.store.keep(deposits, capacity)
         return columns.download(flight, SCHEMAS[Kind.PHOTON]), fates.status.numpy(), fates.next_cell.numpy()
 
+    def take_materials(self) -> None:
+        """Trace photons among the replica's materials."""
+        self._trace_scene = self._trace_scene_of(self.replica)
+
     def _trace_scene_of(self, replica: Replica) -> TraceScene:
         """What photons need of this cell."""
         scene = TraceScene()

@@ -95,12 +95,16 @@ class Replica:
         self.paths_by_light = np.zeros((2, len(world.lights.names)), np.int64)
         self.cells = cells.upload(tree.axis, tree.split, self.pad, device)
         self.textures = texture.upload(world.textures, device)
-        self.materials = resolve.upload(world.materials, device)
         self.media = medium.upload(media, device)
         self.lights = lights.upload(world.lights, world.extent, device)
-        self.lambertian_sides = lambertian_sides(world.materials)
+        self.take_materials()
         self.records = NO_RECORDS
         self.share_out()
+
+    def take_materials(self) -> None:
+        """Have the World's materials."""
+        self.materials = resolve.upload(self.world.materials, self.launcher.device)
+        self.lambertian_sides = lambertian_sides(self.world.materials)
 
     def share_out(self) -> None:
         """How photons are shared out among the lights, and where the caustic pass aims, as the World says."""

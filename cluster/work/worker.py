@@ -75,10 +75,15 @@ class CellWorker:
             cell.begin_view()
 
     def adopt(self, world: World) -> None:
-        """Go on with the same scene under another photon plan, without any photons."""
+        """Go on with the same scene under another photon plan, or with other materials, without any photons."""
         self.forget_photons()
+        others = world.materials is not self.replica.world.materials
         self.replica.world = world
         self.replica.share_out()
+        if others:
+            self.replica.take_materials()
+            for cell in self.cells.values():
+                cell.take_materials()
 
     def regroup(self, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]) -> None:
         """Hold other cells of the same scene: those that stay are kept, the photons are not, and no task is known.

@@ -90,7 +90,7 @@ def inspect(
     flat = flatten(leave_out(scene, settings.without), settings.instances) if settings.without else as_it_is
     unused = settings_without_effect(settings)
     launcher = Launcher("cpu")
-    settled = settle(scene, flat, settings, launcher, partial(compile_kernels, "cpu"))
+    settled = settle(flat, settings, launcher, partial(compile_kernels, "cpu"))
     settings = settled.settings
     features = with_camera(features_of(flat, settings), flat.camera)
     compile_kernels("cpu", features)

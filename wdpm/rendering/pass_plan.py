@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.plan.view import SAMPLES_OF_PLAN
+from wdpm.cluster.plan.view import share_of_rays as share_of_rays
 from wdpm.cluster.records import CachePlan
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
@@ -23,10 +24,6 @@ from wdpm.scenes.errors import SettingsError
 
 ALPHA = 2.0 / 3.0
 """How slowly the radius shrinks; at 2/3 noise and bias of the mean fall at the same rate (Knaus & Zwicker 2011)."""
-
-LEAST_RAYS, MOST_RAYS = 0.125, 4.0
-"""Bounds to a record's gather rays, as a share of that plan's: with fewer, radii and gradients would be noise as well;
-with more, interpolation is further off than the records are."""
 
 LEAST_CLEARANCE = 0.35
 """Records in corners reach no less far than this share of the way to the nearest thing, however many the samples."""
@@ -126,11 +123,6 @@ def session_of(session: Session, plan: PassPlan) -> Session:
             cache=_other_records(worth(view.cache, plan.spp), plan.number),
         ),
     )
-
-
-def share_of_rays(spp: int) -> float:
-    """Gather rays of a record in a pass of `spp` samples a pixel, as a share of those of CACHE_PLAN."""
-    return min(max(spp / SAMPLES_OF_PLAN, LEAST_RAYS), MOST_RAYS)
 
 
 def worth(plan: CachePlan, spp: int) -> CachePlan:

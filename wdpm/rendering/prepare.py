@@ -139,7 +139,7 @@ def prepare(
     unused = settings_without_effect(settings)
     progress.start("compile")
     compiling = _Stopwatch(partial(_compile, settings=settings, launcher=launcher, progress=progress))
-    settled = settle(scene, flat, settings, launcher, compiling)
+    settled = settle(flat, settings, launcher, compiling)
     settings = settled.settings
     features = with_camera(features_of(flat, settings), flat.camera)
     kernels = compiling(features)

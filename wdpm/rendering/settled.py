@@ -14,8 +14,6 @@ from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
 from wdpm.scenes.flat.flatten import FlatScene
-from wdpm.scenes.model.bsdfs import is_smooth_anywhere
-from wdpm.scenes.model.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -33,7 +31,6 @@ class Settled:
 
 
 def settle(
-    scene: Scene,
     flat: FlatScene,
     settings: RenderSettings,
     launcher: Launcher,
@@ -51,9 +48,7 @@ def settle(
     if why := without_a_trial(flat, settings):
         return replace(by_photons, chose=(f"integrator: {why}", *by_photons.chose))
     compile_for(trial_features(flat, settings))
-    used = {mesh.material for mesh in scene.meshes}
-    smooth = any(is_smooth_anywhere(scene.materials[number].bsdf) for number in used)
-    choice = choose_integrator(flat, settings, by_photons.settings, launcher, by_photons.pilot, smooth=smooth)
+    choice = choose_integrator(flat, settings, by_photons.settings, launcher, by_photons.pilot)
     others = by_photons.chose if choice.settings.algorithm.shoots_photons else ()
     chosen = _with_light_samples(flat, choice.settings)
     return Settled(chosen, (f"integrator: {choice.words}", *others), choice.pilot)

@@ -20,6 +20,7 @@ from wdpm.rendering.settled import Settled, settle
 from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.model.bsdfs import Conductor
+from wdpm.scenes.model.lights import PointLight
 from wdpm.scenes.model.scene import Material, Scene
 
 LARGE = cornell_box((512, 512))
@@ -29,7 +30,7 @@ SMALL = cornell_box((16, 12))
 def settled(scene: Scene, threads: int = 1, **chosen: Any) -> Settled:
     settings = RenderSettings(**{"integrator": Integrator.AUTO} | chosen)
     launcher = Launcher("cpu", threads)
-    return settle(scene, flatten(scene), settings, launcher, lambda features: compile_kernels("cpu", features))
+    return settle(flatten(scene), settings, launcher, lambda features: compile_kernels("cpu", features))
 
 
 def mirrored(scene: Scene) -> Scene:
@@ -42,12 +43,26 @@ def dark(scene: Scene) -> Scene:
     return replace(scene, meshes=tuple(replace(mesh, emission=None) for mesh in scene.meshes))
 
 
+def with_lamp(scene: Scene, side: float) -> Scene:
+    """The same with a lamp of another side, in shares of its own, and as much power."""
+    (lamp,) = (mesh for mesh in scene.meshes if mesh.emission is not None)
+    middle = lamp.vertices.mean(axis=0)
+    radiance = tuple(value / side**2 for value in lamp.emission)
+    smaller = replace(lamp, vertices=middle + (lamp.vertices - middle) * side, emission=radiance)
+    return replace(scene, meshes=tuple(smaller if mesh is lamp else mesh for mesh in scene.meshes))
+
+
+def with_bulb(scene: Scene) -> Scene:
+    """The same with a point for its lamp."""
+    return replace(dark(scene), lights=(PointLight("bulb", (278.0, 400.0, 279.5), (1e5, 1e5, 1e5)),))
+
+
 def test_light_that_is_mostly_indirect_is_for_photons_and_few_samples_are_not_worth_them() -> None:
     many, few = settled(LARGE), settled(SMALL, spp=2)
     assert many.settings.integrator is Integrator.PHOTONS
     assert few.settings.integrator is Integrator.PATH
     for each in (many, few):
-        assert "times what photons take to the same error (in a trial, relMSE of a sample was" in each.chose[0]
+        assert ", since error times price of path tracing is expected to be " in each.chose[0]
     assert any(line.startswith("indirect light: ") for line in many.chose)
     assert len(few.chose) == 1
 
@@ -59,13 +74,26 @@ def test_light_that_is_mostly_indirect_is_for_photons_and_few_samples_are_not_wo
         pytest.param(SMALL, {"without": ("indirect",)}, "they were asked for: without indirect", id="left out"),
         pytest.param(fogs(), {}, "the scene has media", id="media"),
         pytest.param(dark(SMALL), {}, "nothing shines", id="dark"),
-        pytest.param(mirrored(SMALL), {"spp": 2, "all_effects": True}, "smooth surfaces make caustics", id="caustics"),
+        pytest.param(mirrored(with_bulb(SMALL)), {"spp": 2, "all_effects": True}, "no path finds", id="no path finds"),
     ],
 )
 def test_what_paths_cannot_do_is_for_photons(scene: Scene, chosen: dict[str, Any], words: str) -> None:
     found = settled(scene, **chosen)
     assert found.settings.integrator is Integrator.PHOTONS
     assert found.chose[0].startswith(f"integrator: photons, since {words}")
+
+
+def test_caustics_of_small_bright_lamps_are_for_photons_and_those_of_wide_ones_are_not() -> None:
+    """By the noise that they make in paths, which a trial of few samples does not see."""
+    wide, small = (settled(mirrored(with_lamp(SMALL, side)), spp=2, all_effects=True) for side in (1.0, 0.02))
+    assert wide.settings.integrator is Integrator.PATH
+    assert small.settings.integrator is Integrator.PHOTONS
+    for each in (wide, small):
+        assert " of it by caustics" in each.chose[0]
+
+
+def test_bulbs_are_for_paths_where_nothing_mirrors_them() -> None:
+    assert settled(with_bulb(SMALL), spp=2, all_effects=True).settings.integrator is Integrator.PATH
 
 
 def test_a_trial_finds_the_same_on_any_number_of_threads() -> None:

@@ -1,0 +1,171 @@
+"""What caustics cost path tracing: the noise that they make there, told by the pilot's caustic photons.
+
+A path finds a caustic backwards: from a diffuse surface it happens to go where mirrors or glass lead to a lamp. It then
+carries the radiance L of the lamp, and does so as often as the caustic's irradiance E calls for: with a chance of
+E / (pi L). So of many samples hardly one sees the caustic of a small bright lamp, a trial of a few thousand sees none,
+and would call the scene easy. But photons know E, and lamps know L: a sample whose radiance is w E of a diffuse surface
+(w: the kernels' query weight / pi) has a second moment of pi w² E L. Of lamps without size L is infinite: no path ever
+meets them.
+
+That is so where light is reflected and refracted in single directions. A rough metal spreads it, shadow rays from there
+find the lamp, and trials see what comes of it: E is that of photons in the same scene with its rough metals black.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.cluster.batch import Arrays
+from wdpm.cluster.plan.photon_pilot import PhotonPilot, caustic_photons_among
+from wdpm.cluster.plan.pilot_gathers import gather_among
+from wdpm.kernels import columns
+from wdpm.kernels.constants import INV_PI
+from wdpm.kernels.materials.types import DIFFUSE
+from wdpm.kernels.photons.deposits import CAUSTIC_MAP
+from wdpm.scenes.flat.flatten import FlatScene
+from wdpm.scenes.flat.light_table import LightTable
+from wdpm.scenes.flat.material_table import MaterialTable
+from wdpm.scenes.model.leaf_kind import BLACK
+
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PathCaustics:
+    """What path tracing makes of the caustics of an image.
+
+    Attributes:
+        noise: that they add to a sample of every pixel, as relMSE.
+        hidden: the share of the image's light that no path finds: caustics of lamps without size.
+    """
+
+    noise: float
+    hidden: float
+
+
+GREY = 0.5
+"""Photons are stored on it; what it reflects of them is no caustic any more."""
+
+NO_CAUSTICS = PathCaustics(0.0, 0.0)
+
+
+class SeenPlaces:
+    """Looks over a worker's shoulder, and keeps where camera paths ask for photons, and for which pixel.
+
+    Attributes:
+        lambertian: the share of these places at which nothing but a diffuse part reflects; 1 of none.
+    """
+
+    def __init__(self) -> None:
+        self._found: list[Mapping[str, NDArray[Any]]] = []
+
+    @property
+    def lambertian(self) -> float:
+        plain = np.concatenate([found["plain"] for found in self._found])
+        return float(plain.mean()) if len(plain) else 1.0
+
+    def shaded(self, scene: Any, orders: Any, rays: Any, shaded: Any) -> None:  # noqa: ARG002
+        queries = shaded.queries
+        asks = queries.weight.numpy().max(axis=1) > 0
+        found: dict[str, NDArray[Any]]
+        found = {name: getattr(queries, name).numpy()[asks] for name in ("position", "normal", "weight")}
+        found["plain"] = np.ones(len(found["weight"]), np.bool_)
+        if columns.are_there(shaded.coats):
+            kind, color = (columns.member(shaded.coats.bsdf, name).numpy()[asks] for name in ("kind", "color"))
+            found["plain"] = kind == int(DIFFUSE)
+            found["weight"] = np.where(found["plain"][:, None], found["weight"], found["weight"] * color)
+        self._found.append(found | {"pixel": rays.pixel.numpy()[asks]})
+
+    def gathered(self, number: int, queries: Any, count: Any, radius: Any, truncated: Any) -> None:
+        """There is no map to ask."""
+
+    def all(self, name: str) -> NDArray[Any]:
+        """Of all places: position, normal and weight, shape [places, 3], or the number of the pixel, shape [places]."""
+        return np.concatenate([found[name] for found in self._found])
+
+
+def caustics_by_paths(
+    pilot: PhotonPilot, flat: FlatScene, places: SeenPlaces, truth: Values, samples: int, dark: float
+) -> PathCaustics:
+    """What caustics cost path tracing.
+
+    Args:
+        places: that an image of `samples` samples a pixel has seen.
+        truth: that image, or about so, shape [height, width, 3].
+        dark: added to squared radiance, as in relMSE.
+    """
+    smooth = None if not len(pilot.photons[CAUSTIC_MAP]["id"]) else _smooth_alone(flat.materials)
+    if smooth is None or not len(places.all("pixel")):
+        return NO_CAUSTICS
+    photons, light = caustic_photons_among(smooth, pilot)
+    if not len(photons["id"]):
+        return NO_CAUSTICS
+    bright = _radiance_of(flat.lights)
+    pixels = truth.shape[0] * truth.shape[1]
+    weight, pixel = places.all("weight").mean(axis=1).astype(np.float64) * float(INV_PI), places.all("pixel")
+
+    def by_pixel(value: Values) -> Values:
+        total: Values = np.bincount(pixel, value, pixels) / samples
+        return total
+
+    def irradiance(factor: NDArray[Any]) -> Values:
+        return _irradiance(pilot, photons, factor[light].astype(np.float64), places)
+
+    sized = np.isfinite(bright)
+    hidden = by_pixel(weight * irradiance(~sized))
+    # A trial may have met no caustic: where photons know that one is, the image is at least as bright.
+    found = by_pixel(weight * irradiance(sized))
+    radiance = np.maximum(truth.mean(axis=2).reshape(-1), found + hidden)
+    second = by_pixel(np.pi * weight**2 * irradiance(np.where(sized, bright, 0.0)))
+    return PathCaustics(
+        float((second / (radiance**2 + dark)).mean()),
+        float(hidden.sum() / radiance.sum()) if radiance.any() else 0.0,
+    )
+
+
+def _smooth_alone(table: MaterialTable) -> MaterialTable | None:
+    """The same materials, but what is rough reflects by diffuse parts alone; None if nothing glossy is left."""
+    kind, value, texture = table.kind.copy(), table.value.copy(), table.texture.copy()
+    smooth = False
+    for node in range(len(table)):
+        leaf = table.leaf(node)
+        if leaf is None or not leaf[0].glossy or leaf[0].straight:
+            continue
+        of, row = leaf
+        if not (of.always_rough or of.is_rough(row)):
+            smooth = True
+            continue
+        kind[node] = int(DIFFUSE) if of.gathers(row) else BLACK
+        value[node], texture[node] = GREY, -1
+    return replace(table, kind=kind, value=value, texture=texture) if smooth else None
+
+
+def _irradiance(pilot: PhotonPilot, photons: Arrays, factor: Values, places: SeenPlaces) -> Values:
+    """Of some photons, each with a factor, at all places, mean of RGB, shape [places]."""
+    flux = (photons["flux"] * factor[:, None]).astype(np.float32)
+    position, normal = places.all("position"), places.all("normal")
+    found, _ = gather_among(pilot.cell, {**photons, "flux": flux}, position, normal, pilot.world.extent)
+    return found.astype(np.float64) / pilot.paths
+
+
+def _radiance_of(lights: LightTable) -> Values:
+    """What paths that meet a light find there, mean by flux [W/(m² sr)], shape [lights]; infinite if none can."""
+    power, areas = lights.power, len(lights.prim)
+    radiance = np.full(len(power), np.inf)
+    edges = lights.corners[:, 1:].astype(np.float64) - lights.corners[:, :1]
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2.0
+    radiance[:areas] = np.divide(power[:areas], np.pi * area, out=np.zeros(areas), where=area > 0)
+    if lights.environment_pixels.size:
+        sky = lights.environment_pixels.mean(axis=2, dtype=np.float64)
+        solid = np.sin((np.arange(len(sky)) + 0.5) / len(sky) * np.pi)[:, None]
+        whole = float((sky * solid).sum())
+        radiance[-1] = float((sky**2 * solid).sum()) / whole if whole > 0 else 0.0
+    by_light = np.bincount(lights.light, power, len(lights.names))
+    known = power * np.where(power > 0, radiance, 0.0)
+    every = np.bincount(lights.light, known, len(lights.names))
+    return np.divide(every, by_light, out=np.zeros(len(by_light)), where=by_light > 0)
