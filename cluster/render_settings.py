@@ -84,7 +84,7 @@ class RenderSettings:
     volume_photons: int = 250_000
     volume_samples: int = 4
     volume_radius: float | None = None
-    integrator: Integrator = Integrator.PHOTONS
+    integrator: Integrator = Integrator.AUTO
     indirect: Indirect = Indirect.AUTO
     all_effects: bool = False
     strict: bool = False

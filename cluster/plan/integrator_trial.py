@@ -172,8 +172,9 @@ def choose_integrator(
     if trial.caustics.hidden > HIDDEN_MOST:
         words = f"photons, since no path finds {trial.caustics.hidden:.1%} of the light: caustics of lamps without size"
         return IntegratorChoice(photons, words, pilot)
-    prices = Prices(flat, plans)
-    spp, of_caustics = settings.spp, trial.caustics.noise
+    # Of one pass: with more of the same kind errors fall and prices rise alike, and what goes on must choose alike.
+    spp, of_caustics = -(-settings.spp // settings.passes), trial.caustics.noise
+    prices = Prices(flat, plans, spp)
     photons_error = trial.noise_by(photons) / spp + _left(photons) * trial.by_paths[0].indirect
     photons_cost = prices.of_photons(trial, photons)
     by_path = min(trial.by_paths, key=lambda way: (way.noise + of_caustics) * prices.of_paths(way))
@@ -228,14 +229,16 @@ class Trial:
 
 
 class Prices:
-    """What whole renders are expected to cost: about nanoseconds of one core, but only their ratios matter.
+    """What renders of one pass are expected to cost: about nanoseconds of one core, but only their ratios matter.
 
     Args:
         plans: of the maps, if it is by photons.
+        spp: samples of a pixel.
     """
 
-    def __init__(self, flat: FlatScene, plans: MapPlans) -> None:
+    def __init__(self, flat: FlatScene, plans: MapPlans, spp: int) -> None:
         self._pixels = flat.camera.width * flat.camera.height
+        self._spp = spp
         self._plans = plans
         triangles = flat.triangles.total + 2
         self._ray = (1.0 + math.log(triangles) / math.log(PRICED_TRIANGLES)) / 2.0
@@ -243,7 +246,7 @@ class Prices:
 
     def of_paths(self, way: Figures) -> float:
         """Of a render by path tracing."""
-        return self._trees + self._pixels * way.settings.spp * self._rays(way)
+        return self._trees + self._pixels * self._spp * self._rays(way)
 
     def of_photons(self, trial: Trial, settings: RenderSettings) -> float:
         """Of a render by photons."""
@@ -257,22 +260,22 @@ class Prices:
             coats = 1.0 - trial.lambertian
             ray = asks * ((VERTEX + SHADOW_RAY) * self._ray + coats * COAT_SHARE * GATHER * settings.k + caustic)
             sample += coats * ray
-            records = self._record_rays(trial, settings) * (RECORD_RAY + ray)
+            records = self._record_rays(trial) * (RECORD_RAY + ray)
         elif settings.final_gathers:
             sample += asks * ((VERTEX + SHADOW_RAY) * self._ray + caustic)
         else:
             sample += asks * GATHER * settings.k
-        return self._trees + settings.passes * (shot + records) + self._pixels * settings.spp * sample
+        return self._trees + shot + records + self._pixels * self._spp * sample
 
     def _rays(self, way: Figures) -> float:
         """Of a sample."""
         rays = CAMERA_RAY + way.light_samples * SHADOW_RAY + way.vertices * (VERTEX + SHADOW_RAY)
         return rays * self._ray
 
-    def _record_rays(self, trial: Trial, settings: RenderSettings) -> float:
-        """Gather rays of all records of a pass: twice as many where these are to be as exact as they may be."""
+    def _record_rays(self, trial: Trial) -> float:
+        """Gather rays of all records: twice as many where these are to be as exact as they may be."""
         count = min(RECORDS, self._pixels / RECORD_PIXELS) * trial.lambertian
-        of_each = CACHE_PLAN.rows * CACHE_PLAN.columns * share_of_rays(settings.spp // settings.passes)
+        of_each = CACHE_PLAN.rows * CACHE_PLAN.columns * share_of_rays(self._spp)
         error = tolerance_for(trial.by_photons.noise / SAMPLES_OF_PLAN, trial.by_paths[0].indirect)
         return count * of_each * (1.0 + min(1.0, CACHE_PLAN.tolerance / error))
 
@@ -290,8 +293,7 @@ def tolerance_for(noise: float, indirect: float) -> float:
 
 def _left(settings: RenderSettings) -> float:
     """Of the square of indirect light, what samples do not lessen."""
-    left = LEFT_BY_CACHE if settings.algorithm.has_irradiance_cache(settings) else LEFT_BY_MAP
-    return left / settings.passes
+    return LEFT_BY_CACHE if settings.algorithm.has_irradiance_cache(settings) else LEFT_BY_MAP
 
 
 def _try_both(flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, paths: RenderSettings) -> Trial:

@@ -30,7 +30,7 @@ from wdpm.accuracy.render import PointRenderer
 from wdpm.accuracy.result import Accuracy, curves_of, figures_of, front_of, reference_noise, worst_share
 from wdpm.accuracy.store import Store, make_folder, plain_settings
 from wdpm.accuracy.uses import idle_by_settings, refuse_idle
-from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.cluster.versions import versions
 from wdpm.devices import available_cores
 from wdpm.images.files import write_bytes
@@ -107,8 +107,10 @@ def measure(request: Request, backends: Backends, progress: Progress) -> Accurac
     _check(request)
     progress.start("load")
     scene = load(request.scene, defines=dict(request.definitions), size=request.size, lenient=request.lenient)
-    defaults = settings_for(scene)
-    base = Point(settings_for(scene, **request.chosen), request.slaves)
+    # Sweeps are of photons: which integrator suits each point would be another question.
+    by_photons = {"integrator": Integrator.PHOTONS}
+    defaults = settings_for(scene, **by_photons)
+    base = Point(settings_for(scene, **(by_photons | dict(request.chosen))), request.slaves)
     size = (scene.camera.width, scene.camera.height)
     given = read_reference(request.references, size) if request.references else None
     plan_points(base, request.sweeps, dict.fromkeys(LEFT_OPEN, 1))

@@ -20,7 +20,7 @@ import numpy as np
 
 from wdpm.bench.mitsuba import WARM_SEED, Cost
 from wdpm.cluster.integrators.registry import REFERENCE
-from wdpm.cluster.render_settings import Indirect, RenderSettings
+from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.images.comparison import Region, compare, region_slices
 from wdpm.images.image import Image
 from wdpm.images.image import load as load_image
@@ -70,6 +70,7 @@ class Choice:
     def settings(self, seed: int, max_depth: int | None) -> RenderSettings:
         """For a render."""
         return RenderSettings(
+            integrator=Integrator.PHOTONS,
             photons=self.photons,
             caustic_photons=self.photons,
             volume_photons=self.photons,

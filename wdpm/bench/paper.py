@@ -14,7 +14,7 @@ from typing import Any
 
 from wdpm.bench.outputs import settings_to_dict
 from wdpm.bench.rows import Rows
-from wdpm.cluster.render_settings import RenderSettings, Routing
+from wdpm.cluster.render_settings import Integrator, RenderSettings, Routing
 from wdpm.devices import available_cores
 from wdpm.images.comparison import compare
 from wdpm.images.image import Image
@@ -131,7 +131,7 @@ def measure(
     """
     progress.start("load")
     scene = load(name, size=size)
-    settings = settings_for(scene, **chosen)
+    settings = settings_for(scene, **{"integrator": Integrator.PHOTONS, **chosen})
     render = render or (lambda scene, settings, count: _render(scene, settings, count, backends))
     clusters = [(count, routing) for count in sorted(set(slaves) - {0}) for routing in routings]
 

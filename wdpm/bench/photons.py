@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 from wdpm.cluster.limits import ClusterLimits
-from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.cluster.task import PhotonTask
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import SilentProgress
@@ -23,7 +23,7 @@ def seconds_per_photon(task_paths: int = ClusterLimits.photon_task_paths, rounds
         rounds: tasks.
     """
     launcher = Launcher("cpu", threads=1)
-    prepared = prepare(load(SCENE), RenderSettings(), 1, launcher, SilentProgress())
+    prepared = prepare(load(SCENE), RenderSettings(integrator=Integrator.PHOTONS), 1, launcher, SilentProgress())
     worker = prepared.pilot
     assert worker is not None  # one worker, one cell
     worker.adopt(prepared.session.world)

@@ -18,7 +18,7 @@ from typing import Any
 from wdpm.bench.outputs import settings_to_dict
 from wdpm.bench.rows import Rows
 from wdpm.cluster.plan.copies import Copies
-from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.images.comparison import compare
 from wdpm.images.image import Image
 from wdpm.progress import Progress, SilentProgress
@@ -120,7 +120,7 @@ def measure(
         raise SettingsError("CPU seconds of other processes are read from /proc, which this system has not")
     progress.start("load")
     scene = load(name, size=size)
-    settings = settings_for(scene, **chosen)
+    settings = settings_for(scene, **{"integrator": Integrator.PHOTONS, **chosen})
     clusters = [(count, how) for how in copies for count in sorted(set(slaves) - {0})]
     progress.start(name, 1 + len(clusters))
     rows = rows or Rows()

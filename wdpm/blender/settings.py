@@ -58,7 +58,7 @@ class WdpmSettings(bpy.types.PropertyGroup):
         "passes": IntProperty(
             name="Passes", description="With photons of their own each; their mean is the image", default=1, min=1
         ),
-        "integrator": EnumProperty(name="Integrator", items=_INTEGRATORS, default=Integrator.PHOTONS.name),
+        "integrator": EnumProperty(name="Integrator", items=_INTEGRATORS, default=Integrator.AUTO.name),
         "max_depth": IntProperty(
             name="Path length",
             description="Longest path of light in edges: 1 is emitted, 2 direct light; 0 for no limit",

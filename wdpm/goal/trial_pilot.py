@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from wdpm.cluster.integrators.registry import REFERENCE
-from wdpm.cluster.render_settings import Indirect, RenderSettings
+from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.goal.goal import Goal
 from wdpm.goal.reference_pair import ReferencePair, make_reference_pair
 from wdpm.goal.schedule import FACTORS, Schedule, nearest, soonest, with_photons
@@ -144,6 +144,10 @@ class TrialPilot:
     def _settle(self) -> None:
         """Have a trial of its own decide which integrator it is, where that is open, for a render by default."""
         if not self.settings.algorithm.stands_for_others:
+            return
+        if "integrator" not in self.fixed:
+            # Where nobody said, the search is among the ways to map photons: what they take and leave is known to it.
+            self.settings = replace(self.settings, integrator=Integrator.PHOTONS)
             return
         prepared = self.work.renderer(self.scene, self.settings).prepared
         self.compile_seconds += prepared.seconds["compile"]

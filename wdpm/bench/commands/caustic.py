@@ -8,7 +8,7 @@ from pathlib import Path
 from wdpm import values
 from wdpm.bench.commands.arguments import add_counts, add_threads
 from wdpm.bench.commands.benchmark import Benchmark, Measured
-from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backends
 
@@ -48,7 +48,7 @@ def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Mea
     from wdpm.bench import caustic as bench_caustic
 
     names = ("spp", "photons", "caustic_photons", "caustic_k")
-    settings = RenderSettings(**{name: getattr(args, name) for name in names})
+    settings = RenderSettings(integrator=Integrator.PHOTONS, **{name: getattr(args, name) for name in names})
     bound = bench_caustic.Bound(args.reference, args.region, args.error)
     with backends(0) as backend:
         figures = bench_caustic.measure(

@@ -7,7 +7,7 @@ import argparse
 from wdpm import values
 from wdpm.bench.commands.arguments import add_counts, add_threads, find_all
 from wdpm.bench.commands.benchmark import Benchmark, Measured
-from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backends
 
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Mea
     figures = measure(
         args.device,
         progress,
-        RenderSettings(spp=args.spp, **photons),
+        RenderSettings(integrator=Integrator.PHOTONS, spp=args.spp, **photons),
         scenes=args.scenes,
         size=args.size,
         threads=args.threads,

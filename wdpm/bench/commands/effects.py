@@ -8,7 +8,7 @@ from pathlib import Path
 from wdpm import values
 from wdpm.bench.commands.arguments import add_counts, add_threads
 from wdpm.bench.commands.benchmark import Benchmark, Measured
-from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backends
 
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Mea
     effects = effects_scenes.EFFECTS
     with backends(0) as backend:
         figures = bench_effects.measure(
-            RenderSettings(spp=args.spp, **photons),
+            RenderSettings(integrator=Integrator.PHOTONS, spp=args.spp, **photons),
             backend,
             progress,
             names=[f"+ {name}" if name in effects else name for name in args.scenes],

@@ -8,7 +8,7 @@ from pathlib import Path
 from wdpm import values
 from wdpm.bench.commands.arguments import add_counts, add_threads
 from wdpm.bench.commands.benchmark import Benchmark, Measured
-from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backends
 
@@ -43,7 +43,7 @@ def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Mea
     from wdpm.bench import mitsuba as bench_mitsuba
 
     width, height = args.size
-    settings = RenderSettings(spp=args.spp, photons=args.photons, k=args.k)
+    settings = RenderSettings(integrator=Integrator.PHOTONS, spp=args.spp, photons=args.photons, k=args.k)
     setup = bench_mitsuba.Setup(args.scene, width, height, settings, args.mitsuba_spp, args.rounds)
     with backends(0) as backend:
         figures = bench_mitsuba.measure(setup, args.reference, backend, progress)

@@ -21,7 +21,7 @@ from wdpm.bench.simulation.machines import Link
 from wdpm.bench.simulation.message_costs import MessageCosts
 from wdpm.bench.simulation.records import SETTING_UP, Recorder
 from wdpm.cluster.plan.copies import Copies
-from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.images.comparison import compare
 from wdpm.images.image import Image
 from wdpm.progress import Progress
@@ -83,7 +83,7 @@ def simulate(
     """
     progress.start("load")
     scene = load(name, size=size)
-    settings = settings_for(scene, **chosen)
+    settings = settings_for(scene, **{"integrator": Integrator.PHOTONS, **chosen})
     clusters = [(count, how) for how in copies for count in sorted(set(slaves) - {0})]
     progress.start(name, 1 + len(clusters))
     rows = rows or Rows()
