@@ -6,12 +6,12 @@ from wdpm.cluster.integrators.photons import PhotonMapping
 
 
 class Automatic(PhotonMapping):
-    """Photon mapping, unless a trial finds that path tracing takes far less to the same error.
+    """Photon mapping, unless a trial finds that path tracing leaves less error for its price.
 
     Until that is known it is what photon mapping is.
     """
 
     name = "auto"
     words = "photon mapping or path tracing"
-    option_help = "auto: either, as a trial of the scene finds"
+    option_help = "auto: the one that a trial of the scene finds to leave less error for its price"
     stands_for_others = True
