@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import wdpm
@@ -17,8 +18,9 @@ from wdpm.cli.goal import EXIT_NOT_REACHED
 from wdpm.cli.main import main
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.goal.convergence import Estimate
-from wdpm.goal.goal import Goal
+from wdpm.goal.goal import Goal, Metric
 from wdpm.goal.outcome import Ending, outcome_of
+from wdpm.goal.reference_pair import make_reference_pair, path_settings
 from wdpm.goal.render import Interrupted, render_until
 from wdpm.goal.schedule import Schedule
 from wdpm.goal.trial import Trial
@@ -89,23 +91,54 @@ class Costs:
 
 
 @pytest.mark.parametrize(
-    ("photons", "passes"),
-    [
-        pytest.param(0.1, 3, id="many samples a pass"),
-        # One sample of nine hits the lamp in a pixel where it should be one in a hundred.
-        pytest.param(0.02, 17, id="one sample a pass"),
-    ],
+    ("photons", "several"),
+    [pytest.param(0.1, True, id="several samples a pass"), pytest.param(0.02, False, id="one sample a pass")],
 )
 def test_the_image_is_within_the_error(
-    photons: float, passes: int, scene: Scene, monkeypatch: pytest.MonkeyPatch
+    photons: float, several: bool, scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    image = render_until(scene, Goal(0.1), InProcess(threads=2), clock=Costs(photons, 0.02, monkeypatch), **FEW)
+    clock = Costs(photons, 0.02, monkeypatch)
+    image = render_until(scene, Goal(0.1), InProcess(threads=2), clock=clock, seed=2, **FEW)
     monkeypatch.undo()
-    if image.metadata["asked"]["passes"] != passes:
+    if (image.metadata["asked"]["samples"] > 1) != several:
         pytest.fail("another schedule was chosen than the one that this is about")
     truth = wdpm.render(scene, spp=1024, integrator=Integrator.PATH, seed=99, threads=2)
     assert compare(image, truth).rel_mse <= 0.1
     assert image.metadata["settings"]["photons"] == 20_000  # what was given is kept
+
+
+def test_a_trial_s_renderer_goes_on_with_the_passes(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The scene is prepared for the references and for the trial, no third time; bits are those of a render anew."""
+    prepared: list[RenderSettings] = []
+    prepare = InProcess.prepare
+
+    def counted(self: InProcess, scene: Scene, settings: RenderSettings, progress: Any) -> Any:
+        prepared.append(settings)
+        return prepare(self, scene, settings, progress)
+
+    monkeypatch.setattr(InProcess, "prepare", counted)
+    clock = Costs(0.02, 0.02, monkeypatch)
+    image = render_until(scene, Goal(0.1), InProcess(threads=2), clock=clock, seed=2, **FEW)
+    monkeypatch.undo()
+    settings = image.metadata["settings"]
+    assert settings["spp"] == settings["passes"]
+    assert [each.integrator for each in prepared] == [Integrator.PATH, Integrator.PHOTONS]
+    again = wdpm.render(
+        scene, threads=2, spp=settings["spp"], passes=settings["passes"], indirect=settings["indirect"], seed=2, **FEW
+    )
+    assert image.layers["beauty"].tobytes() == again.layers["beauty"].tobytes()
+
+
+def test_references_have_random_numbers_of_their_own(scene: Scene) -> None:
+    """One renderer makes both; each is the image that a render with its seed is."""
+    work = Workplace(InProcess(threads=2), SilentProgress())
+    small = replace(scene, camera=replace(scene.camera, width=8, height=8))
+    pair = make_reference_pair(small, RenderSettings(), Metric.RELMSE, math.inf, work.renderer)
+    for name, image in (("a", pair.a), ("b", pair.b)):
+        path = path_settings(RenderSettings(spp=pair.spp), name)
+        alone = wdpm.render(small, path, threads=2).layers["beauty"]
+        assert np.allclose(image, alone, rtol=1e-5, atol=1e-6)
+    assert not np.array_equal(pair.a, pair.b)
 
 
 def test_a_time_that_is_too_short_for_the_error_gives_an_image_and_says_so(

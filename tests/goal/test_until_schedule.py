@@ -20,6 +20,7 @@ from wdpm.goal.schedule import (
     MARGIN,
     MOST_PHOTONS,
     RECORD_NOISE,
+    lone_left,
     nearest,
     schedule_of,
     soonest,
@@ -55,10 +56,24 @@ def test_the_model_adds_up() -> None:
     assert found.noise == pytest.approx((0.01 * sum(1 / q for q in shares) / 3 + stratified(12) * 0.05 / 4) / 3)
     feared = schedule_of(replace(trial(), rare=0.7), 3, 4)
     assert feared.noise - found.noise == pytest.approx(0.7 * (2 / 12) ** 1.5)
-    lone = schedule_of(replace(trial(), lone=70.0), 3, 4)
-    assert lone.noise - found.noise == pytest.approx(70.0 * (2 / 12) ** 3)
+    lone = schedule_of(replace(trial(), lone=(70.0,) * 9), 3, 4)
+    assert lone.noise - found.noise == pytest.approx(lone_left((70.0,) * 9, 12)) != 0
+    again = schedule_of(replace(trial(), ready=True), 12, 1)
+    assert again.seconds == pytest.approx(12 * 1.2)  # without the start
     assert found.bias == pytest.approx(0.002 * sum(shares) / 3)
     assert (found.settings.spp, found.settings.passes, found.samples) == (12, 3, 4)
+
+
+def test_a_lone_bright_pixel_is_most_likely_gone_soon_and_of_many_some_are_left() -> None:
+    assert lone_left((), 4) == 0
+    one, many = (3.0,), (3.0,) * 100
+    assert lone_left(one, 2) == 3.0
+    assert lone_left(one, 8) == 0
+    # 12 / (6 x 7) of a hundred are expected to be left of the 8 samples' worth, and to be feared a 16th as much.
+    expected = 100 * 12 / (6 * 7) * 3.0 / 16
+    assert 0.9 * expected < lone_left(many, 8) <= expected
+    falling = [lone_left(many, samples) for samples in (2, 4, 8, 16, 32, 64)]
+    assert falling == sorted(falling, reverse=True)
 
 
 def test_records_have_rays_by_the_samples_of_a_pass() -> None:

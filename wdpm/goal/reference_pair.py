@@ -31,7 +31,7 @@ COARSEST = 4
 LEAST_SIDE = 48
 """Pixels of a reference along its shorter side, if the image has as many: what is blurred within one is not seen."""
 
-FIRST_SPP = 4
+FIRST_SPP = 2
 MOST_SPP = 512
 """Samples of a reference's pixel. So many would be a good image already."""
 
@@ -89,7 +89,7 @@ def make_reference_pair(
         scene: its camera gives the size of the image.
         settings: of the image; the references have an integrator and seeds of their own.
         wanted: standard deviation that the mean product of both errors may have, weighted mean squares.
-        make: makes the renderers, one after the other.
+        make: makes the renderer.
         most_seconds: that it may take, but for compiling and its first samples.
     """
     camera = scene.camera
@@ -97,8 +97,10 @@ def make_reference_pair(
     small = replace(scene, camera=replace(camera, width=camera.width // factor, height=camera.height // factor))
     images: list[Values] = []
     spp = 0
+    renderer = make(small, path_settings(settings, "a"))
     for name in ("a", "b"):
-        renderer = make(small, path_settings(settings, name))
+        if name == "b":
+            renderer.see_by(path_settings(settings, name).seed)
         if not spp:
             began = time.perf_counter()
             first = [_beauty(renderer, PassPlan(i, i * FIRST_SPP, FIRST_SPP)) for i in range(2)]

@@ -113,7 +113,7 @@ def _render(pilot: TrialPilot, goal: Goal, budget: Budget) -> Image:
     biased = settings.algorithm.biased
     shape = (scene.camera.height, scene.camera.width, 3)
     estimator = ConvergenceEstimator(shape, goal.metric, biased, pilot.reference)
-    renderer = pilot.work.renderer(scene, settings)
+    renderer = pilot.renderer_for(schedule)
     renderer.progress = progress
     average, estimate, ending = _passes(renderer, schedule, goal, estimator, budget, _most(schedule, goal, expected))
     times = {

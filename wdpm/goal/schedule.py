@@ -5,7 +5,7 @@ The model of an image of N passes of s samples each, with q_i the squared radius
     time  = start + N (pass_cost + s sample_cost)              (less the passes that the trial rendered already)
     noise = pass_noise mean(1 / q_i) / N                       (a narrower disc holds fewer photons)
             + g(N s) sample_noise / (N s)                      (all samples of a pixel are stratified together)
-            + rare (2 / (N s))^1.5 + lone (2 / (N s))^3        (the estimate's fear of rare bright samples)
+            + rare (2 / (N s))^1.5 + lone pixels               (the estimate's fear of rare bright samples)
     bias² = bias mean(q_i)
 
 The irradiance records of a pass have rays by its samples (pass_plan.worth): their part of pass_cost grows as the rays
@@ -46,10 +46,11 @@ RECORD_NOISE = 0.8
 RARE_POWER = 1.5
 """Measured on scenes with and without caustics: between 0.9 and 2.2."""
 
-LONE_POWER = 3.0
-"""What is feared of pixels that one of two samples saw far too bright falls with the number n of samples as n to the
--2 if all probabilities of such samples are as likely on a logarithmic scale, and to the -4 if on a linear one, as along
-the edges of lamps."""
+TRIED = 2
+"""Different samples that a trial has of each pixel."""
+
+LIKELY_NONE = math.log(2.0)
+"""Pixels expected, of which as likely as not there is none (Poisson)."""
 
 MARGIN = 1.1
 """Upper end of an estimate over the estimate."""
@@ -88,6 +89,11 @@ class Schedule:
         return self.settings.spp // self.settings.passes
 
     @property
+    def ready(self) -> bool:
+        """Whether the renderer of the trial goes on: with passes of one sample, as it has been told it would have."""
+        return self.trial.ready and self.samples == 1
+
+    @property
     def error(self) -> float:
         """Weighted mean square; not a number where nothing was measured."""
         return self.noise + self.bias if self.trial.measured else math.nan
@@ -104,7 +110,7 @@ def with_photons(trial: Trial, factor: float) -> Trial:
     factor = max(getattr(settings, name) for name in names) / most if most else 1.0
     cost = (trial.pass_cost - trial.record_cost) * factor + trial.record_cost
     bias, likely = trial.bias / factor, trial.likely_bias / factor
-    return replace(trial, settings=settings, pass_cost=cost, bias=bias, likely_bias=likely, results={})
+    return replace(trial, settings=settings, pass_cost=cost, bias=bias, likely_bias=likely, results={}, ready=False)
 
 
 def stratified(samples: int) -> float:
@@ -139,7 +145,8 @@ def schedule_of(trial: Trial, passes: int, samples: int, *, likely: bool = False
     return Schedule(
         replace(trial.settings, passes=passes, spp=passes * samples),
         trial,
-        trial.start + (passes - kept) * (pass_cost(trial, samples) + samples * trial.sample_cost),
+        (0.0 if trial.ready and samples == 1 else trial.start)
+        + (passes - kept) * (pass_cost(trial, samples) + samples * trial.sample_cost),
         noise,
         (trial.likely_bias if likely else trial.bias) * mean,
     )
@@ -147,7 +154,23 @@ def schedule_of(trial: Trial, passes: int, samples: int, *, likely: bool = False
 
 def _feared(trial: Trial, samples: int) -> float:
     """What the estimate adds to the noise for fear of rare bright samples."""
-    return trial.rare * (2 / samples) ** RARE_POWER + trial.lone * (2 / samples) ** LONE_POWER
+    return trial.rare * (TRIED / samples) ** RARE_POWER + lone_left(trial.lone, samples)
+
+
+def lone_left(lone: tuple[float, ...], samples: int) -> float:
+    """What is feared, as likely as not, of pixels that one sample of two saw far too bright, after more samples.
+
+    Until a sample of the other half sees it too, what is feared of such a pixel falls with the square of their
+    number n. If any share of the pixel may be bright, as likely one as another, m samples leave it unseen with a
+    probability of 6 / ((m + 2) (m + 3)). It is a single pixel that counts, so the mean says little: as likely as not,
+    no pixel is left of the largest of which less than one is expected to be.
+    """
+    if not lone:
+        return 0.0
+    other = samples / 2.0
+    unseen = min(12.0 / ((other + 2.0) * (other + 3.0)), 1.0)
+    gone = math.ceil(LIKELY_NONE / unseen) - 1
+    return sum(lone[gone:]) * unseen * (TRIED / samples) ** 2
 
 
 def soonest(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,8 +23,11 @@ from wdpm.rendering.passes import PassRenderer
 from wdpm.report.report import ErrorFigure
 
 MOST_FEARED = 100.0
-"""Of a pixel's relative squared error. Less is feared where one sample of two has met a lamp beside others that show
-it; more of single pixels far brighter than all around them, and a few passes more tell whether they are."""
+"""Of a pixel's relative squared error. More is feared of single pixels that one sample of two saw far brighter than all
+around them, and a few passes more tell whether they are."""
+
+MOST_LONE = 4096
+"""Pixels of more than that, the largest, which are told one by one."""
 
 Values = NDArray[np.float64]
 Clock = Callable[[], float]
@@ -38,19 +41,21 @@ class Trial:
 
     Attributes:
         settings: of the render; passes and samples are still open.
-        start: seconds before the first pass: preparing what the cluster has forgotten by then.
+        start: seconds before the first pass: preparing what the cluster has forgotten by then, unless it is `ready`.
         pass_cost: seconds of each pass, whatever its samples: photons, maps, irradiance records.
         sample_cost: seconds of one sample of every pixel.
         pass_noise: weighted mean square of one pass that samples do not lessen.
         sample_noise: the same that is divided by the number of samples.
         record_cost: of pass_cost, the irradiance records of a pass of one sample.
-        rare: by how much the estimate of two samples' noise (convergence.py) lies above the above, for fear of rare
-            bright ones, up to MOST_FEARED in a pixel; lone: what is beyond that.
+        rare: by how much the noise of all passes of the trial, at most (convergence.py), lies above what samples leave
+            on average, for fear of rare bright ones.
+        lone: what is feared of each pixel of more than MOST_FEARED, the largest first, none of it in `rare`.
         bias: the squared bias of a pass of the first radius, at most: the upper end of its interval.
         likely_bias: the same, as estimated, at least 0. Far below `bias` where the noise of so few samples hides it.
         compile_seconds: that went by for compiling, in none of the above.
         results: the passes that may be part of the image, if it has one sample a pass.
         measured: whether errors are known: there was time for more than one pass.
+        ready: whether its renderer is still there: passes of one sample need not start anew.
     """
 
     settings: RenderSettings
@@ -61,12 +66,13 @@ class Trial:
     sample_noise: float
     bias: float
     rare: float = 0.0
-    lone: float = 0.0
+    lone: tuple[float, ...] = ()
     compile_seconds: float = 0.0
     record_cost: float = 0.0
     likely_bias: float = 0.0
     results: dict[PassPlan, PassResult] = field(default_factory=dict)
     measured: bool = True
+    ready: bool = False
 
     @property
     def cost(self) -> float:
@@ -102,13 +108,23 @@ def try_out(
         if len(results) == 1 and seconds_left() < (len(TRIAL_PLANS) - 1) * costs[0]:
             found = {plan: results[0]}
             return Trial(
-                settings, start, 0.0, costs[0], 0.0, 0.0, 0.0, 0.0, compile_seconds, results=found, measured=False
+                settings,
+                start,
+                0.0,
+                costs[0],
+                0.0,
+                0.0,
+                0.0,
+                compile_seconds=compile_seconds,
+                results=found,
+                measured=False,
+                ready=True,
             )
-    a, b, c = (result.layers["beauty"].astype(np.float64) for result in results)
+    a, b, c = (_finite(result.layers["beauty"]) for result in results)
     weight = metric.weight((a + b + 2 * c) / 4)
     sample_cost = costs[1] * _share_of(results[1], "render")
     bias = ErrorFigure(0.0, 0.0, 0.0) if reference is None else bias_of(a, b, c, metric, reference)
-    rare, lone = rare_of(results[0], results[2], metric)
+    rare, lone = rare_of(results, metric)
     return Trial(
         settings=settings,
         start=start,
@@ -123,6 +139,7 @@ def try_out(
         compile_seconds=compile_seconds,
         record_cost=costs[2] * _share_of(results[2], "records"),
         results={TRIAL_PLANS[0]: results[0], TRIAL_PLANS[2]: results[2]},
+        ready=True,
     )
 
 
@@ -144,24 +161,28 @@ def mean_around(image: Values) -> Values:
     return total / 9.0
 
 
-def rare_of(one: PassResult, other: PassResult, metric: Metric) -> tuple[float, float]:
-    """What rare samples add to the estimate of the noise of two passes: Trial.rare and Trial.lone."""
-    beauty = [result.layers["beauty"] for result in (one, other)]
-    estimator = ConvergenceEstimator(beauty[0].shape, metric, biased=False)
-    for result in (one, other):
+def rare_of(results: Sequence[PassResult], metric: Metric) -> tuple[float, tuple[float, ...]]:
+    """What fear of rare samples adds to the noise of the passes of a trial together: Trial.rare and Trial.lone."""
+    estimator = ConvergenceEstimator(results[0].layers["beauty"].shape, metric, biased=False)
+    for result in results:
         estimator.add(result.layers, 1, 1.0)
-    a, b = (np.where(np.isfinite(each), each, 0.0).astype(np.float64) for each in beauty)
-    variance = (a - b) ** 2 / 4
-    feared = variance * estimator.weight()
-    most = np.minimum(feared, MOST_FEARED) if metric.is_relative else feared
-    plain = _finite_mean(variance * metric.weight((a + b) / 2))
-    return max(_finite_mean(most) - plain, 0.0), _finite_mean(feared - most)
+    variance, _ = estimator.variance()
+    plain = variance * metric.weight(estimator.mean())
+    feared = (variance * estimator.most_weight()).mean(axis=2).ravel()
+    lone = np.sort(feared[feared > MOST_FEARED])[::-1] if metric.is_relative else np.zeros(0)
+    rest = float(feared.sum() - lone.sum()) / feared.size
+    return max(rest - float(plain.mean()), 0.0), tuple((lone[:MOST_LONE] / feared.size).tolist())
 
 
 def _share_of(result: PassResult, phase: str) -> float:
     """Of a pass's time, what went to a phase."""
     whole = sum(result.seconds.values())
     return result.seconds.get(phase, 0.0) / whole if whole > 0 else float(phase == "render")
+
+
+def _finite(image: NDArray[np.float32]) -> Values:
+    """In double, with 0 for what is no number."""
+    return np.where(np.isfinite(image), image, 0.0).astype(np.float64)
 
 
 def _finite_mean(values: Values) -> float:

@@ -92,6 +92,16 @@ class TrialPilot:
     trials: list[Trial] = field(default_factory=list)
     seconds: float = 0.0
     compile_seconds: float = 0.0
+    _ready: PassRenderer | None = None  # of the last trial
+
+    def renderer_for(self, schedule: Schedule) -> PassRenderer:
+        """What renders a schedule: the renderer of its trial, if that was the last one and has passes as short."""
+        settings = schedule.settings
+        ready, self._ready = self._ready, None
+        if ready is None or not schedule.ready:
+            return self.work.renderer(self.scene, settings)
+        ready.will_have(self.scene, settings.passes, settings.spp)
+        return ready
 
     def best(self, goal: Goal, seconds_left: float = math.inf) -> tuple[Schedule, bool]:
         """The schedule for a goal, and whether it is expected to reach the error.
@@ -195,8 +205,10 @@ class TrialPilot:
         return list(found.values())
 
     def _try(self, settings: RenderSettings, goal: Goal, seconds_left: Callable[[], float]) -> None:
+        self._ready = None  # one scene in memory is enough
+        self.trials[:] = [replace(trial, ready=False) for trial in self.trials]
         trial = try_out(
-            lambda: self.work.renderer(self.scene, settings),
+            self._renderer_of_a_trial(settings),
             settings,
             goal.metric,
             self.reference,
@@ -205,3 +217,12 @@ class TrialPilot:
         )
         self.compile_seconds += trial.compile_seconds
         self.trials.append(trial)
+
+    def _renderer_of_a_trial(self, settings: RenderSettings) -> Callable[[], PassRenderer]:
+        """Makes a renderer of short passes, and keeps it for the passes that may follow."""
+
+        def make() -> PassRenderer:
+            self._ready = self.work.renderer(self.scene, replace(settings, spp=1, passes=1))
+            return self._ready
+
+        return make

@@ -20,6 +20,7 @@ from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.image import Image
 from wdpm.images.limits import check_memory
 from wdpm.progress import Progress, SilentProgress
+from wdpm.rendering.approximations import approximations
 from wdpm.rendering.backend import Backend
 from wdpm.rendering.cache_file import (
     NO_CACHE_FILES,
@@ -39,6 +40,7 @@ from wdpm.rendering.results import image_of
 from wdpm.rendering.scene_settings import settings_for
 from wdpm.rendering.session_journal import SessionJournal
 from wdpm.scenes.errors import ClusterError, ImageError, SettingsError
+from wdpm.scenes.model.scene import Scene
 
 __all__ = ["PassAverage", "PassPlan", "PassRenderer", "PassResult", "render_in_passes", "shrink", "spread_samples"]
 
@@ -101,6 +103,22 @@ class PassRenderer:
         """Show the mean of the passes so far to whoever looks."""
         if self._backend.display is not None:
             self._backend.display.pass_done(mean)
+
+    def will_have(self, scene: Scene, passes: int, spp: int) -> None:
+        """Be told how many passes and samples a pixel there will be, where that was open when it was made.
+
+        Nothing of a pass depends on that but how its work is cut up; the image says it of itself.
+
+        Args:
+            scene: that it was made of.
+        """
+        prepared = self.prepared
+        prepared.settings = replace(prepared.settings, passes=passes, spp=spp)
+        prepared.approximated = approximations(scene, prepared.session.world, prepared.settings)
+
+    def see_by(self, seed: int) -> None:
+        """Take other random numbers for camera paths from now on; photons stay as they are."""
+        self._session = replace(self._session, view=replace(self._session.view, seed=seed))
 
     def render(self, plan: PassPlan) -> PassResult:
         """Render a pass.
