@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 
 from wdpm.goal.convergence import (
     LEAST_PASSES,
+    MOST_BIAS,
     ConvergenceEstimator,
     believed_light,
     centred_figure,
+    most_bias,
     spread_figure,
     with_rare,
 )
@@ -220,6 +222,18 @@ def test_a_noisy_reference_widens_the_interval_and_does_not_shift_it() -> None:
     true = float((bias**2 / (truth**2 + 0.01)).mean())
     assert np.mean([figure.value for figure in figures]) == pytest.approx(true, rel=0.3)
     assert np.mean([figure.high >= true for figure in figures]) >= 0.8
+
+
+def test_a_bias_that_nothing_tells_is_counted_as_the_most_by_experience() -> None:
+    for metric, most in ((Metric.RELMSE, MOST_BIAS), (Metric.RMSE, 0.0)):
+        passes = Passes(8, 0.1, 0.0)
+        estimator = ConvergenceEstimator(passes.truth.shape, metric, True)
+        for number in range(2):
+            estimator.add(passes.render(number), 1, shrink(number))
+        estimate = estimator.estimate()
+        assert estimate is not None
+        assert (estimate.bias.value, estimate.bias.high) == (0.0, most)
+        assert most_bias(metric) == most
 
 
 def test_caustics_are_not_the_reference_s_to_judge() -> None:

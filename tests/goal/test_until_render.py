@@ -17,7 +17,7 @@ from wdpm.accuracy.predict import predict
 from wdpm.cli.goal import EXIT_NOT_REACHED
 from wdpm.cli.main import main
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
-from wdpm.goal.convergence import Estimate
+from wdpm.goal.convergence import MOST_BIAS, Estimate
 from wdpm.goal.goal import Goal, Metric
 from wdpm.goal.outcome import Ending, outcome_of
 from wdpm.goal.reference_pair import make_reference_pair, path_settings
@@ -127,6 +127,25 @@ def test_a_trial_s_renderer_goes_on_with_the_passes(scene: Scene, monkeypatch: p
         scene, threads=2, spp=settings["spp"], passes=settings["passes"], indirect=settings["indirect"], seed=2, **FEW
     )
     assert image.layers["beauty"].tobytes() == again.layers["beauty"].tobytes()
+
+
+@pytest.mark.parametrize(
+    ("goal", "fixed", "wanted"),
+    [
+        pytest.param(Goal(0.05), (), False, id="an error far beyond any bias"),
+        pytest.param(Goal(0.05), ("photons",), True, id="photons that are given may be few"),
+        pytest.param(Goal(0.01), (), True, id="a small error"),
+        pytest.param(Goal(0.05, Metric.RMSE), (), True, id="an error with a unit"),
+        pytest.param(Goal(0.01, seconds=30.0), (), False, id="too short a time"),
+        pytest.param(Goal(seconds=300.0), (), True, id="a long time"),
+    ],
+)
+def test_bias_is_measured_where_it_may_matter(goal: Goal, fixed: tuple[str, ...], wanted: bool, scene: Scene) -> None:
+    work = Workplace(InProcess(threads=2), SilentProgress(), clock=lambda: 0.0)
+    pilot = TrialPilot(scene, RenderSettings(indirect=Indirect.MAP, **FEW), frozenset(fixed), work)
+    pilot.run(goal, lambda: goal.seconds or math.inf)
+    assert (pilot.reference is not None) == wanted
+    assert (pilot.trials[0].bias == MOST_BIAS) != wanted
 
 
 def test_references_have_random_numbers_of_their_own(scene: Scene) -> None:

@@ -19,6 +19,7 @@ from wdpm.goal.goal import Goal, Metric, goal_of
 from wdpm.goal.schedule import (
     MARGIN,
     MOST_PHOTONS,
+    RARE_POWER,
     RECORD_NOISE,
     lone_left,
     nearest,
@@ -55,7 +56,7 @@ def test_the_model_adds_up() -> None:
     assert found.seconds == pytest.approx(0.5 + 3 * (1.0 + 4 * 0.2))
     assert found.noise == pytest.approx((0.01 * sum(1 / q for q in shares) / 3 + stratified(12) * 0.05 / 4) / 3)
     feared = schedule_of(replace(trial(), rare=0.7), 3, 4)
-    assert feared.noise - found.noise == pytest.approx(0.7 * (2 / 12) ** 1.5)
+    assert feared.noise - found.noise == pytest.approx(0.7 * (2 / 12) ** RARE_POWER)
     lone = schedule_of(replace(trial(), lone=(70.0,) * 9), 3, 4)
     assert lone.noise - found.noise == pytest.approx(lone_left((70.0,) * 9, 12)) != 0
     again = schedule_of(replace(trial(), ready=True), 12, 1)
@@ -131,6 +132,7 @@ def test_bias_calls_for_more_photons() -> None:
     assert more.settings.photons == 4 * one.settings.photons
     assert more.bias == pytest.approx(0.005)
     assert more.pass_cost == pytest.approx(4.0)
+    assert with_photons(one, 0.25).pass_cost == pytest.approx(0.625)  # a part of it may be there without photons
     found = soonest([one, more], 0.012)
     assert found is not None
     assert found.trial is more

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.render_settings import RenderSettings
-from wdpm.goal.convergence import ConvergenceEstimator, centred_figure
+from wdpm.goal.convergence import ConvergenceEstimator, centred_figure, most_bias
 from wdpm.goal.goal import Metric
 from wdpm.goal.reference_pair import ReferencePair, coarser
 from wdpm.rendering.pass_plan import PassPlan, PassResult
@@ -92,7 +92,7 @@ def try_out(
 
     Args:
         make: makes the renderer of the settings.
-        reference: of the bias; None leaves it at 0.
+        reference: of the bias; None leaves it at what it is at most by experience.
         clock: seconds, growing.
         seconds_left: that the trial may take, less what it took.
     """
@@ -123,7 +123,8 @@ def try_out(
     a, b, c = (_finite(result.layers["beauty"]) for result in results)
     weight = metric.weight((a + b + 2 * c) / 4)
     sample_cost = costs[1] * _share_of(results[1], "render")
-    bias = ErrorFigure(0.0, 0.0, 0.0) if reference is None else bias_of(a, b, c, metric, reference)
+    most = most_bias(metric) if settings.algorithm.biased else 0.0
+    bias = ErrorFigure(0.0, 0.0, most) if reference is None else bias_of(a, b, c, metric, reference)
     rare, lone = rare_of(results, metric)
     return Trial(
         settings=settings,

@@ -41,6 +41,10 @@ GUESSED_SAMPLES = 40
 PILOT_SHARE = 0.1
 """Of a time budget, at most; but for the first pass, which there has to be, and what goes before it."""
 
+ERROR_BEYOND_BIAS = 0.03
+"""relMSE asked for, from which on bias is not measured: by the photons of the first trial it is 0.01 at most, on twelve
+scenes, and to measure it takes as long as such a render does. The estimate counts it as MOST_BIAS."""
+
 LONG_S = 45.0
 """Of a time budget, from which on kernels of other kinds of passes may be compiled."""
 
@@ -134,10 +138,7 @@ class TrialPilot:
         allowed = seconds_left() * PILOT_SHARE
         until = seconds_left() - allowed if math.isfinite(allowed) else 0.0
         self._settle()
-        by_photons = self.settings.algorithm.shoots_photons and self.settings.photons > 0
-        # Paths cannot leave out what comes by a photon map: such an image has no reference.
-        whole = not REFERENCE.algorithm.cannot_leave_out.intersection(self.settings.without)
-        if by_photons and whole and (goal.error is not None or seconds_left() > LONG_S):
+        if self._wants_a_reference(goal, seconds_left()):
             wanted = REFERENCE_SHARE * goal.mean_square
             self.reference = make_reference_pair(
                 self.scene, self.settings, goal.metric, wanted, self.work.renderer, 0.5 * allowed
@@ -145,11 +146,22 @@ class TrialPilot:
         self._try(self._first(), goal, lambda: seconds_left() - until)
         for _ in range(MOST_TRIALS - 1):
             schedule, reached = self.best(goal, seconds_left())
-            following = self._next(schedule, reached, seconds_left(), seconds_left() - until)
+            following = self._next(schedule, reached, goal, seconds_left(), seconds_left() - until)
             if following is None:
                 break
             self._try(following, goal, lambda: seconds_left() - until)
         self.seconds = self.work.clock() - began - self.compile_seconds
+
+    def _wants_a_reference(self, goal: Goal, seconds_left: float) -> bool:
+        """Whether to render images without bias, to tell how large it is."""
+        settings = self.settings
+        by_photons = settings.algorithm.shoots_photons and settings.photons > 0
+        # Paths cannot leave out what comes by a photon map: such an image has no reference.
+        whole = not REFERENCE.algorithm.cannot_leave_out.intersection(settings.without)
+        large = goal.error is not None and goal.metric.is_relative and goal.mean_square >= ERROR_BEYOND_BIAS
+        if large and not PHOTON_FIELDS & self.fixed:
+            return False
+        return by_photons and whole and seconds_left > LONG_S
 
     def _settle(self) -> None:
         """Have a trial of its own decide which integrator it is, where that is open, for a render by default."""
@@ -173,7 +185,9 @@ class TrialPilot:
         fewer: dict[str, Any] = {name: int(getattr(settings, name) * FIRST_PHOTONS) for name in sorted(PHOTON_FIELDS)}
         return replace(settings, **fewer)
 
-    def _next(self, schedule: Schedule, reached: bool, seconds_left: float, allowed: float) -> RenderSettings | None:
+    def _next(
+        self, schedule: Schedule, reached: bool, goal: Goal, seconds_left: float, allowed: float
+    ) -> RenderSettings | None:
         """Settings to try next; None if the schedule is good enough to go, or there is no time.
 
         Args:
@@ -181,13 +195,19 @@ class TrialPilot:
         """
         mine = schedule.trial
         untried = all(mine is not trial for trial in self.trials)
-        if untried and mine.cost < allowed and (not reached or mine.cost < WORTH * schedule.seconds):
+        if untried and mine.cost < allowed and (not reached or self._is_worth_a_trial(schedule, goal)):
             return mine.settings
         kinds = self._kinds_left() if seconds_left > LONG_S else ()
         guess = mine.start + GUESSED_SAMPLES * mine.sample_cost
         if kinds and guess < allowed and (not reached or guess < WORTH * schedule.seconds):
             return replace(mine.settings, indirect=kinds[0])
         return None
+
+    def _is_worth_a_trial(self, schedule: Schedule, goal: Goal) -> bool:
+        """Whether a trial costs little beside the render, and less than it promises to save."""
+        cost = schedule.trial.cost
+        tried = None if goal.error is None else soonest(self.trials, goal.mean_square)
+        return cost < WORTH * schedule.seconds and (tried is None or cost < tried.seconds - schedule.seconds)
 
     def _kinds_left(self) -> Sequence[Indirect]:
         tried = {trial.settings.indirect for trial in self.trials}
