@@ -54,7 +54,9 @@ def test_a_run_is_held_against_the_reference_beside_the_scene(tmp_path: Path) ->
     small = replace(wdpm.load("cornell-box").camera, width=12, height=12)
     image = wdpm.render(replace(wdpm.load("cornell-box"), camera=small), photons=0, spp=1, threads=1)
     image.save(tmp_path / "reference.exr")
-    found = measure([scene], InProcess(threads=1), SilentProgress(), targets=(0.9,))
+    with pytest.raises(SettingsError, match=r"12x12 pixels are no whole number of squares of 5x5; give another"):
+        measure([scene], InProcess(), SilentProgress(), smaller=5)
+    found = measure([scene], InProcess(threads=1), SilentProgress(), targets=(0.9,), smaller=2)
     (run,) = found.runs
     assert run.scene == tmp_path.name
     assert run.true > 0

@@ -21,7 +21,7 @@ from wdpm.goal.convergence import MOST_BIAS, Estimate
 from wdpm.goal.goal import Goal, Metric
 from wdpm.goal.outcome import Ending, outcome_of
 from wdpm.goal.reference_pair import make_reference_pair, path_settings
-from wdpm.goal.render import Interrupted, render_until
+from wdpm.goal.render import Interrupted, promise, render_until
 from wdpm.goal.schedule import Schedule
 from wdpm.goal.trial import Trial
 from wdpm.goal.trial_pilot import TrialPilot, Workplace
@@ -208,6 +208,14 @@ def test_what_is_not_reached_says_what_would_help() -> None:
     assert "mostly bias" in said(0.001, 0.085, Ending.DONE)
     assert "time was up" in said(0.085, 0.001, Ending.OUT_OF_TIME)
     assert "INTERRUPTED" in said(0.085, 0.001, Ending.INTERRUPTED)
+
+
+def test_an_error_of_nothing_is_not_foretold() -> None:
+    """A pilot that saw no noise, as where a point light alone shines on what few photons reach, knows no error."""
+    noisy = Trial(RenderSettings(passes=2, spp=2), 0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
+    blank = replace(noisy, pass_noise=0.0, sample_noise=0.0, bias=0.0)
+    for trial, error, said in ((noisy, 0.2, "error about 0.2"), (blank, 0.0, "the pilot saw no noise")):
+        assert said in promise(Schedule(trial.settings, trial, 1.0, error, 0.0), Goal(0.5), True)
 
 
 def test_bias_that_only_noise_suggests_does_not_keep_the_pilot_at_work(scene: Scene) -> None:

@@ -30,6 +30,7 @@ class Outcome:
         goal: what was asked for.
         estimate: of the error, in the goal's metric, with an interval of 80 %; None if there were too few passes.
         noise, bias: parts of the estimate, as mean squares (the weighted ones, for relMSE).
+        most_bias: upper end of that bias; where nothing was rendered to measure it, what it is at most by experience.
         reached: whether the upper end of the estimate is within the error asked for; True if none was.
         ending: what ended it.
         passes, samples: that were rendered; samples are those of each pass.
@@ -43,6 +44,7 @@ class Outcome:
     estimate: ErrorFigure | None
     noise: float
     bias: float
+    most_bias: float
     reached: bool
     ending: Ending
     passes: int
@@ -70,8 +72,8 @@ class Outcome:
             e = self.estimate
             found.append(
                 f"{name} about {e.value:.3g}, in 9 of 10 cases below {e.high:.3g} "
-                f"(noise {self.noise:.2g}, squared bias {self.bias:.2g}); it stops by this figure, "
-                "which has rare light in mind, not by what the spread of the passes alone tells"
+                f"(noise {self.noise:.2g}, squared bias {self.bias:.2g}, at most {self.most_bias:.2g}); it stops by "
+                "this figure, which has rare light in mind, not by what the spread of the passes alone tells"
             )
         found.append(
             f"{self.passes} passes of {self.samples} samples in {self.seconds:.1f} s ({self.predicted_seconds:.1f} s "
@@ -118,6 +120,7 @@ def outcome_of(
         estimate=None if estimate is None else in_metric(goal.metric, estimate.total),
         noise=math.nan if estimate is None else estimate.noise.value,
         bias=math.nan if estimate is None else estimate.bias.value,
+        most_bias=math.nan if estimate is None else estimate.bias.high,
         reached=goal.error is None or (estimate is not None and estimate.total.high <= goal.mean_square),
         ending=ending,
         passes=passes,

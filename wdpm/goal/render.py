@@ -107,7 +107,7 @@ def _render(pilot: TrialPilot, goal: Goal, budget: Budget) -> Image:
     """Render what the pilot chose."""
     progress, scene = pilot.work.progress, pilot.scene
     schedule, expected = pilot.best(goal, budget.left())
-    progress.note(_promise(schedule, goal, expected))
+    progress.note(promise(schedule, goal, expected))
     began = pilot.work.clock()
     settings = schedule.settings
     biased = settings.algorithm.biased
@@ -176,11 +176,18 @@ def _most(schedule: Schedule, goal: Goal, expected: bool) -> float:
     return max(PATIENCE * schedule.passes, LEAST_FOR_PATIENCE) if expected else schedule.passes
 
 
-def _promise(schedule: Schedule, goal: Goal, expected: bool) -> str:
+def promise(schedule: Schedule, goal: Goal, expected: bool) -> str:
     """What is about to be rendered, for the person who waits for it."""
-    figure = goal.metric.figure(schedule.error)
-    error = f"error about {figure:.2g}" if schedule.trial.measured else "error not foretold by so short a pilot"
+    error = _error_in_words(schedule, goal)
     what = f"{schedule.passes} passes of {schedule.samples} samples, about {schedule.seconds:.1f} s, {error}"
     if goal.error is None or expected:
         return f"chose {what}"
     return f"an error of {goal.error:g} is not expected to be reached; the best found: {what}"
+
+
+def _error_in_words(schedule: Schedule, goal: Goal) -> str:
+    """What a schedule is expected to come to."""
+    if not schedule.trial.measured:
+        return "error not foretold by so short a pilot"
+    figure = goal.metric.figure(schedule.error)
+    return f"error about {figure:.2g}" if figure > 0 else "error not foretold: the pilot saw no noise"

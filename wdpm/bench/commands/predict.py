@@ -35,7 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="time to predict: of all threads together, or on the wall (default: cpu, which other work on the machine "
         "does not lengthen)",
     )
-    add_counts(parser, ("--seeds", 1, "runs of each error"))
+    add_counts(
+        parser,
+        ("--seeds", 1, "runs of each error"),
+        ("--smaller", 1, "pixels of the reference along a side of the image's, which are larger and cost as much less"),
+    )
     add_threads(parser, "threads to render with")
 
 
@@ -46,7 +50,13 @@ def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Mea
     find_all(args.scenes)
     with backends(0) as backend:
         figures = bench_predict.measure(
-            args.scenes, backend, progress, targets=args.errors, seeds=args.seeds, clock=args.clock
+            args.scenes,
+            backend,
+            progress,
+            targets=args.errors,
+            seeds=args.seeds,
+            clock=args.clock,
+            smaller=args.smaller,
         )
     return Measured([figures.grid()], {"predict": figures.to_dict()})
 
