@@ -163,6 +163,12 @@ def take(arrays: Arrays, rows: NDArray[np.intp] | slice) -> dict[str, NDArray[An
     return {name: take_rows(array, rows) for name, array in arrays.items()}
 
 
+def take_in_order(arrays: Arrays, rows: NDArray[np.intp], name: str) -> dict[str, NDArray[Any]]:
+    """Some rows of every array, in the order of one of them; equal ones in any order."""
+    ordered = rows[np.argsort(arrays[name][rows])]
+    return {column: take_rows(array, ordered) for column, array in arrays.items()}
+
+
 def concatenate(parts: Iterable[Arrays], kind: Kind) -> dict[str, NDArray[Any]]:
     """Arrays of several batches of one kind, one after another."""
     parts = list(parts)

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
+from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take, take_in_order
 from wdpm.cluster.rows import any_of, largest_of, take_rows
 from wdpm.cluster.work import guards, parts
 from wdpm.cluster.work.beams import Beams, start_beams
@@ -194,7 +194,12 @@ class CameraLight:
     # Paths beyond their first surface
 
     def visit_paths(self, batch: Batch) -> Iterator[Batch]:
-        """Intersect rays of paths; forward those that may find a nearer hit elsewhere."""
+        """Intersect rays of paths; forward those that may find a nearer hit elsewhere.
+
+        Gather rays of a few records end all over a cell. Vertices on the same triangle, or on triangles with like
+        numbers, are shaded one after another: what they read (the triangle, irradiance near by, texels, the way to the
+        lamps) is then in the processor's caches still.
+        """
         replica, count = self._replica, len(batch)
         rays = columns.upload(Paths, batch.arrays, replica.launcher.device)
         array = self._integers(count)
@@ -211,7 +216,7 @@ class CameraLight:
         onward, paths = array.numpy(), columns.download(rays, SCHEMAS[Kind.PATH])
         hit = paths["prim"] >= 0
         yield from self._send_paths(batch, Kind.PATH, paths, onward, onward >= 0)
-        yield from self._send_paths(batch, Kind.VERTEX, paths, paths["owner"], (onward < 0) & hit)
+        yield from self._send_paths(batch, Kind.VERTEX, paths, paths["owner"], (onward < 0) & hit, by="prim")
         missed = np.flatnonzero((onward < 0) & ~hit)
         if len(missed):
             rest = take(paths, missed)
@@ -345,10 +350,21 @@ class CameraLight:
         yield from self._send_paths(cause, Kind.PATH, paths, destination, destination >= 0)
 
     def _send_paths(
-        self, cause: Batch, kind: Kind, paths: Arrays, destination: NDArray[np.int32], chosen: NDArray[np.bool_]
+        self,
+        cause: Batch,
+        kind: Kind,
+        paths: Arrays,
+        destination: NDArray[np.int32],
+        chosen: NDArray[np.bool_],
+        by: str | None = None,
     ) -> Iterator[Batch]:
+        """Send the chosen paths where they are to go.
+
+        Args:
+            by: the column by which they are to be in order, or None for as they are.
+        """
         for cell, rows in by_destination(destination, chosen):
-            sent = take(paths, rows)
+            sent = take(paths, rows) if by is None else take_in_order(paths, rows, by)
             yield self._batch(cause, kind, cell, parts.credit_of(sent["bounce"], self._view.light_samples), sent)
 
     # Odds and ends

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from wdpm.cluster.batch import take_in_order
 from wdpm.cluster.rows import any_of, in_order, largest_of, put_rows, summed, take_rows
 
 RNG = np.random.default_rng(3)
@@ -49,3 +50,12 @@ def test_sums_are_those_of_one_addition_after_another() -> None:
     expected = np.zeros((12, 3))
     np.add.at(expected, slot, vectors.astype(np.float64))
     assert summed(slot, vectors, 12).tobytes() == expected.tobytes()
+
+
+def test_rows_of_all_columns_in_the_order_of_one() -> None:
+    arrays = {"prim": np.array([5, 2, 9, 2, 0], np.int32), "origin": VECTORS[:5], "slot": np.arange(5, dtype=np.int32)}
+    taken = take_in_order(arrays, np.array([0, 1, 2, 3]), "prim")
+    assert taken["prim"].tolist() == [2, 2, 5, 9]
+    assert sorted(taken["slot"].tolist()) == [0, 1, 2, 3]
+    for name, column in arrays.items():
+        assert np.array_equal(taken[name], column[taken["slot"]])
