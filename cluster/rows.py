@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 Array = NDArray[Any]
 Indices = NDArray[np.integer[Any]]
 
+_BITS = 63
+"""Of numbers from 0 on, as NumPy sorts them."""
+
 
 def take_rows(array: Array, rows: Indices) -> Array:
     """Some rows, as a copy; IndexError if there is no such row."""
@@ -51,7 +54,15 @@ def largest_of(vectors: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def in_order(slot: NDArray[np.int32], place: NDArray[np.int32]) -> NDArray[np.intp]:
     """Rows by slot, then by place, equal ones as they come. Neither may be negative."""
-    return np.argsort((slot.astype(np.int64) << np.int64(32)) | place, kind="stable")
+    places, rows = (int(number).bit_length() for number in (place.max(initial=0), len(place)))
+    slots = int(slot.max(initial=0)).bit_length()
+    if slots + places + rows > _BITS:
+        return np.argsort((slot.astype(np.int64) << np.int64(32)) | place, kind="stable")
+    # Numbers that say slot, place and row, all different: NumPy sorts those several times as fast.
+    key = (slot.astype(np.int64) << np.int64(places)) | place
+    key = (key << np.int64(rows)) | np.arange(len(key))
+    key.sort()
+    return key & np.int64((1 << rows) - 1)
 
 
 def summed(slot: NDArray[np.int32], vectors: NDArray[np.float32], slots: int) -> NDArray[np.float64]:

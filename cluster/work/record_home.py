@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator
 
 import numpy as np
@@ -25,8 +26,8 @@ from wdpm.scenes.errors import ProtocolError
 _GRAIN = 8
 """Records that are worth a launch of their own."""
 
-WAVE_RAYS = 1 << 18
-"""Gather rays of a task that are under way at once, about: bounds memory, changes no bit."""
+WAVE_RAYS = 1 << 17
+"""Gather rays of a task that are under way at once, at most, or those of one record: bounds memory, changes no bit."""
 
 
 class RecordHome:
@@ -47,7 +48,9 @@ class RecordHome:
         self._searching = True
         self._site: Arrays = {}
         self._wave: RecordWave | None = None
-        self._first: tuple[Values, NDArray[np.float32], Counts] | None = None  # once the rays after them are under way
+        self._first: tuple[Values, NDArray[np.float32], Counts] | None = None  # once the rays after them are known
+        self._further: deque[GatherRays] = deque()  # those of them that have not set out
+        self._light: list[Values] = []  # of those that are back
         self._made: list[Records] = []
         self._rays = 0
 
@@ -104,7 +107,7 @@ class RecordHome:
         """Start the rays of the next sites, or further ones that those that are back call for; or make records."""
         strata = self._strata[0] * self._strata[1]
         if self._wave is None:
-            stop = self._next_site + max(1, int(WAVE_RAYS / (strata * (1.0 + self._view.cache.extra))))
+            stop = self._next_site + max(1, WAVE_RAYS // strata)
             self._site = take(self._sites, slice(self._next_site, stop))
             self._site["pixel"] = self._pixels[self._site["slot"]]
             self._next_site = stop
@@ -113,18 +116,21 @@ class RecordHome:
         radiance, distance = self._wave.radiance(), self._wave.distance
         self._wave = None
         if self._first is None:
-            counts = self._further(radiance, distance)
-            if counts.any():
-                self._first = radiance, distance, counts
-                yield from self._shoot(further_rays(counts.reshape(-1, strata)))
-                return
+            counts = self._counts(radiance, distance)
+            self._first = radiance, distance, counts
+            self._further.extend(further_rays(counts.reshape(-1, strata)).cut(WAVE_RAYS))
         else:
-            further, (radiance, distance, counts) = radiance, self._first
-            self._first = None
-            radiance = means(radiance, counts, further)
+            self._light.append(radiance)
+        if self._further:
+            yield from self._shoot(self._further.popleft())
+            return
+        radiance, distance, counts = self._first
+        if self._light:
+            radiance = means(radiance, counts, np.concatenate(self._light))
+        self._first, self._light = None, []
         self._made.append(self._records(radiance.astype(np.float32), distance))
 
-    def _further(self, radiance: Values, distance: NDArray[np.float32]) -> Counts:
+    def _counts(self, radiance: Values, distance: NDArray[np.float32]) -> Counts:
         """Rays that each stratum gets more, shape [sites * strata].
 
         Args:

@@ -39,6 +39,12 @@ class GatherRays:
     def __len__(self) -> int:
         return len(self.record)
 
+    def cut(self, most: int) -> Iterator[GatherRays]:
+        """The same rays in pieces of so many at most, none of them empty."""
+        for first in range(0, len(self), most):
+            piece = slice(first, first + most)
+            yield GatherRays(self.record[piece], self.ray[piece], self.stratum[piece])
+
 
 def first_rays(sites: int, strata: int) -> GatherRays:
     """One ray through each stratum of each record."""

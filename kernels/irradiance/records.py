@@ -26,6 +26,7 @@ Everything is summed by one thread in double, in the order of the strata.
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import warp as wp
@@ -99,6 +100,7 @@ def _fill_columns(
         chord_out[0] = 2.0 * sincos_of(0.5 * width)[0]
 
 
+@functools.cache
 def make_strata(rows: int, columns: int, device: str = "cpu") -> Any:
     """Strata of rows * columns gather rays.
 

@@ -38,10 +38,12 @@ def test_vectors() -> None:
     assert np.array_equal(largest_of(odd), odd.max(axis=1), equal_nan=True)
 
 
-def test_order_is_by_slot_then_place_then_as_they_come() -> None:
+@pytest.mark.parametrize("most", [3, np.iinfo(np.int32).max])
+def test_order_is_by_slot_then_place_then_as_they_come(most: int) -> None:
     slot, place = (RNG.integers(0, 4, 400).astype(np.int32) for _ in range(2))
-    place[::7] = np.iinfo(np.int32).max
+    place[::7], slot[::5] = np.iinfo(np.int32).max, most
     assert np.array_equal(in_order(slot, place), np.lexsort((place, slot)))
+    assert not len(in_order(slot[:0], place[:0]))
 
 
 def test_sums_are_those_of_one_addition_after_another() -> None:
