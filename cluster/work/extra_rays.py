@@ -69,12 +69,13 @@ def around(values: Values) -> tuple[Values, Values]:
     """
     rows = values.shape[1]
     count, total = np.zeros((rows, 1)), np.zeros_like(values)
+    turned = {across: np.roll(values, -across, axis=2) if across else values for across in (-1, 0, 1)}
     for down in (-1, 0, 1):
         to = slice(max(0, -down), rows - max(0, down))
         of = slice(max(0, down), rows - max(0, -down))
-        for across in (-1, 0, 1):
+        for across, beside in turned.items():
             if down or across:
-                total[:, to] += np.roll(values, -across, axis=2)[:, of]
+                total[:, to] += beside[:, of]
                 count[to] += 1
     return total, count
 

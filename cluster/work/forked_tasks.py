@@ -30,7 +30,7 @@ from typing import NoReturn
 import warp as wp
 
 from wdpm.cluster.batch import Batch, Kind
-from wdpm.cluster.host_memory import PrivateMemory
+from wdpm.cluster.host_memory import PrivateMemory, return_free_memory
 from wdpm.cluster.messages import packing, protocol, shares
 from wdpm.cluster.records import Records
 from wdpm.cluster.task import Task, TaskResult
@@ -144,6 +144,7 @@ class ForkedTasks:
 
     def _fork_all(self) -> None:
         self._worker.replica.launcher.rest()
+        return_free_memory()  # or each process would copy what lies in pages that are free as soon as it uses one
         gc.freeze()  # so that the collector's marks do not copy the pages of all objects into each process
         try:
             for _ in range(self._count):
