@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from free_ports import free_port
 
 from wdpm import devices
 from wdpm.cli.main import main
@@ -284,7 +285,6 @@ def test_a_master_that_cannot_listen_says_so_before_it_reads_the_scene(
 
 
 def test_an_unreachable_master(capsys: pytest.CaptureFixture[str]) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+    port = free_port()
     line = said(["slave", f"tcp://127.0.0.1:{port}", "--timeout", "1"], capsys, code=1)
     assert str(port) in line

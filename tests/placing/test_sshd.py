@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from digests import same_bits
 from fake_ssh import make_wdpm
+from free_ports import free_port
 from patience import WAIT_S
 
 import wdpm
@@ -51,9 +52,7 @@ Host anna
 @pytest.fixture
 def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A server that `ssh anna` reaches; gives its folder."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     for name in ("host", "user"):
         subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", tmp_path / name], check=True)
     (tmp_path / "server").write_text(SERVER.format(port=port, folder=tmp_path))
