@@ -6,6 +6,7 @@ import threading
 from pathlib import Path
 
 import pytest
+from patience import WAIT_S
 
 from wdpm.placing.rendezvous import Found, Rendezvous, meet, meeting_folder
 from wdpm.scenes.errors import ClusterEndedError, MasterLostError, SettingsError, WdpmError
@@ -25,7 +26,7 @@ class Guest(threading.Thread):
 
     def run(self) -> None:
         try:
-            self.found = meet(*self._what, patience=20.0)
+            self.found = meet(*self._what, patience=WAIT_S)
         except WdpmError as error:
             self.error = error
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from fake_worker import make_session
+from patience import WAIT_S
 from slave_threads import SMALL, SlaveThread, check_picture
 from slow_slaves import AGREED
 
@@ -107,7 +108,7 @@ def test_the_last_slave_of_a_master_that_was_killed_removes_its_folder(folder: P
     command = [sys.executable, "-m", "wdpm", "slave", f"ipc://{own}/master", "--life-line"]
 
     def slave_ends() -> None:
-        ended = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=120)
+        ended = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=WAIT_S)
         assert b"the process that started it has ended" in ended.stderr
 
     slave_ends()

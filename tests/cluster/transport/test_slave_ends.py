@@ -20,7 +20,7 @@ ADDRESS = "memory://how-slaves-end"
 
 @pytest.fixture
 def slave() -> SlaveThread:
-    return SlaveThread(ADDRESS, patience=1.0)
+    return SlaveThread(ADDRESS, rejoin=1.0)
 
 
 @pytest.fixture

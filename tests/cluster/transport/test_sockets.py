@@ -375,7 +375,7 @@ def master_process(*options: str) -> Iterator[tuple[subprocess.Popen[str], list[
 
 
 # A slave on another machine waits a little whether its master comes back.
-@pytest.mark.parametrize("options", [("life-line",), ("patience=1",)], ids=["local", "remote"])
+@pytest.mark.parametrize("options", [("life-line",), ("rejoin=1",)], ids=["local", "remote"])
 def test_a_killed_master_leaves_no_slave(options: tuple[str, ...]) -> None:
     with master_process(*options) as (process, slaves):
         process.kill()
