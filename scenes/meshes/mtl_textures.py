@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from glob import escape
 from pathlib import Path
 from typing import Final
 
@@ -62,13 +63,29 @@ def read_statement(keyword: str, words: Sequence[str], folder: Path) -> TextureS
         options[option] = []
         while rest and len(options[option]) < _OPTIONS[option] and (_OPTIONS[option] != 3 or _is_number(rest[0])):
             options[option].append(rest.pop(0))
-    return _statement(keyword, options, _find(rest, folder))
+    statement = _statement(keyword, options, _find(rest, folder))
+    return replace(statement, notes=(*statement.notes, *_tiles_in_words(statement.file)))
+
+
+_PATTERN: Final = "<UDIM>"
+"""In the name of a file it stands for the numbers of tiles, each for a unit square of texture coordinates."""
+
+_FIRST_TILE: Final = "1001"
+
+
+def _tiles_in_words(file: Path | None) -> Iterator[str]:
+    """That of several tiles the first is all that is read."""
+    if file is None or file.stem[-5:] not in (f".{_FIRST_TILE}", f"_{_FIRST_TILE}"):
+        return
+    others = file.parent.glob(f"{escape(file.stem[:-4])}1[0-9][0-9][0-9]{escape(file.suffix)}")
+    if len(list(others)) > 1:
+        yield f'is in tiles (UDIM), of which the first is repeated: "{file.name}"'
 
 
 def _find(words: Sequence[str], folder: Path) -> Path | None:
     if not words:
         return None
-    file = folder / " ".join(words).replace("\\", "/")
+    file = folder / " ".join(words).replace("\\", "/").replace(_PATTERN, _FIRST_TILE)
     if not file.is_file():
         return None
     check_within(file)

@@ -174,6 +174,22 @@ def test_maps(tmp_path: Path) -> None:
     np.testing.assert_allclose(wood.pixels, 0.5)
 
 
+@pytest.mark.parametrize("name", ["wall [old].<UDIM>.png", "wall [old].1001.png"])
+def test_of_tiles_the_first_is_repeated(tmp_path: Path, name: str) -> None:
+    for tile, grey in (("1001", 255), ("1002", 0)):
+        imageio.imwrite(tmp_path / f"wall [old].{tile}.png", np.full((2, 2, 3), grey, np.uint8))
+    scene = scene_of(tmp_path, f"map_Kd {name}")
+    bsdf = scene.materials[0].bsdf
+    assert isinstance(bsdf, TwoSided)
+    assert isinstance(bsdf.front, Diffuse)
+    assert isinstance(bsdf.front.reflectance, Bitmap)
+    assert (bsdf.front.reflectance.pixels == 1.0).all()
+    (warning,) = own_warnings(scene)
+    assert 'm.mtl:2: material "a": map_Kd is in tiles (UDIM), of which the first is repeated' in warning
+    (tmp_path / "wall [old].1002.png").unlink()
+    assert not own_warnings(scene_of(tmp_path, f"map_Kd {name}"))
+
+
 def test_emission_map(tmp_path: Path) -> None:
     imageio.imwrite(tmp_path / "glow.png", np.full((2, 2, 3), 255, dtype=np.uint8))
     emission = scene_of(tmp_path, "Ke 2 4 6\nmap_Ke glow.png").meshes[0].emission
