@@ -38,9 +38,11 @@ AT_WORK_BYTES = 300 << 20
 TRIANGLE_BYTES = 450
 """Corners, normals, texture coordinates, the tree over them, and what comes over the wire while it is built."""
 
+BARE_PHOTON_BYTES = 75
+"""A stored photon at its dearest: 61 as it is stored, 60 in its tree, this in between (kernels.photons.photon_map)."""
+
 PHOTON_BYTES = 100
-"""A stored photon at its dearest: 61 as it is stored, 60 in its tree, 75 between the two (kernels.photons.photon_map);
-and irradiance at every fourth, or the batches that bring copies of photons from other teams."""
+"""With irradiance at every fourth, or with the batches that bring copies of photons from other teams."""
 
 POINT_BYTES = 44
 """A surface point at its dearest, while its tree is built; 24 before, 28 after."""
@@ -96,6 +98,7 @@ def scene_memory(
     voxels: int = 0,
     instances: int = 0,
     points: float | None = None,
+    photon_bytes: int = PHOTON_BYTES,
 ) -> SceneMemory:
     """What a scene with so many triangles and stored photons takes.
 
@@ -106,7 +109,7 @@ def scene_memory(
     """
     points = points_of(photons) if points is None else points
     texels = sum(each.pixels.size // 3 for each in textures if isinstance(each, Bitmap))
-    divided = triangles * TRIANGLE_BYTES + instances * INSTANCE_BYTES + photons * PHOTON_BYTES + points * POINT_BYTES
+    divided = triangles * TRIANGLE_BYTES + instances * INSTANCE_BYTES + photons * photon_bytes + points * POINT_BYTES
     return SceneMemory(divided, texels * TEXEL_BYTES + voxels * VOXEL_BYTES)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from wdpm.cluster.batch import SCHEMAS, Kind
 from wdpm.cluster.deal import deal
-from wdpm.cluster.plan.copies import AT_WORK_BYTES, points_of, scene_memory
+from wdpm.cluster.plan.copies import AT_WORK_BYTES, BARE_PHOTON_BYTES, PHOTON_BYTES, points_of, scene_memory
 from wdpm.cluster.plan.render_plan import RenderPlan
 from wdpm.cluster.work.overlap_band import rows_near
 from wdpm.kernels.rays.cells import cell_boxes
@@ -25,7 +25,7 @@ class Share:
         triangles: as a share of the scene's.
         photons, ghosts: as shares of all photons, foretold from the pilot's. Photons are those of its cells, wherever
             they were traced; ghosts those of its neighbours in its band.
-        memory: with its process, a little above what it takes at its peak [bytes].
+        memory: with its process, what it takes at its peak, give or take a tenth [bytes].
         received: of the scene, of photons that were traced elsewhere and of ghosts, before the first bucket [bytes].
     """
 
@@ -59,6 +59,7 @@ def shares_of(plan: RenderPlan, flat: FlatScene, slaves: int, least: int, photon
     teams = max(1, slaves // least)
     texels = sum(each.pixels.nbytes for each in flat.textures if isinstance(each, Bitmap))
     everywhere = texels + flat.media.grids.values.nbytes
+    photon_bytes = BARE_PHOTON_BYTES if teams == 1 and not plan.world.irradiance.share else PHOTON_BYTES
     shares = []
     for slave in range(slaves):
         # As master.teams has it: slaves are dealt out to teams one by one.
@@ -68,7 +69,8 @@ def shares_of(plan: RenderPlan, flat: FlatScene, slaves: int, least: int, photon
         own_triangles, own_instances = round(triangles * len(flat.triangles)) + shapes, round(triangles * standing)
         within = stored + copied  # of photons, and of surface points, which lie where photons may
         voxels, points = flat.media.grids.voxels, within * points_of(photons)
-        needed = scene_memory(own_triangles, within * photons, flat.textures, voxels, own_instances, points)
+        of_photons = within * photons, flat.textures, voxels, own_instances, points, photon_bytes
+        needed = scene_memory(own_triangles, *of_photons)
         elsewhere = (stored * (1.0 - 1.0 / teams) + copied) * photons
         received = triangles * _triangle_bytes(flat) + everywhere + elsewhere * _PHOTON_BYTES
         shares.append(

@@ -126,7 +126,7 @@ def _dark(lights: tuple[LightUse, ...]) -> list[str]:
 def _slaves(inspection: Inspection) -> Table:
     teams = 1 + max(share.team for share in inspection.slaves)
     table = _table("What each slave would hold" + (f": {teams} copies of the scene" if teams > 1 else ""))
-    for column in ("slave", "team", "cells", "triangles", "photons", "ghosts", "memory at most", "sent first"):
+    for column in ("slave", "team", "cells", "triangles", "photons", "ghosts", "most memory", "sent first"):
         table.add_column(column, justify="right")
     for share in inspection.slaves:
         shares = (f"{amount:.1%}" for amount in (share.triangles, share.photons, share.ghosts))
