@@ -17,13 +17,13 @@ from wdpm.accuracy.predict import predict
 from wdpm.cli.goal import EXIT_NOT_REACHED
 from wdpm.cli.main import main
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
-from wdpm.goal.convergence import MOST_BIAS, Estimate
+from wdpm.goal.convergence import MOST_BIAS, ConvergenceEstimator, Estimate
 from wdpm.goal.goal import Goal, Metric
 from wdpm.goal.outcome import Ending, outcome_of
 from wdpm.goal.reference_pair import make_reference_pair, path_settings
 from wdpm.goal.render import Interrupted, promise, render_until
-from wdpm.goal.schedule import Schedule
-from wdpm.goal.trial import Trial
+from wdpm.goal.schedule import Schedule, schedule_of
+from wdpm.goal.trial import MARGIN, UNKNOWN_SHARE, Trial, try_out
 from wdpm.goal.trial_pilot import TrialPilot, Workplace
 from wdpm.images.comparison import compare
 from wdpm.images.image import load as load_image
@@ -92,7 +92,7 @@ class Costs:
 
 @pytest.mark.parametrize(
     ("photons", "several"),
-    [pytest.param(0.1, True, id="several samples a pass"), pytest.param(0.02, False, id="one sample a pass")],
+    [pytest.param(0.1, True, id="several samples a pass"), pytest.param(0.0002, False, id="one sample a pass")],
 )
 def test_the_image_is_within_the_error(
     photons: float, several: bool, scene: Scene, monkeypatch: pytest.MonkeyPatch
@@ -117,7 +117,7 @@ def test_a_trial_s_renderer_goes_on_with_the_passes(scene: Scene, monkeypatch: p
         return prepare(self, scene, settings, progress)
 
     monkeypatch.setattr(InProcess, "prepare", counted)
-    clock = Costs(0.02, 0.02, monkeypatch)
+    clock = Costs(0.0002, 0.02, monkeypatch)
     image = render_until(scene, Goal(0.1), InProcess(threads=2), clock=clock, seed=2, **FEW)
     monkeypatch.undo()
     settings = image.metadata["settings"]
@@ -145,7 +145,21 @@ def test_bias_is_measured_where_it_may_matter(goal: Goal, fixed: tuple[str, ...]
     pilot = TrialPilot(scene, RenderSettings(indirect=Indirect.MAP, **FEW), frozenset(fixed), work)
     pilot.run(goal, lambda: goal.seconds or math.inf)
     assert (pilot.reference is not None) == wanted
-    assert (pilot.trials[0].bias == MOST_BIAS) != wanted
+    assert (pilot.trials[0].bias == UNKNOWN_SHARE * MOST_BIAS) != wanted
+
+
+def test_what_a_trial_says_of_two_passes_is_what_the_estimate_says_of_them(scene: Scene) -> None:
+    """So a schedule of no more passes than the trial had is one that ends where it is said to."""
+    work = Workplace(InProcess(threads=2), SilentProgress())
+    settings = RenderSettings(indirect=Indirect.MAP, seed=3, **FEW)
+    trial = try_out(lambda: work.renderer(scene, settings), settings, Metric.RELMSE, None)
+    estimator = ConvergenceEstimator((16, 16, 3), Metric.RELMSE, biased=False)
+    for result in trial.results.values():
+        estimator.add(result.layers, 1, 1.0)
+    estimate = estimator.estimate()
+    assert estimate is not None
+    told = MARGIN * (schedule_of(trial, 2, 1).noise - sum(trial.lone)) + sum(trial.lone)
+    assert told == pytest.approx(estimate.noise.high, rel=0.3 if trial.lone else 1e-6)
 
 
 def test_references_have_random_numbers_of_their_own(scene: Scene) -> None:

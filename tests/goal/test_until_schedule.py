@@ -17,7 +17,6 @@ from wdpm.goal.clock import Budget, process_age
 from wdpm.goal.convergence import LEAST_PASSES
 from wdpm.goal.goal import Goal, Metric, goal_of
 from wdpm.goal.schedule import (
-    MARGIN,
     MOST_PHOTONS,
     RARE_POWER,
     RECORD_NOISE,
@@ -25,10 +24,9 @@ from wdpm.goal.schedule import (
     nearest,
     schedule_of,
     soonest,
-    stratified,
     with_photons,
 )
-from wdpm.goal.trial import Trial
+from wdpm.goal.trial import MARGIN, Trial, stratified
 from wdpm.rendering.pass_plan import shrink
 from wdpm.scenes.errors import SettingsError
 

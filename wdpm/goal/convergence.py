@@ -135,11 +135,14 @@ class ConvergenceEstimator:
         """What the passes so far tell; None before there are enough."""
         if self._passes < LEAST_PASSES:
             return None
-        weight = self.weight()
-        variance, freedom = self.variance()
-        noise = with_rare(spread_figure(variance * weight, freedom), variance * (self.most_weight() - weight))
+        noise = self.noise_of(*self.variance())
         bias = self._bias(self.mean())
         return Estimate(noise, bias, _sum(noise, bias))
+
+    def noise_of(self, variance: Values, freedom: int) -> ErrorFigure:
+        """The weighted mean of a variance of the mean image, of so many degrees of freedom."""
+        weight = self.weight()
+        return with_rare(spread_figure(variance * weight, freedom), variance * (self.most_weight() - weight))
 
     def variance(self) -> tuple[Values, int]:
         """Of the mean of the passes, pixel by pixel, and its degrees of freedom."""

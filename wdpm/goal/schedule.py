@@ -28,18 +28,12 @@ import numpy as np
 
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.goal.convergence import LEAST_PASSES
-from wdpm.goal.trial import Trial
+from wdpm.goal.trial import MARGIN, TRIED, Trial, stratified
 from wdpm.rendering.pass_plan import ALPHA, PassPlan, share_of_rays
 
 MOST_PASSES = 4096
 MOST_SPP = 64
 """Samples of a pass. More would make passes so long that a render could not stop soon after it is good enough."""
-
-STRATIFIED, STRATIFIED_POWER = 0.8, -0.05
-"""Of half the squared difference of two successive samples, what each adds to the noise of a mean of n, as the estimate
-has it: the first times n to the second. Samples share out pixel and lamps evenly, so noise falls faster than with
-their number; but of what is bright in few of them, the more is seen the more there are. Measured on eleven scenes: 0.62
-to 0.9 for n = 2, and 0.46 (the sky alone) to 1.07 (daylight through blinds) for n = 16."""
 
 RECORD_NOISE = 0.8
 """Of the noise that samples do not lessen, the part of the records' gather rays, where there are records."""
@@ -47,14 +41,8 @@ RECORD_NOISE = 0.8
 RARE_POWER = 1.4
 """Measured on scenes with and without caustics: between 0.9 and 2.2."""
 
-TRIED = 2
-"""Different samples that a trial has of each pixel."""
-
 LIKELY_NONE = math.log(2.0)
 """Pixels expected, of which as likely as not there is none (Poisson)."""
-
-MARGIN = 1.1
-"""Upper end of an estimate over the estimate."""
 
 BY_PHOTONS = 0.5
 """Of a pass's cost without samples, what fewer photons can be relied on to save, until they are tried: the rest may be
@@ -117,11 +105,6 @@ def with_photons(trial: Trial, factor: float) -> Trial:
     cost = (trial.pass_cost - trial.record_cost) * times + trial.record_cost
     bias, likely = trial.bias / factor, trial.likely_bias / factor
     return replace(trial, settings=settings, pass_cost=cost, bias=bias, likely_bias=likely, results={}, ready=False)
-
-
-def stratified(samples: int) -> float:
-    """What each of so many samples of a pixel adds to the noise of their mean: see STRATIFIED."""
-    return STRATIFIED * samples**STRATIFIED_POWER
 
 
 def pass_cost(trial: Trial, samples: int) -> float:

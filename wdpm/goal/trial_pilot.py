@@ -150,7 +150,7 @@ class TrialPilot:
             if following is None:
                 break
             self._try(following, goal, lambda: seconds_left() - until)
-        self.seconds = self.work.clock() - began - self.compile_seconds
+        self.seconds = max(self.work.clock() - began - self.compile_seconds, 0.0)
 
     def _wants_a_reference(self, goal: Goal, seconds_left: float) -> bool:
         """Whether to render images without bias, to tell how large it is."""
