@@ -31,7 +31,7 @@ COARSEST = 4
 LEAST_SIDE = 48
 """Pixels of a reference along its shorter side, if the image has as many: what is blurred within one is not seen."""
 
-FIRST_SPP = 2
+FIRST_SPP = 4
 MOST_SPP = 512
 """Samples of a reference's pixel. So many would be a good image already."""
 
