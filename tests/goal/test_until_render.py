@@ -291,7 +291,7 @@ def test_what_comes_by_photon_maps_alone_may_be_left_out(scene: Scene) -> None:
 def test_an_integrator_that_is_to_be_picked_is_picked_once_before_all_else(scene: Scene, photons: int) -> None:
     """Photons that were asked for are shot."""
     settings = RenderSettings(integrator=Integrator.AUTO, photons=photons)
-    pilot = TrialPilot(scene, settings, frozenset(), Workplace(InProcess(threads=2), SilentProgress()))
+    pilot = TrialPilot(scene, settings, frozenset({"integrator"}), Workplace(InProcess(threads=2), SilentProgress()))
     pilot.run(Goal(0.5))
     picked = wdpm.render(scene, settings, threads=2).metadata["settings"]["integrator"]
     assert {trial.settings.integrator.value for trial in pilot.trials} == {picked}
