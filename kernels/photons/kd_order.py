@@ -152,13 +152,13 @@ class Records:
 
     def __init__(self, count: int, launch: Launch) -> None:
         self.pages = Pages(count, np.float32, 4)
-        self.array = _over(self.pages.array, Record)
+        self.array = over(self.pages.array, Record)
         self._launch = launch
         self._filled = 0
 
     def add(self, position: npt.NDArray[np.float32], index: npt.NDArray[np.int32]) -> None:
         """Add items: where they are, shape [N, 3], and their numbers, shape [N]."""
-        inputs = [wp.array(position, dtype=wp.vec3, device="cpu", copy=False), _over(index, wp.int32), self._filled]
+        inputs = [over(np.ascontiguousarray(position, np.float32), wp.vec3), over(index, wp.int32), self._filled]
         self._launch(_fill_records, len(index), inputs, [self.array])
         self._filled += len(index)
 
@@ -177,8 +177,8 @@ class Records:
             self._launch(_split_level, last - first, [count, run_bits, first], [self.array])
 
 
-def _over(array: npt.NDArray[Any], dtype: Any) -> Any:
-    """An array of Warp over the same memory."""
+def over(array: npt.NDArray[Any], dtype: Any) -> Any:
+    """An array of Warp over the same memory, on the host; `dtype` is what Warp calls a row of the array."""
     if not len(array):
         return wp.empty(0, dtype=dtype, device="cpu")
     made = wp.array(ptr=array.ctypes.data, dtype=dtype, shape=(len(array),), device="cpu", copy=False)

@@ -26,7 +26,7 @@ import warp as wp
 
 from wdpm.kernels.constants import MAX_PHOTON_COORDINATE
 from wdpm.kernels.pages import Pages
-from wdpm.kernels.photons.kd_order import LEAF_SIZE, Launch, Record, Records, launch_whole, leaf_bits
+from wdpm.kernels.photons.kd_order import LEAF_SIZE, Launch, Record, Records, launch_whole, leaf_bits, over
 from wdpm.scenes.errors import WdpmError
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -332,7 +332,7 @@ class _Tree:
         self._count = sum(parts.lengths())
         self._records = Records(self._count, run)
         self._place_of = np.empty(self._count, np.int32)
-        places = wp.array(self._place_of, dtype=wp.int32, device="cpu", copy=False)
+        places = _integers(self._place_of)
         if order is None:
             for position, rank in zip(parts.take("position"), ranks, strict=True):
                 self._records.add(position, rank)
@@ -347,11 +347,9 @@ class _Tree:
         """The tree; of photons, or of points."""
         whole = rows == LEAF_ROWS
         leaf_count = max(-(-self._count // LEAF_SIZE), 1)
-        flux = wp.empty(LEAF_SIZE * leaf_count if whole else 0, dtype=wp.vec3, device="cpu")
-        rank = wp.empty(LEAF_SIZE * leaf_count if whole else 0, dtype=wp.int32, device="cpu")
+        flux = wp.zeros(LEAF_SIZE * leaf_count if whole else 0, dtype=wp.vec3, device="cpu")
+        rank = wp.zeros(LEAF_SIZE * leaf_count if whole else 0, dtype=wp.int32, device="cpu")
         if whole:
-            flux.numpy()[self._count :] = 0.0
-            rank.numpy()[self._count :] = 0
             self._move("flux", flux)
         normal = self._moved("normal")
         direction = self._moved("direction") if whole else Pages(0, np.float32, 3)
@@ -396,17 +394,17 @@ class _Tree:
 
     def _move(self, name: str, out: Any) -> None:
         """Take a column, and write it by place."""
-        places = wp.array(self._place_of, dtype=wp.int32, device="cpu", copy=False)
+        places = _integers(self._place_of)
         for column, rank in zip(self._parts.take(name), self._ranks, strict=True):
             self._run(_move, len(rank), [_vectors(column), _integers(rank), places], [out])
 
 
 def _vectors(array: npt.NDArray[np.float32]) -> Any:
-    return wp.array(array, dtype=wp.vec3, device="cpu", copy=False)
+    return over(np.ascontiguousarray(array, np.float32), wp.vec3)
 
 
 def _integers(array: npt.NDArray[np.int32]) -> Any:
-    return wp.array(array, dtype=wp.int32, device="cpu", copy=False)
+    return over(np.ascontiguousarray(array, np.int32), wp.int32)
 
 
 def check(parts: Parts) -> None:
