@@ -10,13 +10,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wdpm.scenes.gltf.container import GltfFile
 from wdpm.scenes.gltf.textures import BLUE as BLUE_CHANNEL
 from wdpm.scenes.gltf.textures import GREEN, RED, GltfTextures, Images
+from wdpm.scenes.gltf.textures import each as each_texel
 from wdpm.scenes.model.bsdfs import (
     WHITE,
     Blend,
@@ -26,7 +28,9 @@ from wdpm.scenes.model.bsdfs import (
     Mask,
     NormalMap,
     Principled,
+    RoughPane,
     ThinDielectric,
+    Translucent,
     TwoSided,
 )
 from wdpm.scenes.model.highlights import highlight_over, scaled
@@ -37,10 +41,13 @@ COLOR_ATTRIBUTE: Final = "COLOR_0"
 
 SPECULAR_GLOSSINESS: Final = "KHR_materials_pbrSpecularGlossiness"
 
+DIFFUSE_TRANSMISSION: Final = "KHR_materials_diffuse_transmission"
+
 MATERIAL_EXTENSIONS: Final = frozenset(
     (
         "KHR_materials_anisotropy",
         "KHR_materials_clearcoat",
+        DIFFUSE_TRANSMISSION,
         "KHR_materials_emissive_strength",
         "KHR_materials_ior",
         SPECULAR_GLOSSINESS,
@@ -56,6 +63,14 @@ MATERIAL_EXTENSIONS: Final = frozenset(
 
 _MOST_OF_DIELECTRICS = 0.08
 """Reflection at normal incidence up to which a grey one is taken for that of a dielectric, as Disney's model has it."""
+
+_HARDLY_ANY = 1.001
+"""Index of refraction of a surface that reflects next to nothing: Mitsuba's metals reflect nothing at 1 itself."""
+
+_MOST_ROOT = 0.9
+"""Root of the largest reflection at normal incidence that an index of refraction stands for: 1 has none."""
+
+_Numbers = TypeVar("_Numbers", float, NDArray[np.float32])
 
 _DARKEST = 1e-6
 """Share of light that the darkest attenuation lets pass: none at all would be infinitely dense."""
@@ -173,7 +188,7 @@ class _Converter:
             self._warn(f"{key} uses TEXCOORD_{uv_set}: TEXCOORD_{self._uv_set} is used instead, as for the others")
         return info
 
-    def _number(self, owner: dict[str, Any], factor: str, default: float, texture: str, channel: int) -> Number:
+    def _number(self, owner: dict[str, Any], factor: str, default: float, texture: str, channel: int) -> float | Bitmap:
         """A factor times a channel of a texture."""
         value = self._share(owner, factor, default)
         info = self._info(owner, texture)
@@ -182,29 +197,59 @@ class _Converter:
     def _scattering(self, base: Color) -> Bsdf:
         double_sided: bool = self._gltf.get(self._owner, "doubleSided", bool, False)
         bent = self._bending()
+        surface: Bsdf
         if "KHR_materials_unlit" in self._extensions:
             self._warn("unlit: it is lit like any diffuse surface")
-            surface: Bsdf = Diffuse(base)
+            surface = Diffuse(base)
             return TwoSided(surface) if double_sided else surface
         if self._glossy is not None:
             surface = bent(self._specular_glossiness(base, self._glossy))
             return TwoSided(surface) if double_sided else surface
-        eta = self._eta()
+        eta, shown = self._eta()
         transmission = self._extension("KHR_materials_transmission")
         weight = self._number(transmission, "transmissionFactor", 0.0, "transmissionTexture", RED)
         if weight != 0.0 and self._is_solid():
             return bent(self._principled(base, eta, weight))
-        surface = bent(self._principled(base, eta, 0.0))
-        surface = TwoSided(surface) if double_sided else surface
-        if weight == 0.0:
+        surface = self._principled(base, eta, 0.0)
+        if shown != 1.0:
+            surface = Blend(self._principled(base, _HARDLY_ANY, 0.0), surface, shown)
+        surface = bent(surface)
+        surface = self._with_diffuse_transmission(TwoSided(surface) if double_sided else surface)
+        return surface if weight == 0.0 else Blend(surface, self._pane(base, eta), weight)
+
+    def _pane(self, base: Color, eta: float) -> Bsdf:
+        """What KHR_materials_transmission lets through without a volume: a thin pane, rough where the surface is."""
+        roughness = self._number(self._pbr, "roughnessFactor", 1.0, "metallicRoughnessTexture", GREEN)
+        return ThinDielectric(eta, WHITE, base) if roughness == 0.0 else RoughPane(base, roughness, eta)
+
+    def _with_diffuse_transmission(self, surface: Bsdf) -> Bsdf:
+        """A surface of which a share is a translucent sheet; its reflection is lessened by the share, too."""
+        sheet = self._extension(DIFFUSE_TRANSMISSION)
+        share = self._share(sheet, "diffuseTransmissionFactor", 0.0)
+        info = self._info(sheet, "diffuseTransmissionTexture")
+        if share == 0.0:
             return surface
-        if self._share(self._pbr, "roughnessFactor", 1.0) > 0.0:
-            self._warn("what a thin pane lets through is not blurred by its roughness")
-        return Blend(surface, ThinDielectric(eta, WHITE, base), weight)
+        weight: Number = share if info is None else self._alpha_of(info, share)
+        factor = self._colour(sheet, "diffuseTransmissionColorFactor", (1.0, 1.0, 1.0))
+        colours = self._info(sheet, "diffuseTransmissionColorTexture")
+        colour: Color = factor if colours is None else self._textures.color(colours, factor, self._name)
+        return Blend(surface, Translucent(colour), weight)
+
+    def _alpha_of(self, info: dict[str, Any], factor: float) -> Number:
+        """The alpha channel of a texture times a factor; the factor where it has none."""
+        alpha = self._textures.alpha(info, self._name)
+        return factor if alpha is None else each_texel(alpha, lambda pixels: pixels * np.float32(factor))
+
+    def _colour(self, owner: dict[str, Any], key: str, default: RGB, most: float = 1.0) -> RGB:
+        red, green, blue = self._gltf.numbers(owner, key, list(default))
+        if not (min(red, green, blue) >= 0.0 and max(red, green, blue) <= most):
+            allowed = f"lie between 0 and {most:g}" if most < math.inf else "not be negative"
+            raise self._gltf.error(f'material "{self._name}": {key} must {allowed}, got {[red, green, blue]}')
+        return red, green, blue
 
     def _principled(self, base: Color, eta: float, spec_trans: Number) -> Principled:
-        roughness = self._number(self._pbr, "roughnessFactor", 1.0, "metallicRoughnessTexture", GREEN)
-        roughness, anisotropic = self._anisotropic(roughness)
+        given = self._number(self._pbr, "roughnessFactor", 1.0, "metallicRoughnessTexture", GREEN)
+        roughness, anisotropic = self._anisotropic(given)
         metallic = self._number(self._pbr, "metallicFactor", 1.0, "metallicRoughnessTexture", BLUE_CHANNEL)
         sheen = self._sheen()
         principled = Principled(base, roughness, metallic=metallic, spec_trans=spec_trans, eta=eta, sheen=sheen)
@@ -215,7 +260,8 @@ class _Converter:
         clearcoat = self._number(coat, "clearcoatFactor", 0.0, "clearcoatTexture", RED)
         if clearcoat != 0.0:
             self._warn("its clear coat is Disney's, of a quarter of the strength")
-        gloss = _clearcoat_gloss(self._share(coat, "clearcoatRoughnessFactor", 0.0))
+        rough = self._number(coat, "clearcoatRoughnessFactor", 0.0, "clearcoatRoughnessTexture", GREEN)
+        gloss = _clearcoat_gloss(rough) if isinstance(rough, float) else each_texel(rough, _clearcoat_gloss)
         return replace(principled, clearcoat=clearcoat, clearcoat_gloss=gloss)
 
     def _specular_glossiness(self, base: Color, glossy: dict[str, Any]) -> Bsdf:
@@ -259,18 +305,21 @@ class _Converter:
             self._warn("its anisotropy is lowered to Disney's largest, of one to ten")
         return (across * along) ** 0.25, min(anisotropic, 1.0)
 
-    def _sheen(self) -> float:
+    def _sheen(self) -> Number:
         """The strength of Disney's sheen, which has no colour of its own and is as broad at any roughness."""
         sheen = self._extension("KHR_materials_sheen")
-        colour = self._gltf.numbers(sheen, "sheenColorFactor", [0.0, 0.0, 0.0])
-        if not all(0.0 <= channel <= 1.0 for channel in colour):
-            raise self._gltf.error(f'material "{self._name}": sheenColorFactor must lie between 0 and 1, got {colour}')
-        if max(colour) > 0.0:
-            self._warn("its sheen is Disney's, grey and as broad at any roughness")
-        return sum(colour) / 3.0
+        colour = self._colour(sheen, "sheenColorFactor", (0.0, 0.0, 0.0))
+        info = self._info(sheen, "sheenColorTexture")
+        if max(colour) == 0.0:
+            return 0.0
+        self._warn("its sheen is Disney's, grey and as broad at any roughness")
+        return sum(colour) / 3.0 if info is None else each_texel(self._textures.color(info, colour, self._name), _grey)
 
-    def _eta(self) -> float:
-        """The index of refraction, with what KHR_materials_specular does to the reflection at normal incidence."""
+    def _eta(self) -> tuple[float, Number]:
+        """The index of refraction, and the share of its reflection that is shown; by KHR_materials_ior and _specular.
+
+        A factor alone lowers the index, so that the reflection at normal incidence is that share; a texture cannot.
+        """
         ior = self._gltf.number(self._extension("KHR_materials_ior"), "ior", 1.5)
         if ior < 1.0:
             if ior == 0.0:  # the extension's way to say: everything is reflected
@@ -279,13 +328,21 @@ class _Converter:
             else:
                 raise self._gltf.error(f'material "{self._name}": ior must be 0 or at least 1, got {ior:g}')
         specular = self._extension("KHR_materials_specular")
-        if self._gltf.numbers(specular, "specularColorFactor", [1.0, 1.0, 1.0]) != [1.0, 1.0, 1.0]:
-            self._warn("specularColorFactor is ignored")
-        share = self._share(specular, "specularFactor", 1.0)
-        if share == 1.0:
-            return ior
-        root = math.sqrt(share) * (ior - 1.0) / (ior + 1.0)
-        return (1.0 + root) / (1.0 - root)
+        colour = self._colour(specular, "specularColorFactor", (1.0, 1.0, 1.0), math.inf)
+        strengths = self._info(specular, "specularTexture")
+        colours = self._info(specular, "specularColorTexture")
+        if max(colour) != min(colour) or colours is not None:
+            self._warn("the colour of its reflection is taken as grey")
+        share = self._share(specular, "specularFactor", 1.0) * sum(colour) / 3.0
+        root = min(math.sqrt(share) * (ior - 1.0) / (ior + 1.0), _MOST_ROOT)
+        eta = ior if share == 1.0 else (1.0 + root) / (1.0 - root)
+        shown: Number = 1.0 if strengths is None else self._alpha_of(strengths, 1.0)
+        if colours is None:
+            return eta, shown
+        if shown != 1.0:
+            self._warn("specularColorTexture is ignored beside specularTexture")
+            return eta, shown
+        return eta, each_texel(self._textures.color(colours, (1.0, 1.0, 1.0), self._name), _grey)
 
     def _is_solid(self) -> bool:
         volume = self._extension("KHR_materials_volume")
@@ -354,9 +411,8 @@ class _Converter:
             self._warn(f"{', '.join(unknown)} ignored")
         textures = {
             "KHR_materials_anisotropy": ("anisotropyTexture",),
-            "KHR_materials_clearcoat": ("clearcoatRoughnessTexture", "clearcoatNormalTexture"),
-            "KHR_materials_sheen": ("sheenColorTexture", "sheenRoughnessTexture"),
-            "KHR_materials_specular": ("specularTexture", "specularColorTexture"),
+            "KHR_materials_clearcoat": ("clearcoatNormalTexture",),
+            "KHR_materials_sheen": ("sheenRoughnessTexture",),
             "KHR_materials_volume": ("thicknessTexture",),
         }
         for extension, keys in textures.items():
@@ -365,6 +421,12 @@ class _Converter:
                     self._warn(f"{key} is ignored")
 
 
-def _clearcoat_gloss(roughness: float) -> float:
+def _clearcoat_gloss(roughness: _Numbers) -> _Numbers:
     """The gloss whose microfacets are as rough as glTF's: alpha = roughness², between 0.1 (gloss 0) and 0.001 (1)."""
-    return min(max((0.1 - roughness * roughness) / (0.1 - 0.001), 0.0), 1.0)
+    gloss = np.clip((0.1 - roughness * roughness) / (0.1 - 0.001), 0.0, 1.0)
+    return float(gloss) if isinstance(roughness, float) else gloss.astype(np.float32)
+
+
+def _grey(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The mean of the channels, in all of them."""
+    return np.repeat(pixels.mean(axis=2, keepdims=True), 3, axis=2)

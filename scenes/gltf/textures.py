@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -27,6 +28,11 @@ BLUE: Final = 2
 
 Images = Ahead[int, NDArray[Any]]
 """Unpacked images by their numbers in the file."""
+
+
+def each(bitmap: Bitmap, change: Callable[[NDArray[np.float32]], NDArray[np.float32]]) -> Bitmap:
+    """A texture whose texels, shape [height, width, 3], are changed."""
+    return replace(bitmap, pixels=change(bitmap.pixels))
 
 
 def read_image(gltf: GltfFile, number: int) -> NDArray[Any]:

@@ -254,6 +254,8 @@ def everything() -> Scene:
     b.ball("blend", Blend(Plastic(), Diffuse(VertexColors("color")), 0.4), (0.6, 0.2, 0.7), 0.2, colors=True)
     b.add("leaf", Mask(TwoSided(NormalMap(Diffuse(), NORMALS)), HOLES), rectangle(), (0.3, 0.0, 0.2), 0.25, 40.0)
     b.add("window", ThinDielectric(), rectangle(), (0.0, 0.1, -0.5), 0.9, 8.0)
+    shade = Blend(RoughPane((0.8, 0.9, 0.9), NOISE, 1.4, 0.3, 0.2), Translucent(SQUARES), 0.5)
+    b.add("shade", shade, rectangle(), (-0.5, 0.2, 0.4), 0.25, 20.0)
     b.add("smoke", Null(), cube(), (0.3, -0.4, -0.1), 0.25, 30.0, media=(0, None))
     puffs = clouds("puffs", (0.3, -0.4, -0.1), 0.27, 30.0)
     drops = replace(clouds("drops", (-0.45, -0.6, -0.1), 0.25, 10.0), nearest=True)

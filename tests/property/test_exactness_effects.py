@@ -56,7 +56,7 @@ CASES = {
     ),
     "panes": case(
         effect_scenes.panes(),
-        "conductor thin_dielectric passing bitmaps directionals environment orthographic",
+        "conductor thin_dielectric translucent rough_pane blend passing bitmaps directionals environment orthographic",
     ),
     "fogs": case(effect_scenes.fogs(), "dielectric passing points media", "direct indirect caustic volume"),
     "everything": case(
