@@ -106,7 +106,39 @@ def read_document(file: Path, defines: Mapping[str, str]) -> Document:
     reader.check_all_used(file)
     for alias in reader.aliases:
         _add_id(document.ids, alias.attribute("as"), document.referenced(alias), alias)
+    _check_no_circles(document)
     return document
+
+
+def _check_no_circles(document: Document) -> None:
+    """Raise SceneError for an element that holds a reference to itself, however far inside.
+
+    Shapes are left to the reader of groups: those that no instance asks for may hold what they like.
+    """
+    done: set[Element] = set()
+    for start in document.ids.values():
+        way = [start]  # from the outside in
+        left = [list(_inside(start, document))]
+        while way:
+            if not left[-1]:
+                done.add(way.pop())
+                left.pop()
+                continue
+            at, inner = left[-1].pop()
+            if inner in way:
+                name = inner.attributes.get("id", "")
+                raise at.error(f'the reference leads back to <{inner.tag}> "{name}": it would hold itself')
+            if inner not in done:
+                way.append(inner)
+                left.append(list(_inside(inner, document)))
+
+
+def _inside(element: Element, document: Document) -> Iterator[tuple[Element, Element]]:
+    """What an element holds, and where it says so; references to what is not there are left to whoever follows them."""
+    for child in element.children:
+        inner = document.ids.get(child.attributes.get("id", "")) if child.tag == "ref" else child
+        if inner is not None and inner.tag != "shape":
+            yield child, inner
 
 
 def _add_id(ids: dict[str, Element], name: str, element: Element, at: Element) -> None:

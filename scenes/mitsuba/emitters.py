@@ -133,7 +133,9 @@ def _read_projector(reader: EmitterReader, plugin: Plugin) -> ProjectorLight:
     if scale < 0.0:
         raise scale_error
     picture = None
-    if plugin.has_nested("texture", "irradiance") and not plugin.has("irradiance"):
+    if plugin.has_nested("texture", "irradiance"):
+        if plugin.has("irradiance"):
+            raise plugin.value_error("irradiance", "is given twice: as a value and as a texture")
         picture = _read_pattern(reader, plugin, "irradiance")
     irradiance = WHITE if picture is not None else read_emission(plugin, "irradiance")
     aspect = 1.0 if picture is None else picture.pixels.shape[1] / picture.pixels.shape[0]

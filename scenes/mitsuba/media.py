@@ -129,7 +129,7 @@ def _read_homogeneous(plugin: Plugin) -> Medium:
     scale = _take_scale(plugin)
     sigma_t, albedo = _read_coefficients(plugin)
     # 0.6 let g stand in the medium
-    g = _checked_g(plugin, plugin.take_float("g", 0.0)) if plugin.has("g") else _read_phase(plugin)
+    g = _take_g(plugin, 0.0) if plugin.has("g") else _read_phase(plugin)
     plugin.ignore("sample_emitters", "has_spectral_extinction")  # how Mitsuba samples, not what there is
     plugin.finish()
     red, green, blue = (scale * channel for channel in sigma_t)
@@ -183,15 +183,17 @@ def _read_phase(plugin: Plugin) -> float:
     if phase is None or phase.type == "isotropic":
         g = 0.0
     else:
-        g = _checked_g(phase, phase.take_float("g", 0.8))
+        g = _take_g(phase, 0.8)
     if phase is not None:
         phase.finish()
     return g
 
 
-def _checked_g(plugin: Plugin, g: float) -> float:
+def _take_g(plugin: Plugin, default: float) -> float:
+    at = plugin.at("g")
+    g = plugin.take_float("g", default)
     if not -1.0 < g < 1.0:
-        raise plugin.error(f'{plugin}: "g" must lie between -1 and 1, got {g:g}')
+        raise at.error(f'{plugin}: "g" must lie between -1 and 1, got {g:g}')
     return g
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.scenes.errors import SceneError
 from wdpm.scenes.images.ahead import Ahead
 from wdpm.scenes.meshes.framing import Frame, added_camera, refuse_frame
 from wdpm.scenes.meshes.mesh_data import MeshData
@@ -40,6 +41,7 @@ from wdpm.scenes.model.bsdfs import (
     vertex_attributes,
     walk,
 )
+from wdpm.scenes.model.checks import check_reach
 from wdpm.scenes.model.lights import Light
 from wdpm.scenes.model.scene import Camera, Mesh, Scene, Solid
 from wdpm.scenes.model.textures import Bitmap, Checkerboard, Color
@@ -182,7 +184,7 @@ class _SceneReader:
     ) -> Mesh:
         self._warn_without_uvs(plugin, mesh, material, emission)
         mesh, colors = self._with_colors(plugin, mesh, material, emission)
-        return Mesh(
+        made = Mesh(
             name,
             mesh.vertices,
             mesh.faces,
@@ -195,6 +197,11 @@ class _SceneReader:
             sides.outside,
             sides.bounds,
         )
+        try:
+            check_reach(made, None)
+        except SceneError as error:
+            raise plugin.error(str(error)) from error
+        return made
 
     def _is_fine(self, material: int) -> bool:
         """Whether a material shows its surroundings, so that a curved surface must not show its facets."""

@@ -17,6 +17,9 @@ from wdpm.scenes.volume_files.vol import Voxels
 _TRACE = 1e-4
 """Largest share of the largest voxel that one may be below 0 by: what a simulation's roundings leave."""
 
+_LEAST = 1e-30
+"""What is less than this is 0 whatever else there is: channels of nothing but roundings."""
+
 _SAME_COLOR = 1e-5
 """Largest difference between voxels of one hue, as a share of the largest: a few roundings of float32."""
 
@@ -109,7 +112,7 @@ def _without_negatives(values: NDArray[np.float32], plugin: Plugin, file: Path) 
     if not negative.any():
         return values
     count = f"{int(negative.any(axis=3).sum()):,} negative voxels"
-    if values.min() >= -_TRACE * values.max(initial=0.0):
+    if values.min() >= -max(_TRACE * float(values.max(initial=0.0)), _LEAST):
         plugin.rules.tell(plugin.line, f"{plugin}: {file.name}: {count}, all but 0: they are taken as 0")
     elif plugin.rules.lenient:
         error = plugin.error(count)
