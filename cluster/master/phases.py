@@ -185,7 +185,7 @@ class Phases:
         counts = (self.phase, type(message)) in ((Phase.SETUP, protocol.Ready), (Phase.MAPS, protocol.MapsBuilt))
         out: list[Instruction] = [Advanced(1)] if counts else []
         if not team.waiting:
-            _take_step(team)
+            team.take_step()
             out += [] if session is None else self._lead(team, session, now) + self._go_on(session, now)
         return out
 
@@ -237,7 +237,7 @@ class Phases:
                 return self._end_round(self._tasks.rounds, session, now)
             case Phase.BUCKETS if self._tasks.finished:
                 return self._start_statistics(session, now)
-            case Phase.STATISTICS if not any(team.awaits is protocol.Statistics for team in teams):
+            case Phase.STATISTICS if not any(team.awaits for team in teams if self._has_maps(team)):
                 return self._finish(session)
         return []
 
@@ -304,11 +304,13 @@ class Phases:
     def _start_statistics(self, session: Session, now: float) -> list[Instruction]:
         self._end_phase("render", now)
         self.phase = Phase.STATISTICS
-        out: list[Instruction] = []
-        for team in self._working():
-            if not team.at_work:
-                out += self._order(team, protocol.Statistics, protocol.ReadStatistics(team.epoch))
-        return out + self._go_on(session, now)
+        return self._lead_all(session, now) + self._go_on(session, now)
+
+    def _ask_for_statistics(self, team: Team) -> list[Instruction]:
+        """Of who traced photons: also of a team that was about to take part in the view when others had finished it."""
+        if not self._has_maps(team) or all(member.statistics for member in team.members):
+            return []
+        return self._order(team, protocol.Statistics, protocol.ReadStatistics(team.epoch))
 
     def _finish(self, session: Session) -> list[Instruction]:
         film, rounds = self._tasks.film, self._tasks.rounds
@@ -337,8 +339,10 @@ class Phases:
 
     def _lead(self, team: Team, session: Session, now: float) -> list[Instruction]:
         """Have a team take its next step, if there is one that does not wait for others."""
-        if team.awaits is not None or team.at_work or self.phase in (Phase.STATISTICS, Phase.IDLE, Phase.ENDED):
+        if team.awaits is not None or team.at_work or self.phase in (Phase.IDLE, Phase.ENDED):
             return []
+        if self.phase is Phase.STATISTICS:
+            return self._ask_for_statistics(team)
         if not team.ready:
             return self.roster.set_up(team, session, self._trace)
         if team.trace != self._trace:
@@ -485,16 +489,3 @@ class Phases:
     def _end_phase(self, name: str, now: float) -> None:
         self._seconds[name] = now - self._phase_at
         self._phase_at = now
-
-
-def _take_step(team: Team) -> None:
-    """All slaves of a team have taken the step that was asked of them."""
-    answer, team.awaits = team.awaits, None
-    if answer in (protocol.Ready, protocol.PhotonsForgotten):  # a world comes without photons
-        team.ready, team.mapped, team.trace = True, False, team.towards
-    elif answer is protocol.MapsBuilt:
-        team.mapped, team.alone = True, None
-    elif answer is protocol.ViewSet:
-        team.view, team.records = team.towards, 0
-    elif answer is protocol.RecordsSet:
-        team.records = team.towards

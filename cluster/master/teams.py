@@ -56,6 +56,18 @@ class Team:
         """Whether one of its slaves has a task."""
         return any(member.in_flight for member in self.members)
 
+    def take_step(self) -> None:
+        """All slaves have answered what was asked of them."""
+        answer, self.awaits = self.awaits, None
+        if answer in (protocol.Ready, protocol.PhotonsForgotten):  # a world comes without photons
+            self.ready, self.mapped, self.trace = True, False, self.towards
+        elif answer is protocol.MapsBuilt:
+            self.mapped, self.alone = True, None
+        elif answer is protocol.ViewSet:
+            self.view, self.records = self.towards, 0
+        elif answer is protocol.RecordsSet:
+            self.records = self.towards
+
     def dissolve(self) -> None:
         """What its slaves did is void, and what they say of it: they are of no epoch until the next begins."""
         self.epoch = -1

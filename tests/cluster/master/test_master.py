@@ -412,6 +412,27 @@ def test_a_task_that_takes_very_long_is_given_to_another_slave() -> None:
     assert driver.master.dropped == {"repeated result": 1}
 
 
+def test_a_team_that_comes_to_the_view_when_all_is_rendered_is_asked_what_it_counted() -> None:
+    driver = Driver().join()
+    view = make_view(16, 16, 16)
+    driver(m.Begin(make_session(2, 1, paths=0, least=1, view=view)))
+    for identity in (A, B):
+        driver(m.PartitionMade(0, triangles(3)))
+        driver.says(identity, p.PartitionReceived(driver.master.epoch(identity), 0))
+        driver.says(identity, p.Ready(driver.master.epoch(identity)))
+    of_a, of_b = (driver.master.epoch(identity) for identity in (A, B))
+    driver.says(A, p.MapsBuilt(of_a))
+    driver.says(B, p.MapsBuilt(of_b))
+    [task] = tasks_of(driver.says(A, p.ViewSet(of_a)), A)
+    out = driver.says(A, p.TaskDone(of_a, pixels_of(task, view)))
+    assert (sent(out, A), sent(out, B)) == ([p.ReadStatistics(of_a)], [])
+    assert driver.says(A, p.Statistics(of_a, statistics_of(make_world(1), dropped={}))) == []
+    assert sent(driver.says(B, p.ViewSet(of_b)), B) == [p.ReadStatistics(of_b)]
+    [finished] = driver.says(B, p.Statistics(of_b, statistics_of(make_world(1), dropped={})))
+    assert isinstance(finished, m.Finished)
+    assert [of_slave["slave"] for of_slave in finished.result.statistics] == [0, 1]
+
+
 def test_strangers_are_answered_and_counted() -> None:
     driver = Driver()
     driver.to_photons()
