@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import tomllib
+from collections import Counter
 from importlib import import_module
 from pathlib import Path
 
@@ -36,6 +37,11 @@ def test_nothing_is_unpickled_by_numpy(room: str, path: Path) -> None:  # noqa: 
         k for call in calls for k in call.keywords if k.arg == "allow_pickle" and ast.unparse(k.value) != "False"
     ]
     assert allowed == []
+
+
+def test_every_file_of_tests_has_a_name_of_its_own() -> None:
+    names = Counter(path.stem for path in (ROOT / "tests").rglob("test_*.py"))
+    assert [name for name, count in names.items() if count > 1] == []  # pytest imports them by that alone
 
 
 def test_every_package_is_listed() -> None:

@@ -13,7 +13,7 @@ import wdpm
 from wdpm.cluster.plan.cache_worth import MOST_UNREAD, unread_share
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.photon_pilot import fly_pilot
-from wdpm.cluster.render_settings import Indirect, RenderSettings
+from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.images.comparison import compare
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.launch import Launcher
@@ -55,8 +55,8 @@ def lit_next_door(size: tuple[int, int] = (512, 512)) -> Scene:
 
 
 def settled(scene: Scene, **chosen: Any) -> Settled:
-    settings, launcher = RenderSettings(**chosen), Launcher("cpu", 1)
-    return settle(scene, flatten(scene), settings, launcher, lambda features: compile_kernels("cpu", features))
+    settings, launcher = RenderSettings(integrator=Integrator.PHOTONS, **chosen), Launcher("cpu", 1)
+    return settle(flatten(scene), settings, launcher, lambda features: compile_kernels("cpu", features))
 
 
 def unread(scene: Scene, threads: int = 1) -> float:

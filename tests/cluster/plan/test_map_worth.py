@@ -13,7 +13,7 @@ from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.map_plans import POINTS_IN_DISC, MapPlans, map_plans, volume_unit
 from wdpm.cluster.plan.map_worth import LEAST_K, LEAST_PATHS, PATHS_A_PHOTON, PLAIN_SHARE, MapWorth, fewer_neighbours
 from wdpm.cluster.plan.photon_pilot import PILOT_PATHS, fly_pilot
-from wdpm.cluster.render_settings import Indirect, RenderSettings
+from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.inspection.inspect import inspect
 from wdpm.kernels.launch import Launcher
 from wdpm.scenes.flat.areas import triangle_areas
@@ -149,7 +149,7 @@ def test_what_no_path_of_the_pilot_scattered_in_is_stored_from_if_it_may_scatter
 
 
 def test_inspect_tells_of_a_map_that_is_not_worth_it() -> None:
-    inspection = inspect(alone(), slaves=1, all_effects=True)
+    inspection = inspect(alone(), slaves=1, all_effects=True, integrator=Integrator.PHOTONS)
     caustics = next(effect for effect in inspection.effects if effect.name == "caustic photon map")
     assert (caustics.called, caustics.on, caustics.spared, caustics.left_out) == (True, False, True, False)
     assert any(line.startswith("caustics: no map") for line in inspection.chose)
