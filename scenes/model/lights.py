@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,24 +129,16 @@ class PointLight(DeltaLight):
 
 
 @dataclass(frozen=True, eq=False)
-class SpotLight(DeltaLight):
-    """A point that shines into a cone, as Mitsuba's `spot`: full inside beam_width, falling linearly to cutoff_angle.
+class AimedLight(DeltaLight):
+    """A point that shines along an axis.
 
     Attributes:
         to_world: shape [4, 4]; the light sits at the origin and shines along +z.
-        intensity: on the axis, linear RGB [W/sr].
-        cutoff_angle, beam_width: half angles in degrees.
-        texture: factor of the intensity over the cone, or None.
+        intensity: linear RGB [W/sr].
     """
-
-    KIND = LightKind(1, "spot", "spots", numbers=("beam", "angle", "steepness", "spread"))
 
     to_world: Array
     intensity: RGB
-    cutoff_angle: float = 20.0
-    beam_width: float = 15.0
-    texture: Bitmap | None = None
-    medium: int | None = None
 
     @property
     def at(self) -> Array:
@@ -160,10 +152,29 @@ class SpotLight(DeltaLight):
     def strength(self) -> Array:
         return np.array(self.intensity)
 
-    def moved(self, place: Place, unit: float) -> SpotLight:
+    def moved(self, place: Place, unit: float) -> Self:
         to_world = np.array(self.to_world, np.float64)
         to_world[:3, 3] = place(to_world[:3, 3])
         return replace(self, to_world=to_world, intensity=_times(self.intensity, unit**-2.0))
+
+
+@dataclass(frozen=True, eq=False)
+class SpotLight(AimedLight):
+    """A point that shines into a cone, as Mitsuba's `spot`: full inside beam_width, falling linearly to cutoff_angle.
+
+    Attributes:
+        to_world: shape [4, 4]; the light sits at the origin and shines along +z.
+        intensity: on the axis, linear RGB [W/sr].
+        cutoff_angle, beam_width: half angles in degrees.
+        texture: factor of the intensity over the cone, or None.
+    """
+
+    KIND = LightKind(1, "spot", "spots", numbers=("beam", "angle", "steepness", "spread"))
+
+    cutoff_angle: float = 20.0
+    beam_width: float = 15.0
+    texture: Bitmap | None = None
+    medium: int | None = None
 
     def row(self) -> LightRow:
         """Its numbers: cosine of the half angle up to which it is full; the half angle beyond which there is no light
@@ -190,7 +201,7 @@ class SpotLight(DeltaLight):
 
 
 @dataclass(frozen=True, eq=False)
-class ProjectorLight(DeltaLight):
+class ProjectorLight(AimedLight):
     """A point that throws a picture, as Mitsuba's `projector`: what a perspective camera there would see, reversed.
 
     Its irradiance on any plane across its axis is that of the picture. Intensity falls off the axis accordingly: it is
@@ -206,29 +217,10 @@ class ProjectorLight(DeltaLight):
 
     KIND = LightKind(2, "projector", "projectors", numbers=("half_width", "half_height"))
 
-    to_world: Array
-    intensity: RGB
     fov: float
     aspect: float = 1.0
     texture: Bitmap | None = None
     medium: int | None = None
-
-    @property
-    def at(self) -> Array:
-        return np.asarray(self.to_world, np.float64)[:3, 3]
-
-    @property
-    def orientation(self) -> Array:
-        return self.to_world
-
-    @property
-    def strength(self) -> Array:
-        return np.array(self.intensity)
-
-    def moved(self, place: Place, unit: float) -> ProjectorLight:
-        to_world = np.array(self.to_world, np.float64)
-        to_world[:3, 3] = place(to_world[:3, 3])
-        return replace(self, to_world=to_world, intensity=_times(self.intensity, unit**-2.0))
 
     def row(self) -> LightRow:
         """Its numbers: half the picture's width and height at distance 1. The cone just holds its corners."""
@@ -306,7 +298,7 @@ class Environment(Light):
         return self.pixels
 
 
-DELTA_LIGHTS: tuple[type[DeltaLight], ...] = tuple(sorted(DeltaLight.__subclasses__(), key=lambda t: t.KIND.number))
+DELTA_LIGHTS: tuple[type[DeltaLight], ...] = (PointLight, SpotLight, ProjectorLight, DirectionalLight)
 """All delta lights, by the numbers of their kinds."""
 
 
