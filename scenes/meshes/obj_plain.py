@@ -73,6 +73,7 @@ class _Whole:
         """Raises NotPlainError if a number counts back beyond the first."""
         tables = self.positions, self.uvs, self.normals
         v, vt, vn = (_from_zero(piece, column, len(table)) for column, table in enumerate(tables))
+        assert v is not None
         for numbers, others in zip(self.others, (vt, vn), strict=True):
             numbers.add(others, v, self.corners)
         self.corners.add(v)
@@ -134,20 +135,20 @@ class _Whole:
         return {VERTEX_COLOR: VertexAttribute(colors[vertices], coded=True)}
 
 
-def _from_zero(piece: ObjPiece, column: int, above: int) -> NDArray[np.int32]:
-    """Numbers from 0, -1 for none.
+def _from_zero(piece: ObjPiece, column: int, above: int) -> NDArray[np.int32] | None:
+    """Numbers from 0, -1 for none; None where no corner has one.
 
     Args:
         above: how many there are of the kind above the piece.
     """
-    written = piece.corners[column]
-    if piece.seen is None:
-        return written - np.int32(1)
-    back = written < 0
-    numbers = np.where(back, above + piece.seen[:, column] + written, written - 1)
-    if (numbers[back] < 0).any():
+    numbers = piece.corners[column]
+    if numbers is None or piece.seen is None:
+        return numbers
+    back = numbers < -1
+    counted = np.where(back, above + piece.seen[:, column] + numbers + 1, numbers)
+    if (counted[back] < 0).any():
         raise NotPlainError
-    return numbers.astype(np.int32)
+    return counted.astype(np.int32)
 
 
 class _Numbers:
@@ -157,18 +158,20 @@ class _Numbers:
         self._none = self._same = True  # at all corners so far
         self._own = Growing(np.int32)
 
-    def add(self, numbers: NDArray[np.int32], positions: NDArray[np.int32], positions_above: Growing) -> None:
-        """Appends those of further corners; -1 for none."""
+    def add(self, numbers: NDArray[np.int32] | None, positions: NDArray[np.int32], positions_above: Growing) -> None:
+        """Appends those of further corners; -1 or nothing for none."""
         was_none, was_same = self._none, self._same
-        self._none = was_none and not (numbers >= 0).any()
-        self._same = was_same and np.array_equal(numbers, positions)
+        if not len(positions):
+            return
+        self._none = was_none and (numbers is None or not (numbers >= 0).any())
+        self._same = was_same and (numbers is positions or (numbers is not None and np.array_equal(numbers, positions)))
         if self._none or self._same:
             return
         if was_same and len(positions_above):
             self._own.add(positions_above.copied())
         elif was_none:
             self._own.add(np.full(len(positions_above), -1, np.int32))
-        self._own.add(numbers)
+        self._own.add(np.full(len(positions), -1, np.int32) if numbers is None else numbers)
 
     def taken(self, positions: NDArray[np.int32]) -> NDArray[np.int32] | None:
         """All of them; None if there are none."""

@@ -118,7 +118,12 @@ def _normalize(vectors: NDArray[np.float64], out: NDArray[np.float64]) -> NDArra
     """As `normalized`; out may be the vectors themselves."""
     for first in range(0, len(vectors), _ROWS_AT_ONCE):
         block = slice(first, first + _ROWS_AT_ONCE)
-        lengths = np.linalg.norm(vectors[block], axis=-1, keepdims=True)
-        np.divide(vectors[block], lengths, out=out[block], where=lengths > 0)
-        out[block][~(lengths[:, 0] > 0)] = 0.0
+        squares = vectors[block] * vectors[block]
+        lengths = np.sqrt(squares[:, 0] + squares[:, 1] + squares[:, 2])  # a sum along rows of three takes longer
+        proper = lengths > 0
+        if proper.all():
+            np.divide(vectors[block], lengths[:, None], out=out[block])
+        else:
+            np.divide(vectors[block], lengths[:, None], out=out[block], where=proper[:, None])
+            out[block][~proper] = 0.0
     return out

@@ -14,12 +14,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.scenes.meshes.text.numbers import EIGHT, POWERS, SAFE_DIGITS, of_digits, shifted
+from wdpm.scenes.meshes.text.numbers import EIGHT, POWERS, SAFE_DIGITS, of_decimals, of_digits, shifted
 
 _WORD: Final = re.compile(rb"[^\t\n\r ./]+")
 _LETTER: Final = b"x"
 _CORNER: Final = re.compile(rb"x|x/x|x//x|x/x/x")
-_MINUS, _DOT, _SLASH = b"-./"
+_MINUS, _DOT = b"-."
+_SIGN: Final = np.uint64(63)
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,47 +29,59 @@ class EvenLines:
 
     Attributes:
         form: of each line, every word a letter x: b"x x.x x.x x.x" and its end.
-        values: the whole numbers between separators, 0 where there is none and for the first word, uint64, of shape
-            [lines, separators of each].
-        digits: of each number.
+        data: the text, with EIGHT bytes before and behind.
+        ends: of what stands between separators behind the first word, of shape [lines, separators of each but one].
+        digits: of each number, zero where there is none; at most EIGHT.
         minus: whether there is a minus before it; None where there are none.
     """
 
     form: bytes
-    values: NDArray[np.uint64]
+    data: NDArray[np.uint8]
+    ends: NDArray[np.int64]
     digits: NDArray[np.int64]
     minus: NDArray[np.bool_] | None
 
     def decimals(self) -> NDArray[np.float64] | None:
         """The numbers behind the first word, shape [lines, numbers], if each has a dot."""
         tokens = self.form.split()[1:]
-        if not all(token.count(_DOT) == 1 for token in tokens):
+        if not tokens or not all(token.count(_DOT) == 1 for token in tokens):
             return None
-        dots = [number for number, each in enumerate(_separators(self.form)) if each == _DOT]
-        others = [column for column in range(self.values.shape[1]) if column not in dots and column - 1 not in dots]
+        dots = [number for number, each in enumerate(_separators(self.form)[1:]) if each == _DOT]
+        others = [column for column in range(self.ends.shape[1]) if column not in dots and column - 1 not in dots]
         if not self._as_first(others):
             return None
         parts = [column + 1 for column in dots]
-        decimals = _columns(self.digits, parts)
-        count = _columns(self.digits, dots) + decimals
+        whole, decimals = _columns(self.digits, dots), _columns(self.digits, parts)
+        count = whole + decimals
         if count.min() < 1 or count.max() > SAFE_DIGITS:
             return None
-        minus = None if self.minus is None else _columns(self.minus, dots)
         if self.minus is not None and _columns(self.minus, parts).any():
             return None
-        first = decimals[0, 0]
-        power = POWERS[first] if (decimals == first).all() else POWERS[decimals]  # programs write as many of each
-        values: NDArray[np.float64] = _columns(self.values, dots) * power
-        values += _columns(self.values, parts)
+        dot, end = _columns(self.ends, dots), _columns(self.ends, parts)
+        first = int(decimals[0, 0])
+        even = bool((decimals == first).all())  # programs write as many of each
+        power = POWERS[first] if even else POWERS[decimals]
+        if even and count.max() <= EIGHT:
+            number = of_decimals(self.data, dot, whole, end, first)
+            if number is None:
+                return None
+            values: NDArray[np.float64] = number.astype(np.float64)
+        else:
+            upper, lower = of_digits(shifted(self.data, dot, whole)), of_digits(shifted(self.data, end, decimals))
+            if upper is None or lower is None:
+                return None
+            values = upper * power
+            values += lower
         values /= power
-        if minus is not None:
-            np.negative(values, out=values, where=minus)  # of zeros too
+        if self.minus is not None:
+            bits = values.view(np.uint64)
+            bits |= _columns(self.minus, dots).astype(np.uint64) << _SIGN  # of zeros too
         return values
 
     def corners(self) -> tuple[NDArray[np.int32] | None, ...] | None:
         """Of faces, the numbers of position, texture coordinate and normal at each corner, shape [lines, corners].
 
-        None for what no corner has.
+        They are counted from 0. None for what no corner has; the same array where they are the same.
         """
         tokens = self.form.split()[1:]
         if self.minus is not None or len(set(tokens)) != 1 or not _CORNER.fullmatch(tokens[0]):
@@ -77,10 +90,22 @@ class EvenLines:
             return None
         columns = np.flatnonzero(self.digits[0]).tolist()
         given = [bool(part) for part in tokens[0].split(b"/")]
-        found = (_columns(self.values, columns[kind :: sum(given)]) for kind in range(sum(given)))
-        kinds = [next(found).astype(np.int32) if each else None for each in given]
-        if any(each is not None and each.min() == 0 for each in kinds):  # they are counted from 1
-            return None
+        words = shifted(self.data, self.ends, self.digits)
+        kinds: list[NDArray[np.int32] | None] = []
+        of_first = _columns(words, columns[:: sum(given)])
+        for kind, each in enumerate(given):
+            own = _columns(words, columns[sum(given[:kind]) :: sum(given)])
+            if not each:
+                kinds.append(None)
+            elif kind and np.array_equal(own, of_first):
+                kinds.append(kinds[0])
+            else:
+                numbers = of_digits(own.copy())
+                if numbers is None or not numbers.all():  # the first has the number 1
+                    return None
+                found = numbers.astype(np.int32)
+                found -= 1
+                kinds.append(found)
         return (*kinds, None, None)[:3]
 
     def _as_first(self, columns: slice | list[int]) -> bool:
@@ -105,36 +130,35 @@ def read_even(text: bytes, keyword: bytes, mark: int) -> EvenLines | None:
     """
     form = _WORD.sub(_LETTER, text[: text.index(b"\n") + 1])
     separators = _separators(form)
-    # before the text ends the word before it, and eight bytes are read from the begin of each number on
-    data = np.frombuffer(b"".join((b"\n", text, b"0" * EIGHT)), np.uint8)
-    breaks = np.flatnonzero((data <= ord(" ")) | (data == mark))
-    begin = breaks[:-1] + 1
+    # before the text ends the word before it, and eight bytes are read before the end of each number
+    data = np.frombuffer(b"".join((b"0" * (EIGHT - 1), b"\n", text, b"0" * EIGHT)), np.uint8)
+    marks = data <= ord(" ")
+    marks |= data == mark
+    breaks = np.flatnonzero(marks)
     width = len(separators)
-    if len(begin) % width:
+    if (len(breaks) - 1) % width:
         return None
+    starts = breaks[:-1:width] + 1
     found = data[breaks[1:]].reshape(-1, width)
     if (
         found[0].tobytes() != separators
         or not (found == found[0]).all()
-        or not _begin_with(keyword, data, begin[::width])
+        or not _begin_with(keyword, data, starts)
+        or not (breaks[1::width] - starts == len(keyword)).all()
     ):
         return None
-    digits = breaks[1:] - begin
-    by_line = digits.reshape(-1, width)
-    if not (by_line[:, 0] == len(keyword)).all():
-        return None
-    by_line[:, 0] = 0
-    minus = data[begin] == _MINUS
-    signed = bool(minus.any())
-    if signed:
-        begin += minus
+    between = np.diff(breaks)
+    between -= 1
+    digits = between.reshape(-1, width)[:, 1:].copy()
+    ends = breaks[1:].reshape(-1, width)[:, 1:].copy()
+    minus = None
+    if b"-" in text:
+        minus = data[ends - digits] == _MINUS
         digits -= minus
-    if digits.max() > EIGHT:
+        minus = minus if minus.any() else None
+    if digits.max(initial=0) > EIGHT:
         return None
-    values = of_digits(shifted(data, begin, digits))
-    if values is None:
-        return None
-    return EvenLines(form, values.reshape(-1, width), by_line, minus.reshape(-1, width) if signed else None)
+    return EvenLines(form, data, ends, digits, minus)
 
 
 def _separators(form: bytes) -> bytes:

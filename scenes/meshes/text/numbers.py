@@ -21,6 +21,7 @@ SAFE_DIGITS: Final = 15
 EIGHT: Final = 8
 _ZEROS: Final = np.uint64(0x3030303030303030)
 _NO_DIGIT: Final = np.uint64(0x7676767676767676)
+_ALL: Final = np.uint64(0xFFFFFFFFFFFFFFFF)
 _HIGH: Final = np.uint64(0x8080808080808080)
 POWERS: Final = np.concatenate([10.0 ** np.arange(2 * EIGHT + 1), -(10.0 ** np.arange(2 * EIGHT + 1))])
 _NEWLINE, _PLUS, _MINUS, _DOT = (ord(letter) for letter in "\n+-.")
@@ -189,22 +190,52 @@ def _last(data: NDArray[np.uint8], end: Places, count: Places) -> NDArray[np.uin
     return word
 
 
-def shifted(data: NDArray[np.uint8], begin: Places, count: Places) -> NDArray[np.uint64]:
-    """The digits from `begin` on as words for `of_digits`.
+def shifted(data: NDArray[np.uint8], end: Places, count: Places) -> NDArray[np.uint64]:
+    """The digits before `end` as words for `of_digits`, of the same shape.
 
     Args:
-        data: with eight bytes from each begin on.
+        data: with eight bytes before each end.
         count: of digits, at most eight.
     """
-    word = _eights(data).take(begin, mode="clip")  # which is the faster; all of them are there
+    word = _eights(data).take(end - EIGHT, mode="clip")  # which is the faster; all of them are there
     word ^= _ZEROS
-    word <<= (EIGHT * (EIGHT - count)).view(np.uint64)  # NumPy shifts by 64 to zero
+    before = (EIGHT * (EIGHT - count)).view(np.uint64)
+    word >>= before  # NumPy shifts by 64 to zero
+    word <<= before
     return word
 
 
+def of_decimals(
+    data: NDArray[np.uint8], dot: Places, count: Places, end: Places, decimals: int
+) -> NDArray[np.uint64] | None:
+    """The numbers that decimal fractions are without their dots, of the same shape; None if any has what is no digit.
+
+    Args:
+        data: with eight bytes before each dot.
+        dot, count: where it stands, and how many digits stand before it.
+        end, decimals: where the number ends, and how many stand behind the dot; all in all at most eight.
+    """
+    eights = _eights(data)
+    word = eights.take(dot - EIGHT, mode="clip")
+    word ^= _ZEROS
+    before = EIGHT * (EIGHT - count)
+    word >>= before.view(np.uint64)
+    before -= EIGHT * decimals
+    word <<= before.view(np.uint64)
+    if decimals:
+        behind = eights.take(end - EIGHT, mode="clip")
+        behind ^= _ZEROS
+        behind &= _ALL << np.uint64(EIGHT * (EIGHT - decimals))
+        word |= behind
+    return of_digits(word)
+
+
 def of_digits(word: NDArray[np.uint64]) -> NDArray[np.uint64] | None:
-    """The number of the eight digits of each word, the last one in its highest byte; None if any is no digit."""
-    bad = np.zeros(len(word), np.bool_)
+    """The number of the eight digits of each word, the last one in its highest byte; None if any is no digit.
+
+    The words are overwritten.
+    """
+    bad = np.zeros(word.shape, np.bool_)
     number = _number(word, bad)
     return None if bad.any() else number
 

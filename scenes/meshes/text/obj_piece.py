@@ -24,6 +24,9 @@ _NEWLINE, _DOT, _SLASH = b"\n./"
 _MOST: Final = 2**31 - 1
 
 
+Corners = tuple[NDArray[np.int32], NDArray[np.int32] | None, NDArray[np.int32] | None]
+
+
 class NotPlainError(Exception):
     """The piece is to be read line by line."""
 
@@ -35,8 +38,9 @@ class ObjPiece:
     Attributes:
         positions, uvs, normals: float64, shapes [V, 3], [T, 2] and [N, 3]; normals of unit length.
         colors: behind the positions of some vertices, float64, shape [C, 3].
-        corners: of faces, numbers of position, texture coordinate and normal from 1 as written, 0 where there is none,
-            int32, of shape [K] each.
+        corners: of faces, numbers of position, texture coordinate and normal from 0, -1 where there is none, and one
+            less than written where they count back, int32, of shape [K] each. None where no corner has one; the very
+            array of the positions where they are the same.
         counts: corners of each face, shape [F].
         seen: positions, texture coordinates and normals in the piece above each corner's face, shape [K, 3]; None where
             no number is negative.
@@ -50,8 +54,8 @@ class ObjPiece:
     uvs: NDArray[np.float64]
     normals: NDArray[np.float64]
     colors: NDArray[np.float64]
-    corners: tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]
-    counts: NDArray[np.int64]
+    corners: Corners
+    counts: NDArray[np.int32]
     seen: NDArray[np.int64] | None
     lines: int
     materials: list[tuple[int, str]] = field(default_factory=list)
@@ -110,9 +114,10 @@ def _even_faces(lines: EvenLines) -> ObjPiece | None:
     if corners is None or corners[0] is None or corners[0].shape[1] < 3:
         return None
     count, each = corners[0].shape
-    v, vt, vn = (np.zeros(count * each, np.int32) if one is None else one.reshape(-1) for one in corners)
+    v = corners[0].reshape(-1)
+    vt, vn = (None if one is None else v if one is corners[0] else one.reshape(-1) for one in corners[1:])
     none = np.zeros((0, 3))
-    return ObjPiece(none, none[:, :2], none, none, (v, vt, vn), np.full(count, each), None, count)
+    return ObjPiece(none, none[:, :2], none, none, (v, vt, vn), np.full(count, each, np.int32), None, count)
 
 
 def _even_vertices(lines: EvenLines, keyword: bytes) -> ObjPiece | None:
@@ -130,8 +135,8 @@ def _even_vertices(lines: EvenLines, keyword: bytes) -> ObjPiece | None:
         rows if keyword == b"vt" else none[:, :2],
         normalized(rows) if keyword == b"vn" else none,
         values[:, 3:] if keyword == b"v" and each == 6 else none,
-        (no_corners, no_corners, no_corners),
-        np.zeros(0, np.int64),
+        (no_corners, None, None),
+        np.zeros(0, np.int32),
         None,
         count,
     )
@@ -154,10 +159,10 @@ def read_piece(text: bytes) -> ObjPiece:
     except (ValueError, OverflowError):
         raise NotPlainError from None
     seen = None
-    if any(column.min(initial=0) < 0 for column in corners):
+    if any(column is not None and column.min(initial=0) < -1 for column in corners):
         above = np.stack([np.cumsum(kinds == kind) for kind in (_POSITION, _UV, _NORMAL)], axis=1)
         seen = np.repeat(above[kinds == _FACE], words.counts[kinds == _FACE] - 1, axis=0)
-    counts = words.counts[kinds == _FACE] - 1
+    counts = (words.counts[kinds == _FACE] - 1).astype(np.int32)
     piece = ObjPiece(positions, uvs, normals, colors, corners, counts, seen, len(words.lines))
     _read_others(piece, text, data, words, kinds)
     return piece
@@ -233,33 +238,35 @@ def _rows(values: NDArray[np.float64], counts: NDArray[np.int64], *, least: int,
     return rows
 
 
-def _corners(
-    data: NDArray[np.uint8], words: Words, kinds: NDArray[np.int8]
-) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-    """Numbers as written, 0 where there is none, of shape [K] each."""
+def _corners(data: NDArray[np.uint8], words: Words, kinds: NDArray[np.int8]) -> Corners:
+    """Numbers as they stand in a piece."""
     faces = kinds == _FACE
     if (words.counts[faces] < 4).any():
         raise NotPlainError
     begin, end = _values_of(words, faces)
     first, second = _slashes(data, begin, end)
-    return (
-        _numbers(data, begin, first, np.ones(len(begin), np.bool_)),
-        _numbers(data, first + 1, second, second > first + 1),
-        _numbers(data, second + 1, end, end > second + 1),
-    )
+    v = _numbers(data, begin, first, np.ones(len(begin), np.bool_))
+    vt = _numbers(data, first + 1, second, second > first + 1)
+    vn = _numbers(data, second + 1, end, end > second + 1)
+    if v is None:
+        return np.zeros(0, np.int32), None, None
+    vt, vn = (v if column is not None and np.array_equal(column, v) else column for column in (vt, vn))
+    return v, vt, vn
 
 
-def _numbers(data: NDArray[np.uint8], begin: Places, end: Places, given: NDArray[np.bool_]) -> NDArray[np.int32]:
+def _numbers(data: NDArray[np.uint8], begin: Places, end: Places, given: NDArray[np.bool_]) -> NDArray[np.int32] | None:
+    """One less than is written, -1 where nothing is given; None where nothing is anywhere."""
     if not given.any():
-        return np.zeros(len(given), np.int32)
+        return None
     if not given.all():
         begin, end = begin[given], end[given]
     read = integers(data, begin, end)
     if (read == 0).any() or read.max() > _MOST or read.min() < -_MOST:
         raise NotPlainError
+    read -= 1
     if given.all():
         return read.astype(np.int32)
-    numbers = np.zeros(len(given), np.int32)
+    numbers = np.full(len(given), -1, np.int32)
     numbers[given] = read
     return numbers
 

@@ -86,7 +86,7 @@ def test_what_programs_write_is_even() -> None:
     assert v is not None
     assert vn is not None
     assert vt is None
-    assert (v.tolist(), vn.tolist()) == ([[1, 2, 3], [10, 200, 3000]], [[7, 8, 9], [1, 2, 3]])
+    assert (v.tolist(), vn.tolist()) == ([[0, 1, 2], [9, 199, 2999]], [[6, 7, 8], [0, 1, 2]])
 
 
 @pytest.mark.parametrize(
