@@ -51,16 +51,16 @@ def glows(mesh: Solid) -> bool:
 
 
 def framing_camera(
-    meshes: Sequence[Solid],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
     size: tuple[int, int] | None = None,
     direction: tuple[float, float, float] = FRAMING_DIRECTION,
 ) -> Camera:
-    """A camera that sees the bounding sphere of the bounding box in full; +y is up.
+    """A camera that sees the bounding sphere of a bounding box in full; +y is up.
 
     Args:
         direction: from the scene's middle to the camera.
     """
-    low, high = bounding_box(meshes)
     width, height = size or DEFAULT_SIZE
     centre, radius = (low + high) / 2.0, bounding_radius(low, high)
     half_x = math.radians(FRAMING_FOV) / 2.0
@@ -88,7 +88,7 @@ def added_camera(
         warnings.append(f"{lack}: {_INSIDE}")
         return interior_view(meshes, size or DEFAULT_SIZE).camera
     warnings.append(f"{lack}: the camera frames the bounding box")
-    return framing_camera(meshes, size)
+    return framing_camera(*bounding_box(meshes), size)
 
 
 _INSIDE = "it is seen from inside, along the longest way (--frame outside: from outside)"
@@ -163,15 +163,15 @@ def framed_scene(
     """
     for mesh in meshes:
         check_reach(mesh, None)
-    if frame is Frame.INSIDE or (frame is None and is_room(meshes)):
-        return _seen_from_inside(name, meshes, materials, size or DEFAULT_SIZE, warnings, place)
     low, high = bounding_box(meshes)
+    if frame is Frame.INSIDE or (frame is None and is_room(meshes, (low, high))):
+        return _seen_from_inside(name, meshes, materials, size or DEFAULT_SIZE, warnings, place)
     if any(glows(mesh) for mesh in meshes):
         # lamps of its own: most likely a room that is open to the front
-        camera = framing_camera(meshes, size, direction=(0.0, 0.0, 1.0))
+        camera = framing_camera(low, high, size, direction=(0.0, 0.0, 1.0))
         note = f"no camera in {place}: it looks along -z at the whole bounding box"
         return Scene(name, tuple(meshes), tuple(materials), (), camera, warnings=(*warnings, note))
-    camera = framing_camera(meshes, size)
+    camera = framing_camera(low, high, size)
     stage, stage_materials = stage_for(low, high, first_material=len(materials))
     note = f"no camera and no lights in {place}: framed from the front, put on a grey floor and lit by two soft lamps"
     return Scene(name, (*meshes, *stage), (*materials, *stage_materials), (), camera, warnings=(*warnings, note))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.scenes.meshes.several import BLOCK, in_threads
 from wdpm.scenes.model.bounds import bounding_box
 from wdpm.scenes.model.lights import PointLight
 from wdpm.scenes.model.scene import Camera, Solid
@@ -37,14 +38,17 @@ class Interior:
     lamp: PointLight
 
 
-def is_room(meshes: Sequence[Solid]) -> bool:
+def is_room(meshes: Sequence[Solid], box: tuple[Array, Array] | None = None) -> bool:
     """Whether a model is a closed room: along the axes and the diagonals from its middle, there are fronts all about.
 
     Of a solid thing, one would see the backs. A model of more than MOST_TRIANGLES is not asked.
+
+    Args:
+        box: the bounding box, if it is known.
     """
     if sum(len(mesh.faces) for mesh in meshes) > MOST_TRIANGLES:
         return False
-    low, high = bounding_box(meshes)
+    low, high = box or bounding_box(meshes)
     diagonals = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / math.sqrt(3.0)
     ways = np.concatenate([np.eye(3), -np.eye(3), diagonals])
     middle = (low + high) / 2.0
@@ -146,13 +150,25 @@ def _astride(meshes: Sequence[Solid], origin: Array, way: Array) -> Iterator[tup
     """Each mesh, and those of its faces that do not lie all to one side of a way; the others are not in it."""
     for mesh in meshes:
         relative = mesh.vertices - origin
-        faces = mesh.faces
-        for across in _across(way):
+        sides = np.zeros(len(relative), np.uint8)  # to which a vertex lies beyond, a bit each
+        for number, across in enumerate(_across(way)):
             offset = relative @ across
             slack = 1e-12 * float(np.abs(offset).max(initial=0.0))  # more than roundings
-            for beyond in (offset > slack, offset < -slack):
-                faces = faces[~(beyond[faces[:, 0]] & beyond[faces[:, 1]] & beyond[faces[:, 2]])]
-        yield mesh, faces
+            sides |= (offset > slack).view(np.uint8) << np.uint8(2 * number)
+            sides |= (offset < -slack).view(np.uint8) << np.uint8(2 * number + 1)
+        yield mesh, mesh.faces[_spread(sides, mesh.faces)]
+
+
+def _spread(sides: NDArray[np.uint8], faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Numbers of the faces whose corners have no bit in common."""
+
+    def of_block(first: int) -> NDArray[np.int64]:
+        corners = sides[faces[first : first + BLOCK]]
+        common = corners[:, 0] & corners[:, 1]
+        common &= corners[:, 2]
+        return np.flatnonzero(common == 0) + first
+
+    return np.concatenate([np.zeros(0, np.int64), *in_threads(of_block, range(0, len(faces), BLOCK))])
 
 
 def _parts(meshes: Iterable[tuple[Solid, NDArray[np.int64]]]) -> Iterator[Array]:
