@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.scenes.meshes.several import at_numbers
 from wdpm.scenes.model.transforms import Matrix, apply_to_normals, apply_to_points, normalized
 
 COSINE_OF_FLAT = 0.9945
@@ -138,6 +139,8 @@ def merge_corners(*columns: Numbers) -> tuple[NDArray[np.int64], Numbers]:
     if key.min() < 0 or key.max() > 4 * len(key):  # no table of them
         return _merge_by_sorting(columns)
     others = [column for column in others if column is not key and column.min() != column.max()]
+    if not others:
+        return _merge_single(key)
     # for every corner, the first one of its combination
     earliest: Numbers = np.arange(len(key), dtype=np.int64 if len(key) >= 1 << 31 else np.int32)
     _find_earliest(key, others, earliest)
@@ -147,6 +150,21 @@ def merge_corners(*columns: Numbers) -> tuple[NDArray[np.int64], Numbers]:
     for block in range(0, len(key), _CORNERS_AT_ONCE):
         earliest[block : block + _CORNERS_AT_ONCE] = number[earliest[block : block + _CORNERS_AT_ONCE]]
     return first, earliest
+
+
+def _merge_single(key: Numbers) -> tuple[NDArray[np.int64], Numbers]:
+    """As `merge_corners`, of a single column that is not negative, nor much larger than there are corners."""
+    dtype = np.int64 if len(key) >= 1 << 31 else np.int32
+    table: Numbers = np.full(int(key.max()) + 1, -1, dtype)  # the first corner of each key
+    for end in range(len(key), 0, -_CORNERS_AT_ONCE):
+        begin = max(end - _CORNERS_AT_ONCE, 0)
+        # of numbers that are written to one place the last stays
+        table[key[begin:end][::-1]] = np.arange(end - 1, begin - 1, -1, dtype=dtype)
+    is_first = np.zeros(len(key), np.bool_)
+    is_first[table[table >= 0]] = True
+    first = np.flatnonzero(is_first)
+    table[key[first]] = np.arange(len(first), dtype=dtype)  # now the vertex of each key
+    return first, at_numbers(table, key)
 
 
 _CORNERS_AT_ONCE = 1 << 16
@@ -165,10 +183,6 @@ def _find_earliest(key: Numbers, others: Sequence[Numbers], earliest: Numbers) -
     """
     first = np.empty(int(key.max()) + 1, earliest.dtype)
     left = earliest
-    if not others:
-        first[key[::-1]] = earliest[::-1]
-        earliest[:] = first[key]
-        return
     for _ in range(_MOST_ROUNDS):
         own = key[left]
         first[own[::-1]] = left[::-1]  # of numbers that are written to one place the last stays

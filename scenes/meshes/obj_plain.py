@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -12,7 +14,7 @@ from numpy.typing import NDArray
 from wdpm.scenes.meshes.growing import Growing
 from wdpm.scenes.meshes.mesh_data import MeshData, VertexAttribute, merge_corners, triangulate_fans
 from wdpm.scenes.meshes.obj_file import NO_MATERIAL, ObjFile, unknown_keywords
-from wdpm.scenes.meshes.several import in_threads
+from wdpm.scenes.meshes.several import at_numbers, converted, in_threads
 from wdpm.scenes.meshes.text.obj_piece import NotPlainError, ObjPiece, read_pieces
 from wdpm.scenes.meshes.vertex_attributes import VERTEX_COLOR
 
@@ -29,9 +31,11 @@ def read_plain_obj(file: Path, piece: int = PIECE) -> ObjFile | None:
     Raises:
         OSError: it cannot be read.
     """
+    if not file.is_file():  # in which one cannot go to and fro
+        return None
     whole = _Whole()
     try:
-        for parts in in_threads(read_pieces, _pieces(file, piece)):
+        for parts in in_threads(partial(_read, file), _ranges(file, piece)):
             for part in parts:
                 whole.add(part)
         return whole.assembled(file.name)
@@ -39,18 +43,25 @@ def read_plain_obj(file: Path, piece: int = PIECE) -> ObjFile | None:
         return None
 
 
-def _pieces(file: Path, size: int) -> Iterator[bytes]:
-    """The text, cut between lines."""
+def _ranges(file: Path, size: int) -> Iterator[tuple[int, int]]:
+    """Where pieces of the text begin and end, cut between lines."""
     with file.open("rb") as stream:
-        rest: list[bytes] = []
-        while data := stream.read(size):
-            cut = data.rfind(b"\n") + 1
-            if cut:
-                yield b"".join((*rest, data[:cut]))
-                rest = []
-            rest.append(data[cut:])
-        if last := b"".join(rest):
-            yield last
+        begin = 0
+        while stream.seek(begin + size - 1) < (length := os.fstat(stream.fileno()).st_size):
+            stream.readline()
+            yield begin, stream.tell()
+            begin = stream.tell()
+        if begin < length:
+            yield begin, length
+
+
+def _read(file: Path, where: tuple[int, int]) -> list[ObjPiece]:
+    """A piece of the text; threads read the file themselves, as that copies it."""
+    begin, end = where
+    with file.open("rb") as stream:
+        stream.seek(begin)
+        text = stream.read(end - begin)
+    return read_pieces(text)
 
 
 class _Whole:
@@ -99,12 +110,13 @@ class _Whole:
         ):
             raise NotPlainError
         first, corner_vertex = merge_corners(v, *(column for column in (vt, vn) if column is not None))
-        own_v, own_vt, own_vn = v[first], None if vt is None else vt[first], None if vn is None else vn[first]
+        own_v = v[first]
+        own_vt, own_vn = (own_v if one is v else None if one is None else one[first] for one in (vt, vn))
         del v, vt, vn, first
         counts = self.counts.taken()
         materials, face_material = self._materials(counts)
         if counts.min() == 3 == counts.max():
-            faces = corner_vertex.reshape(-1, 3).astype(np.int64)
+            faces = converted([corner_vertex.reshape(-1, 3)], np.int64)
         else:
             faces = corner_vertex[triangulate_fans(counts)[0]].astype(np.int64)
         del corner_vertex
@@ -184,6 +196,7 @@ def _rows(values: NDArray[np.float64], numbers: NDArray[np.int32]) -> NDArray[np
     """Rows by number; zeros where it is -1."""
     if len(numbers) == len(values) and np.array_equal(numbers, np.arange(len(numbers))):
         return values
-    rows = values[numbers]
-    rows[numbers < 0] = 0.0
+    rows = at_numbers(values, numbers)
+    if numbers.min(initial=0) < 0:
+        rows[numbers < 0] = 0.0
     return rows

@@ -15,6 +15,10 @@ Part = TypeVar("Part")
 Read = TypeVar("Read")
 
 
+_AHEAD: Final = 2
+"""Parts that are read for each thread before what is read of the first is taken: so that no thread waits for that."""
+
+
 def in_threads(read: Callable[[Part], Read], parts: Iterable[Part]) -> Iterator[Read]:
     """What is read of each part, in order, in as many threads as there are cores: whole arrays let others compute.
 
@@ -39,7 +43,7 @@ def in_threads(read: Callable[[Part], Read], parts: Iterable[Part]) -> Iterator[
         try:
             for part in remaining:
                 waiting.append(pool.submit(read, part))
-                if len(waiting) > threads:
+                if len(waiting) > _AHEAD * threads:
                     yield waiting.popleft().result()
             while waiting:
                 yield waiting.popleft().result()
@@ -69,6 +73,26 @@ def converted(columns: Sequence[NDArray[Any]], dtype: DTypeLike) -> NDArray[Any]
             out[block, end - width : end] = column[block].reshape(-1, width)
 
     for _ in in_threads(fill, range(0, rows, BLOCK)):
+        pass
+    return out
+
+
+_TAKEN: Final = 1 << 13
+"""Numbers that a thread looks up at a time; NumPy copies them to 64 bits."""
+_MANY: Final = 1 << 18
+"""Numbers that are worth several threads."""
+
+
+def at_numbers(values: NDArray[Any], numbers: NDArray[np.signedinteger[Any]]) -> NDArray[Any]:
+    """Values, or rows, by number from 0, as `values[numbers]`; the first one's where it is negative."""
+    out = np.empty((len(numbers), *values.shape[1:]), values.dtype)
+
+    def fill(first: int) -> None:
+        block = slice(first, first + _TAKEN)
+        values.take(numbers[block], axis=0, out=out[block], mode="clip")  # which writes straight into it
+
+    blocks = range(0, len(numbers), _TAKEN)
+    for _ in in_threads(fill, blocks) if len(numbers) >= _MANY else map(fill, blocks):
         pass
     return out
 

@@ -20,6 +20,7 @@ from wdpm.scenes.meshes.obj import read_by_lines, read_obj
 from wdpm.scenes.meshes.obj_file import ObjFile
 from wdpm.scenes.meshes.obj_plain import read_plain_obj
 from wdpm.scenes.meshes.ply import read_ply
+from wdpm.scenes.meshes.several import at_numbers
 from wdpm.scenes.model.scene import Mesh
 
 SIDE = 300  # vertices along a side of the grid of the memory tests: 90,000
@@ -239,3 +240,20 @@ def test_polygons_of_all_lengths(tmp_path: Path, order: str, count_type: str) ->
     (tmp_path / "m.ply").write_bytes(head.encode() + body[:-3])
     with pytest.raises(SceneError, match="truncated"):
         read_ply(tmp_path / "m.ply")
+
+
+def test_a_single_column_is_merged_in_order_of_first_appearance() -> None:
+    key = np.random.default_rng(7).integers(0, 90_000, 300_000).astype(np.int32)  # several blocks, in threads
+    first, vertex = merge_corners(key, key)
+    keys, firsts = np.unique(key, return_index=True)
+    assert np.array_equal(first, np.sort(firsts))
+    assert np.array_equal(key[first][vertex], key)
+    assert len(first) == len(keys)
+    assert vertex.dtype == np.int32
+
+
+def test_rows_are_taken_by_number_in_threads() -> None:
+    values = np.arange(3000.0).reshape(-1, 3)
+    numbers = np.random.default_rng(8).integers(-1, 1000, 300_000).astype(np.int32)
+    assert np.array_equal(at_numbers(values, numbers), values[np.maximum(numbers, 0)])
+    assert np.array_equal(at_numbers(values, numbers[:9000]), values[np.maximum(numbers[:9000], 0)])
