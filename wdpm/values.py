@@ -228,3 +228,12 @@ def names(text: str) -> tuple[str, ...]:
     if not all(found):
         raise ArgumentTypeError(f"'{text}' must be names separated by commas")
     return found
+
+
+def duration(text: str) -> float:
+    """`90`, `90s`, `5m` or `1.5h`, in seconds."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)(s|m|h)?", text)
+    seconds = float(match[1]) * {"s": 1, "m": 60, "h": 3600}[match[2] or "s"] if match else 0.0
+    if seconds <= 0:
+        raise ArgumentTypeError(f"'{text}' is not a time: expected seconds, or one with s, m or h, like 5m")
+    return seconds

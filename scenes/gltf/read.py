@@ -33,7 +33,7 @@ from wdpm.scenes.meshes.several import available_cores
 from wdpm.scenes.model.lights import Light
 from wdpm.scenes.model.scene import Camera, Instance, Medium, Mesh, Scene, Solid
 from wdpm.scenes.model.textures import RGB
-from wdpm.scenes.model.transforms import Matrix
+from wdpm.scenes.model.transforms import Matrix, mirrors
 from wdpm.scenes.model.viewpoint import named_camera
 
 VARIANTS = "KHR_materials_variants"
@@ -244,7 +244,7 @@ class _Reader:
         except ValueError as error:
             raise self.gltf.error(f'node "{name}": {error}') from error
         # glTF wants the front kept when a node mirrors; MeshData keeps it only where normals say which side it is
-        mirrored = np.linalg.det(to_world[:3, :3]) < 0
+        mirrored = mirrors(to_world)
         return moved.flipped() if mirrored and data.normals is None else moved
 
     def _colors(self, attributes: dict[str, Any], tint: RGB, count: int) -> NDArray[np.float64]:

@@ -25,7 +25,7 @@ from wdpm.scenes.model.bsdfs import GREY
 from wdpm.scenes.model.lights import DirectionalLight, Light, PointLight, SpotLight
 from wdpm.scenes.model.scene import Camera, Material, Mesh, Scene, diffuse, horizontal_fov
 from wdpm.scenes.model.textures import RGB, Bitmap, Color, VertexColors
-from wdpm.scenes.model.transforms import Matrix, facing_forward
+from wdpm.scenes.model.transforms import Matrix, facing_forward, mirrors
 
 FAR = 1e10  # scene units: a camera of trimesh is never to cut off what is before it
 NEAR = 1e-4  # of the distance from the camera to the middle of what it sees
@@ -178,7 +178,7 @@ def _placed(data: MeshData, to_world: Matrix | None, name: str) -> MeshData:
         moved = data.transformed(to_world)
     except ValueError as error:
         raise SceneError(f'trimesh: node "{name}": {error}') from error
-    mirrored = np.linalg.det(to_world[:3, :3]) < 0
+    mirrored = mirrors(to_world)
     return moved.flipped() if mirrored and data.normals is None else moved
 
 

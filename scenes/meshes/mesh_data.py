@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.meshes.several import at_numbers
-from wdpm.scenes.model.transforms import Matrix, apply_to_normals, apply_to_points, normalized
+from wdpm.scenes.model.transforms import Matrix, apply_to_normals, apply_to_points, mirrors, normalized
 
 COSINE_OF_FLAT = 0.9945
 """Of 6 degrees."""
@@ -59,7 +59,7 @@ class MeshData:
             ValueError: the matrix has no inverse.
         """
         normals = None if self.normals is None else apply_to_normals(matrix, self.normals)
-        mirrored = np.linalg.det(matrix[:3, :3]) < 0
+        mirrored = mirrors(matrix)
         faces = self.faces[:, ::-1] if mirrored and normals is not None else self.faces
         return replace(self, vertices=apply_to_points(matrix, self.vertices), faces=faces, normals=normals)
 

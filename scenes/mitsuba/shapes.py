@@ -117,7 +117,7 @@ def _transformed(mesh: MeshData, matrix: Matrix, plugin: Plugin) -> MeshData:
     except ValueError as error:
         raise plugin.value_error("to_world", str(error)) from error
     # Mitsuba turns a mirrored sphere inside out, and no other shape
-    return moved.flipped() if plugin.type == "sphere" and np.linalg.det(matrix[:3, :3]) < 0 else moved
+    return moved.flipped() if plugin.type == "sphere" and transforms.mirrors(matrix) else moved
 
 
 def _read_primitive(plugin: Plugin, around: int, true_area: bool) -> MeshData:

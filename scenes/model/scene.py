@@ -16,7 +16,7 @@ from wdpm.scenes.html_tables import html_lines, html_table
 from wdpm.scenes.model.bsdfs import GREY, Bsdf, Diffuse, TwoSided
 from wdpm.scenes.model.lights import Light
 from wdpm.scenes.model.textures import RGB, Color
-from wdpm.scenes.model.transforms import Matrix, apply_to_normals, placed
+from wdpm.scenes.model.transforms import Matrix, apply_to_normals, mirrors, placed
 from wdpm.scenes.model.volumes import Volume
 
 
@@ -110,7 +110,7 @@ class Instance:
     @property
     def mirrors(self) -> bool:
         """Whether left and right change places. The front of a surface stays its front."""
-        return bool(np.linalg.det(self.to_world[:3, :3]) < 0)
+        return mirrors(self.to_world)
 
     @property
     def vertices(self) -> NDArray[np.float64]:

@@ -75,6 +75,11 @@ def facing_forward(node: Matrix) -> Matrix:
     return matrix
 
 
+def mirrors(matrix: Matrix) -> bool:
+    """Whether left and right change places: the sign of the determinant, of any scale without overflow."""
+    return bool(np.linalg.slogdet(matrix[:3, :3])[0] < 0)
+
+
 def apply_to_points(matrix: Matrix, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Maps points, shape [N, 3], by an affine matrix."""
     if np.array_equal(matrix, _IDENTITY):

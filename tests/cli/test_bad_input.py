@@ -32,6 +32,8 @@ SCENE = """<scene version="3.0.0">
 LAMP = '<shape type="sphere"><emitter type="area"><rgb name="radiance" value="1 1 1"/></emitter></shape>'
 
 
+HUGE = """<scene version="3.0.0"><emitter type="point"/><shape type="rectangle">
+<transform name="to_world"><scale value="1e300"/></transform></shape></scene>"""
 FAR = (
     '<scene version="3.0.0"><shape type="obj"><string name="filename" value="far.obj"/></shape>'
     '<emitter type="constant"/><sensor type="perspective"/></scene>'
@@ -217,6 +219,7 @@ def nested(depth: int) -> str:
         ("deep.xml", nested(20_000).encode(), ["deep.xml:1", "no deeper nesting"]),
         ("far.obj", b"v 0 0 0\nv 1e308 0 0\nv 0 1e308 0\nf 1 2 3\n", ["far.obj:2", "larger unit"]),
         ("far.xml", FAR.encode(), ["far.obj:2", "beyond 1e+37"]),
+        ("huge.xml", HUGE.encode(), ["huge.xml:1", "beyond 1e+37"]),
     ],
 )
 def test_a_scene_out_of_all_proportion(

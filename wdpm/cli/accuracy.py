@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +67,7 @@ def _add_sweep_options(parser: argparse.ArgumentParser) -> None:
     )
     sweep.add_argument(
         "--budget",
-        type=duration,
+        type=values.duration,
         metavar="TIME",
         help="what the default sweep may take, like 90s or 5m; two fifths are for the reference (default: 5m)",
     )
@@ -83,7 +82,7 @@ def _add_sweep_options(parser: argparse.ArgumentParser) -> None:
     )
     sweep.add_argument(
         "--reference-time",
-        type=duration,
+        type=values.duration,
         metavar="TIME",
         help="for the reference of our own (default: two fifths of the budget)",
     )
@@ -155,12 +154,3 @@ def run(args: argparse.Namespace) -> int:
     print_accuracy(found, Console())
     print(f"wrote {folder / 'index.html'}, points.csv and points.json, and all images")
     return 0
-
-
-def duration(text: str) -> float:
-    """`90`, `90s`, `5m` or `1.5h`, in seconds."""
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)(s|m|h)?", text)
-    seconds = float(match[1]) * {"s": 1, "m": 60, "h": 3600}[match[2] or "s"] if match else 0.0
-    if seconds <= 0:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a time: expected seconds, or one with s, m or h, like 5m")
-    return seconds

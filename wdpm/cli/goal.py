@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 import shlex
 import sys
 from collections.abc import Callable
@@ -38,19 +37,10 @@ def add_until_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--time-budget",
-        type=duration,
+        type=values.duration,
         metavar="TIME",
         help="be done, with an image on disk, after so long, like 90, 60s or 2m, counted from the start of wdpm",
     )
-
-
-def duration(text: str) -> float:
-    """`90`, `90s`, `5m` or `1.5h`, in seconds."""
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)(s|m|h)?", text)
-    seconds = float(match[1]) * {"s": 1, "m": 60, "h": 3600}[match[2] or "s"] if match else 0.0
-    if seconds <= 0:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a time: expected seconds, or one with s, m or h, like 5m")
-    return seconds
 
 
 def asks_for_a_goal(args: argparse.Namespace) -> bool:

@@ -7,7 +7,7 @@ from typing import Any
 
 from wdpm import values
 from wdpm.cli import options
-from wdpm.cli.goal import add_until_options, asks_for_a_goal, duration, render_to_goal
+from wdpm.cli.goal import add_until_options, asks_for_a_goal, render_to_goal
 from wdpm.cli.journals import add_journal_options, journals
 from wdpm.cli.live import add_view_options, shown
 from wdpm.cli.monitoring import add_monitoring_options, observers
@@ -59,7 +59,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     options.add_copies_option(cluster)
     cluster.add_argument(
         "--join-timeout",
-        type=duration,
+        type=values.duration,
         default=600.0,
         metavar="TIME",
         help="how long to wait for slaves that have not joined, like 90s or 30m (default: 10m)",

@@ -7,7 +7,6 @@ from typing import Any
 
 from wdpm import values
 from wdpm.cli import options
-from wdpm.cli.goal import duration
 
 _EXAMPLES = """\
 examples:
@@ -40,14 +39,14 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--timeout",
-        type=values.positive_count,
-        default=60,
-        metavar="SECONDS",
-        help="how long to wait for the master's first answer (default: 60)",
+        type=values.duration,
+        default=60.0,
+        metavar="TIME",
+        help="how long to wait for the master's first answer, like 90s or 2m (default: 60s)",
     )
     parser.add_argument(
         "--rejoin",
-        type=duration,
+        type=values.duration,
         metavar="TIME",
         help="how long to wait for a master that was lost, like 90s or 2h: it may be started again with --resume "
         "(default: as --timeout)",
@@ -81,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
         memory=args.memory,
         keys=args.keys,
         insecure=args.insecure,
-        patience=float(args.timeout),
+        patience=args.timeout,
         rejoin=args.rejoin,
         wait_for_kernels=args.compile == "first",
         life_line=args.life_line,

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wdpm import values
-from wdpm.cli.goal import duration
 
 if TYPE_CHECKING:
     from wdpm.cluster.messages.protocol import SlaveStatus, StatusReport
@@ -36,7 +35,11 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     )
     parser.add_argument("--json", action="store_true", help="as JSON, for programs")
     parser.add_argument(
-        "--timeout", type=duration, default=5.0, metavar="TIME", help="how long to wait for an answer (default: 5s)"
+        "--timeout",
+        type=values.duration,
+        default=5.0,
+        metavar="TIME",
+        help="how long to wait for an answer (default: 5s)",
     )
     return parser
 
