@@ -8,14 +8,24 @@ from pathlib import Path
 
 import warp as wp
 
-CPU_BLOCK = 1
-"""Threads of a block on the CPU: Warp compiles a module for each size of block, and names it by that among others."""
+from wdpm.kernels.remembered import CPU_BLOCK, forget, hashes
 
 
 def is_compiled(module: wp.Module) -> bool:
     """Whether launches of a module's kernels on the CPU need no compiler."""
     if is_loaded(module):
         return True
+    known = hashes()
+    known.recall(module)
+    there = _is_in_cache(module)
+    if not there and forget(module):  # removed since: nobody may build on what is only remembered
+        there = _is_in_cache(module)
+    if there:
+        known.add(module)
+    return there
+
+
+def _is_in_cache(module: wp.Module) -> bool:
     name = module.get_module_identifier(CPU_BLOCK)
     try:
         files = os.listdir(cache_folder() / name)

@@ -14,6 +14,7 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance import arrivals, at_photons, cache, gather_places, record_clamp, record_rays, records
 from wdpm.kernels.photons import departure, gather, gather_at_photons, kd_order, photon_map, surface_points
 from wdpm.kernels.rays import bvh, bvh_build, overlap, standing_areas
+from wdpm.kernels.remembered import hashes
 from wdpm.kernels.stand_ins import Chosen, compiled_kernels, own_kernels, stand_ins
 from wdpm.kernels.variants import make_variants
 
@@ -105,6 +106,9 @@ def compile_for_cpu(modules: Sequence[wp.Module], told: Told | None = None, thre
             made.result()
             if done is not None:
                 done()
+    for module in missing:
+        hashes().add(module)
+    hashes().write()
     return len(missing)
 
 

@@ -13,6 +13,7 @@ import warp as wp
 
 from wdpm.kernels.camera.vertices import Coats, Queries
 from wdpm.kernels.features import Features
+from wdpm.kernels.made_for import made_for
 from wdpm.kernels.materials.bsdf import make_bsdf
 from wdpm.kernels.materials.frames import bump_shadowing
 from wdpm.kernels.materials.types import DIFFUSE
@@ -65,7 +66,7 @@ def make_gather(features: Features) -> wp.Kernel:
                 flux = wp.vec3(0.0)
         return flux
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    @made_for(features)
     def gather_glossy(
         photons: PhotonMap,
         photon_edges: wp.array[wp.int32],

@@ -12,6 +12,7 @@ from wdpm.kernels.camera.scene import Scene
 from wdpm.kernels.camera.vertices import BY_FINAL_GATHER, BY_PATHS, Orders, Stretches, stretch
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights.lights import make_lights
+from wdpm.kernels.made_for import made_for
 from wdpm.kernels.materials.flights import make_flights
 from wdpm.kernels.rays.cells import cell_of
 
@@ -52,7 +53,7 @@ def make_path_misses(features: Features) -> wp.Kernel:
                     radiance = wp.cw_mul(radiance, through)
         return radiance
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    @made_for(features)
     def path_misses(
         scene: Scene,
         paths: Paths,

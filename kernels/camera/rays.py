@@ -11,6 +11,7 @@ from wdpm.kernels.camera.camera import CameraView, make_camera, whole_pixel
 from wdpm.kernels.camera.paths import Paths, Vertex, load_hit, store_hit, store_path
 from wdpm.kernels.columns import FromFields, columns_of, loader, storer
 from wdpm.kernels.features import Features
+from wdpm.kernels.made_for import made_for
 from wdpm.kernels.ray_fields import CAMERA_RAY
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.cells import Cells, cell_of, entry_of, inverse_direction, next_cell
@@ -73,7 +74,7 @@ def make_camera_rays(features: Features) -> CameraRays:
     triangles = make_triangles(features.instances)
     row_of, position_at = triangles.row_of, triangles.position_at
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    @made_for(features)
     def first_camera_cells(
         camera: CameraView, cells: Cells, rays: Rays, offset: wp.int32, next_cell_out: wp.array[wp.int32]
     ) -> None:
@@ -82,7 +83,7 @@ def make_camera_rays(features: Features) -> CameraRays:
         ray = camera_ray(camera, rays.pixel[i], rays.sample[i])
         next_cell_out[i] = next_cell(cells, ray.origin, ray.direction, ray.t_max, -1)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    @made_for(features)
     def mark_touched_cells(
         camera: CameraView, cells: Cells, rays: Rays, offset: wp.int32, touched_out: wp.array2d[wp.uint8]
     ) -> None:
@@ -94,7 +95,7 @@ def make_camera_rays(features: Features) -> CameraRays:
             if entry_of(cells, cell, ray.origin, inverse, ray.t_max) >= 0.0:
                 touched_out[i, cell] = wp.uint8(1)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    @made_for(features)
     def visit_camera_rays(
         trees: Trees,
         surfaces: Surfaces,
@@ -116,7 +117,7 @@ def make_camera_rays(features: Features) -> CameraRays:
             rays.owner[i] = cell_of(cells, position_at(surfaces, row, found.u, found.v))
         next_cell_out[i] = next_cell(cells, ray.origin, ray.direction, found.t, own_cell)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    @made_for(features)
     def start_paths(camera: CameraView, rays: Rays, offset: wp.int32, paths_out: Paths) -> None:
         """Camera rays as the beginnings of paths."""
         i = offset + wp.tid()
@@ -141,7 +142,7 @@ def make_visit_paths(features: Features) -> wp.Kernel:
     triangles = make_triangles(features.instances)
     row_of, position_at = triangles.row_of, triangles.position_at
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    @made_for(features)
     def visit_paths(
         trees: Trees,
         surfaces: Surfaces,

@@ -15,6 +15,7 @@ from wdpm.kernels.camera.scene import Scene
 from wdpm.kernels.camera.vertices import BY_PATHS, CHOICE, Orders, number_1d
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights.lights import make_lights
+from wdpm.kernels.made_for import made_for
 from wdpm.kernels.materials.medium import DistanceSample
 from wdpm.kernels.materials.surface import Surface, make_surface
 from wdpm.kernels.maths.random import PURPOSE_LIGHT, sample_2d_fine, stream_of
@@ -29,7 +30,7 @@ def make_look(features: Features) -> wp.Kernel:
     sample_direct = make_lights(features).sample_direct
     flight_of = make_flight_of(features)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    @made_for(features)
     def look_at_vertices(
         scene: Scene,
         paths: Paths,

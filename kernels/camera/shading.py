@@ -41,6 +41,7 @@ from wdpm.kernels.camera.vertices import (
     stretch,
 )
 from wdpm.kernels.features import Features
+from wdpm.kernels.made_for import made_for
 from wdpm.kernels.materials.flights import make_flights
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -94,7 +95,7 @@ def make_shading(features: Features) -> Shading:
                 if wp.static(features.goes_on):
                     nothing_goes_on(p, scene.camera.seed, shaded_out.paths)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    @made_for(features)
     def shade_camera_hits(scene: Scene, rays: Rays, orders: Orders, offset: wp.int32, shaded_out: Shaded) -> None:
         """Final hits of camera rays that lie in this cell.
 
@@ -103,7 +104,7 @@ def make_shading(features: Features) -> Shading:
         """
         shade(scene, first_vertex(scene.camera, rays, offset + wp.tid()), orders, shaded_out)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    @made_for(features)
     def shade_vertices(
         scene: Scene,
         paths: Paths,

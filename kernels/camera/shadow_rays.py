@@ -15,6 +15,7 @@ from wdpm.kernels.camera.scene import Scene
 from wdpm.kernels.columns import FromFields, columns_of, loader, storer
 from wdpm.kernels.features import Features
 from wdpm.kernels.fields import chosen
+from wdpm.kernels.made_for import made_for
 from wdpm.kernels.materials.flights import make_flights
 from wdpm.kernels.materials.medium import Media
 from wdpm.kernels.materials.resolve import make_materials, medium_beyond
@@ -63,7 +64,7 @@ def make_visit_shadow_segments(features: Features) -> wp.Kernel:
     """The kernel that looks for blockers in a cell."""
     any_hit = any_function(features.instances)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    @made_for(features)
     def visit_shadow_segments(
         trees: Trees,
         cells: Cells,
@@ -92,7 +93,7 @@ def make_visit_walks(features: Features) -> wp.Kernel:
     row_of, position_at = triangles.row_of, triangles.position_at
     transmittance_of = make_flights(features).transmittance_of
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    @made_for(features)
     def visit_walks(
         trees: Trees,
         surfaces: Surfaces,
@@ -132,7 +133,7 @@ def make_pass_surfaces(features: Features) -> wp.Kernel:
     straight_transmittance = make_materials(features).straight_transmittance
     transmittance_of = make_flights(features).transmittance_of
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    @made_for(features)
     def pass_surfaces(scene: Scene, walks: Walks, offset: wp.int32, next_cell_out: wp.array[wp.int32]) -> None:
         """Take segments through the surface that they have met: SHADOW_BLOCKED, or the first cell on the way on."""
         i = offset + wp.tid()

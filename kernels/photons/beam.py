@@ -32,6 +32,7 @@ from wdpm.kernels.columns import FromFields, columns_of
 from wdpm.kernels.constants import EXACT_SUM_BITS, MAX_GATHER_RADIUS, MIN_GATHER_RADIUS
 from wdpm.kernels.features import Features
 from wdpm.kernels.fields import chosen
+from wdpm.kernels.made_for import made_for
 from wdpm.kernels.materials.medium import Media, phase_value, transmittance
 from wdpm.kernels.photons.beam_lengths import MARKS, length_at, mark_beam
 from wdpm.kernels.photons.gather import dot8
@@ -312,7 +313,7 @@ def make_add_beams(features: Features) -> wp.Kernel:
     add_leaf = _make_add_leaf(features.grids)
     marks_of_beam = wp.constant(int(MARKS) + 1 if features.grids else 1)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    @made_for(features)
     def add_beams(
         photons: PhotonMap,
         media: Media,

@@ -8,6 +8,7 @@ import warp as wp
 
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights.lights import Lights, Targets, make_lights
+from wdpm.kernels.made_for import made_for
 from wdpm.kernels.materials.medium import Media
 from wdpm.kernels.materials.texture import Textures
 from wdpm.kernels.maths.random import PURPOSE_CAUSTIC, PURPOSE_EMISSION, sample_1d, sample_2d
@@ -72,7 +73,7 @@ def make_emit_photons(features: Features) -> wp.Kernel:
     emit = make_lights(features).emit
     into_medium = make_into_medium(features)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    @made_for(features)
     def emit_photons(scene: EmitScene, orders: EmitOrders, offset: wp.int32, flight_out: Flight) -> None:
         """Start the paths `orders.first` + i."""
         i = offset + wp.tid()

@@ -25,6 +25,7 @@ import warp as wp
 
 from wdpm.kernels.constants import ADJOINT_BOUND
 from wdpm.kernels.features import Features
+from wdpm.kernels.made_for import made_for
 from wdpm.kernels.materials.bsdf import make_bsdf
 from wdpm.kernels.materials.flights import make_flights
 from wdpm.kernels.materials.medium import Media, pass_weight, phase_sample, scatter_weight
@@ -385,7 +386,7 @@ def make_trace_photons(features: Features) -> wp.Kernel:
     into_medium = make_into_medium(features)
     fly = make_fly(features.instances)
 
-    @wp.kernel(module="unique", enable_backward=False, module_options={"fuse_fp": False})
+    @made_for(features)
     def trace_photons(
         scene: TraceScene,
         orders: TraceOrders,
