@@ -6,8 +6,8 @@ are, and Warp and its options. So it is kept in a file beside what Warp has comp
 and of Warp's version; another state of the sources looks for another file. A file that is missing, spoilt or lacks a
 module only means that Warp works the hash out as ever.
 
-Warp has no public way to be told a hash. What is done here is tried on each module before it is written down, so with a
-version of Warp in which it does not work nothing is remembered.
+Warp has no public way to be told a hash: it is put where Warp keeps those that it has worked out. So that is done for
+versions of Warp only with which tests have seen kernels launched that way (TRIED); with others nothing is remembered.
 """
 
 from __future__ import annotations
@@ -25,6 +25,13 @@ from pathlib import Path
 from typing import Any
 
 import warp as wp
+
+TRIED = ("1.19.",)
+"""Beginnings of the versions of Warp that can be told hashes. For another one add it, and run
+tests/kernels/test_remembered.py: it compares names and launches kernels of a module that was told its hash."""
+
+SET_BY_HASHING = ("kernel_dim", "tid_extent_limit_candidate")
+"""Numbers that Warp finds in a kernel's code while it hashes that, and wants for a launch."""
 
 FOLDER = "wdpm-hashes"
 """In Warp's cache; the names of the folders that Warp makes there begin with "wp_"."""
@@ -95,14 +102,15 @@ class Hashes:
     def recall(self, module: wp.Module) -> None:
         """Tell Warp the hash of a module, if it is remembered and Warp does not know it."""
         entry = self._known["modules"].get(module.name)
-        if entry is not None:
+        if entry is not None and is_tried():
             with _lock, contextlib.suppress(*FAILS_LIKE):
                 if CPU_BLOCK not in module.hashers:
                     _tell(module, entry)
 
     def add(self, module: wp.Module) -> None:
         """Remember the hash of a module of these sources, which Warp has worked out, if Warp can be told it again."""
-        if not module.name.startswith(OF_SOURCES) and module.name not in self._known["variants"].values():
+        of_sources = module.name.startswith(OF_SOURCES) or module.name in self._known["variants"].values()
+        if not of_sources or not is_tried():
             return
         with _lock, contextlib.suppress(*FAILS_LIKE):
             if isinstance(module.hashers[CPU_BLOCK], _Hasher):
@@ -136,6 +144,11 @@ class Hashes:
         self._new = False
 
 
+def is_tried() -> bool:
+    """Whether this version of Warp can be told hashes, as far as is known."""
+    return wp.__version__.startswith(TRIED)
+
+
 def _read(file: Path) -> dict[str, dict[str, Any]]:
     """What a file says; nothing where there is none, or another's."""
     try:
@@ -156,7 +169,14 @@ def _remove_oldest(folder: Path) -> None:
 def _entry(module: wp.Module) -> dict[str, Any]:
     """What is remembered of a module that Warp has hashed."""
     hasher = module.hashers[CPU_BLOCK]
-    kernels = {kernel.key: [digest.hex(), kernel.grid_stride] for kernel, digest in hasher.kernel_hashes.items()}
+    kernels = {
+        kernel.key: {
+            "hash": digest.hex(),
+            "grid_stride": kernel.grid_stride,
+            "adj": {name: getattr(kernel.adj, name) for name in SET_BY_HASHING},
+        }
+        for kernel, digest in hasher.kernel_hashes.items()
+    }
     if len(kernels) != len(hasher.kernel_hashes) or module.has_unresolved_static_expressions:
         raise ValueError(f"{module.name} has kernels of the same name, or such as are complete when it is compiled")
     options = _digest_of(_options_of(module))
@@ -175,12 +195,14 @@ def _tell(module: wp.Module, entry: Mapping[str, Any]) -> None:
     """Put an entry where Warp looks for what it has worked out; do nothing if it is of another module of that name."""
     options = _options_of(module)
     kernels = {kernel.key: kernel for kernel in module._get_live_kernels()}
-    hashes = {key: bytes.fromhex(digest) for key, (digest, _) in entry["kernels"].items()}
-    known = {kernel: hashes[key] for key, kernel in kernels.items()}
-    if hashes.keys() != kernels.keys() or entry["options"] != _digest_of(options):
+    told = entry["kernels"]
+    known = {kernel: bytes.fromhex(told[key]["hash"]) for key, kernel in kernels.items()}
+    if told.keys() != kernels.keys() or entry["options"] != _digest_of(options):
         return
     for key, kernel in kernels.items():
-        kernel.hash, kernel.grid_stride = hashes[key], entry["kernels"][key][1]
+        kernel.hash, kernel.grid_stride = known[kernel], told[key]["grid_stride"]
+        for name in SET_BY_HASHING:
+            setattr(kernel.adj, name, told[key]["adj"][name])
     module.hashers[CPU_BLOCK] = _Hasher(module, bytes.fromhex(entry["hash"]), known)
     module.resolved_options[CPU_BLOCK] = options
 

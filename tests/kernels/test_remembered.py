@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -158,6 +160,50 @@ def test_for_what_is_not_remembered_a_module_is_hashed_after_all(file: Path) -> 
     module.hashers.pop(CPU_BLOCK)
     known.recall(module)
     assert [kernel.key for kernel in module.hashers[CPU_BLOCK].get_unique_kernels()] == kernels
+
+
+IN_A_PROCESS = """
+import sys
+from pathlib import Path
+import numpy as np
+import warp as wp
+from wdpm.kernels.cached import use_cache_folder
+from wdpm.kernels.compile import compile_for_cpu
+from wdpm.kernels.launch import Launcher
+from wdpm.kernels.rays import overlap
+from wdpm.kernels.remembered import forget
+use_cache_folder(Path(sys.argv[1]))
+module = wp.get_module(overlap.__name__)
+compiled = compile_for_cpu([module])
+corners = np.float32([[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[5, 0, 0], [6, 0, 0], [5, 1, 0]]])
+low, high = np.full((1, 3), -1.0), np.full((1, 3), 2.0)
+found = overlap.triangles_in_boxes(corners, low, high, Launcher(threads=1))
+print("RESULT", compiled, found.tolist(), forget(module))
+"""
+
+
+def test_a_module_that_was_told_its_hash_is_launched(tmp_path: Path) -> None:
+    """In processes of their own, as every start is: nothing has hashed the kernels in the second."""
+    command = [sys.executable, "-c", IN_A_PROCESS, str(tmp_path)]
+    said = [subprocess.run(command, capture_output=True, text=True, check=True).stdout for _ in range(2)]
+    results = [line for each in said for line in each.splitlines() if line.startswith("RESULT")]
+    assert results == ["RESULT 1 [[True], [False]] False", "RESULT 0 [[True], [False]] True"]
+
+
+def test_this_warp_can_be_told_hashes() -> None:
+    """With a newer one wdpm works as well, and starts more slowly, until someone has tried: see TRIED."""
+    assert remembered.is_tried()
+
+
+def test_a_warp_that_was_not_tried_works_hashes_out(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    module = module_of(48)
+    known = known_after(module, file)
+    assert told(module, known)
+    monkeypatch.setattr(wp, "__version__", "9.0.0")
+    assert not told(module, known)
+    known.add(module_of(49))
+    assert is_compiled(module) is False
+    assert module.get_module_identifier(CPU_BLOCK).startswith(f"wp_{module.name}_")
 
 
 @pytest.mark.parametrize("changed", ["hashers", "resolve_options", "_get_live_kernels"])
