@@ -38,7 +38,7 @@ class ClusterLimits:
             even share of the candidates that are left, as a divisor: so the last ones are small ...
         record_task_spread: ... but none is smaller than the first by more than this factor ...
         record_task_rays: ... nor expected to have fewer gather rays than this, unless a slave would have no task: they
-            take three times as long as what the interpreter does for a task however small ...
+            take ten times as long as what the interpreter does for a task however small ...
         record_task_least, record_task_most: ... and all are within these numbers of candidates. All of an early round
             become records, few of a late one.
         buckets_in_flight: buckets handed to a slave at once. Buckets wait for their peers more than photons do.
@@ -61,7 +61,7 @@ class ClusterLimits:
     photon_tasks_in_flight: int = 2
     record_parts: float = 1.5
     record_task_spread: int = 8
-    record_task_rays: int = 32_768
+    record_task_rays: int = 65_536
     record_task_least: int = 32
     record_task_most: int = 65_536
     buckets_in_flight: int = 3

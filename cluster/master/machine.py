@@ -52,6 +52,7 @@ class Master:
         slaves: how many it waits for.
         versions: what the image's bits depend on, by name; slaves must have the same.
         most: slaves that may be there at a time; None for no more than it waits for.
+        cores: of machines of which that is known, by name.
     """
 
     def __init__(
@@ -60,10 +61,11 @@ class Master:
         versions: Mapping[str, str],
         limits: ClusterLimits | None = None,
         most: int | None = None,
+        cores: Mapping[str, int] | None = None,
     ) -> None:
         self._limits = limits or ClusterLimits()
         self._cluster = uuid.uuid4().hex
-        self._members = Members(slaves, max(slaves, most or 0), versions)
+        self._members = Members(slaves, max(slaves, most or 0), versions, cores)
         self._dropped: Counter[str] = Counter()
         self._phases = Phases(self._members, self._limits, self._dropped)
         self._joining = JoinWait(self._limits, self._members)

@@ -67,11 +67,15 @@ class Members:
         expected: how many a session waits for at first ...
         most: ... and how many there may be at a time.
         versions: what they must have, by name.
+        cores: of machines of which the master knows that, by name: its own.
     """
 
-    def __init__(self, expected: int, most: int, versions: Mapping[str, str]) -> None:
+    def __init__(
+        self, expected: int, most: int, versions: Mapping[str, str], cores: Mapping[str, int] | None = None
+    ) -> None:
         self.expected = expected
         self.most = most
+        self.cores = dict(cores or {})
         self._versions = dict(versions)
         self._all: list[Member] = []
         self._by_identity: dict[bytes, Member] = {}

@@ -25,7 +25,7 @@ from wdpm.cluster.master.observing import bucket_done, frame_begun, shown_again,
 from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.master.roster import Roster, least_of
 from wdpm.cluster.master.statistics import check_statistics, of_nobody
-from wdpm.cluster.master.task_sizes import at_once, most_in_flight, photon_task_size, processes_of
+from wdpm.cluster.master.task_sizes import at_once, in_parallel, most_in_flight, photon_task_size, processes_of
 from wdpm.cluster.master.tasks import Tasks, units
 from wdpm.cluster.master.teams import Team, copies_between
 from wdpm.cluster.messages import protocol
@@ -279,7 +279,7 @@ class Phases:
         return [Started("records", rounds.total), *([Advanced(rounds.kept)] if rounds.kept else [])]
 
     def _make_records(self, rounds: RecordRounds, session: Session) -> None:
-        self._tasks.make_records(rounds, max(len(self._members), self._at_once(session)), self._limits)
+        self._tasks.make_records(rounds, in_parallel(session, self._members, len(self.roster.teams)), self._limits)
 
     def _end_round(self, rounds: RecordRounds, session: Session, now: float) -> list[Instruction]:
         """All get all records before the next round: a few megabytes at most, and each keeps what reaches its cells."""

@@ -6,6 +6,7 @@ Partitions and progress are the caller's thread's business: `render` waits there
 
 from __future__ import annotations
 
+import platform
 import queue
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -30,6 +31,7 @@ from wdpm.cluster.transport.registry import transport_of
 from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.versions import versions
 from wdpm.scenes.errors import ClusterError, SettingsError
+from wdpm.scenes.meshes.several import available_cores
 
 PULSE_S = 0.2
 """Between one word to an observer and the next, while nothing comes."""
@@ -84,7 +86,8 @@ class MasterServer:
             self.endpoint = listener.endpoint
             self._mailbox = Mailbox()
             self._stack.callback(self._mailbox.close)
-            state = Master(slaves, versions() if agreed is None else agreed, limits, most)
+            here = {platform.node(): available_cores()}
+            state = Master(slaves, versions() if agreed is None else agreed, limits, most, here)
             self._loop = MasterLoop(state, network, listener, self._mailbox, watch, self._answers, observers)
             self._thread = threading.Thread(target=self._loop.run, name="wdpm master", daemon=True)
             self._thread.start()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.session import Session
@@ -23,6 +25,19 @@ def at_once(session: Session, members: Members, teams: int) -> int:
     if len(session.burdens) > 1:
         return teams
     return sum(member.hello.processes for member in members)
+
+
+def in_parallel(session: Session, members: Members, teams: int) -> int:
+    """Tasks of records that are computed at a time: of slaves on a machine whose cores are known, no more than those.
+
+    More tasks than that bring nobody anything, and each takes what the interpreter does for a task however small.
+    """
+    if len(session.burdens) > 1:
+        return max(len(members), teams)
+    processes: Counter[str] = Counter()
+    for member in members:
+        processes[member.hello.host] += member.hello.processes
+    return sum(min(count, members.cores.get(host, count)) for host, count in processes.items())
 
 
 def most_in_flight(limit: int, open_tasks: int, tasks: int) -> int:

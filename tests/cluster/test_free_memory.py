@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import ctypes
+import subprocess
 import sys
 
 import numpy as np
 import pytest
 
 from wdpm.cluster import host_memory
-from wdpm.cluster.host_memory import return_free_memory
+from wdpm.cluster.host_memory import keep_free_memory, return_free_memory
 
 CAN_TRIM = sys.platform == "linux" and hasattr(ctypes.CDLL(None), "malloc_trim")
 
@@ -30,3 +31,11 @@ def test_free_memory_is_given_back() -> None:
 def test_elsewhere_nothing_is_done(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(host_memory.sys, "platform", "darwin")
     assert not return_free_memory()
+    assert not keep_free_memory()
+
+
+@pytest.mark.skipif(not CAN_TRIM, reason="only glibc's allocator is told")
+def test_a_slave_tells_the_allocator_to_keep_what_is_free() -> None:
+    """In a process of its own: what it is told holds for good. glibc says no to what it cannot take."""
+    code = "import sys; from wdpm.cluster.host_memory import keep_free_memory; sys.exit(0 if keep_free_memory() else 9)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -67,11 +67,13 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> int:
     """Work until the master is done; returns the exit code."""
+    from wdpm.cluster.host_memory import keep_free_memory
     from wdpm.devices import available_cores, check_memory
     from wdpm.serving import serve_as_slave
     from wdpm.starting import hold_off_collector
 
     hold_off_collector()
+    keep_free_memory()
     check_memory(args.memory)
     serve_as_slave(
         args.address,

@@ -1,0 +1,43 @@
+"""Slaves of a machine do no more at a time than it has cores, where the master knows those: rounds have fewer tasks."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from fake_worker import make_session
+from master_driver import hello
+
+from wdpm.cluster.master.members import Members
+from wdpm.cluster.master.task_sizes import in_parallel
+
+
+def members_of(hosts: dict[str, int], cores: dict[str, int], processes: int = 1) -> Members:
+    """So many slaves on each host."""
+    members = Members(8, 8, {}, cores)
+    for host in (host for host, slaves in hosts.items() for _ in range(slaves)):
+        number = len(members)
+        members.add(b"%d" % number, replace(hello(number), host=host, processes=processes), 0.0)
+    return members
+
+
+@pytest.mark.parametrize(
+    ("hosts", "cores", "processes", "expected"),
+    [
+        ({"here": 8}, {"here": 2}, 1, 2),
+        ({"here": 2}, {"here": 16}, 1, 2),
+        ({"here": 2}, {"here": 3}, 4, 3),
+        ({"here": 4, "there": 3}, {"here": 2}, 1, 5),
+        ({"there": 3}, {"here": 2}, 2, 6),
+        ({"there": 3}, {}, 1, 3),
+    ],
+)
+def test_no_more_than_cores(hosts: dict[str, int], cores: dict[str, int], processes: int, expected: int) -> None:
+    members = members_of(hosts, cores, processes)
+    assert in_parallel(make_session(len(members), 1), members, len(members)) == expected
+
+
+def test_a_team_of_several_computes_one_task_together() -> None:
+    """However few cores: what one of them waits for, others compute."""
+    members = members_of({"here": 4}, {"here": 1})
+    assert in_parallel(make_session(4, 4), members, 1) == 4
