@@ -105,8 +105,8 @@ def keep_free_memory() -> bool:
 class PrivateMemory:
     """Memory that this process shares with no other: of a forked one, what it has written. Linux alone.
 
-    The system counts pages one by one, milliseconds for some hundred megabytes, so it is asked for a hundredth of the
-    time at most.
+    The system counts pages one by one, milliseconds for some hundred megabytes, so it is asked for a five hundredth of
+    the time at most.
     """
 
     def __init__(self) -> None:
@@ -123,5 +123,5 @@ class PrivateMemory:
                 int(words[1]) * 1024 for words in lines if words[0] in ("Private_Clean:", "Private_Dirty:")
             )
             ended = time.monotonic()
-            self._again = ended + 100.0 * (ended - began)
+            self._again = ended + 500.0 * (ended - began)
         return self._bytes

@@ -30,7 +30,7 @@ from typing import NoReturn
 import warp as wp
 
 from wdpm.cluster.batch import Batch, Kind
-from wdpm.cluster.host_memory import PrivateMemory, return_free_memory
+from wdpm.cluster.host_memory import PrivateMemory, keep_free_memory, return_free_memory
 from wdpm.cluster.messages import packing, protocol, shares
 from wdpm.cluster.records import Records
 from wdpm.cluster.task import Task, TaskResult
@@ -260,6 +260,7 @@ def _live(worker: CellWorker, parent: stream.Stream, parent_pid: int) -> NoRetur
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() == parent_pid:
+            keep_free_memory()  # its tasks are alike
             worker.become_share()
             memory = PrivateMemory()
             while (frames := stream.receive(parent)) is not None:

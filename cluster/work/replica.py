@@ -84,7 +84,7 @@ class Replica:
     media: Any = field(init=False)
     scene: Any = field(init=False, default=None)
     records: Records = field(init=False)
-    cache: Any = field(init=False, default=None)
+    _cache: Any = field(init=False, default=None)
     _view_lights: Any = field(init=False, default=None)
     lambertian_sides: NDArray[np.int32] = field(init=False)
 
@@ -133,13 +133,22 @@ class Replica:
 
     def set_records(self, records: Records) -> None:
         """Have these irradiance records in place of those before."""
-        self.records = records
-        self.cache = record_tree.build(vars(self.records), self.launcher.device)
+        self.records, self._cache = records, None
+
+    @property
+    def cache(self) -> Any:
+        """The tree of the irradiance records (kernels.irradiance.record_tree), None without records in this view.
+
+        It is built by who asks for it first: a worker whose tasks other processes do never needs it.
+        """
+        if self._cache is None and self.records is not NO_RECORDS:
+            self._cache = record_tree.build(vars(self.records), self.launcher.device)
+        return self._cache
 
     def set_view(self, view: View) -> None:
         """Look through another camera, without irradiance records at first."""
         self.view = view
-        self.records, self.cache = NO_RECORDS, None
+        self.records, self._cache = NO_RECORDS, None
         features = with_camera(self.world.features, view.camera)
         self._choose_kernels(features)
         self._view_lights = self._guided(view.guide)
