@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 LARGE_BLOCK = 32 << 20
-"""Blocks from this size on are the system's [bytes]; glibc takes no more (DEFAULT_MMAP_THRESHOLD_MAX)."""
+"""Blocks from this size on are the system's [bytes]; glibc takes no more."""
 
 KEPT_AT_MOST = 256 << 20
 """What a heap keeps free at its end [bytes]: well within what a slave's process is reckoned to take (plan.copies)."""
