@@ -7,6 +7,7 @@ from collections.abc import Callable
 import warp as wp
 
 from wdpm.kernels.features import Features
+from wdpm.kernels.parsed_late import look_up_no_calls
 from wdpm.kernels.remembered import hashes
 
 OPTIONS = {"fuse_fp": False}
@@ -38,6 +39,7 @@ def made_for(features: Features) -> Callable[[Callable[..., None]], wp.Kernel]:
         else:
             module = wp.get_module(name)
             wp.set_module_options(dict(OPTIONS), module)
+            look_up_no_calls(module)
             kernel = wp.kernel(function, enable_backward=False, module=module)
         return _made.setdefault(kernel.module.name, kernel)
 

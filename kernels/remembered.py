@@ -7,7 +7,7 @@ and of Warp's version; another state of the sources looks for another file. A fi
 module only means that Warp works the hash out as ever.
 
 Warp has no public way to be told a hash: it is put where Warp keeps those that it has worked out. So that is done for
-versions of Warp only with which tests have seen kernels launched that way (TRIED); with others nothing is remembered.
+versions of Warp only with which tests have seen it (tried_warp.py); with others nothing is remembered.
 """
 
 from __future__ import annotations
@@ -26,9 +26,7 @@ from typing import Any
 
 import warp as wp
 
-TRIED = ("1.19.",)
-"""Beginnings of the versions of Warp that can be told hashes. For another one add it, and run
-tests/kernels/test_remembered.py: it compares names and launches kernels of a module that was told its hash."""
+from wdpm.kernels.tried_warp import is_tried
 
 SET_BY_HASHING = ("kernel_dim", "tid_extent_limit_candidate")
 """Numbers that Warp finds in a kernel's code while it hashes that, and wants for a launch."""
@@ -142,11 +140,6 @@ class Hashes:
                 part.unlink(missing_ok=True)
             _remove_oldest(self._file.parent)
         self._new = False
-
-
-def is_tried() -> bool:
-    """Whether this version of Warp can be told hashes, as far as is known."""
-    return wp.__version__.startswith(TRIED)
 
 
 def _read(file: Path) -> dict[str, dict[str, Any]]:
