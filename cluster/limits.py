@@ -34,11 +34,11 @@ class ClusterLimits:
             in flight stay within some 10 MB.
         photon_tasks_in_flight: photon tasks handed to a slave at once; the second keeps it busy while the first one's
             last photons travel.
-        record_parts: where there are several slaves, a task of a round of irradiance records has this fraction of an
-            even share of the candidates that are left, as a divisor: so the last ones are small ...
+        record_parts: where there are several slaves, each is handed an even share of the candidates of a round that are
+            left, divided by this, and then as much of what is left then: so the last tasks are small ...
         record_task_spread: ... but none is smaller than the first by more than this factor ...
         record_task_rays: ... nor expected to have fewer gather rays than this, unless a slave would have no task: they
-            take ten times as long as what the interpreter does for a task however small ...
+            take three times as long as what the interpreter does for a task however small ...
         record_task_least, record_task_most: ... and all are within these numbers of candidates. All of an early round
             become records, few of a late one.
         buckets_in_flight: buckets handed to a slave at once. Buckets wait for their peers more than photons do.
@@ -61,7 +61,7 @@ class ClusterLimits:
     photon_tasks_in_flight: int = 2
     record_parts: float = 1.5
     record_task_spread: int = 8
-    record_task_rays: int = 65_536
+    record_task_rays: int = 32_768
     record_task_least: int = 32
     record_task_most: int = 65_536
     buckets_in_flight: int = 3

@@ -25,7 +25,7 @@ from wdpm.cluster.master.observing import bucket_done, frame_begun, shown_again,
 from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.master.roster import Roster, least_of
 from wdpm.cluster.master.statistics import check_statistics, of_nobody
-from wdpm.cluster.master.task_sizes import at_once, in_parallel, most_in_flight, photon_task_size, processes_of
+from wdpm.cluster.master.task_sizes import at_once, in_parallel, photon_task_size, place_of
 from wdpm.cluster.master.tasks import Tasks, units
 from wdpm.cluster.master.teams import Team, copies_between
 from wdpm.cluster.messages import protocol
@@ -441,14 +441,14 @@ class Phases:
         """Hand out tasks, as far as the slaves' limits allow."""
         photons = self.phase is Phase.PHOTONS
         limit = self._limits.photon_tasks_in_flight if photons else self._limits.buckets_in_flight
-        limit = most_in_flight(limit, self._tasks.open, self._at_once(session))
         if photons:
             teams = [team for team in self.roster.teams if self._traces(team)]
         elif self.phase in (Phase.RECORDS, Phase.BUCKETS):
             teams = self._working()
         else:
             teams = []
-        places = [(member, limit * processes_of(session, member)) for team in teams for member in team.members]
+        tasks = self._at_once(session)
+        places = [place_of(session, member, limit, tasks) for team in teams for member in team.members]
         return self._start_tasks(list(self._tasks.hand_out(places, now)))
 
     def _hand_out_alone(self, team: Team) -> list[Instruction]:

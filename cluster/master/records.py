@@ -56,16 +56,24 @@ class RecordRounds:
     def tasks(self, slaves: int, limits: ClusterLimits, first_number: int) -> list[RecordTask]:
         """The tasks of the round that is next: ever smaller ones, so that all slaves end together.
 
-        Each takes the same part of the candidates that are left (guided self-scheduling, Polychronopoulos & Kuck 1987).
+        They come in batches, of one task of equal size for each slave, and each batch is the same part of what is left
+        (factoring, Hummel, Schonberg & Flynn 1992): what tasks cost is nearly in proportion to their candidates, so
+        slaves that begin together end together.
         """
         count = self._candidates(self._round)
         out: list[RecordTask] = []
         parts = math.ceil(limits.record_parts * slaves) if slaves > 1 else 1
         worth = min(-(-count * limits.record_task_rays // max(self._rays_expected(count), 1)), -(-count // slaves))
         least = max(limits.record_task_least, -(-count // (parts * limits.record_task_spread)), worth)
+        size = count
         for start, end in self._gaps(count):
             while start < end:
-                size = min(max(-(-(count - start) // parts), least), limits.record_task_most)
+                if len(out) % slaves == 0:
+                    left = count - start
+                    size = max(-(-left // parts), least)
+                    if left < slaves * (size + least / 2):  # no batch of some slaves alone at the end
+                        size = -(-left // slaves)
+                    size = min(size, limits.record_task_most)
                 stop = min(start + size, end)
                 out.append(RecordTask(first_number + len(out), self._round, start, stop))
                 start = stop

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import dataclass
 
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.members import Member, Members
@@ -40,15 +41,43 @@ def in_parallel(session: Session, members: Members, teams: int) -> int:
     return sum(min(count, members.cores.get(host, count)) for host, count in processes.items())
 
 
-def most_in_flight(limit: int, open_tasks: int, tasks: int) -> int:
-    """Tasks that each of `tasks` places may be handed: no more than its share of those that are not done.
+@dataclass(frozen=True)
+class Place:
+    """A slave that may be handed tasks.
 
-    The first slave that is ready would take several of few, one after another, while others have none.
+    Attributes:
+        most: tasks that it may have.
+        here: how many of them it does at once; others wait there until one of these is done.
+        everywhere: tasks that all slaves do at once.
+    """
+
+    member: Member
+    most: int
+    here: int = 1
+    everywhere: int = 1
+
+    def takes(self, size: int, at_hand: int, left: int) -> bool:
+        """Whether a task of some size may wait at the slave: no slave has more than its share of what is left to do.
+
+        The first slave that is ready would otherwise have several of few tasks, or of the largest, one after another,
+        while others have none.
+
+        Args:
+            at_hand: size of all tasks that it has.
+            left: size of all tasks that are not done, wherever they are.
+        """
+        return (at_hand + size) * self.everywhere <= left * self.here
+
+
+def place_of(session: Session, member: Member, limit: int, tasks: int) -> Place:
+    """Where tasks of a session may go.
 
     Args:
-        limit: however many there are.
+        limit: tasks for each that the slave does at once.
+        tasks: that all slaves do at once.
     """
-    return limit if tasks <= 1 else min(limit, max(1, open_tasks // tasks))
+    here = processes_of(session, member)
+    return Place(member, limit * here, here, max(tasks, here))
 
 
 def photon_task_size(session: Session, tasks: int, limits: ClusterLimits) -> int:

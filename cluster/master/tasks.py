@@ -11,6 +11,7 @@ from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.film import Film, spiral
 from wdpm.cluster.master.members import Member
 from wdpm.cluster.master.records import RecordRounds
+from wdpm.cluster.master.task_sizes import Place
 from wdpm.cluster.task import (
     BucketRendered,
     BucketTask,
@@ -69,17 +70,13 @@ class Tasks:
         self._seconds: list[float] = []  # that each of those took
         self._next_number = 0
         self._total = 0
+        self._left = 0  # size of the tasks that are not done
         self.ever_done = self.given_back = 0
 
     @property
     def waiting(self) -> bool:
         """Whether tasks wait to be handed out."""
         return bool(self._waiting)
-
-    @property
-    def open(self) -> int:
-        """Tasks of the phase that are not done."""
-        return len(self._waiting) + len(self._flying)
 
     @property
     def total(self) -> int:
@@ -136,20 +133,25 @@ class Tasks:
         self._flying, self._done, self._seconds = {}, {}, []
         self._waiting = deque(tasks)
         self._total = len(tasks)
+        self._left = sum(map(size_of, tasks))
 
-    def hand_out(self, places: Sequence[tuple[Member, int]], now: float) -> Iterator[tuple[Member, Task]]:
-        """Tasks, one each in turn, as far as they go.
-
-        Args:
-            places: slaves, and how many tasks each may be at.
-        """
-        for depth in range(max((limit for _, limit in places), default=0)):
-            for member, limit in places:
-                if self._waiting and depth < limit and len(member.in_flight) == depth:
+    def hand_out(self, places: Sequence[Place], now: float) -> Iterator[tuple[Member, Task]]:
+        """Tasks, one each in turn, as far as they go."""
+        for depth in range(max((place.most for place in places), default=0)):
+            for place in places:
+                member = place.member
+                if self._waiting and depth < place.most and len(member.in_flight) == depth and self._goes_to(place):
                     task = self._waiting.popleft()
                     self._flying[task.number] = _Flying(task, now, {member.number})
                     member.in_flight[task.number] = task
                     yield member, task
+
+    def _goes_to(self, place: Place) -> bool:
+        """Whether the next task is for this slave: to begin with now, or to wait there."""
+        at_hand = place.member.in_flight
+        return len(at_hand) < place.here or place.takes(
+            size_of(self._waiting[0]), sum(map(size_of, at_hand.values())), self._left
+        )
 
     def hand_out_late(self, idle: Sequence[Member], now: float) -> Iterator[tuple[Member, Task]]:
         """For slaves that have nothing to do: tasks that others take very long for, each to one more slave."""
@@ -185,6 +187,7 @@ class Tasks:
         for task in traced:
             del self._photons[task.start], self._done[task.number]
         self._waiting.extendleft(reversed(traced))
+        self._left += sum(map(size_of, traced))
 
     def take(self, member: Member, result: TaskResult, now: float) -> Task | None:
         """Keep what came of a task. Returns the task; None if its result is there, or is not wanted any more."""
@@ -200,6 +203,7 @@ class Tasks:
         member.busy_s += now - flying.since
         del member.in_flight[handed.number], self._flying[handed.number]
         self._done[handed.number] = handed
+        self._left -= size_of(handed)
         self.ever_done += 1
         return handed
 
@@ -250,6 +254,11 @@ def _place(task: BucketTask) -> tuple[int, int, int, int]:
 def units(task: Task) -> int:
     """How much work a task is, as progress counts it: paths, candidates, buckets."""
     return 1 if isinstance(task, BucketTask) else task.stop - task.start
+
+
+def size_of(task: Task) -> int:
+    """How much work a task is, compared with others of its phase: paths, candidates, pixels."""
+    return (task.x1 - task.x0) * (task.y1 - task.y0) if isinstance(task, BucketTask) else task.stop - task.start
 
 
 def _check_paths(task: PhotonTask, result: PhotonsTraced) -> None:

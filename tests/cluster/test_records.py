@@ -126,12 +126,14 @@ def test_tasks_grow_smaller_and_cover_a_round(slaves: int) -> None:
     assert [task.start for task in tasks] == [0, *(task.stop for task in tasks[:-1])]
     assert tasks[-1].stop == count
     sizes = [task.stop - task.start for task in tasks]
-    assert sizes == sorted(sizes, reverse=True)
+    assert sizes[:-slaves] == sorted(sizes[:-slaves], reverse=True)
+    assert max(sizes[-slaves:]) - min(sizes[-slaves:]) < slaves  # each has one of the last
+    assert all(len(set(sizes[batch : batch + slaves])) == 1 for batch in range(0, len(sizes) - slaves, slaves))
     if slaves == 1:
         assert sizes == [count]
     elif slaves == 2:
         assert max(sizes) == -(-count // 3)
-        assert max(sizes[-2:]) <= count // 20
+        assert max(sizes[-2:]) <= count // 16
     else:
         assert len(tasks) >= min(2 * slaves, count // ClusterLimits().record_task_least)
 
@@ -163,7 +165,7 @@ def test_every_candidate_of_a_round_is_in_one_task() -> None:
         out = driver.says(identity, p.TaskDone(EPOCH, made(task)))
         assert m.Advanced(task.stop - task.start) in out
         waiting += [(other, task) for other in (A, B) for task in tasks_of(out, other)]
-    assert [(task.start, task.stop) for task in seen] == [(0, 5), (5, 8)]
+    assert [(task.start, task.stop) for task in seen] == [(0, 4), (4, 8)]
     assert {task.round for task in seen} == {0}
     assert driver.master.phase is Phase.RECORDS
 
@@ -306,16 +308,16 @@ def _wrong(records: Records, name: str, value: Any) -> Records:
         ("position", np.nan, "position is not finite"),
         ("irradiance", np.inf, "irradiance is not finite"),
         ("rotation", np.nan, "rotation is not finite"),
-        ("radius", 0.0, "are not those of candidates 0 to 4"),
-        ("number", -1, "are not those of candidates 0 to 4"),
-        ("number", 3, "are not those of candidates 0 to 4"),  # twice
-        ("number", 4, "are not those of candidates 0 to 4"),  # not ascending
+        ("radius", 0.0, "are not those of candidates 0 to 3"),
+        ("number", -1, "are not those of candidates 0 to 3"),
+        ("number", 3, "are not those of candidates 0 to 3"),  # twice
+        ("number", 4, "are not those of candidates 0 to 3"),  # not ascending
     ],
 )
 def test_records_that_cannot_be_end_the_render(name: str, value: float, error: str) -> None:
     driver = Rounds()
     task = tasks_of(driver.to_records(), A)[0]
-    assert (task.start, task.stop) == (0, 5)
+    assert (task.start, task.stop) == (0, 4)
     good = made(task)
     assert len(good.records) == 2
     wrong = replace(good, records=_wrong(good.records, name, value))

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
+
 import pytest
 from fake_worker import make_session, make_view, triangles
 from master_driver import A, B, Driver, tasks_of
 
 from wdpm.cluster.master import events as m
-from wdpm.cluster.master.task_sizes import most_in_flight
+from wdpm.cluster.master.members import Member
+from wdpm.cluster.master.task_sizes import Place
+from wdpm.cluster.master.tasks import Tasks, size_of
 from wdpm.cluster.messages import protocol as p
+from wdpm.cluster.messages.protocol import Hello
+from wdpm.cluster.task import PhotonsTraced, PhotonTask
 
 
 @pytest.mark.parametrize(("buckets", "first"), [(2, 1), (3, 1), (4, 2), (8, 3)])
@@ -25,6 +32,43 @@ def test_a_slave_that_sets_its_view_first_is_handed_its_share(buckets: int, firs
     assert tasks_of(driver.says(B, p.ViewSet(driver.master.epoch(B))), B)
 
 
+def tasks_of_sizes(*sizes: int) -> Tasks:
+    ends = list(itertools.accumulate(sizes, initial=0))
+    tasks = Tasks()
+    tasks._begin([PhotonTask(number, *paths) for number, paths in enumerate(itertools.pairwise(ends))])
+    return tasks
+
+
+def members(count: int) -> list[Member]:
+    return [Member(number, bytes([number]), Hello({}, "host", number, 1, 0, "", 1), 0.0) for number in range(count)]
+
+
+def handed(tasks: Tasks, places: Sequence[Place]) -> list[tuple[int, int]]:
+    """Slaves, and the sizes of what they are handed."""
+    return [(member.number, size_of(task)) for member, task in tasks.hand_out(places, 0.0)]
+
+
+def test_the_largest_tasks_go_to_as_many_slaves() -> None:
+    """The first that is ready has one of them, not all that it has room for."""
+    tasks, (first, second) = tasks_of_sizes(60, 60, 20, 20, 6, 6), members(2)
+    assert handed(tasks, [Place(first, 3, 1, 2)]) == [(0, 60)]
+    assert handed(tasks, [Place(first, 3, 1, 2), Place(second, 3, 1, 2)]) == [(1, 60), (0, 20), (1, 20), (0, 6), (1, 6)]
+
+
+def test_the_last_task_waits_for_whoever_is_done_first() -> None:
+    tasks, (first, second) = tasks_of_sizes(5, 5, 5), members(2)
+    places = [Place(first, 3, 1, 2), Place(second, 3, 1, 2)]
+    assert handed(tasks, places) == [(0, 5), (1, 5)]
+    assert tasks.take(second, PhotonsTraced(1, 5, 1.0), 1.0) is not None
+    assert handed(tasks, places) == [(1, 5)]
+
+
 def test_a_lone_place_is_handed_as_many_as_the_limit_says() -> None:
-    assert most_in_flight(3, 1, 1) == 3
-    assert most_in_flight(3, 0, 4) == 1
+    tasks, (lone,) = tasks_of_sizes(5, 5, 5, 5), members(1)
+    assert handed(tasks, [Place(lone, 3)]) == [(0, 5)] * 3
+
+
+def test_a_slave_of_several_processes_has_a_task_for_each() -> None:
+    tasks, (wide, narrow) = tasks_of_sizes(5, 5, 5, 5, 2, 2, 2, 2), members(2)
+    assert handed(tasks, [Place(wide, 9, 3, 4)]) == [(0, 5)] * 3 + [(0, 5)]
+    assert handed(tasks, [Place(narrow, 3, 1, 4)]) == [(1, 2), (1, 2), (1, 2)]
