@@ -21,7 +21,7 @@ from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera import guide_pilot
 from wdpm.kernels.camera.rays import Rays
-from wdpm.kernels.lights import environment, guide
+from wdpm.kernels.lights import guide
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.material_facts import facts
 
@@ -38,7 +38,7 @@ PIXELS_A_PATH = 16
 BOUNCES = 4
 """Places of a path."""
 
-RAYS = 16
+RAYS = 12
 """Rays from each place to the environment in a round."""
 
 RAYS_TO_LIGHTS = 16
@@ -105,15 +105,13 @@ class GuidePilot:
     def __init__(self, flat: FlatScene, cell: Cell, view: View) -> None:
         self._replica = cell.replica
         self._seed = wp.uint32(view.seed)
-        self.mass = np.zeros((0, 0))
-        self._pixels = flat.lights.environment_pixels
-        if self._pixels.size:
-            self._pixels = guide.guided_pixels(self._pixels)
-            self.mass = guide.tile_masses(self._pixels)
-            self._environment = environment.upload(self._pixels, flat.lights.environment_axes, self._device)
+        sky = cell.replica.tiled_sky
+        self.mass = sky.mass if sky.pixels.size else np.zeros((0, 0))
         self._scene = guide_pilot.PilotScene()
         self._scene.trees, self._scene.surfaces = cell.geometry
-        self._scene.through = wp.array(_through(flat), dtype=wp.int32, device=self._device)
+        through = _through(flat)
+        self._scene.through = wp.array(through, dtype=wp.int32, device=self._device)
+        self._scene.passing = int((through == 2).any())
         self._scene.far_away = cell.replica.lights.far_away
         self.position, self.normal = self._places(view)
 
@@ -167,8 +165,8 @@ class GuidePilot:
             guide_pilot.look_at_environment,
             count,
             scene=self._scene,
-            environment=self._environment,
-            guide=guide.upload(**vars(known), pixels=self._pixels, device=self._device),
+            environment=self._replica.tiled_environment(),
+            guide=guide.upload(**vars(known), sky=self._replica.tiled_sky, device=self._device),
             **self._on_device(),
             first=number * RAYS,
             rays=RAYS,

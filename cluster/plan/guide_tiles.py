@@ -17,7 +17,7 @@ from wdpm.cluster.guide import NO_GUIDE, LightGuide
 from wdpm.cluster.plan.guide_pilot import Array, GuidePilot, Looks, factors
 from wdpm.cluster.plan.regions import Regions, divide
 
-ROUNDS = 4
+ROUNDS = 3
 """Rays of the first go as without a guide, later ones as those before have taught: through a small window a few of the
 first find the sky, and most of the last. Where the first promise nothing no others follow."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -85,32 +86,63 @@ class MapPlans:
 
 def map_plans(pilot: PhotonPilot, settings: RenderSettings, flat: FlatScene) -> MapPlans:
     """Paths and radius of each map."""
-    world, cell, photons, extent, unit = pilot.world, pilot.cell, pilot.photons, flat.extent, flat.unit
+    world, photons, extent, unit = pilot.world, pilot.photons, flat.extent, flat.unit
     stored = [len(part["id"]) for part in photons]
-    caustics, volume = worth_of_caustics(pilot), worth_of_volume(pilot)
+    measured = _measured(pilot, flat)
+    caustics, volume = measured.caustics, worth_of_volume(pilot)
     of_global = MapWorth(stored[GLOBAL_MAP], 1.0).paths(settings.photons, pilot.paths)
     of_volume = volume.paths(settings.volume_photons, pilot.paths) if world.volume_map.paths else 0
     paths = min(max(of_global, of_volume), _most_paths(stored[VOLUME_MAP], pilot, settings))
     caustic_paths = caustics.paths(settings.caustic_photons, pilot.paths) if world.caustic_map.paths else 0
     every = [paths, caustic_paths, paths if of_volume or _may_scatter(pilot, settings) else 0]
-    area = total_area(flat.triangles, cell.store.standing_areas.of) if any(every) else 1.0
     expected = [s * p / pilot.paths for s, p in zip(stored, every, strict=True)]
     caustic_k = settings.caustic_k
     if 0 < expected[CAUSTIC_MAP] < settings.caustic_photons:  # of as many as were asked for, k is as it was asked for
         caustic_k = fewer_neighbours(caustic_k, expected[CAUSTIC_MAP])
     radii = [
         _given(settings.radius, unit)
-        or _gather_radius(cell, photons[GLOBAL_MAP], settings.k, expected[GLOBAL_MAP], extent),
+        or _gather_radius(measured.radii[GLOBAL_MAP], stored[GLOBAL_MAP], settings.k, expected[GLOBAL_MAP], extent),
         _given(settings.caustic_radius, unit)
-        or _gather_radius(cell, photons[CAUSTIC_MAP], caustic_k, expected[CAUSTIC_MAP], extent),
+        or _gather_radius(measured.radii[CAUSTIC_MAP], stored[CAUSTIC_MAP], caustic_k, expected[CAUSTIC_MAP], extent),
         _given(settings.volume_radius, unit) or _beam_radius(photons[VOLUME_MAP], expected[VOLUME_MAP], extent),
     ]
     plans = [
-        MapPlan(p, r, settings.band * r, old.read, _point_area(area, r, e))
+        MapPlan(p, r, settings.band * r, old.read, _point_area(measured.area, r, e))
         for p, r, e, old in zip(every, radii, expected, world.maps, strict=True)
     ]
     words = caustics_in_words(caustics, pilot, settings.caustic_photons, caustic_paths)
     return MapPlans((plans[0], plans[1], plans[2]), caustic_k, () if words is None else (words,))
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """What a pilot's photons tell, whatever the settings.
+
+    Attributes:
+        caustics: what the caustic map is worth.
+        area: of the scene.
+        radii: in which the median photon of the global and of the caustic map has PILOT_K others; 0 of too few.
+    """
+
+    caustics: MapWorth
+    area: float
+    radii: tuple[float, float]
+
+
+_MEASURED: WeakKeyDictionary[PhotonPilot, _Measured] = WeakKeyDictionary()
+"""Plans are made several times of one pilot: for the irradiance cache, for the integrator, and for good."""
+
+
+def _measured(pilot: PhotonPilot, flat: FlatScene) -> _Measured:
+    """Measured once."""
+    if pilot not in _MEASURED:
+        photons, cell = pilot.photons, pilot.cell
+        _MEASURED[pilot] = _Measured(
+            worth_of_caustics(pilot),
+            total_area(flat.triangles, cell.store.standing_areas.of) if pilot.world.paths else 1.0,
+            (_median_radius(cell, photons[GLOBAL_MAP], flat), _median_radius(cell, photons[CAUSTIC_MAP], flat)),
+        )
+    return _MEASURED[pilot]
 
 
 def _most_paths(of_volume: int, pilot: PhotonPilot, settings: RenderSettings) -> int:
@@ -185,17 +217,27 @@ def volume_unit(photons: Sequence[Arrays], volume_map: MapPlan, flat: FlatScene)
     return sum_unit(largest, volume_map.radius, float(np.abs(flat.media.g).max(initial=0.0)))
 
 
-def _gather_radius(cell: Cell, photons: Arrays, k: int, expected: float, extent: float) -> float:
-    """A gather radius from the density of the pilot's photons, scaled to the number expected."""
+def _median_radius(cell: Cell, photons: Arrays, flat: FlatScene) -> float:
+    """The radius in which the median of the pilot's photons has PILOT_K others; 0 where there are too few."""
     position, normal = photons["position"], photons["normal"]
-    if len(position) <= PILOT_K or not expected:
-        return extent / 16.0  # next to nothing lands: any radius of the scene's order serves
+    if len(position) <= PILOT_K:
+        return 0.0
     queries = np.linspace(0, len(position) - 1, min(PILOT_GATHERS, len(position))).astype(np.intp)
-    _, found = gather_among(cell, photons, position[queries], normal[queries], extent)
-    radius = float(np.quantile(found, RADIUS_QUANTILE))
+    _, found = gather_among(cell, photons, position[queries], normal[queries], flat.extent)
+    return float(np.quantile(found, RADIUS_QUANTILE))
+
+
+def _gather_radius(median: float, stored: int, k: int, expected: float, extent: float) -> float:
+    """A gather radius from the density of the pilot's photons, scaled to the number expected.
+
+    Args:
+        median: of the pilot's photons (_median_radius), of which there are `stored`.
+    """
+    if stored <= PILOT_K or not expected:
+        return extent / 16.0  # next to nothing lands: any radius of the scene's order serves
     # Photons on a surface: as many times denser, as many times less area for the same number.
-    denser = expected / len(position)
-    return RADIUS_MARGIN * radius * math.sqrt(k / PILOT_K / denser)
+    denser = expected / stored
+    return RADIUS_MARGIN * median * math.sqrt(k / PILOT_K / denser)
 
 
 def _point_area(area: float, radius: float, photons: float) -> float:

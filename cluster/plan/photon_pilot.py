@@ -98,10 +98,10 @@ def fly_pilot(
     """Trace the pilot's paths, if light comes by photons.
 
     Args:
-        worker: that has the whole scene in one cell already; it is used if its kernels are for the same features.
+        worker: that has the whole scene in one cell already; None to make one.
     """
     of_each, world = PILOT_PATHS, _pilot_world(flat, features, settings, PILOT_PATHS)
-    if worker is None or worker.replica.world.features != features:
+    if worker is None:
         worker = CellWorker(0, world, {0: flat.triangles}, [0], launcher)
     else:
         worker.adopt(world)
@@ -131,14 +131,24 @@ def _photons_of(worker: CellWorker, paths: int) -> Arrays:
 def pilot_for(
     flat: FlatScene, features: Features, settings: RenderSettings, launcher: Launcher, before: PhotonPilot | None
 ) -> PhotonPilot:
-    """The pilot of a render: the one that was flown before if that was for the very same, or else another.
+    """The pilot of a render: the one that was flown before if photons fly alike in both, or else another.
 
     Args:
-        before: a pilot of the same scene, whose worker is used again where it can be; None if there was none.
+        before: a pilot of the same scene, whose worker goes on as that of this render; None if there was none.
     """
-    if before is not None and before.settings == settings and before.world.features == features:
-        return before
-    return fly_pilot(flat, features, settings, launcher, None if before is None else before.worker)
+    if before is None:
+        return fly_pilot(flat, features, settings, launcher)
+    if _flies_by(before.settings) != _flies_by(settings):
+        return fly_pilot(flat, features, settings, launcher, before.worker)
+    if before.world.features != features:  # that camera rays alone know of
+        before.worker.adopt(replace(before.world, features=features))
+    return before
+
+
+def _flies_by(settings: RenderSettings) -> tuple[object, ...]:
+    """What photons of a pilot depend on besides the scene."""
+    algorithm = settings.algorithm
+    return settings.seed, settings.max_depth, algorithm.maps(settings), algorithm.shoots_photons
 
 
 def direct_photons(pilot: PhotonPilot) -> tuple[Arrays, int]:

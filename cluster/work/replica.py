@@ -63,6 +63,7 @@ class Replica:
         worker: its number.
         paths_by_light: photon paths that its homes have started, by pass (global, caustic) and light.
         scene: kernels.camera.scene.Scene seen through the view, without surfaces, which each cell has its own of.
+        tiled_sky: the environment as guides divide it.
         outputs: features of which its kernels that shade write the arrays; no fewer than the view's.
         observer: is shown what happens at the vertices of camera paths, for replays; None in a render.
     """
@@ -83,9 +84,11 @@ class Replica:
     textures: Any = field(init=False)
     media: Any = field(init=False)
     scene: Any = field(init=False, default=None)
+    tiled_sky: guide.TiledSky = field(init=False)
     records: Records = field(init=False)
     _cache: Any = field(init=False, default=None)
     _view_lights: Any = field(init=False, default=None)
+    _around: Any = field(init=False, default=None)
     lambertian_sides: NDArray[np.int32] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -97,6 +100,7 @@ class Replica:
         self.textures = texture.upload(world.textures, device)
         self.media = medium.upload(media, device)
         self.lights = lights.upload(world.lights, world.extent, device)
+        self.tiled_sky = guide.TiledSky(world.lights.environment_pixels)
         self.take_materials()
         self.records = NO_RECORDS
         self.share_out()
@@ -115,6 +119,10 @@ class Replica:
         scene.cumulative = lights.upload_shares(emission.share, device)
         scene.caustic_cumulative = lights.upload_shares(emission.caustic_share, device)
         self.emit_scene = scene
+
+    def take_features(self) -> None:
+        """Have kernels for the World's features."""
+        self._choose_kernels(self.world.features)
 
     def _choose_kernels(self, features: Features) -> None:
         """Have kernels for these features: by and by their own, if others stand in for them now."""
@@ -172,18 +180,23 @@ class Replica:
         """The lights, for shadow rays that know this of them."""
         if not len(known):
             return self.lights
-        table, device = self.world.lights, self.launcher.device
-        pixels, around = table.environment_pixels, self.lights.environment
+        sky, around = self.tiled_sky, self.lights.environment
         if known.chance.size:
-            pixels = guide.guided_pixels(pixels)
-            if not pixels.size or known.chance.shape[1:] != guide.tiles_of(pixels):
+            if not sky.pixels.size or known.chance.shape[1:] != guide.tiles_of(sky.pixels):
                 raise ProtocolError(f"a guide of {known.chance.shape[1:]} tiles came for another environment")
-            around = environment.upload(pixels, table.environment_axes, device)
+            around = self.tiled_environment()
         lights_there = (self.lights.tree.choices, self.lights.count - self.lights.first_distant)
         if known.starts.size and (known.starts.shape[1], known.distant.shape[1]) != lights_there:
             raise ProtocolError(f"a guide of {known.starts.shape[1]} lights came where there are {lights_there[0]}")
-        tables = guide.upload(**vars(known), pixels=pixels, device=device)
+        tables = guide.upload(**vars(known), sky=sky, device=self.launcher.device)
         return lights.guided(self.lights, tables, around)
+
+    def tiled_environment(self) -> Any:
+        """The environment as guides divide it (kernels.lights.environment.Environment): uploaded once."""
+        if self._around is None:
+            axes = self.world.lights.environment_axes
+            self._around = environment.upload(self.tiled_sky.pixels, axes, self.launcher.device)
+        return self._around
 
 
 def orders_of(view: View, shots: int, diffuse_light: DiffuseLight | None = None) -> Any:

@@ -75,10 +75,13 @@ class CellWorker:
             cell.begin_view()
 
     def adopt(self, world: World) -> None:
-        """Go on with the same scene under another photon plan, or with other materials, without any photons."""
+        """Go on with the same scene: under another photon plan, other materials or features, without photons."""
         self.forget_photons()
         others = world.materials is not self.replica.world.materials
+        other_features = world.features != self.replica.world.features
         self.replica.world = world
+        if other_features:
+            self.replica.take_features()
         self.replica.share_out()
         if others:
             self.replica.take_materials()

@@ -20,7 +20,7 @@ from wdpm.kernels.maths.random import PURPOSE_GUIDE, rounded_down, sample_2d, sa
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.standing_triangles import front_of_all, position_at_all, row_of_all, table_row_of_all
 from wdpm.kernels.rays.triangle import no_hit
-from wdpm.kernels.rays.two_level import Trees, closest_of_all
+from wdpm.kernels.rays.two_level import Trees, any_of_all, closest_of_all
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -41,11 +41,13 @@ class PilotScene:
     Attributes:
         far_away: a distance beyond all surfaces.
         through: 1 for materials that camera rays go through, 2 for those that shadow rays go through as well.
+        passing: 1 where there are any of the latter.
     """
 
     trees: Trees
     surfaces: Surfaces
     through: wp.array[wp.int32]
+    passing: wp.int32
     far_away: wp.float32
 
 
@@ -92,6 +94,8 @@ def walk_on(
 @wp.func
 def _arrives(scene: wp.ref[PilotScene], start: wp.vec3, end: wp.vec3) -> wp.bool:
     """Whether light gets from one place to another: whether all between them lets shadow rays through."""
+    if scene.passing == 0:
+        return not any_of_all(scene.trees, start, end - start, 1.0)
     origin = start
     for _ in range(MOST_PASSAGES):
         direction = end - origin

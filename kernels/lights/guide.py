@@ -10,6 +10,7 @@ several lights.
 
 from __future__ import annotations
 
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -96,12 +97,48 @@ def tiles_of(pixels: NDArray[np.float32]) -> tuple[int, int]:
     return len(row_edge) - 1, len(column_edge) - 1
 
 
-def tile_masses(pixels: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Probability of each tile without a guide, shape [rows, columns], of guided_pixels."""
-    row_edge, column_edge = edges_of(pixels)
-    mass = _by_tile_row(_by_tile_column(patch_weights(pixels), column_edge), row_edge)
-    total = float(np.cumsum(mass.reshape(-1))[-1])
-    return mass / total if total > 0 else mass
+class TiledSky:
+    """An environment in tiles: what all guides of it have in common, each part of it worked out when it is asked for.
+
+    Args:
+        pixels: of the environment, of any size; [0, 0, 3] for none.
+
+    Attributes:
+        pixels: guided_pixels.
+    """
+
+    def __init__(self, pixels: NDArray[np.float32]) -> None:
+        self.pixels = guided_pixels(pixels)
+
+    @cached_property
+    def edges(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Guide.row_edge and column_edge."""
+        return edges_of(self.pixels)
+
+    @cached_property
+    def mass(self) -> NDArray[np.float64]:
+        """Probability of each tile without a guide, shape [rows, columns]."""
+        mass = _by_tile_row(self._weight_by_column, self.edges[0])
+        total = float(np.cumsum(mass.reshape(-1))[-1])
+        return mass / total if total > 0 else mass
+
+    @cached_property
+    def within_rows(self) -> NDArray[np.float32]:
+        """Guide.within_rows."""
+        return np.ascontiguousarray(_shares_within(self._weight_by_column.T, self.edges[0]))
+
+    @cached_property
+    def within_columns(self) -> NDArray[np.float32]:
+        """Guide.within_columns."""
+        return np.ascontiguousarray(_shares_within(self._weight, self.edges[1]))
+
+    @cached_property
+    def _weight(self) -> NDArray[np.float64]:
+        return patch_weights(self.pixels)
+
+    @cached_property
+    def _weight_by_column(self) -> NDArray[np.float64]:
+        return _by_tile_column(self._weight, self.edges[1])
 
 
 def _by_tile_column(weight: NDArray[np.float64], edge: NDArray[np.int32]) -> NDArray[np.float64]:
@@ -125,7 +162,7 @@ def upload(
     chance: NDArray[np.float32],
     starts: NDArray[np.float32],
     distant: NDArray[np.float32],
-    pixels: NDArray[np.float32],
+    sky: TiledSky,
     device: str,
 ) -> Guide:
     """A guide on a device.
@@ -135,7 +172,7 @@ def upload(
         chance: probability of each tile in each region, shape [regions, rows, columns]; [regions, 0, 0] for no tiles.
         starts: Guide.starts.
         distant: share of each light infinitely far away, shape [regions, lights].
-        pixels: of the environment, guided_pixels.
+        sky: the environment that the tiles are of.
     """
     guide = Guide()
     guide.regions = cells.upload(axis, split, 0.0, device)
@@ -147,10 +184,10 @@ def upload(
     guide.distant = wp.array(shares, dtype=wp.float64, device=device)
     if not chance.size and len(chance):
         return guide
-    row_edge, column_edge = edges_of(pixels)
+    row_edge, column_edge = sky.edges
     guide.tiled = 1
-    guide.rows, guide.columns = tiles_of(pixels)
-    _upload_tiles(guide, chance, pixels, device)
+    guide.rows, guide.columns = tiles_of(sky.pixels)
+    _upload_tiles(guide, chance, sky, device)
     numbers = {
         "row_edge": row_edge,
         "column_edge": column_edge,
@@ -162,20 +199,17 @@ def upload(
     return guide
 
 
-def _upload_tiles(guide: Any, chance: NDArray[np.float32], pixels: NDArray[np.float32], device: str) -> None:
+def _upload_tiles(guide: Any, chance: NDArray[np.float32], sky: TiledSky, device: str) -> None:
     """The tables of floats of a guide with tiles."""
-    row_edge, column_edge = edges_of(pixels)
     wide = chance.astype(np.float64).reshape(-1, guide.rows, guide.columns)
-    mass = tile_masses(pixels)
-    factor = np.divide(wide, mass, out=np.zeros_like(wide), where=mass > 0).astype(np.float32)
-    weight = patch_weights(pixels)
+    factor = np.divide(wide, sky.mass, out=np.zeros_like(wide), where=sky.mass > 0).astype(np.float32)
     shape = (len(chance), guide.rows * guide.columns)
     tables = {
         "row_share": cumulative_shares(np.cumsum(wide, axis=2)[:, :, -1]),
         "column_share": cumulative_shares(wide.reshape(-1, guide.columns)).reshape(shape),
         "factor": factor.reshape(shape),
-        "within_rows": _shares_within(_by_tile_column(weight, column_edge).T, row_edge),
-        "within_columns": _shares_within(weight, column_edge),
+        "within_rows": sky.within_rows,
+        "within_columns": sky.within_columns,
     }
     for name, table in tables.items():
         setattr(guide, name, wp.array(np.ascontiguousarray(table), dtype=wp.float32, device=device))

@@ -21,9 +21,11 @@ GAIN = 0.8
 """A sphere gives way to smaller ones where their silhouettes are together less than this share of its own."""
 
 _LEAVES = 256  # of the tree that the spheres are a cut of
-_MOST_UNITS = 1 << 15  # of larger scenes, neighbours in the list of triangles stay together
+_MOST_UNITS = 1 << 14  # of larger scenes, neighbours in the list of triangles stay together
 _HASH = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
 _GROWTH = 1.0 + 1e-5  # of radii: float32's roundings leave no vertex outside
+_REST = np.arange(MOST_TARGETS)[:, None] - 1 - np.arange(MOST_TARGETS)  # [most - 1, n - 1]: if n are the first child's,
+_SOME_LEFT = _REST >= 0  # of `most` there are so many for the other child, counted from 0
 
 
 @dataclass
@@ -92,17 +94,17 @@ def _components(corners: NDArray[np.float32]) -> NDArray[np.intp]:
     _, vertex = np.unique((bits * _HASH).sum(axis=1, dtype=np.uint64), return_inverse=True)
     vertex = vertex.reshape(-1, 3)
     label = np.arange(vertex.max() + 1)
-    while True:
-        least = label[vertex].min(axis=1)
-        joined = label.copy()
-        np.minimum.at(joined, vertex.ravel(), np.repeat(least, 3))
-        np.minimum.at(joined, label[vertex].ravel(), np.repeat(least, 3))  # and what was joined before
-        joined = joined[joined]
-        if np.array_equal(joined, label):
-            # Numbered by their first triangles: hashes, and with them labels, are others in another unit of length.
-            _, first, piece = np.unique(least, return_index=True, return_inverse=True)
-            return first[piece]
-        label = joined
+    apart = vertex  # of triangles whose corners have not the same label yet: the others have joined what they join
+    while len(apart):
+        of_corners = label[apart]
+        np.minimum.at(label, of_corners.ravel(), np.repeat(of_corners.min(axis=1), 3))
+        while not np.array_equal(further := label[label], label):
+            label = further
+        of_corners = label[apart]
+        apart = apart[(of_corners != of_corners[:, :1]).any(axis=1)]
+    # Numbered by their first triangles: hashes, and with them labels, are others in another unit of length.
+    _, first, piece = np.unique(label[vertex[:, 0]], return_index=True, return_inverse=True)
+    return first[piece]
 
 
 def _tree(boxes: NDArray[np.float64], piece: NDArray[np.intp]) -> _Node:
@@ -134,12 +136,11 @@ def _weigh(node: _Node) -> None:
     if node.children is None:
         return
     one, other = (child.least for child in node.children)
-    for most in range(2, MOST_TARGETS + 1):
-        sums = one[: most - 1] + other[most - 2 :: -1][: most - 1]  # 1 .. most - 1 spheres for the first child
-        best = int(np.argmin(sums))
-        if sums[best] < GAIN * node.radius2:
-            node.least[most - 1] = sums[best]
-            node.left[most - 1] = best + 1
+    sums = np.where(_SOME_LEFT, one + other[_REST], np.inf)
+    best = np.argmin(sums, axis=1)
+    least = sums[np.arange(len(sums)), best]
+    pays = least < GAIN * node.radius2
+    node.least[pays], node.left[pays] = least[pays], best[pays] + 1
 
 
 def _best_cut(node: _Node, most: int) -> list[NDArray[np.intp]]:

@@ -9,9 +9,11 @@ import pytest
 
 import wdpm
 from tests.helpers.effect_scenes import fogs
+from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.integrator_trial import TRIAL_PIXELS
+from wdpm.cluster.plan.render_plan import make_render_plan
 from wdpm.cluster.plan.small_view import small
-from wdpm.cluster.render_settings import Integrator, RenderSettings
+from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.inspection.inspect import inspect
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.launch import Launcher
@@ -94,6 +96,21 @@ def test_caustics_of_small_bright_lamps_are_for_photons_and_those_of_wide_ones_a
 
 def test_bulbs_are_for_paths_where_nothing_mirrors_them() -> None:
     assert settled(with_bulb(SMALL), spp=2, all_effects=True).settings.integrator is Integrator.PATH
+
+
+@pytest.mark.parametrize("spp", [16, 64], ids=["map", "cache"])
+def test_one_pilot_serves_the_trial_and_the_render(spp: int) -> None:
+    """Its photons are as good for other ways to look at them: neither they nor the trees of the scene are made anew."""
+    scene, launcher = cornell_box((64, 64)), Launcher("cpu", 1)
+    found = settled(scene, spp=spp)
+    assert found.settings.indirect is (Indirect.MAP if spp == 16 else Indirect.CACHE)
+    flat = flatten(scene)
+    plan = make_render_plan(flat, found.settings, 1, launcher, None, found.pilot)
+    assert found.pilot is not None
+    assert plan.pilot is found.pilot.worker
+    assert plan.world.features == features_of(flat, found.settings) == plan.pilot.replica.world.features
+    anew = make_render_plan(flat, found.settings, 1, launcher)
+    assert plan.world.photon_plan == anew.world.photon_plan
 
 
 def test_a_trial_finds_the_same_on_any_number_of_threads() -> None:

@@ -42,7 +42,7 @@ def test_what_the_window_shows_is_looked_for_more_often_and_all_else_still() -> 
     """The window is to the left, at x = -1: nothing arrives from the right."""
     around = window_room.sky()
     found = guide_of(window_room.room(around))
-    mass = guide.tile_masses(around.pixels)
+    mass = guide.TiledSky(around.pixels).mass
     factor = found.chance / mass
     assert factor.min() >= guide_tiles.UNGUIDED * (1 - 1e-5)
     left = np.arange(mass.shape[1]) >= mass.shape[1] / 2  # u = atan2(x, -z) / 2 pi: x < 0 in the second half

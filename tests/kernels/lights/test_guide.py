@@ -72,14 +72,14 @@ def _regions(known: Guide, place: wp.array[wp.vec3], region_out: wp.array[wp.int
 
 def guided(around: Environment, regions: int = 4) -> tuple[DeviceEnvironment, Guide, NDArray[np.float32]]:
     """An environment, and a guide whose tiles have random probabilities, some of 0 where nothing shines."""
-    pixels = guide.guided_pixels(around.pixels)
-    mass = guide.tile_masses(pixels)
+    sky = guide.TiledSky(around.pixels)
+    mass = sky.mass
     chance = np.random.default_rng(5).uniform(0.05, 1.0, (regions, *mass.shape)) * (mass > 0)
     chance = (chance / chance.sum(axis=(1, 2), keepdims=True)).astype(np.float32)
     axis, split = np.arange(regions - 1, dtype=np.int32) % 3, np.zeros(regions - 1, np.float32)
     none = np.zeros((regions, 0), np.float32)
-    known = guide.upload(axis, split, chance, none, none, pixels, "cpu")
-    return environment.upload(pixels, axes_of(around.to_world).astype(np.float32), "cpu"), known, chance
+    known = guide.upload(axis, split, chance, none, none, sky, "cpu")
+    return environment.upload(sky.pixels, axes_of(around.to_world).astype(np.float32), "cpu"), known, chance
 
 
 def launched(kernel: wp.Kernel, inputs: list[object], *kinds: type) -> list[Array]:
@@ -142,8 +142,7 @@ def test_a_place_is_in_the_region_of_its_leaf() -> None:
 
 
 def test_without_a_guide_there_is_no_region() -> None:
-    pixels = SKIES["map"].pixels
-    none = guide.upload(**vars(NO_GUIDE), pixels=pixels, device="cpu")
+    none = guide.upload(**vars(NO_GUIDE), sky=guide.TiledSky(SKIES["map"].pixels), device="cpu")
     found = wp.zeros(1, dtype=wp.int32, device="cpu")
     wp.launch(_regions, 1, inputs=[none, wp.zeros(1, dtype=wp.vec3, device="cpu"), found], device="cpu")
     assert found.numpy().tolist() == [-1]
