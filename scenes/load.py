@@ -1,4 +1,7 @@
-"""Loads whatever the command line calls SCENE."""
+"""Loads whatever the command line calls SCENE.
+
+Readers are imported for the files that they are for: a process that reads no glTF has no use for its reader.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +12,8 @@ from pathlib import Path
 from wdpm.scenes.builtin.names import BUILT_IN_NAMES, load_built_in
 from wdpm.scenes.errors import SceneError, did_you_mean
 from wdpm.scenes.git_lfs import check_not_a_pointer
-from wdpm.scenes.gltf.read import read_gltf
 from wdpm.scenes.meshes.framing import Frame
 from wdpm.scenes.meshes.in_memory import Meshes, is_of_trimesh
-from wdpm.scenes.meshes.stand_alone import read_stand_alone
-from wdpm.scenes.mitsuba.read import read_mitsuba
 from wdpm.scenes.model.checks import check_scene
 from wdpm.scenes.model.scene import Scene
 from wdpm.scenes.model.viewpoint import named_camera
@@ -102,17 +102,23 @@ def frame_of(frame: Frame | str | None) -> Frame | None:
 
 def _read(file: Path, source: str | Path, asked: _Asked) -> Scene:
     if file.suffix.lower() in GLTF:
+        from wdpm.scenes.gltf.read import read_gltf
+
         _refuse_defines(asked.defines, source)
         return read_gltf(file, asked.size, camera=asked.camera, frame=asked.frame, time=asked.time)
     if asked.time is not None:
         raise SceneError("only glTF files are animated", file)
     if file.suffix.lower() == ".xml":
+        from wdpm.scenes.mitsuba.read import read_mitsuba
+
         return read_mitsuba(
             file, asked.defines, asked.size, lenient=asked.lenient, camera=asked.camera, frame=asked.frame
         )
     _refuse_defines(asked.defines, source)
     if asked.camera is not None:
         named_camera(asked.camera, [], file)
+    from wdpm.scenes.meshes.stand_alone import read_stand_alone
+
     return read_stand_alone(file, asked.size, asked.frame)
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING
 
-from wdpm.scenes.builtin.atrium import DEFAULT_TRIANGLES, atrium
-from wdpm.scenes.builtin.cornell_box import cornell_box
-from wdpm.scenes.builtin.forest import DEFAULT_TREES, forest
 from wdpm.scenes.errors import SceneError
-from wdpm.scenes.model.scene import Scene
+
+if TYPE_CHECKING:
+    from wdpm.scenes.model.scene import Scene
 
 BUILT_IN_NAMES = ("cornell-box", "atrium", "forest")
 _SUFFIXES = {"": 1, "k": 1_000, "m": 1_000_000}
@@ -24,6 +24,10 @@ def load_built_in(name: str, size: tuple[int, int] | None = None) -> Scene:
     Raises:
         SceneError: no such scene, or N is not a number in range.
     """
+    from wdpm.scenes.builtin.atrium import DEFAULT_TRIANGLES, atrium  # who knows the names need not have the scenes
+    from wdpm.scenes.builtin.cornell_box import cornell_box
+    from wdpm.scenes.builtin.forest import DEFAULT_TREES, forest
+
     scene, colon, parameter = name.partition(":")
     if scene == "cornell-box" and not colon:
         return cornell_box(size)

@@ -17,7 +17,7 @@ import numpy as np
 import PIL.Image
 import pytest
 
-from wdpm.cli import main
+from wdpm.cli import compare, main
 from wdpm.cli import options as cli_options
 from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import RenderSettings, Routing
@@ -27,7 +27,7 @@ from wdpm.report.report import Report, from_json
 from wdpm.scenes.errors import ClusterEndedError, ClusterError, MasterLostError, SceneError
 from wdpm.scenes.model.scene import Camera, FilterKind, PixelFilter, Scene
 
-COMMANDS = [module.__name__.rpartition(".")[2] for module in main.COMMANDS]
+COMMANDS = list(main.COMMANDS)
 
 
 def run(arguments: list[str]) -> int:
@@ -150,10 +150,10 @@ def test_errors_and_interruption_have_their_exit_codes(
 
         return command
 
-    monkeypatch.setattr(main.compare, "run", raises(SceneError("no lamp", "a.xml", 3)))
+    monkeypatch.setattr(compare, "run", raises(SceneError("no lamp", "a.xml", 3)))
     assert run(["compare", "a", "b"]) == 2
     assert capsys.readouterr().err == "wdpm: error: a.xml:3: no lamp\n"
-    monkeypatch.setattr(main.compare, "run", raises(KeyboardInterrupt()))
+    monkeypatch.setattr(compare, "run", raises(KeyboardInterrupt()))
     assert run(["compare", "a", "b"]) == 130
     assert capsys.readouterr().err == "wdpm: interrupted\n"
     for error, code in (
@@ -161,7 +161,7 @@ def test_errors_and_interruption_have_their_exit_codes(
         (ClusterEndedError("no image"), 1),
         (ClusterError("a slave failed"), 1),
     ):
-        monkeypatch.setattr(main.compare, "run", raises(error))
+        monkeypatch.setattr(compare, "run", raises(error))
         assert run(["compare", "a", "b"]) == code
         assert capsys.readouterr().err == f"wdpm: error: {error}\n"
 

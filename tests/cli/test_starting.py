@@ -66,7 +66,53 @@ def test_it_is_on_after_an_error(capsys: pytest.CaptureFixture[str]) -> None:
     assert "no such file" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("name", ["zmq", "imageio"])
-def test_a_render_without_slaves_does_not_load_what_it_does_not_need(name: str) -> None:
-    code = f"import sys, wdpm.cli.main, wdpm.cli.result, wdpm.clusters; sys.exit({name!r} in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+NOT_FOR_ANY = ("imageio", "trimesh", "scipy", "aiohttp", "wdpm.bench", "wdpm.accuracy", "wdpm.scenes.gltf")
+"""Modules that no render of a Mitsuba file and no slave has a use for."""
+
+NOT_FOR_A_RENDER = (*NOT_FOR_ANY, "zmq", "wdpm.serving", "wdpm.view.page", "wdpm.replaying")
+
+NOT_FOR_A_SLAVE = (
+    *NOT_FOR_ANY,
+    "PIL",
+    "OpenEXR",
+    "rich",
+    "wdpm.cluster.master",
+    "wdpm.goal",
+    "wdpm.report",
+    "wdpm.scenes.images",
+    "wdpm.scenes.mitsuba",
+    "wdpm.scenes.spectra",
+)
+
+
+def loaded_by(program: str) -> set[str]:
+    """Modules, and the packages that they lie in, that a program of Python has imported when it ends."""
+    code = f"import sys\n{program}\nprint('LOADED', *sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(done.stdout.rpartition("LOADED ")[2].split())
+
+
+def test_a_render_without_slaves_loads_nothing_that_it_does_not_need(tmp_path: object) -> None:
+    line = f"render cornell-box --size 8x8 --spp 1 --photons 500 --indirect map --all-effects -q -o {tmp_path}/a.png"
+    loaded = loaded_by(f"from wdpm.cli.main import main\nassert main({line.split()}) == 0")
+    assert "wdpm.kernels.photons.gather" in loaded
+    assert not loaded & {*NOT_FOR_A_RENDER, "wdpm.scenes.mitsuba"}
+
+
+def test_a_render_of_a_mitsuba_file_loads_no_other_reader() -> None:
+    loaded = loaded_by("import wdpm.cli.result, wdpm.cli.goal, wdpm.clusters, wdpm.scenes.mitsuba.read")
+    assert not loaded & {*NOT_FOR_A_RENDER, "wdpm.scenes.builtin.atrium"}
+
+
+def test_a_slave_loads_nothing_that_it_does_not_need() -> None:
+    program = "from wdpm.cli.main import make_parser\nmake_parser('slave')"
+    loaded = loaded_by(f"{program}\nimport wdpm.serving, wdpm.cluster.work.worker, wdpm.cluster.work.cell")
+    assert "zmq" in loaded
+    assert not loaded & set(NOT_FOR_A_SLAVE)
+
+
+@pytest.mark.parametrize("words", [["--help"], ["render", "--help"], ["slave", "--help"]])
+def test_help_loads_nothing_that_computes(words: list[str]) -> None:
+    loaded = loaded_by(f"from wdpm.cli.main import main\ntry: main({words})\nexcept SystemExit: pass")
+    assert "wdpm.cli.render" in loaded or "wdpm.cli.slave" in loaded
+    assert not loaded & {"warp", "zmq", "PIL", "OpenEXR", "rich"}

@@ -1,58 +1,46 @@
 """The command line. Each command is a file of its own in this folder, with add_parser(subparsers) and run(args).
 
-Only run() imports what computes, so that help and errors of the command line come at once.
+Only run() imports what computes, so that help and errors of the command line come at once; and of a command that is
+called, only its own file is imported.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import sys
 import textwrap
 from collections.abc import Sequence
-from importlib import metadata
 from typing import Any, NoReturn
 
-from wdpm.cli import (
-    accuracy,
-    bench,
-    blender,
-    check,
-    compare,
-    doctor,
-    inspect,
-    keys,
-    master,
-    render,
-    slave,
-    status,
-    view,
-)
 from wdpm.cli.interrupts import Terminated, interrupts_raise, no_lost_interrupts, termination_raises
-from wdpm.cli.output import convert
-from wdpm.cli.placing import slurm
 from wdpm.exit_codes import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_TERMINATED, exit_code_of
 from wdpm.scenes.errors import WdpmError
 from wdpm.scenes.scene_root import files_within
 from wdpm.starting import let_collector_go
 
-COMMANDS = (
-    render,
-    master,
-    slave,
-    status,
-    inspect,
-    check,
-    compare,
-    convert,
-    view,
-    accuracy,
-    bench,
-    keys,
-    slurm,
-    blender,
-    doctor,
-)
+COMMANDS = {
+    "render": "render",
+    "master": "master",
+    "slave": "slave",
+    "status": "status",
+    "inspect": "inspect",
+    "check": "check",
+    "compare": "compare",
+    "convert": "output.convert",
+    "view": "view",
+    "accuracy": "accuracy",
+    "bench": "bench",
+    "keys": "keys",
+    "slurm": "placing.slurm",
+    "blender": "blender",
+    "doctor": "doctor",
+}
+"""Modules of this folder, by the commands that they are, in the order of `wdpm --help`."""
+
+OF_OTHERS = ("slurm",)
+"""Commands with options of another command."""
 
 COMPLETING = "_ARGCOMPLETE"
 """Set by a shell that asks what could come next on its line; nobody else waits for the library that answers."""
@@ -73,9 +61,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     --until-error asked for (wdpm/cli/goal.py). 75: a slave has lost its master. 130, 143: SIGINT (Ctrl-C) or SIGTERM.
     """
     arguments = sys.argv[1:] if argv is None else argv
-    parser = make_parser()
     if COMPLETING in os.environ:
-        _complete(parser)
+        _complete(make_parser())
+    parser = make_parser(arguments[0] if arguments else None)
     if not arguments:
         parser.print_help(sys.stderr)
         return EXIT_BAD_INPUT
@@ -112,8 +100,8 @@ def _complete(parser: argparse.ArgumentParser) -> None:
     argcomplete.autocomplete(parser)
 
 
-def make_parser() -> argparse.ArgumentParser:
-    """The parser of all commands."""
+def make_parser(called: str | None = None) -> argparse.ArgumentParser:
+    """The parser of all commands; of one only, if it is known that this is called."""
     parser = _Parser(
         prog="wdpm",
         description="Global illumination by photon mapping, on one machine or on a cluster, to the same bits.",
@@ -122,7 +110,9 @@ def make_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     subparsers = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for command in COMMANDS:
+    alone = called is not None and called in COMMANDS and called not in OF_OTHERS
+    for name in [str(called)] if alone else COMMANDS:
+        command = importlib.import_module(f"wdpm.cli.{COMMANDS[name]}")
         subparser = command.add_parser(subparsers)
         subparser.formatter_class = _Help
         subparser.set_defaults(run=command.run)
@@ -155,6 +145,8 @@ class _Version(argparse.Action):
     """Looks the version up only when it is asked for."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from importlib import metadata  # reads mail headers
+
         try:
             version = metadata.version("wdpm")
         except metadata.PackageNotFoundError:
