@@ -42,6 +42,8 @@ class ClusterLimits:
         record_task_least, record_task_most: ... and all are within these numbers of candidates. All of an early round
             become records, few of a late one.
         buckets_in_flight: buckets handed to a slave at once. Buckets wait for their peers more than photons do.
+        shared_in_flight: the same where a slave holds but a part of the scene. All that is in flight must keep each
+            cell busy, and many a bucket sees few of them.
         cells_in_flight: cells on their way to slaves at once. Bounds what the master holds besides the scene.
         part_triangles: triangles of one Partition message, 140 bytes each: about 64 MB.
     """
@@ -65,6 +67,7 @@ class ClusterLimits:
     record_task_least: int = 32
     record_task_most: int = 65_536
     buckets_in_flight: int = 3
+    shared_in_flight: int = 6
     cells_in_flight: int = 2
     part_triangles: int = 450_000
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 from wdpm.cluster.batch import TO_HOME, Batch, Kind, concatenate
 
@@ -18,6 +19,9 @@ class Queues:
 
     def __bool__(self) -> bool:
         return bool(self._waiting)
+
+    def __len__(self) -> int:
+        return len(self._waiting)
 
     def add(self, batch: Batch) -> None:
         """Let a batch wait."""
@@ -39,3 +43,21 @@ class Queues:
             return parts[0]
         arrays = concatenate([part.arrays for part in parts], parts[0].kind)
         return Batch(*key, sum(part.credit for part in parts), arrays)
+
+
+def without_bare_credit(batches: Sequence[Batch]) -> list[Batch]:
+    """The same batches, but that credit which brings nothing along travels with what goes to the same home."""
+    bare: dict[tuple[int, int], int] = {}
+    for batch in batches:
+        if batch.kind is Kind.ENDED:
+            bare[batch.task, batch.home] = bare.get((batch.task, batch.home), 0) + batch.credit
+    out, ended = [], []
+    for batch in batches:
+        if batch.kind is Kind.ENDED:
+            ended.append(batch)
+        elif batch.kind in TO_HOME and (more := bare.pop((batch.task, batch.home), 0)):
+            out.append(replace(batch, credit=batch.credit + more))
+        else:
+            out.append(batch)
+    left = ((batch, bare.pop((batch.task, batch.home), 0)) for batch in ended)
+    return out + [replace(batch, credit=credit) for batch, credit in left if credit]

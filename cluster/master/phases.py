@@ -25,7 +25,7 @@ from wdpm.cluster.master.observing import bucket_done, frame_begun, shown_again,
 from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.master.roster import Roster, least_of
 from wdpm.cluster.master.statistics import check_statistics, of_nobody
-from wdpm.cluster.master.task_sizes import at_once, in_parallel, photon_task_size, place_of
+from wdpm.cluster.master.task_sizes import at_once, in_flight, in_parallel, photon_task_size, place_of
 from wdpm.cluster.master.tasks import Tasks, units
 from wdpm.cluster.master.teams import Team, copies_between
 from wdpm.cluster.messages import protocol
@@ -440,7 +440,7 @@ class Phases:
     def _hand_out(self, session: Session, now: float) -> list[Instruction]:
         """Hand out tasks, as far as the slaves' limits allow."""
         photons = self.phase is Phase.PHOTONS
-        limit = self._limits.photon_tasks_in_flight if photons else self._limits.buckets_in_flight
+        limit = in_flight(session, self._limits, photons=photons)
         if photons:
             teams = [team for team in self.roster.teams if self._traces(team)]
         elif self.phase in (Phase.RECORDS, Phase.BUCKETS):

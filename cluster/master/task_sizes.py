@@ -41,6 +41,13 @@ def in_parallel(session: Session, members: Members, teams: int) -> int:
     return sum(min(count, members.cores.get(host, count)) for host, count in processes.items())
 
 
+def in_flight(session: Session, limits: ClusterLimits, *, photons: bool) -> int:
+    """Most tasks that are with a slave, for each that it does at once."""
+    if photons:
+        return limits.photon_tasks_in_flight
+    return limits.buckets_in_flight if len(session.burdens) == 1 else limits.shared_in_flight
+
+
 @dataclass(frozen=True)
 class Place:
     """A slave that may be handed tasks.

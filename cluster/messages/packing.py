@@ -14,7 +14,7 @@ import math
 import operator
 import types
 import typing
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from typing import Any
@@ -64,8 +64,9 @@ def encode(message: Any) -> list[Frame]:
         ProtocolError: a field does not hold what its type hint says.
     """
     arrays: list[np.ndarray[Any, Any]] = []
-    values = _pack(type(message), message, type(message).__name__, arrays)
-    header = msgpack.packb([MAGIC, PROTOCOL, type(message).__name__, values], use_bin_type=True)
+    kind: Any = type(message)
+    values = _packer(kind)(message, kind.__name__, arrays)
+    header = msgpack.packb([MAGIC, PROTOCOL, kind.__name__, values], use_bin_type=True)
     return [header, *(frame for array in arrays for frame in _split(array))]
 
 
@@ -88,7 +89,7 @@ def decode(frames: Sequence[Frame], expected: Mapping[str, type], *, stranger: b
     if name not in expected:
         raise ProtocolError(f"message {name!r} is not known here; expected one of {', '.join(sorted(expected))}")
     reader = _Frames(frames[1:])
-    message = _unpack(expected[name], values, name, reader)
+    message = _unpacker(expected[name])(values, name, reader)
     reader.finish()
     return message
 
@@ -185,45 +186,56 @@ def _dtype_of(hint: Any) -> np.dtype[Any] | None:
     return None if scalar in (Any, np.generic) else np.dtype(scalar).newbyteorder("<")
 
 
-def _pack_array(hint: Any, value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
-    if not isinstance(value, np.ndarray):
-        raise ProtocolError(f"{where} is a {type(value).__name__}; expected an array")
+def _array_packer(hint: Any) -> Packer:
     dtype = _dtype_of(hint)
-    if dtype is not None and value.dtype != dtype:
-        raise ProtocolError(f"{where} is {value.dtype}; expected {dtype}")
-    if value.dtype.str not in DTYPES or value.ndim > ARRAY_DIMENSIONS:
-        raise ProtocolError(f"{where} is {value.dtype} of {value.ndim} dimensions, which the wire does not carry")
-    arrays.append(np.ascontiguousarray(value))
-    return [value.dtype.str, list(value.shape)]
+
+    def pack(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
+        if not isinstance(value, np.ndarray):
+            raise ProtocolError(f"{where} is a {type(value).__name__}; expected an array")
+        if dtype is not None and value.dtype != dtype:
+            raise ProtocolError(f"{where} is {value.dtype}; expected {dtype}")
+        name = value.dtype.str
+        if name not in DTYPES or value.ndim > ARRAY_DIMENSIONS:
+            raise ProtocolError(f"{where} is {value.dtype} of {value.ndim} dimensions, which the wire does not carry")
+        arrays.append(np.ascontiguousarray(value))
+        return [name, list(value.shape)]
+
+    return pack
 
 
-def _unpack_array(hint: Any, value: Any, where: str, frames: _Frames) -> np.ndarray[Any, Any]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise ProtocolError(f"{where} is not [dtype, shape]")
-    name, shape = value
+def _array_unpacker(hint: Any) -> Unpacker:
     expected = _dtype_of(hint)
-    if not isinstance(name, str) or name not in DTYPES or (expected is not None and np.dtype(name) != expected):
-        raise ProtocolError(f"{where} is {name!r}; expected {expected or sorted(DTYPES)}")
-    if not isinstance(shape, list) or len(shape) > ARRAY_DIMENSIONS:
-        raise ProtocolError(f"{where}: {shape!r} is no shape")
-    if not all(type(length) is int and length >= 0 for length in shape) or _elements(shape) >= 2**40:
-        raise ProtocolError(f"{where}: {shape!r:.80} is no shape")
-    return frames.array(np.dtype(name), tuple(shape), where)
+    names = DTYPES if expected is None else {name for name in DTYPES if np.dtype(name) == expected}
+
+    def unpack(value: Any, where: str, frames: _Frames) -> np.ndarray[Any, Any]:
+        if not isinstance(value, list) or len(value) != 2:
+            raise ProtocolError(f"{where} is not [dtype, shape]")
+        name, shape = value
+        if not isinstance(name, str) or name not in names:
+            raise ProtocolError(f"{where} is {name!r}; expected {expected or sorted(DTYPES)}")
+        if not isinstance(shape, list) or len(shape) > ARRAY_DIMENSIONS:
+            raise ProtocolError(f"{where}: {shape!r} is no shape")
+        if not all(type(length) is int and length >= 0 for length in shape) or _elements(shape) >= 2**40:
+            raise ProtocolError(f"{where}: {shape!r:.80} is no shape")
+        return frames.array(np.dtype(name), tuple(shape), where)
+
+    return unpack
 
 
-# Values, by their type hints.
+# Values, by their type hints. What a hint says is found out once: a message has some thirty values, and a cluster
+# without copies sends thousands of messages a second.
 
+Packer = Callable[[Any, str, "list[np.ndarray[Any, Any]]"], Any]
+"""(value, where it stands, arrays of the message so far) -> what stands in the header."""
 
-_known_hints: dict[Any, dict[str, Any]] = {}
+Unpacker = Callable[[Any, str, _Frames], Any]
+"""(what stands in the header, where, frames of arrays) -> value."""
 
 
 def _hints(cls: Any) -> dict[str, Any]:
     """Type hints of a dataclass's fields, in order."""
-    known = _known_hints.get(cls)
-    if known is None:
-        hints = typing.get_type_hints(cls)
-        known = _known_hints[cls] = {field.name: hints[field.name] for field in fields(cls)}
-    return known
+    hints = typing.get_type_hints(cls)
+    return {field.name: hints[field.name] for field in fields(cls)}
 
 
 @functools.cache
@@ -239,45 +251,84 @@ def _members(hint: Any) -> tuple[Any, ...]:
     return typing.get_args(hint) if union else ()
 
 
-def _pack(hint: Any, value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
+@functools.cache
+def _packer(hint: Any) -> Packer:
+    """What packs values of a type hint; raises ProtocolError where one is something else."""
     if _is_array(hint):
-        return _pack_array(hint, value, where, arrays)
+        return _array_packer(hint)
     if members := _members(hint):
-        return _pack_union(members, value, where, arrays)
+        return _union_packer(members)
     if hint is Any:
-        return _plain(value, where)
+        return lambda value, where, _: _plain(value, where)
     if isinstance(hint, type) and is_dataclass(hint):
+        return _dataclass_packer(hint)
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        return _enum_packer(hint)
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin is tuple:
+        return _tuple_packer(arguments)
+    if origin in (dict, Mapping):
+        return _map_packer(*arguments)
+    return lambda value, where, _: _pack_scalar(hint, value, where)
+
+
+def _dataclass_packer(hint: type) -> Packer:
+    members: list[tuple[str, Packer]] = []
+
+    def pack(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
+        if not members:  # only now: a class may be of its own kind somewhere within
+            members.extend((name, _packer(inner)) for name, inner in _hints(hint).items())
         if type(value) is not hint:
             raise ProtocolError(f"{where} is a {type(value).__name__}; expected {hint.__name__}")
-        return [_pack(h, getattr(value, name), f"{where}.{name}", arrays) for name, h in _hints(hint).items()]
-    if isinstance(hint, type) and issubclass(hint, Enum):
+        return [of(getattr(value, name), f"{where}.{name}", arrays) for name, of in members]
+
+    return pack
+
+
+def _enum_packer(hint: type[Enum]) -> Packer:
+    def pack(value: Any, where: str, _: Any) -> Any:
         if not isinstance(value, hint):
             raise ProtocolError(f"{where} is {value!r}; expected a {hint.__name__}")
         return value.value
-    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    if origin is tuple:
+
+    return pack
+
+
+def _tuple_packer(arguments: tuple[Any, ...]) -> Packer:
+    def pack(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
         items = _tuple_hints(arguments, value, where)
-        return [_pack(h, item, f"{where}[{index}]", arrays) for index, (h, item) in enumerate(items)]
-    if origin in (dict, Mapping):
+        return [_packer(hint)(item, f"{where}[{index}]", arrays) for index, (hint, item) in enumerate(items)]
+
+    return pack
+
+
+def _map_packer(key_hint: Any, item_hint: Any) -> Packer:
+    of_key, of_item = _packer(key_hint), _packer(item_hint)
+
+    def pack(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
         if not isinstance(value, Mapping):
             raise ProtocolError(f"{where} is a {type(value).__name__}; expected a mapping")
-        return {
-            _pack(arguments[0], key, where, arrays): _pack(arguments[1], item, f"{where}[{key!r}]", arrays)
-            for key, item in value.items()
-        }
-    return _pack_scalar(hint, value, where)
+        return {of_key(key, where, arrays): of_item(item, f"{where}[{key!r}]", arrays) for key, item in value.items()}
+
+    return pack
 
 
-def _pack_union(members: tuple[Any, ...], value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
-    if value is None and type(None) in members:
-        return None
+def _union_packer(members: tuple[Any, ...]) -> Packer:
     others = [member for member in members if member is not type(None)]
+    optional, names = len(others) < len(members), " or ".join(member.__name__ for member in others)
     if len(others) == 1:
-        return _pack(others[0], value, where, arrays)
-    for member in others:
-        if type(value) is member:
-            return [member.__name__, _pack(member, value, where, arrays)]
-    raise ProtocolError(f"{where} is a {type(value).__name__}; expected {' or '.join(m.__name__ for m in others)}")
+        only = _packer(others[0])
+        return lambda value, where, arrays: None if value is None and optional else only(value, where, arrays)
+
+    def pack(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
+        if value is None and optional:
+            return None
+        kind: Any = type(value)
+        if kind in others:
+            return [kind.__name__, _packer(kind)(value, where, arrays)]
+        raise ProtocolError(f"{where} is a {type(value).__name__}; expected {names}")
+
+    return pack
 
 
 def _pack_scalar(hint: Any, value: Any, where: str) -> Any:
@@ -312,58 +363,93 @@ def _tuple_hints(arguments: tuple[Any, ...], value: Any, where: str) -> Iterable
     return zip(arguments, value, strict=True)
 
 
-def _unpack(hint: Any, value: Any, where: str, frames: _Frames) -> Any:
+@functools.cache
+def _unpacker(hint: Any) -> Unpacker:
+    """What unpacks and checks values of a type hint; raises ProtocolError where something else came."""
     if _is_array(hint):
-        return _unpack_array(hint, value, where, frames)
+        return _array_unpacker(hint)
     if members := _members(hint):
-        return _unpack_union(members, value, where, frames)
+        return _union_unpacker(members)
     if hint is Any:
-        return _plain(value, where)
+        return lambda value, where, _: _plain(value, where)
     if isinstance(hint, type) and is_dataclass(hint):
-        return _unpack_dataclass(hint, value, where, frames)
+        return _dataclass_unpacker(hint)
     if isinstance(hint, type) and issubclass(hint, Enum):
-        for member in hint:
-            if type(member.value) is type(value) and member.value == value:  # True is no 1 here
-                return member
-        raise ProtocolError(f"{where} is {value!r}; expected one of {[m.value for m in hint]}")
+        return _enum_unpacker(hint)
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin is tuple:
-        items = _tuple_hints(arguments, value, where)
-        return tuple(_unpack(h, item, f"{where}[{index}]", frames) for index, (h, item) in enumerate(items))
+        return _tuple_unpacker(arguments)
     if origin in (dict, Mapping):
+        return _map_unpacker(*arguments)
+    return lambda value, where, _: _unpack_scalar(hint, value, where)
+
+
+def _dataclass_unpacker(hint: type) -> Unpacker:
+    members: list[tuple[str, Unpacker]] = []
+
+    def unpack(value: Any, where: str, frames: _Frames) -> Any:
+        if not members:
+            members.extend((name, _unpacker(inner)) for name, inner in _hints(hint).items())
+        if not isinstance(value, list) or len(value) != len(members):
+            raise ProtocolError(f"{where} is not a list of {len(members)} fields")
+        arguments = [of(item, f"{where}.{name}", frames) for (name, of), item in zip(members, value, strict=True)]
+        unpacked = hint(*arguments)
+        checks.check(unpacked, where)
+        return unpacked
+
+    return unpack
+
+
+def _enum_unpacker(hint: type[Enum]) -> Unpacker:
+    known = {(type(member.value), member.value): member for member in hint}  # True is no 1 here
+    values = [member.value for member in hint]
+
+    def unpack(value: Any, where: str, _: Any) -> Any:
+        member = known.get((type(value), value)) if isinstance(value, Hashable) else None
+        if member is None:
+            raise ProtocolError(f"{where} is {value!r}; expected one of {values}")
+        return member
+
+    return unpack
+
+
+def _tuple_unpacker(arguments: tuple[Any, ...]) -> Unpacker:
+    def unpack(value: Any, where: str, frames: _Frames) -> Any:
+        items = _tuple_hints(arguments, value, where)
+        return tuple(_unpacker(hint)(item, f"{where}[{index}]", frames) for index, (hint, item) in enumerate(items))
+
+    return unpack
+
+
+def _map_unpacker(key_hint: Any, item_hint: Any) -> Unpacker:
+    of_key, of_item = _unpacker(key_hint), _unpacker(item_hint)
+
+    def unpack(value: Any, where: str, frames: _Frames) -> Any:
         if not isinstance(value, dict):
             raise ProtocolError(f"{where} is a {type(value).__name__}; expected a map")
-        return {
-            _unpack(arguments[0], key, where, frames): _unpack(arguments[1], item, f"{where}[{key!r}]", frames)
-            for key, item in value.items()
-        }
-    return _unpack_scalar(hint, value, where)
+        return {of_key(key, where, frames): of_item(item, f"{where}[{key!r}]", frames) for key, item in value.items()}
+
+    return unpack
 
 
-def _unpack_dataclass(hint: type, value: Any, where: str, frames: _Frames) -> Any:
-    hints = _hints(hint)
-    if not isinstance(value, list) or len(value) != len(hints):
-        raise ProtocolError(f"{where} is not a list of {len(hints)} fields")
-    arguments = [
-        _unpack(h, item, f"{where}.{name}", frames) for (name, h), item in zip(hints.items(), value, strict=True)
-    ]
-    unpacked = hint(*arguments)
-    checks.check(unpacked, where)
-    return unpacked
-
-
-def _unpack_union(members: tuple[Any, ...], value: Any, where: str, frames: _Frames) -> Any:
-    if value is None and type(None) in members:
-        return None
-    others = [member for member in members if member is not type(None)]
+def _union_unpacker(members: tuple[Any, ...]) -> Unpacker:
+    others = {member.__name__: member for member in members if member is not type(None)}
+    optional, names = len(others) < len(members), " or ".join(others)
     if len(others) == 1:
-        return _unpack(others[0], value, where, frames)
-    if not isinstance(value, list) or len(value) != 2:
-        raise ProtocolError(f"{where} is not [name, fields]")
-    for member in others:
-        if value[0] == member.__name__:
-            return _unpack(member, value[1], where, frames)
-    raise ProtocolError(f"{where} is a {value[0]!r}; expected {' or '.join(member.__name__ for member in others)}")
+        [only] = (_unpacker(member) for member in others.values())
+        return lambda value, where, frames: None if value is None and optional else only(value, where, frames)
+
+    def unpack(value: Any, where: str, frames: _Frames) -> Any:
+        if value is None and optional:
+            return None
+        if not isinstance(value, list) or len(value) != 2:
+            raise ProtocolError(f"{where} is not [name, fields]")
+        member = others.get(value[0]) if isinstance(value[0], str) else None
+        if member is None:
+            raise ProtocolError(f"{where} is a {value[0]!r}; expected {names}")
+        return _unpacker(member)(value[1], where, frames)
+
+    return unpack
 
 
 def _unpack_scalar(hint: Any, value: Any, where: str) -> Any:

@@ -15,7 +15,7 @@ import numpy as np
 from wdpm.cluster.batch import OF_MAPS, TO_HOME, Arrays, Batch, Kind, concatenate
 from wdpm.cluster.host_memory import peak_memory
 from wdpm.cluster.outbox import Outbox
-from wdpm.cluster.queues import Queues
+from wdpm.cluster.queues import Queues, without_bare_credit
 from wdpm.cluster.records import Records, take_near
 from wdpm.cluster.task import BucketTask, PhotonTask, RecordTask, Task
 from wdpm.cluster.work import tally
@@ -310,8 +310,8 @@ class CellWorker:
                 (waiting if self._destination(following) == self.number else leaving).add(following)
             if batch.kind in TO_HOME:
                 self._finish(batch.task, outbox)
-        while leaving:
-            self._send(leaving.pop(), outbox)
+        for batch in without_bare_credit([leaving.pop() for _ in range(len(leaving))]):
+            self._send(batch, outbox)
 
     def _start(self, batches: Iterable[Batch], outbox: Outbox) -> None:
         """Send new batches on their way, and work off those that stay here."""

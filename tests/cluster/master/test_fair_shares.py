@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 import pytest
 from fake_worker import make_session, make_view, triangles
-from master_driver import A, B, Driver, tasks_of
+from master_driver import LIMITS, A, B, Driver, tasks_of
 
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.members import Member
@@ -72,3 +73,9 @@ def test_a_slave_of_several_processes_has_a_task_for_each() -> None:
     tasks, (wide, narrow) = tasks_of_sizes(5, 5, 5, 5, 2, 2, 2, 2), members(2)
     assert handed(tasks, [Place(wide, 9, 3, 4)]) == [(0, 5)] * 3 + [(0, 5)]
     assert handed(tasks, [Place(narrow, 3, 1, 4)]) == [(1, 2), (1, 2), (1, 2)]
+
+
+def test_more_is_in_flight_where_slaves_hold_parts_of_the_scene() -> None:
+    driver = Driver(limits=replace(LIMITS, buckets_in_flight=1, shared_in_flight=2))
+    out = driver.to_buckets()
+    assert [len(tasks_of(out, identity)) for identity in (A, B)] == [2, 2]

@@ -107,5 +107,6 @@ def test_numbers_are_as_described() -> None:
         f"| cells on their way at once | {limits.cells_in_flight} |",
         f"| photon tasks in flight for each slave | {limits.photon_tasks_in_flight} |",
         f"| buckets in flight for each slave | {limits.buckets_in_flight} |",
+        f"| tasks in flight for each slave that holds a part of the scene | {limits.shared_in_flight} |",
     ):
         assert row in PAGE
