@@ -13,6 +13,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.allotment import NO_ALLOTMENT, Allotment
+
 Layers = Mapping[str, NDArray[np.float32]]
 """Name of layer -> shape [height, width, 3], or [height, width] for one channel."""
 
@@ -27,6 +29,7 @@ class Frame:
         first_sample, spp: the samples of each pixel that it takes; a pass goes on where the one before ended.
         holders: cell -> number of the slave that holds it.
         slaves: who they are, by number.
+        allotment: the samples of each part of it, where these are not as many everywhere.
     """
 
     width: int
@@ -36,6 +39,7 @@ class Frame:
     spp: int
     holders: tuple[int, ...]
     slaves: tuple[str, ...]
+    allotment: Allotment = NO_ALLOTMENT
 
 
 OF_NOBODY = -1

@@ -48,6 +48,8 @@ class RenderSettings:
         max_depth: longest light path in edges (1: emitted light only, 2: direct light, ...); None for no limit.
         passes: renders of the same scene, each with photons of its own and a part of the samples, and narrower than
             the one before; the image is their mean. Photons are those of each pass.
+        adaptive: from the second pass on, samples go where the passes before tell that they are worth most; each pass
+            takes as many as without.
         seed: of all random numbers.
         bucket: side of a bucket in pixels; None derives it from the image, spp and slaves. Changes no bit of the image.
         caustic_photons: photons to be stored in the caustic map of a scene that calls for one.
@@ -75,6 +77,7 @@ class RenderSettings:
     light_samples: int | None = None
     max_depth: int | None = None
     passes: int = 1
+    adaptive: bool = False
     seed: int = 0
     bucket: int | None = None
     routing: Routing = Routing.FORWARD
@@ -163,6 +166,7 @@ class RenderSettings:
             if value is not None:
                 object.__setattr__(self, name, operator.index(value))
         object.__setattr__(self, "band", float(self.band))
+        object.__setattr__(self, "adaptive", bool(self.adaptive))
         for name in ("radius", "caustic_radius", "volume_radius"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, float(getattr(self, name)))

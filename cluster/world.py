@@ -12,6 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.allotment import NO_ALLOTMENT, Allotment
 from wdpm.cluster.guide import NO_GUIDE, LightGuide
 from wdpm.cluster.records import NO_CACHE, CachePlan
 from wdpm.cluster.render_settings import Routing
@@ -183,6 +184,8 @@ class View:
         diffuse_light: where the indirect light of diffuse parts comes from.
         cache: how irradiance records are made.
         guide: how shadow rays choose among lights.
+        allotment: the samples of each part of the image, in multiples of `spp` where there are beams; where there is
+            none, all pixels take `spp`.
     """
 
     camera: Camera
@@ -199,3 +202,4 @@ class View:
     first_sample: int = 0
     cache: CachePlan = NO_CACHE
     guide: LightGuide = NO_GUIDE
+    allotment: Allotment = NO_ALLOTMENT

@@ -67,7 +67,16 @@ def frame_begun(session: Session, holders: tuple[int, ...], members: Members) ->
     slaves = tuple(member.name for member in members.ever)
     camera = view.camera
     return m.FrameBegun(
-        Frame(camera.width, camera.height, session.layers, view.first_sample, view.spp, holders, slaves)
+        Frame(
+            camera.width,
+            camera.height,
+            session.layers,
+            view.first_sample,
+            view.spp,
+            holders,
+            slaves,
+            view.allotment,
+        )
     )
 
 

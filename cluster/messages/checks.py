@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from wdpm.cluster.allotment import Allotment, blocks_of
 from wdpm.cluster.batch import SCHEMAS, Batch, Kind
 from wdpm.cluster.guide import LightGuide
 from wdpm.cluster.limits import MOST_SLAVES
@@ -20,7 +21,7 @@ from wdpm.cluster.messages.demands import Shape
 from wdpm.cluster.messages.demands import indices as _indices
 from wdpm.cluster.messages.demands import require as _require
 from wdpm.cluster.messages.instance_checks import SHAPES_OF_INSTANCES, check_instances, check_shapes
-from wdpm.cluster.records import CachePlan, Records
+from wdpm.cluster.records import RAY_SAMPLES, CachePlan, Records
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, RecordTask
 from wdpm.cluster.world import Emission, IrradiancePlan, MapPlan, PhotonPlan, TopTree, View, World
 from wdpm.kernels.fields import Many
@@ -282,6 +283,15 @@ def _view(view: View, where: str) -> None:
     _require(view.first_sample >= 0 and last < 2**31, where, f"samples {view.first_sample} to {last - 1}")
     _require(0 <= view.seed < 2**32, where, f"seed {view.seed}")
     _require(view.max_depth is None or view.max_depth >= 1, where, f"max_depth {view.max_depth}")
+    blocks, shape = blocks_of(view.camera.width, view.camera.height), view.allotment.first.shape
+    _require(not len(view.allotment) or shape == blocks, where, f"samples of {shape} blocks; the image has {blocks}")
+
+
+def _allotment(allotment: Allotment, where: str) -> None:
+    first, count = allotment.first, allotment.count
+    _require(first.ndim == 2 and first.shape == count.shape, where, f"{first.shape} and {count.shape} blocks")
+    _indices(first, 0, RAY_SAMPLES, f"{where}.first")
+    _indices(count, 0, RAY_SAMPLES, f"{where}.count")
 
 
 def _light_guide(guide: LightGuide, where: str) -> None:
@@ -451,6 +461,7 @@ _RANGES: dict[type, Callable[[Any, str], None]] = {
     PhotonPlan: _photon_plan,
     View: _view,
     LightGuide: _light_guide,
+    Allotment: _allotment,
     Camera: _camera,
     PixelFilter: _pixel_filter,
     Bitmap: _bitmap,

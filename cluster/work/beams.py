@@ -123,7 +123,10 @@ def chosen_samples(view: View | None, sample: NDArray[np.int32]) -> tuple[NDArra
     if view is None:
         raise ValueError("a stretch of a camera ray came before a view was set")
     stride = -(-view.spp // view.volume_samples)
-    return (sample - view.first_sample) % stride == 0, np.float32(view.spp / -(-view.spp // stride))
+    number = sample - view.first_sample
+    if len(view.allotment):  # of any run of spp samples, whichever it begins with, as many are chosen
+        number %= view.spp
+    return number % stride == 0, np.float32(view.spp / -(-view.spp // stride))
 
 
 def next_beam_cells(replica: Replica, arrays: Arrays, current: int) -> NDArray[np.int32]:

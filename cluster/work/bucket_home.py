@@ -6,6 +6,7 @@ returns it at its end. When all of it is home, nothing of the task is left in fl
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from wdpm.cluster.allotment import Piece, sample_groups, waves
 from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, concatenate, take
 from wdpm.cluster.layers import layers_of
 from wdpm.cluster.render_settings import Routing
@@ -26,6 +28,7 @@ from wdpm.cluster.work.sample_weights import SampleWeights
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera import add_samples
+from wdpm.kernels.camera.pixel_filter import is_signed
 from wdpm.kernels.camera.rays import Rays
 from wdpm.kernels.ray_fields import HIT
 from wdpm.scenes.errors import ProtocolError
@@ -56,17 +59,18 @@ class BucketHome:
         self._replica = replica
         self._view = view
         self._guards = guards
-        every = range(view.first_sample, view.first_sample + view.spp)
-        self._samples = every if samples is None else samples
         width, height = task.x1 - task.x0, task.y1 - task.y0
         self._shape = (height, width)
         x = np.arange(task.x0, task.x1, dtype=np.int32)
         y = np.arange(task.y0, task.y1, dtype=np.int32)
         self._pixels = (y[:, None] * np.int32(view.camera.width) + x[None, :]).reshape(-1)
-        self._weights = SampleWeights.if_needed(replica, view, self._pixels)
-        self._samples_a_wave = max(1, min(len(self._samples), WAVE_SAMPLES // len(self._pixels)))
-        self._first = self._samples.start
-        self._sums = columns.zeros(add_samples.Sums, len(self._pixels), replica.launcher.device)
+        first, self._counts = _samples_of(task, view, samples)
+        self._groups = sample_groups(first, self._counts, alike=is_signed(view.camera.filter))
+        self._weights = [self._weights_of(number) for number in range(len(self._groups))]
+        self._waves = deque(waves(self._groups, WAVE_SAMPLES))
+        self._wave: list[Piece] = []
+        device = replica.launcher.device
+        self._sums = [columns.zeros(add_samples.Sums, len(group.rows), device) for group in self._groups]
         self._cell = np.full(len(self._pixels), -1, np.int32)
         self._credit = 0
         self._slots: dict[str, NDArray[Any]] = {}
@@ -75,14 +79,16 @@ class BucketHome:
         self._later: list[Arrays] = []
 
     def begin(self) -> Iterator[Batch]:
-        """Start the next wave of samples."""
-        count = min(self._samples_a_wave, self._samples.stop - self._first)
-        sample = np.arange(self._first, self._first + count, dtype=np.int32)
-        total = len(self._pixels) * count
+        """Start the next wave of samples, if there is one."""
+        if not self._waves:
+            return
+        self._wave = self._waves.popleft()
+        pieces = [self._samples_in(piece) for piece in self._wave]
+        total = sum(len(pixel) for pixel, _ in pieces)
         rays: dict[str, NDArray[Any]] = {
             "slot": np.arange(total, dtype=np.int32),
-            "pixel": np.repeat(self._pixels, count),
-            "sample": np.tile(sample, len(self._pixels)),
+            "pixel": np.concatenate([pixel for pixel, _ in pieces]),
+            "sample": np.concatenate([sample for _, sample in pieces]),
         }
         self._rays = rays
         self._slots = _empty_slots(total, self._view.light_samples)
@@ -90,6 +96,20 @@ class BucketHome:
             yield from self._begin_merge(rays)
         else:
             yield from self._begin_forward(rays)
+
+    def _weights_of(self, number: int) -> SampleWeights | None:
+        """Of the samples of a group, all of whose pixels end at the same sample where they do not weigh the same."""
+        group = self._groups[number]
+        return SampleWeights.if_needed(
+            self._replica, self._view, self._pixels[group.rows], int(group.first[0]) + group.count
+        )
+
+    def _samples_in(self, piece: Piece) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Pixel and number of each sample, ordered by pixel."""
+        group = self._groups[piece.group]
+        sample = np.add.outer(group.first, np.arange(piece.start, piece.stop, dtype=np.int32))
+        pixel: NDArray[np.int32] = np.repeat(self._pixels[group.rows], piece.stop - piece.start)
+        return pixel, sample.reshape(-1)
 
     def _begin_forward(self, start: dict[str, NDArray[Any]]) -> Iterator[Batch]:
         """Each ray sets out in the first cell on its way."""
@@ -144,8 +164,7 @@ class BucketHome:
                 yield from self._shade_merged()
             if self._credit == 0:
                 self._finish_wave()
-                if self._first < self._samples.stop:
-                    yield from self.begin()
+                yield from self.begin()
 
     def _fill(self, arrays: Arrays, names: Iterable[str]) -> None:
         """Put samples into their slots; where all come at once and in order, they are the slots."""
@@ -209,27 +228,47 @@ class BucketHome:
 
     def _finish_wave(self) -> None:
         """Add the wave's samples to the pixels' sums, in the order of their numbers."""
-        launcher, shots = self._replica.launcher, self._view.light_samples
-        count = len(self._slots["depth"]) // len(self._pixels)
-        slots: Arrays = self._slots
         later = self._parts_in_order()
-        if self._weights is not None:
-            slots, later = self._weights.weigh(self._rays, slots, later, shots)
+        start = 0
+        for piece in self._wave:
+            stop = start + len(self._groups[piece.group].rows) * (piece.stop - piece.start)
+            self._add_piece(piece, start, stop, later)
+            start = stop
+        self._wave, self._later, self._slots, self._rays = [], [], {}, {}
+
+    def _add_piece(self, piece: Piece, start: int, stop: int, later: Arrays) -> None:
+        """Add the samples in the slots start to stop - 1.
+
+        Args:
+            later: the parts of all slots, in order.
+        """
+        launcher, shots = self._replica.launcher, self._view.light_samples
+        group, weights = self._groups[piece.group], self._weights[piece.group]
+        count = piece.stop - piece.start
+        slots: Arrays = {
+            name: column[start * shots : stop * shots] if name == "direct" else column[start:stop]
+            for name, column in self._slots.items()
+        }
+        begin, end = later["begin"][start], later["begin"][stop]
+        mine: Arrays = {
+            "begin": later["begin"][start : stop + 1] - begin,
+            "layer": later["layer"][begin:end],
+            "radiance": later["radiance"][begin:end],
+        }
+        if weights is not None:
+            rays = {name: self._rays[name][start:stop] for name in ("pixel", "sample")}
+            slots, mine = weights.weigh(rays, slots, mine, shots)
         launcher(
             add_samples.add_samples,
-            len(self._pixels),
+            len(group.rows),
             slots=columns.upload(add_samples.Slots, slots, launcher.device),
-            parts=columns.upload(add_samples.Parts, later, launcher.device),
+            parts=columns.upload(add_samples.Parts, mine, launcher.device),
             samples=count,
             light_samples=shots,
-            sums_out=self._sums,
+            sums_out=self._sums[piece.group],
         )
-        self._later = []
-        if self._first == self._samples.start:
-            self._cell = self._slots["cell"].reshape(-1, count)[:, 0].copy()
-        self._first += count
-        self._slots = {}
-        self._rays = {}
+        if piece.start == 0:
+            self._cell[group.rows] = slots["cell"].reshape(-1, count)[:, 0]
 
     def _parts_in_order(self) -> Arrays:
         """All parts beyond the first surface, by slot and place, and where those of each slot begin."""
@@ -246,14 +285,23 @@ class BucketHome:
     def sums(self) -> dict[str, NDArray[Any]]:
         """What the samples that are in add up to, float64, shape [pixels, 3] or [pixels], and how many of them hit."""
         names = ("direct", "indirect", "caustic", "volume", "normal", "albedo", "depth", "hits")
-        return columns.download(self._sums, names)
+        of_groups = [columns.download(sums, names) for sums in self._sums]
+        if len(of_groups) == 1 and len(self._groups[0].rows) == len(self._pixels):
+            return of_groups[0]
+        whole: dict[str, NDArray[Any]] = columns.download(
+            columns.zeros(add_samples.Sums, len(self._pixels), self._replica.launcher.device), names
+        )
+        for group, sums in zip(self._groups, of_groups, strict=True):
+            for name in names:
+                whole[name][group.rows] = sums[name]
+        return whole
 
     def result(self) -> BucketRendered | None:
-        """The bucket's pixels once all samples are in."""
-        if self._credit > 0 or self._first < self._samples.stop:
+        """The bucket's pixels once all samples are in; those that take none are black."""
+        if self._credit > 0 or self._waves:
             return None
         sums = self.sums()
-        share = 1.0 / len(self._samples)
+        share = (1.0 / np.maximum(self._counts, 1))[:, None]
         hits = np.maximum(sums["hits"], 1)
         flat = {
             "beauty": (((sums["direct"] + sums["indirect"]) + sums["caustic"]) + sums["volume"]) * share,
@@ -283,6 +331,16 @@ class BucketHome:
             raise ProtocolError(f"a {batch.kind.value} batch has a slot outside 0 .. {size - 1}")
         if batch.kind is Kind.LIT and len(slot) and batch.arrays["place"].min() < 0:
             raise ProtocolError("a lit batch has a place below 0")
+
+
+def _samples_of(task: BucketTask, view: View, samples: range | None) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Number of the first sample of each pixel, and how many it takes, shape [pixels]."""
+    if samples is None and len(view.allotment):
+        first, count = view.allotment.of_pixels(task.x0, task.y0, task.x1, task.y1)
+        return first.reshape(-1), count.reshape(-1)
+    every = range(view.first_sample, view.first_sample + view.spp) if samples is None else samples
+    pixels = (task.x1 - task.x0) * (task.y1 - task.y0)
+    return np.full(pixels, every.start, np.int32), np.full(pixels, len(every), np.int32)
 
 
 def _empty_slots(samples: int, light_samples: int) -> dict[str, NDArray[Any]]:

@@ -16,19 +16,19 @@ from wdpm.kernels.camera.pixel_filter import filter_signs, is_signed, sharpening
 
 
 class SampleWeights:
-    """What the samples of a bucket weigh, the mean sign of each of its pixels computed once.
+    """What the samples of some pixels weigh, the mean sign of each pixel computed once.
 
     Args:
-        pixels: of the bucket, int32.
+        pixels: int32.
+        samples: of each, those of passes before included.
     """
 
-    def __init__(self, replica: Replica, view: View, pixels: NDArray[np.int32]) -> None:
+    def __init__(self, replica: Replica, view: View, pixels: NDArray[np.int32], samples: int) -> None:
         self._replica = replica
         self._sharpening = sharpening(view.camera.filter)
         device = replica.launcher.device
         self._signs = wp.array(filter_signs(view.camera.filter), dtype=wp.float32, device=device)
         sums = wp.empty(len(pixels), dtype=wp.float64, device=device)
-        samples = view.first_sample + view.spp
         replica.launcher(
             filter_weights.sum_signs,
             len(pixels),
@@ -41,9 +41,9 @@ class SampleWeights:
         self._mean_sign = sums.numpy() / samples
 
     @classmethod
-    def if_needed(cls, replica: Replica, view: View, pixels: NDArray[np.int32]) -> Self | None:
+    def if_needed(cls, replica: Replica, view: View, pixels: NDArray[np.int32], samples: int) -> Self | None:
         """None with a filter under which all samples weigh the same."""
-        return cls(replica, view, pixels) if is_signed(view.camera.filter) else None
+        return cls(replica, view, pixels, samples) if is_signed(view.camera.filter) else None
 
     def weights(self, rays: Arrays) -> NDArray[np.float32]:
         """Of each sample of a wave: camera rays, ordered by pixel as the bucket's pixels are."""

@@ -9,6 +9,7 @@ import pytest
 
 from wdpm.cli import main
 from wdpm.cli.journals import places_of
+from wdpm.cluster.allotment import Allotment
 from wdpm.images.image import load
 from wdpm.progress import SilentProgress
 from wdpm.rendering import passes
@@ -28,10 +29,10 @@ def fail_at(monkeypatch: pytest.MonkeyPatch, number: int, error: BaseException) 
     """Have pass `number` fail."""
     whole = PassRenderer.render
 
-    def failing(self: PassRenderer, plan: PassPlan) -> Any:
+    def failing(self: PassRenderer, plan: PassPlan, *samples: Allotment) -> Any:
         if plan.number == number:
             raise error
-        return whole(self, plan)
+        return whole(self, plan, *samples)
 
     monkeypatch.setattr(passes.PassRenderer, "render", failing)
 

@@ -16,6 +16,7 @@ import wdpm
 from wdpm.accuracy.predict import predict
 from wdpm.cli.goal import EXIT_NOT_REACHED
 from wdpm.cli.main import main
+from wdpm.cluster.allotment import Allotment
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.goal.convergence import MOST_BIAS, ConvergenceEstimator, Estimate
 from wdpm.goal.goal import Goal, Metric
@@ -79,10 +80,10 @@ class Costs:
         self.now = 0.0
         render = PassRenderer.render
 
-        def timed(renderer: PassRenderer, plan: PassPlan) -> PassResult:
+        def timed(renderer: PassRenderer, plan: PassPlan, *samples: Allotment) -> PassResult:
             seconds = {"photons": photons, "render": sample * plan.spp}
             self.now += sum(seconds.values())
-            return replace(render(renderer, plan), seconds=seconds)
+            return replace(render(renderer, plan, *samples), seconds=seconds)
 
         monkeypatch.setattr(PassRenderer, "render", timed)
 
@@ -124,7 +125,14 @@ def test_a_trial_s_renderer_goes_on_with_the_passes(scene: Scene, monkeypatch: p
     assert settings["spp"] == settings["passes"]
     assert [each.integrator for each in prepared] == [Integrator.PATH, Integrator.PHOTONS]
     again = wdpm.render(
-        scene, threads=2, spp=settings["spp"], passes=settings["passes"], indirect=settings["indirect"], seed=2, **FEW
+        scene,
+        threads=2,
+        spp=settings["spp"],
+        passes=settings["passes"],
+        indirect=settings["indirect"],
+        adaptive=True,
+        seed=2,
+        **FEW,
     )
     assert image.layers["beauty"].tobytes() == again.layers["beauty"].tobytes()
 
@@ -249,10 +257,10 @@ def ctrl_c(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """Someone presses Ctrl-C in the fourth pass."""
     render = PassRenderer.render
 
-    def interrupted(renderer: PassRenderer, plan: PassPlan) -> PassResult:
+    def interrupted(renderer: PassRenderer, plan: PassPlan, *samples: Allotment) -> PassResult:
         if isinstance(renderer.progress, PassProgress) and plan.number == 3:
             raise KeyboardInterrupt
-        return render(renderer, plan)
+        return render(renderer, plan, *samples)
 
     monkeypatch.setattr(PassRenderer, "render", interrupted)
     return monkeypatch
@@ -267,7 +275,8 @@ def test_ctrl_c_hands_over_the_image_so_far(scene: Scene, ctrl_c: pytest.MonkeyP
     assert asked["passes"] == 3
     ctrl_c.undo()
     settings = image.metadata["settings"]
-    again = wdpm.render(scene, threads=2, spp=settings["spp"], passes=3, indirect=Indirect(settings["indirect"]), **FEW)
+    chosen = {"spp": settings["spp"], "adaptive": True, "indirect": Indirect(settings["indirect"])}
+    again = wdpm.render(scene, threads=2, passes=3, **chosen, **FEW)
     assert image.layers["beauty"].tobytes() == again.layers["beauty"].tobytes()
 
 

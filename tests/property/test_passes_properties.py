@@ -23,12 +23,14 @@ from wdpm.scenes.errors import SettingsError
 LAYERS = {"beauty": 3, "direct": 3, "indirect": 3, "depth": 1, "cell": 1}
 SIZE = (3, 5)
 PLANNED: Any = SimpleNamespace(
+    settings=RenderSettings(),
     session=SimpleNamespace(
+        view=SimpleNamespace(camera=SimpleNamespace(width=SIZE[1], height=SIZE[0])),
         world=SimpleNamespace(
             maps=[SimpleNamespace(paths=9, read=True)],
             unit=1.0,
-        )
-    )
+        ),
+    ),
 )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from wdpm.api import render
+from wdpm.cluster.allotment import Allotment
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings, Routing
 from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
@@ -47,10 +48,10 @@ def stop_after(monkeypatch: pytest.MonkeyPatch, count: int) -> None:
     """Have renders stop when they begin a pass of this number."""
     whole = PassRenderer.render
 
-    def stopping(self: PassRenderer, plan: PassPlan) -> Any:
+    def stopping(self: PassRenderer, plan: PassPlan, *samples: Allotment) -> Any:
         if plan.number == count:
             raise Stopped
-        return whole(self, plan)
+        return whole(self, plan, *samples)
 
     monkeypatch.setattr(module.PassRenderer, "render", stopping)
 

@@ -37,6 +37,7 @@ class SettingOption:
         parse: from text, or the enumeration of the choices; None makes it a flag.
         metavar: name of the value in the help.
         default: the default in words, where it is not simply the field's.
+        refusable: a flag that has a --no- form as well, since other options may imply it.
     """
 
     field: str
@@ -45,6 +46,7 @@ class SettingOption:
     parse: Callable[[str], Any] | type[Enum] | None = values.positive_count
     metavar: str = "N"
     default: str | None = None
+    refusable: bool = False
 
 
 _QUALITY = "image quality"
@@ -110,6 +112,14 @@ SETTING_OPTIONS = (
         "passes that the samples are spread over; each has photons of its own, and a narrower radius than the last",
     ),
     SettingOption(
+        "adaptive",
+        _QUALITY,
+        "from the third pass on, samples go to those parts of the image that are furthest off, as the passes before "
+        "tell; each pass takes as many as without (default: with --until-error and --time-budget)",
+        None,
+        refusable=True,
+    ),
+    SettingOption(
         "max_depth",
         _QUALITY,
         "longest light path in edges: 1 emitted light, 2 direct light, ...",
@@ -165,7 +175,8 @@ def add_setting_options(parser: argparse.ArgumentParser) -> None:
         groups[option.group] = group
         flag = "--" + option.field.replace("_", "-")
         if option.parse is None:
-            group.add_argument(flag, action="store_true", default=None, help=option.text)
+            action: Any = argparse.BooleanOptionalAction if option.refusable else "store_true"
+            group.add_argument(flag, action=action, default=None, help=option.text)
             continue
         default = option.default or _in_words(defaults[option.field])
         kind = option.parse if not isinstance(option.parse, type) else _enum_parser(option.parse)

@@ -33,9 +33,13 @@ from wdpm.rendering.error_layers import (
     NORMAL_QUANTILE,
     Batches,
     ErrorEstimate,
+    Weight,
     bias_figure,
     block_sums,
     chi_square_quantile,
+    freedom_of,
+    share_of,
+    spread_of,
 )
 from wdpm.report.report import ErrorFigure
 
@@ -91,7 +95,7 @@ class ConvergenceEstimator:
         self._biased = biased
         self._reference = reference if biased else None
         self._halves: list[Values] = [np.zeros(shape), np.zeros(shape)]
-        self._weights = [0.0, 0.0]
+        self._weights: list[Values] = [np.zeros(()), np.zeros(())]
         self._batches = Batches(shape)
         self._coarse = Batches((0,) if self._reference is None else self._reference.a.shape)
         self._by_radius = ErrorEstimate(shape, biased)
@@ -103,22 +107,23 @@ class ConvergenceEstimator:
         """How many were taken in."""
         return self._passes
 
-    def add(self, layers: dict[str, NDArray[np.float32]], spp: int, share: float) -> None:
+    def add(self, layers: dict[str, NDArray[np.float32]], spp: Weight, share: float) -> None:
         """Take in the next pass.
 
         Args:
             layers: at least `beauty`, and those of light from photon maps.
-            spp: samples a pixel.
+            spp: samples a pixel, those of the reference's pixels alike.
             share: its squared radius, as a share of the first pass's.
         """
         image = layers["beauty"].astype(np.float64)
         image = np.where(np.isfinite(image), image, 0.0)
         half = self._passes % 2
-        self._weights[half] += spp
-        self._halves[half] += (image - self._halves[half]) * (spp / self._weights[half])
+        self._weights[half] = np.asarray(self._weights[half] + spp)
+        self._halves[half] += (image - self._halves[half]) * share_of(spp, self._weights[half])
         self._batches.add(image, spp)
         if self._reference is not None:
-            self._coarse.add(coarser(image, self._reference.factor), spp)
+            factor = self._reference.factor
+            self._coarse.add(coarser(image, factor), spp if np.ndim(spp) == 0 else np.asarray(spp)[::factor, ::factor])
         if self._biased:
             # Of a surface that no photon map lights there is no such layer.
             known = layers if any(name in layers for name in BY_PHOTONS) else layers | {"indirect": _black(layers)}
@@ -129,7 +134,8 @@ class ConvergenceEstimator:
 
     def mean(self) -> Values:
         """Of all passes."""
-        return np.asarray(np.average(self._halves, axis=0, weights=self._weights))
+        one, other = self._weights
+        return np.asarray((self._halves[0] * one + self._halves[1] * other) / (one + other))
 
     def estimate(self) -> Estimate | None:
         """What the passes so far tell; None before there are enough."""
@@ -139,12 +145,12 @@ class ConvergenceEstimator:
         bias = self._bias(self.mean())
         return Estimate(noise, bias, _sum(noise, bias))
 
-    def noise_of(self, variance: Values, freedom: int) -> ErrorFigure:
+    def noise_of(self, variance: Values, freedom: float) -> ErrorFigure:
         """The weighted mean of a variance of the mean image, of so many degrees of freedom."""
         weight = self.weight()
         return with_rare(spread_figure(variance * weight, freedom), variance * (self.most_weight() - weight))
 
-    def variance(self) -> tuple[Values, int]:
+    def variance(self) -> tuple[Values, float]:
         """Of the mean of the passes, pixel by pixel, and its degrees of freedom."""
         return variance_of_mean(self._batches)
 
@@ -203,19 +209,15 @@ def most_bias(metric: Metric) -> float:
     return MOST_BIAS if metric.is_relative else 0.0
 
 
-def variance_of_mean(batches: Batches) -> tuple[Values, int]:
+def variance_of_mean(batches: Batches) -> tuple[Values, float]:
     """Of the mean of all images that batches hold, and its degrees of freedom.
 
     The batch that is not full counts, too, by its weight: a rare sample in it is in the mean.
     """
     means: list[NDArray[Any]] = [*batches.means, *([batches.open_mean] if batches.open_count else [])]
     weights = [*batches.weights, *([batches.open_weight] if batches.open_count else [])]
-    mean: Values = np.average(means, axis=0, weights=weights)
-    spread = np.zeros(mean.shape)
-    for each, weight in zip(means, weights, strict=True):
-        spread += weight * (each - mean) ** 2
-    freedom = len(means) - 1
-    return spread / (sum(weights) * freedom), freedom
+    freedom = freedom_of(weights)
+    return spread_of(means, weights) / (sum(weights) * freedom), float(freedom.mean())
 
 
 def believed_light(mean: Values, darker: Values) -> Values:
@@ -239,7 +241,7 @@ def mean_of_neighbours(image: Values) -> Values:
     return total / 8.0
 
 
-def spread_figure(variance: Values, freedom: int) -> ErrorFigure:
+def spread_figure(variance: Values, freedom: float) -> ErrorFigure:
     """The mean of estimated variances over the image, with its interval of 80 %.
 
     As error_layers.noise_figure: blocks are independent, each spread like a chi-square (Satterthwaite 1946).

@@ -19,6 +19,7 @@ from wdpm.goal.trial import Clock
 from wdpm.goal.trial_pilot import TrialPilot, Workplace
 from wdpm.images.image import Image
 from wdpm.progress import Progress, SilentProgress
+from wdpm.rendering.adaptive import weight_of
 from wdpm.rendering.backend import Backend
 from wdpm.rendering.pass_plan import PassPlan, shrink
 from wdpm.rendering.pass_progress import PassProgress
@@ -80,7 +81,8 @@ def render_until(
         source: a scene, a file, the name of a built-in scene, or a function that gives a scene.
         used: of the goal's time before this call [s].
         clock: that costs are measured with [s]; CPU time, for one, on a machine that does other things, too.
-        chosen: settings that are kept as they are, by name, see RenderSettings; all others are picked.
+        chosen: settings that are kept as they are, by name, see RenderSettings; all others are picked. Sampling is
+            adaptive unless this says otherwise.
         Others are as of PassRenderer.
 
     Returns:
@@ -97,7 +99,8 @@ def render_until(
     scene = scene_of(source)
     pixels = scene.camera.width * scene.camera.height
     budget.reserve = WRITING_S + WRITING_S_PER_PIXEL * pixels + ENDING_SHARE * used
-    pilot = TrialPilot(scene, settings_for(scene, **chosen), frozenset(chosen), Workplace(backend, progress, clock))
+    settings = settings_for(scene, **({"adaptive": True} | chosen))
+    pilot = TrialPilot(scene, settings, frozenset(chosen), Workplace(backend, progress, clock))
     progress.start("pilot")
     pilot.run(goal, budget.left)
     return _render(pilot, goal, budget)
@@ -148,13 +151,13 @@ def _passes(
         began = time.perf_counter()
         plan = PassPlan(number, number * samples, samples)
         try:
-            result = schedule.trial.results.get(plan) or renderer.render(plan)
+            result = schedule.trial.results.get(plan) or renderer.render(plan, average.allotment(plan))
         except KeyboardInterrupt:
             if not number:
                 raise
             return average, estimator.estimate(), Ending.INTERRUPTED
         average.add(result)
-        estimator.add(result.layers, samples, shrink(number))
+        estimator.add(result.layers, weight_of(plan, result.allotment, camera.width, camera.height), shrink(number))
         number += 1
         renderer.show(average)
         if goal.error is not None and number >= next_check:

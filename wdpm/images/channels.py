@@ -29,6 +29,7 @@ LAYER_CHANNELS: Mapping[str, str] = {
     "cell": "Y",
     "noise": "RGB",
     "bias": "RGB",
+    "samples": "Y",
 }
 
 

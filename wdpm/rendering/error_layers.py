@@ -18,6 +18,7 @@ All of it is kept up with each pass: no pass is held any longer.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,9 @@ from wdpm.images.comparison import RELATIVE_FLOOR
 from wdpm.report.report import ErrorFigure, ErrorParts, ErrorReport
 
 Values = NDArray[np.float64]
+
+Weight = float | Values
+"""Samples of a pixel: one number, or where these differ one for each, shape [height, width, 1]."""
 
 BY_PHOTONS = ("indirect", "caustic", "volume")
 """Layers whose light comes from photon maps; the rest of an image has no bias."""
@@ -54,56 +58,103 @@ NORMAL_QUANTILE = 1.959963984540054
 """Of 0.975: intervals are of 95 %."""
 
 
+_OF_SLOPES = ("weight", "x", "spread")
+
+
 class Batches:
     """Means of runs of images: at most BATCHES, all of the same number of images, and one that is not full.
 
     Attributes:
         size: images of a full batch.
-        means: float32, shape [height, width, 3], of the full batches; weights: of each.
+        means: float32, shape [height, width, 3], of the full batches; weights: of each (Weight, as an array).
         open_mean, open_weight, open_count: of the batch that is not full.
+
+    Where a pixel has no weight in a batch, the batch says nothing of it.
     """
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self.size = 1
         self.means: list[NDArray[np.float32]] = []
-        self.weights: list[float] = []
+        self.weights: list[Values] = []
         self.open_mean: Values = np.zeros(shape)
-        self.open_weight, self.open_count = 0.0, 0
+        self.open_weight: Values = np.zeros(())
+        self.open_count = 0
 
-    def add(self, image: NDArray[Any], weight: float) -> None:
+    def add(self, image: NDArray[Any], weight: Weight) -> None:
         """Take in an image."""
-        self.open_weight += weight
+        self.open_weight = np.asarray(self.open_weight + weight)
         self.open_count += 1
-        self.open_mean += (image - self.open_mean) * (weight / self.open_weight)
+        self.open_mean += (image - self.open_mean) * share_of(weight, self.open_weight)
         if self.open_count == self.size:
             self.means.append(self.open_mean.astype(np.float32))
             self.weights.append(self.open_weight)
             self.open_mean = np.zeros_like(self.open_mean)
-            self.open_weight, self.open_count = 0.0, 0
+            self.open_weight, self.open_count = np.zeros(()), 0
         if len(self.means) == BATCHES:
             self._pair()
 
     def _pair(self) -> None:
         """Make one batch of every two."""
-        weights = [a + b for a, b in zip(self.weights[::2], self.weights[1::2], strict=True)]
-        shares = [a / both for a, both in zip(self.weights[::2], weights, strict=True)]
+        weights = [np.asarray(a + b) for a, b in zip(self.weights[::2], self.weights[1::2], strict=True)]
+        shares = [share_of(a, both) for a, both in zip(self.weights[::2], weights, strict=True)]
         pairs = zip(self.means[::2], self.means[1::2], shares, strict=True)
         self.means = [(a * share + b.astype(np.float64) * (1.0 - share)).astype(np.float32) for a, b, share in pairs]
         self.weights = weights
         self.size *= 2
 
-    @property
-    def freedom(self) -> int:
-        """Degrees of freedom of `variance`."""
-        return len(self.means) - 1
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All of its state, by name."""
+        state: dict[str, NDArray[Any]] = {
+            "open": self.open_mean,
+            "open weight": self.open_weight,
+            "counts": np.array([len(self.means), self.size, self.open_count]),
+        }
+        for number, (mean, weight) in enumerate(zip(self.means, self.weights, strict=True)):
+            state |= {f"{number}.mean": mean, f"{number}.weight": weight}
+        return state
 
-    def variance(self, weight: float) -> Values:
+    def restore(self, state: dict[str, NDArray[Any]]) -> None:
+        """Go on from what `arrays` gave. Raises KeyError or ValueError if that is of another image."""
+        full, self.size, self.open_count = (int(count) for count in state["counts"])
+        self.open_mean = same_shape(state["open"], self.open_mean)
+        self.open_weight = weight_like(state["open weight"], self.open_mean)
+        like = np.empty(self.open_mean.shape, np.float32)
+        self.means = [same_shape(state[f"{number}.mean"], like) for number in range(full)]
+        self.weights = [weight_like(state[f"{number}.weight"], like) for number in range(full)]
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of `variance`; the mean over pixels where they differ."""
+        return float(freedom_of(self.weights).mean())
+
+    def variance(self, weight: Weight) -> Values:
         """Of the mean of images of that much weight together, as the spread of the full batches tells it."""
-        mean = np.average(self.means, axis=0, weights=self.weights)
-        spread = np.zeros_like(self.open_mean)
-        for each, its_weight in zip(self.means, self.weights, strict=True):
-            spread += its_weight * (each - mean) ** 2
-        return np.asarray(spread / (weight * self.freedom))
+        return spread_of(self.means, self.weights) / (weight * freedom_of(self.weights))
+
+
+def share_of(weight: Weight, together: Weight) -> Values:
+    """Of a sum of weights; 0 where that is none."""
+    there = np.asarray(together) > 0
+    out = np.zeros(np.broadcast_shapes(np.shape(weight), np.shape(together)))
+    return np.asarray(np.divide(weight, together, out=out, where=there))
+
+
+def freedom_of(weights: Sequence[Weight]) -> Values:
+    """Degrees of freedom of a spread over batches: one less than those in which a pixel has weight, but at least 1."""
+    there = [(np.asarray(weight) > 0).astype(np.float64) for weight in weights]
+    return np.asarray(np.maximum(sum(there[1:], there[0]) - 1.0, 1.0))
+
+
+def spread_of(means: Sequence[NDArray[Any]], weights: Sequence[Weight]) -> Values:
+    """Weighted sum of squared distances of images from their mean."""
+    total: Values = np.zeros(means[0].shape)
+    for each, weight in zip(means, weights, strict=True):
+        total += np.multiply(each, weight, dtype=np.float64)
+    mean = total / sum(weights[1:], np.asarray(weights[0], np.float64))
+    spread: Values = np.zeros(means[0].shape)
+    for each, weight in zip(means, weights, strict=True):
+        spread += weight * (each - mean) ** 2
+    return spread
 
 
 class Slope:
@@ -117,25 +168,27 @@ class Slope:
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self.count = 0
-        self.weight = self.x = self.spread = 0.0
+        self.weight: Values = np.zeros(())
+        self.x: Values = np.zeros(())
+        self.spread: Values = np.zeros(())
         self.mean: Values = np.zeros(shape)
         self.together: Values = np.zeros(shape)
 
-    def add(self, image: Values, x: float, weight: float) -> None:
+    def add(self, image: Values, x: float, weight: Weight) -> None:
         """Take in an image (West 1979)."""
         self.count += 1
-        self.weight += weight
-        share, before = weight / self.weight, x - self.x
-        self.x += before * share
-        self.spread += weight * before * (x - self.x)
+        self.weight = np.asarray(self.weight + weight)
+        share, before = share_of(weight, self.weight), x - self.x
+        self.x = np.asarray(self.x + before * share)
+        self.spread = np.asarray(self.spread + weight * before * (x - self.x))
         distance = image - self.mean
         self.mean += distance * share
         self.together += weight * distance * (x - self.x)
 
     @property
     def known(self) -> bool:
-        """Whether there are images enough for a slope."""
-        return self.count >= 2 and self.spread > 0
+        """Whether there are images enough for a slope, of every pixel."""
+        return self.count >= 2 and bool((self.spread > 0).all())
 
     def value(self) -> Values:
         """b."""
@@ -153,20 +206,20 @@ class ErrorEstimate:
     def __init__(self, shape: tuple[int, ...], biased: bool) -> None:
         self.biased = biased
         self.passes = 0
-        self._weight = 0.0
+        self._weight: Values = np.zeros(())
         self._mean: Values = np.zeros(shape)
         self._batches = Batches(shape)
         self._slopes = tuple(Slope(shape if biased else (0,)) for _ in range(2))
 
-    def add(self, layers: dict[str, NDArray[np.float32]], weight: float, share: float) -> None:
+    def add(self, layers: dict[str, NDArray[np.float32]], weight: Weight, share: float) -> None:
         """Take in a pass.
 
         Args:
             weight: samples a pixel.
             share: its squared radius, as a share of the first pass's.
         """
-        self._weight += weight
-        self._mean += (layers["beauty"] - self._mean) * (weight / self._weight)
+        self._weight = np.asarray(self._weight + weight)
+        self._mean += (layers["beauty"] - self._mean) * share_of(weight, self._weight)
         self._batches.add(layers["beauty"], weight)
         if self.biased:
             self._slopes[self.passes % 2].add(sum_of_photons(layers), share, weight)
@@ -195,9 +248,14 @@ class ErrorEstimate:
         one, other = self._slopes
         return one.value() * other.value() * self._mean_share() ** 2
 
-    def _mean_share(self) -> float:
+    @property
+    def mean(self) -> Values:
+        """The mean image, shape [height, width, 3]."""
+        return self._mean
+
+    def _mean_share(self) -> Values:
         one, other = self._slopes
-        return (one.x * one.weight + other.x * other.weight) / (one.weight + other.weight)
+        return np.asarray((one.x * one.weight + other.x * other.weight) / (one.weight + other.weight))
 
     def layers(self) -> dict[str, NDArray[np.float32]]:
         """`noise`, the standard error of the mean, and `bias`, as far as the passes tell."""
@@ -231,34 +289,26 @@ class ErrorEstimate:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All of its state, by name."""
-        batches = self._batches
-        state: dict[str, NDArray[Any]] = {
-            "mean": self._mean,
-            "open": batches.open_mean,
-            "weights": np.array(batches.weights, np.float64),
-            "numbers": np.array([self.passes, self._weight, batches.size, batches.open_weight, batches.open_count]),
-        }
-        state |= {f"batch.{number}": mean for number, mean in enumerate(batches.means)}
+        state = {f"batches.{name}": array for name, array in self._batches.arrays().items()}
+        state |= {"mean": self._mean, "weight": self._weight, "passes": np.array(self.passes)}
         for number, slope in enumerate(self._slopes):
-            state |= {f"slope.{number}.mean": slope.mean, f"slope.{number}.together": slope.together}
-            state[f"slope.{number}.numbers"] = np.array([slope.count, slope.weight, slope.x, slope.spread])
+            state |= {f"slope.{number}.{name}": getattr(slope, name) for name in ("mean", "together", *_OF_SLOPES)}
+            state[f"slope.{number}.count"] = np.array(slope.count)
         return state
 
     def restore(self, state: dict[str, NDArray[Any]]) -> None:
         """Go on from what `arrays` gave. Raises KeyError or ValueError if that is of another image."""
-        batches = self._batches
-        passes, self._weight, size, batches.open_weight, count = (float(number) for number in state["numbers"])
-        self.passes, batches.size, batches.open_count = int(passes), int(size), int(count)
+        prefix = "batches."
+        self._batches.restore({n.removeprefix(prefix): a for n, a in state.items() if n.startswith(prefix)})
+        self.passes = int(state["passes"])
         self._mean = same_shape(state["mean"], self._mean)
-        batches.open_mean = same_shape(state["open"], batches.open_mean)
-        batches.weights = [float(weight) for weight in state["weights"]]
-        like = np.empty(self._mean.shape, np.float32)
-        batches.means = [same_shape(state[f"batch.{number}"], like) for number in range(len(batches.weights))]
+        self._weight = weight_like(state["weight"], self._mean)
         for number, slope in enumerate(self._slopes):
             slope.mean = same_shape(state[f"slope.{number}.mean"], slope.mean)
             slope.together = same_shape(state[f"slope.{number}.together"], slope.together)
-            slope.weight, slope.x, slope.spread = (float(each) for each in state[f"slope.{number}.numbers"][1:])
-            slope.count = int(state[f"slope.{number}.numbers"][0])
+            for name in _OF_SLOPES:
+                setattr(slope, name, weight_like(state[f"slope.{number}.{name}"], self._mean))
+            slope.count = int(state[f"slope.{number}.count"])
 
 
 def sum_of_photons(layers: dict[str, NDArray[np.float32]]) -> Values:
@@ -266,7 +316,7 @@ def sum_of_photons(layers: dict[str, NDArray[np.float32]]) -> Values:
     return np.sum([layers[name] for name in BY_PHOTONS if name in layers], axis=0, dtype=np.float64)
 
 
-def noise_figure(variance: Values, freedom: int) -> ErrorFigure:
+def noise_figure(variance: Values, freedom: float) -> ErrorFigure:
     """The mean of a variance over the image, with its interval.
 
     The blocks of the image are independent; the estimate of each is taken to be spread like a chi-square of `freedom`,
@@ -334,4 +384,12 @@ def same_shape(array: NDArray[Any], like: NDArray[Any]) -> NDArray[Any]:
     """An array that was read, if it is what was written."""
     if array.shape != like.shape or array.dtype != like.dtype:
         raise ValueError(f"{array.dtype} {array.shape}; expected {like.dtype} {like.shape}")
+    return array
+
+
+def weight_like(array: NDArray[Any], image: NDArray[Any]) -> Values:
+    """Weights that were read, if they may be those of an image."""
+    fits = array.dtype == np.float64 and array.shape in ((), (*image.shape[:-1], 1))
+    if not fits:
+        raise ValueError(f"weights {array.dtype} {array.shape} of an image {image.shape}")
     return array

@@ -56,7 +56,7 @@ def head_of(prepared: Prepared, session: Session, plan: PassPlan) -> JournalHead
         for name, value in asdict(prepared.settings).items()
         if name not in NOT_SETTINGS
     }
-    loaded = {"irradiance records": digest(session.records)}
+    loaded = {"irradiance records": digest(session.records), "samples of each part": digest(session.view.allotment)}
     return JournalHead(
         {**prepared.identity, **loaded},
         chosen,

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.allotment import NO_ALLOTMENT, Allotment, spread
 from wdpm.cluster.session import SessionResult
 from wdpm.cluster.task import PhotonsTraced
 from wdpm.images.channels import PARTITION_LAYER
 from wdpm.images.image import Image
-from wdpm.rendering.error_layers import BY_PHOTONS, ErrorEstimate, same_shape
+from wdpm.rendering.adaptive import AdaptiveSamples, weight_of
+from wdpm.rendering.error_layers import BY_PHOTONS, ErrorEstimate, Values, same_shape, weight_like
 from wdpm.rendering.pass_plan import PassPlan, PassResult, photon_plan, shrink
 from wdpm.rendering.prepare import Prepared
 from wdpm.rendering.results import image_of
@@ -42,13 +44,15 @@ class PassAverage:
         self._reports: list[PassReport] = []
         self._plans: list[PassPlan] = []
         self._sums: dict[str, NDArray[Any]] = {}
-        self._depth_weight: NDArray[np.float64] = np.zeros(0)
+        self._weight: Values = np.zeros(())  # samples of a pixel, as error_layers.Weight
+        self._depth_weight: Values = np.zeros(0)
         self._error: ErrorEstimate | None = None
         self._statistics: list[dict[str, Any]] = []
         self._traced = PhotonsTraced(0, 0, 0.0)
         self._seconds: dict[str, float] = {}
         self._dropped: dict[str, int] = {}
         self._lost: tuple[str, ...] = ()  # since this process began
+        self._adaptive = AdaptiveSamples(prepared) if prepared.settings.adaptive else None
 
     @property
     def plans(self) -> tuple[PassPlan, ...]:
@@ -57,7 +61,7 @@ class PassAverage:
 
     @property
     def spp(self) -> int:
-        """Samples a pixel so far."""
+        """Samples a pixel so far, on average."""
         return sum(plan.spp for plan in self._plans)
 
     @property
@@ -71,20 +75,30 @@ class PassAverage:
         if self._plans and plan.number <= self._plans[-1].number:
             raise ValueError(f"pass {plan.number} came after pass {self._plans[-1].number}")
         if not self._plans:
-            self._allot(layers)
+            self._make_room(layers)
         self._plans.append(plan)
+        weight = weight_of(plan, result.allotment, *self._size)
+        self._weight = np.asarray(self._weight + weight)
         for name, layer in layers.items():
             if name == "depth":
                 # A pass whose samples of a pixel all miss knows no depth there.
-                weight = plan.spp * (layer > 0)
-                self._depth_weight += weight
-                self._sums[name] += weight * layer.astype(np.float64)
+                known = _of_layer(weight, layer) * (layer > 0)
+                self._depth_weight += known
+                self._sums[name] += known * layer.astype(np.float64)
             elif name != PARTITION_LAYER:
-                self._sums[name] += plan.spp * layer.astype(np.float64)
+                self._sums[name] += _of_layer(weight, layer) * layer.astype(np.float64)
             elif plan is self._plans[0]:
                 self._sums[name][:] = layer
-        self._error_of(layers).add(layers, plan.spp, shrink(plan.number))
+        self._error_of(layers).add(layers, weight, shrink(plan.number))
+        if self._adaptive is not None:
+            self._adaptive.add(plan, result.allotment, layers)
         self._account(result)
+
+    def allotment(self, plan: PassPlan) -> Allotment:
+        """The samples of each part of the image in the next pass: by what the passes so far tell, if that is wanted."""
+        if self._adaptive is None or self._error is None:
+            return NO_ALLOTMENT
+        return self._adaptive.next(plan, self._error)
 
     def error(self) -> ErrorReport | None:
         """What the passes so far tell about the error of their mean; None before there are two."""
@@ -109,8 +123,10 @@ class PassAverage:
             if name == PARTITION_LAYER:
                 mean[name] = total.astype(np.float32)
             else:
-                weight = np.maximum(self._depth_weight, 1.0) if name == "depth" else float(self.spp)
-                mean[name] = (total / weight).astype(np.float32)
+                weight = self._depth_weight if name == "depth" else _of_layer(self._weight, total)
+                mean[name] = (total / np.maximum(weight, 1.0)).astype(np.float32)
+        if self._adaptive is not None and self._plans:
+            mean["samples"] = spread(self._adaptive.samples, *self._size).astype(np.float32)
         return mean | ({} if self._error is None else self._error.layers())
 
     def image(self) -> Image:
@@ -120,7 +136,13 @@ class PassAverage:
         )
         return image_of(self._prepared, together, tuple(self._reports), self.error())
 
-    def _allot(self, layers: Mapping[str, NDArray[np.float32]]) -> None:
+    @property
+    def _size(self) -> tuple[int, int]:
+        """Width and height [pixels]."""
+        camera = self._prepared.session.view.camera
+        return camera.width, camera.height
+
+    def _make_room(self, layers: Mapping[str, NDArray[np.float32]]) -> None:
         """Room for sums of layers like these."""
         for name, layer in layers.items():
             self._sums[name] = np.zeros(layer.shape, np.float32 if name == PARTITION_LAYER else np.float64)
@@ -157,7 +179,14 @@ class PassAverage:
         """The state that is arrays, by name."""
         error = {} if self._error is None else self._error.arrays()
         sums = {f"sum.{name}": total for name, total in self._sums.items()}
-        return {**sums, "depth weight": self._depth_weight, **{f"error.{name}": a for name, a in error.items()}}
+        adaptive = {} if self._adaptive is None else self._adaptive.arrays()
+        weights = {"weight": self._weight, "depth weight": self._depth_weight}
+        return {
+            **sums,
+            **weights,
+            **{f"error.{name}": a for name, a in error.items()},
+            **{f"adaptive.{name}": a for name, a in adaptive.items()},
+        }
 
     def account(self) -> dict[str, Any]:
         """The state that is no array, as JSON has it."""
@@ -179,18 +208,24 @@ class PassAverage:
         Raises:
             KeyError, TypeError, ValueError: that is of another render.
         """
-        self._allot({name: np.zeros(shape, np.float32) for name, shape in like.items()})
+        self._make_room({name: np.zeros(shape, np.float32) for name, shape in like.items()})
         for name, total in self._sums.items():
             self._sums[name] = same_shape(arrays[f"sum.{name}"], total)
         self._depth_weight = same_shape(arrays["depth weight"], self._depth_weight)
-        prefix = "error."
-        if self._error is not None:
-            self._error.restore({n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)})
+        self._weight = weight_like(arrays["weight"], np.empty((*self._size[::-1], 3)))
+        for prefix, part in (("error.", self._error), ("adaptive.", self._adaptive)):
+            if part is not None:
+                part.restore({n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)})
         self._plans = [PassPlan(**plan) for plan in account["plans"]]
         self._reports = [PassReport(**report) for report in account["reports"]]
         self._statistics = list(account["statistics"])
         self._traced = PhotonsTraced(**account["traced"])
         self._seconds, self._dropped = dict(account["seconds"]), dict(account["dropped"])
+
+
+def _of_layer(weight: Values, layer: NDArray[Any]) -> Values:
+    """A weight of pixels as layers are shaped: with a third axis, or without."""
+    return weight if weight.ndim == 0 or layer.ndim == 3 else weight[..., 0]
 
 
 def merged(one: Any, other: Any) -> Any:

@@ -19,7 +19,7 @@ from wdpm.rendering.pass_plan import PassPlan
 from wdpm.rendering.prepare import Prepared
 from wdpm.scenes.errors import ImageError, SettingsError
 
-FORMAT = 1
+FORMAT = 2
 """Of the file; grows with every change that older or newer code would not understand."""
 
 

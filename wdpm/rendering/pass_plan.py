@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.allotment import NO_ALLOTMENT, Allotment
 from wdpm.cluster.plan.view import SAMPLES_OF_PLAN
 from wdpm.cluster.plan.view import share_of_rays as share_of_rays
 from wdpm.cluster.records import CachePlan
@@ -104,11 +105,12 @@ def pass_seed(seed: int, number: int) -> int:
     return int.from_bytes(hashlib.sha256(f"photons of pass {number} of seed {seed}".encode()).digest()[:4], "little")
 
 
-def session_of(session: Session, plan: PassPlan) -> Session:
+def session_of(session: Session, plan: PassPlan, allotment: Allotment = NO_ALLOTMENT) -> Session:
     """The session that renders one pass.
 
     Args:
         session: of the first pass, as `prepare` gives it.
+        allotment: the samples of each part of the image.
     """
     share, view = shrink(plan.number), session.view
     return replace(
@@ -121,6 +123,7 @@ def session_of(session: Session, plan: PassPlan) -> Session:
             k=smaller_k(view.k, share),
             caustic_k=smaller_k(view.caustic_k, share),
             cache=_other_records(worth(view.cache, plan.spp), plan.number),
+            allotment=allotment,
         ),
     )
 
@@ -201,9 +204,11 @@ class PassResult:
         layers: name of layer -> float32, shape [height, width, 3] or [height, width].
         seconds: wall-clock time by phase [s]: partition (of the first pass alone), photons, map, render.
         result: as the cluster gave it.
+        allotment: the samples of each part of the image; where there is none, all pixels took those of the plan.
     """
 
     plan: PassPlan
     layers: dict[str, NDArray[np.float32]]
     seconds: dict[str, float]
     result: SessionResult
+    allotment: Allotment = NO_ALLOTMENT

@@ -16,6 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from wdpm.cluster.allotment import NO_ALLOTMENT, Allotment
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.image import Image
 from wdpm.images.limits import check_memory
@@ -120,18 +121,21 @@ class PassRenderer:
         """Take other random numbers for camera paths from now on; photons stay as they are."""
         self._session = replace(self._session, view=replace(self._session.view, seed=seed))
 
-    def render(self, plan: PassPlan) -> PassResult:
+    def render(self, plan: PassPlan, allotment: Allotment = NO_ALLOTMENT) -> PassResult:
         """Render a pass.
+
+        Args:
+            allotment: the samples of each part of the image (PassAverage.allotment).
 
         Raises:
             ClusterError: a slave failed or was lost; the cluster has ended.
         """
-        session = session_of(self._session, plan)
+        session = session_of(self._session, plan, allotment)
         if self._log is not None:
             session = self._log.begin(self.prepared, session, plan, self.progress.note)
         self._backend.keeper = self._log
         result = self._backend.run(self.prepared, session, self.progress)
-        return PassResult(plan, result.layers, dict(result.seconds), result)
+        return PassResult(plan, result.layers, dict(result.seconds), result, allotment)
 
 
 def render_in_passes(
@@ -228,7 +232,7 @@ def _render_all(
     renderer.progress = PassProgress(progress, buckets, len(left))
     try:
         for plan in left:
-            average.add(renderer.render(plan))
+            average.add(renderer.render(plan, average.allotment(plan)))
             if journal is not None:
                 write_journal(journal, average, prepared)
             renderer.show(average)

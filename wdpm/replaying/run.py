@@ -21,6 +21,7 @@ from wdpm.cluster.work.guards import Guards, added
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import World
 from wdpm.progress import Progress, SilentProgress
+from wdpm.rendering.adaptive import FIRST
 from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.pass_plan import PassPlan, plans_for, session_of
 from wdpm.rendering.prepare import Prepared, Source, scene_of
@@ -82,6 +83,11 @@ class Replayer:
         progress: Progress | None = None,
     ) -> None:
         progress = progress or SilentProgress()
+        if settings.adaptive and settings.passes > FIRST:
+            raise SettingsError(
+                "the image was sampled adaptively: which pass took a sample depends on all passes before it; replay "
+                "one that was rendered without --adaptive"
+            )
         settings = replace(settings, strict=False, routing=Routing.FORWARD)
         prepared = backend.prepare(scene, settings, progress)
         self._names = Names(scene, prepared.triangles)

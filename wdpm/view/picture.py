@@ -75,16 +75,25 @@ class Picture:
         """Take in pixels; where they are."""
         if self._frame is None:
             raise AssertionError("a bucket came before its frame")
-        share = self._frame.spp / (self.spp + self._frame.spp)
         height, width = next(iter(bucket.layers.values())).shape[:2]
         place = Rectangle(bucket.x0, bucket.y0, bucket.x0 + width, bucket.y0 + height)
+        share = self._share(place)
         for name, pixels in bucket.layers.items():
             shown = self.layers[name][place.y0 : place.y1, place.x0 : place.x1]
             if self.spp == 0:
                 shown[:] = pixels
             elif name != PARTITION_LAYER:
-                shown += (pixels - shown) * np.float32(share)
+                shown += (pixels - shown) * (share if pixels.ndim == 2 else share[..., None])
         return place
+
+    def _share(self, place: Rectangle) -> NDArray[np.float32]:
+        """Of all samples so far, those of this frame, pixel by pixel; one number where that is the same everywhere."""
+        frame = self._frame
+        assert frame is not None
+        if not len(frame.allotment):
+            return np.full((1, 1), frame.spp / (self.spp + frame.spp), np.float32)
+        first, count = frame.allotment.of_pixels(place.x0, place.y0, place.x1, place.y1)
+        return (count / np.maximum(first + count, 1)).astype(np.float32)
 
     def replace(self, layers: Mapping[str, NDArray[np.float32]]) -> None:
         """Take the exact mean in place of its own; may bring new layers."""
