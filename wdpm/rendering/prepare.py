@@ -153,7 +153,8 @@ def prepare(
     least = workers if team is None else team(_memory_of(flat, photons))
     plan = make_render_plan(flat, settings, largest_team(workers, least), launcher, cells, settled.pilot)
     world = replace(plan.world, strict=settings.strict)
-    triangles = digest(flat.triangles)
+    looks = digest(world.materials, world.textures, world.lights, world.media)
+    lit_scene = digest(looks, world.unit, digest(flat.triangles))  # what light depends on, whoever sees it
     view = plan.learnt_view(view_of(flat, settings, max(workers, processes)))
     alone = workers == 1 and plan.pilot is not None
     session = Session(
@@ -161,7 +162,7 @@ def prepare(
         view=view,
         partition=_partition(flat.triangles if alone else spooled(flat.triangles), plan),
         burdens=plan.burdens,
-        digest=digest(world.with_photons(NO_PHOTONS), triangles, least),
+        digest=digest(replace(world.with_photons(NO_PHOTONS), textures=()), lit_scene, least),
         least=least,
         layers=layers_of(plan.world, view),
     )
@@ -182,8 +183,8 @@ def prepare(
         approximations(scene, plan.world, settings),
         scene.warnings + dropped + unused,
         seconds,
-        _identity(world, session.view, triangles, settings),
-        digest(*_lit_scene(world, triangles), *(getattr(settings, name) for name in OF_RECORDS)),
+        _identity(digest(lit_scene, world.extent), session.view, settings),
+        digest(lit_scene, *(getattr(settings, name) for name in OF_RECORDS)),
         header_of(scene),
         tuple(reversed(compiling.uncompiled)),
     )
@@ -271,16 +272,10 @@ def digest(*parts: Any) -> str:
     return sha.hexdigest()
 
 
-def _lit_scene(world: World, triangles: str) -> list[Any]:
-    """What light depends on, whoever sees it."""
-    return [world.materials, world.textures, world.lights, world.media, world.unit, triangles]
-
-
-def _identity(world: World, view: View, triangles: str, settings: RenderSettings) -> dict[str, str]:
+def _identity(scene: str, view: View, settings: RenderSettings) -> dict[str, str]:
     """Digests of what the bits of an image depend on; of no setting that changes no bit, nor of spp and passes."""
-    scene = [*_lit_scene(world, triangles), world.extent]
     chosen = replace(settings, **{name: getattr(RenderSettings(), name) for name in CHANGE_NO_BIT}, spp=1, passes=1)
-    return {"scene": digest(*scene), "camera": digest(view.camera), "settings": digest(chosen)}
+    return {"scene": scene, "camera": digest(view.camera), "settings": digest(chosen)}
 
 
 def _feed(sha: Any, value: Any) -> None:
