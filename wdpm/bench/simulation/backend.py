@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import time
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -34,6 +35,8 @@ class SimulatedBackend(Backend):
 
     def __init__(self, hardware: Hardware, team: int) -> None:
         super().__init__(slaves=hardware.slaves, threads=1, device="cpu")
+        gc.collect()
+        gc.freeze()  # as slaves do when they have started: a collection looks at what they have made since then alone
         self._launcher = Launcher("cpu", 1)
         self._team = team
         self.session_s = self.host_s = 0.0
@@ -57,7 +60,8 @@ class SimulatedBackend(Backend):
         self.recorders.clear()
 
     def close(self) -> None:
-        """Nothing is held that ends."""
+        """Let the collector look at everything again; nothing else is held that ends."""
+        gc.unfreeze()
 
 
 def _worker(
