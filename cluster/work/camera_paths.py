@@ -302,10 +302,10 @@ class CameraLight:
         }
         shaded = columns.empty_nested(sh.Shaded, counts, device)
         if ends:
-            orders = orders_of(view, shots, DiffuseLight.PHOTON_MAP)
+            orders = orders_of(view, shots, DiffuseLight.PHOTON_MAP, asks=self._asks(actions))
             replica.launcher(kernel, count, scene=self._scene, rays=rays, orders=orders, shaded_out=shaded)
         else:
-            orders = orders_of(view, shots)
+            orders = orders_of(view, shots, asks=self._asks(actions))
             codes = np.zeros(0, np.int32) if actions is None else actions.codes
             replica.launcher(
                 kernel,
@@ -319,6 +319,15 @@ class CameraLight:
         if replica.observer is not None:
             replica.observer.shaded(self._scene, orders, rays, shaded)
         return shaded
+
+    def _asks(self, actions: Actions | None) -> bool:
+        """Whether photons may be asked for at some of the vertices: as _indirect and the caustics do."""
+        world = self._replica.world
+        if self._view.diffuse_light is DiffuseLight.PATHS:
+            return False
+        if actions is None or world.caustic_map.paths or world.features.coated:
+            return True
+        return bool((actions.by_photons & actions.by_length).any())
 
     def _send_on(self, cause: Batch, shaded: Any) -> Iterator[Batch]:
         """Everything that vertices start: shadow rays, paths that go on, stretches of medium."""

@@ -199,17 +199,19 @@ class Replica:
         return self._around
 
 
-def orders_of(view: View, shots: int, diffuse_light: DiffuseLight | None = None) -> Any:
+def orders_of(view: View, shots: int, diffuse_light: DiffuseLight | None = None, *, asks: bool = True) -> Any:
     """What is asked of vertices: kernels.camera.vertices.Orders.
 
     Args:
         shots: shadow rays of each vertex.
         diffuse_light: where they find it, if not as the view says.
+        asks: whether some may ask for photons.
     """
     orders = Orders()
     orders.light_samples, orders.shots = view.light_samples, shots
     orders.max_depth = view.max_depth or 0
     orders.diffuse_light = int(view.diffuse_light if diffuse_light is None else diffuse_light)
+    orders.asks = int(asks)
     return orders
 
 

@@ -48,24 +48,25 @@ def make_query(features: Features) -> wp.Function:
         if wp.static(features.traced):
             if orders.diffuse_light == BY_PATHS:
                 weight = wp.vec3(0.0)
-        queries_out.position[i] = s.position
-        queries_out.normal[i] = s.normal
-        queries_out.shading_normal[i] = s.shading_normal
-        queries_out.front_normal[i] = s.normal
-        if s.front == 0:
-            queries_out.front_normal[i] = -s.normal
-        queries_out.clearance[i] = clearance(surfaces, p.prim, s.position)
         queries_out.weight[i] = weight
-        queries_out.edges[i] = p.edges
-        if wp.static(features.bent):
-            coats_out.unbent[i] = s.unbent
-            coats_out.bumps2[i] = s.bumps2
-        if wp.static(features.coated):
-            coats_out.bsdf[i] = s.bsdf
-            coats_out.s[i] = s.s
-            coats_out.t[i] = s.t
-            coats_out.n[i] = s.n
-            coats_out.w_from[i] = w_from
+        if orders.asks == 1:
+            queries_out.position[i] = s.position
+            queries_out.normal[i] = s.normal
+            queries_out.shading_normal[i] = s.shading_normal
+            queries_out.front_normal[i] = s.normal
+            if s.front == 0:
+                queries_out.front_normal[i] = -s.normal
+            queries_out.clearance[i] = clearance(surfaces, p.prim, s.position)
+            queries_out.edges[i] = p.edges
+            if wp.static(features.bent):
+                coats_out.unbent[i] = s.unbent
+                coats_out.bumps2[i] = s.bumps2
+            if wp.static(features.coated):
+                coats_out.bsdf[i] = s.bsdf
+                coats_out.s[i] = s.s
+                coats_out.t[i] = s.t
+                coats_out.n[i] = s.n
+                coats_out.w_from[i] = w_from
         return albedo
 
     return query

@@ -14,8 +14,8 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.made_for import made_for
 from wdpm.kernels.ray_fields import CAMERA_RAY
 from wdpm.kernels.rays.cell_triangles import Surfaces
-from wdpm.kernels.rays.cells import Cells, cell_of, entry_of, inverse_direction, next_cell
-from wdpm.kernels.rays.standing_triangles import make_triangles
+from wdpm.kernels.rays.cells import Cells, entry_of, inverse_direction, next_cell
+from wdpm.kernels.rays.owners import make_owner_of
 from wdpm.kernels.rays.triangle import Hit
 from wdpm.kernels.rays.two_level import Trees, closest_function
 
@@ -71,8 +71,7 @@ def make_camera_rays(features: Features) -> CameraRays:
     camera_ray = make_camera(features)
     first_vertex = make_first_vertex(features)
     closest_hit = closest_function(features.instances)
-    triangles = make_triangles(features.instances)
-    row_of, position_at = triangles.row_of, triangles.position_at
+    owner_of = make_owner_of(features.instances)
 
     @made_for(features)
     def first_camera_cells(
@@ -113,8 +112,7 @@ def make_camera_rays(features: Features) -> CameraRays:
         found = closest_hit(trees, ray.origin, ray.direction, hit)
         if found.prim != hit.prim:
             store_ray_hit(found, i, rays)
-            row = row_of(surfaces, found.prim)
-            rays.owner[i] = cell_of(cells, position_at(surfaces, row, found.u, found.v))
+            rays.owner[i] = owner_of(cells, surfaces, found)
         next_cell_out[i] = next_cell(cells, ray.origin, ray.direction, found.t, own_cell)
 
     @made_for(features)
@@ -139,8 +137,7 @@ def first_path_cells(cells: Cells, paths: Paths, offset: wp.int32, next_cell_out
 def make_visit_paths(features: Features) -> wp.Kernel:
     """The kernel that intersects rays of paths with a cell."""
     closest_hit = closest_function(features.instances)
-    triangles = make_triangles(features.instances)
-    row_of, position_at = triangles.row_of, triangles.position_at
+    owner_of = make_owner_of(features.instances)
 
     @made_for(features)
     def visit_paths(
@@ -158,8 +155,7 @@ def make_visit_paths(features: Features) -> wp.Kernel:
         found = closest_hit(trees, paths.origin[i], paths.direction[i], hit)
         if found.prim != hit.prim:
             store_hit(found, i, paths)
-            row = row_of(surfaces, found.prim)
-            paths.owner[i] = cell_of(cells, position_at(surfaces, row, found.u, found.v))
+            paths.owner[i] = owner_of(cells, surfaces, found)
         next_cell_out[i] = next_cell(cells, paths.origin[i], paths.direction[i], found.t, own_cell)
 
     return visit_paths

@@ -22,8 +22,8 @@ from wdpm.kernels.materials.resolve import make_materials, medium_beyond
 from wdpm.kernels.materials.surface import leave, make_surface
 from wdpm.kernels.ray_fields import SEGMENT, STRETCH, WALK
 from wdpm.kernels.rays.cell_triangles import Surfaces
-from wdpm.kernels.rays.cells import Cells, cell_of, next_cell
-from wdpm.kernels.rays.standing_triangles import make_triangles
+from wdpm.kernels.rays.cells import Cells, next_cell
+from wdpm.kernels.rays.owners import make_owner_of
 from wdpm.kernels.rays.triangle import Hit
 from wdpm.kernels.rays.two_level import Trees, any_function, closest_function
 
@@ -89,8 +89,7 @@ def make_visit_shadow_segments(features: Features) -> wp.Kernel:
 def make_visit_walks(features: Features) -> wp.Kernel:
     """The kernel that looks for surfaces on the way of segments that are walked."""
     closest_hit = closest_function(features.instances)
-    triangles = make_triangles(features.instances)
-    row_of, position_at = triangles.row_of, triangles.position_at
+    owner_of = make_owner_of(features.instances)
     transmittance_of = make_flights(features).transmittance_of
 
     @made_for(features)
@@ -113,8 +112,7 @@ def make_visit_walks(features: Features) -> wp.Kernel:
         found = closest_hit(trees, walks.origin[i], walks.direction[i], hit)
         if found.prim != hit.prim:
             store_walk_hit(found, i, walks)
-            row = row_of(surfaces, found.prim)
-            walks.owner[i] = cell_of(cells, position_at(surfaces, row, found.u, found.v))
+            walks.owner[i] = owner_of(cells, surfaces, found)
         onward = next_cell(cells, walks.origin[i], walks.direction[i], found.t, own_cell)
         next_cell_out[i] = onward
         if onward < 0 and found.prim < 0 and walks.medium[i] >= 0:

@@ -78,9 +78,11 @@ def make_shade_surface(features: Features) -> wp.Function:
         if shines and reached:
             emission = emitted(scene, s, p)
         shaded_out.seen.emission[i] = emission
-        shaded_out.seen.depth[i] = wp.length(s.position - scene.camera.eye)
-        shaded_out.seen.normal[i] = s.shading_normal
-        shaded_out.seen.albedo[i] = query(scene.surfaces, s, p, w_from, orders, shaded_out.queries, shaded_out.coats)
+        albedo = query(scene.surfaces, s, p, w_from, orders, shaded_out.queries, shaded_out.coats)
+        if p.bounce == 0:
+            shaded_out.seen.depth[i] = wp.length(s.position - scene.camera.eye)
+            shaded_out.seen.normal[i] = s.shading_normal
+            shaded_out.seen.albedo[i] = albedo
         if reached:
             for j in range(orders.shots):
                 if lit and s.bsdf.kind != BLACK and s.bsdf.kind != NULL:

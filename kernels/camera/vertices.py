@@ -58,7 +58,7 @@ MEDIUM_SECTION = wp.constant(2)
 
 @columns_of(chosen(SAMPLE, "emission", "depth", "normal", "albedo"))
 class Seen(FromFields):
-    """What the vertices of camera paths see themselves."""
+    """What the vertices of camera paths see themselves; all but emission is told of first vertices alone."""
 
 
 @wp.struct
@@ -134,7 +134,7 @@ class Shaded:
     Attributes:
         coats: only in scenes where a diffuse part may not be Lambertian, or a normal is bent.
         shots: of vertex i, segments i * orders.shots to (i + 1) * orders.shots - 1.
-        paths: only where paths go on; one that does not has a throughput of zero.
+        paths: only where paths go on; one that does not has a throughput of zero, and its number of vertices alone.
         stretches: only in scenes with media.
     """
 
@@ -155,12 +155,14 @@ class Orders:
         shots: shadow segments of each vertex of the launch.
         max_depth: longest path in edges; 0 for no limit.
         diffuse_light: BY_MAP, BY_PATHS or BY_FINAL_GATHER.
+        asks: 1 where some vertices may ask for photons; else their queries hold nothing but weights.
     """
 
     light_samples: wp.int32
     shots: wp.int32
     max_depth: wp.int32
     diffuse_light: wp.int32
+    asks: wp.int32
 
 
 @wp.func
@@ -237,7 +239,11 @@ def carry_on(
     sent = without_hit(onward)
     sent.bounce = p.bounce + 1
     sent.throughput = carries
-    store_path(sent, p.row, paths_out)
+    if wp.max(carries) > 0.0:
+        store_path(sent, p.row, paths_out)
+    else:  # nobody looks at the rest of it
+        paths_out.bounce[p.row] = sent.bounce
+        paths_out.throughput[p.row] = carries
 
 
 @wp.func
@@ -260,11 +266,11 @@ def nothing_seen(p: Vertex, seen_out: wp.ref[Seen], queries_out: wp.ref[Queries]
     """A vertex on no surface has nothing to show, and asks for no photons."""
     i = p.row
     seen_out.emission[i] = wp.vec3(0.0)
-    seen_out.depth[i] = -1.0
-    seen_out.normal[i] = wp.vec3(0.0)
-    seen_out.albedo[i] = wp.vec3(0.0)
+    if p.bounce == 0:
+        seen_out.depth[i] = -1.0
+        seen_out.normal[i] = wp.vec3(0.0)
+        seen_out.albedo[i] = wp.vec3(0.0)
     queries_out.weight[i] = wp.vec3(0.0)
-    queries_out.edges[i] = p.edges
 
 
 @wp.func

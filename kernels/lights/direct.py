@@ -82,11 +82,14 @@ def make_direct(features: Features) -> DirectCode:
         chosen = choose_light(lights, position, point)
         element = chosen.element
         probability = chosen.probability
-        s = DirectSample()
         if element < 0:
-            return s
-        if element < lights.triangles:
-            s = to_triangle(lights, textures, position, chosen)
+            return DirectSample()
+        s = DirectSample()
+        if wp.static(not (features.delta_lights or features.environment)):
+            s = to_triangle(lights, textures, position, chosen)  # there are no others
+        if wp.static(features.delta_lights or features.environment):
+            if element < lights.triangles:
+                s = to_triangle(lights, textures, position, chosen)
         if wp.static(features.delta_lights):
             if element >= lights.triangles and element < lights.first_environment:
                 s = direct_delta(lights, textures, element - lights.triangles, position, probability)

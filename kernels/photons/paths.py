@@ -65,8 +65,8 @@ from wdpm.kernels.photons.flight import (
     without_hit,
 )
 from wdpm.kernels.rays.cell_triangles import Surfaces
-from wdpm.kernels.rays.cells import Cells, cell_of, next_cell
-from wdpm.kernels.rays.standing_triangles import make_triangles
+from wdpm.kernels.rays.cells import Cells, next_cell
+from wdpm.kernels.rays.owners import make_owner_of
 from wdpm.kernels.rays.triangle import NO_HIT, Hit
 from wdpm.kernels.rays.two_level import Trees, closest_function
 
@@ -195,8 +195,7 @@ def adjoint_factor(s: Surface, to_source: wp.vec3, away: wp.vec3) -> wp.float32:
 def make_fly(instances: bool) -> wp.Function:
     """`fly(scene, own_cell, photon) -> Leg`, in scenes with or without instances."""
     closest_hit = closest_function(instances)
-    triangles = make_triangles(instances)
-    row_of, position_at = triangles.row_of, triangles.position_at
+    owner_of = make_owner_of(instances)
 
     @wp.func
     def fly(scene: wp.ref[TraceScene], own_cell: wp.int32, p: Photon) -> Leg:
@@ -206,8 +205,7 @@ def make_fly(instances: bool) -> wp.Function:
         leg.owner = p.owner
         leg.hit = closest_hit(scene.trees, p.origin, p.direction, p.hit)
         if leg.hit.prim != p.hit.prim:
-            row = row_of(scene.surfaces, leg.hit.prim)
-            leg.owner = cell_of(scene.cells, position_at(scene.surfaces, row, leg.hit.u, leg.hit.v))
+            leg.owner = owner_of(scene.cells, scene.surfaces, leg.hit)
         leg.destination = next_cell(scene.cells, p.origin, p.direction, leg.hit.t, own_cell)
         if leg.destination >= 0:
             leg.status = TRAVELS

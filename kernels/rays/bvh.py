@@ -19,6 +19,7 @@ from wdpm.kernels.rays.lanes import (
     child_code,
     children_enter,
     children_leave,
+    expect_codes,
     lanes_inside,
     lanes_not_above,
     leaf_corner,
@@ -122,6 +123,7 @@ def closest_hit(bvh: wp.ref[Bvh], origin: wp.vec3, direction: wp.vec3, best: Hit
     while True:
         if code >= 0:
             node = code
+            expect_codes(bvh.children, node)
             enter = children_enter(bvh.bounds, node, origin, ray.inverse)
             leave = children_leave(bvh.bounds, node, origin, ray.inverse_leave, nearest.t)
             mask = lanes_not_above(enter, leave)
@@ -162,10 +164,10 @@ def closest_hit(bvh: wp.ref[Bvh], origin: wp.vec3, direction: wp.vec3, best: Hit
             while mask != 0:
                 lane = lowest_bit(mask)
                 mask = mask & (mask - 1)
+                prim = bvh.ids[first + lane]  # asked for early: it is in no cache
                 hit = intersect_lane(bvh, first, size, lane, ray)
                 t = hit[0]
                 if t <= nearest.t and t < NO_HIT:
-                    prim = bvh.ids[first + lane]
                     if t < nearest.t or prim < nearest.prim:
                         nearest.t = t
                         nearest.prim = prim
@@ -192,6 +194,7 @@ def any_hit(bvh: wp.ref[Bvh], origin: wp.vec3, direction: wp.vec3, t_max: float)
     while True:
         if code >= 0:
             node = code
+            expect_codes(bvh.children, node)
             enter = children_enter(bvh.bounds, node, origin, ray.inverse)
             leave = children_leave(bvh.bounds, node, origin, ray.inverse_leave, t_max)
             mask = lanes_not_above(enter, leave)

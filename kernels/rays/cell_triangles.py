@@ -127,12 +127,10 @@ def _front_normals(positions: NDArray[np.float32], normals: NDArray[np.float32])
 @wp.func
 def row_of(surfaces: wp.ref[Surfaces], prim: wp.int32) -> wp.int32:
     """The row of a global triangle number; the triangle must be in the cell."""
-    # A cell that holds the whole scene finds it at once.
-    guess = wp.min(prim, surfaces.count - 1)
-    if surfaces.ids[guess] == prim:
-        return guess
-    low = wp.int32(0)
-    high = surfaces.count - 1
+    # Numbers rise by one from row to row, but for triangles that are not here: so many rows before its number at most.
+    last = surfaces.count - 1
+    high = wp.clamp(prim, 0, last)
+    low = wp.clamp(prim - (surfaces.ids[last] - last), 0, high)
     while low < high:
         middle = (low + high) // 2
         if surfaces.ids[middle] < prim:

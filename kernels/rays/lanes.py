@@ -216,6 +216,19 @@ def child_code(children: wp.array[vec8i], node: int, lane: int) -> int:
     ...
 
 
+_EXPECT = """
+#if !defined(__CUDA_ARCH__)
+    __builtin_prefetch(children.data->c + 8 * node);
+#endif
+"""
+
+
+@wp.func_native(_EXPECT)
+def expect_codes(children: wp.array[vec8i], node: int) -> None:
+    """Have a processor fetch a node's child codes while its boxes are tested."""
+    ...
+
+
 _LEAF_CORNER = """
     const float* x = corners.data + at;
     return wp::vec_t<3, wp::float32>(x[axes[0] * size], x[axes[1] * size], x[axes[2] * size]);
