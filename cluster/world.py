@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.allotment import NO_ALLOTMENT, Allotment
 from wdpm.cluster.guide import NO_GUIDE, LightGuide
+from wdpm.cluster.lit_places import NO_LIT_PLACES, LitPlaces
 from wdpm.cluster.records import NO_CACHE, CachePlan
 from wdpm.cluster.render_settings import Routing
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
@@ -186,6 +187,7 @@ class View:
         guide: how shadow rays choose among lights.
         allotment: the samples of each part of the image, in multiples of `spp` where there are beams; where there is
             none, all pixels take `spp`.
+        lit_places: where gather rays of irradiance records are worth while.
     """
 
     camera: Camera
@@ -203,3 +205,4 @@ class View:
     cache: CachePlan = NO_CACHE
     guide: LightGuide = NO_GUIDE
     allotment: Allotment = NO_ALLOTMENT
+    lit_places: LitPlaces = NO_LIT_PLACES

@@ -11,7 +11,16 @@ import warp as wp
 from wdpm.kernels.cached import is_compiled, is_loaded
 from wdpm.kernels.camera import add_samples, filter_weights, guide_pilot, rays, shadow_rays
 from wdpm.kernels.features import Features
-from wdpm.kernels.irradiance import arrivals, at_photons, cache, gather_places, record_clamp, record_rays, records
+from wdpm.kernels.irradiance import (
+    arrivals,
+    at_photons,
+    cache,
+    gather_places,
+    promised_light,
+    record_clamp,
+    record_rays,
+    records,
+)
 from wdpm.kernels.photons import departure, gather, gather_at_photons, kd_order, photon_map, surface_points
 from wdpm.kernels.rays import bvh, bvh_build, overlap, standing_areas
 from wdpm.kernels.remembered import hashes
@@ -25,6 +34,7 @@ COMMON = (
     gather,
     gather_at_photons,
     gather_places,
+    promised_light,
     cache,
     at_photons,
     arrivals,

@@ -16,6 +16,7 @@ from wdpm.cluster.allotment import Allotment, blocks_of
 from wdpm.cluster.batch import SCHEMAS, Batch, Kind
 from wdpm.cluster.guide import LightGuide
 from wdpm.cluster.limits import MOST_SLAVES
+from wdpm.cluster.lit_places import LitPlaces
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.messages.demands import Shape
 from wdpm.cluster.messages.demands import indices as _indices
@@ -93,6 +94,12 @@ SHAPES: dict[type, dict[str, Shape]] = {
     Checkerboard: {"to_uv": (3, 3)},
     Bitmap: {"pixels": ("height", "width", 3), "to_uv": (3, 3)},
     Camera: {"to_world": (4, 4)},
+    LitPlaces: {
+        "position": ("places", 3),
+        "normal": ("places", 3),
+        "power": ("places",),
+        "radius": ("places",),
+    },
     Records: {
         "number": ("records",),
         "position": ("records", 3),
@@ -310,6 +317,12 @@ def _light_guide(guide: LightGuide, where: str) -> None:
     _require(sound and bool(np.isfinite(guide.split).all()), where, "a plane or a factor is no number, or negative")
 
 
+def _lit_places(places: LitPlaces, where: str) -> None:
+    finite = all(bool(np.isfinite(column).all()) for column in vars(places).values())
+    positive = bool((places.power >= 0).all() and (places.radius > 0).all())
+    _require(finite and positive and len(places) <= LARGEST_HEMISPHERE, where, "lit places that are none, or too many")
+
+
 def _camera(camera: Camera, where: str) -> None:
     size = (camera.width, camera.height)
     _require(all(1 <= side <= LARGEST_SIDE for side in size), where, f"an image of {size} pixels")
@@ -462,6 +475,7 @@ _RANGES: dict[type, Callable[[Any, str], None]] = {
     View: _view,
     LightGuide: _light_guide,
     Allotment: _allotment,
+    LitPlaces: _lit_places,
     Camera: _camera,
     PixelFilter: _pixel_filter,
     Bitmap: _bitmap,

@@ -18,7 +18,7 @@ from wdpm.cluster.task import Task, TaskResult
 from wdpm.cluster.world import PhotonPlan, View, World
 from wdpm.scenes.flat.arrays import Triangles
 
-PROTOCOL = 14
+PROTOCOL = 15
 
 
 # From a slave to the master.

@@ -12,9 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.lit_places import LitPlaces
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide, with_guide
 from wdpm.cluster.plan.light_shares import shared_out
+from wdpm.cluster.plan.lit_places import lit_places
 from wdpm.cluster.plan.map_plans import irradiance_plan, map_plans, volume_unit
 from wdpm.cluster.plan.partition import instances_of_cells, places_to_cut, rows_of_cells
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
@@ -45,6 +47,7 @@ class RenderPlan:
         learnt: how the view's shadow rays choose among lights.
         caustic_k: photons that gathers of the caustic map look for.
         tolerance: relative standard error that irradiance records are to have, as CachePlan has it.
+        lit_places: that light comes to straight from the lights.
         chose: what was decided by what photon maps and irradiance records are worth, and why.
     """
 
@@ -57,12 +60,14 @@ class RenderPlan:
     learnt: Learnt
     caustic_k: int
     tolerance: float
+    lit_places: LitPlaces
     chose: tuple[str, ...]
 
     def learnt_view(self, view: View) -> View:
         """The view, with what the pilot has taught."""
         cache = with_tolerance(view.cache, self.tolerance)
-        return with_guide(replace(view, caustic_k=self.caustic_k, cache=cache), self.learnt)
+        known = replace(view, caustic_k=self.caustic_k, cache=cache, lit_places=self.lit_places)
+        return with_guide(known, self.learnt)
 
     def share_of(self, cell: int, triangles: Triangles) -> float:
         """What a cell holds of the scene's triangles and instances."""
@@ -119,7 +124,8 @@ def make_render_plan(
     view = view_of(flat, settings, workers)
     pilot.worker.set_view(view)
     learnt = learn_guide(flat, pilot.cell, view)
+    lit = lit_places(pilot, view.cache)
     tolerance = tolerance_of_records(flat, pilot, settings, learnt, view.cache)
     chose = (*planned.chose, *records_in_words(tolerance, view.cache))
     worker = pilot.worker if tree.cells == 1 else None
-    return RenderPlan(world, rows, instances, weights, worker, places, learnt, planned.caustic_k, tolerance, chose)
+    return RenderPlan(world, rows, instances, weights, worker, places, learnt, planned.caustic_k, tolerance, lit, chose)

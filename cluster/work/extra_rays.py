@@ -6,6 +6,11 @@ rays differ from each other. Rays are shared out in proportion to that spread (N
 record's relative error down to what is asked for. The ray of a stratum itself has no say in how many more it gets: a
 chance hit of a small lamp that draws others, or keeps them away, is diluted more than a chance miss, or less, and the
 mean of all records would be off.
+
+What is smaller than a stratum escapes the rays around it as well: the inside of a lamp's cup, a patch of sun far away.
+One record in ten meets it, counts it ten times over, and is a bright blotch among dark ones. Where lights shine first
+is known, though (cluster.plan.lit_places), and with it what comes from there through each stratum if nothing stands in
+between: where that is more than the rays around have met, the stratum gets rays of its own.
 """
 
 from __future__ import annotations
@@ -21,11 +26,21 @@ GOLDEN = (5.0**0.5 - 1.0) / 2.0
 sum."""
 
 
-def extra_rays(radiance: Values, shot: NDArray[np.bool_], tolerance: float, most: int) -> Counts:
+PEAK = 2.0
+"""Standard deviation of what one ray brings through a stratum, over its mean, if all comes from a fifth of it."""
+
+PROMISE_MOST = 16.0
+"""Most rays for a promise: what stands in between is not known, and rays for nothing cost as much as others."""
+
+
+def extra_rays(
+    radiance: Values, promised: NDArray[np.float32], shot: NDArray[np.bool_], tolerance: float, most: int
+) -> Counts:
     """How many rays each stratum of some records gets more.
 
     Args:
         radiance: of each stratum's ray, mean of RGB, shape [N, rows, columns].
+        promised: radiance that lit places would send if nothing stood in between, mean of RGB, the same shape.
         shot: strata whose rays were shot, the same shape; others get none.
         tolerance: relative standard error of the irradiance that is aimed at.
         most: extra rays of a record, about.
@@ -43,10 +58,12 @@ def extra_rays(radiance: Values, shot: NDArray[np.bool_], tolerance: float, most
     with np.errstate(divide="ignore", invalid="ignore"):
         wanted = np.where(total > 0, spreads / (tolerance * total), 0.0) ** 2
         share = np.where(spreads > 0, spread / spreads, 0.0)
+        unseen = np.where(total > 0, np.maximum(promised - near / beside, 0.0) / total, 0.0)
+    for_promise = np.minimum((PEAK / tolerance * unseen) ** 2, PROMISE_MOST)
     strata = radiance[0].size
     asked = np.minimum(wanted, float(most + strata)) * share - 1.0  # each has one ray already
     rounding = (np.arange(1, strata + 1) * GOLDEN % 1.0).reshape(radiance.shape[1:])
-    return np.where(shot, np.floor(np.maximum(asked, 0.0) + rounding), 0.0).astype(np.int64)
+    return np.where(shot, np.floor(np.maximum(asked, for_promise) + rounding), 0.0).astype(np.int64)
 
 
 def _total(values: Values) -> Values:

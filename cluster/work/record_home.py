@@ -20,6 +20,7 @@ from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera.rays import Rays
+from wdpm.kernels.irradiance.promised_light import promise_light, upload
 from wdpm.kernels.irradiance.records import Bounds, MadeRecords, make_records, make_strata
 from wdpm.scenes.errors import ProtocolError
 
@@ -140,8 +141,30 @@ class RecordHome:
         if not plan.extra:
             return np.zeros(len(distance), np.int64)
         most = round(plan.extra * self._strata[0] * self._strata[1])
-        grey = (radiance[:, 0] + radiance[:, 1] + radiance[:, 2]).reshape(shape)
-        return extra_rays(grey, distance.reshape(shape) >= 0, plan.tolerance, most).reshape(-1)
+        grey = ((radiance[:, 0] + radiance[:, 1] + radiance[:, 2]) / 3.0).reshape(shape)
+        promised = self._promised().reshape(shape)
+        return extra_rays(grey, promised, distance.reshape(shape) >= 0, plan.tolerance, most).reshape(-1)
+
+    def _promised(self) -> NDArray[np.float32]:
+        """Radiance through each stratum if nothing stood before lit places, shape [sites, strata] [W/(m² sr)]."""
+        rows, columns = self._strata
+        launcher, count = self._replica.launcher, len(self._site["slot"])
+        promised = wp.zeros((count, rows * columns), dtype=wp.float32, device=launcher.device)
+        sites = {
+            name: wp.array(self._site[name], dtype=wp.vec3, device=launcher.device)
+            for name in ("position", "normal", "shading_normal")
+        }
+        launcher(
+            promise_light,
+            count,
+            grain=_GRAIN,
+            places=upload(**vars(self._view.lit_places), device=launcher.device),
+            **sites,
+            rows=rows,
+            columns=columns,
+            radiance_out=promised,
+        )
+        return promised.numpy()
 
     def _shoot(self, rays: GatherRays) -> Iterator[Batch]:
         """Start a wave of rays."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from wdpm.cluster import records, task, world
+from wdpm.cluster import lit_places, records, task, world
 from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.messages import packing, protocol
@@ -57,6 +57,7 @@ def test_messages_are_as_described(heading: str, union: object) -> None:
         Triangles,
         world.World,
         world.View,
+        lit_places.LitPlaces,
         world.MapPlan,
         world.PhotonPlan,
         world.IrradiancePlan,

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wdpm.cluster.batch import SCHEMAS, Batch, Kind
+from wdpm.cluster.lit_places import LitPlaces
 from wdpm.cluster.messages import packing
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.task import BucketTask, PhotonsTraced, PhotonTask, RecordsMade, RecordTask
@@ -136,6 +137,11 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
         p.StatusReport, texts, *[counts] * 2, seconds, *[counts] * 7, st.lists(slaves_seen, max_size=3).map(tuple)
     ),
 }
+
+
+def lit_places(count: int, power: float = 1.0, radius: float = 1.0) -> LitPlaces:
+    nowhere = np.zeros((count, 3), np.float32)
+    return LitPlaces(nowhere, nowhere, np.full(count, power, np.float32), np.full(count, radius, np.float32))
 
 
 def same(a: Any, b: Any) -> bool:
@@ -286,6 +292,9 @@ def lights(**fields: Any) -> LightTable:
         (p.ForgetPhotons(1, dataclasses.replace(PLAN, volume_unit=0.0)), "volume_unit 0.0"),
         (p.ForgetPhotons(1, dataclasses.replace(PLAN, caustic_map=MapPlan(-1))), "no plan of a map"),
         (p.SetView(1, dataclasses.replace(make_view(), first_sample=-1)), "samples -1 to"),
+        (p.SetView(1, dataclasses.replace(make_view(), lit_places=lit_places(1))), None),
+        (p.SetView(1, dataclasses.replace(make_view(), lit_places=lit_places(1, radius=0.0))), "lit places that are"),
+        (p.SetView(1, dataclasses.replace(make_view(), lit_places=lit_places(1, power=np.inf))), "lit places that are"),
         (p.SetView(1, dataclasses.replace(make_view(), first_sample=2**31 - 1)), "samples 2147483647 to"),
         (
             setup(emission=dataclasses.replace(make_world(1).emission, share=np.ones(2), caustic_share=np.ones(2))),

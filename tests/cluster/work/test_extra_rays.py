@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wdpm.cluster.work.extra_rays import extra_rays, means, neighbours_spread
+from wdpm.cluster.work.extra_rays import PROMISE_MOST, extra_rays, means, neighbours_spread
 from wdpm.cluster.work.record_wave import further_rays
 
 Values = NDArray[np.float64]
@@ -15,6 +15,8 @@ LAMP = (slice(2, 4), slice(10, 13))
 """Strata that a lamp covers in part: a ray through one meets it with a probability of CHANCE."""
 CHANCE = 0.4
 LIT, DARK = 40.0, 1.0
+NOTHING = np.zeros((1, 1, 1), np.float32)
+"""No light is promised."""
 
 
 def shot(shape: tuple[int, ...]) -> NDArray[np.bool_]:
@@ -39,7 +41,7 @@ def estimates(records: int, most: int, seed: int) -> tuple[Values, Values]:
     shape = (records, ROWS, COLUMNS)
     rows, columns = (np.broadcast_to(a, shape).reshape(-1) for a in np.indices((ROWS, COLUMNS)))
     first = rays_through(rng, rows, columns)
-    counts = extra_rays(first.reshape(shape), shot(shape), 1e-3, most).reshape(-1)
+    counts = extra_rays(first.reshape(shape), NOTHING, shot(shape), 1e-3, most).reshape(-1)
     extra = rays_through(rng, np.repeat(rows, counts), np.repeat(columns, counts))
     together = means(*(np.repeat(a[:, None], 3, axis=1) if a.dtype != np.int64 else a for a in (first, counts, extra)))
     return first.reshape(records, -1).mean(axis=1), together[:, 0].reshape(records, -1).mean(axis=1)
@@ -80,15 +82,16 @@ def test_flat_hemispheres_have_neighbours_too(rows: int) -> None:
 
 
 def test_even_light_calls_for_no_extra_rays() -> None:
-    assert not extra_rays(np.full((2, ROWS, COLUMNS), 3.0), shot((2, ROWS, COLUMNS)), 0.01, 600).any()
-    assert not extra_rays(np.zeros((2, ROWS, COLUMNS)), shot((2, ROWS, COLUMNS)), 0.01, 600).any()
+    assert not extra_rays(np.full((2, ROWS, COLUMNS), 3.0), NOTHING, shot((2, ROWS, COLUMNS)), 0.01, 600).any()
+    assert not extra_rays(np.zeros((2, ROWS, COLUMNS)), NOTHING, shot((2, ROWS, COLUMNS)), 0.01, 600).any()
 
 
 def test_there_are_as_many_as_the_tolerance_calls_for_and_no_more_than_the_most() -> None:
     radiance = np.random.default_rng(3).random((5, ROWS, COLUMNS)) ** 4
     most = 600
     few, more, capped = (
-        extra_rays(radiance, shot(radiance.shape), tolerance, most).sum(axis=(1, 2)) for tolerance in (0.1, 0.05, 0.001)
+        extra_rays(radiance, NOTHING, shot(radiance.shape), tolerance, most).sum(axis=(1, 2))
+        for tolerance in (0.1, 0.05, 0.001)
     )
     assert (few < more).all()
     assert (more < capped).all()
@@ -99,17 +102,67 @@ def test_rays_that_would_leave_below_the_surface_get_no_company() -> None:
     radiance = np.random.default_rng(4).random((1, ROWS, COLUMNS))
     above = shot(radiance.shape)
     above[0, -1] = False
-    counts = extra_rays(radiance, above, 0.01, 600)
+    counts = extra_rays(radiance, NOTHING, above, 0.01, 600)
     assert counts[above].any()
     assert not counts[~above].any()
 
 
 def test_what_else_is_under_way_changes_nothing() -> None:
     radiance = np.random.default_rng(5).random((7, ROWS, COLUMNS)) ** 3
-    together = extra_rays(radiance, shot(radiance.shape), 0.02, 400)
+    together = extra_rays(radiance, NOTHING, shot(radiance.shape), 0.02, 400)
     for i in range(len(radiance)):
-        alone = extra_rays(radiance[i : i + 1], shot((1, ROWS, COLUMNS)), 0.02, 400)
+        alone = extra_rays(radiance[i : i + 1], NOTHING, shot((1, ROWS, COLUMNS)), 0.02, 400)
         np.testing.assert_array_equal(together[i : i + 1], alone)
+
+
+def test_promised_light_that_no_ray_around_has_met_calls_for_rays() -> None:
+    radiance, promised = np.ones((1, ROWS, COLUMNS)), np.zeros((1, ROWS, COLUMNS), np.float32)
+    promised[0, 4, 7] = 1.0  # no more than is there
+    assert not extra_rays(radiance, promised, shot(radiance.shape), 0.02, 400).any()
+    promised[0, 4, 7] = 3.0  # 1 % of all light is unseen: (2 * 0.01 / 0.005)² rays
+    assert extra_rays(radiance, promised, shot(radiance.shape), 0.005, 400).sum() == pytest.approx(16, abs=1)
+    promised[0, 4, 7] = 1e6
+    counts = extra_rays(radiance, promised, shot(radiance.shape), 0.005, 400)
+    assert PROMISE_MOST <= counts[0, 4, 7] == counts.sum() <= PROMISE_MOST + 1
+
+
+def test_a_bright_thing_that_rays_seldom_find_makes_no_blotches_where_it_is_known() -> None:
+    """It fills a twentieth of a stratum, and brings a fifth of all light: few records find it by chance."""
+    records, chance, bright, tolerance = 4000, 0.05, 1000.0, 0.05
+    rng = np.random.default_rng(7)
+    shape = (records, ROWS, COLUMNS)
+    first = np.ones(shape)
+    first[:, 4, 7] += bright * (rng.random(records) < chance)
+    known = np.zeros((1, ROWS, COLUMNS), np.float32)
+    known[0, 4, 7] = chance * bright
+    found, rays = {}, {}
+    for name, promised in (("by chance", NOTHING), ("known", known)):
+        counts = extra_rays(first, promised, shot(shape), tolerance, 3 * ROWS * COLUMNS).reshape(records, -1)
+        place = 4 * COLUMNS + 7
+        total = first.reshape(records, -1).copy()
+        hits = 1.0 + bright * rng.binomial(counts[:, place], chance) / np.maximum(counts[:, place], 1)
+        total[:, place] = (total[:, place] + counts[:, place] * hits) / (counts[:, place] + 1)
+        found[name], rays[name] = total.mean(axis=1), counts.sum(axis=1).mean()
+    truth = 1.0 + chance * bright / (ROWS * COLUMNS)
+    for each in found.values():
+        assert each.mean() == pytest.approx(truth, abs=4 * each.std() / np.sqrt(records))
+    assert found["known"].std() < 0.3 * found["by chance"].std()
+    assert rays["known"] < rays["by chance"] + 2 * PROMISE_MOST
+
+
+def test_rays_for_a_promise_do_not_depend_on_the_ray_of_their_stratum() -> None:
+    radiance, promised = np.ones((1, ROWS, COLUMNS)), np.zeros((1, ROWS, COLUMNS), np.float32)
+    promised[0, 4, 7] = 2.0
+    counts = extra_rays(radiance, promised, shot(radiance.shape), 0.005, 400)
+    hit = radiance.copy()
+    hit[0, 4, 7] = 1000.0
+    assert extra_rays(hit, promised, shot(radiance.shape), 0.005, 400)[0, 4, 7] == counts[0, 4, 7] > 1
+
+
+def test_dark_hemispheres_get_no_rays_for_promises() -> None:
+    """What light is relative to is not known there; and nothing divides by it."""
+    promised = np.ones((1, ROWS, COLUMNS), np.float32)
+    assert not extra_rays(np.zeros((1, ROWS, COLUMNS)), promised, shot((1, ROWS, COLUMNS)), 0.02, 400).any()
 
 
 def test_further_rays_are_numbered_after_the_first_ones_of_their_record() -> None:

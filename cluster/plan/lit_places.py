@@ -1,0 +1,43 @@
+"""Where lights shine first, for the gather rays of irradiance records: photons of a few thousand paths tell."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.cluster.lit_places import NO_LIT_PLACES, LitPlaces
+from wdpm.cluster.plan.photon_pilot import PhotonPilot, direct_photons
+from wdpm.cluster.records import CachePlan
+
+PLACES = 512
+"""Places, at most: each then stands for so little light that one by itself calls for no rays."""
+
+NEIGHBOURS = 4
+"""Of a place, within its radius."""
+
+
+def lit_places(pilot: PhotonPilot, cache: CachePlan) -> LitPlaces:
+    """A sample of the places that light comes to straight from the lights.
+
+    Args:
+        cache: plan of the irradiance records; there are none where it has no extra rays to share out.
+    """
+    if not cache.rounds or not cache.extra or not pilot.world.global_map.paths:
+        return NO_LIT_PLACES
+    photons, paths = direct_photons(pilot)
+    count = len(photons["id"])
+    if count <= NEIGHBOURS:
+        return NO_LIT_PLACES
+    chosen = np.linspace(0, count - 1, min(PLACES, count)).astype(np.intp)
+    position = photons["position"][chosen]
+    normal = np.where(photons["front"][chosen, None] == 1, photons["normal"][chosen], -photons["normal"][chosen])
+    power = photons["flux"][chosen].mean(axis=1, dtype=np.float64) * (count / len(chosen) / paths)
+    return LitPlaces(position, normal.astype(np.float32), power.astype(np.float32), _radius(position))
+
+
+def _radius(position: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Distance of the nearest NEIGHBOURS others, shape [P]."""
+    across = [position[:, None, axis].astype(np.float64) - position[None, :, axis] for axis in range(3)]
+    distance2 = across[0] ** 2 + across[1] ** 2 + across[2] ** 2
+    nearest = np.partition(distance2, NEIGHBOURS, axis=1)[:, NEIGHBOURS]
+    return np.sqrt(nearest).astype(np.float32)
