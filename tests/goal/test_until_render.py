@@ -24,8 +24,8 @@ from wdpm.goal.outcome import Ending, outcome_of
 from wdpm.goal.reference_pair import make_reference_pair, path_settings
 from wdpm.goal.render import Interrupted, promise, render_until
 from wdpm.goal.schedule import Schedule, schedule_of
-from wdpm.goal.trial import MARGIN, UNKNOWN_SHARE, Trial, try_out
-from wdpm.goal.trial_pilot import TrialPilot, Workplace
+from wdpm.goal.trial import IMAGE_PLANS, MARGIN, UNKNOWN_SHARE, Trial, try_out
+from wdpm.goal.trial_pilot import LONG_S, TrialPilot, Workplace
 from wdpm.images.comparison import compare
 from wdpm.images.image import load as load_image
 from wdpm.progress import SilentProgress
@@ -414,3 +414,22 @@ def test_bad_arguments_are_one_clear_error(arguments: dict[str, Any], said: str)
 def test_predictions_take_no_sweep(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["accuracy", "cornell-box", "--predict", "--sweep", "spp=1,2"]) == 2
     assert "--sweep" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("error", "passes"), [(100.0, 2), (1e-6, 3)])
+def test_a_trial_that_is_good_enough_is_not_taken_apart(error: float, passes: int, scene: Scene) -> None:
+    """A third pass would only tell of what the noise is."""
+    work = Workplace(InProcess(threads=2), SilentProgress(), clock=lambda: 0.0)
+    pilot = TrialPilot(scene, RenderSettings(indirect=Indirect.MAP, **FEW), frozenset({"photons"}), work)
+    rendered: list[PassPlan] = []
+    render = PassRenderer.render
+
+    def counted(self: PassRenderer, plan: PassPlan) -> PassResult:
+        rendered.append(plan)
+        return render(self, plan)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(PassRenderer, "render", counted)
+        pilot.run(Goal(error=error), lambda: LONG_S)
+    assert len(rendered) == passes
+    assert list(pilot.trials[0].results) == list(IMAGE_PLANS), "which are passes of the image"

@@ -1,7 +1,7 @@
-"""Measures, by three cheap renders of few samples, what settings cost and how far their images are off.
+"""Measures, by two or three cheap renders of few samples, what settings cost and how far their images are off.
 
-Three passes tell the two sources of noise apart: a and b have the same photons and different samples, b and c the same
-samples and different photons.
+Two passes, a and b, have other photons and other samples: they are the first two of an image. Where they are good
+enough, that is all. Else a third, c, tells the two sources of noise apart: it has b's photons and a's samples.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +48,9 @@ UNKNOWN_SHARE = 0.6
 Values = NDArray[np.float64]
 Clock = Callable[[], float]
 
-TRIAL_PLANS = (PassPlan(0, 0, 1), PassPlan(0, 1, 1), PassPlan(1, 1, 1))
+IMAGE_PLANS = (PassPlan(0, 0, 1), PassPlan(1, 1, 1))
+APART_PLAN = PassPlan(1, 0, 1)
+PASSES = len(IMAGE_PLANS) + 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +65,7 @@ class Trial:
         pass_noise: weighted mean square of one pass that samples do not lessen.
         sample_noise: the same that is divided by the number of samples.
         record_cost: of pass_cost, the irradiance records of a pass of one sample.
-        rare: by how much the noise of the mean of a and c, at most (convergence.py), lies above what samples leave on
+        rare: by how much the noise of the mean of a and b, at most (convergence.py), lies above what samples leave on
             average, for fear of rare bright ones.
         lone: what is feared of each pixel of more than MOST_FEARED, the largest first, none of it in `rare`.
         bias: the squared bias of a pass of the first radius, at most: the upper end of its interval.
@@ -92,7 +95,7 @@ class Trial:
     @property
     def cost(self) -> float:
         """Seconds of another trial of these settings."""
-        return self.start + len(TRIAL_PLANS) * (self.pass_cost + self.sample_cost)
+        return self.start + PASSES * (self.pass_cost + self.sample_cost)
 
 
 def try_out(
@@ -102,6 +105,7 @@ def try_out(
     reference: ReferencePair | None,
     clock: Clock = time.perf_counter,
     seconds_left: Callable[[], float] = lambda: math.inf,
+    enough: Callable[[Sequence[PassResult]], bool] = lambda _: False,
 ) -> Trial:
     """Render the trial's passes; only the first, if there is no time for others. Then nothing is known of its error.
 
@@ -110,65 +114,81 @@ def try_out(
         reference: of the bias; None leaves it at what it is at most by experience.
         clock: seconds, growing.
         seconds_left: that the trial may take, less what it took.
+        enough: whether the first two passes are as good an image as was asked for.
     """
     began = clock()
     renderer = make()
     taken = clock() - began
     compile_seconds = min(renderer.prepared.seconds.get("compile", 0.0), taken)  # the clock may be that of the CPU
     start = taken - compile_seconds
-    results, costs = [], []
-    for plan in TRIAL_PLANS:
+    known: dict[str, Any] = {"settings": settings, "start": start, "compile_seconds": compile_seconds, "ready": True}
+
+    def timed(plan: PassPlan) -> tuple[PassResult, float]:
         began = clock()
-        results.append(renderer.render(plan))
-        costs.append(clock() - began)
-        if len(results) == 1 and seconds_left() < (len(TRIAL_PLANS) - 1) * costs[0]:
-            found = {plan: results[0]}
-            return Trial(
-                settings,
-                start,
-                0.0,
-                costs[0],
-                0.0,
-                0.0,
-                0.0,
-                compile_seconds=compile_seconds,
-                results=found,
-                measured=False,
-                ready=True,
-            )
-    a, b, c = (_finite(result.layers["beauty"]) for result in results)
-    weight = metric.weight((a + b + 2 * c) / 4)
-    sample_cost = costs[1] * _share_of(results[1], "render")
+        return renderer.render(plan), clock() - began
+
+    first, cost = timed(IMAGE_PLANS[0])
+    if seconds_left() < (PASSES - 1) * cost:
+        nothing: dict[str, Any] = {
+            "pass_cost": 0.0,
+            "pass_noise": 0.0,
+            "sample_noise": 0.0,
+            "bias": 0.0,
+            "measured": False,
+        }
+        return Trial(sample_cost=cost, results={IMAGE_PLANS[0]: first}, **nothing, **known)
+    second, cost = timed(IMAGE_PLANS[1])
+    image = (first, second)
+    apart = None if enough(image) else timed(APART_PLAN)
+    noise = _noise(image, None if apart is None else apart[0], metric, settings.algorithm.biased)
+    of_samples, of_one = (second, cost) if apart is None else apart
+    sample_cost = of_one * _share_of(of_samples, "render")
     most = UNKNOWN_SHARE * most_bias(metric) if settings.algorithm.biased else 0.0
-    bias = ErrorFigure(0.0, 0.0, most) if reference is None else bias_of(a, b, c, metric, reference)
-    pass_noise, sample_noise = (_finite_mean(each**2 * weight) / 2 for each in (b - c, a - b))
-    upper, lone = upper_end((results[0], results[2]), metric)
-    # What the estimate says of the two passes, and what samples leave on average: fear of rare ones, or less than that.
-    average = noise_of_two(pass_noise, sample_noise, settings.algorithm.biased)
-    held = min(upper / (MARGIN * average), 1.0) if average > 0 else 1.0
+    a, b = map(_beauty, image)
+    bias = ErrorFigure(0.0, 0.0, most) if reference is None else bias_of(a, b, metric, reference)
     return Trial(
-        settings=settings,
-        start=start,
-        pass_cost=max(costs[2] - sample_cost, 0.0),
+        pass_cost=max(cost - sample_cost, 0.0),
         sample_cost=sample_cost,
-        pass_noise=held * pass_noise,
-        sample_noise=held * sample_noise,
         bias=bias.high,
         likely_bias=min(max(bias.value, 0.0), bias.high),
-        rare=max(upper / MARGIN - average, 0.0),
-        lone=lone,
-        compile_seconds=compile_seconds,
-        record_cost=costs[2] * _share_of(results[2], "records"),
-        results={TRIAL_PLANS[0]: results[0], TRIAL_PLANS[2]: results[2]},
-        ready=True,
+        record_cost=cost * _share_of(second, "records"),
+        results=dict(zip(IMAGE_PLANS, image, strict=True)),
+        **noise,
+        **known,
     )
 
 
-def bias_of(a: Values, b: Values, c: Values, metric: Metric, reference: ReferencePair) -> ErrorFigure:
-    """Squared bias of a trial's passes, at the pixels of the reference."""
-    a, b, c = (coarser(each, reference.factor) for each in (a, b, c))
-    mean = (a + c) / 2  # other samples and other photons: the two are independent
-    squared = (mean - reference.a) * (mean - reference.b) - (a - c) ** 2 / 4
+def _noise(image: tuple[PassResult, PassResult], apart: PassResult | None, metric: Metric, biased: bool) -> Any:
+    """What a trial says of noise, by name. Without a pass that tells photons and samples apart, samples make it all."""
+    a, b = map(_beauty, image)
+    if apart is None:
+        weight = metric.weight((a + b) / 2)
+        pass_noise, sample_noise = 0.0, _finite_mean((a - b) ** 2 * weight) / 2 / stratified(TRIED)
+    else:
+        c = _beauty(apart)
+        weight = metric.weight((2 * a + b + c) / 4)
+        pass_noise, sample_noise = (_finite_mean(each**2 * weight) / 2 for each in (c - a, b - c))
+    upper, lone = upper_end(image, metric)
+    # What the estimate says of the two passes, and what samples leave on average: fear of rare ones, or less than that.
+    average = noise_of_two(pass_noise, sample_noise, biased)
+    held = min(upper / (MARGIN * average), 1.0) if average > 0 else 1.0
+    return {
+        "pass_noise": held * pass_noise,
+        "sample_noise": held * sample_noise,
+        "rare": max(upper / MARGIN - average, 0.0),
+        "lone": lone,
+    }
+
+
+def _beauty(result: PassResult) -> Values:
+    return _finite(result.layers["beauty"])
+
+
+def bias_of(a: Values, b: Values, metric: Metric, reference: ReferencePair) -> ErrorFigure:
+    """Squared bias of a trial's two passes, at the pixels of the reference."""
+    a, b = (coarser(each, reference.factor) for each in (a, b))
+    mean = (a + b) / 2  # other samples and other photons: the two are independent
+    squared = (mean - reference.a) * (mean - reference.b) - (a - b) ** 2 / 4
     # Where so few samples missed an edge of a lamp, the reference knows how bright it is.
     bright = np.maximum(np.abs(mean), mean_around((reference.a + reference.b) / 2))
     return centred_figure(np.nan_to_num(squared * metric.weight(bright)))

@@ -13,12 +13,14 @@ from typing import Any
 
 from wdpm.cluster.integrators.registry import REFERENCE
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
+from wdpm.goal.convergence import ConvergenceEstimator
 from wdpm.goal.goal import Goal
 from wdpm.goal.reference_pair import ReferencePair, make_reference_pair
 from wdpm.goal.schedule import FACTORS, Schedule, nearest, soonest, with_photons
 from wdpm.goal.trial import Clock, Trial, try_out
 from wdpm.progress import Progress, SilentProgress
 from wdpm.rendering.backend import Backend
+from wdpm.rendering.pass_plan import PassResult, shrink
 from wdpm.rendering.passes import PassRenderer
 from wdpm.scenes.model.scene import Scene
 
@@ -234,9 +236,21 @@ class TrialPilot:
             self.reference,
             self.work.clock,
             seconds_left,
+            lambda passes: self._is_enough(passes, goal),
         )
         self.compile_seconds += trial.compile_seconds
         self.trials.append(trial)
+
+    def _is_enough(self, passes: Sequence[PassResult], goal: Goal) -> bool:
+        """Whether the passes that are done are the image that was asked for, by the estimate that ends renders."""
+        if goal.error is None:
+            return False
+        biased = self.settings.algorithm.biased
+        estimator = ConvergenceEstimator(passes[0].layers["beauty"].shape, goal.metric, biased, self.reference)
+        for number, result in enumerate(passes):
+            estimator.add(result.layers, 1, shrink(number))
+        estimate = estimator.estimate()
+        return estimate is not None and estimate.total.high <= goal.mean_square
 
     def _renderer_of_a_trial(self, settings: RenderSettings) -> Callable[[], PassRenderer]:
         """Makes a renderer of short passes, and keeps it for the passes that may follow."""
