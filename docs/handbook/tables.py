@@ -32,6 +32,7 @@ LAYERS_IN_WORDS = {
     "cell": "number of the part of the scene that shaded the pixel's first sample; depends on the cluster",
     "noise": "standard error of `beauty`, from 2 passes on",
     "bias": "estimate of the blur in `beauty`, with sign, from 4 passes on",
+    "samples": "that each pixel has had, in renders with `--adaptive`",
 }
 
 

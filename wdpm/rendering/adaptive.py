@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.allotment import BLOCK, NO_ALLOTMENT, Allotment, blocks_of, spread
 from wdpm.images.comparison import RELATIVE_FLOOR
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
-from wdpm.rendering.error_layers import Batches, ErrorEstimate, same_shape
+from wdpm.rendering.error_layers import Batches, ErrorEstimate, same_shape, weight_like
 from wdpm.rendering.pass_plan import PassPlan
 from wdpm.rendering.prepare import Prepared
 
@@ -50,6 +50,10 @@ WINDOW = 4
 LAST_OF_WINDOWS = (3, 6)
 """A block that has had no samples in a window of so many passes has some in this one of it, of each two windows: once
 an odd pass and once an even one, as the estimates compare those."""
+
+AGAIN = 1.125
+"""After so many times the passes as the last time, noise is looked at again: over a large image that takes as long as a
+cheap pass does."""
 
 MOST_TIMES = 8
 """As many times the samples that a pass has on average, a block gets at most."""
@@ -86,6 +90,9 @@ class AdaptiveSamples:
         self._last: Blocks = np.full(shape, -1, np.int32)
         self._sampled = Batches((camera.height, camera.width, 3))
         self._weight: Values = np.zeros(())
+        self._by_sample: Values = np.zeros(shape)  # squared error of one sample, and of one pass
+        self._by_one_pass: Values = np.zeros(shape)
+        self._looked = 0  # after so many passes
 
     def add(self, plan: PassPlan, allotment: Allotment, layers: Mapping[str, NDArray[np.float32]]) -> None:
         """Take in a pass."""
@@ -109,11 +116,13 @@ class AdaptiveSamples:
         """
         if plan.number < FIRST:
             return NO_ALLOTMENT
-        both, sampled = self._errors(error)
+        if plan.number >= AGAIN * self._looked:
+            self._look(error)
+            self._looked = plan.number
         # Where only some samples look for light in media, a run of `spp` of them has as many as it should.
         whole = self._beams is not None and plan.spp > self._beams
         step = plan.spp if whole else max(1, plan.spp // STEPS)
-        gain = _gains(both, sampled, self._passes, self.samples, step, MOST_TIMES * plan.spp // step)
+        gain = self._gains(step, MOST_TIMES * plan.spp // step)
         gain[0][self._must(plan.number)] = math.inf
         count = np.int32(step) * _best(gain, self._pixels(), step, plan.spp * self._size[0] * self._size[1])
         if (self.samples == plan.first_sample).all() and (count == plan.spp).all():
@@ -128,8 +137,8 @@ class AdaptiveSamples:
             return np.zeros(self.samples.shape, np.bool_)
         return self._last < number // WINDOW * WINDOW
 
-    def _errors(self, error: ErrorEstimate) -> tuple[Values, Values]:
-        """Relative squared error of each block's pixels, and what of it samples lessen."""
+    def _look(self, error: ErrorEstimate) -> None:
+        """See how noisy each block is."""
         variance = error.variance()
         weight = 1.0 / (np.maximum(error.mean**2 - variance, 0.0) + RELATIVE_FLOOR)
         both, sampled = (
@@ -139,7 +148,15 @@ class AdaptiveSamples:
         floor = LEAST_SHARE * math.fsum((both * self._pixels()).flat) / (self._size[0] * self._size[1])
         share = np.divide(sampled, both, out=np.ones_like(both), where=both > 0)
         both = np.maximum(both, floor)
-        return both, both * share
+        self._by_sample = both * share * self.samples
+        self._by_one_pass = both * (1.0 - share) * self._passes
+
+    def _gains(self, step: int, most: int) -> Values:
+        """What a sample of each portion takes off a block's error, shape [most, rows, columns]."""
+        had = self.samples + step * np.arange(most)[:, None, None]
+        gain = self._by_sample / (had * (had + float(step)))
+        gain[0] += self._by_one_pass / (self._passes * (self._passes + 1.0) * step)
+        return np.asarray(gain)
 
     def _means(self, values: Values) -> Values:
         """Of the pixels of each block."""
@@ -163,7 +180,9 @@ class AdaptiveSamples:
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All of its state, by name."""
         batches = {f"batches.{name}": array for name, array in self._sampled.arrays().items()}
-        return batches | {"samples": self.samples, "passes": self._passes, "last": self._last, "weight": self._weight}
+        noise = {"by sample": self._by_sample, "by pass": self._by_one_pass, "looked": np.array(self._looked)}
+        blocks = {"samples": self.samples, "passes": self._passes, "last": self._last}
+        return batches | noise | blocks | {"weight": self._weight}
 
     def restore(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Go on from what `arrays` gave. Raises KeyError or ValueError if that is of another image."""
@@ -172,7 +191,11 @@ class AdaptiveSamples:
         self.samples, self._passes, self._last = (
             same_shape(state[name], self.samples) for name in ("samples", "passes", "last")
         )
-        self._weight = np.asarray(state["weight"], np.float64)
+        self._by_sample, self._by_one_pass = (
+            same_shape(state[name], self._by_sample) for name in ("by sample", "by pass")
+        )
+        self._looked = int(state["looked"])
+        self._weight = weight_like(state["weight"], np.empty((*self._size[::-1], 3)))
 
 
 def weight_of(plan: PassPlan, allotment: Allotment, width: int, height: int) -> Values:
@@ -202,14 +225,6 @@ def _around(blocks: Values) -> Values:
     near = padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:]
     far = padded[:-2, :-2] + padded[:-2, 2:] + padded[2:, :-2] + padded[2:, 2:]
     return np.asarray((2.0 * near + far) / 12.0)
-
-
-def _gains(both: Values, sampled: Values, passes: Blocks, samples: Blocks, step: int, most: int) -> Values:
-    """What each portion of samples takes off a block's error, for each of them, shape [most, rows, columns]."""
-    had = samples + step * np.arange(most)[:, None, None]
-    gain = sampled * samples * (step / (had * (had + float(step)))) / step
-    gain[0] += np.maximum(both - sampled, 0.0) / (passes + 1.0) / step
-    return np.asarray(gain)
 
 
 def _best(gain: Values, pixels: NDArray[np.int64], step: int, budget: int) -> Blocks:

@@ -87,6 +87,7 @@ def report_of(
         approximated=prepared.approximated,
         warnings=prepared.warnings + lost,
         passes=passes,
+        sampled=_sampled(result),
         error=error,
         settings=_settings(prepared, passes),
         versions={name: metadata.version(name) for name in PACKAGES} | {"python": platform.python_version()},
@@ -95,6 +96,12 @@ def report_of(
 
 def _sum_of(phase: str, prepared: Prepared, result: SessionResult) -> float:
     return prepared.seconds.get(phase, 0.0) + result.seconds.get(phase, 0.0)
+
+
+def _sampled(result: SessionResult) -> tuple[int, ...]:
+    """Fewest and most samples of a pixel, where these differ; none otherwise."""
+    samples = result.layers.get("samples")
+    return () if samples is None else (int(samples.min()), int(samples.max()))
 
 
 def _settings(prepared: Prepared, passes: tuple[PassReport, ...]) -> dict[str, Any]:

@@ -239,6 +239,7 @@ class Report:
         approximated: what is only approximated, with its figures.
         warnings: what the loader or the render ignored, dropped, mended or left out.
         passes: of a render in several: all figures above are of all of them together.
+        sampled: fewest and most samples of a pixel, where passes were adaptive.
         error: what these tell about the error of the image.
         asked: of a render that was asked for an error or a time: what that was, what is estimated, and whether it was
             reached (goal.outcome.Outcome.to_dict).
@@ -269,6 +270,7 @@ class Report:
     approximated: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     passes: tuple[PassReport, ...] = ()
+    sampled: tuple[int, ...] = ()
     error: ErrorReport | None = None
     asked: dict[str, Any] | None = None
     settings: dict[str, Any] = field(default_factory=dict)

@@ -174,7 +174,7 @@ def _counts(report: Report) -> list[str]:
             clamped = f"[bold red]{clamped}: too bright to be added exactly, so light is lost[/]"
         lines.append(f"beams through media: {report.beams:,}, {clamped}")
     if report.passes:
-        lines.append(_passes(report.passes))
+        lines.append(_passes(report.passes, report.sampled))
     if report.error is not None:
         lines += _error(report.error)
     if report.kernels.kernels:
@@ -221,11 +221,12 @@ def _each(seconds: float, count: int) -> str:
     return f", {1e6 * seconds / count:,.2f} us each" if count and seconds else ""
 
 
-def _passes(passes: Sequence[PassReport]) -> str:
+def _passes(passes: Sequence[PassReport], sampled: Sequence[int]) -> str:
     seconds = sum(sum(each.seconds.values()) for each in passes)
     samples = sum(each.spp for each in passes)
+    how = f" on average, {sampled[0]:,} to {sampled[1]:,} by adaptive sampling" if sampled else " in all"
     return (
-        f"passes: {len(passes)}, {samples:,} samples a pixel in all, {format_seconds(seconds / len(passes))} each; "
+        f"passes: {len(passes)}, {samples:,} samples a pixel{how}, {format_seconds(seconds / len(passes))} each; "
         f"gather radius {passes[0].radius:.4g} in the first, {passes[-1].radius:.4g} in the last"
     )
 
