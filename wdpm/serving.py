@@ -104,7 +104,15 @@ def serve(
     if memory is not None:
         limit_memory(memory)
 
+    scene = ""  # that a worker is made for
+    neighbours = local_sockets.shared_with(master)
+
+    def tell_scene(name: str) -> None:
+        nonlocal scene
+        scene = name
+
     def make_worker(number: int, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]) -> Worker:
+        from wdpm.cluster.made_once import MadeOnce
         from wdpm.cluster.work.worker import CellWorker
         from wdpm.kernels.compile import compile_kernels
         from wdpm.kernels.launch import Launcher
@@ -113,7 +121,8 @@ def serve(
         compile_kernels(device)
         let_collector_go()
         launcher = Launcher(device, threads, wait_for_kernels=wait_for_kernels)
-        return CellWorker(number, world, partition, holders, launcher)
+        made = MadeOnce(neighbours, scene, in_main_memory=device == "cpu")
+        return CellWorker(number, world, partition, holders, launcher, made)
 
     line = line_to_watch(sys.stdin.buffer) if life_line else None
     try:
@@ -126,6 +135,7 @@ def serve(
             patience=patience,
             rejoin=rejoin,
             life_line=line,
+            tell_scene=tell_scene,
         )
     finally:
         if line is not None and local_sockets.is_local(master) and has_ended(line):

@@ -66,7 +66,7 @@ class Roster:
             cells = team.cells_of(member)
             kept = tuple(cell for cell in cells if cell in member.cells)
             member.cells = frozenset(kept)
-            setup = protocol.Setup(team.epoch, session.world, team.holders, tuple(peers), kept)
+            setup = protocol.Setup(team.epoch, session.world, team.holders, tuple(peers), kept, session.digest)
             out.append(Send(member.identity, setup))
         for cell, holder in enumerate(team.holders):
             if cell not in self._members.ever[holder].cells:

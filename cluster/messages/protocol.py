@@ -18,7 +18,7 @@ from wdpm.cluster.task import Task, TaskResult
 from wdpm.cluster.world import PhotonPlan, View, World
 from wdpm.scenes.flat.arrays import Triangles
 
-PROTOCOL = 15
+PROTOCOL = 16
 
 
 # From a slave to the master.
@@ -194,6 +194,8 @@ class Setup:
         holders: cell -> number of the slave of the team that holds it.
         peers: number of a slave -> its endpoint for peers; empty for those that are not of the team.
         kept: cells of this world that the slave has, built, from an epoch before.
+        scene: names the triangles and the world but for its photon plan: equal names are equal scenes. Slaves on one
+            machine share what they make of it.
     """
 
     epoch: int
@@ -201,6 +203,7 @@ class Setup:
     holders: tuple[int, ...]
     peers: tuple[str, ...]
     kept: tuple[int, ...] = ()
+    scene: str = ""
 
 
 @dataclass(frozen=True)

@@ -81,6 +81,7 @@ class Build:
 
     Attributes:
         kept: cells of this world that the worker has from before. It is made anew if there are none.
+        scene: its name, as protocol.Setup has it.
     """
 
     number: int
@@ -88,6 +89,7 @@ class Build:
     partition: Mapping[int, Triangles]
     holders: tuple[int, ...]
     kept: tuple[int, ...] = ()
+    scene: str = ""
 
 
 @dataclass(frozen=True)
@@ -209,10 +211,14 @@ class Compute:
     Args:
         make_worker: makes the compute object of a world.
         share: gives the processes that do a worker's tasks; None if it does them itself.
+        tell_scene: is told the name of each scene before a worker is made of it.
     """
 
-    def __init__(self, make_worker: WorkerFactory, share: Share | None = None) -> None:
+    def __init__(
+        self, make_worker: WorkerFactory, share: Share | None = None, tell_scene: Callable[[str], None] | None = None
+    ) -> None:
         self._make_worker = make_worker
+        self._tell_scene = tell_scene
         self._share = share
         self._worker: Worker | None = None
         self._elsewhere: TaskProcesses | None = None
@@ -269,6 +275,8 @@ class Compute:
                 self._worker = None  # frees the world before, so that the two are never in memory together
                 gc.collect()  # of what refers to itself in a circle, too
                 return_free_memory()
+            if self._tell_scene is not None:
+                self._tell_scene(job.scene)
             self._worker = self._make_worker(job.number, job.world, job.partition, job.holders)
             self._elsewhere = None if self._share is None else self._share(self._worker)
         # The job is not kept: it would keep triangles that the worker may have let go.

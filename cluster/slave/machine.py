@@ -359,7 +359,8 @@ class Slave:
     def _build_if_complete(self, arriving: ArrivingCells, setup: protocol.Setup) -> None:
         if arriving.complete:
             self._arriving = None
-            self._orders.append(jobs.Build(self.number, setup.world, arriving.take(), setup.holders, setup.kept))
+            cells = arriving.take()
+            self._orders.append(jobs.Build(self.number, setup.world, cells, setup.holders, setup.kept, setup.scene))
 
     def _peer_said(self, identity: bytes, message: protocol.FromPeer) -> list[Instruction]:
         if isinstance(message, protocol.PeerHello):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import platform
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 
 from wdpm.cluster.host_memory import machine_memory
@@ -41,6 +41,7 @@ def run_slave(
     tell: Tell | None = None,
     limits: ClusterLimits | None = None,
     agreed: Mapping[str, str] | None = None,
+    tell_scene: Callable[[str], None] | None = None,
 ) -> None:
     """Compute for a master until it says stop.
 
@@ -53,6 +54,7 @@ def run_slave(
         life_line: file descriptor of a pipe whose other end the process that started it holds; when that closes,
             it ends.
         tell: shows a line to a person; None for standard error.
+        tell_scene: is told the name of each scene before `make_worker` is called for it.
 
     Raises:
         ClusterError: no master answered, it refused, or something failed.
@@ -73,7 +75,7 @@ def run_slave(
             own_memory=memory or 0,
         )
         state = Slave(hello, master, patience, limits, rejoin)
-        computer = ComputeThread(Compute(make_worker))
+        computer = ComputeThread(Compute(make_worker, tell_scene=tell_scene))
         shell = SlaveShell(state, network, listener, resolved, computer.submit, tell or _to_stderr)
         stack.callback(shell.close)
         SlaveLoop(shell, network, computer, life_line).run()

@@ -14,6 +14,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from wdpm.cluster.transport.host_share import HostShare, host_share, remove_traces
 from wdpm.scenes.errors import ClusterError, SettingsError
 
 SCHEME = "ipc://"
@@ -79,10 +80,16 @@ def address_for_master() -> Iterator[str | None]:
             shutil.rmtree(folder, ignore_errors=True)
 
 
+def shared_with(address: str) -> HostShare | None:
+    """What all share that have a socket in the folder of an address; None for other addresses, and other systems."""
+    return host_share(_path(address).parent) if is_local(address) else None
+
+
 def leave_orphaned(address: str) -> None:
     """Remove the folder of a master that ended without doing so (it was killed), once no slave listens there."""
     with contextlib.suppress(OSError):  # others of its slaves are still there, and the last of them removes it
         remove(address)
+        remove_traces(_path(address).parent)
         _path(address).parent.rmdir()
 
 

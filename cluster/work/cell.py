@@ -14,6 +14,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import GHOSTS, SCHEMAS, Arrays, Batch, Kind, by_destination, take
+from wdpm.cluster.made_once import Wanted
 from wdpm.cluster.work import tally
 from wdpm.cluster.work.camera_paths import CameraLight
 from wdpm.cluster.work.final_gather import FinalGatherCounters
@@ -51,10 +52,15 @@ class Cell:
         self.number = number
         self.replica = replica
         self.triangle_count = triangles.total
-        device = replica.launcher.device
-        standing = placing.upload(triangles.instances, device)
-        self._trees = two_level.build(triangles, standing, replica.pad, device)
-        self._surfaces = of_triangles.upload(triangles, replica.world.extent, device, standing)
+
+        def make() -> list[Any]:
+            device = replica.launcher.device
+            standing = placing.upload(triangles.instances, device)
+            trees = two_level.build(triangles, standing, replica.pad, device)
+            return [trees, of_triangles.upload(triangles, replica.world.extent, device, standing)]
+
+        kinds = (two_level.Trees, of_triangles.Surfaces)
+        self._trees, self._surfaces = replica.made.get(Wanted(f"cell {number}", kinds, make))
         self.store = PhotonStore(number, self._surfaces, triangles.instances, replica)
         self._light = CameraLight(number, self._trees, self._surfaces, self.store, replica)
         self._trace_scene = self._trace_scene_of(replica)

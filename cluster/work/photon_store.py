@@ -13,6 +13,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, concatenate, take, zeros
+from wdpm.cluster.made_once import Wanted
 from wdpm.cluster.work import tree_orders
 from wdpm.cluster.work.guards import PHOTON, Guards
 from wdpm.cluster.work.overlap_band import rows_near
@@ -26,6 +27,7 @@ from wdpm.kernels.photons import photon_map
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, Deposits
 from wdpm.kernels.photons.flight import BOUNCE_BITS
 from wdpm.kernels.photons.gather_at_photons import gather_at_photons
+from wdpm.kernels.photons.kd_order import over
 from wdpm.kernels.photons.surface_points import point_counts, spread
 from wdpm.kernels.rays import cells
 from wdpm.kernels.rays.cell_triangles import Surfaces
@@ -188,8 +190,10 @@ class PhotonStore:
         """For every other cell, the photons and surface points that lie in its band: two batches, even if empty."""
         replica, world = self._replica, self._replica.world
         low, high = cells.cell_boxes(world.top_tree.axis, world.top_tree.split)
-        self._spread_points()
         self._own.join(self._copies)
+        if replica.made.shares:
+            return  # there is no other cell, and points are spread by whoever makes their tree
+        self._spread_points(SURFACE_MAPS)
         if len(low) == 1:
             return
         copied = [(Kind.GHOST_PHOTONS, self._own), (Kind.GHOST_POINTS, self._own_points)]
@@ -201,10 +205,10 @@ class PhotonStore:
                 for kind, piles in copied:
                     yield Batch(kind, -1, replica.worker, cell, 0, piles.chosen(near))
 
-    def _spread_points(self) -> None:
-        """Pile up the surface points that lie in this cell: for each map as many as suit it."""
+    def _spread_points(self, of_maps: Sequence[int]) -> None:
+        """Pile up the surface points that lie in this cell: for each of these maps as many as suit it."""
         replica, surfaces = self._replica, self._surfaces
-        plans = {number: replica.world.maps[number] for number in SURFACE_MAPS}
+        plans = {number: replica.world.maps[number] for number in of_maps}
         used = {number: plan for number, plan in plans.items() if plan.paths and plan.read}
         for rows, ids, area in self._areas() if used else ():
             for number, plan in used.items():
@@ -236,10 +240,10 @@ class PhotonStore:
         """
         of_photons, of_points = self._read_maps(), SURFACE_MAPS
         counts = [len(self._own[number]) for number in of_photons] + [len(self._own_points[n]) for n in of_points]
-        if not tree_orders.worth_sharing(counts, parts):
+        if self._replica.made.shares or not tree_orders.worth_sharing(counts, parts):
             return None
         self._deposits = None
-        self._number()
+        self._number(of_photons)
         positions = [PositionsOf(self._own[number], self._numbered[number]) for number in of_photons]
         positions += [PositionsOf(self._own_points[number]) for number in of_points]
         found = tree_orders.sort_part(positions, part, parts, self._replica.launcher.build_launcher())
@@ -258,30 +262,81 @@ class PhotonStore:
         self._own.join(self._ghosts)
         self._own_points.join(self._ghost_points)
         self._deposits = None
-        self._number()
         of_photons, of_points = self._read_maps(), SURFACE_MAPS
         counts = [len(self._own[number]) for number in of_photons] + [len(self._own_points[n]) for n in of_points]
-        orders: Iterator[NDArray[np.int32] | None] = iter([None] * len(counts))
+        orders: Sequence[NDArray[np.int32] | None] = [None] * len(counts)
         if self._order_parts:
-            orders = iter(tree_orders.joined(self._order_parts, counts))
+            orders = tree_orders.joined(self._order_parts, counts)
         self._order_parts = []
-        for number in of_photons:
-            self.maps[number] = self._built(number, next(orders))
+        trees = [self._photons_wanted(*each) for each in zip(of_photons, orders, strict=False)]
+        others = [self._points_wanted(*each) for each in zip(of_points, orders[len(of_photons) :], strict=True)]
+        made = self._replica.made
+        if made.shares:
+            got = made.all([*trees, *others], part)
+        else:
+            got = made.all(trees)
+            self._own.clear()  # no more is in memory than need be
+            got += made.all(others)
         self._own.clear()
-        for number in of_points:
-            self.points[number] = self._tree_of_points(number, next(orders))
         self._own_points.clear()
-        if self._sites:
-            sites, self._sites = self._sites, {}
+        sites: Arrays = {}
+        for number, (tree, told) in zip(of_photons, got, strict=False):
+            edges = told.pop("edges")
+            self.maps[number] = BuiltMap(tree, over(edges, wp.int32).to(self._replica.launcher.device))
+            sites |= told
+        for number, (tree,) in zip(of_points, got[len(of_photons) :], strict=True):
+            self.points[number] = tree
+        if sites:
             self._compute_irradiance(sites, part, parts)
+
+    def _photons_wanted(self, number: int, order: NDArray[np.int32] | None) -> Wanted:
+        """The tree of a map; the edges of its photons' paths, and those of them that carry irradiance, in order."""
+
+        def make() -> list[Any]:
+            self._number([number])
+            launcher, numbered = self._replica.launcher, self._numbered.pop(number)
+            run = launcher.build_launcher()
+            # Of volume photons the normal is (medium, 0, 0).
+            tree = photon_map.build_of(self._own[number], numbered.ranks, launcher.device, run, order)
+            sites = self._sites if number == GLOBAL_MAP else {}
+            return [tree, {"edges": numbered.edges, **self._in_order(sites)}]
+
+        return Wanted(self._named(f"map {number}"), (photon_map.PhotonMap, dict), make)
+
+    def _points_wanted(self, number: int, order: NDArray[np.int32] | None) -> Wanted:
+        """The tree of the surface points of a map."""
+
+        def make() -> list[Any]:
+            launcher = self._replica.launcher
+            if self._replica.made.shares:
+                self._spread_points([number])
+            run = launcher.build_launcher()
+            return [photon_map.build_points(self._own_points[number], launcher.device, run, order)]
+
+        return Wanted(self._named(f"points {number}"), (photon_map.PhotonMap,), make)
+
+    def _named(self, what: str) -> str:
+        """A name for what depends on the photons."""
+        return f"{what} of {self._replica.world.photon_plan}"
+
+    def _in_order(self, sites: Arrays) -> Arrays:
+        """Photons that carry irradiance in an order that all who hold the cell have.
+
+        By number first. Then neighbours one after another: the search for one begins with the radius of the one before.
+        """
+        if not sites:
+            return {}
+        by_number = np.argsort(sites["id"])
+        order = by_number[np.lexsort(_along(sites["position"][by_number], self._replica.world.global_map.radius))]
+        return {name: column[order] for name, column in sites.items()}
 
     def _read_maps(self) -> list[int]:
         """Numbers of the maps that are read."""
         return [number for number, plan in enumerate(self._replica.world.maps) if plan.paths and plan.read]
 
-    def _number(self) -> None:
-        """Find out in which order the photons of each map are by their ids, of which no more is needed then."""
-        for number in self._read_maps():
+    def _number(self, of_maps: Sequence[int]) -> None:
+        """Find out in which order the photons of some maps are by their ids, of which no more is needed then."""
+        for number in of_maps:
             if number in self._numbered:
                 continue
             pile = self._own[number]
@@ -327,15 +382,22 @@ class PhotonStore:
             raise ProtocolError(f"irradiance came for {len(places)} photons of cell {self._cell}; expected {count}")
         order = np.argsort(parts["place"])
         launcher = self._replica.launcher
-        self.irradiance = at_photons.build(
-            carriers["position"],
-            parts["radiance"][order],
-            carriers["normal"],
-            parts["radius"][order],
-            carriers["id"],
-            launcher.device,
-            launcher.build_launcher(),
-        )
+
+        def make() -> list[Any]:
+            return [
+                at_photons.build(
+                    carriers["position"],
+                    parts["radiance"][order],
+                    carriers["normal"],
+                    parts["radius"][order],
+                    carriers["id"],
+                    launcher.device,
+                    launcher.build_launcher(),
+                )
+            ]
+
+        tree = Wanted(self._named("irradiance"), (photon_map.PhotonMap,), make)
+        (self.irradiance,) = self._replica.made.get(tree)
         self.irradiance_s += time.perf_counter() - began
 
     def _compute_irradiance(self, photons: Arrays, part: int, parts: int) -> None:
@@ -343,15 +405,13 @@ class PhotonStore:
 
         The photons about a ghost within reach are all here, since the band is that much wider than the radius: its
         estimate is the same, bit for bit, as in the cell that owns it.
+
+        Args:
+            photons: as `_in_order` has them.
         """
         began = time.perf_counter()
         replica, world = self._replica, self._replica.world
         plan, launcher = world.global_map, replica.launcher
-        # By number first, so that all who hold the cell have them in one order. Then neighbours one after another: the
-        # search for one begins with the radius of the one before.
-        by_number = np.argsort(photons["id"])
-        order = by_number[np.lexsort(_along(photons["position"][by_number], plan.radius))]
-        photons = {name: column[order] for name, column in photons.items()}
         self._carriers = {name: photons[name] for name in ("position", "normal", "id")}
         whole = len(photons["id"])
         first, end = whole * part // parts, whole * (part + 1) // parts
@@ -398,21 +458,6 @@ class PhotonStore:
             return np.zeros((len(places.position), 3), np.float32)
         k, plan, points = world.irradiance.caustic_k, world.caustic_map, self.points[CAUSTIC_MAP]
         return of_white(built.tree, points, plan, k, places, self._replica.launcher)
-
-    def _tree_of_points(self, number: int, order: NDArray[np.int32] | None) -> Any:
-        launcher = self._replica.launcher
-        return photon_map.build_points(self._own_points[number], launcher.device, launcher.build_launcher(), order)
-
-    def _built(self, number: int, order: NDArray[np.int32] | None) -> BuiltMap:
-        launcher, numbered = self._replica.launcher, self._numbered.pop(number)
-        tree = photon_map.build_of(
-            self._own[number],  # of volume photons the normal is (medium, 0, 0)
-            numbered.ranks,
-            launcher.device,
-            launcher.build_launcher(),
-            order,
-        )
-        return BuiltMap(tree, wp.array(numbered.edges, dtype=wp.int32, device=launcher.device, copy=False))
 
     def forget(self) -> None:
         """Let go of all photons and what was counted about them."""

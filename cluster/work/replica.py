@@ -10,6 +10,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.guide import LightGuide
+from wdpm.cluster.made_once import MadeOnce, Wanted, name_of
 from wdpm.cluster.records import NO_RECORDS, Records
 from wdpm.cluster.world import View, World
 from wdpm.kernels.camera import camera
@@ -20,9 +21,11 @@ from wdpm.kernels.compile import ready_kernels
 from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.features import ALL, Features
 from wdpm.kernels.irradiance import record_tree
+from wdpm.kernels.irradiance.record_tree import IrradianceCache
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.lights import environment, guide, lights
 from wdpm.kernels.materials import medium, resolve, texture
+from wdpm.kernels.materials.texture import Textures
 from wdpm.kernels.photons.departure import EmitScene
 from wdpm.kernels.rays import cells
 from wdpm.kernels.rays.cell_triangles import Surfaces
@@ -65,12 +68,14 @@ class Replica:
         scene: kernels.camera.scene.Scene seen through the view, without surfaces, which each cell has its own of.
         tiled_sky: the environment as guides divide it.
         outputs: features of which its kernels that shade write the arrays; no fewer than the view's.
+        made: what is made once for all workers on this machine.
         observer: is shown what happens at the vertices of camera paths, for replays; None in a render.
     """
 
     world: World
     launcher: Launcher
     worker: int
+    made: MadeOnce = field(default_factory=MadeOnce)
     view: View | None = None
     camera: Any = None
     observer: Observer | None = None
@@ -97,7 +102,8 @@ class Replica:
         self._choose_kernels(world.features)
         self.paths_by_light = np.zeros((2, len(world.lights.names)), np.int64)
         self.cells = cells.upload(tree.axis, tree.split, self.pad, device)
-        self.textures = texture.upload(world.textures, device)
+        textures = Wanted("textures", (Textures,), lambda: [texture.upload(world.textures, device)])
+        (self.textures,) = self.made.get(textures)
         self.media = medium.upload(media, device)
         self.lights = lights.upload(world.lights, world.extent, device)
         self.tiled_sky = guide.TiledSky(world.lights.environment_pixels)
@@ -150,7 +156,10 @@ class Replica:
         It is built by who asks for it first: a worker whose tasks other processes do never needs it.
         """
         if self._cache is None and self.records is not NO_RECORDS:
-            self._cache = record_tree.build(vars(self.records), self.launcher.device)
+            arrays = vars(self.records)
+            name = f"records {name_of(arrays)}" if self.made.shares else ""
+            tree = Wanted(name, (IrradianceCache,), lambda: [record_tree.build(arrays, self.launcher.device)])
+            (self._cache,) = self.made.get(tree)
         return self._cache
 
     def set_view(self, view: View) -> None:

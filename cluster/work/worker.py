@@ -14,6 +14,7 @@ import numpy as np
 
 from wdpm.cluster.batch import OF_MAPS, TO_HOME, Arrays, Batch, Kind, concatenate
 from wdpm.cluster.host_memory import peak_memory
+from wdpm.cluster.made_once import MadeOnce
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.queues import Queues, without_bare_credit
 from wdpm.cluster.records import Records, take_near
@@ -44,6 +45,8 @@ class CellWorker:
         number: the slave's number.
         partition: the triangles of each of its cells.
         holders: number of the worker that holds each cell.
+        made: what is made once for all workers on this machine; None where each makes its own. Where the scene is
+            divided, no two hold the same, and each does.
     """
 
     def __init__(
@@ -53,10 +56,12 @@ class CellWorker:
         partition: Mapping[int, Triangles],
         holders: Sequence[int],
         launcher: Launcher,
+        made: MadeOnce | None = None,
     ) -> None:
         self.number = number
         self.holders = tuple(holders)
-        self.replica = Replica(world, launcher, number)
+        shared = made if made is not None and len(self.holders) == 1 else MadeOnce()
+        self.replica = Replica(world, launcher, number, shared)
         self.cells = {cell: Cell(cell, triangles, self.replica) for cell, triangles in sorted(partition.items())}
         self._guards = Guards(self.replica)  # of its homes
         self._homes: dict[int, Home] = {}

@@ -97,14 +97,15 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
     p.Welcome: st.builds(p.Welcome, counts, texts, st.floats(0.1, 10), st.floats(0.1, 100)),
     p.Refuse: st.builds(p.Refuse, texts),
     p.Setup: st.builds(
-        lambda epoch, levels, holders, peers, kept: p.Setup(
-            epoch, make_world(1 << levels), tuple(holders), tuple(peers), tuple(kept)
+        lambda epoch, levels, holders, peers, kept, scene: p.Setup(
+            epoch, make_world(1 << levels), tuple(holders), tuple(peers), tuple(kept), scene
         ),
         epochs,
         st.integers(0, 4),
         st.lists(counts, max_size=4),
         st.lists(endpoints | st.just(""), max_size=4),
         st.lists(counts, max_size=4),
+        texts,
     ),
     p.Partition: st.builds(
         lambda epoch, cell, part, more, count: p.Partition(epoch, cell, part, part + more, triangles(count)),

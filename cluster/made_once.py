@@ -1,0 +1,112 @@
+"""What is made once a machine: the worker that needs it first makes it, and others on the same machine map it.
+
+Trees, tables and maps are functions of the scene, so it does not matter who makes them, and no bit depends on it. Where
+nothing can be shared, each worker makes all by itself.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.kernels import packed
+from wdpm.kernels.packed import Kind, NotAsExpectedError, Value
+
+
+class Claim(Protocol):
+    """transport.host_share.Claim."""
+
+    @property
+    def found(self) -> memoryview | None: ...
+
+    def publish(self, parts: Sequence[memoryview]) -> memoryview | None: ...
+
+
+class Share(Protocol):
+    """transport.host_share.HostShare."""
+
+    def claim(self, name: str, *, wait: bool = True) -> AbstractContextManager[Claim | None]: ...
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Something that is to be made, or mapped.
+
+    Attributes:
+        name: what it is, in this scene.
+        kinds: its structs, or `dict` for numpy arrays by name.
+        make: gives values of these kinds.
+    """
+
+    name: str
+    kinds: tuple[Kind, ...]
+    make: Callable[[], Sequence[Value]]
+
+
+class MadeOnce:
+    """What workers of one scene on one machine share.
+
+    Args:
+        share: with whom; None for nobody.
+        scene: names it: equal names are equal scenes, but for their photon plans.
+        in_main_memory: whether what is made here lies where others can map it, and they would have use for it.
+    """
+
+    def __init__(self, share: Share | None = None, scene: str = "", *, in_main_memory: bool = True) -> None:
+        self._share = share if scene else None
+        self._scene = scene
+        self._in_main_memory = in_main_memory
+
+    @property
+    def shares(self) -> bool:
+        """Whether workers of this machine make things for each other: all of them say the same."""
+        return self._share is not None
+
+    def get(self, wanted: Wanted) -> Sequence[Value]:
+        """Values that are made here or mapped."""
+        return self.all([wanted])[0]
+
+    def all(self, wanted: Sequence[Wanted], first: int = 0) -> list[Sequence[Value]]:
+        """Values of several, in their order.
+
+        Args:
+            first: which one to make first. Where each worker begins with another one, they are made at the same time.
+        """
+        if self._share is None or not self._in_main_memory:
+            return [each.make() for each in wanted]
+        got: dict[int, Sequence[Value]] = {}
+        order = [(first + index) % len(wanted) for index in range(len(wanted))]
+        for wait in (False, True):  # what others are at comes last
+            for index in order:
+                if index not in got:
+                    with self._share.claim(f"{self._scene} {wanted[index].name}", wait=wait) as claim:
+                        if claim is not None:
+                            got[index] = _taken(claim, wanted[index])
+        return [got[index] for index in range(len(wanted))]
+
+
+def _taken(claim: Claim, wanted: Wanted) -> Sequence[Value]:
+    if claim.found is not None:
+        try:
+            return packed.unpack(wanted.name, wanted.kinds, claim.found)
+        except NotAsExpectedError:
+            pass  # of a process that is not what it says it is: it is made here, as if nothing had been there
+    made = wanted.make()
+    memory = claim.publish(packed.pack(wanted.name, made))
+    # Of what was made here and what others map, one is enough.
+    return made if memory is None else packed.unpack(wanted.name, wanted.kinds, memory)
+
+
+def name_of(arrays: Mapping[str, NDArray[Any]]) -> str:
+    """A name that other arrays do not have: a digest of all that they hold."""
+    digest = hashlib.blake2b(digest_size=16)
+    for name, array in arrays.items():
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
+    return digest.hexdigest()

@@ -1,0 +1,154 @@
+"""What is made once a machine: the second worker maps what the first has made, and the image keeps its bits."""
+
+from __future__ import annotations
+
+import random
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from digests import without_cells
+
+import wdpm
+from wdpm.cluster import made_once
+from wdpm.cluster.made_once import MadeOnce, Wanted, name_of
+from wdpm.cluster.render_settings import Indirect, RenderSettings
+from wdpm.cluster.transport.host_share import HostShare, host_share
+from wdpm.cluster.work.worker import CellWorker
+from wdpm.rendering.in_process import InProcess
+from wdpm.rendering.passes import render_in_passes
+
+pytestmark = pytest.mark.skipif(host_share(Path()) is None, reason="this system has no memory to share")
+
+
+@pytest.fixture
+def made(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
+    """How often each thing was made, by its name."""
+    counted: Counter[str] = Counter()
+    original = made_once._taken
+
+    def taken(claim: Any, wanted: Wanted) -> Any:
+        def make() -> Any:
+            counted[wanted.name] += 1
+            return wanted.make()
+
+        return original(claim, Wanted(wanted.name, wanted.kinds, make))
+
+    monkeypatch.setattr(made_once, "_taken", taken)
+    return counted
+
+
+def sharing(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
+    """Have all workers of a cluster in this process share what they make, as slaves of one folder do."""
+    original = CellWorker.__init__
+
+    def begin(worker: CellWorker, *args: Any) -> None:
+        original(worker, *args, MadeOnce(HostShare(folder), "scene"))
+
+    monkeypatch.setattr(CellWorker, "__init__", begin)
+
+
+@pytest.mark.parametrize("indirect", list(Indirect))
+def test_an_image_keeps_its_bits(
+    indirect: Indirect, made: Counter[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = wdpm.load("cornell-box", size=(24, 24))
+    chosen = RenderSettings(photons=3000, spp=2, passes=2, k=20, indirect=indirect, bucket=8)
+    alone = render_in_passes(scene, InProcess(threads=1), chosen)
+    assert not made
+    sharing(monkeypatch, tmp_path)
+    with InProcess(threads=1, workers=3, cells=1, team=1, shuffle=random.Random(3)) as backend:
+        image = render_in_passes(scene, backend, chosen)
+    assert without_cells(image).digest() == without_cells(alone).digest()
+    kinds = {name.split()[0] for name in made}
+    assert kinds >= {"cell", "textures", "map", "points"}
+    assert ("records" in kinds) == (indirect is Indirect.CACHE)
+    pilots = {"cell 0", "textures"}  # made by the worker of the pilot too, which has ended when the others begin
+    assert {name: times for name, times in made.items() if times > 1 + (name in pilots)} == {}
+
+
+def test_a_divided_scene_is_not_shared(made: Counter[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = wdpm.load("cornell-box", size=(8, 8))
+    chosen = RenderSettings(photons=500, spp=1, k=20, indirect=Indirect.MAP, bucket=8)
+    sharing(monkeypatch, tmp_path)
+    with InProcess(threads=1, workers=2, cells=2, team=2) as backend:
+        render_in_passes(scene, backend, chosen)
+    assert set(made) <= {"cell 0", "textures"}  # of the pilot, which has the whole scene
+    assert set(made.values()) == {1}
+
+
+def test_who_computes_on_a_device_takes_part_in_nothing_but_the_rules(tmp_path: Path) -> None:
+    """All slaves must agree on whether they sort trees for each other."""
+    here, device = MadeOnce(HostShare(tmp_path), "scene"), MadeOnce(HostShare(tmp_path), "scene", in_main_memory=False)
+    assert here.shares
+    assert device.shares
+    first = here.get(table(1.0))
+    assert device.get(table(2.0))[0]["x"].tolist() == [2.0] * 3
+    assert first[0]["x"].tolist() == [1.0] * 3
+
+
+def table(value: float) -> Wanted:
+    return Wanted("table", (dict,), lambda: [{"x": np.full(3, value)}])
+
+
+def test_where_nobody_shares_each_makes_his_own() -> None:
+    for own in (MadeOnce(), MadeOnce(None, "scene"), MadeOnce(HostShare(Path("/nowhere")), "")):
+        assert not own.shares
+        assert own.get(table(2.0))[0]["x"].tolist() == [2.0] * 3
+
+
+def test_other_scenes_are_others(tmp_path: Path) -> None:
+    one, same, other = (MadeOnce(HostShare(tmp_path), name) for name in ("a", "a", "b"))
+    first = one.get(table(1.0))
+    assert same.get(table(2.0))[0]["x"].tolist() == [1.0] * 3
+    assert other.get(table(3.0))[0]["x"].tolist() == [3.0] * 3
+    assert first[0]["x"].tolist() == [1.0] * 3
+
+
+def test_bytes_that_are_something_else_are_made_anew(tmp_path: Path) -> None:
+    """Of a process that says what is not so: it costs time alone."""
+    share = HostShare(tmp_path)
+    with share.claim("scene table") as claim:
+        assert claim is not None
+        kept = claim.publish([memoryview(b"{}" * 40)])
+    assert MadeOnce(share, "scene").get(table(5.0))[0]["x"].tolist() == [5.0] * 3
+    assert kept is not None
+
+
+class Recorded:
+    """Says who was asked for, and in which order; somebody else is at the second."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[str, bool]] = []
+
+    @contextmanager
+    def claim(self, name: str, *, wait: bool = True) -> Iterator[Any]:
+        self.asked.append((name, wait))
+        busy = name.endswith("1") and not wait
+        yield None if busy else Empty()
+
+
+class Empty:
+    found = None
+
+    def publish(self, parts: Any) -> None:
+        del parts
+
+
+def test_what_others_are_at_comes_last() -> None:
+    share = Recorded()
+    wanted = [Wanted(str(i), (dict,), lambda i=i: [{"i": np.array([i])}]) for i in range(3)]
+    got = MadeOnce(share, "s").all(wanted, first=1)
+    assert [int(value["i"][0]) for (value,) in got] == [0, 1, 2]
+    assert share.asked == [("s 1", False), ("s 2", False), ("s 0", False), ("s 1", True)]
+
+
+def test_names_tell_arrays_apart() -> None:
+    x = np.arange(6, dtype=np.float32)
+    others = [{"x": x}, {"y": x}, {"x": x.astype(np.float64)}, {"x": x.reshape(2, 3)}, {"x": x + 1}, {"x": x, "y": x}]
+    assert len({name_of(arrays) for arrays in others}) == len(others)
+    assert name_of({"x": x}) == name_of({"x": x.copy()})
