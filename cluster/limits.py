@@ -36,6 +36,8 @@ class ClusterLimits:
             last photons travel.
         record_parts: where there are several slaves, each is handed an even share of the candidates of a round that are
             left, divided by this, and then as much of what is left then: so the last tasks are small ...
+        record_even: where they are processes of one machine, which are equally fast, they are handed this much of what
+            is left at a time, and all of it if another task each would not be worth it ...
         record_task_spread: ... but none is smaller than the first by more than this factor ...
         record_task_rays: ... nor expected to have fewer gather rays than this, unless a slave would have no task: they
             take three times as long as what the interpreter does for a task however small ...
@@ -62,10 +64,11 @@ class ClusterLimits:
     photon_task_paths: int = 65_536
     photon_tasks_in_flight: int = 2
     record_parts: float = 1.5
+    record_even: float = 0.75
     record_task_spread: int = 8
     record_task_rays: int = 32_768
     record_task_least: int = 32
-    record_task_most: int = 65_536
+    record_task_most: int = 131_072
     buckets_in_flight: int = 3
     shared_in_flight: int = 6
     cells_in_flight: int = 2

@@ -279,7 +279,8 @@ class Phases:
         return [Started("records", rounds.total), *([Advanced(rounds.kept)] if rounds.kept else [])]
 
     def _make_records(self, rounds: RecordRounds, session: Session) -> None:
-        self._tasks.make_records(rounds, in_parallel(session, self._members, len(self.roster.teams)), self._limits)
+        tasks, alike = in_parallel(session, self._members, len(self.roster.teams)), len(self._members) == 1
+        self._tasks.make_records(rounds, tasks, self._limits, alike=alike)
 
     def _end_round(self, rounds: RecordRounds, session: Session, now: float) -> list[Instruction]:
         """All get all records before the next round: a few megabytes at most, and each keeps what reaches its cells."""

@@ -53,25 +53,31 @@ class RecordRounds:
         """Candidates of all rounds."""
         return sum(self._candidates(number) for number in range(self._view.cache.rounds))
 
-    def tasks(self, slaves: int, limits: ClusterLimits, first_number: int) -> list[RecordTask]:
+    def tasks(self, slaves: int, limits: ClusterLimits, first_number: int, *, alike: bool = False) -> list[RecordTask]:
         """The tasks of the round that is next: ever smaller ones, so that all slaves end together.
 
         They come in batches, of one task of equal size for each slave, and each batch is the same part of what is left
         (factoring, Hummel, Schonberg & Flynn 1992): what tasks cost is nearly in proportion to their candidates, so
         slaves that begin together end together.
+
+        Args:
+            slaves: tasks that are done at once.
+            alike: whether those who do them are processes of one machine: then batches are larger.
         """
         count = self._candidates(self._round)
         out: list[RecordTask] = []
         parts = math.ceil(limits.record_parts * slaves) if slaves > 1 else 1
         worth = min(-(-count * limits.record_task_rays // max(self._rays_expected(count), 1)), -(-count // slaves))
         least = max(limits.record_task_least, -(-count // (parts * limits.record_task_spread)), worth)
-        size = count
+        size, alike = count, alike and slaves > 1
         for start, end in self._gaps(count):
             while start < end:
                 if len(out) % slaves == 0:
                     left = count - start
-                    size = max(-(-left // parts), least)
-                    if left < slaves * (size + least / 2):  # no batch of some slaves alone at the end
+                    equal = math.ceil(left * limits.record_even / slaves) if alike else -(-left // parts)
+                    size = max(equal, least)
+                    # No batch of some slaves alone at the end; on one machine none that is not worth it for all.
+                    if left - slaves * size < slaves * least * (1.0 if alike else 0.5):
                         size = -(-left // slaves)
                     size = min(size, limits.record_task_most)
                 stop = min(start + size, end)

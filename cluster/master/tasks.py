@@ -110,10 +110,15 @@ class Tasks:
         self._next_number += len(tasks)
         return tasks
 
-    def make_records(self, rounds: RecordRounds, slaves: int, limits: ClusterLimits) -> None:
-        """The records of a round are to be made."""
+    def make_records(self, rounds: RecordRounds, slaves: int, limits: ClusterLimits, *, alike: bool = False) -> None:
+        """The records of a round are to be made.
+
+        Args:
+            slaves: tasks that are done at once.
+            alike: whether those who do them are processes of one machine.
+        """
         self.rounds = rounds
-        tasks = rounds.tasks(slaves, limits, self._next_number)
+        tasks = rounds.tasks(slaves, limits, self._next_number, alike=alike)
         self._next_number += len(tasks)
         self._begin(tasks)
 

@@ -138,6 +138,26 @@ def test_tasks_grow_smaller_and_cover_a_round(slaves: int) -> None:
         assert len(tasks) >= min(2 * slaves, count // ClusterLimits().record_task_least)
 
 
+@pytest.mark.parametrize("processes", [2, 5])
+def test_processes_of_one_machine_get_equal_tasks_first_and_small_ones_last(processes: int) -> None:
+    plan = replace(PLAN, rows=16, columns=50)
+    rounds = RecordRounds(replace(make_view(512, 512, 16), cache=plan), NO_RECORDS)
+    count = len(candidates(512, 512, plan, 0))
+    sizes = [task.stop - task.start for task in rounds.tasks(processes, ClusterLimits(), 0, alike=True)]
+    assert sum(sizes) == count
+    assert sizes[:processes] == [math.ceil(count * ClusterLimits().record_even / processes)] * processes
+    assert sizes == sorted(sizes, reverse=True)
+    assert len(sizes) < len(rounds.tasks(processes, ClusterLimits(), 0))
+    assert max(sizes[-processes:]) <= sizes[0] // 2
+
+
+def test_processes_of_one_machine_get_a_small_round_in_equal_parts() -> None:
+    rounds = RecordRounds(replace(make_view(512, 512, 16), cache=PLAN), NO_RECORDS)
+    count = len(candidates(512, 512, PLAN, 0))
+    limits = replace(ClusterLimits(), record_task_rays=count * math.prod(PLAN.strata(0)) // 3)
+    assert [task.stop - task.start for task in rounds.tasks(2, limits, 0, alike=True)] == [-(-count // 2), count // 2]
+
+
 def test_a_round_of_few_rays_is_one_small_task_for_each_slave() -> None:
     """As many as there are processes, and no more: what the interpreter does for each would not be worth it."""
     rounds = RecordRounds(replace(make_view(512, 512, 16), cache=PLAN), NO_RECORDS)
