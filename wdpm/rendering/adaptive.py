@@ -13,9 +13,9 @@ Errors are relative to the light of the pixel, as in relMSE, and bounded, or one
 
 What a block seems to be off by is told by the eight blocks around it, not by its own samples. If those decided how many
 more it gets, a block that was hit by rare light would be given more until that is diluted, and one that was not would
-stay as dark as it is: the image would be too dark (docs/passes.md has by how much). And the geometric mean of that and
-of the whole image's error is believed: so few samples tell little, and as it is, squared error was 3 % larger on the
-mean of six scenes. In the first LEAST_PASSES, and once in each four passes from there on, every block has samples.
+stay as dark as it is: the image would be too dark (docs/passes.md has by how much). The geometric mean of that and of
+the whole image's error is believed: few samples tell little, and without it the squared error was 3 % larger on average
+of six scenes. In the first LEAST_PASSES, and once in each four passes from there on, every block has samples.
 
 All of it is sums in a fixed order and single operations, whose bits no machine decides: which samples a pass takes is a
 function of the passes before it, as the exactness contract wants (docs/exactness.md).
