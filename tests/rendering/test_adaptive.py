@@ -17,6 +17,7 @@ from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.work.beams import chosen_samples
 from wdpm.goal.convergence import ConvergenceEstimator
 from wdpm.goal.goal import Metric
+from wdpm.progress import SilentProgress
 from wdpm.rendering import adaptive, passes
 from wdpm.rendering.adaptive import AdaptiveSamples, weight_of
 from wdpm.rendering.error_layers import ErrorEstimate
@@ -234,10 +235,23 @@ def test_an_image_says_how_many_samples_each_part_had() -> None:
         )
 
 
+class Notes(SilentProgress):
+    """Keeps what a person is told."""
+
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+
+
 def test_two_passes_are_those_of_a_render_that_is_not_adaptive() -> None:
     scene = cornell_box(SIZE)
     two = {**vars(FEW), "passes": 2, "spp": 4}
-    image, plain = render(scene, RenderSettings(**two)), render(scene, RenderSettings(**{**two, "adaptive": False}))
+    told = Notes()
+    image = render(scene, RenderSettings(**two), progress=told)
+    assert [note for note in told.notes if "adaptive sampling begins with pass 3" in note]
+    plain = render(scene, RenderSettings(**{**two, "adaptive": False}))
     assert (image.layers.pop("samples") == 4).all()
     assert image.digest() == plain.digest()
 

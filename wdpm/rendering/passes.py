@@ -21,6 +21,7 @@ from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.image import Image
 from wdpm.images.limits import check_memory
 from wdpm.progress import Progress, SilentProgress
+from wdpm.rendering.adaptive import FIRST
 from wdpm.rendering.approximations import approximations
 from wdpm.rendering.backend import Backend
 from wdpm.rendering.cache_file import (
@@ -172,6 +173,10 @@ def render_in_passes(
         raise SettingsError("there is no journal to resume from or to keep; give its path")
     scene = [scene_of(source)]
     settings = settings or settings_for(scene[0], **chosen)
+    if settings.adaptive and settings.passes <= FIRST:
+        progress.note(
+            f"adaptive sampling begins with pass {FIRST + 1}: give --passes, more than that, or it has no effect"
+        )
     saved = read_journal(journal) if journal is not None and resume else None
     plans = plans_for(settings, () if saved is None else saved.plans)
     if journal is not None and saved is None:
