@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+import window_room
 
 import wdpm
 from tests.helpers.effect_scenes import fogs
@@ -13,7 +14,7 @@ from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.integrator_trial import TRIAL_PIXELS
 from wdpm.cluster.plan.render_plan import make_render_plan
 from wdpm.cluster.plan.small_view import small
-from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
+from wdpm.cluster.render_settings import MOST_SHADOW_RAYS, Indirect, Integrator, RenderSettings
 from wdpm.inspection.inspect import inspect
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.launch import Launcher
@@ -35,9 +36,9 @@ def settled(scene: Scene, threads: int = 1, **chosen: Any) -> Settled:
     return settle(flatten(scene), settings, launcher, lambda features: compile_kernels("cpu", features))
 
 
-def mirrored(scene: Scene) -> Scene:
-    """The same with mirrors for all materials but the first one."""
-    others = tuple(Material(each.name, Conductor()) for each in scene.materials[1:])
+def mirrored(scene: Scene, metal: Conductor = Conductor()) -> Scene:  # noqa: B008 - it is immutable
+    """The same with mirrors, or another metal, for all materials but the first one."""
+    others = tuple(Material(each.name, metal) for each in scene.materials[1:])
     return replace(scene, materials=(scene.materials[0], *others))
 
 
@@ -94,6 +95,15 @@ def test_caustics_of_small_bright_lamps_are_for_photons_and_those_of_wide_ones_a
         assert " of it by caustics" in each.chose[0]
 
 
+@pytest.mark.parametrize(("alpha", "told"), [(0.0, True), (0.3, False)], ids=["smooth", "rough"])
+def test_caustics_of_rough_metals_are_left_to_the_trial(alpha: float, told: bool) -> None:
+    """Shadow rays find lamps by way of a rough metal, so trials see that noise; of a mirror photons have to tell."""
+    metal = Conductor(alpha_u=alpha, alpha_v=alpha)
+    found = settled(mirrored(with_lamp(SMALL, 0.02), metal), spp=2, all_effects=True)
+    assert (" of it by caustics" in found.chose[0]) == told
+    assert found.settings.integrator is (Integrator.PHOTONS if told else Integrator.PATH)
+
+
 def test_bulbs_are_for_paths_where_nothing_mirrors_them() -> None:
     assert settled(with_bulb(SMALL), spp=2, all_effects=True).settings.integrator is Integrator.PATH
 
@@ -115,6 +125,17 @@ def test_one_pilot_serves_the_trial_and_the_render(spp: int) -> None:
 
 def test_a_trial_finds_the_same_on_any_number_of_threads() -> None:
     assert settled(LARGE, 1).chose == settled(LARGE, 2).chose
+
+
+@pytest.mark.parametrize(
+    ("scene", "rays"), [(SMALL, 1), (window_room.open_ground(), MOST_SHADOW_RAYS)], ids=["indirect noise", "sky"]
+)
+def test_paths_have_as_many_shadow_rays_as_pay(scene: Scene, rays: int) -> None:
+    """Under the sky nearly all noise is that of direct light; in the box whole paths are the better use of time."""
+    few = replace(scene, camera=replace(scene.camera, width=16, height=12))
+    found = settled(few, spp=2, all_effects=True)
+    assert found.settings.integrator is Integrator.PATH
+    assert found.settings.light_samples == rays
 
 
 def test_shadow_rays_that_were_asked_for_are_kept() -> None:

@@ -44,6 +44,12 @@ def on_a_floor(size: float) -> Scene:
     return b.scene("on_a_floor", camera(), LIGHT)
 
 
+def lit_beside(power: float) -> Scene:
+    """The same with a second lamp, low over the floor and to the side of the cube."""
+    scene = on_a_floor(3.0)
+    return replace(scene, lights=(LIGHT, PointLight("beside", (1.5, -0.85, 0.3), (power,) * 3)))
+
+
 @cache
 def plans_of(size: float | None) -> MapPlans:
     scene = alone() if size is None else on_a_floor(size)
@@ -68,6 +74,16 @@ def test_a_map_whose_light_is_seen_has_all_its_paths() -> None:
     plans = plans_of(3.0)
     assert plans.maps[1].paths > SETTINGS.caustic_photons
     assert plans.caustic_k == SETTINGS.caustic_k
+
+
+def test_a_faint_caustic_has_fewer_paths_and_the_plan_says_so_and_one_that_is_most_of_the_light_has_all() -> None:
+    """The lamp beside the cube is weak, or makes a bright gleam on the floor."""
+    faint, bright = (plans_for(flatten(lit_beside(power)), SETTINGS) for power in (0.3, 30.0))
+    most = PATHS_A_PHOTON * SETTINGS.caustic_photons
+    assert SETTINGS.caustic_photons <= faint.maps[1].paths < most / 4
+    assert faint.chose[0].startswith(f"caustics: {faint.maps[1].paths:,} paths for some ")
+    assert bright.maps[1].paths == most
+    assert bright.chose == ()
 
 
 @pytest.mark.parametrize(
