@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +13,8 @@ import pytest
 
 import wdpm
 from wdpm.cluster.plan.copies import Copies
+from wdpm.cluster.transport.host_share import PREFIX, host_share
+from wdpm.progress import SilentProgress
 
 pytestmark = pytest.mark.sockets
 
@@ -47,3 +52,35 @@ def test_a_cluster_gives_the_bits_of_one_process(
         assert sum(slave["photons"] for slave in report["slaves"]) == report["photons"]["stored"] > 0
         travelled = sum(slave["rays_in"] for slave in report["slaves"])
         assert travelled > 0 if copies is Copies.NONE else travelled == 0
+
+
+class Kill(SilentProgress):
+    """Kills a process when a phase begins, and keeps in mind what slaves had made for each other by then."""
+
+    def __init__(self, phase: str, process: int, folder: Path) -> None:
+        self._phase = phase
+        self._process = process
+        self._folder = folder
+        self.made: list[Path] | None = None
+
+    def start(self, phase: str, total: int | None = None) -> None:  # noqa: ARG002
+        if phase == self._phase and self.made is None:
+            self.made = list(self._folder.glob(f"{PREFIX}*"))
+            os.kill(self._process, signal.SIGKILL)
+
+
+@pytest.mark.skipif(host_share(Path()) is None, reason="this system has no memory to share")
+@pytest.mark.parametrize("phase", ["map", "render"])
+def test_a_killed_slave_leaves_nothing_and_others_make_what_it_made(
+    phase: str, scene: wdpm.Scene, alone: wdpm.Image
+) -> None:
+    with wdpm.Cluster.local(slaves=3) as cluster:
+        folder = Path(cluster.endpoint.removeprefix("ipc://")).parent
+        victim = cluster.processes[-1]
+        kill = Kill(phase, victim, folder)
+        image = cluster.render(scene, **SETTINGS, progress=kill)
+        for name, layer in pixels(image).items():
+            np.testing.assert_array_equal(layer.view(np.uint32), pixels(alone)[name].view(np.uint32))
+        assert kill.made
+        assert victim not in cluster.processes
+    assert not folder.exists()
