@@ -12,17 +12,18 @@ from typing import Any
 import numpy as np
 import pytest
 from digests import without_cells
+from shared_memory import memory_is_shared
 
 import wdpm
 from wdpm.cluster import made_once
 from wdpm.cluster.made_once import MadeOnce, Wanted, name_of
 from wdpm.cluster.render_settings import Indirect, RenderSettings
-from wdpm.cluster.transport.host_share import HostShare, host_share
+from wdpm.cluster.transport.host_share import HostShare
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.passes import render_in_passes
 
-pytestmark = pytest.mark.skipif(host_share(Path()) is None, reason="this system has no memory to share")
+if_shared = pytest.mark.skipif(not memory_is_shared(), reason="this system lets processes share no memory")
 
 
 @pytest.fixture
@@ -52,6 +53,7 @@ def sharing(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
     monkeypatch.setattr(CellWorker, "__init__", begin)
 
 
+@if_shared
 @pytest.mark.parametrize("indirect", list(Indirect))
 def test_an_image_keeps_its_bits(
     indirect: Indirect, made: Counter[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -71,6 +73,7 @@ def test_an_image_keeps_its_bits(
     assert {name: times for name, times in made.items() if times > 1 + (name in pilots)} == {}
 
 
+@if_shared
 def test_a_divided_scene_is_not_shared(made: Counter[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = wdpm.load("cornell-box", size=(8, 8))
     chosen = RenderSettings(photons=500, spp=1, k=20, indirect=Indirect.MAP, bucket=8)
@@ -81,6 +84,7 @@ def test_a_divided_scene_is_not_shared(made: Counter[str], tmp_path: Path, monke
     assert set(made.values()) == {1}
 
 
+@if_shared
 def test_who_computes_on_a_device_takes_part_in_nothing_but_the_rules(tmp_path: Path) -> None:
     """All slaves must agree on whether they sort trees for each other."""
     here, device = MadeOnce(HostShare(tmp_path), "scene"), MadeOnce(HostShare(tmp_path), "scene", in_main_memory=False)
@@ -101,6 +105,7 @@ def test_where_nobody_shares_each_makes_his_own() -> None:
         assert own.get(table(2.0))[0]["x"].tolist() == [2.0] * 3
 
 
+@if_shared
 def test_other_scenes_are_others(tmp_path: Path) -> None:
     one, same, other = (MadeOnce(HostShare(tmp_path), name) for name in ("a", "a", "b"))
     first = one.get(table(1.0))
@@ -109,6 +114,7 @@ def test_other_scenes_are_others(tmp_path: Path) -> None:
     assert first[0]["x"].tolist() == [1.0] * 3
 
 
+@if_shared
 def test_bytes_that_are_something_else_are_made_anew(tmp_path: Path) -> None:
     """Of a process that says what is not so: it costs time alone."""
     share = HostShare(tmp_path)

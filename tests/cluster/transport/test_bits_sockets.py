@@ -69,7 +69,7 @@ class Kill(SilentProgress):
             os.kill(self._process, signal.SIGKILL)
 
 
-@pytest.mark.skipif(host_share(Path()) is None, reason="this system has no memory to share")
+@pytest.mark.skipif(host_share(Path()) is None, reason="only Linux has such memory")
 @pytest.mark.parametrize("phase", ["map", "render"])
 def test_a_killed_slave_leaves_nothing_and_others_make_what_it_made(
     phase: str, scene: wdpm.Scene, alone: wdpm.Image

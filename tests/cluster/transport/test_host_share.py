@@ -12,11 +12,13 @@ from pathlib import Path
 
 import pytest
 from patience import WAIT_S, wait_until
+from shared_memory import memory_is_shared
 
 from wdpm.cluster.transport import host_share, local_sockets
 from wdpm.cluster.transport.host_share import Claim, HostShare
 
-pytestmark = pytest.mark.skipif(host_share.host_share(Path()) is None, reason="this system has no memory to share")
+pytestmark = pytest.mark.skipif(host_share.host_share(Path()) is None, reason="only Linux has such memory")
+if_shared = pytest.mark.skipif(not memory_is_shared(), reason="this system lets processes share no memory")
 
 CONTENT = [memoryview(b"tree"), memoryview(b" of photons")]
 
@@ -74,6 +76,7 @@ def published(share: HostShare, name: str = "tree") -> memoryview:
     return memory
 
 
+@if_shared
 def test_others_find_what_one_has_made(tmp_path: Path) -> None:
     kept = published(HostShare(tmp_path))
     assert kept == b"tree of photons"
@@ -81,6 +84,7 @@ def test_others_find_what_one_has_made(tmp_path: Path) -> None:
     assert found(HostShare(tmp_path), "another tree") is None
 
 
+@if_shared
 def test_nobody_can_change_it(tmp_path: Path) -> None:
     kept = published(HostShare(tmp_path))
     with HostShare(tmp_path).claim("tree") as claim:
@@ -98,6 +102,7 @@ def test_nobody_can_change_it(tmp_path: Path) -> None:
     os.close(again)
 
 
+@if_shared
 def test_nothing_is_left_once_the_maker_lets_go(tmp_path: Path) -> None:
     share = HostShare(tmp_path)
     kept = published(share)
@@ -107,6 +112,7 @@ def test_nothing_is_left_once_the_maker_lets_go(tmp_path: Path) -> None:
     assert found(share) is None
 
 
+@if_shared
 def test_one_at_a_time(tmp_path: Path) -> None:
     first, second = HostShare(tmp_path), HostShare(tmp_path)
     got: list[bytes | None] = []
@@ -130,6 +136,7 @@ def test_patience_ends(tmp_path: Path) -> None:
         assert claim.publish(CONTENT) is None
 
 
+@if_shared
 def test_what_a_killed_process_made_is_gone_but_for_those_who_have_it(tmp_path: Path) -> None:
     share = HostShare(tmp_path)
     with Maker(tmp_path, "made") as maker:
@@ -142,6 +149,7 @@ def test_what_a_killed_process_made_is_gone_but_for_those_who_have_it(tmp_path: 
         assert found(share) == kept
 
 
+@if_shared
 def test_who_is_killed_while_making_leaves_that_to_the_next(tmp_path: Path) -> None:
     share, got = HostShare(tmp_path, patience=WAIT_S), []
     with Maker(tmp_path, "at it") as maker:
@@ -152,6 +160,7 @@ def test_who_is_killed_while_making_leaves_that_to_the_next(tmp_path: Path) -> N
     assert found(share) == got[0]
 
 
+@if_shared
 @pytest.mark.parametrize("entry", [b"", b"nonsense", b"1 2 3", b"0 0 0 0 0\n", b"999999999 3 1 1 1\n"])
 def test_an_entry_that_leads_nowhere_is_none(tmp_path: Path, entry: bytes) -> None:
     share = HostShare(tmp_path)
@@ -162,6 +171,7 @@ def test_an_entry_that_leads_nowhere_is_none(tmp_path: Path, entry: bytes) -> No
     assert kept == b"tree of photons"
 
 
+@if_shared
 def test_a_file_that_can_still_change_is_not_taken(tmp_path: Path) -> None:
     share = HostShare(tmp_path)
     kept = published(share)
@@ -197,6 +207,7 @@ def test_a_folder_that_is_gone_stops_nobody(tmp_path: Path) -> None:
         assert claim.publish(CONTENT) is None
 
 
+@if_shared
 def test_the_folder_of_a_killed_master_is_removed_with_what_lies_in_it(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     folder.mkdir(mode=0o700)
@@ -212,6 +223,7 @@ def test_slaves_at_other_addresses_share_nothing() -> None:
     assert local_sockets.shared_with("tcp://127.0.0.1:5555") is None
 
 
+@if_shared
 def test_all_locks_of_a_process_go_with_it(tmp_path: Path) -> None:
     maker = Maker(tmp_path, "at it")
     with maker, HostShare(tmp_path).claim("tree", wait=False) as claim:
