@@ -24,7 +24,7 @@ from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.rays.cells import cell_boxes
 from wdpm.rendering.in_process import render_in_process
 from wdpm.report.report import EnergyLedger
-from wdpm.scenes.builtin.names import cornell_box
+from wdpm.scenes.builtin.cornell_box import cornell_box
 from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.model.scene import Scene, diffuse
 from wdpm.scenes.model.transforms import look_at

@@ -167,10 +167,6 @@ def prepare(
         layers=layers_of(plan.world, view),
     )
     seconds["partition"] = time.perf_counter() - began
-    dropped = tuple(f"{count} triangles were left out: {cause}" for cause, count in flat.dropped.items())
-    by_photons = settings.algorithm.shoots_photons and settings.photons > 0
-    if by_photons and not plan.world.global_map.paths:
-        dropped += (f"none of {PILOT_PATHS:,} photon paths stored a photon: there is no indirect light",)
     return Prepared(
         plan.pilot if alone else None,
         session,
@@ -181,13 +177,21 @@ def prepare(
         (*settled.chose, *plan.chose, *plan.learnt.words),
         _left_out(scene, flat, plan.world, features, settings),
         approximations(scene, plan.world, settings),
-        scene.warnings + dropped + unused,
+        (*scene.warnings, *_lost(flat, plan.world, settings), *unused),
         seconds,
         _identity(digest(lit_scene, world.extent), session.view, settings),
         digest(lit_scene, *(getattr(settings, name) for name in OF_RECORDS)),
         header_of(scene),
         tuple(reversed(compiling.uncompiled)),
     )
+
+
+def _lost(flat: FlatScene, world: World, settings: RenderSettings) -> tuple[str, ...]:
+    """What of the scene does not come to the image, in words."""
+    lost = tuple(f"{count} triangles were left out: {cause}" for cause, count in flat.dropped.items())
+    if settings.algorithm.shoots_photons and settings.photons > 0 and not world.global_map.paths:
+        lost += (f"none of {PILOT_PATHS:,} photon paths stored a photon: there is no indirect light",)
+    return lost
 
 
 def _memory_of(flat: FlatScene, photons: int) -> SceneMemory:
