@@ -119,10 +119,11 @@ def test_a_trial_s_renderer_goes_on_with_the_passes(scene: Scene, monkeypatch: p
 
     monkeypatch.setattr(InProcess, "prepare", counted)
     clock = Costs(0.0002, 0.02, monkeypatch)
-    image = render_until(scene, Goal(0.1), InProcess(threads=2), clock=clock, seed=2, **FEW)
+    image = render_until(scene, Goal(0.1), InProcess(threads=2), clock=clock, seed=2, adaptive=True, **FEW)
     monkeypatch.undo()
     settings = image.metadata["settings"]
     assert settings["spp"] == settings["passes"]
+    assert settings["adaptive"] is True
     assert [each.integrator for each in prepared] == [Integrator.PATH, Integrator.PHOTONS]
     again = wdpm.render(
         scene,
@@ -275,7 +276,8 @@ def test_ctrl_c_hands_over_the_image_so_far(scene: Scene, ctrl_c: pytest.MonkeyP
     assert asked["passes"] == 3
     ctrl_c.undo()
     settings = image.metadata["settings"]
-    chosen = {"spp": settings["spp"], "adaptive": True, "indirect": Indirect(settings["indirect"])}
+    assert settings["adaptive"] is False
+    chosen = {"spp": settings["spp"], "indirect": Indirect(settings["indirect"])}
     again = wdpm.render(scene, threads=2, passes=3, **chosen, **FEW)
     assert image.layers["beauty"].tobytes() == again.layers["beauty"].tobytes()
 

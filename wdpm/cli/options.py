@@ -37,7 +37,6 @@ class SettingOption:
         parse: from text, or the enumeration of the choices; None makes it a flag.
         metavar: name of the value in the help.
         default: the default in words, where it is not simply the field's.
-        refusable: a flag that has a --no- form as well, since other options may imply it.
     """
 
     field: str
@@ -46,7 +45,6 @@ class SettingOption:
     parse: Callable[[str], Any] | type[Enum] | None = values.positive_count
     metavar: str = "N"
     default: str | None = None
-    refusable: bool = False
 
 
 _QUALITY = "image quality"
@@ -115,9 +113,8 @@ SETTING_OPTIONS = (
         "adaptive",
         _QUALITY,
         "from the third pass on, samples go to those parts of the image that are furthest off, as the passes before "
-        "tell; each pass takes as many as without (default: with --until-error and --time-budget)",
+        "tell; each pass takes as many as without",
         None,
-        refusable=True,
     ),
     SettingOption(
         "max_depth",
@@ -175,8 +172,7 @@ def add_setting_options(parser: argparse.ArgumentParser) -> None:
         groups[option.group] = group
         flag = "--" + option.field.replace("_", "-")
         if option.parse is None:
-            action: Any = argparse.BooleanOptionalAction if option.refusable else "store_true"
-            group.add_argument(flag, action=action, default=None, help=option.text)
+            group.add_argument(flag, action="store_true", default=None, help=option.text)
             continue
         default = option.default or _in_words(defaults[option.field])
         kind = option.parse if not isinstance(option.parse, type) else _enum_parser(option.parse)

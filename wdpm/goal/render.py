@@ -81,8 +81,7 @@ def render_until(
         source: a scene, a file, the name of a built-in scene, or a function that gives a scene.
         used: of the goal's time before this call [s].
         clock: that costs are measured with [s]; CPU time, for one, on a machine that does other things, too.
-        chosen: settings that are kept as they are, by name, see RenderSettings; all others are picked. Sampling is
-            adaptive unless this says otherwise.
+        chosen: settings that are kept as they are, by name, see RenderSettings; all others are picked.
         Others are as of PassRenderer.
 
     Returns:
@@ -99,8 +98,7 @@ def render_until(
     scene = scene_of(source)
     pixels = scene.camera.width * scene.camera.height
     budget.reserve = WRITING_S + WRITING_S_PER_PIXEL * pixels + ENDING_SHARE * used
-    settings = settings_for(scene, **({"adaptive": True} | chosen))
-    pilot = TrialPilot(scene, settings, frozenset(chosen), Workplace(backend, progress, clock))
+    pilot = TrialPilot(scene, settings_for(scene, **chosen), frozenset(chosen), Workplace(backend, progress, clock))
     progress.start("pilot")
     pilot.run(goal, budget.left)
     return _render(pilot, goal, budget)
