@@ -25,7 +25,14 @@ from wdpm.cluster.master.observing import bucket_done, frame_begun, shown_again,
 from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.master.roster import Roster, least_of
 from wdpm.cluster.master.statistics import check_statistics, of_nobody
-from wdpm.cluster.master.task_sizes import at_once, in_flight, in_parallel, photon_task_size, place_of
+from wdpm.cluster.master.task_sizes import (
+    at_once,
+    for_records,
+    in_flight,
+    in_parallel,
+    photon_task_size,
+    place_of,
+)
 from wdpm.cluster.master.tasks import Tasks, units
 from wdpm.cluster.master.teams import Team, copies_between
 from wdpm.cluster.messages import protocol
@@ -280,7 +287,7 @@ class Phases:
 
     def _make_records(self, rounds: RecordRounds, session: Session) -> None:
         tasks, alike = in_parallel(session, self._members, len(self.roster.teams)), len(self._members) == 1
-        self._tasks.make_records(rounds, tasks, self._limits, alike=alike)
+        self._tasks.make_records(rounds, tasks, for_records(session, self._limits), alike=alike)
 
     def _end_round(self, rounds: RecordRounds, session: Session, now: float) -> list[Instruction]:
         """All get all records before the next round: a few megabytes at most, and each keeps what reaches its cells."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.members import Member, Members
@@ -46,6 +46,14 @@ def in_flight(session: Session, limits: ClusterLimits, *, photons: bool) -> int:
     if photons:
         return limits.photon_tasks_in_flight
     return limits.buckets_in_flight if len(session.burdens) == 1 else limits.shared_in_flight
+
+
+def for_records(session: Session, limits: ClusterLimits) -> ClusterLimits:
+    """The limits that tasks of records keep: one large task for each slave of a team that has cut the scene.
+
+    All of them work at each task there, and the fewer there are the larger are the batches that they send each other.
+    """
+    return limits if len(session.burdens) == 1 else replace(limits, record_parts=1.0)
 
 
 @dataclass(frozen=True)

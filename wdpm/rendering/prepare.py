@@ -153,8 +153,7 @@ def prepare(
     least = workers if team is None else team(_memory_of(flat, photons))
     plan = make_render_plan(flat, settings, largest_team(workers, least), launcher, cells, settled.pilot)
     world = replace(plan.world, strict=settings.strict)
-    looks = digest(world.materials, world.textures, world.lights, world.media)
-    lit_scene = digest(looks, world.unit, digest(flat.triangles))  # what light depends on, whoever sees it
+    lit_scene = _lit_scene(world, flat.triangles)
     view = plan.learnt_view(view_of(flat, settings, max(workers, processes)))
     alone = workers == 1 and plan.pilot is not None
     session = Session(
@@ -274,6 +273,11 @@ def digest(*parts: Any) -> str:
     for part in parts:
         _feed(sha, part)
     return sha.hexdigest()
+
+
+def _lit_scene(world: World, triangles: Triangles) -> str:
+    """Names what light depends on, whoever sees it: hashed once for all that names a scene."""
+    return digest(world.materials, world.textures, world.lights, world.media, world.unit, triangles)
 
 
 def _identity(scene: str, view: View, settings: RenderSettings) -> dict[str, str]:

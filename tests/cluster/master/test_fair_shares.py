@@ -10,12 +10,15 @@ import pytest
 from fake_worker import make_session, make_view, triangles
 from master_driver import LIMITS, A, B, Driver, tasks_of
 
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.members import Member
-from wdpm.cluster.master.task_sizes import Place
+from wdpm.cluster.master.records import RecordRounds
+from wdpm.cluster.master.task_sizes import Place, for_records
 from wdpm.cluster.master.tasks import Tasks, size_of
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.messages.protocol import Hello
+from wdpm.cluster.records import NO_RECORDS, CachePlan
 from wdpm.cluster.task import PhotonsTraced, PhotonTask
 
 
@@ -79,3 +82,10 @@ def test_more_is_in_flight_where_slaves_hold_parts_of_the_scene() -> None:
     driver = Driver(limits=replace(LIMITS, buckets_in_flight=1, shared_in_flight=2))
     out = driver.to_buckets()
     assert [len(tasks_of(out, identity)) for identity in (A, B)] == [2, 2]
+
+
+def test_slaves_that_cut_a_scene_have_one_large_task_of_records_each() -> None:
+    rounds = RecordRounds(replace(make_view(512, 512), cache=CachePlan(1, 2, 16, 50)), NO_RECORDS)
+    cut, whole = (for_records(make_session(2, cells, least=cells), ClusterLimits()) for cells in (2, 1))
+    assert len(rounds.tasks(2, cut, 0)) == 2
+    assert len(rounds.tasks(2, whole, 0)) > 4
