@@ -178,7 +178,6 @@ def _elements(shape: Sequence[int]) -> int:
     return math.prod(max(length, 1) for length in shape)
 
 
-@functools.cache
 def _dtype_of(hint: Any) -> np.dtype[Any] | None:
     """Element type of an NDArray hint; None for NDArray[Any], which may be any of DTYPES."""
     arguments = typing.get_args(hint)
@@ -238,13 +237,11 @@ def _hints(cls: Any) -> dict[str, Any]:
     return {field.name: hints[field.name] for field in fields(cls)}
 
 
-@functools.cache
 def _is_array(hint: Any) -> bool:
     # From NumPy 2.5 on, with Python 3.12 and newer, NDArray is an alias that stays one when it is subscripted.
     return typing.get_origin(hint) in (np.ndarray, NDArray)
 
 
-@functools.cache
 def _members(hint: Any) -> tuple[Any, ...]:
     """Alternatives of a union; empty for any other hint."""
     union = typing.get_origin(hint) in (typing.Union, types.UnionType)
