@@ -56,12 +56,16 @@ class MadeOnce:
         share: with whom; None for nobody.
         scene: names it: equal names are equal scenes, but for their photon plans.
         in_main_memory: whether what is made here lies where others can map it, and they would have use for it.
+
+    Attributes:
+        alone: things that were made here for nobody else, since the system or a process that stands still forbade it.
     """
 
     def __init__(self, share: Share | None = None, scene: str = "", *, in_main_memory: bool = True) -> None:
         self._share = share if scene else None
         self._scene = scene
         self._in_main_memory = in_main_memory
+        self.alone = 0
 
     @property
     def shares(self) -> bool:
@@ -87,20 +91,22 @@ class MadeOnce:
                 if index not in got:
                     with self._share.claim(f"{self._scene} {wanted[index].name}", wait=wait) as claim:
                         if claim is not None:
-                            got[index] = _taken(claim, wanted[index])
+                            got[index], shared = _taken(claim, wanted[index])
+                            self.alone += not shared
         return [got[index] for index in range(len(wanted))]
 
 
-def _taken(claim: Claim, wanted: Wanted) -> Sequence[Value]:
+def _taken(claim: Claim, wanted: Wanted) -> tuple[Sequence[Value], bool]:
+    """Values, and whether others may have them too."""
     if claim.found is not None:
         try:
-            return packed.unpack(wanted.name, wanted.kinds, claim.found)
+            return packed.unpack(wanted.name, wanted.kinds, claim.found), True
         except NotAsExpectedError:
             pass  # of a process that is not what it says it is: it is made here, as if nothing had been there
     made = wanted.make()
     memory = claim.publish(packed.pack(wanted.name, made))
     # Of what was made here and what others map, one is enough.
-    return made if memory is None else packed.unpack(wanted.name, wanted.kinds, memory)
+    return (made, False) if memory is None else (packed.unpack(wanted.name, wanted.kinds, memory), True)
 
 
 def name_of(arrays: Mapping[str, NDArray[Any]]) -> str:

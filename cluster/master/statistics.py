@@ -26,6 +26,7 @@ COUNTS = frozenset(
         "records",
         "vertices",
         "beams",
+        "made_alone",
         "peak_memory_bytes",
         "rays_in",
         "rays_out",

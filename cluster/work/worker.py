@@ -292,6 +292,7 @@ class CellWorker:
             "beams": sum(cell.beams for cell in cells),
             "guards": added([*(cell.guards for cell in cells), self._guards.counts]),
             "busy_s": self._busy,
+            "made_alone": self.replica.made.alone,
             "peak_memory_bytes": peak_memory() + self._shares_bytes,
             **self._traffic,
         }

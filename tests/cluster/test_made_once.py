@@ -18,6 +18,7 @@ import wdpm
 from wdpm.cluster import made_once
 from wdpm.cluster.made_once import MadeOnce, Wanted, name_of
 from wdpm.cluster.render_settings import Indirect, RenderSettings
+from wdpm.cluster.transport import host_share
 from wdpm.cluster.transport.host_share import HostShare
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.rendering.in_process import InProcess
@@ -82,6 +83,25 @@ def test_a_divided_scene_is_not_shared(made: Counter[str], tmp_path: Path, monke
         render_in_passes(scene, backend, chosen)
     assert set(made) <= {"cell 0", "textures"}  # of the pilot, which has the whole scene
     assert set(made.values()) == {1}
+
+
+def test_slaves_that_can_share_nothing_make_all_by_themselves_and_say_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def forbidden(_: Any) -> Any:
+        raise OSError("no memory is left for files")
+
+    monkeypatch.setattr(host_share, "_sealed", forbidden)
+    scene = wdpm.load("cornell-box", size=(8, 8))
+    chosen = RenderSettings(photons=500, spp=1, k=20, indirect=Indirect.MAP, bucket=8)
+    alone = render_in_passes(scene, InProcess(threads=1), chosen)
+    assert not alone.metadata["report"]["warnings"]
+    sharing(monkeypatch, tmp_path)
+    with InProcess(threads=1, workers=2, cells=1, team=1) as backend:
+        image = render_in_passes(scene, backend, chosen)
+    (warning,) = image.metadata["report"]["warnings"]
+    assert warning.startswith("2 slaves could not share trees and maps")
+    assert without_cells(image).digest() == without_cells(alone).digest()
 
 
 @if_shared

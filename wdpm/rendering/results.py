@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from enum import Enum
 from importlib import metadata
@@ -85,13 +86,22 @@ def report_of(
         chose=prepared.chose,
         left_out=prepared.left_out,
         approximated=prepared.approximated,
-        warnings=prepared.warnings + lost,
+        warnings=prepared.warnings + lost + _unshared(slaves),
         passes=passes,
         sampled=_sampled(result),
         error=error,
         settings=_settings(prepared, passes),
         versions={name: metadata.version(name) for name in PACKAGES} | {"python": platform.python_version()},
     )
+
+
+def _unshared(slaves: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Slaves that had to make by themselves what those of one machine make once."""
+    alone = sum(slave["made_alone"] > 0 for slave in slaves)
+    if not alone:
+        return ()
+    why = "its system lets them map no memory of each other, or has none left"
+    return (f"{alone} slaves could not share trees and maps with others on their machine, and made their own: {why}",)
 
 
 def _sum_of(phase: str, prepared: Prepared, result: SessionResult) -> float:
