@@ -13,6 +13,7 @@ from wdpm.kernels.rays.overlap import triangles_in_boxes
 from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.instances import Instances
 from wdpm.scenes.flat.reach import instance_boxes
+from wdpm.scenes.flat.room import let_go
 
 MOST_WEIGHED = 1 << 20
 """Triangles that planes are weighed by."""
@@ -72,4 +73,5 @@ def rows_of_cells(
         inside = triangles_in_boxes(corners[first : first + AT_ONCE], grown_low, grown_high, launcher)
         for cell, found in enumerate(rows):
             found.append(np.flatnonzero(inside[:, cell]) + first)
+        let_go(corners[first : first + AT_ONCE])
     return [np.concatenate(found) for found in rows]

@@ -110,7 +110,9 @@ def fly_pilot(
         if of_each < PILOT_PATHS:
             world = _pilot_world(flat, features, settings, of_each)
         worker.adopt(world)
-    return PhotonPilot(settings, of_each, worker, _by_map(_photons_of(worker, world.paths)))
+    photons = _by_map(_photons_of(worker, world.paths))
+    flat.triangles.let_go()
+    return PhotonPilot(settings, of_each, worker, photons)
 
 
 def _affordable_paths(worker: CellWorker, world: World) -> int:

@@ -57,6 +57,7 @@ class Cell:
             device = replica.launcher.device
             standing = placing.upload(triangles.instances, device)
             trees = two_level.build(triangles, standing, replica.pad, device)
+            triangles.let_go()
             return [trees, of_triangles.upload(triangles, replica.world.extent, device, standing)]
 
         kinds = (two_level.Trees, of_triangles.Surfaces)

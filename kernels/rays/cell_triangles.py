@@ -12,6 +12,7 @@ from wdpm.kernels.constants import OFFSET_MIN_SHARE
 from wdpm.kernels.rays import placing
 from wdpm.kernels.rays.placing import Standing
 from wdpm.scenes.flat.arrays import Triangles
+from wdpm.scenes.flat.room import let_go
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -106,6 +107,7 @@ def front_normals(triangles: Triangles) -> tuple[NDArray[np.float32], NDArray[np
         rows = slice(first, first + _AT_ONCE)
         front[rows] = _front_normals(triangles.positions[rows], triangles.normals[rows])
         smooth[rows] = smooth_of(triangles.normals[rows])
+        let_go(triangles.positions[rows], triangles.normals[rows])
     return front, smooth
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.scenes.flat.room import let_go
+
 _AT_ONCE = 1 << 16
 """Triangles that are looked at together: in double, all of a large scene would take thrice what it holds."""
 
@@ -13,7 +15,9 @@ def triangle_areas(corners: NDArray[np.float32]) -> NDArray[np.float64]:
     """Areas of triangles given by their corners, shape [T, 3, 3]; float64, shape [T]."""
     areas = np.empty(len(corners))
     for first in range(0, len(corners), _AT_ONCE):
-        areas[first : first + _AT_ONCE] = 0.5 * np.linalg.norm(_cross(corners[first : first + _AT_ONCE]), axis=1)
+        block = corners[first : first + _AT_ONCE]
+        areas[first : first + _AT_ONCE] = 0.5 * np.linalg.norm(_cross(block), axis=1)
+        let_go(block)
     return areas
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from wdpm.scenes.flat.grids import Grids
 from wdpm.scenes.flat.instances import NO_INSTANCES, Instances
+from wdpm.scenes.flat.room import let_go
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +60,12 @@ class Triangles:
     @property
     def materials(self) -> NDArray[np.int32]:
         """Those that any triangle has, ascending."""
-        return np.unique(np.concatenate([self.material, self.instances.shapes.material]))
+        blocks = [self.material[first : first + _AT_ONCE] for first in range(0, len(self), _AT_ONCE)]
+        return np.unique(np.concatenate([*map(np.unique, blocks), self.instances.shapes.material]))
+
+    def let_go(self) -> None:
+        """Have what lies in files leave memory until it is looked at again (scenes.flat.room)."""
+        let_go(*(getattr(self, name) for name in ARRAYS))
 
     def with_arrays(self, arrays: Mapping[str, NDArray[Any]]) -> Triangles:
         """The same instances, with other arrays: by the names of ARRAYS."""
@@ -82,6 +88,9 @@ class Triangles:
             self.colors[rows] if len(self.colors) else self.colors,
         )
 
+
+_AT_ONCE = 1 << 20
+"""Triangles whose materials are sorted together."""
 
 ARRAYS = tuple(each.name for each in fields(Triangles) if each.name != "instances")
 """What a triangle with arrays of its own has."""

@@ -23,6 +23,7 @@ from wdpm.scenes.flat.material_coats import with_coats
 from wdpm.scenes.flat.material_table import NO_MEDIUM, SAME_MEDIUM, Boundary, MaterialTable, tabulate
 from wdpm.scenes.flat.reach import largest_coordinate
 from wdpm.scenes.flat.renderer_space import RendererSpace, renderer_space
+from wdpm.scenes.flat.room import Room, let_go
 from wdpm.scenes.flat.shapes import Instancing, Stage, Standing, choose, hold
 from wdpm.scenes.model.bsdfs import walk
 from wdpm.scenes.model.lights import DeltaLight, Light
@@ -62,13 +63,14 @@ class FlatScene:
     dropped: dict[str, int]
 
 
-def flatten(scene: Scene, instancing: Instancing = Instancing.AUTO) -> FlatScene:
+def flatten(scene: Scene, instancing: Instancing = Instancing.AUTO, room: Room = np.empty) -> FlatScene:
     """Turns a scene into arrays.
 
     Coordinates are moved and divided in double precision before they are rounded, see renderer_space.
 
     Args:
         instancing: which instances stay instances. What is rendered is the same, bit for bit.
+        room: where the arrays of the triangles are put, scenes.flat.room; those of shapes of instances are in memory.
 
     Raises:
         SceneError: an index out of range, too many triangles, or none is left.
@@ -77,7 +79,7 @@ def flatten(scene: Scene, instancing: Instancing = Instancing.AUTO) -> FlatScene
     lights = [space.light(light) for light in scene.lights]
     emitters = [mesh for mesh in scene.meshes if _glows(mesh)]
     rows = _Rows(scene, [space.material(material) for material in scene.materials])
-    triangles, dropped = _triangles(scene.meshes, emitters, space, rows, instancing)
+    triangles, dropped = _triangles(scene.meshes, emitters, space, rows, instancing, room)
     if triangles.total == 0:
         raise SceneError(f"no triangle of the scene can be rendered: {_listed(dropped)}")
     camera = space.camera(scene.camera)
@@ -88,6 +90,8 @@ def flatten(scene: Scene, instancing: Instancing = Instancing.AUTO) -> FlatScene
     sides = materials.medium[triangles.material] if scene.media else None
     table = tabulate_lights(emitters, triangles, emitter_texture, textures, lights, sides)
     places: list[NDArray[np.floating]] = [table.delta_position[: table.near], camera.to_world[:3, 3]]
+    reach = largest_coordinate(triangles)
+    triangles.let_go()
     return FlatScene(
         triangles=triangles,
         materials=materials,
@@ -98,7 +102,7 @@ def flatten(scene: Scene, instancing: Instancing = Instancing.AUTO) -> FlatScene
         camera=camera,
         center=space.center,
         unit=space.unit,
-        extent=max(largest_coordinate(triangles), *(float(np.abs(place).max(initial=0.0)) for place in places)),
+        extent=max(reach, *(float(np.abs(place).max(initial=0.0)) for place in places)),
         dropped=dropped,
     )
 
@@ -109,6 +113,7 @@ def _triangles(
     space: RendererSpace,
     rows: _Rows,
     instancing: Instancing,
+    room: Room,
 ) -> tuple[Triangles, dict[str, int]]:
     """All triangles that can be rendered, numbered in the order of the meshes, and how many of others by cause."""
     emitter_index = {id(mesh): index for index, mesh in enumerate(emitters)}
@@ -130,17 +135,24 @@ def _triangles(
         _soup(meshes[number], space, material[number], emitter_index.get(id(meshes[number]), -1), standing[number])
         for number in apart
     )
-    soup = _joined([meshes[number] for number in apart], parts, sum(sizes), colored)
+    soup = _joined([meshes[number] for number in apart], parts, sum(sizes), colored, room)
     cause = _cause(soup, [standing[number] for number in apart], sizes)
     held = _Counter()
     counts = np.array([held.kept(each) if k and each else 0 for each, k in zip(standing, kept, strict=True)], np.int64)
     counts[apart] = _kept_of_parts(cause, sizes)
     bases = np.cumsum(counts) - counts
-    ids = [np.zeros(0, np.int32)]
-    ids += [np.arange(bases[number], bases[number] + counts[number], dtype=np.int32) for number in apart]
     chosen = [(each, material[i], int(bases[i])) for i, each in enumerate(standing) if each and kept[i] and counts[i]]
     soup = soup if not cause.any() else soup.take(np.flatnonzero(cause == KEPT))
-    return replace(soup, ids=np.concatenate(ids), instances=hold(chosen, colored)), held.dropped_with(cause)
+    _number(soup.ids, bases[apart], counts[apart])
+    return replace(soup, instances=hold(chosen, colored)), held.dropped_with(cause)
+
+
+def _number(ids: NDArray[np.int32], bases: NDArray[np.int64], counts: NDArray[np.int64]) -> None:
+    """Number triangles: so many of each mesh, from its base on."""
+    first = 0
+    for base, count in zip(bases.tolist(), counts.tolist(), strict=True):
+        ids[first : first + count] = np.arange(base, base + count, dtype=np.int32)
+        first += count
 
 
 class _Counter:
@@ -355,7 +367,7 @@ class Origins:
         return mesh, int(rows[number - (int(self._ends[mesh]) - len(rows))])
 
 
-def _joined(meshes: Sequence[Solid], parts: Iterable[Triangles], total: int, colored: bool) -> Triangles:
+def _joined(meshes: Sequence[Solid], parts: Iterable[Triangles], total: int, colored: bool, room: Room) -> Triangles:
     """All parts as one, of which each is let go when it is in its place.
 
     If any mesh has vertex colours there are some at the corners of all triangles, white where a mesh has none.
@@ -363,8 +375,8 @@ def _joined(meshes: Sequence[Solid], parts: Iterable[Triangles], total: int, col
     columns: dict[str, NDArray[Any]] = {}
     for name in ARRAYS:
         of_one = getattr(NO_TRIANGLES, name)
-        columns[name] = np.empty((total, *of_one.shape[1:]), of_one.dtype)
-    columns["colors"] = np.ones((total if colored else 0, 3, 3), np.float32)
+        count = total if colored or name != "colors" else 0
+        columns[name] = room((count, *of_one.shape[1:]), of_one.dtype)
     first = 0
     for mesh, part in zip(meshes, parts, strict=True):
         rows = slice(first, first + len(part))
@@ -372,8 +384,9 @@ def _joined(meshes: Sequence[Solid], parts: Iterable[Triangles], total: int, col
         for name in ARRAYS:
             if name != "colors":
                 columns[name][rows] = getattr(part, name)
-        if mesh.colors is not None:
-            columns["colors"][rows] = mesh.colors.astype(np.float32)[mesh.faces]
+        if colored:
+            columns["colors"][rows] = 1.0 if mesh.colors is None else mesh.colors.astype(np.float32)[mesh.faces]
+        let_go(*(column[rows] for column in columns.values()))
     return NO_TRIANGLES.with_arrays(columns)
 
 

@@ -7,6 +7,8 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from wdpm.cluster.plan.copies import Copies, SlaveMemory, largest_team, scene_memory, slaves_a_team
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import Effect, LightUse, effects_of, missing_effects, uses_of_lights
@@ -20,6 +22,7 @@ from wdpm.rendering.approximations import approximations, settings_without_effec
 from wdpm.rendering.scene_settings import settings_for
 from wdpm.rendering.settled import settle
 from wdpm.scenes.flat.flatten import flatten
+from wdpm.scenes.flat.room import in_file
 from wdpm.scenes.model.left_out import leave_out
 from wdpm.scenes.model.scene import Scene
 
@@ -86,8 +89,9 @@ def inspect(
         SettingsError: all slaves together have not room for the scene.
     """
     settings = settings_for(scene, **chosen)
-    as_it_is = flatten(scene, settings.instances)
-    flat = flatten(leave_out(scene, settings.without), settings.instances) if settings.without else as_it_is
+    room = in_file if slaves > 1 else np.empty
+    as_it_is = flatten(scene, settings.instances, room)
+    flat = flatten(leave_out(scene, settings.without), settings.instances, room) if settings.without else as_it_is
     unused = settings_without_effect(settings)
     launcher = Launcher("cpu")
     settled = settle(flat, settings, launcher, partial(compile_kernels, "cpu"))

@@ -44,6 +44,7 @@ from wdpm.report.report import (
 from wdpm.scenes.errors import GuardError
 from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.flatten import FlatScene, flatten
+from wdpm.scenes.flat.room import in_file, let_go
 from wdpm.scenes.load import load
 from wdpm.scenes.meshes.in_memory import Meshes
 from wdpm.scenes.model.left_out import leave_out
@@ -133,7 +134,8 @@ def prepare(
     check_pixels(scene.camera)
     seconds = {}
     flattening = time.perf_counter()
-    flat = flatten(leave_out(scene, settings.without), settings.instances)
+    workers = max(workers, 1)
+    flat = flatten(leave_out(scene, settings.without), settings.instances, in_file if workers > 1 else np.empty)
     if settings.strict:
         _demand_all(flat)
     unused = settings_without_effect(settings)
@@ -149,7 +151,6 @@ def prepare(
     progress.start("plan")
     began = flattening + compiling.seconds  # all but that is planning
     photons = settings.photons + settings.caustic_photons + settings.volume_photons
-    workers = max(workers, 1)
     least = workers if team is None else team(_memory_of(flat, photons))
     plan = make_render_plan(flat, settings, largest_team(workers, least), launcher, cells, settled.pilot)
     world = replace(plan.world, strict=settings.strict)
@@ -264,7 +265,13 @@ def _left_out(
 def _partition(triangles: Triangles, plan: RenderPlan) -> Callable[[int], Triangles]:
     """Hands out each cell's triangles, as often as slaves need them."""
     rows, instances = plan.rows, plan.instances
-    return lambda cell: triangles.take(rows[cell]).with_instances(triangles.instances.take(instances[cell]))
+
+    def of_cell(cell: int) -> Triangles:
+        taken = triangles.take(rows[cell]).with_instances(triangles.instances.take(instances[cell]))
+        triangles.let_go()
+        return taken
+
+    return of_cell
 
 
 def digest(*parts: Any) -> str:
@@ -290,6 +297,7 @@ def _feed(sha: Any, value: Any) -> None:
     if isinstance(value, np.ndarray):
         sha.update(f"{value.dtype}{value.shape}".encode())
         sha.update(np.ascontiguousarray(value).data)
+        let_go(value)
     elif is_dataclass(value):
         for attribute in fields(value):
             sha.update(attribute.name.encode())

@@ -2,33 +2,28 @@
 
 from __future__ import annotations
 
-import tempfile
-from typing import IO, Any
+from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.flat.arrays import ARRAYS, Triangles
+from wdpm.scenes.flat.room import in_file, let_go, lies_in_file
 
 
 def spooled(triangles: Triangles) -> Triangles:
-    """The same triangles, mapped from a file without a name, which ends with them.
+    """The same triangles, in files without names, which end with them (scenes.flat.room).
 
-    Pages of the file are the system's to keep in memory or not. Where the disk has no room they stay as they are.
+    Those that lie there stay; where the disk has no room they are in memory.
     """
-    # The arrays hold the mapping, which needs no open file.
-    try:
-        with tempfile.TemporaryFile(prefix="wdpm") as file:
-            return triangles.with_arrays({name: _spooled(getattr(triangles, name), file) for name in ARRAYS})
-    except OSError:
-        return triangles
+    return triangles.with_arrays({name: _spooled(getattr(triangles, name)) for name in ARRAYS})
 
 
-def _spooled(array: NDArray[Any], file: IO[bytes]) -> NDArray[Any]:
-    if not array.nbytes:
+def _spooled(array: NDArray[Any]) -> NDArray[Any]:
+    if lies_in_file(array):
         return array
-    offset = file.seek(0, 2)
-    file.write(np.ascontiguousarray(array).data)
-    file.flush()
-    mapped = np.memmap(file, array.dtype, "r", offset, array.shape)
-    return np.asarray(mapped)
+    copy = in_file(array.shape, array.dtype)
+    if not lies_in_file(copy):
+        return array
+    copy[...] = array
+    let_go(copy)
+    return copy
