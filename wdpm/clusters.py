@@ -39,7 +39,6 @@ from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.prepare import Prepared, Source, prepare
 from wdpm.rendering.session_journal import SessionJournal
 from wdpm.scenes.errors import SettingsError
-from wdpm.scenes.model.scene import Scene
 
 if TYPE_CHECKING:
     from wdpm.cluster.transport.keys import Keys
@@ -303,13 +302,13 @@ class Cluster(Backend):
         """Where slaves find the master."""
         return self._master.endpoint
 
-    def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:
+    def prepare(self, source: Source, settings: RenderSettings, progress: Progress) -> Prepared:
         """Make a scene ready for these slaves; the pilot is flown here."""
         slaves = [SlaveMemory(hello.host, hello.memory, hello.own_memory) for hello in self._master.slaves(progress)]
         if self._placed is not None:
             self._placed.all_joined()
         team = partial(slaves_a_team, self._copies, slaves)
-        prepared = prepare(scene, settings, len(slaves), self._launcher, progress, team=team)
+        prepared = prepare(source, settings, len(slaves), self._launcher, progress, team=team)
         self._beside.compile(prepared.uncompiled)
         return prepared
 

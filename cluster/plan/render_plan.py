@@ -128,4 +128,5 @@ def make_render_plan(
     tolerance = tolerance_of_records(flat, pilot, settings, learnt, view.cache)
     chose = (*planned.chose, *records_in_words(tolerance, view.cache))
     worker = pilot.worker if tree.cells == 1 else None
+    flat.triangles.let_go()
     return RenderPlan(world, rows, instances, weights, worker, places, learnt, planned.caustic_k, tolerance, lit, chose)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.world import World
 from wdpm.kernels.camera.pixel_filter import is_signed, sharpening
 from wdpm.scenes.model.bsdfs import Leaf, walk
-from wdpm.scenes.model.scene import Scene, Solid
+from wdpm.scenes.model.scene import Instance, Mesh, Scene, Solid
 
 ROUND_SHARE = 1e-5
 """Vertices of a tessellated sphere lie on it to this share of its radius."""
@@ -42,6 +44,22 @@ def approximations(scene: Scene, world: World, settings: RenderSettings) -> tupl
     if settings.band < 1 and "band" not in algorithm.ignored:
         lines.append(f"overlap band: {settings.band:g} of the gather radius")
     return tuple(lines)
+
+
+def without_plain_geometry(scene: Scene) -> Scene:
+    """The scene with the geometry only that `approximations` looks at: of meshes that do not shine the rest is left."""
+    return replace(scene, meshes=tuple(mesh if _is_shiny(scene, mesh) else _bare(mesh) for mesh in scene.meshes))
+
+
+def _bare(mesh: Solid) -> Solid:
+    if isinstance(mesh, Instance):
+        return replace(mesh, shape=_bare_mesh(mesh.shape))
+    return _bare_mesh(mesh)
+
+
+def _bare_mesh(mesh: Mesh) -> Mesh:
+    nothing, no_faces = np.zeros((0, 3)), np.zeros((0, 3), np.int64)
+    return replace(mesh, vertices=nothing, faces=no_faces, normals=None, uvs=None, colors=None)
 
 
 def settings_without_effect(settings: RenderSettings) -> tuple[str, ...]:

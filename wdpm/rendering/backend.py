@@ -13,10 +13,9 @@ from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.progress import Progress
-from wdpm.scenes.model.scene import Scene
 
 if TYPE_CHECKING:  # it needs Warp, which a command that is only asked for help does not import
-    from wdpm.rendering.prepare import Prepared
+    from wdpm.rendering.prepare import Prepared, Source
 
 
 class Backend(ABC):
@@ -51,7 +50,7 @@ class Backend(ABC):
         return ()
 
     @abstractmethod
-    def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:
+    def prepare(self, source: Source, settings: RenderSettings, progress: Progress) -> Prepared:
         """Make a scene ready for the workers that there are.
 
         Raises:

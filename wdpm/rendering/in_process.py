@@ -23,7 +23,7 @@ from wdpm.rendering.backend import Backend
 from wdpm.rendering.compiling import Compiling
 from wdpm.rendering.kernels_beside import KernelsBeside
 from wdpm.rendering.passes import render_in_passes
-from wdpm.rendering.prepare import Prepared, prepare
+from wdpm.rendering.prepare import Prepared, Source, prepare, scene_of
 from wdpm.scenes.flat.arrays import NO_TRIANGLES, Triangles
 from wdpm.scenes.model.scene import Camera, Scene
 
@@ -84,7 +84,8 @@ class InProcess(Backend):
         self._clusters: weakref.WeakKeyDictionary[Prepared, _Held] = weakref.WeakKeyDictionary()
         self._kept: Prepared | None = None
 
-    def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:
+    def prepare(self, source: Source, settings: RenderSettings, progress: Progress) -> Prepared:
+        scene = scene_of(source)
         prepared = prepare(
             scene,
             settings,

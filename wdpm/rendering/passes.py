@@ -89,7 +89,10 @@ class PassRenderer:
         self._log = log
         scene = scene_of(source)
         check_memory(scene.camera)
-        self.prepared = backend.prepare(scene, settings or settings_for(scene, **chosen), self.progress)
+        settings = settings or settings_for(scene, **chosen)
+        handed_over = [scene]
+        del scene  # whoever holds it no longer lets its triangles go
+        self.prepared = backend.prepare(handed_over.pop, settings, self.progress)
         check_wanted(cache, self.prepared.settings)
         self._session = self.prepared.session
         if cache.load is not None:

@@ -34,7 +34,7 @@ from wdpm.kernels.compile import SECONDS_A_MODULE, ready_kernels
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import Progress
-from wdpm.rendering.approximations import approximations, settings_without_effect
+from wdpm.rendering.approximations import approximations, settings_without_effect, without_plain_geometry
 from wdpm.rendering.header import SceneHeader, header_of
 from wdpm.rendering.settled import settle
 from wdpm.rendering.spool import spooled
@@ -109,7 +109,7 @@ def scene_of(source: Source) -> Scene:
 
 
 def prepare(
-    scene: Scene,
+    source: Source,
     settings: RenderSettings,
     workers: int,
     launcher: Launcher,
@@ -121,6 +121,7 @@ def prepare(
     """Compile what is needed, fly the pilot, and divide the scene.
 
     Args:
+        source: of a scene that a function gives nothing is held here but what is sent and told of it.
         workers: how many will share the work; 0 or 1 for one.
         cells: a power of two, or None for the least that serves a team of the workers.
         processes: that share the tasks of the only worker.
@@ -131,6 +132,7 @@ def prepare(
         GuardError: a strict render of a scene with triangles that cannot be rendered.
     """
     check_device(launcher.device)
+    scene = scene_of(source)
     check_pixels(scene.camera)
     seconds = {}
     flattening = time.perf_counter()
@@ -138,6 +140,8 @@ def prepare(
     flat = flatten(leave_out(scene, settings.without), settings.instances, in_file if workers > 1 else np.empty)
     if settings.strict:
         _demand_all(flat)
+    if not settings.without:  # or it is looked at again, with what was left out
+        scene = without_plain_geometry(scene)
     unused = settings_without_effect(settings)
     progress.start("compile")
     compiling = _Stopwatch(partial(_compile, settings=settings, launcher=launcher, progress=progress))

@@ -13,8 +13,7 @@ from wdpm.cluster.transport.zeromq.run_keys import RunKeys
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backend
-from wdpm.rendering.prepare import Prepared, prepare
-from wdpm.scenes.model.scene import Scene
+from wdpm.rendering.prepare import Prepared, Source, prepare
 
 
 class MixedCluster(Backend):
@@ -38,8 +37,8 @@ class MixedCluster(Backend):
                 processes.start(1, command, self._master.endpoint, keys.for_slave)
             self._stack = stack.pop_all()
 
-    def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:
-        return prepare(scene, settings, self.slaves, Launcher("cpu", self.threads), progress, team=lambda _: 1)
+    def prepare(self, source: Source, settings: RenderSettings, progress: Progress) -> Prepared:
+        return prepare(source, settings, self.slaves, Launcher("cpu", self.threads), progress, team=lambda _: 1)
 
     def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:  # noqa: ARG002
         return self._master.render(session, progress)

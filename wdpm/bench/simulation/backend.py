@@ -16,9 +16,8 @@ from wdpm.cluster.world import World
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backend
-from wdpm.rendering.prepare import Prepared, prepare
+from wdpm.rendering.prepare import Prepared, Source, prepare
 from wdpm.scenes.flat.arrays import Triangles
-from wdpm.scenes.model.scene import Scene
 
 
 class SimulatedBackend(Backend):
@@ -43,8 +42,8 @@ class SimulatedBackend(Backend):
         self.recorders: list[Recorder] = []
         self._cluster = SimulatedCluster(partial(_worker, self._launcher), hardware)
 
-    def prepare(self, scene: Scene, settings: RenderSettings, progress: Progress) -> Prepared:
-        return prepare(scene, settings, self.slaves, self._launcher, progress, team=lambda _: self._team)
+    def prepare(self, source: Source, settings: RenderSettings, progress: Progress) -> Prepared:
+        return prepare(source, settings, self.slaves, self._launcher, progress, team=lambda _: self._team)
 
     def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:  # noqa: ARG002
         began, now = time.thread_time(), self._cluster.clock.now
