@@ -36,7 +36,7 @@ from wdpm.rendering.compiling import Compiling
 from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.kernels_beside import KernelsBeside
 from wdpm.rendering.passes import render_in_passes
-from wdpm.rendering.prepare import Prepared, Source, prepare
+from wdpm.rendering.prepare import Prepared, Source, forget_pilot, prepare
 from wdpm.rendering.session_journal import SessionJournal
 from wdpm.scenes.errors import SettingsError
 
@@ -309,6 +309,7 @@ class Cluster(Backend):
             self._placed.all_joined()
         team = partial(slaves_a_team, self._copies, slaves)
         prepared = prepare(source, settings, len(slaves), self._launcher, progress, team=team)
+        forget_pilot(prepared)
         self._beside.compile(prepared.uncompiled)
         return prepared
 

@@ -10,6 +10,7 @@ from wdpm.scenes import load
 from wdpm.scenes.flat.areas import triangle_areas
 from wdpm.scenes.flat.dropped import repeated
 from wdpm.scenes.flat.flatten import flatten
+from wdpm.scenes.flat.room import in_file
 
 
 def test_flattening_takes_little_more_than_its_arrays() -> None:
@@ -22,6 +23,18 @@ def test_flattening_takes_little_more_than_its_arrays() -> None:
     finally:
         tracemalloc.stop()
     assert peak <= 1.8 * flat.triangles.nbytes
+
+
+def test_in_files_a_scene_takes_less_memory_than_its_arrays() -> None:
+    scene = load("atrium:200k")
+    flatten(scene)
+    tracemalloc.start()
+    try:
+        flat = flatten(scene, room=in_file)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak <= 0.7 * flat.triangles.nbytes
 
 
 def test_areas_take_no_copy_of_the_corners_in_double() -> None:

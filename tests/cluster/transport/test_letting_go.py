@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import tempfile
+import weakref
 from collections.abc import Callable
 from dataclasses import fields
 from typing import Any
@@ -11,9 +13,10 @@ import numpy as np
 import pytest
 
 from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.work.cell import Cell
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import SilentProgress
-from wdpm.rendering.prepare import Prepared, prepare
+from wdpm.rendering.prepare import Prepared, forget_pilot, prepare
 from wdpm.rendering.spool import spooled
 from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.arrays import ARRAYS, Triangles
@@ -57,6 +60,37 @@ def test_what_was_spooled_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     assert spooled(kept).positions is kept.positions
     monkeypatch.setattr(tempfile, "TemporaryFile", no_room)
     assert spooled(triangles).positions is triangles.positions
+
+
+def test_nothing_of_the_pilot_stays_with_a_master(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("wdpm.rendering.prepare.WORTH_FORGETTING", 1)
+    cells: list[weakref.ref[Cell]] = []
+    make = Cell.__init__
+
+    def made(self: Cell, *arguments: Any) -> None:
+        make(self, *arguments)
+        cells.append(weakref.ref(self))
+
+    monkeypatch.setattr(Cell, "__init__", made)
+    gc.disable()
+    try:
+        prepared = prepared_for(4)
+        forget_pilot(prepared)
+    finally:
+        gc.enable()
+    assert cells
+    assert not any(cell() for cell in cells)
+
+
+def test_of_a_scene_that_is_handed_over_no_mesh_is_held() -> None:
+    scene = cornell_box((8, 8))
+    mesh = weakref.ref(scene.meshes[0])
+    handed_over = [scene]
+    del scene
+    prepared = prepare(handed_over.pop, RenderSettings(photons=1000), 4, Launcher("cpu", 1), SilentProgress())
+    gc.collect()
+    assert prepared.triangles == 32
+    assert mesh() is None
 
 
 def no_room(**_: Any) -> Any:
