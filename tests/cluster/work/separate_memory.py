@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.work.cell import Cell
+from wdpm.cluster.work.replica import Replica
 from wdpm.kernels import blocks
 
 
@@ -42,6 +43,11 @@ class Copies:
         """What was added since."""
         return Copies(*(getattr(self, name) - getattr(other, name) for name in vars(self)))
 
+    def add(self, other: Copies) -> None:
+        """Count these as well."""
+        for name, value in vars(other).items():
+            setattr(self, name, getattr(self, name) + value)
+
     def of_now(self) -> Copies:
         """As they are now."""
         return Copies(**vars(self))
@@ -55,12 +61,15 @@ class Ledger:
         total: of everything while the memory is separate.
         batches: by kind of batch, what a cell copied for each.
         items: by kind of batch, how many items those had.
+        once: what was copied for the tree of irradiance records, once a round by whichever batch is first to read it:
+            in `total`, and in no batch.
         sites: by place in cluster/work/, file and line: how often, and bytes.
     """
 
     total: Copies = field(default_factory=Copies)
     batches: dict[Kind, list[Copies]] = field(default_factory=lambda: defaultdict(list))
     items: Counter[Kind] = field(default_factory=Counter)
+    once: Copies = field(default_factory=Copies)
     sites: dict[tuple[str, int], list[int]] = field(default_factory=lambda: defaultdict(lambda: [0, 0]))
 
     def most(self, kind: Kind) -> tuple[int, int]:
@@ -93,6 +102,8 @@ def separate_memory() -> Iterator[Ledger]:
     ledger = Ledger()
     make, to_numpy, advance = wp.array.__init__, wp.array.numpy, Cell.advance
     send, fetch = blocks.send, blocks.fetch
+    record_tree = Replica.cache.fget
+    assert record_tree is not None
 
     def make_copied(array: wp.array, data: Any = None, *args: Any, **kwargs: Any) -> None:
         make(array, data, *args, **(kwargs if data is None else {**kwargs, "copy": True}))
@@ -108,15 +119,20 @@ def separate_memory() -> Iterator[Ledger]:
     def advance_counted(cell: Cell, batch: Batch) -> Iterator[Batch]:
         copies, follows = Copies(), advance(cell, batch)
         while True:
-            before = ledger.total.of_now()
+            before, once = ledger.total.of_now(), ledger.once.of_now()
             follow = next(follows, None)
-            for name, value in vars(ledger.total.minus(before)).items():
-                setattr(copies, name, getattr(copies, name) + value)
+            copies.add(ledger.total.minus(before).minus(ledger.once.minus(once)))
             if follow is None:
                 break
             yield follow
         ledger.batches[batch.kind].append(copies)
         ledger.items[batch.kind] += len(batch)
+
+    def record_tree_once(replica: Replica) -> Any:
+        before = ledger.total.of_now()
+        tree = record_tree(replica)
+        ledger.once.add(ledger.total.minus(before))
+        return tree
 
     def sent(block: Any, staged: Any, size: int) -> None:
         ledger.note("up", size)
@@ -133,5 +149,6 @@ def separate_memory() -> Iterator[Ledger]:
         mock.patch.object(wp.array, "__init__", make_copied),
         mock.patch.object(wp.array, "numpy", numpy_copied),
         mock.patch.object(Cell, "advance", advance_counted),
+        mock.patch.object(Replica, "cache", property(record_tree_once)),
     ):
         yield ledger
