@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from wdpm.cluster.messages.protocol import SPENT
 from wdpm.cluster.world import World
 from wdpm.scenes.errors import ProtocolError
 
@@ -37,6 +38,10 @@ COUNTS = frozenset(
 SECONDS = frozenset({"gathers_s", "final_gather_read_s", "final_gather_interpolated_s", "irradiance_s", "busy_s"})
 COUNTS_BY_NAME = frozenset({"guards", "dropped"})
 MOST_NAMES = 1024
+COUNTS_BY_POWER = frozenset({"batches_by_rays", "batches_by_bytes"})
+ACCOUNT = frozenset({"spent_s", "messages", *COUNTS_BY_POWER})
+"""What slaves of processes of their own tell of themselves, beside what their workers do."""
+POWERS = frozenset({"0", *(str(1 << power) for power in range(63))})
 
 
 def check_statistics(values: dict[str, Any], world: World) -> None:
@@ -52,20 +57,37 @@ def check_statistics(values: dict[str, Any], world: World) -> None:
         "energy": (float, (MAPS,)),
     }
     known = {"cells", *COUNTS, *SECONDS, *COUNTS_BY_NAME, *tables}
-    _require(values.keys() == known, f"wrong names: {sorted(known ^ values.keys())!r:.200}")
+    told = values.keys() - ACCOUNT
+    _require(told == known, f"wrong names: {sorted(known ^ told)!r:.200}")
+    _check_account(values)
     for name in COUNTS:
         _require(_is_count(values[name]), f"{name} is {values[name]!r:.80}; expected a count")
     for name in SECONDS:
         _require(_is_number(values[name]), f"{name} is {values[name]!r:.80}; expected seconds")
     for name in COUNTS_BY_NAME:
-        counted = values[name]
-        right = isinstance(counted, dict) and len(counted) <= MOST_NAMES and all(map(_is_count, counted.values()))
-        _require(right, f"{name} is {counted!r:.80}; expected counts by name")
+        _require(_are_counts(values[name]), f"{name} is {values[name]!r:.80}; expected counts by name")
     for name, (item, shape) in tables.items():
         _require(_is_table(values[name], item, shape), f"{name} is {values[name]!r:.80}; expected numbers of {shape}")
     cells = values["cells"]
     inside = isinstance(cells, list) and all(_is_count(cell) and cell < world.top_tree.cells for cell in cells)
     _require(inside, f"cells is {cells!r:.80}; expected numbers of cells")
+
+
+def _check_account(values: dict[str, Any]) -> None:
+    """All of it, or nothing."""
+    there = values.keys() & ACCOUNT
+    if not there:
+        return
+    _require(there == ACCOUNT, f"wrong names: without {sorted(ACCOUNT - there)}")
+    spent, messages = values["spent_s"], values["messages"]
+    timed = isinstance(spent, dict) and spent.keys() == set(SPENT)
+    right = timed and all(_is_number(seconds) and seconds >= 0 for seconds in spent.values())
+    _require(right, f"spent_s is {spent!r:.80}; expected seconds of {', '.join(SPENT)}")
+    named = _are_counts(messages) and all(isinstance(name, str) for name in messages)
+    _require(named, f"messages is {messages!r:.80}; expected counts by name")
+    for name in COUNTS_BY_POWER:
+        powers = _are_counts(values[name]) and values[name].keys() <= POWERS
+        _require(powers, f"{name} is {values[name]!r:.80}; expected counts by powers of two")
 
 
 def of_nobody(world: World) -> dict[str, Any]:
@@ -84,6 +106,10 @@ def _require(condition: bool, what: str) -> None:
 
 def _is_count(value: Any) -> bool:
     return type(value) is int and value >= 0
+
+
+def _are_counts(value: Any) -> bool:
+    return isinstance(value, dict) and len(value) <= MOST_NAMES and all(map(_is_count, value.values()))
 
 
 def _is_number(value: Any) -> bool:

@@ -107,6 +107,12 @@ class Statistics:
     values: dict[str, Any]
 
 
+SPENT = COMPUTING, NO_TASK, NO_RAYS, PHASE_END, SENDING = "computing", "no task", "no rays", "phase end", "sending"
+"""What a slave's time goes to, as Statistics have it: computing, and waits by what ended them: a task, rays or results
+of others, an order of the master between phases; and sending what a job left behind, which comes before the next.
+"""
+
+
 @dataclass(frozen=True)
 class PeerGone:
     """The connection to a peer has broken; what travelled on it is lost."""

@@ -11,6 +11,7 @@ from collections.abc import Callable
 
 from wdpm.cluster.messages import packing, protocol
 from wdpm.cluster.slave import events as s
+from wdpm.cluster.slave.account import Account
 from wdpm.cluster.slave.computer import ComputeThread
 from wdpm.cluster.slave.jobs import Job
 from wdpm.cluster.slave.machine import Slave
@@ -48,6 +49,7 @@ class SlaveShell:
         submit: has the worker do a job.
         tell: shows a line to a person.
         clock: what the state machine takes for the time [s].
+        account: is told of jobs and messages; None where nobody asks, as in a cluster of one process.
 
     Attributes:
         error: why the slave has ended, if that is a failure ...
@@ -64,6 +66,7 @@ class SlaveShell:
         submit: Callable[[Job], None],
         tell: Tell,
         clock: Clock = time.monotonic,
+        account: Account | None = None,
     ) -> None:
         self.state = state
         self.error: str | None = None
@@ -75,6 +78,7 @@ class SlaveShell:
         self._submit = submit
         self._tell = tell
         self._clock = clock
+        self._account = account
         self._identity = uuid.uuid4().bytes
         self._peers: dict[int, Connection] = {}
         self._endpoints: dict[int, str] = {}
@@ -100,11 +104,18 @@ class SlaveShell:
 
     def handle(self, event: s.Event) -> None:
         """Tell the state machine, and do what it says."""
-        for instruction in self.state.handle(event, self._clock()):
+        now = self._clock()
+        if self._account is not None and isinstance(event, s.Computed):
+            self._account.ended(event.outcome.job, now)
+        for instruction in self.state.handle(event, now):
             self._obey(instruction)
+        if self._account is not None:
+            self._account.idling.sent(self._clock())
 
     def tell_master(self, message: protocol.FromSlave) -> None:
         """Send the master a message. If the connection is gone, `find_broken_connections` will hear of it."""
+        if self._account is not None:
+            message = self._account.told(message)
         self._master.send(message)
 
     def close(self) -> None:
@@ -149,6 +160,8 @@ class SlaveShell:
             case s.ToPeer(number, message):
                 self._send_to_peer(number, message)
             case s.Run(job):
+                if self._account is not None:
+                    self._account.idling.started(job, self._clock())
                 self._submit(job)
             case s.ToMaster(message):
                 self.tell_master(message)
@@ -157,6 +170,8 @@ class SlaveShell:
             case s.AnswerPeer(identity, message):
                 if isinstance(message, protocol.PeerWelcome):
                     self._listener.admit(identity)
+                if self._account is not None:
+                    self._account.sent.add(message)
                 self._listener.send(identity, message)  # a stranger that is gone needs no answer
             case s.Reconnect(fresh):
                 self._master.close(deliver=False)
@@ -171,6 +186,8 @@ class SlaveShell:
         connection = self._peers.get(number)
         if connection is None:
             return  # lost before, and the master knows
+        if self._account is not None:
+            self._account.sent.add(message)
         if not connection.send(message):
             self._lose_peer(number)
 

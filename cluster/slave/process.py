@@ -15,6 +15,7 @@ from contextlib import ExitStack
 from wdpm.cluster.host_memory import machine_memory
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.messages import protocol
+from wdpm.cluster.slave.account import Account
 from wdpm.cluster.slave.computer import ComputeThread
 from wdpm.cluster.slave.jobs import Compute, WorkerFactory
 from wdpm.cluster.slave.loop import FROM_PEER, SlaveLoop, SlaveShell, Tell
@@ -76,7 +77,7 @@ def run_slave(
         )
         state = Slave(hello, master, patience, limits, rejoin)
         computer = ComputeThread(Compute(make_worker, tell_scene=tell_scene))
-        shell = SlaveShell(state, network, listener, resolved, computer.submit, tell or _to_stderr)
+        shell = SlaveShell(state, network, listener, resolved, computer.submit, tell or _to_stderr, account=Account())
         stack.callback(shell.close)
         SlaveLoop(shell, network, computer, life_line).run()
 

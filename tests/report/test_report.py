@@ -124,6 +124,27 @@ def test_a_long_name_of_a_slave_gives_way_to_the_numbers(report: Report) -> None
         assert number in text
 
 
+def test_idle_time_and_batches_are_told_of_slaves_that_counted_them(report: Report) -> None:
+    assert "their time" not in printed(report)
+    assert "sent (half" not in printed(report)
+    counted = replace(
+        report.slaves[0],
+        spent_s={"computing": 6.0, "no task": 1.0, "no rays": 2.0, "phase end": 0.5, "sending": 0.5},
+        messages={"PeerBatch": 1_400, "TaskDone": 6},
+        batches_by_rays={"0": 400, "256": 300, "2048": 600, "65536": 100},
+        batches_by_bytes={"0": 800, "65536": 600},
+    )
+    told = replace(report, slaves=(counted, *report.slaves[1:]))
+    assert from_json(told.to_json()) == told
+    text = printed(told)
+    assert max(map(len, text.splitlines())) <= 80
+    rows = [" ".join(line.split()) for line in text.splitlines()]
+    assert "slave time computing no task no rays phase end sending" in rows
+    assert "slave-0 10.0 s 60.0% 10.0% 20.0% 5.0% 5.0%" in rows
+    assert "slave-0 1,406 1,400 512 131,072 1 B 128.0 KB" in rows
+    assert "slave-1 0 0 - - - -" in rows
+
+
 def test_what_is_empty_is_left_out() -> None:
     text = printed(Report())
     assert "Slaves" not in text

@@ -170,8 +170,14 @@ def _slave_report(slave: dict[str, Any]) -> SlaveReport:
     counted = {name: slave[name] for name in ("triangles", "rays_in", "rays_out")}
     counted |= {name: sum(slave[name]) for name in ("photons", "ghosts", "copies")}
     used = {name: slave[name] for name in ("bytes_in", "bytes_out", "busy_s", "peak_memory_bytes")}
+    used |= {name: slave.get(name, {}) for name in ("spent_s", "messages")}
+    used |= {name: _ascending(slave.get(name, {})) for name in ("batches_by_rays", "batches_by_bytes")}
     records = slave.get("records", 0)
     return SlaveReport(slave=f"slave {slave['slave']}", cells=len(slave["cells"]), records=records, **counted, **used)
+
+
+def _ascending(by_power: Mapping[str, int]) -> dict[str, int]:
+    return {power: by_power[power] for power in sorted(by_power, key=int)}
 
 
 def _final_gather(prepared: Prepared, result: SessionResult) -> FinalGatherReport | None:

@@ -64,6 +64,12 @@ class SlaveReport:
         bytes_in, bytes_out: traffic on its sockets.
         busy_s: time in kernels, all threads together [s].
         peak_memory_bytes: largest resident size of its process.
+        spent_s: wall-clock time of its process by what it went to: computing, or a wait by its cause [s]; empty, as are
+            the rest, of a render in one process.
+        messages: that it sent, by name; without signs of life, which follow the clock.
+        batches_by_rays, batches_by_bytes: batches that it sent to other slaves, by the largest power of two that is no
+            larger than how many rays (or hits, photons, results) were in them, and than the bytes of these; "0" for
+            batches without any, which bring credit home.
     """
 
     slave: str
@@ -79,6 +85,10 @@ class SlaveReport:
     peak_memory_bytes: int
     records: int = 0
     copies: int = 0
+    spent_s: dict[str, float] = field(default_factory=dict)
+    messages: dict[str, int] = field(default_factory=dict)
+    batches_by_rays: dict[str, int] = field(default_factory=dict)
+    batches_by_bytes: dict[str, int] = field(default_factory=dict)
 
     @property
     def held(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from rich.console import Console
 from rich.markup import escape
@@ -19,6 +19,7 @@ from wdpm.report.report import (
     PassReport,
     PhotonCounts,
     Report,
+    SlaveReport,
 )
 
 LIGHTS_SHOWN = 12
@@ -40,7 +41,13 @@ def report_tables(report: Report) -> list[Table]:
     """Times, photons by light, and what slaves held and did, where there are any."""
     tables = [_times(report)]
     tables += [_lights(words, counts) for words, counts in _maps(report) if counts.lights and counts.paths]
-    return [*tables, _held(report), _did(report)] if report.slaves else tables
+    if report.slaves:
+        tables += [_held(report), _did(report)]
+    if any(slave.spent_s for slave in report.slaves):
+        tables.append(_spent(report.slaves))
+    if any(slave.messages for slave in report.slaves):
+        tables.append(_sent(report.slaves))
+    return tables
 
 
 def report_lines(report: Report) -> list[str]:
@@ -148,6 +155,42 @@ def _did(report: Report) -> Table:
             format_bytes(slave.peak_memory_bytes),
         )
     return table
+
+
+def _spent(slaves: Sequence[SlaveReport]) -> Table:
+    """Shares of the wall-clock time of each slave."""
+    what = list(dict.fromkeys(name for slave in slaves for name in slave.spent_s))
+    table = _table("Slaves: what their time went to (computing, or idle by cause)", "slave", "time", *map(escape, what))
+    for slave in slaves:
+        whole = sum(slave.spent_s.values())
+        shares = [_percent(slave.spent_s.get(name, 0.0), whole) for name in what]
+        table.add_row(escape(slave.slave), format_seconds(whole), *shares)
+    return table
+
+
+def _sent(slaves: Sequence[SlaveReport]) -> Table:
+    """How many messages and batches, and the powers of two that half of the batches, and all, are below."""
+    title = "Slaves: what they sent (half of the batches, and all, have fewer rays and bytes than)"
+    table = _table(title, "slave", "messages", "batches", "rays: half", "all", "bytes: half", "all")
+    for slave in slaves:
+        table.add_row(
+            escape(slave.slave),
+            f"{sum(slave.messages.values()):,}",
+            f"{sum(slave.batches_by_rays.values()):,}",
+            *_half_and_all(slave.batches_by_rays, "{:,}".format),
+            *_half_and_all(slave.batches_by_bytes, format_bytes),
+        )
+    return table
+
+
+def _half_and_all(by_power: Mapping[str, int], shown: Callable[[int], str]) -> tuple[str, str]:
+    """The least powers of two that half of all, and all, are below."""
+    powers = sorted(int(power) for power, count in by_power.items() if count)
+    if not powers:
+        return "-", "-"
+    half = sum(by_power.values()) / 2
+    median = next(power for power in powers if sum(by_power[str(p)] for p in powers if p <= power) >= half)
+    return shown(max(2 * median, 1)), shown(max(2 * powers[-1], 1))
 
 
 def _counts(report: Report) -> list[str]:

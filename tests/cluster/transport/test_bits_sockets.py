@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import wdpm
+from wdpm.cluster.messages import protocol
 from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.transport.host_share import PREFIX, host_share
 from wdpm.progress import SilentProgress
@@ -52,6 +53,25 @@ def test_a_cluster_gives_the_bits_of_one_process(
         assert sum(slave["photons"] for slave in report["slaves"]) == report["photons"]["stored"] > 0
         travelled = sum(slave["rays_in"] for slave in report["slaves"])
         assert travelled > 0 if copies is Copies.NONE else travelled == 0
+        for slave in report["slaves"]:
+            check_account(slave, alone=copies is not Copies.NONE)
+        assert not any(slave["spent_s"] or slave["messages"] for slave in alone.metadata["report"]["slaves"])
+
+
+def check_account(slave: dict[str, Any], *, alone: bool) -> None:
+    """What a slave must tell of its time and its messages, however long it took."""
+    spent, messages = slave["spent_s"], slave["messages"]
+    assert tuple(spent) == protocol.SPENT
+    assert min(spent.values()) >= 0
+    assert spent[protocol.COMPUTING] > 0
+    assert messages["Statistics"] == messages["ViewSet"] == 1
+    batches = sum(slave["batches_by_rays"].values())
+    assert batches == sum(slave["batches_by_bytes"].values()) == messages.get("PeerBatch", 0)
+    if not alone:
+        assert batches > 0
+        # Each has at least the power of two that it is counted under; bytes are of all renders with these photons.
+        below = sum(int(power) * count for power, count in slave["batches_by_bytes"].items())
+        assert 0 < below <= slave["bytes_out"]
 
 
 class Kill(SilentProgress):
