@@ -31,6 +31,9 @@ from wdpm.scenes.flat.used_media import calls_for_media
 PILOT_PATHS = 1 << 15
 """Paths of the pilot: its stored photons tell paths per photon to about half a percent, in some 50 ms."""
 
+PATHS_OF_PAGES = 1 << 9
+"""Paths that are traced together where triangles lie in files: all of them look at nearly every page of ten million."""
+
 TRIAL_PATHS = 16
 """Paths that tell first how long paths are in a scene with media."""
 
@@ -125,9 +128,15 @@ def _affordable_paths(worker: CellWorker, world: World) -> int:
 
 def _photons_of(worker: CellWorker, paths: int) -> Arrays:
     """What the first paths store."""
-    if paths:
-        worker.start(PhotonTask(number=0, start=0, stop=paths))
+    _fly(worker, paths)
     return worker.cells[0].store.so_far()
+
+
+def _fly(worker: CellWorker, paths: int) -> None:
+    """Trace the first paths; some at a time where the cell lets go of the pages that each batch has looked at."""
+    at_once = PATHS_OF_PAGES if worker.cells[0].lets_go else max(paths, 1)
+    for start in range(0, paths, at_once):
+        worker.start(PhotonTask(number=0, start=start, stop=min(start + at_once, paths)))
 
 
 def pilot_for(
@@ -178,7 +187,7 @@ def _flown_in(world: World, pilot: PhotonPilot) -> tuple[list[Arrays], NDArray[n
     """Photons of each map that the pilot's worker stores in another world, and the light that each path comes from."""
     worker, before = pilot.worker, pilot.world
     worker.adopt(world)
-    worker.start(PhotonTask(number=0, start=0, stop=world.paths))
+    _fly(worker, world.paths)
     photons = _by_map(worker.cells[0].store.so_far())
     light_of_path = _light_of_path(worker, world)
     worker.adopt(before)

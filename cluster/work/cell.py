@@ -31,6 +31,10 @@ from wdpm.kernels.rays import placing, two_level
 from wdpm.kernels.rays.triangle import NO_HIT
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.arrays import Triangles
+from wdpm.scenes.flat.room import lies_in_file
+
+MANY_TRIANGLES = 1 << 20
+"""100 MB of them: pages of less stay in memory from batch to batch."""
 
 _NEEDS_SURFACE = (Kind.SHADE, Kind.CANDIDATE_HIT, Kind.VERTEX, Kind.SHADOW_WALK_HIT)
 
@@ -52,6 +56,8 @@ class Cell:
         self.number = number
         self.replica = replica
         self.triangle_count = triangles.total
+        large = len(triangles) >= MANY_TRIANGLES and lies_in_file(triangles.positions)
+        self._in_files = triangles if large else None
 
         def make() -> list[Any]:
             device = replica.launcher.device
@@ -95,6 +101,8 @@ class Cell:
             self.store.add_irradiance(batch.arrays)
         elif batch.kind in self._actions:
             yield from self._actions[batch.kind](batch)
+            if self._in_files is not None:
+                self._in_files.let_go()
         else:
             raise ValueError(f"{batch.kind} is not for a cell")
 
@@ -110,6 +118,11 @@ class Cell:
                 raise ProtocolError(f"a vertex batch came for cell {self.number} with paths that have hit nothing")
         if needs and not self.triangle_count:
             raise ProtocolError(f"a {batch.kind.value} batch came for cell {self.number}, which holds no triangle")
+
+    @property
+    def lets_go(self) -> bool:
+        """Whether pages of its triangles leave memory after each batch: of very many that lie in files."""
+        return self._in_files is not None
 
     @property
     def geometry(self) -> tuple[Any, Any]:
