@@ -69,3 +69,14 @@ def scenes_dir() -> Path:
     folder = Path(os.environ[SCENES_VARIABLE])
     assert folder.is_dir(), f"{SCENES_VARIABLE} names {folder}, which is not a folder"
     return folder
+
+
+@pytest.fixture
+def empty_cache(tmp_path: Path) -> Iterator[Path]:
+    """A folder for compiled kernels with none in it."""
+    from wdpm.kernels.cached import cache_folder, use_cache_folder
+
+    before = cache_folder()
+    use_cache_folder(tmp_path)
+    yield tmp_path
+    use_cache_folder(before)

@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 import warp as wp
 
 from wdpm.kernels import stand_ins
-from wdpm.kernels.cached import cache_folder, is_compiled, remove_half_made, use_cache_folder
+from wdpm.kernels.cached import is_compiled, remove_half_made
 from wdpm.kernels.compile import COMMON, compile_for_cpu, kernels_for_all_scenes
 from wdpm.kernels.features import ALL, Features
 from wdpm.kernels.variants import make_variants
-
-
-@pytest.fixture
-def empty_cache(tmp_path: Path) -> Iterator[Path]:
-    before = cache_folder()
-    use_cache_folder(tmp_path)
-    yield tmp_path
-    use_cache_folder(before)
 
 
 def small_module(addend: int) -> wp.Module:

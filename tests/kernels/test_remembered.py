@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import warp as wp
 
 from wdpm.kernels import made_for, remembered
-from wdpm.kernels.cached import cache_folder, is_compiled, use_cache_folder
+from wdpm.kernels.cached import is_compiled
 from wdpm.kernels.camera.rays import make_camera_rays
 from wdpm.kernels.compile import COMMON
 from wdpm.kernels.features import Features
@@ -51,14 +50,6 @@ def told(module: wp.Module, known: Hashes) -> bool:
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     return tmp_path / "hashes" / "of-this-state.json"
-
-
-@pytest.fixture
-def empty_cache(tmp_path: Path) -> Iterator[Path]:
-    before = cache_folder()
-    use_cache_folder(tmp_path)
-    yield tmp_path
-    use_cache_folder(before)
 
 
 def test_what_is_remembered_of_a_scenes_kernels_is_what_warp_works_out(file: Path) -> None:

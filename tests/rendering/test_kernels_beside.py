@@ -2,24 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from patience import wait_until
 
-from wdpm.kernels.cached import cache_folder, use_cache_folder
 from wdpm.kernels.features import Features
 from wdpm.rendering.compiling import Compiling
 from wdpm.rendering.kernels_beside import KernelsBeside
-
-
-@pytest.fixture
-def empty_cache(tmp_path: Path) -> Iterator[Path]:
-    before = cache_folder()
-    use_cache_folder(tmp_path)
-    yield tmp_path
-    use_cache_folder(before)
 
 
 def modules_in(folder: Path) -> list[str]:

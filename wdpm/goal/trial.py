@@ -158,7 +158,9 @@ def try_out(
     )
 
 
-def _noise(image: tuple[PassResult, PassResult], apart: PassResult | None, metric: Metric, biased: bool) -> Any:
+def _noise(
+    image: tuple[PassResult, PassResult], apart: PassResult | None, metric: Metric, biased: bool
+) -> dict[str, Any]:
     """What a trial says of noise, by name. Without a pass that tells photons and samples apart, samples make it all."""
     a, b = map(_beauty, image)
     if apart is None:
