@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 
 import warp as wp
 
 from wdpm.kernels.features import Features
 from wdpm.kernels.parsed_late import look_up_no_calls
-from wdpm.kernels.remembered import hashes
+from wdpm.kernels.remembered import Hashes, hashes
 
 OPTIONS = {"fuse_fp": False}
 """Of their modules: no contraction, as in every file with kernels (docs/exactness.md)."""
 
 _made: dict[str, wp.Kernel] = {}
 """By the name of its module, which Warp makes of what the kernel does."""
+
+_making = threading.RLock()
+"""Threads may ask for a variant together, and Warp takes a second kernel of one name for a change of the first."""
 
 
 def made_for(features: Features) -> Callable[[Callable[..., None]], wp.Kernel]:
@@ -30,17 +34,22 @@ def made_for(features: Features) -> Callable[[Callable[..., None]], wp.Kernel]:
     def make(function: Callable[..., None]) -> wp.Kernel:
         known = hashes()
         variant = f"{function.__module__}.{function.__qualname__}({','.join(features.names())})"
-        name = known.variant(variant)
-        if name in _made:
-            return _made[name]
-        if name is None:
-            kernel = wp.kernel(function, module="unique", enable_backward=False, module_options=dict(OPTIONS))
-            known.add_variant(variant, kernel.module.name)
-        else:
-            module = wp.get_module(name)
-            wp.set_module_options(dict(OPTIONS), module)
-            look_up_no_calls(module)
-            kernel = wp.kernel(function, enable_backward=False, module=module)
-        return _made.setdefault(kernel.module.name, kernel)
+        with _making:
+            return _kernel(function, variant, known)
 
     return make
+
+
+def _kernel(function: Callable[..., None], variant: str, known: Hashes) -> wp.Kernel:
+    name = known.variant(variant)
+    if name in _made:
+        return _made[name]
+    if name is None:
+        kernel = wp.kernel(function, module="unique", enable_backward=False, module_options=dict(OPTIONS))
+        known.add_variant(variant, kernel.module.name)
+    else:
+        module = wp.get_module(name)
+        wp.set_module_options(dict(OPTIONS), module)
+        look_up_no_calls(module)
+        kernel = wp.kernel(function, enable_backward=False, module=module)
+    return _made.setdefault(kernel.module.name, kernel)

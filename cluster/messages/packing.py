@@ -222,7 +222,8 @@ def _array_unpacker(hint: Any) -> Unpacker:
 
 
 # Values, by their type hints. What a hint says is found out once: a message has some thirty values, and a cluster
-# without copies sends thousands of messages a second.
+# without copies sends thousands of messages a second. Threads may ask for the first time together: what is kept is made
+# whole before anyone sees it.
 
 Packer = Callable[[Any, str, "list[np.ndarray[Any, Any]]"], Any]
 """(value, where it stands, arrays of the message so far) -> what stands in the header."""
@@ -270,14 +271,14 @@ def _packer(hint: Any) -> Packer:
 
 
 def _dataclass_packer(hint: type) -> Packer:
-    members: list[tuple[str, Packer]] = []
+    @functools.cache
+    def members() -> tuple[tuple[str, Packer], ...]:  # asked for late: a class may be of its own kind somewhere within
+        return tuple((name, _packer(inner)) for name, inner in _hints(hint).items())
 
     def pack(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
-        if not members:  # only now: a class may be of its own kind somewhere within
-            members.extend((name, _packer(inner)) for name, inner in _hints(hint).items())
         if type(value) is not hint:
             raise ProtocolError(f"{where} is a {type(value).__name__}; expected {hint.__name__}")
-        return [of(getattr(value, name), f"{where}.{name}", arrays) for name, of in members]
+        return [of(getattr(value, name), f"{where}.{name}", arrays) for name, of in members()]
 
     return pack
 
@@ -382,14 +383,15 @@ def _unpacker(hint: Any) -> Unpacker:
 
 
 def _dataclass_unpacker(hint: type) -> Unpacker:
-    members: list[tuple[str, Unpacker]] = []
+    @functools.cache
+    def members() -> tuple[tuple[str, Unpacker], ...]:
+        return tuple((name, _unpacker(inner)) for name, inner in _hints(hint).items())
 
     def unpack(value: Any, where: str, frames: _Frames) -> Any:
-        if not members:
-            members.extend((name, _unpacker(inner)) for name, inner in _hints(hint).items())
-        if not isinstance(value, list) or len(value) != len(members):
-            raise ProtocolError(f"{where} is not a list of {len(members)} fields")
-        arguments = [of(item, f"{where}.{name}", frames) for (name, of), item in zip(members, value, strict=True)]
+        of_fields = members()
+        if not isinstance(value, list) or len(value) != len(of_fields):
+            raise ProtocolError(f"{where} is not a list of {len(of_fields)} fields")
+        arguments = [of(item, f"{where}.{name}", frames) for (name, of), item in zip(of_fields, value, strict=True)]
         unpacked = hint(*arguments)
         checks.check(unpacked, where)
         return unpacked
