@@ -10,9 +10,8 @@ something that is not there yet. Functions of others are made as ever.
 
 from __future__ import annotations
 
-import contextlib
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import warp as wp
@@ -44,22 +43,23 @@ class _Late(wp.Function):
 
 
 def _finish(function: wp.Function) -> None:
-    """Have Warp make a function, unless another thread has meanwhile."""
+    """Have Warp make a function, unless another thread has meanwhile.
+
+    It is made beside the one that all know, which gets everything in one step: other threads may look at it now.
+    """
     with _lock:
         if type(function) is not _Late:
             return
-        told = function.__dict__.pop("_told")
+        told = function.__dict__["_told"]
+        made = wp.Function.__new__(wp.Function)
+        _make(made, **{**told, "module": None})  # the module has had the function all the time
+        for overloads in (made.user_templates, made.user_overloads):
+            overloads.update({types: function for types, each in overloads.items() if each is made})
+        if made.adj.has_unresolved_static_expressions:
+            told["module"].has_unresolved_static_expressions = True
+        function.__dict__.update({**made.__dict__, "module": told["module"]})
         function.__class__ = wp.Function
-        with _unchanged(told["module"], told["key"]):
-            _make(function, **told)
-
-
-@contextlib.contextmanager
-def _unchanged(module: wp.Module, key: str) -> Iterator[None]:
-    """What a module knows of its functions and hashes: it had the function all the time."""
-    latest, hashers, options = module.functions[key], module.hashers, module.resolved_options
-    yield
-    module.functions[key], module.hashers, module.resolved_options = latest, hashers, options
+        del function.__dict__["_told"]
 
 
 def _begin(function: wp.Function, *arguments: Any, **told: Any) -> None:

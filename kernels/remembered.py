@@ -204,7 +204,7 @@ def _takes(module: wp.Module, entry: Mapping[str, Any]) -> bool:
     """Whether Warp, told what it has worked out, names the module and its kernels as before."""
     name = module.get_module_identifier(CPU_BLOCK)
     symbols = [kernel.get_mangled_name() for kernel in module._get_live_kernels()]
-    worked_out = module.hashers.pop(CPU_BLOCK)
+    worked_out = module.hashers[CPU_BLOCK]
     try:
         _tell(module, entry)
         told = isinstance(module.hashers.get(CPU_BLOCK), _Hasher)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import pytest
 import warp as wp
@@ -69,6 +72,32 @@ def test_functions_can_be_called_from_python() -> None:
     assert type(doubled) is not wp.Function
     assert doubled(21.0) == 42.0
     assert type(doubled) is wp.Function
+
+
+@pytest.mark.usefixtures("ours")
+def test_threads_find_a_function_made_or_wait_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Modules are compiled by threads, and have functions in common."""
+
+    @wp.func
+    def halved(x: wp.float32) -> wp.float32:
+        return 0.5 * x
+
+    at_it, go_on = threading.Event(), threading.Event()
+    make = parsed_late._make
+
+    def slowly(function: wp.Function, **told: Any) -> None:
+        make(function, **told)
+        at_it.set()
+        assert go_on.wait(60.0)
+
+    monkeypatch.setattr(parsed_late, "_make", slowly)
+    with ThreadPoolExecutor(2) as pool:
+        first = pool.submit(lambda: halved.user_overloads)
+        assert at_it.wait(60.0)
+        assert "user_overloads" not in vars(halved)  # nobody sees a part of it
+        second = pool.submit(lambda: halved.user_overloads)
+        go_on.set()
+        assert list(first.result().values()) == list(second.result().values()) == [halved]
 
 
 @pytest.mark.usefixtures("ours")
