@@ -1,13 +1,13 @@
 """What travels between workers: ray batches towards cells, results towards homes.
 
 A batch is a set of equally long arrays with names. Its kind says which: `SCHEMAS` names the table of fields of each
-(kernels.ray_fields), and the wire checks against it.
+(kernels.ray_fields), and the wire checks against it. Rows of several tasks may lie in it: `Runs` says whose they are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Final
 
@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.rows import take_rows
+from wdpm.cluster.runs import HOME, Runs
+from wdpm.cluster.runs import join as join_runs
 from wdpm.kernels import ray_fields as fields
 from wdpm.kernels.fields import Fields, chosen
 from wdpm.scenes.errors import ProtocolError
@@ -116,22 +118,34 @@ class Batch:
     """Arrays of one kind on their way to a cell or to a home.
 
     Attributes:
-        task: number of the task that the contents belong to; -1 where there is none (OF_MAPS).
-        home: number of the worker that was handed the task; of ghosts and copies, the worker that they come from.
-        cell: the destination cell; for kinds that go to a home, the cell it comes from.
-        credit: the share of the task's credit that travels with the batch (Mattern 1989).
+        cell: the destination cell; for kinds that go to a home, a cell of the worker it comes from.
+        runs: whose the rows are. What goes to a home has runs of that home alone.
         arrays: as SCHEMAS[kind] says.
     """
 
     kind: Kind
-    task: int
-    home: int
     cell: int
-    credit: int
+    runs: Runs
     arrays: Arrays
+
+    @classmethod
+    def of_task(cls, kind: Kind, task: int, home: int, cell: int, credit: int, arrays: Arrays) -> Batch:
+        """A batch all of whose rows belong to one task: see Runs.table."""
+        rows = next((len(array) for array in arrays.values()), 0)
+        return cls(kind, cell, Runs.one(home, task, rows, credit), arrays)
 
     def __len__(self) -> int:
         return next((len(array) for array in self.arrays.values()), 0)
+
+    @property
+    def home(self) -> int:
+        """Where it goes, if it goes to a home."""
+        return int(self.runs.table[0, HOME])
+
+    @property
+    def credit(self) -> int:
+        """That of all runs."""
+        return int(self.runs.credit.sum())
 
     @property
     def nbytes(self) -> int:
@@ -157,16 +171,28 @@ class Batch:
 def take(arrays: Arrays, rows: NDArray[np.intp] | slice) -> dict[str, NDArray[Any]]:
     """Some rows of every array, ascending; the arrays themselves where that is all of them."""
     if isinstance(rows, slice):
-        return {name: array[rows] for name, array in arrays.items()}
+        return {name: array[rows] for name, array in arrays.items()} if rows != slice(None) else dict(arrays)
     if len(rows) == len(next(iter(arrays.values()))):
         return dict(arrays)
     return {name: take_rows(array, rows) for name, array in arrays.items()}
 
 
-def take_in_order(arrays: Arrays, rows: NDArray[np.intp], name: str) -> dict[str, NDArray[Any]]:
-    """Some rows of every array, in the order of one of them; equal ones in any order."""
-    ordered = rows[np.argsort(arrays[name][rows])]
-    return {column: take_rows(array, ordered) for column, array in arrays.items()}
+def take_some(arrays: Arrays, rows: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
+    """Some rows of every array, in any order."""
+    return {name: take_rows(array, rows) for name, array in arrays.items()}
+
+
+def take_in_order(arrays: Arrays, rows: NDArray[np.intp], name: str, runs: Runs) -> dict[str, NDArray[Any]]:
+    """Some rows of every array, those of each run in the order of one of them; equal ones in any order.
+
+    Args:
+        name: of an array of int32.
+        runs: of those rows.
+    """
+    key = arrays[name][rows]
+    if len(runs) > 1:
+        key = (runs.numbers() << 32) | key
+    return take_some(arrays, rows[np.argsort(key)])
 
 
 def concatenate(parts: Iterable[Arrays], kind: Kind) -> dict[str, NDArray[Any]]:
@@ -175,6 +201,16 @@ def concatenate(parts: Iterable[Arrays], kind: Kind) -> dict[str, NDArray[Any]]:
     if not parts:
         return zeros(kind)
     return {name: np.concatenate([part[name] for part in parts]) for name in SCHEMAS[kind]}
+
+
+def joined(batches: Sequence[Batch]) -> Batch:
+    """Batches of one kind and destination as one."""
+    if len(batches) == 1:
+        return batches[0]
+    kind, cell = batches[0].kind, batches[0].cell
+    of_tasks, order = join_runs([batch.runs for batch in batches])
+    arrays = concatenate([batch.arrays for batch in batches], kind)
+    return Batch(kind, cell, of_tasks, arrays if order is None else take_some(arrays, order))
 
 
 def zeros(kind: Kind, count: int = 0) -> dict[str, NDArray[Any]]:
@@ -193,3 +229,19 @@ def by_destination(destination: NDArray[np.int32], chosen: NDArray[np.bool_]) ->
         return
     for target in np.unique(targets):
         yield int(target), rows[targets == target]
+
+
+def by_home(batches: Iterable[Batch]) -> Iterator[Batch]:
+    """The same batches without runs of nothing; those that go to homes are cut, so that each goes to one.
+
+    Of what maps are built of, empty batches are kept: they are counted.
+    """
+    for batch in batches:
+        runs = batch.runs if batch.kind in OF_MAPS else batch.runs.occupied()
+        if not len(runs):
+            continue
+        if batch.kind not in TO_HOME:
+            yield batch if runs is batch.runs else replace(batch, runs=runs)
+            continue
+        for _, some, rows in runs.slices(HOME):
+            yield Batch(batch.kind, batch.cell, some, take(batch.arrays, rows))

@@ -1,17 +1,17 @@
-"""Batches that wait, joined with others of the same kind, task and destination."""
+"""Batches that wait, joined with others of the same kind and destination."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from wdpm.cluster.batch import TO_HOME, Batch, Kind, concatenate
+from wdpm.cluster.batch import TO_HOME, Batch, Kind, joined
 
-Key = tuple[Kind, int, int, int]
+Key = tuple[Kind, int]
 
 
 class Queues:
-    """Waiting batches, one queue for each kind, task, home and cell. A queue is taken out as one batch."""
+    """Waiting batches, one queue for each kind and cell, or home for what goes to one. It is taken out as one batch."""
 
     def __init__(self) -> None:
         self._waiting: dict[Key, list[Batch]] = {}
@@ -23,9 +23,14 @@ class Queues:
     def __len__(self) -> int:
         return len(self._waiting)
 
+    @property
+    def rows(self) -> int:
+        """Of all that wait."""
+        return sum(self._size.values())
+
     def add(self, batch: Batch) -> None:
         """Let a batch wait."""
-        key = (batch.kind, batch.task, batch.home, batch.cell)
+        key = (batch.kind, batch.home if batch.kind in TO_HOME else batch.cell)
         self._waiting.setdefault(key, []).append(batch)
         self._size[key] = self._size.get(key, 0) + len(batch)
 
@@ -34,30 +39,34 @@ class Queues:
         for batch in batches:
             self.add(batch)
 
+    def take(self, rows: int) -> tuple[Batch, ...]:
+        """Take out queues until they have so many rows together, or none is left; one at least, if there is one."""
+        taken: list[Batch] = []
+        while self._waiting and rows > 0:
+            taken.append(self.pop())
+            rows -= len(taken[-1])
+        return tuple(taken)
+
     def pop(self) -> Batch:
         """Take out a queue: results for homes before rays, then the longest."""
         key = max(self._size, key=lambda k: (k[0] in TO_HOME, self._size[k]))
         del self._size[key]
-        parts = self._waiting.pop(key)
-        if len(parts) == 1:
-            return parts[0]
-        arrays = concatenate([part.arrays for part in parts], parts[0].kind)
-        return Batch(*key, sum(part.credit for part in parts), arrays)
+        return joined(self._waiting.pop(key))
 
 
 def without_bare_credit(batches: Sequence[Batch]) -> list[Batch]:
     """The same batches, but that credit which brings nothing along travels with what goes to the same home."""
-    bare: dict[tuple[int, int], int] = {}
+    ended_for: dict[int, list[Batch]] = {}
     for batch in batches:
         if batch.kind is Kind.ENDED:
-            bare[batch.task, batch.home] = bare.get((batch.task, batch.home), 0) + batch.credit
-    out, ended = [], []
+            ended_for.setdefault(batch.home, []).append(batch)
+    bare = {home: joined(ended) for home, ended in ended_for.items()}
+    out = []
     for batch in batches:
         if batch.kind is Kind.ENDED:
-            ended.append(batch)
-        elif batch.kind in TO_HOME and (more := bare.pop((batch.task, batch.home), 0)):
-            out.append(replace(batch, credit=batch.credit + more))
+            continue
+        if batch.kind in TO_HOME and (ended := bare.pop(batch.home, None)) is not None:
+            out.append(replace(batch, runs=batch.runs.added(ended.runs)))
         else:
             out.append(batch)
-    left = ((batch, bare.pop((batch.task, batch.home), 0)) for batch in ended)
-    return out + [replace(batch, credit=credit) for batch, credit in left if credit]
+    return out + list(bare.values())

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wdpm.cluster.deal import deal
+from wdpm.cluster.master.deal import deal
 from wdpm.cluster.master.members import Member
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.task import PhotonTask

@@ -18,11 +18,13 @@ from wdpm.cluster.guide import LightGuide
 from wdpm.cluster.limits import MOST_SLAVES
 from wdpm.cluster.lit_places import LitPlaces
 from wdpm.cluster.messages import protocol
+from wdpm.cluster.messages.batch_checks import check_runs, check_whole
 from wdpm.cluster.messages.demands import Shape
 from wdpm.cluster.messages.demands import indices as _indices
 from wdpm.cluster.messages.demands import require as _require
 from wdpm.cluster.messages.instance_checks import SHAPES_OF_INSTANCES, check_instances, check_shapes
 from wdpm.cluster.records import RAY_SAMPLES, CachePlan, Records
+from wdpm.cluster.runs import Runs
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, RecordTask
 from wdpm.cluster.world import Emission, IrradiancePlan, MapPlan, PhotonPlan, TopTree, View, World
 from wdpm.kernels.fields import Many
@@ -389,11 +391,6 @@ def _cache_plan(plan: CachePlan, where: str) -> None:
     _require(small, where, f"{plan} is no plan of a cache")
 
 
-def _batch(batch: Batch, where: str) -> None:
-    _require(batch.credit >= 0, where, f"credit {batch.credit}")
-    batch.check()
-
-
 def _partition(message: protocol.Partition, where: str) -> None:
     _require(0 <= message.part < message.parts, where, f"part {message.part} of {message.parts}")
 
@@ -486,7 +483,8 @@ _RANGES: dict[type, Callable[[Any, str], None]] = {
     PhotonTask: _photon_task,
     PhotonsTraced: _photons_traced,
     BucketRendered: _bucket_rendered,
-    Batch: _batch,
+    Batch: check_whole,
+    Runs: check_runs,
     protocol.Partition: _partition,
     protocol.Hello: _hello,
     protocol.Setup: _setup,

@@ -18,7 +18,7 @@ from wdpm.cluster.task import Task, TaskResult
 from wdpm.cluster.world import PhotonPlan, View, World
 from wdpm.scenes.flat.arrays import Triangles
 
-PROTOCOL = 16
+PROTOCOL = 17
 
 
 # From a slave to the master.
@@ -351,11 +351,11 @@ class PeerWelcome:
 
 
 @dataclass(frozen=True)
-class PeerBatch:
-    """A batch for a cell or a home of the receiver."""
+class PeerBatches:
+    """Batches for cells and homes of the receiver: all that came of one turn of the sender's worker."""
 
     epoch: int
-    batch: Batch
+    batches: tuple[Batch, ...]
 
 
 # Between a master and those who only look (`wdpm status`).
@@ -464,6 +464,6 @@ FromMaster = (
     | Heartbeat
     | Rejected
 )
-FromPeer = PeerHello | PeerBatch
+FromPeer = PeerHello | PeerBatches
 PeerAnswer = PeerWelcome | Rejected
 Message = FromSlave | FromMaster | FromPeer | PeerAnswer | FromReader | ToReader

@@ -29,10 +29,20 @@ class MasterSaid:
 
 @dataclass(frozen=True)
 class PeerSaid:
-    """`identity` names the connection, not the slave: a PeerHello tells which that is."""
+    """`identity` names the connection, not the slave: a PeerHello tells which that is.
+
+    Attributes:
+        more: whether another event is told at once, so that no work need begin before it: another message, or Look.
+    """
 
     identity: bytes
     message: protocol.FromPeer
+    more: bool = False
+
+
+@dataclass(frozen=True)
+class Look:
+    """Nothing more is at hand, or time has passed: work may begin."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +102,7 @@ class Leave:
 Event = (
     Start
     | Tick
+    | Look
     | MasterSaid
     | PeerSaid
     | PeerAnswered

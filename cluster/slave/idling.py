@@ -64,6 +64,6 @@ def cause_of(job: Job) -> str:
     match job:
         case jobs.StartTask():
             return NO_TASK
-        case jobs.HandleBatch(batch) if batch.kind not in OF_MAPS:
+        case jobs.HandleBatches(batches) if batches[0].kind not in OF_MAPS:
             return NO_RAYS
     return PHASE_END

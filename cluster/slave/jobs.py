@@ -28,7 +28,7 @@ class Worker(Protocol):
 
     def start(self, task: Task) -> Outbox: ...
 
-    def handle(self, batch: Batch) -> Outbox: ...
+    def handle(self, batches: Sequence[Batch]) -> Outbox: ...
 
     def regroup(self, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]) -> None: ...
 
@@ -103,8 +103,10 @@ class StartTask:
 
 
 @dataclass(frozen=True)
-class HandleBatch:
-    batch: Batch
+class HandleBatches:
+    """Work off some batches, at least one: of what maps are built of one alone."""
+
+    batches: tuple[Batch, ...]
 
 
 @dataclass(frozen=True)
@@ -175,7 +177,7 @@ Job = (
     Build
     | SetView
     | StartTask
-    | HandleBatch
+    | HandleBatches
     | SendCopies
     | ExchangeGhosts
     | SortTrees
@@ -287,8 +289,8 @@ class Compute:
             case StartTask(task):
                 outbox = worker.start(task)
                 return Outcome(job, outbox.batches, outbox.results)
-            case HandleBatch(batch):
-                outbox = worker.handle(batch)
+            case HandleBatches(batches):
+                outbox = worker.handle(batches)
                 return Outcome(job, outbox.batches, outbox.results)
             case SetView(view):
                 worker.set_view(view)

@@ -54,7 +54,7 @@ class SlaveShell:
     Attributes:
         error: why the slave has ended, if that is a failure ...
         failed_elsewhere: ... and whether that was not its own.
-        turn_s: how long it may sleep while nothing comes [s].
+        turn_s: how long it may sleep while nothing comes and nothing waits [s].
     """
 
     def __init__(
@@ -102,6 +102,17 @@ class SlaveShell:
             if connection.broke():
                 self._lose_peer(number)
 
+    def sleep_s(self) -> float:
+        """How long it may sleep now, if nothing comes [s]."""
+        look_at = self.state.look_at
+        return self.turn_s if look_at is None else min(self.turn_s, max(0.0, look_at - self._clock()))
+
+    def look(self) -> None:
+        """Tell the state machine the time, if it waits for that."""
+        look_at = self.state.look_at
+        if look_at is not None and self._clock() >= look_at:
+            self.handle(s.Look())
+
     def handle(self, event: s.Event) -> None:
         """Tell the state machine, and do what it says."""
         now = self._clock()
@@ -137,15 +148,19 @@ class SlaveShell:
                 self.handle(s.MasterSaid(message))
 
     def _receive_from_peers(self) -> None:
+        came = False
         for _ in range(TURN_MESSAGES):
             received = self._listener.receive()
             if received is None:
-                return
+                break
+            came = True
             identity, message = received
             if isinstance(message, ProtocolError):
                 self.handle(s.Unreadable(identity, str(message)))
             else:
-                self.handle(s.PeerSaid(identity, message))
+                self.handle(s.PeerSaid(identity, message, more=True))
+        if came:
+            self.handle(s.Look())
 
     def _receive_answers(self) -> None:
         for number, connection in list(self._peers.items()):
@@ -257,13 +272,14 @@ class SlaveLoop:
         ticked = 0.0
         shell.handle(s.Start())
         while not shell.state.ended:
-            ready = self._network.wait(shell.turn_s)
+            ready = self._network.wait(shell.sleep_s())
             if self._life_line in ready:
                 shell.handle(s.Leave("the process that started it has ended"))
             for event in self._computer.mailbox.take():
                 shell.handle(event)
             shell.receive()
             shell.find_broken_connections()
+            shell.look()
             now = time.monotonic()
             if now - ticked >= shell.turn_s:
                 ticked = now

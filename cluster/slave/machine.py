@@ -2,23 +2,23 @@
 
 A slave joins, gets its cells, and then does what comes: batches for its homes first, then batches for its cells, then
 new tasks. Finishing before starting bounds what is in memory, since a task that has not begun holds nothing. Batches
-that go the same way are joined while they wait. They are handled one by one, not all that wait at once: what follows
-from one is on its way to the peers while the next is computed (measured: half the time for photons over 4 slaves).
+that go the same way are joined while they wait, whichever tasks they belong to; work_at_hand.py says how many are
+handled in a turn.
 
 The shell in loop.py brings events and carries out instructions.
 """
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 
-from wdpm.cluster.batch import OF_MAPS, TO_HOME, Batch
+from wdpm.cluster.batch import OF_MAPS, Batch
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.messages import checks, protocol
-from wdpm.cluster.queues import Queues
 from wdpm.cluster.slave import jobs
 from wdpm.cluster.slave.attempts import Attempts
 from wdpm.cluster.slave.cells import ArrivingCells
+from wdpm.cluster.slave.destination import destination_of
 from wdpm.cluster.slave.events import (
     AnswerPeer,
     Computed,
@@ -28,6 +28,7 @@ from wdpm.cluster.slave.events import (
     Exit,
     Instruction,
     Leave,
+    Look,
     MasterLost,
     MasterRefused,
     MasterSaid,
@@ -44,8 +45,8 @@ from wdpm.cluster.slave.events import (
     Unreadable,
 )
 from wdpm.cluster.slave.jobs import Job, Outcome
-from wdpm.cluster.slave.map_material import MapMaterial
 from wdpm.cluster.slave.peers import Peers
+from wdpm.cluster.slave.work_at_hand import WorkAtHand
 from wdpm.scenes.errors import ProtocolError
 
 SLOW_BUILD_S = 3.0
@@ -64,6 +65,7 @@ class Slave:
         patience: how long it waits for the master's first answer [s].
         limits: of joining; the master's heartbeats hold once it has joined.
         rejoin: how long it waits for a master that it has lost; None for as long as for the first answer.
+        hold_s: how long a few rows wait for more: see WorkAtHand.
     """
 
     def __init__(
@@ -73,6 +75,7 @@ class Slave:
         patience: float,
         limits: ClusterLimits | None = None,
         rejoin: float | None = None,
+        hold_s: float = 0.0,
     ) -> None:
         self._hello = hello
         self._endpoint = endpoint
@@ -87,10 +90,7 @@ class Slave:
         self._arriving: ArrivingCells | None = None
         self._had: frozenset[int] = frozenset()  # cells of the worker that was built last
         self._peers = Peers(self._limits.peer_answer_s, self._limits.dead_s)
-        self._orders: deque[Job] = deque()
-        self._material = MapMaterial()
-        self._batches = Queues()
-        self._tasks: deque[jobs.StartTask] = deque()
+        self._work = WorkAtHand(hold_s)
         self._running: list[tuple[int, Job]] = []  # with the epoch of each
         self._running_since = 0.0
         self._slow_build_told = False
@@ -112,6 +112,11 @@ class Slave:
         """Messages that were not used, by reason."""
         return dict(self._dropped)
 
+    @property
+    def look_at(self) -> float | None:
+        """When it wants to be told the time, by Look, since something waits till then; None if nothing does."""
+        return self._work.look_at
+
     def handle(self, event: Event, now: float) -> list[Instruction]:
         """What to do about an event.
 
@@ -124,7 +129,8 @@ class Slave:
             out = self._dispatch(event, now)
         except ProtocolError as error:
             return self._fail(str(error))
-        if not self._ended:
+        more = isinstance(event, PeerSaid) and event.more
+        if not (self._ended or more):
             out += self._next_jobs(now)
         return out
 
@@ -133,7 +139,7 @@ class Slave:
             case MasterSaid(message):
                 self._heard_at = now
                 return self._master_said(message, now)
-            case PeerSaid(identity, message):
+            case PeerSaid(identity, message, _):
                 return self._peer_said(identity, message)
             case PeerAnswered(number, message):
                 return self._peers.answered(number, message)
@@ -141,6 +147,8 @@ class Slave:
                 return self._computed(outcome)
             case Tick():
                 return self._tick(now)
+            case Look():
+                return []  # what is held may begin
             case Start():
                 self._attempts.begin(now)
                 self._ticked_at = now
@@ -247,10 +255,7 @@ class Slave:
     def _clear(self, epoch: int) -> None:
         """Begin an epoch: what was ordered and came before is void, and so is what a running job will bring."""
         self._epoch = epoch
-        self._orders.clear()
-        self._material = MapMaterial()
-        self._batches = Queues()
-        self._tasks.clear()
+        self._work.clear()
         self._running = [(-1, job) for _, job in self._running]
 
     def _leave(self, reason: str) -> list[Instruction]:
@@ -307,17 +312,17 @@ class Slave:
             case protocol.Partition():
                 return self._receive(message)
             case protocol.StartTask(_, task):
-                self._tasks.append(jobs.StartTask(task))
+                self._work.tasks.append(jobs.StartTask(task))
             case protocol.BuildMaps():
                 return self._build_maps(message, now)
             case protocol.SetView(_, view):
-                self._orders.append(jobs.SetView(view))
+                self._work.orders.append(jobs.SetView(view))
             case protocol.SetRecords(_, records):
-                self._orders.append(jobs.SetRecords(records))
+                self._work.orders.append(jobs.SetRecords(records))
             case protocol.ForgetPhotons(_, plan):
-                self._orders.append(jobs.ForgetPhotons(plan))
+                self._work.orders.append(jobs.ForgetPhotons(plan))
             case protocol.ReadStatistics():
-                self._orders.append(jobs.ReadStatistics())
+                self._work.orders.append(jobs.ReadStatistics())
         return []
 
     def _set_up(self, setup: protocol.Setup, welcome: protocol.Welcome, now: float) -> list[Instruction]:
@@ -344,7 +349,7 @@ class Slave:
         for copy in order.copies:
             if not (copy.cell < len(self._setup.holders) and self._setup.holders[copy.cell] == self.number):
                 raise ProtocolError(f"BuildMaps asks for copies of cell {copy.cell}, which is not held here")
-        self._orders += self._material.ordered(order)
+        self._work.orders += self._work.material.ordered(order)
         others = {copy.slave: copy.endpoint for copy in order.copies}
         return self._connect({**self._peers.endpoints, **others}, self._welcome, now) if others else []
 
@@ -360,7 +365,9 @@ class Slave:
         if arriving.complete:
             self._arriving = None
             cells = arriving.take()
-            self._orders.append(jobs.Build(self.number, setup.world, cells, setup.holders, setup.kept, setup.scene))
+            self._work.orders.append(
+                jobs.Build(self.number, setup.world, cells, setup.holders, setup.kept, setup.scene)
+            )
 
     def _peer_said(self, identity: bytes, message: protocol.FromPeer) -> list[Instruction]:
         if isinstance(message, protocol.PeerHello):
@@ -372,13 +379,15 @@ class Slave:
             return self._peers.greeted(identity, message, self._welcome.number)
         peer = self._peers.number_of(identity)
         if peer is None:
-            return self._stranger(identity, "PeerBatch without PeerHello")
+            return self._stranger(identity, "PeerBatches without PeerHello")
         if message.epoch != self._epoch:
-            return self._drop("PeerBatch of another epoch")
-        self._check_destination(message.batch, f"slave {peer}")
-        if self._setup is not None:
-            checks.check_batch(message.batch, self._setup.world)
-        self._enqueue(message.batch)
+            return self._drop("PeerBatches of another epoch")
+        for batch in message.batches:
+            if destination_of(batch, self._setup, f"slave {peer}") != self.number:
+                raise ProtocolError(f"a {batch.kind.value} batch of slave {peer} is not for slave {self.number}")
+            if self._setup is not None:
+                checks.check_batch(batch, self._setup.world)
+            self._work.add(batch)
         return []
 
     def _unreadable_peer(self, identity: bytes, reason: str) -> list[Instruction]:
@@ -396,50 +405,23 @@ class Slave:
 
     # Jobs.
 
-    def _destination(self, batch: Batch, source: str) -> int:
-        holders = () if self._setup is None else self._setup.holders
-        slaves = 0 if self._setup is None else len(self._setup.peers)
-        home_known = batch.kind in OF_MAPS or 0 <= batch.home < slaves
-        if not (0 <= batch.cell < len(holders) and home_known):
-            raise ProtocolError(
-                f"a {batch.kind.value} batch of {source} is for cell {batch.cell} and home {batch.home}; "
-                f"there are {len(holders)} cells and {slaves} slaves"
-            )
-        return batch.home if batch.kind in TO_HOME else holders[batch.cell]
-
-    def _check_destination(self, batch: Batch, source: str) -> None:
-        if self._destination(batch, source) != self.number:
-            raise ProtocolError(f"a {batch.kind.value} batch of {source} is not for slave {self.number}")
-
-    def _enqueue(self, batch: Batch) -> None:
-        if batch.kind in OF_MAPS:
-            self._material.add(batch)
-        else:
-            self._batches.add(batch)
-
     def _next_jobs(self, now: float) -> list[Instruction]:
         out: list[Instruction] = []
-        while (job := self._next_job()) is not None:
+        while (job := self._next_job(now)) is not None:
             self._running.append((self._epoch, job))
             self._running_since = now
             out.append(Run(job))
         return out
 
-    def _next_job(self) -> Job | None:
+    def _next_job(self, now: float) -> Job | None:
         """One job at a time; but tasks that need no other slave are done several at once, where that is possible."""
         if self._running:
             tasks_alone = self._holds_all and all(isinstance(job, jobs.StartTask) for _, job in self._running)
             room = self._hello.processes > 1 and len(self._running) < QUEUED * self._hello.processes
-            if not (tasks_alone and room and self._tasks) or self._orders:
+            if not (tasks_alone and room and self._work.tasks) or self._work.orders:
                 return None
-            return self._tasks.popleft()
-        if self._orders:
-            return self._orders.popleft()
-        if self._material:
-            return jobs.HandleBatch(self._material.pop())
-        if self._batches:
-            return jobs.HandleBatch(self._batches.pop())
-        return self._tasks.popleft() if self._tasks else None
+            return self._work.tasks.popleft()
+        return self._work.next_job(now)
 
     @property
     def _holds_all(self) -> bool:
@@ -453,18 +435,22 @@ class Slave:
         if epoch != self._epoch:
             return self._drop("outcome of another epoch")  # a Setup came while the worker was busy
         if isinstance(job, jobs.SendCopies | jobs.SortTrees | jobs.BuildMaps):
-            self._orders += self._material.sent(job, len(outcome.batches))
+            self._work.orders += self._work.material.sent(job, len(outcome.batches))
             return [
-                ToPeer(copy.slave, protocol.PeerBatch(copy.epoch, batch))
+                ToPeer(copy.slave, protocol.PeerBatches(copy.epoch, (batch,)))
                 for copy, batch in zip(job.copies if outcome.batches else (), outcome.batches, strict=True)
             ]
         out: list[Instruction] = []
+        leaving: dict[int, list[Batch]] = {}
         for batch in outcome.batches:
-            destination = self._destination(batch, "this slave")
+            destination = destination_of(batch, self._setup, "this slave")
             if destination == self.number:
-                self._enqueue(batch)
+                self._work.add(batch)
+            elif batch.kind in OF_MAPS:  # large, and many
+                out.append(ToPeer(destination, protocol.PeerBatches(self._epoch, (batch,))))
             else:
-                out.append(ToPeer(destination, protocol.PeerBatch(self._epoch, batch)))
+                leaving.setdefault(destination, []).append(batch)
+        out += [ToPeer(peer, protocol.PeerBatches(self._epoch, tuple(sent))) for peer, sent in leaving.items()]
         out += [ToMaster(protocol.TaskDone(self._epoch, result)) for result in outcome.results]
         return out + self._acknowledge(job, outcome)
 
@@ -494,7 +480,7 @@ class Slave:
                 values = {**(outcome.statistics or {}), "dropped": self.dropped}
                 return [ToMaster(protocol.Statistics(self._epoch, values))]
             case jobs.ExchangeGhosts():
-                self._orders += self._material.exchanged(outcome.ghosts_expected)
-            case jobs.HandleBatch(batch) if batch.kind in OF_MAPS:
-                self._orders += self._material.handled(batch)
+                self._work.orders += self._work.material.exchanged(outcome.ghosts_expected)
+            case jobs.HandleBatches(batches) if batches[0].kind in OF_MAPS:
+                self._work.orders += self._work.material.handled(batches[0])
         return []

@@ -20,6 +20,7 @@ from wdpm.cluster.slave.computer import ComputeThread
 from wdpm.cluster.slave.jobs import Compute, WorkerFactory
 from wdpm.cluster.slave.loop import FROM_PEER, SlaveLoop, SlaveShell, Tell
 from wdpm.cluster.slave.machine import Slave
+from wdpm.cluster.slave.work_at_hand import HOLD_S
 from wdpm.cluster.transport.keys import Keys
 from wdpm.cluster.transport.registry import transport_of
 from wdpm.cluster.transport.transport import Role
@@ -75,7 +76,7 @@ def run_slave(
             listener.endpoint,
             own_memory=memory or 0,
         )
-        state = Slave(hello, master, patience, limits, rejoin)
+        state = Slave(hello, master, patience, limits, rejoin, HOLD_S)
         computer = ComputeThread(Compute(make_worker, tell_scene=tell_scene))
         shell = SlaveShell(state, network, listener, resolved, computer.submit, tell or _to_stderr, account=Account())
         stack.callback(shell.close)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
-from wdpm.cluster.messages.protocol import Heartbeat, Message, PeerBatch, Vitals
+from wdpm.cluster.messages.protocol import Heartbeat, Message, PeerBatches, Vitals
 
 COUNTS = ("messages", "batches_by_rays", "batches_by_bytes")
 
@@ -23,9 +23,9 @@ class Sent:
         if isinstance(message, Heartbeat | Vitals):
             return
         self._counts["messages"][type(message).__name__] += 1
-        if isinstance(message, PeerBatch):
-            self._counts["batches_by_rays"][power_below(len(message.batch))] += 1
-            self._counts["batches_by_bytes"][power_below(message.batch.nbytes)] += 1
+        for batch in message.batches if isinstance(message, PeerBatches) else ():
+            self._counts["batches_by_rays"][power_below(len(batch))] += 1
+            self._counts["batches_by_bytes"][power_below(batch.nbytes)] += 1
 
     def take(self) -> dict[str, dict[str, int]]:
         """The counts, which begin anew."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, take
 from wdpm.cluster.rows import any_of
+from wdpm.cluster.runs import Runs
 from wdpm.cluster.work import guards
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica
@@ -74,11 +75,11 @@ class Beams:
         arrays["radiance"] = self._told_of(arrays["radiance"], clamped)
         onward = next_beam_cells(replica, arrays, self._cell)
         for cell, rows in by_destination(onward, onward >= 0):
-            yield Batch(Kind.BEAM, batch.task, batch.home, cell, len(rows), take(arrays, rows))
+            yield Batch(Kind.BEAM, cell, batch.runs.among(rows).with_unit(), take(arrays, rows))
         ended = np.flatnonzero(onward < 0)
         if len(ended):
             lit = self._end(take(arrays, ended))
-            yield Batch(Kind.LIT, batch.task, batch.home, self._cell, len(ended), lit)
+            yield Batch(Kind.LIT, self._cell, batch.runs.among(ended).with_unit(), lit)
 
     def _told_of(self, throughput: NDArray[np.float32], clamped: NDArray[np.int32]) -> NDArray[np.float32]:
         """Count what was clamped. Whose beam it is only the home knows: in a strict render a NaN tells it."""
@@ -98,8 +99,12 @@ class Beams:
         return lit
 
 
-def start_beams(replica: Replica, cause: Batch, stretches: Any) -> Iterator[Batch]:
-    """Send the stretches that lie in a medium to the first cell on their way. Each carries a credit of one."""
+def start_beams(replica: Replica, runs: Runs, stretches: Any) -> Iterator[Batch]:
+    """Send the stretches that lie in a medium to the first cell on their way. Each carries a credit of one.
+
+    Args:
+        runs: whose they are.
+    """
     if replica.world.volume_map.paths == 0:
         return
     arrays = columns.download(stretches, [*STRETCH, "sample"])
@@ -111,8 +116,9 @@ def start_beams(replica: Replica, cause: Batch, stretches: Any) -> Iterator[Batc
     arrays["radiance"] = arrays["radiance"] * weight
     beams = {**take(arrays, rows), **{name: np.zeros(len(rows), np.int64) for name in _SUMS}}
     first = next_beam_cells(replica, beams, -1)
+    lit_runs = runs.among(rows)
     for cell, sent in by_destination(first, first >= 0):
-        yield Batch(Kind.BEAM, cause.task, cause.home, cell, len(sent), take(beams, sent))
+        yield Batch(Kind.BEAM, cell, lit_runs.among(sent).with_unit(), take(beams, sent))
 
 
 def chosen_samples(view: View | None, sample: NDArray[np.int32]) -> tuple[NDArray[np.bool_], np.float32]:

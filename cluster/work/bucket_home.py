@@ -15,10 +15,11 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.allotment import Piece, sample_groups, waves
-from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, concatenate, take
+from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, concatenate, take, take_some
 from wdpm.cluster.layers import layers_of
 from wdpm.cluster.render_settings import Routing
 from wdpm.cluster.rows import in_order, put_rows, take_rows
+from wdpm.cluster.runs import Runs
 from wdpm.cluster.task import BucketRendered, BucketTask
 from wdpm.cluster.work import parts
 from wdpm.cluster.work.guards import BEAMS_CLAMPED, VOLUME, Guards
@@ -206,7 +207,15 @@ class BucketHome:
             self._guards.act(BEAMS_CLAMPED if clamped else VOLUME, np.arange(len(bad)), whose)
 
     def _merge(self, found: Arrays) -> None:
-        """Nearest first; of equally near hits the smaller triangle number (exactness contract, item 2)."""
+        """Nearest first; of equally near hits the smaller triangle number (exactness contract, item 2).
+
+        Hits of several cells may have come together, so that there are several of a slot.
+        """
+        order = np.lexsort((found["prim"], found["t"], found["slot"]))
+        slot = found["slot"][order]
+        best = np.ones(len(slot), np.bool_)
+        best[1:] = slot[1:] != slot[:-1]
+        found = take_some(found, order[best])
         slot = found["slot"]
         t, prim = self._rays["t"][slot], self._rays["prim"][slot]
         nearer = (prim < 0) | (found["t"] < t) | ((found["t"] == t) & (found["prim"] < prim))
@@ -222,9 +231,8 @@ class BucketHome:
             yield self._batch(Kind.SHADE, cell, len(rows) * unit, take(self._rays, rows))
         missed = np.flatnonzero(~hit)
         if len(missed):
-            cause = self._batch(Kind.CAMERA, -1, 0, {})
-            rest = take(self._rays, missed)
-            yield from missed_light(self._replica, self._guards, cause, -1, rest, len(missed) * unit)
+            runs = Runs.one(self._number, self.task.number, len(missed), len(missed) * unit)
+            yield from missed_light(self._replica, self._guards, runs, -1, take(self._rays, missed))
 
     def _finish_wave(self) -> None:
         """Add the wave's samples to the pixels' sums, in the order of their numbers."""
@@ -322,7 +330,7 @@ class BucketHome:
         return BucketRendered(self.task.number, self.task.x0, self.task.y0, layers)
 
     def _batch(self, kind: Kind, cell: int, credit: int, arrays: Arrays) -> Batch:
-        return Batch(kind, self.task.number, self._number, cell, credit, arrays)
+        return Batch.of_task(kind, self.task.number, self._number, cell, credit, arrays)
 
     def _check_slots(self, batch: Batch) -> None:
         """Slots come over the wire: none may point outside."""

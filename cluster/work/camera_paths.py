@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take, take_in_order
+from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, joined, take, take_in_order
 from wdpm.cluster.rows import any_of, largest_of, take_rows
+from wdpm.cluster.runs import Runs
 from wdpm.cluster.work import guards, parts
 from wdpm.cluster.work.beams import Beams, start_beams
 from wdpm.cluster.work.final_gather import Actions, FinalGather
-from wdpm.cluster.work.misses import missed_light, no_hits, start_paths
+from wdpm.cluster.work.misses import missed_light, no_hits, rest_of, start_paths
 from wdpm.cluster.work.photon_gathers import PhotonGathering
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica, orders_of
@@ -78,42 +80,41 @@ class CameraLight:
         rays, onward = self._intersect(batch.arrays)
         unit = parts.credit_of_camera_ray(self._view.light_samples)
         for cell, rows in by_destination(onward, onward >= 0):
-            yield self._batch(batch, Kind.CAMERA, cell, len(rows) * unit, take(rays, rows))
+            yield Batch(Kind.CAMERA, cell, batch.runs.among(rows).with_unit(unit), take(rays, rows))
         final = onward < 0
         hit = rays["prim"] >= 0
         for cell, rows in by_destination(rays["owner"], final & hit):
-            yield self._batch(batch, Kind.SHADE, cell, len(rows) * unit, take(rays, rows))
+            yield Batch(Kind.SHADE, cell, batch.runs.among(rows).with_unit(unit), take(rays, rows))
         missed = np.flatnonzero(final & ~hit)
         if len(missed):
-            rest = take(rays, missed)
-            yield from missed_light(self._replica, self.guards, batch, self._cell, rest, len(missed) * unit)
+            runs = batch.runs.among(missed).with_unit(unit)
+            yield from missed_light(self._replica, self.guards, runs, self._cell, take(rays, missed))
 
     def probe(self, batch: Batch) -> Iterator[Batch]:
         """Intersect camera rays with this cell alone, and tell the home what was hit."""
         rays, _ = self._intersect({**batch.arrays, **no_hits(len(batch), self._view)})
         found = np.flatnonzero(rays["prim"] >= 0)
-        yield self._batch(
-            batch, Kind.PROBED, self._cell, batch.credit, {name: rays[name][found] for name in SCHEMAS[Kind.PROBED]}
-        )
+        hits = {name: rays[name][found] for name in SCHEMAS[Kind.PROBED]}
+        yield Batch(Kind.PROBED, self._cell, batch.runs.among(found).with_credit(batch.runs.credit), hits)
 
     def visit_candidates(self, batch: Batch) -> Iterator[Batch]:
         """As visit_camera, for rays that look for places of irradiance records. Each carries a credit of one."""
         rays, onward = self._intersect(batch.arrays)
         hit = rays["prim"] >= 0
         for cell, rows in by_destination(onward, onward >= 0):
-            yield self._batch(batch, Kind.CANDIDATE, cell, len(rows), take(rays, rows))
+            yield Batch(Kind.CANDIDATE, cell, batch.runs.among(rows).with_unit(), take(rays, rows))
         for cell, rows in by_destination(rays["owner"], (onward < 0) & hit):
-            yield self._batch(batch, Kind.CANDIDATE_HIT, cell, len(rows), take(rays, rows))
-        missed = np.count_nonzero((onward < 0) & ~hit)
-        if missed:
-            yield self._batch(batch, Kind.ENDED, self._cell, int(missed), {})
+            yield Batch(Kind.CANDIDATE_HIT, cell, batch.runs.among(rows).with_unit(), take(rays, rows))
+        missed = (onward < 0) & ~hit
+        if missed.any():
+            yield Batch(Kind.ENDED, self._cell, batch.runs.without_rows(batch.runs.sums(missed)), {})
 
     def find_record_sites(self, batch: Batch) -> Iterator[Batch]:
         """Tell the home where among the final hits of rays through candidates a record is wanted."""
         rays = columns.upload(Rays, batch.arrays, self._replica.launcher.device)
         paths = start_paths(self._replica, rays, len(batch))
-        sites = self.final_gather.sites(paths, batch.arrays["slot"])
-        yield self._batch(batch, Kind.RECORD_SITES, self._cell, len(batch), sites)
+        rows, sites = self.final_gather.sites(paths, batch.arrays["slot"])
+        yield Batch(Kind.RECORD_SITES, self._cell, batch.runs.among(rows).with_credit(batch.runs.rows), sites)
 
     def _intersect(self, arrays: Arrays) -> tuple[Arrays, NDArray[np.int32]]:
         """Camera rays with their best hits refined by this cell, and the cell that each visits next or -1."""
@@ -155,7 +156,8 @@ class CameraLight:
         ):
             rows = np.flatnonzero(chosen)
             if len(rows):
-                some = self._batch(batch, Kind.SHADE, self._cell, len(rows) * unit, take(batch.arrays, rows))
+                runs = batch.runs.among(rows).with_unit(unit)
+                some = Batch(Kind.SHADE, self._cell, runs, take(batch.arrays, rows))
                 few = items if len(rows) == len(batch) else columns.chosen(struct, items, rows, device)
                 yield from self._shade_hits(some, kernel, few, None if actions is None else actions.take(rows))
 
@@ -179,7 +181,7 @@ class CameraLight:
         for name, cause in (("emission", guards.EMISSION), ("indirect", guards.INDIRECT)):
             samples[name] = self.guards.blacken(samples[name], cause, batch.arrays)
         follows += self._first_caustics(batch, shaded)
-        yield self._batch(batch, Kind.SAMPLES, self._cell, rest_of(batch.credit, follows), samples)
+        yield Batch(Kind.SAMPLES, self._cell, batch.runs.with_credit(rest_of(batch.runs, follows)), samples)
         yield from follows
 
     def _first_caustics(self, batch: Batch, shaded: Any) -> list[Batch]:
@@ -189,7 +191,8 @@ class CameraLight:
         radiance = self.gathering.reflected(CAUSTIC_MAP, shaded.queries, shaded.coats, batch.arrays)
         none = np.zeros(len(batch), np.int32)
         arrays = {**batch.arrays, "bounce": none, "diffuse": none}
-        return [self._batch(batch, Kind.LIT, self._cell, len(batch), self._part(arrays, parts.CAUSTIC, radiance))]
+        lit = self._part(batch.runs, arrays, parts.CAUSTIC, radiance)
+        return [replace(lit, runs=lit.runs.with_credit(batch.runs.rows))]
 
     # Paths beyond their first surface
 
@@ -215,13 +218,13 @@ class CameraLight:
         )
         onward, paths = array.numpy(), columns.download(rays, SCHEMAS[Kind.PATH])
         hit = paths["prim"] >= 0
-        yield from self._send_paths(batch, Kind.PATH, paths, onward, onward >= 0)
-        yield from self._send_paths(batch, Kind.VERTEX, paths, paths["owner"], (onward < 0) & hit, by="prim")
+        yield from self._send_paths(batch.runs, Kind.PATH, paths, onward, onward >= 0)
+        yield from self._send_vertices(batch.runs, paths, (onward < 0) & hit)
         missed = np.flatnonzero((onward < 0) & ~hit)
         if len(missed):
             rest = take(paths, missed)
-            credit = parts.credit_of(rest["bounce"], self._view.light_samples)
-            yield from missed_light(replica, self.guards, batch, self._cell, rest, credit)
+            runs = self._with_credit(batch.runs.among(missed), rest)
+            yield from missed_light(replica, self.guards, runs, self._cell, rest)
 
     def shade_vertices(self, batch: Batch) -> Iterator[Batch]:
         """Light final hits of paths in this cell."""
@@ -238,8 +241,10 @@ class CameraLight:
         }
         if self._replica.world.caustic_map.paths:
             seen[parts.CAUSTIC] = self._later_caustics(shaded, arrays, actions)
-        lit = concatenate([*(self._part(arrays, part, light) for part, light in seen.items()), *reaches], Kind.LIT)
-        yield self._batch(batch, Kind.LIT, self._cell, rest_of(batch.credit, follows), lit)
+        told = [self._part(batch.runs, arrays, part, light) for part, light in seen.items()]
+        told += [Batch(Kind.LIT, self._cell, batch.runs.among(rows), reach) for rows, reach in reaches]
+        lit = joined(told)
+        yield replace(lit, runs=lit.runs.with_credit(rest_of(batch.runs, follows)))
         yield from follows
 
     def _decide(self, paths: Any, arrays: Arrays) -> Actions | None:
@@ -273,12 +278,13 @@ class CameraLight:
         lambertian: NDArray[np.bool_] = columns.member(shaded.coats.bsdf, "kind").numpy() == int(DIFFUSE)
         return lambertian
 
-    def _part(self, arrays: Arrays, part: int, radiance: NDArray[np.float32]) -> Arrays:
-        """One part of each vertex, where it is not black."""
+    def _part(self, runs: Runs, arrays: Arrays, part: int, radiance: NDArray[np.float32]) -> Batch:
+        """One part of each vertex, where it is not black, without credit."""
         radiance = self.guards.blacken(radiance, _CAUSE[part], arrays)
         rows = np.flatnonzero(any_of(radiance))
         place = parts.place_of(arrays["bounce"][rows], arrays["diffuse"][rows], part, self._view.light_samples)
-        return {"slot": arrays["slot"][rows], "place": place, "radiance": take_rows(radiance, rows)}
+        lit = {"slot": arrays["slot"][rows], "place": place, "radiance": take_rows(radiance, rows)}
+        return Batch(Kind.LIT, self._cell, runs.among(rows), lit)
 
     def _shade(self, kernel: wp.Kernel | None, rays: Any, count: int, shots: int, actions: Actions | None) -> Any:
         """Run a kernel that shades vertices; returns kernels.camera.vertices.Shaded.
@@ -336,7 +342,7 @@ class CameraLight:
         if columns.are_there(shaded.paths):
             yield from self._start_paths(cause, shaded.paths)
         if features.media:
-            yield from start_beams(self._replica, cause, shaded.stretches)
+            yield from start_beams(self._replica, cause.runs, shaded.stretches)
 
     def _start_paths(self, cause: Batch, going_on: Any) -> Iterator[Batch]:
         replica = self._replica
@@ -346,7 +352,7 @@ class CameraLight:
         self.guards.act(guards.PATHS_CUT, np.flatnonzero(paths["bounce"] >= parts.LAST_BOUNCE), cause.arrays)
         carries = largest_of(paths["throughput"]) > 0.0
         if replica.world.top_tree.cells == 1:
-            yield from self._send_paths(cause, Kind.PATH, paths, np.zeros(len(carries), np.int32), carries)
+            yield from self._send_paths(cause.runs, Kind.PATH, paths, np.zeros(len(carries), np.int32), carries)
             return
         carrying = np.flatnonzero(carries)
         if not len(carrying):
@@ -356,25 +362,27 @@ class CameraLight:
         rays = columns.upload(Paths, paths, replica.launcher.device)
         replica.launcher(first_path_cells, len(paths["slot"]), cells=replica.cells, paths=rays, next_cell_out=first)
         destination = first.numpy()
-        yield from self._send_paths(cause, Kind.PATH, paths, destination, destination >= 0)
+        runs = cause.runs.among(carrying)
+        yield from self._send_paths(runs, Kind.PATH, paths, destination, destination >= 0)
 
     def _send_paths(
-        self,
-        cause: Batch,
-        kind: Kind,
-        paths: Arrays,
-        destination: NDArray[np.int32],
-        chosen: NDArray[np.bool_],
-        by: str | None = None,
+        self, runs: Runs, kind: Kind, paths: Arrays, destination: NDArray[np.int32], chosen: NDArray[np.bool_]
     ) -> Iterator[Batch]:
-        """Send the chosen paths where they are to go.
-
-        Args:
-            by: the column by which they are to be in order, or None for as they are.
-        """
+        """Send the chosen paths where they are to go."""
         for cell, rows in by_destination(destination, chosen):
-            sent = take(paths, rows) if by is None else take_in_order(paths, rows, by)
-            yield self._batch(cause, kind, cell, parts.credit_of(sent["bounce"], self._view.light_samples), sent)
+            sent = take(paths, rows)
+            yield Batch(kind, cell, self._with_credit(runs.among(rows), sent), sent)
+
+    def _send_vertices(self, runs: Runs, paths: Arrays, chosen: NDArray[np.bool_]) -> Iterator[Batch]:
+        """Send the chosen paths to the cells of their hits: those of a task in the order of the triangles."""
+        for cell, rows in by_destination(paths["owner"], chosen):
+            mine = runs.among(rows)
+            sent = take_in_order(paths, rows, "prim", mine)
+            yield Batch(Kind.VERTEX, cell, self._with_credit(mine, sent), sent)
+
+    def _with_credit(self, runs: Runs, paths: Arrays) -> Runs:
+        """Runs of paths with the credit of these."""
+        return runs.with_credit(runs.sums(parts.credit_of(paths["bounce"], self._view.light_samples)))
 
     # Odds and ends
 
@@ -387,18 +395,9 @@ class CameraLight:
     def _integers(self, count: int) -> Any:
         return wp.empty(count, dtype=wp.int32, device=self._replica.launcher.device)
 
-    def _batch(self, cause: Batch, kind: Kind, cell: int, credit: int, arrays: Arrays) -> Batch:
-        """What follows from a batch: the same task, the same home."""
-        return Batch(kind, cause.task, cause.home, cell, credit, arrays)
-
 
 _CAUSE = {
     parts.EMISSION: guards.EMISSION,
     parts.INDIRECT: guards.INDIRECT,
     parts.CAUSTIC: guards.CAUSTIC,
 }
-
-
-def rest_of(credit: int, follows: Sequence[Batch]) -> int:
-    """What is left of a batch's credit for its result."""
-    return credit - sum(batch.credit for batch in follows)

@@ -172,21 +172,21 @@ class Cell:
 
     def _trace(self, batch: Batch) -> Iterator[Batch]:
         """Follow photons until each has left the cell or ended. Each carries a credit of one."""
-        arrays, landed = batch.arrays, batch.kind is Kind.LANDED
-        ended = 0
+        arrays, landed, runs = batch.arrays, batch.kind is Kind.LANDED, batch.runs
+        ended = np.zeros(len(runs), np.int64)
         while True:
             flown, status, destination = self._launch_trace(arrays, landed)
-            ended += int(np.count_nonzero(status == pf.ENDED))
+            ended += runs.sums(status == pf.ENDED)
             self._count_cut(flown, status)
             for kind, code in ((Kind.PHOTON, pf.TRAVELS), (Kind.LANDED, pf.LANDS)):
                 for cell, rows in by_destination(destination, status == code):
-                    yield Batch(kind, batch.task, batch.home, cell, len(rows), take(flown, rows))
+                    yield Batch(kind, cell, runs.among(rows).with_unit(), take(flown, rows))
             waiting = np.flatnonzero(status == pf.WAITS)
             if not len(waiting):
                 break
-            arrays, landed = take(flown, waiting), True
-        if ended:
-            yield Batch(Kind.ENDED, batch.task, batch.home, self.number, ended, {})
+            arrays, landed, runs = take(flown, waiting), True, runs.among(waiting)
+        if ended.any():
+            yield Batch(Kind.ENDED, self.number, runs.without_rows(ended), {})
 
     def _count_cut(self, flown: Arrays, status: NDArray[np.int32]) -> None:
         """Count the photons that ended at the limit of bounces, and not because they left the scene there."""

@@ -92,8 +92,8 @@ class Actions:
         told = self.by_photons[rows], self.by_length[rows]
         return Actions(self.codes[rows], *told, self.radiance[rows], self.length[rows])
 
-    def reaches(self, arrays: Arrays, light_samples: int) -> Iterator[Arrays]:
-        """How far gather rays of records went, as parts for their homes.
+    def reaches(self, arrays: Arrays, light_samples: int) -> Iterator[tuple[NDArray[np.intp], Arrays]]:
+        """How far gather rays of records went: which rays, and parts for their homes.
 
         Args:
             arrays: of the paths.
@@ -103,7 +103,7 @@ class Actions:
             how_far = np.zeros((len(rows), 3), np.float32)
             how_far[:, 0] = self.length[rows]
             place = parts.place_of(arrays["bounce"][rows], arrays["diffuse"][rows], parts.REACH, light_samples)
-            yield {"slot": arrays["slot"][rows], "place": place, "radiance": how_far}
+            yield rows, {"slot": arrays["slot"][rows], "place": place, "radiance": how_far}
 
 
 class FinalGather:
@@ -186,8 +186,8 @@ class FinalGather:
         longer: NDArray[np.bool_] = edges + (onward + self._replica.world.irradiance.longest) > most
         return longer
 
-    def sites(self, paths: Any, slot: NDArray[np.int32]) -> Arrays:
-        """The final hits where a record is wanted, as kernels.ray_fields.SITE.
+    def sites(self, paths: Any, slot: NDArray[np.int32]) -> tuple[NDArray[np.intp], Arrays]:
+        """The final hits where a record is wanted: which, and what kernels.ray_fields.SITE says of them.
 
         Args:
             paths: rays through candidates, as kernels.camera.paths.Paths.
@@ -199,7 +199,7 @@ class FinalGather:
             rows = rows[weight < np.float32(self._view.cache.wanted)]
         pixel = np.float32(self._replica.pixel_width)
         across = np.ones(len(rows), np.float32) if self._view.camera.orthographic else columns.column(paths, "t")[rows]
-        return {
+        return rows, {
             "slot": slot[rows],
             "position": columns.column(places, "position")[rows],
             "normal": columns.column(places, "normal")[rows],

@@ -296,7 +296,7 @@ def _answer(worker: CellWorker, task: Task, memory: PrivateMemory) -> shares.Fro
         if outbox.batches or len(outbox.results) != 1:
             raise AssertionError(f"task {task.number} was not done by itself")
         photons, values = worker.take_share()
-        batch = Batch(Kind.GHOST_PHOTONS, -1, 0, 0, 0, photons)
+        batch = Batch.of_task(Kind.GHOST_PHOTONS, -1, 0, 0, 0, photons)
         return shares.TaskShared(outbox.results[0], batch, {"values": values}, memory.bytes())
     except Exception as error:
         return shares.TaskFailed(type(error).__name__, str(error), traceback.format_exc())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, take
 from wdpm.cluster.rows import any_of, take_rows
+from wdpm.cluster.runs import Numbers, Runs
 from wdpm.cluster.work import parts
 from wdpm.cluster.work.beams import start_beams
 from wdpm.cluster.work.guards import EMISSION, Guards
@@ -41,23 +42,20 @@ def start_paths(replica: Replica, rays: Any, count: int) -> Any:
     return paths
 
 
-def missed_light(
-    replica: Replica, guards: Guards, cause: Batch, cell: int, rays: Arrays, credit: int
-) -> Iterator[Batch]:
+def missed_light(replica: Replica, guards: Guards, runs: Runs, cell: int, rays: Arrays) -> Iterator[Batch]:
     """What rays that meet nothing bring home: light of the environment, and of the medium that they are in.
 
     In path tracing some of them collide in their medium: those are vertices of the cell that contains the collision.
 
     Args:
         guards: of camera samples.
-        cause: the batch that they came with.
+        runs: whose they are, with their credit.
         cell: the cell where that became clear.
         rays: CAMERA rays, or rays of a PATH.
-        credit: theirs.
     """
     view, features = replica.view, replica.world.features
     if view is None or not features.misses:
-        yield Batch(Kind.ENDED, cause.task, cause.home, cell, credit, {})
+        yield Batch(Kind.ENDED, cell, runs.without_rows(runs.credit), {})
         return
     device, count = replica.launcher.device, len(rays["slot"])
     radiance = wp.empty(count, dtype=wp.vec3, device=device)
@@ -76,12 +74,12 @@ def missed_light(
         collision_out=collision,
         stretches_out=stretches,
     )
-    follows = list(start_beams(replica, cause, stretches)) if features.media else []
+    follows = list(start_beams(replica, runs, stretches)) if features.media else []
     into = collision.numpy()
     if (into >= 0).any():
-        follows += _collisions(cause, columns.download(paths, SCHEMAS[Kind.VERTEX]), into, view.light_samples)
-    left = credit - sum(batch.credit for batch in follows)
-    if not left:  # all collide
+        follows += _collisions(runs, columns.download(paths, SCHEMAS[Kind.VERTEX]), into, view.light_samples)
+    left = rest_of(runs, follows)
+    if not left.any():  # all collide
         yield from follows
         return
     light = guards.blacken(radiance.numpy(), EMISSION, rays)
@@ -93,13 +91,25 @@ def missed_light(
         "place": parts.place_of(bounce, diffuse, parts.EMISSION, view.light_samples),
         "radiance": take_rows(light, rows),
     }
-    yield Batch(Kind.LIT, cause.task, cause.home, cell, left, lit)
+    yield Batch(Kind.LIT, cell, runs.among(rows).with_credit(left), lit)
     yield from follows
 
 
-def _collisions(cause: Batch, paths: Arrays, into: NDArray[np.int32], light_samples: int) -> Iterator[Batch]:
+def rest_of(runs: Runs, follows: Iterable[Batch]) -> Numbers:
+    """What is left of the credit of some runs for what goes home, shape [runs].
+
+    Args:
+        follows: what else follows, its runs those of the same tasks one for one.
+    """
+    left = runs.credit.copy()
+    for batch in follows:
+        left -= batch.runs.credit
+    return left
+
+
+def _collisions(runs: Runs, paths: Arrays, into: NDArray[np.int32], light_samples: int) -> Iterator[Batch]:
     """Paths that collide in their medium on their way out of the scene, by the cell that contains the collision."""
     for cell, rows in by_destination(into, into >= 0):
         sent = take(paths, rows)
-        credit = parts.credit_of(sent["bounce"], light_samples)
-        yield Batch(Kind.VERTEX, cause.task, cause.home, cell, credit, sent)
+        credit = runs.among(rows).sums(parts.credit_of(sent["bounce"], light_samples))
+        yield Batch(Kind.VERTEX, cell, runs.among(rows).with_credit(credit), sent)

@@ -83,9 +83,9 @@ def credit_of_vertex(light_samples: int) -> int:
     return 3 + light_samples
 
 
-def credit_of(bounce: NDArray[np.int32], light_samples: int) -> int:
-    """Credit of some rays of camera paths: enough for all vertices that each may still have."""
-    return int((LAST_BOUNCE + 1 - bounce.astype(np.int64)).sum()) * credit_of_vertex(light_samples)
+def credit_of(bounce: NDArray[np.int32], light_samples: int) -> NDArray[np.int64]:
+    """Credit of each of some rays of camera paths: enough for all vertices that it may still have, shape [rays]."""
+    return (LAST_BOUNCE + 1 - bounce.astype(np.int64)) * credit_of_vertex(light_samples)
 
 
 def credit_of_camera_ray(light_samples: int) -> int:

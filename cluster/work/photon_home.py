@@ -54,7 +54,7 @@ class PhotonHome:
         destination = first.numpy()
         self._credit = int(np.count_nonzero(destination >= 0))
         for cell, rows in by_destination(destination, destination >= 0):
-            yield Batch(Kind.PHOTON, self.task.number, self._number, cell, len(rows), take(arrays, rows))
+            yield Batch.of_task(Kind.PHOTON, self.task.number, self._number, cell, len(rows), take(arrays, rows))
 
     def receive(self, batch: Batch) -> Iterator[Batch]:
         """Take back credit; photons bring nothing else home."""

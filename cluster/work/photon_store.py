@@ -203,7 +203,7 @@ class PhotonStore:
             if cell != self._cell:
                 near = functools.partial(_near, low[cell], high[cell], bands)
                 for kind, piles in copied:
-                    yield Batch(kind, -1, replica.worker, cell, 0, piles.chosen(near))
+                    yield Batch.of_task(kind, -1, replica.worker, cell, 0, piles.chosen(near))
 
     def _spread_points(self, of_maps: Sequence[int]) -> None:
         """Pile up the surface points that lie in this cell: for each of these maps as many as suit it."""

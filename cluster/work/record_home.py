@@ -214,4 +214,4 @@ class RecordHome:
         return Records(self._numbers(), self._site["position"], self._site["shading_normal"], **told)
 
     def _batch(self, kind: Kind, cell: int, credit: int, arrays: Arrays) -> Batch:
-        return Batch(kind, self.task.number, self._number, cell, credit, arrays)
+        return Batch.of_task(kind, self.task.number, self._number, cell, credit, arrays)

@@ -147,7 +147,7 @@ class RecordWave:
         arrays, destination = columns.download(paths, SCHEMAS[Kind.PATH]), first.numpy()
         for cell, rows in by_destination(destination, destination >= 0):
             sent = take(arrays, rows)
-            yield cell, parts.credit_of(sent["bounce"], view.light_samples), sent
+            yield cell, int(parts.credit_of(sent["bounce"], view.light_samples).sum()), sent
 
     def take(self, batch: Batch) -> None:
         """Light that came along some rays, and how far they went."""

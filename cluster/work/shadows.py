@@ -10,6 +10,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, take
+from wdpm.cluster.runs import Runs
 from wdpm.cluster.work import guards
 from wdpm.cluster.work.replica import Replica
 from wdpm.kernels import columns
@@ -45,12 +46,13 @@ class Shadows:
         replica = self._replica
         arrays = columns.download(shots, SCHEMAS[Kind.SHADOW])
         each = len(arrays["slot"]) // len(cause)
+        runs = cause.runs.times(each)
         radiance = self._guards.blacken(arrays["radiance"], guards.DIRECT, cause.arrays, each)
         blackened = radiance is not arrays["radiance"]
         arrays["radiance"] = radiance
         count = len(arrays["slot"])
         if replica.world.top_tree.cells == 1 and not replica.world.features.walks:
-            yield self._batch(cause, Kind.SHADOW, self._cell, count, arrays)
+            yield Batch(Kind.SHADOW, self._cell, runs.with_unit(), arrays)
             return
         segments = columns.part_of(sr.Segments, shots)
         if blackened:
@@ -60,9 +62,9 @@ class Shadows:
         if replica.world.features.walks:
             medium = columns.column(shots, "medium") if replica.world.features.media else np.full(count, -1, np.int32)
             arrays = {**arrays, "medium": medium, **_no_blockers(count)}
-            yield from self._send(cause, Kind.SHADOW_WALK, arrays, first.numpy())
+            yield from self._send(runs, Kind.SHADOW_WALK, arrays, first.numpy())
         else:
-            yield from self._send(cause, Kind.SHADOW, arrays, first.numpy())
+            yield from self._send(runs, Kind.SHADOW, arrays, first.numpy())
 
     def visit(self, batch: Batch) -> Iterator[Batch]:
         """Look for blockers."""
@@ -79,8 +81,8 @@ class Shadows:
             next_cell_out=array,
         )
         onward = array.numpy()
-        yield from self._send(batch, Kind.SHADOW, batch.arrays, onward)
-        yield from self._end(batch, batch.arrays, onward)
+        yield from self._send(batch.runs, Kind.SHADOW, batch.arrays, onward)
+        yield from self._end(batch.runs, batch.arrays, onward)
 
     def visit_walks(self, batch: Batch) -> Iterator[Batch]:
         """Look for the next surface on the way of segments that may pass through some."""
@@ -102,10 +104,10 @@ class Shadows:
             next_cell_out=array,
         )
         arrays, onward = columns.download(walks, SCHEMAS[Kind.SHADOW_WALK]), array.numpy()
-        yield from self._send(batch, Kind.SHADOW_WALK, arrays, onward)
+        yield from self._send(batch.runs, Kind.SHADOW_WALK, arrays, onward)
         met = (onward < 0) & (arrays["prim"] >= 0)
-        yield from self._send(batch, Kind.SHADOW_WALK_HIT, arrays, np.where(met, arrays["owner"], -1))
-        yield from self._end(batch, arrays, np.where(met, 0, onward))
+        yield from self._send(batch.runs, Kind.SHADOW_WALK_HIT, arrays, np.where(met, arrays["owner"], -1))
+        yield from self._end(batch.runs, arrays, np.where(met, 0, onward))
 
     def pass_surfaces(self, batch: Batch) -> Iterator[Batch]:
         """Take segments through the surface that they have met, if it lets light pass."""
@@ -117,29 +119,25 @@ class Shadows:
         array = self._integers(len(batch))
         replica.launcher(kernel, len(batch), scene=self._scene, walks=walks, next_cell_out=array)
         arrays, onward = columns.download(walks, SCHEMAS[Kind.SHADOW_WALK_HIT]), array.numpy()
-        yield from self._send(batch, Kind.SHADOW_WALK, arrays, onward)
-        yield from self._end(batch, arrays, onward)
+        yield from self._send(batch.runs, Kind.SHADOW_WALK, arrays, onward)
+        yield from self._end(batch.runs, arrays, onward)
 
-    def _send(self, cause: Batch, kind: Kind, arrays: Arrays, destination: NDArray[np.int32]) -> Iterator[Batch]:
+    def _send(self, runs: Runs, kind: Kind, arrays: Arrays, destination: NDArray[np.int32]) -> Iterator[Batch]:
         for cell, rows in by_destination(destination, destination >= 0):
-            yield self._batch(cause, kind, cell, len(rows), take(arrays, rows))
+            yield Batch(kind, cell, runs.among(rows).with_unit(), take(arrays, rows))
 
-    def _end(self, cause: Batch, arrays: Arrays, onward: NDArray[np.int32]) -> Iterator[Batch]:
+    def _end(self, runs: Runs, arrays: Arrays, onward: NDArray[np.int32]) -> Iterator[Batch]:
         """Bring home what arrived, and the credit of what did not."""
         clear = np.flatnonzero(onward == sr.SHADOW_CLEAR)
         if len(clear):
             lit = take({name: arrays[name] for name in SCHEMAS[Kind.LIT]}, clear)
-            yield self._batch(cause, Kind.LIT, self._cell, len(clear), lit)
-        blocked = int(np.count_nonzero(onward == sr.SHADOW_BLOCKED))
-        if blocked:
-            yield self._batch(cause, Kind.ENDED, self._cell, blocked, {})
+            yield Batch(Kind.LIT, self._cell, runs.among(clear).with_unit(), lit)
+        blocked = onward == sr.SHADOW_BLOCKED
+        if blocked.any():
+            yield Batch(Kind.ENDED, self._cell, runs.without_rows(runs.sums(blocked)), {})
 
     def _integers(self, count: int) -> Any:
         return wp.empty(count, dtype=wp.int32, device=self._replica.launcher.device)
-
-    def _batch(self, cause: Batch, kind: Kind, cell: int, credit: int, arrays: Arrays) -> Batch:
-        """What follows from a batch: the same task, the same home."""
-        return Batch(kind, cause.task, cause.home, cell, credit, arrays)
 
 
 def _no_blockers(count: int) -> dict[str, NDArray[Any]]:

@@ -6,18 +6,19 @@ Batches between its own cells and homes never leave it. All others are put in th
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
-from wdpm.cluster.batch import OF_MAPS, TO_HOME, Arrays, Batch, Kind, concatenate
+from wdpm.cluster.batch import OF_MAPS, TO_HOME, Arrays, Batch, Kind, by_home, concatenate, take
 from wdpm.cluster.host_memory import peak_memory
 from wdpm.cluster.made_once import MadeOnce
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.queues import Queues, without_bare_credit
 from wdpm.cluster.records import Records, take_near
+from wdpm.cluster.runs import TASK
 from wdpm.cluster.task import BucketTask, PhotonTask, RecordTask, Task
 from wdpm.cluster.work import tally
 from wdpm.cluster.work.bucket_home import BucketHome
@@ -125,14 +126,15 @@ class CellWorker:
         self._busy += time.perf_counter() - began
         return outbox
 
-    def handle(self, batch: Batch) -> Outbox:
-        """Take in a batch that another worker sent."""
+    def handle(self, batches: Sequence[Batch]) -> Outbox:
+        """Take in batches that other workers sent."""
         began = time.perf_counter()
-        self._traffic["bytes_in"] += batch.nbytes
-        if batch.kind in RAYS:
-            self._traffic["rays_in"] += len(batch)
+        for batch in batches:
+            self._traffic["bytes_in"] += batch.nbytes
+            if batch.kind in RAYS:
+                self._traffic["rays_in"] += len(batch)
         outbox = Outbox()
-        self._run([batch], outbox)
+        self._run(batches, outbox)
         self._busy += time.perf_counter() - began
         return outbox
 
@@ -147,7 +149,7 @@ class CellWorker:
     def copies(self, cells: Sequence[int]) -> list[Batch]:
         """The photons that landed in these own cells, for workers of other teams that have them; one batch each."""
         landed = {cell: self.cells[cell].store.so_far() for cell in set(cells)}
-        batches = [Batch(Kind.COPIED_PHOTONS, -1, self.number, cell, 0, landed[cell]) for cell in cells]
+        batches = [Batch.of_task(Kind.COPIED_PHOTONS, -1, self.number, cell, 0, landed[cell]) for cell in cells]
         self._traffic["bytes_out"] += sum(batch.nbytes for batch in batches)
         return batches
 
@@ -179,7 +181,7 @@ class CellWorker:
         began = time.perf_counter()
         orders = {cell: held.store.sort(part, parts) for cell, held in self.cells.items()}
         batches = [
-            Batch(Kind.COPIED_ORDER, -1, self.number, cell, 0, order)
+            Batch.of_task(Kind.COPIED_ORDER, -1, self.number, cell, 0, order)
             for cell in cells
             if (order := orders[cell]) is not None
         ]
@@ -198,7 +200,7 @@ class CellWorker:
         for cell in self.cells.values():
             cell.store.build(part, parts)
         batches = [
-            Batch(Kind.COPIED_IRRADIANCE, -1, self.number, cell, 0, self.cells[cell].store.irradiance_part())
+            Batch.of_task(Kind.COPIED_IRRADIANCE, -1, self.number, cell, 0, self.cells[cell].store.irradiance_part())
             for cell in cells
         ]
         self._traffic["bytes_out"] += sum(batch.nbytes for batch in batches)
@@ -309,31 +311,32 @@ class CellWorker:
         while waiting:
             batch = waiting.pop()
             if batch.kind in TO_HOME:
-                follows = self._home_of(batch).receive(batch)
+                follows = self._receive(batch, outbox)
             else:
                 follows = self._cell_of(batch).advance(batch)
-            for following in follows:
+            for following in by_home(follows):
                 (waiting if self._destination(following) == self.number else leaving).add(following)
-            if batch.kind in TO_HOME:
-                self._finish(batch.task, outbox)
         for batch in without_bare_credit([leaving.pop() for _ in range(len(leaving))]):
             self._send(batch, outbox)
 
     def _start(self, batches: Iterable[Batch], outbox: Outbox) -> None:
         """Send new batches on their way, and work off those that stay here."""
         own = []
-        for batch in batches:
+        for batch in by_home(batches):
             if self._destination(batch) == self.number:
                 own.append(batch)
             else:
                 self._send(batch, outbox)
         self._run(own, outbox)
 
-    def _home_of(self, batch: Batch) -> Home:
-        home = self._homes.get(batch.task)
-        if home is None:
-            raise ProtocolError(f"a {batch.kind.value} batch came home to task {batch.task}, which is unknown here")
-        return home
+    def _receive(self, batch: Batch, outbox: Outbox) -> Iterator[Batch]:
+        """Take in what came home, task by task."""
+        for task, runs, rows in batch.runs.slices(TASK):
+            home = self._homes.get(task)
+            if home is None:
+                raise ProtocolError(f"a {batch.kind.value} batch came home to task {task}, which is unknown here")
+            yield from home.receive(Batch(batch.kind, batch.cell, runs, take(batch.arrays, rows)))
+            self._finish(task, outbox)
 
     def _cell_of(self, batch: Batch) -> Cell:
         if batch.cell not in self.cells:

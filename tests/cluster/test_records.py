@@ -23,7 +23,6 @@ from fake_worker import (
 from master_driver import EPOCH, LIMITS, VERSIONS, A, B, Driver, broken, sent, tasks_of
 from numpy.typing import NDArray
 
-from wdpm.cluster.batch import Batch
 from wdpm.cluster.in_process import MemoryCluster
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
@@ -396,14 +395,14 @@ def test_a_slave_drops_records_of_another_epoch() -> None:
 class RecordWorker(FakeWorker):
     """Its records are those of `made`, and it notes what it was sent."""
 
-    def _at_home(self, batch: Batch, outbox: Outbox) -> None:
-        task, missing = self.open[batch.task]
-        if not isinstance(task, RecordTask) or missing > batch.credit:
-            super()._at_home(batch, outbox)
+    def _take_credit(self, number: int, credit: int, outbox: Outbox) -> None:
+        task, missing = self.open[number]
+        if not isinstance(task, RecordTask) or missing > credit:
+            super()._take_credit(number, credit, outbox)
             return
         before = len(self.sent[-1]) if self.sent else 0
         assert before == len(all_records(task.round))  # it has all of the rounds before, and nothing of this one
-        del self.open[batch.task]
+        del self.open[number]
         outbox.results.append(made(task))
 
     @property

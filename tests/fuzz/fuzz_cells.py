@@ -61,7 +61,7 @@ class CellCluster(WireCluster):
         self._computes = [Compute(make_worker) for _ in range(SLAVES)]
 
     def _lie(self, frames: Frames) -> Frames:
-        if b"PeerBatch" not in frames[0] or len(frames) < 2:
+        if b"PeerBatches" not in frames[0] or len(frames) < 2:
             return frames
         self.outcome.lies += 1
         told = list(frames)

@@ -219,7 +219,7 @@ GUARDS = (
     ),
     Guard(
         name="every worker gets a cell",
-        file="cluster/deal.py",
+        file="cluster/master/deal.py",
         prevents="a slave without work, which the others wait for",
         changes=(
             ("worker = int(empty[0]) if len(empty) else int(np.argmin(load))", "worker = int(np.argmin(load[::-1]))"),

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind
+from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind, by_home
 from wdpm.cluster.layers import LAYERS
 from wdpm.cluster.master.statistics import COUNTS, SECONDS
 from wdpm.cluster.outbox import Outbox
@@ -61,22 +61,24 @@ class FakeWorker:
         self.open[task.number] = (task, len(self.holders))
         kind = Kind.LANDED if isinstance(task, PhotonTask) else Kind.SHADE
         for cell in range(len(self.holders)):
-            batch = Batch(kind, task.number, self.number, cell, 1, arrays(kind, 3))
+            batch = Batch.of_task(kind, task.number, self.number, cell, 1, arrays(kind, 3))
             if self.holders[cell] == self.number:
                 self._at_cell(batch, outbox)
             else:
                 outbox.batches.append(batch)
         return outbox
 
-    def handle(self, batch: Batch) -> Outbox:
-        batch.check()
+    def handle(self, batches: Sequence[Batch]) -> Outbox:
+        assert batches
         outbox = Outbox()
-        if batch.kind in TO_HOME:
-            assert batch.home == self.number
-            self._at_home(batch, outbox)
-        else:
-            assert self.holders[batch.cell] == self.number
-            self._at_cell(batch, outbox)
+        for batch in batches:
+            batch.check()
+            if batch.kind in TO_HOME:
+                assert batch.home == self.number
+                self._at_home(batch, outbox)
+            else:
+                assert self.holders[batch.cell] == self.number
+                self._at_cell(batch, outbox)
         return outbox
 
     def _at_cell(self, batch: Batch, outbox: Outbox) -> None:
@@ -95,16 +97,20 @@ class FakeWorker:
             self.photons += len(batch)
         else:
             assert self.view is not None
-        if batch.home == self.number:
-            self._at_home(batch, outbox)
-        else:
-            outbox.batches.append(Batch(Kind.ENDED, batch.task, batch.home, batch.cell, batch.credit, {}))
+        for ended in by_home([Batch(Kind.ENDED, batch.cell, batch.runs.without_rows(batch.runs.credit), {})]):
+            if ended.home == self.number:
+                self._at_home(ended, outbox)
+            else:
+                outbox.batches.append(ended)
 
     def _at_home(self, batch: Batch, outbox: Outbox) -> None:
-        number = batch.task
+        for _, number, _, credit in batch.runs.table.tolist():
+            self._take_credit(number, credit, outbox)
+
+    def _take_credit(self, number: int, credit: int, outbox: Outbox) -> None:
         task, missing = self.open[number]
-        self.open[number] = (task, missing - batch.credit)
-        if missing > batch.credit:
+        self.open[number] = (task, missing - credit)
+        if missing > credit:
             return
         del self.open[number]
         if isinstance(task, PhotonTask):
@@ -124,13 +130,16 @@ class FakeWorker:
     def copies(self, cells: Sequence[int]) -> list[Batch]:
         assert not self.open
         assert not self.maps_built
-        return [Batch(Kind.COPIED_PHOTONS, -1, self.number, cell, 0, arrays(Kind.COPIED_PHOTONS, 1)) for cell in cells]
+        return [
+            Batch.of_task(Kind.COPIED_PHOTONS, -1, self.number, cell, 0, arrays(Kind.COPIED_PHOTONS, 1))
+            for cell in cells
+        ]
 
     def exchange_ghosts(self) -> list[Batch]:
         assert not self.open
         foreign = [cell for cell, holder in enumerate(self.holders) if holder != self.number]
         ghosts = arrays(Kind.GHOST_PHOTONS, 2)
-        return [Batch(Kind.GHOST_PHOTONS, -1, -1, cell, 0, ghosts) for _ in self.cells for cell in foreign]
+        return [Batch.of_task(Kind.GHOST_PHOTONS, -1, -1, cell, 0, ghosts) for _ in self.cells for cell in foreign]
 
     def ghosts_expected(self) -> int:
         return len(self.cells) * (len(self.holders) - len(self.cells))
@@ -138,13 +147,13 @@ class FakeWorker:
     def sort_trees(self, part: int, parts: int, cells: Sequence[int]) -> list[Batch]:
         assert 0 <= part < parts
         kind = Kind.COPIED_ORDER
-        return [Batch(kind, -1, self.number, cell, 0, arrays(kind, 1)) for cell in cells]
+        return [Batch.of_task(kind, -1, self.number, cell, 0, arrays(kind, 1)) for cell in cells]
 
     def build_maps(self, part: int, parts: int, cells: Sequence[int]) -> list[Batch]:
         assert self.ghosts == 2 * self.ghosts_expected()
         assert 0 <= part < parts
         kind = Kind.COPIED_IRRADIANCE
-        return [Batch(kind, -1, self.number, cell, 0, arrays(kind, 1)) for cell in cells]
+        return [Batch.of_task(kind, -1, self.number, cell, 0, arrays(kind, 1)) for cell in cells]
 
     def finish_maps(self) -> None:
         self.maps_built = True

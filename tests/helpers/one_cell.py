@@ -29,4 +29,4 @@ def one(kind: Kind, **values: Any) -> Batch:
     arrays = zeros(kind, 1)
     for name, value in values.items():
         arrays[name][0] = value
-    return Batch(kind, 0, 0, 0, 10_000, arrays)
+    return Batch.of_task(kind, 0, 0, 0, 10_000, arrays)

@@ -25,8 +25,8 @@ PEER = b"peer"
 class Driver:
     """Feeds a slave, number 1 of 3, which holds cells 1 and 3 of 4."""
 
-    def __init__(self, patience: float = 60.0, rejoin: float | None = None) -> None:
-        self.slave = Slave(HELLO, "tcp://master:1", patience, ClusterLimits(), rejoin)
+    def __init__(self, patience: float = 60.0, rejoin: float | None = None, hold_s: float = 0.0) -> None:
+        self.slave = Slave(HELLO, "tcp://master:1", patience, ClusterLimits(), rejoin, hold_s)
         self.now = 0.0
 
     def __call__(self, event: s.Event) -> list[s.Instruction]:

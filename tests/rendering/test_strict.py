@@ -246,7 +246,7 @@ def test_coincident_photons(strict: bool) -> None:
     for name, value in (("flux", 1.0), ("normal", (0, 1, 0)), ("direction", (0, 1, 0))):
         photons[name][:] = value
     worker.exchange_ghosts()
-    worker.cells[0].store.add_ghosts(Batch(Kind.GHOST_PHOTONS, -1, 0, 0, 0, photons))
+    worker.cells[0].store.add_ghosts(Batch.of_task(Kind.GHOST_PHOTONS, -1, 0, 0, 0, photons))
     worker.build_maps()
     worker.finish_maps()
     batch = one(Kind.VERTEX, **ray)

@@ -47,7 +47,7 @@ def test_parts_are_added_in_the_order_of_their_places(pieces: int) -> None:
             credit = left // 2 if number < pieces - 1 else left
             left -= credit
             arrays = {"slot": slot[rows], "place": place[rows], "radiance": radiance[rows]}
-            assert list(home.receive(Batch(Kind.LIT, 0, 0, 0, credit, arrays))) == []
+            assert list(home.receive(Batch.of_task(Kind.LIT, 0, 0, 0, credit, arrays))) == []
         sums.append(home.sums())
     for name in ("direct", "indirect", "caustic", "volume"):
         np.testing.assert_array_equal(sums[0][name], sums[1][name])

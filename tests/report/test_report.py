@@ -130,7 +130,7 @@ def test_idle_time_and_batches_are_told_of_slaves_that_counted_them(report: Repo
     counted = replace(
         report.slaves[0],
         spent_s={"computing": 6.0, "no task": 1.0, "no rays": 2.0, "phase end": 0.5, "sending": 0.5},
-        messages={"PeerBatch": 1_400, "TaskDone": 6},
+        messages={"PeerBatches": 1_400, "TaskDone": 6},
         batches_by_rays={"0": 400, "256": 300, "2048": 600, "65536": 100},
         batches_by_bytes={"0": 800, "65536": 600},
     )

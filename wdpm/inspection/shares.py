@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wdpm.cluster.batch import SCHEMAS, Kind
-from wdpm.cluster.deal import deal
+from wdpm.cluster.master.deal import deal
 from wdpm.cluster.plan.copies import AT_WORK_BYTES, BARE_PHOTON_BYTES, PHOTON_BYTES, points_of, scene_memory
 from wdpm.cluster.plan.render_plan import RenderPlan
 from wdpm.cluster.work.overlap_band import rows_near

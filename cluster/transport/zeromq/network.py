@@ -5,6 +5,7 @@ docs/protocol.md is the norm for what sockets there are, and how they are set up
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
@@ -310,7 +311,7 @@ class ZeroMQNetwork:
 
     def wait(self, seconds: float) -> set[int]:
         """Poll all sockets that are read from, what is watched, and ZeroMQ's news of connections that broke."""
-        self._ready = {place for place, _ in self._poller.poll(round(seconds * 1000))}
+        self._ready = {place for place, _ in self._poller.poll(math.ceil(seconds * 1000))}
         if self._door is not None:
             self._door.answer()
         for connection in self._connections:

@@ -104,7 +104,7 @@ def receive_rest(socket: Socket, most: int) -> list[memoryview]:
 def receive_frames(socket: Socket, most: int) -> list[zmq.Frame]:
     """The same, as ZeroMQ has them: they know who sent them."""
     frames: list[zmq.Frame] = []
-    while socket.rcvmore:
+    while socket.get(zmq.RCVMORE):  # not `rcvmore`, which is looked up by name, at ten times the price
         frame = socket.recv(copy=False)
         if len(frames) <= most:
             frames.append(frame)

@@ -17,7 +17,7 @@ def weighed(kind: Kind, name: str, weight: float) -> Batch:
     """A batch in which one weight is this."""
     held = arrays(kind, 3)
     held[name][1] = weight
-    return Batch(kind, 1, 0, 0, 1, held)
+    return Batch.of_task(kind, 1, 0, 0, 1, held)
 
 
 @pytest.mark.parametrize("kind", WITH_HITS)

@@ -13,6 +13,7 @@ from wdpm.cluster import lit_places, records, task, world
 from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.messages import packing, protocol
+from wdpm.cluster.runs import Runs
 from wdpm.scenes.flat.arrays import Media, Triangles
 from wdpm.scenes.flat.material_table import MaterialTable
 
@@ -54,6 +55,7 @@ def test_messages_are_as_described(heading: str, union: object) -> None:
         task.PhotonsTraced,
         task.BucketRendered,
         Batch,
+        Runs,
         Triangles,
         world.World,
         world.View,

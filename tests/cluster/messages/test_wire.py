@@ -14,10 +14,12 @@ from fake_worker import arrays, irradiance_records, make_view, make_world, pictu
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wdpm.cluster.batch import SCHEMAS, Batch, Kind
+from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind
 from wdpm.cluster.lit_places import LitPlaces
 from wdpm.cluster.messages import packing
 from wdpm.cluster.messages import protocol as p
+from wdpm.cluster.messages.batch_checks import LARGEST_NUMBER
+from wdpm.cluster.runs import Runs
 from wdpm.cluster.task import BucketTask, PhotonsTraced, PhotonTask, RecordsMade, RecordTask
 from wdpm.cluster.world import IrradiancePlan, MapPlan, TopTree, View
 from wdpm.scenes.errors import ProtocolError
@@ -35,14 +37,23 @@ plain = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(texts, inner, max_size=3),
     max_leaves=5,
 )
+
+
+def batch_of(kind: Kind, cell: int, whose: set[tuple[int, int]], counts: list[tuple[int, int]]) -> Batch:
+    """A batch of some tasks' rows; those that go to a home go to one."""
+    home = min(whose)[0]
+    tasks = sorted({(home if kind in TO_HOME else other, task) for other, task in whose})
+    rows = [0 if kind is Kind.ENDED else count for count, _ in counts]
+    table = [[*task, rows[place], counts[place][1]] for place, task in enumerate(tasks)]
+    return Batch(kind, cell, Runs(np.array(table, np.int64)), arrays(kind, sum(rows[: len(tasks)])))
+
+
 batches = st.builds(
-    lambda kind, count, task, home, cell, credit: Batch(kind, task, home, cell, credit, arrays(kind, count)),
+    batch_of,
     st.sampled_from(Kind),
-    st.integers(0, 20),
-    st.integers(-1, 1000),
     counts,
-    counts,
-    epochs,
+    st.sets(st.tuples(st.integers(0, 3), st.integers(-1, 1000)), min_size=1, max_size=4),
+    st.lists(st.tuples(st.integers(0, 5), st.integers(0, LARGEST_NUMBER - 1)), min_size=4, max_size=4),
 )
 views = st.builds(make_view, st.integers(1, 4000), st.integers(1, 4000), st.integers(1, 64), counts)
 tasks = (
@@ -132,7 +143,7 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
     p.Stop: st.builds(p.Stop, texts, st.booleans()),
     p.PeerHello: st.builds(p.PeerHello, texts, counts),
     p.PeerWelcome: st.builds(p.PeerWelcome, counts),
-    p.PeerBatch: st.builds(p.PeerBatch, epochs, batches),
+    p.PeerBatches: st.builds(p.PeerBatches, epochs, st.lists(batches, max_size=3).map(tuple)),
     p.AskStatus: st.just(p.AskStatus()),
     p.StatusReport: st.builds(
         p.StatusReport, texts, *[counts] * 2, seconds, *[counts] * 7, st.lists(slaves_seen, max_size=3).map(tuple)
@@ -221,7 +232,7 @@ def header(*fields: Any) -> bytes:
 
 
 PLAN = make_world(1).photon_plan
-BATCH = p.PeerBatch(1, Batch(Kind.LIT, 1, 0, 0, 1, arrays(Kind.LIT, 2)))
+BATCH = p.PeerBatches(1, (Batch.of_task(Kind.LIT, 1, 0, 0, 1, arrays(Kind.LIT, 2)),))
 
 
 @pytest.mark.parametrize(
@@ -253,8 +264,12 @@ def test_the_reason_is_told(frames: list[bytes], reason: str) -> None:
         packing.decode(frames, ALL)
 
 
-def replaced(**fields: Any) -> p.PeerBatch:
-    return p.PeerBatch(1, dataclasses.replace(BATCH.batch, **fields))
+def replaced(**fields: Any) -> p.PeerBatches:
+    return p.PeerBatches(1, (dataclasses.replace(BATCH.batches[0], **fields),))
+
+
+def runs(*table: list[int]) -> Runs:
+    return Runs(np.array(table, np.int64))
 
 
 def setup(**fields: Any) -> p.Setup:
@@ -273,10 +288,20 @@ def lights(**fields: Any) -> LightTable:
     ("message", "reason"),
     [
         (replaced(arrays={}), "expected"),
-        (replaced(arrays={**BATCH.batch.arrays, "more": np.zeros(2, np.int32)}), "more"),
-        (replaced(arrays={**BATCH.batch.arrays, "slot": np.zeros(3, np.int32)}), "lit.place"),
-        (replaced(arrays={**BATCH.batch.arrays, "slot": np.zeros(2, np.int64)}), "lit.slot is int64"),
-        (replaced(credit=-1), "credit"),
+        (replaced(arrays={**BATCH.batches[0].arrays, "more": np.zeros(2, np.int32)}), "more"),
+        (replaced(arrays={**BATCH.batches[0].arrays, "slot": np.zeros(3, np.int32)}), "lit.place"),
+        (replaced(arrays={**BATCH.batches[0].arrays, "slot": np.zeros(2, np.int64)}), "lit.slot is int64"),
+        (replaced(runs=Runs.one(0, 1, 2, -1)), "below 0"),
+        (replaced(runs=Runs.one(0, 1, -2, 1)), "numbers from -2"),
+        (replaced(runs=Runs.one(0, 1, 2, LARGEST_NUMBER)), "numbers from 0 to"),
+        (replaced(runs=Runs.one(0, 1, 3, 1)), "runs of 3 rows; there are 2"),
+        (replaced(runs=runs([0, 1, 1, 1], [0, 1, 1, 1])), "not in the order"),
+        (replaced(runs=runs([1, 1, 1, 1], [0, 2, 1, 1])), "not in the order"),
+        (replaced(runs=runs([0, 1, 1, 1], [1, 1, 1, 1])), "results for several homes"),
+        (replaced(runs=runs([0, 1, 1, 1], [0, 2, 1, 1])), None),
+        (replaced(runs=Runs(np.zeros((0, 4), np.int64))), "without a run"),
+        (replaced(runs=Runs(np.zeros((1, 5), np.int64))), "a table of runs of shape"),
+        (replaced(runs=Runs(np.zeros(4, np.int64))), "a table of runs of shape"),
         (p.Partition(1, 0, 1, 1, triangles(1)), "part 1 of 1"),
         (p.Partition(1, 0, 0, 1, dataclasses.replace(triangles(2), uvs=np.zeros((1, 3, 2), np.float32))), "uvs"),
         (p.Partition(1, 0, 0, 1, dataclasses.replace(triangles(2), uvs=np.zeros((2, 6), np.float32))), "uvs"),

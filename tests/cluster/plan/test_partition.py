@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from wdpm.cluster.deal import deal
+from wdpm.cluster.master.deal import deal
 from wdpm.cluster.plan import partition
 from wdpm.cluster.plan.partition import places_to_cut, rows_of_cells
 from wdpm.cluster.world import TopTree

@@ -16,11 +16,11 @@ from wdpm.rendering.pass_average import merged
 
 
 def batch(kind: Kind, count: int = 1) -> Batch:
-    return Batch(kind, 5, 0, 1, 1, arrays(kind, count))
+    return Batch.of_task(kind, 5, 0, 1, 1, arrays(kind, count))
 
 
 TASK = c.StartTask(PhotonTask(0, 0, 10))
-RAYS = c.HandleBatch(batch(Kind.PHOTON))
+RAYS = c.HandleBatches((batch(Kind.PHOTON),))
 BUILD = c.Build(0, make_world(2), {}, (0, 1))
 
 
@@ -95,7 +95,7 @@ def test_nothing_is_counted_before_a_slave_is_built() -> None:
 @pytest.mark.parametrize("job", [BUILD, c.ForgetPhotons(make_world(2).photon_plan)])
 def test_the_account_begins_anew_where_the_workers_counts_do(job: c.Job) -> None:
     account = built()
-    account.sent.add(p.PeerBatch(1, batch(Kind.PHOTON)))
+    account.sent.add(p.PeerBatches(1, (batch(Kind.PHOTON),)))
     do(account, TASK, 10.0, 11.0, 11.0)
     do(account, job, 12.0, 13.0, 13.0)
     told = account.told(p.Statistics(1, {}))
@@ -109,7 +109,7 @@ def test_the_account_begins_anew_where_the_workers_counts_do(job: c.Job) -> None
 
 
 def test_photons_of_other_teams_come_at_the_end_of_a_phase() -> None:
-    assert cause_of(c.HandleBatch(batch(Kind.GHOST_PHOTONS))) == p.PHASE_END
+    assert cause_of(c.HandleBatches((batch(Kind.GHOST_PHOTONS),))) == p.PHASE_END
     assert cause_of(RAYS) == p.NO_RAYS
     assert cause_of(TASK) == p.NO_TASK
 
@@ -121,13 +121,13 @@ def test_messages_are_counted_by_name_and_batches_by_size() -> None:
         p.Heartbeat(),
         p.Vitals(),
         p.Ready(1),
-        p.PeerBatch(1, photons),
-        p.PeerBatch(1, photons),
-        p.PeerBatch(1, batch(Kind.ENDED)),
+        p.PeerBatches(1, (photons,)),
+        p.PeerBatches(1, (photons,)),
+        p.PeerBatches(1, (batch(Kind.ENDED),)),
     ):
         sent.add(message)
     counts = sent.take()
-    assert counts["messages"] == {"Ready": 1, "PeerBatch": 3}
+    assert counts["messages"] == {"Ready": 1, "PeerBatches": 3}
     assert counts["batches_by_rays"]["4"] == 2
     assert counts["batches_by_bytes"][power_below(photons.nbytes)] == 2
     assert sent.take() == {"messages": {}, "batches_by_rays": {}, "batches_by_bytes": {}}

@@ -15,7 +15,7 @@ from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.slave import events as s
 
 ANSWER_S, PATIENCE_S = ClusterLimits().peer_answer_s, ClusterLimits().dead_s
-BATCH = p.PeerBatch(EPOCH, Batch(Kind.PHOTON, 5, 1, 1, 1, arrays(Kind.PHOTON, 1)))
+BATCH = p.PeerBatches(EPOCH, (Batch.of_task(Kind.PHOTON, 5, 1, 1, 1, arrays(Kind.PHOTON, 1)),))
 
 
 def set_up() -> Driver:
@@ -113,7 +113,7 @@ def test_a_wrong_answer_is_told(answer: p.PeerAnswer, reason: str) -> None:
 
 def test_a_peer_that_refuses_a_batch_is_told() -> None:
     driver = Driver().ready()
-    answer = p.Rejected("PeerBatch without PeerHello")
+    answer = p.Rejected("PeerBatches without PeerHello")
     assert [type(message) for message in to_master(driver(s.PeerAnswered(2, answer)))] == [p.PeerUnreachable]
 
 

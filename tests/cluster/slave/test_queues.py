@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 from fake_worker import arrays
 from hypothesis import given
 from hypothesis import strategies as st
 
 from wdpm.cluster.batch import TO_HOME, Batch, Kind
+from wdpm.cluster.messages.batch_checks import check_runs, check_whole
 from wdpm.cluster.queues import Queues
 
 small = st.integers(0, 2)
 batches = st.lists(
     st.builds(
-        lambda kind, count, task, home, cell: Batch(kind, task, home, cell, count + 1, arrays(kind, count)),
+        lambda kind, count, task, home, cell: Batch.of_task(kind, task, home, cell, count + 1, arrays(kind, count)),
         st.sampled_from([Kind.PHOTON, Kind.LANDED, Kind.ENDED, Kind.LIT]),
         small,
         small,
@@ -24,32 +27,51 @@ batches = st.lists(
 )
 
 
-def key(batch: Batch) -> tuple[Kind, int, int, int]:
-    return batch.kind, batch.task, batch.home, batch.cell
+def key(batch: Batch) -> tuple[Kind, int]:
+    return batch.kind, batch.home if batch.kind in TO_HOME else batch.cell
+
+
+def rows_of(batch: Batch) -> list[tuple[int, int, bytes]]:
+    """Home, task and all that is in it, of each row."""
+    whose = [(home, task) for home, task, rows, _ in batch.runs.table.tolist() for _ in range(rows)]
+    columns = [np.ascontiguousarray(array) for array in batch.arrays.values()]
+    return [(*task, b"".join(column[row].tobytes() for column in columns)) for row, task in enumerate(whose)]
+
+
+def credit_of(taken: list[Batch]) -> Counter[tuple[int, int]]:
+    credit: Counter[tuple[int, int]] = Counter()
+    for batch in taken:
+        for home, task, _, share in batch.runs.table.tolist():
+            credit[home, task] += share
+    return credit
 
 
 @given(batches)
 def test_what_goes_in_comes_out(put: list[Batch]) -> None:
+    for number, batch in enumerate(put):  # so that no row is like those of another batch
+        for array in batch.arrays.values():
+            array[...] = number
     queues = Queues()
     queues.extend(put)
     taken: list[Batch] = []
     while queues:
         taken.append(queues.pop())
-        taken[-1].check()
+        check_whole(taken[-1], "a batch")
+        check_runs(taken[-1].runs, "runs")
     homeward = [batch.kind in TO_HOME for batch in taken]
     assert homeward == sorted(homeward, reverse=True)
     assert len(taken) == len({key(batch) for batch in put})
     for batch in taken:
         sources = [source for source in put if key(source) == key(batch)]
-        assert batch.credit == sum(source.credit for source in sources)
-        for name, array in batch.arrays.items():
-            np.testing.assert_array_equal(array, np.concatenate([source.arrays[name] for source in sources]))
+        assert credit_of([batch]) == credit_of(sources)
+        rows = [row for source in sources for row in rows_of(source)]
+        assert rows_of(batch) == sorted(rows, key=lambda row: row[:2]), "those of a task stay in their order"
 
 
 def test_the_longest_goes_first() -> None:
     queues = Queues()
     for cell, count in ((2, 2), (0, 4), (1, 1), (2, 3)):
-        queues.add(Batch(Kind.PHOTON, 1, 0, cell, 1, arrays(Kind.PHOTON, count)))
+        queues.add(Batch.of_task(Kind.PHOTON, 1, 0, cell, 1, arrays(Kind.PHOTON, count)))
     assert [(batch.cell, len(batch)) for batch in (queues.pop(), queues.pop(), queues.pop())] == [
         (2, 5),
         (0, 4),

@@ -18,7 +18,7 @@ from wdpm.cluster.task import PhotonsTraced, PhotonTask
 
 
 def batch(kind: Kind, cell: int = 1, home: int = 1) -> Batch:
-    return Batch(kind, 5, home, cell, 1, arrays(kind, 1))
+    return Batch.of_task(kind, 5, home, cell, 1, arrays(kind, 1))
 
 
 # Joining and leaving.
@@ -211,34 +211,34 @@ def test_copies_go_to_other_teams() -> None:
     own = [batch(Kind.COPIED_PHOTONS, cell=cell) for cell in (1, 3)]
     out = driver.computed(send, *own)
     assert [i for i in out if isinstance(i, s.ToPeer)] == [
-        s.ToPeer(7, p.PeerBatch(9, own[0])),
-        s.ToPeer(8, p.PeerBatch(9, own[1])),
+        s.ToPeer(7, p.PeerBatches(9, (own[0],))),
+        s.ToPeer(8, p.PeerBatches(9, (own[1],))),
     ]
     theirs = batch(Kind.COPIED_PHOTONS, cell=3, home=12)
     for _ in range(2):
-        assert jobs(driver.peer(p.PeerBatch(EPOCH, theirs))) == [c.HandleBatch(theirs)]
-        out = driver.computed(c.HandleBatch(theirs))
+        assert jobs(driver.peer(p.PeerBatches(EPOCH, (theirs,)))) == [c.HandleBatches((theirs,))]
+        out = driver.computed(c.HandleBatches((theirs,)))
     assert jobs(out) == [c.ExchangeGhosts()]
     [sort] = jobs(driver.computed(c.ExchangeGhosts(), ghosts_expected=0))
     assert sort == c.SortTrees(copies, 0, 3)
     sorted_here = [batch(Kind.COPIED_ORDER, cell=cell) for cell in (1, 3)]
     out = driver.computed(sort, *sorted_here)
-    assert [i.message.batch for i in out if isinstance(i, s.ToPeer)] == sorted_here
+    assert [i.message.batches[0] for i in out if isinstance(i, s.ToPeer)] == sorted_here
     for _ in range(2):
         assert jobs(out) == []
         theirs = batch(Kind.COPIED_ORDER, cell=1, home=12)
-        driver.peer(p.PeerBatch(EPOCH, theirs))
-        out = driver.computed(c.HandleBatch(theirs))
+        driver.peer(p.PeerBatches(EPOCH, (theirs,)))
+        out = driver.computed(c.HandleBatches((theirs,)))
     [build] = jobs(out)
     assert build == c.BuildMaps(copies, 0, 3)
     worked_out = [batch(Kind.COPIED_IRRADIANCE, cell=cell) for cell in (1, 3)]
     out = driver.computed(build, *worked_out)
-    assert [i.message.batch for i in out if isinstance(i, s.ToPeer)] == worked_out
+    assert [i.message.batches[0] for i in out if isinstance(i, s.ToPeer)] == worked_out
     for _ in range(2):
         assert to_master(out) == []
         theirs = batch(Kind.COPIED_IRRADIANCE, cell=1, home=12)
-        driver.peer(p.PeerBatch(EPOCH, theirs))
-        out = driver.computed(c.HandleBatch(theirs))
+        driver.peer(p.PeerBatches(EPOCH, (theirs,)))
+        out = driver.computed(c.HandleBatches((theirs,)))
     assert jobs(out) == [c.FinishMaps()]
     assert to_master(driver.computed(c.FinishMaps())) == [p.MapsBuilt(EPOCH)]
 
@@ -296,11 +296,10 @@ def test_finishing_goes_before_starting() -> None:
     first, second = PhotonTask(5, 0, 10), PhotonTask(6, 10, 20)
     assert jobs(driver.told(p.StartTask(EPOCH, first), p.StartTask(EPOCH, second))) == [c.StartTask(first)]
     ray, home = batch(Kind.PHOTON), batch(Kind.ENDED, cell=0)
-    assert driver.peer(p.PeerBatch(EPOCH, ray)) == []
-    assert driver.peer(p.PeerBatch(EPOCH, home)) == []
-    assert jobs(driver.computed(c.StartTask(first))) == [c.HandleBatch(home)]
-    assert jobs(driver.computed(c.HandleBatch(home))) == [c.HandleBatch(ray)]
-    assert jobs(driver.computed(c.HandleBatch(ray))) == [c.StartTask(second)]
+    assert driver.peer(p.PeerBatches(EPOCH, (ray,))) == []
+    assert driver.peer(p.PeerBatches(EPOCH, (home,))) == []
+    assert jobs(driver.computed(c.StartTask(first))) == [c.HandleBatches((home, ray))]
+    assert jobs(driver.computed(c.HandleBatches((home, ray)))) == [c.StartTask(second)]
     assert jobs(driver.computed(c.StartTask(second))) == []
 
 
@@ -308,10 +307,11 @@ def test_batches_that_go_the_same_way_are_handled_together() -> None:
     driver = Driver().ready()
     [started] = jobs(driver.told(p.StartTask(EPOCH, PhotonTask(5, 0, 10))))
     for _ in range(3):
-        driver.peer(p.PeerBatch(EPOCH, batch(Kind.PHOTON)))
+        driver.peer(p.PeerBatches(EPOCH, (batch(Kind.PHOTON),)))
     [job] = jobs(driver.computed(started))
-    assert isinstance(job, c.HandleBatch)
-    assert (len(job.batch), job.batch.credit) == (3, 3)
+    assert isinstance(job, c.HandleBatches)
+    [joined] = job.batches
+    assert (len(joined), joined.credit) == (3, 3)
     assert jobs(driver.computed(job)) == []
 
 
@@ -320,10 +320,10 @@ def test_ghosts_are_not_joined_since_they_are_counted() -> None:
     [exchange] = jobs(driver.told(p.BuildMaps(EPOCH)))
     ghosts = batch(Kind.GHOST_PHOTONS, home=-1)
     for _ in range(2):
-        driver.peer(p.PeerBatch(EPOCH, ghosts))
-    assert jobs(driver.computed(exchange, ghosts_expected=2)) == [c.HandleBatch(ghosts)]
-    assert jobs(driver.computed(c.HandleBatch(ghosts))) == [c.HandleBatch(ghosts)]
-    assert jobs(driver.computed(c.HandleBatch(ghosts))) == [c.BuildMaps()]
+        driver.peer(p.PeerBatches(EPOCH, (ghosts,)))
+    assert jobs(driver.computed(exchange, ghosts_expected=2)) == [c.HandleBatches((ghosts,))]
+    assert jobs(driver.computed(c.HandleBatches((ghosts,)))) == [c.HandleBatches((ghosts,))]
+    assert jobs(driver.computed(c.HandleBatches((ghosts,)))) == [c.BuildMaps()]
 
 
 def test_batches_and_results_find_their_way() -> None:
@@ -333,10 +333,12 @@ def test_batches_and_results_find_their_way() -> None:
     away, home, own = batch(Kind.PHOTON, cell=2), batch(Kind.LIT, home=0), batch(Kind.PHOTON, cell=3)
     result = PhotonsTraced(5, 10, 1.0)
     out = driver.computed(job, away, home, own, results=[result])
-    peers = [(i.number, i.message.batch) for i in out if isinstance(i, s.ToPeer) and isinstance(i.message, p.PeerBatch)]
-    assert peers == [(2, away), (0, home)]
+    assert [i for i in out if isinstance(i, s.ToPeer)] == [
+        s.ToPeer(2, p.PeerBatches(EPOCH, (away,))),
+        s.ToPeer(0, p.PeerBatches(EPOCH, (home,))),
+    ]
     assert to_master(out) == [p.TaskDone(EPOCH, result)]
-    assert jobs(out) == [c.HandleBatch(own)]
+    assert jobs(out) == [c.HandleBatches((own,))]
 
 
 @pytest.mark.parametrize("early", [0, 1, 2])
@@ -344,14 +346,14 @@ def test_maps_are_built_when_the_last_ghosts_are_in(early: int) -> None:
     driver = Driver().ready()
     ghosts = batch(Kind.GHOST_PHOTONS, home=0)
     for _ in range(early):
-        driver.peer(p.PeerBatch(EPOCH, ghosts))
-        driver.computed(c.HandleBatch(ghosts))
+        driver.peer(p.PeerBatches(EPOCH, (ghosts,)))
+        driver.computed(c.HandleBatches((ghosts,)))
     [exchange] = jobs(driver.told(p.BuildMaps(EPOCH)))
     out = driver.computed(exchange, ghosts_expected=2)
     for _ in range(2 - early):
         assert jobs(out) == []
-        driver.peer(p.PeerBatch(EPOCH, ghosts))
-        out = driver.computed(c.HandleBatch(ghosts))
+        driver.peer(p.PeerBatches(EPOCH, (ghosts,)))
+        out = driver.computed(c.HandleBatches((ghosts,)))
     assert jobs(out) == [c.BuildMaps()]
     assert jobs(driver.computed(c.BuildMaps())) == [c.FinishMaps()]
     assert to_master(driver.computed(c.FinishMaps())) == [p.MapsBuilt(EPOCH)]
@@ -361,8 +363,8 @@ def test_too_many_ghosts_are_an_error() -> None:
     driver = Driver().ready()
     ghosts = batch(Kind.GHOST_PHOTONS, home=0)
     for _ in range(2):
-        driver.peer(p.PeerBatch(EPOCH, ghosts))
-        driver.computed(c.HandleBatch(ghosts))
+        driver.peer(p.PeerBatches(EPOCH, (ghosts,)))
+        driver.computed(c.HandleBatches((ghosts,)))
     driver.told(p.BuildMaps(EPOCH))
     assert "2 batches of ghosts and points came; expected 1" in error_of(
         driver.computed(c.ExchangeGhosts(), ghosts_expected=1)
@@ -395,11 +397,11 @@ def test_late_messages_are_dropped_and_counted() -> None:
     driver = Driver().ready()
     assert driver.told(p.StartTask(EPOCH - 1, PhotonTask(5, 0, 10))) == []
     assert driver.told(setup(EPOCH)) == []
-    assert driver.peer(p.PeerBatch(EPOCH - 1, batch(Kind.PHOTON))) == []
+    assert driver.peer(p.PeerBatches(EPOCH - 1, (batch(Kind.PHOTON),))) == []
     assert driver.slave.dropped == {
         "StartTask of another epoch": 1,
         "Setup of an older epoch": 1,
-        "PeerBatch of another epoch": 1,
+        "PeerBatches of another epoch": 1,
     }
 
 
@@ -415,7 +417,7 @@ def test_what_was_computed_for_an_older_epoch_is_dropped() -> None:
 def test_strangers_are_answered_and_counted() -> None:
     driver = Driver().ready()
     for out in (
-        driver.peer(p.PeerBatch(EPOCH, batch(Kind.PHOTON)), b"stranger"),
+        driver.peer(p.PeerBatches(EPOCH, (batch(Kind.PHOTON),)), b"stranger"),
         driver.peer(p.PeerHello("another cluster", 0), b"stranger"),
         driver(s.Unreadable(b"stranger", "noise")),
     ):
@@ -442,10 +444,10 @@ def test_strangers_are_answered_and_counted() -> None:
 def test_an_index_that_points_outside_is_an_error(kind: Kind, name: str, index: int) -> None:
     good = batch(kind)
     driver = Driver().ready()
-    driver.peer(p.PeerBatch(EPOCH, good))
+    driver.peer(p.PeerBatches(EPOCH, (good,)))
     assert not driver.slave.ended
     good.arrays[name][0] = index
-    assert f"{kind.value}.{name} is {index} to {index}" in error_of(driver.peer(p.PeerBatch(EPOCH, good)))
+    assert f"{kind.value}.{name} is {index} to {index}" in error_of(driver.peer(p.PeerBatches(EPOCH, (good,))))
 
 
 @pytest.mark.parametrize("kind", [Kind.PHOTON, Kind.GHOST_PHOTONS])
@@ -455,7 +457,7 @@ def test_a_batch_that_is_refused_is_not_kept(kind: Kind) -> None:
     wrong = batch(kind, home=1 if kind is Kind.PHOTON else -1)
     wrong.arrays["map" if kind is Kind.GHOST_PHOTONS else "prim"][0] = -2
     watched = weakref.ref(wrong)
-    error_of(driver.peer(p.PeerBatch(EPOCH, wrong)))
+    error_of(driver.peer(p.PeerBatches(EPOCH, (wrong,))))
     del wrong
     gc.collect()
     assert watched() is None
@@ -472,4 +474,4 @@ def test_a_batch_that_is_refused_is_not_kept(kind: Kind) -> None:
     ],
 )
 def test_a_misled_batch_is_an_error(wrong: Batch, error: str) -> None:
-    assert error in error_of(Driver().ready().peer(p.PeerBatch(EPOCH, wrong)))
+    assert error in error_of(Driver().ready().peer(p.PeerBatches(EPOCH, (wrong,))))

@@ -66,7 +66,8 @@ def check_account(slave: dict[str, Any], *, alone: bool) -> None:
     assert spent[protocol.COMPUTING] > 0
     assert messages["Statistics"] == messages["ViewSet"] == 1
     batches = sum(slave["batches_by_rays"].values())
-    assert batches == sum(slave["batches_by_bytes"].values()) == messages.get("PeerBatch", 0)
+    assert batches == sum(slave["batches_by_bytes"].values()) >= messages.get("PeerBatches", 0)
+    assert (batches > 0) == ("PeerBatches" in messages)
     if not alone:
         assert batches > 0
         # Each has at least the power of two that it is counted under; bytes are of all renders with these photons.

@@ -196,7 +196,7 @@ def noise(endpoint: str) -> None:
         with socket.create_connection((host, int(port))) as raw:
             raw.sendall(rng.bytes(300))
     good = [bytes(frame) for frame in packing.encode(protocol.Statistics(1, {"a": 1}))]
-    batch = protocol.PeerBatch(1, Batch(Kind.LIT, 1, 0, 0, 1, arrays(Kind.LIT, 2)))
+    batch = protocol.PeerBatches(1, (Batch.of_task(Kind.LIT, 1, 0, 0, 1, arrays(Kind.LIT, 2)),))
     wrong: list[list[bytes]] = [
         [rng.bytes(40)],
         [rng.bytes(40), rng.bytes(4000)],

@@ -143,11 +143,11 @@ def test_arrays_arrive_with_their_bits(transport: Transport, place: tuple[Transp
     here, there = transport.open(None), transport.open(None)
     listener = here.listen(here.address_for_peers(transport.resolve(place[1])), Role.SLAVE, FROM_PEER)
     connection = there.connect(listener.endpoint, Role.SLAVE, {})
-    sent = Batch(Kind.LIT, 1, 0, 0, 1, arrays(Kind.LIT, 9))
+    sent = Batch.of_task(Kind.LIT, 1, 0, 0, 1, arrays(Kind.LIT, 9))
     assert connection.send(protocol.PeerHello("cluster", 0))
     identity, _ = soon(listener.receive, here)
     listener.admit(identity)
-    assert connection.send(protocol.PeerBatch(3, sent))
+    assert connection.send(protocol.PeerBatches(3, (sent,)))
     _, message = soon(listener.receive, here)
     assert message.epoch == 3
     for name, array in sent.arrays.items():
@@ -248,7 +248,7 @@ def breaking(role: Role, kind: type, times: int) -> Callable[[Role, protocol.Mes
 
 
 def test_a_broken_way_between_slaves_is_mended(flaky: FlakyTransport) -> None:
-    flaky.breaks = breaking(Role.SLAVE, protocol.PeerBatch, 1)
+    flaky.breaks = breaking(Role.SLAVE, protocol.PeerBatches, 1)
     master, slaves = a_cluster(f"flaky://{next(names)}")
     with master:
         session = make_session(2, 2)
@@ -257,7 +257,7 @@ def test_a_broken_way_between_slaves_is_mended(flaky: FlakyTransport) -> None:
 
 
 def test_a_way_between_slaves_that_breaks_again_and_again_ends_the_render(flaky: FlakyTransport) -> None:
-    flaky.breaks = lambda role, message: role is Role.SLAVE and isinstance(message, protocol.PeerBatch)
+    flaky.breaks = lambda role, message: role is Role.SLAVE and isinstance(message, protocol.PeerBatches)
     master, slaves = a_cluster(f"flaky://{next(names)}", limits=replace(SMALL, peer_gone_s=0.02))
     with master, pytest.raises(ClusterError, match=r"no task was done since then: the connection from slave .* broke"):
         master.render(make_session(2, 2))

@@ -79,7 +79,7 @@ class _Carried:
 
 def _carry(network: Network, listener: Listener, connection: Connection, count: int, items: int) -> _Carried:
     """What a message with so many hits takes, at both ends together."""
-    message = protocol.PeerBatch(1, Batch(Kind.PROBED, 0, 0, 0, 1, zeros(Kind.PROBED, items)))
+    message = protocol.PeerBatches(1, (Batch.of_task(Kind.PROBED, 0, 0, 0, 1, zeros(Kind.PROBED, items)),))
     frames = packing.encode(message)
     whole = [bytes(frame) for frame in frames]
     expected = packing.by_name(protocol.FromPeer)

@@ -46,8 +46,9 @@ class JobRecord:
 def _described(job: Job) -> tuple[str, int]:
     name = type(job).__name__
     match job:
-        case jobs.HandleBatch(batch):
-            return f"{name} {batch.kind.value}", len(batch)
+        case jobs.HandleBatches(batches):
+            longest = max(batches, key=len)
+            return f"{name} {longest.kind.value}", sum(len(batch) for batch in batches)
         case jobs.StartTask(BucketTask() as bucket):
             return f"{name} bucket", (bucket.x1 - bucket.x0) * (bucket.y1 - bucket.y0)
         case jobs.StartTask(PhotonTask() | RecordTask() as part):

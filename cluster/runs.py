@@ -1,0 +1,171 @@
+"""Whose the rows of a batch are: runs of rows that belong to one task, with the credit that travels with them.
+
+What waits for a cell is computed in one launch, whichever tasks it belongs to. So rows of several tasks lie in one
+batch, those of a task one after another: a few numbers for each task say whose all rows are. Rows that are chosen keep
+their order, so what follows of them is runs of the same tasks, some of them empty.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Numbers = NDArray[np.int64]
+
+HOME: Final = 0
+TASK: Final = 1
+ROWS: Final = 2
+CREDIT: Final = 3
+COLUMNS: Final = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """Runs of rows, one after another.
+
+    Attributes:
+        table: of each run the number of the worker that was handed its task (of what maps are built of: of the worker
+            that it comes from), the number of the task (-1 where there is none), how many rows it has, and the share
+            of the task's credit that travels with it (Mattern 1989): int64, shape [runs, 4]. A run may have credit
+            alone, or nothing at all.
+    """
+
+    table: NDArray[np.int64]
+
+    @classmethod
+    def one(cls, home: int, task: int, rows: int, credit: int) -> Runs:
+        """All rows belong to one task."""
+        return cls(np.array([[home, task, rows, credit]], np.int64))
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    @property
+    def home(self) -> Numbers:
+        """Of each run, shape [runs]."""
+        return self.table[:, HOME]
+
+    @property
+    def task(self) -> Numbers:
+        """Of each run, shape [runs]."""
+        return self.table[:, TASK]
+
+    @property
+    def rows(self) -> Numbers:
+        """Of each run, shape [runs]."""
+        return self.table[:, ROWS]
+
+    @property
+    def credit(self) -> Numbers:
+        """Of each run, shape [runs]."""
+        return self.table[:, CREDIT]
+
+    @cached_property
+    def bounds(self) -> Numbers:
+        """Where each run begins, and where the last one ends, shape [runs + 1]."""
+        bounds = np.zeros(len(self.table) + 1, np.int64)
+        np.cumsum(self.table[:, ROWS], out=bounds[1:])
+        return bounds
+
+    def among(self, rows: NDArray[np.intp]) -> Runs:
+        """Runs of the same tasks that some rows are, without credit.
+
+        Args:
+            rows: ascending.
+        """
+        table = self.table.copy()
+        table[:, ROWS] = len(rows) if len(table) == 1 else np.diff(np.searchsorted(rows, self.bounds))
+        table[:, CREDIT] = 0
+        return Runs(table)
+
+    def times(self, each: int) -> Runs:
+        """Runs of the same tasks with so many rows in the place of each one."""
+        if each == 1:
+            return self
+        table = self.table.copy()
+        table[:, ROWS] *= each
+        return Runs(table)
+
+    def with_credit(self, credit: Numbers | int) -> Runs:
+        """The same runs with other credit, shape [runs]; or with so much of each."""
+        table = self.table.copy()
+        table[:, CREDIT] = credit
+        return Runs(table)
+
+    def with_unit(self, unit: int = 1) -> Runs:
+        """The same runs with so much credit for each row."""
+        return self.with_credit(self.table[:, ROWS] * unit)
+
+    def without_rows(self, credit: Numbers) -> Runs:
+        """Runs of the same tasks that have credit alone, shape [runs]."""
+        table = self.table.copy()
+        table[:, ROWS], table[:, CREDIT] = 0, credit
+        return Runs(table)
+
+    def sums(self, values: NDArray[Any]) -> Numbers:
+        """Sum of a whole number of each row, run by run, shape [runs]."""
+        if len(self.table) == 1:
+            return np.array([values.sum(dtype=np.int64)])
+        total = np.zeros(len(values) + 1, np.int64)
+        np.cumsum(values, out=total[1:])
+        sums: Numbers = np.diff(total[self.bounds])
+        return sums
+
+    def numbers(self) -> Numbers:
+        """Of each row the number of its run, shape [rows]."""
+        return np.repeat(np.arange(len(self.table)), self.table[:, ROWS])
+
+    def occupied(self) -> Runs:
+        """Those that have rows or credit."""
+        some = (self.table[:, ROWS] | self.table[:, CREDIT]) != 0
+        return self if some.all() else Runs(self.table[some])
+
+    def slices(self, column: int) -> Iterator[tuple[int, Runs, slice]]:
+        """The runs of each home (column HOME), or of each task (TASK), and their rows.
+
+        What has the same number there must stand together.
+        """
+        numbers = self.table[:, column]
+        if (numbers == numbers[0]).all():
+            yield int(numbers[0]), self, slice(None)
+            return
+        begins = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(numbers)]
+        for first, last in pairwise(begins):
+            rows = slice(int(self.bounds[first]), int(self.bounds[last]))
+            yield int(numbers[first]), Runs(self.table[first:last]), rows
+
+    def added(self, other: Runs) -> Runs:
+        """The same runs with the credit of others, which have no rows."""
+        joined, _ = join([self, other])
+        return joined
+
+
+def join(parts: Sequence[Runs]) -> tuple[Runs, NDArray[np.intp] | None]:
+    """One run for each task of several batches, ascending by home and task.
+
+    Returns:
+        The runs, and the order in which the rows of the parts, one part after another, are theirs; None if that is the
+        order in which they are.
+    """
+    table = np.concatenate([part.table for part in parts])
+    order = np.lexsort((table[:, TASK], table[:, HOME]))
+    if len(table) == 1:
+        return Runs(table), None
+    if (order[1:] > order[:-1]).all():
+        rows = None
+    else:
+        begins = np.cumsum(table[:, ROWS]) - table[:, ROWS]
+        table = table[order]
+        count = table[:, ROWS]
+        rows = np.repeat(begins[order] - (np.cumsum(count) - count), count) + np.arange(count.sum())
+    new = (np.diff(table[:, :ROWS], axis=0) != 0).any(axis=1)
+    first = np.concatenate([[0], np.flatnonzero(new) + 1])
+    whole = table[first]
+    whole[:, ROWS:] = np.add.reduceat(table[:, ROWS:], first, axis=0)
+    return Runs(whole), rows

@@ -1,0 +1,89 @@
+"""What a slave has to do, and in which order it does it.
+
+Orders of the master come first, then what maps are built of, then batches, then new tasks. In one turn as many batches
+are handled as have some thousand rows together, not all that wait: what follows from some is on its way to the peers
+while the next are computed (measured: half the time for photons over 4 slaves). A few rows take as long as the
+interpreter takes for a turn however few there are, so they wait a moment for more, and new tasks, of which many rays
+come at once, are begun before them.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Final
+
+from wdpm.cluster.batch import OF_MAPS, Batch
+from wdpm.cluster.queues import Queues
+from wdpm.cluster.slave import jobs
+from wdpm.cluster.slave.jobs import Job
+from wdpm.cluster.slave.map_material import MapMaterial
+
+ROWS_A_TURN: Final = 1 << 14
+"""Rows of the batches that are handled in one turn, unless the first has more."""
+
+FEW_ROWS: Final = 1 << 11
+"""Rows that take less time than a turn takes however few there are."""
+
+HOLD_S: Final = 0.002
+"""How long those wait for more, in a process of its own [s]: some ten times as long as a message is on its way between
+two slaves of one machine, so that what several send comes together."""
+
+
+class WorkAtHand:
+    """Orders, batches and tasks that wait.
+
+    Args:
+        hold_s: how long few rows wait for more while there is nothing else to do [s].
+    """
+
+    def __init__(self, hold_s: float) -> None:
+        self.orders: deque[Job] = deque()
+        self.material = MapMaterial()
+        self.tasks: deque[jobs.StartTask] = deque()
+        self._batches = Queues()
+        self._hold_s = hold_s
+        self._held_since: float | None = None
+
+    def add(self, batch: Batch) -> None:
+        """Let a batch wait."""
+        if batch.kind in OF_MAPS:
+            self.material.add(batch)
+        else:
+            self._batches.add(batch)
+
+    def clear(self) -> None:
+        """Nothing is to be done any more."""
+        self.orders.clear()
+        self.material = MapMaterial()
+        self.tasks.clear()
+        self._batches = Queues()
+        self._held_since = None
+
+    @property
+    def look_at(self) -> float | None:
+        """When few rows will have waited for long enough; None if none wait."""
+        return None if self._held_since is None else self._held_since + self._hold_s
+
+    def next_job(self, now: float) -> Job | None:
+        """What is to be done next, if the worker is at nothing.
+
+        Args:
+            now: any clock that grows [s].
+        """
+        held, self._held_since = self._held_since, None
+        if self.orders:
+            return self.orders.popleft()
+        if self.material:
+            return jobs.HandleBatches((self.material.pop(),))
+        few = self._batches.rows < FEW_ROWS and self._hold_s > 0.0
+        if self._batches and not few:
+            return jobs.HandleBatches(self._batches.take(ROWS_A_TURN))
+        if self.tasks:
+            return self.tasks.popleft()
+        if not self._batches:
+            return None
+        since = now if held is None else held
+        if now < since + self._hold_s:
+            self._held_since = since
+            return None
+        return jobs.HandleBatches(self._batches.take(ROWS_A_TURN))

@@ -1,0 +1,139 @@
+"""What a slave does first, how much of it in a turn, and for what it waits a moment."""
+
+from __future__ import annotations
+
+import pytest
+from fake_worker import arrays
+from slave_driver import EPOCH, PEER, Driver
+from slave_driver import jobs as jobs_of
+
+from wdpm.cluster.batch import Batch, Kind
+from wdpm.cluster.messages import protocol as p
+from wdpm.cluster.slave import events as s
+from wdpm.cluster.slave import jobs
+from wdpm.cluster.slave.work_at_hand import FEW_ROWS, ROWS_A_TURN, WorkAtHand
+from wdpm.cluster.task import PhotonTask
+
+HOLD_S = 0.5
+TASK = jobs.StartTask(PhotonTask(6, 10, 20))
+
+
+def rays(count: int = 1, kind: Kind = Kind.PHOTON) -> Batch:
+    return Batch.of_task(kind, 5, 0, 1, 1, arrays(kind, count))
+
+
+def at_hand(*batches: Batch, hold_s: float = HOLD_S) -> WorkAtHand:
+    work = WorkAtHand(hold_s)
+    for batch in batches:
+        work.add(batch)
+    return work
+
+
+def batch(kind: Kind, cell: int = 1, home: int = 1) -> Batch:
+    return Batch.of_task(kind, 5, home, cell, 1, arrays(kind, 1))
+
+
+def rows_of(job: jobs.Job | None) -> list[int]:
+    assert isinstance(job, jobs.HandleBatches)
+    return [len(batch) for batch in job.batches]
+
+
+def test_few_rows_wait_for_more_but_not_for_ever() -> None:
+    work = at_hand(rays())
+    assert work.look_at is None
+    assert work.next_job(10.0) is None
+    assert work.look_at == 10.0 + HOLD_S
+    work.add(rays())
+    assert work.next_job(10.0 + HOLD_S / 2) is None
+    assert rows_of(work.next_job(10.0 + HOLD_S)) == [2]
+    assert work.look_at is None
+    work.add(rays())
+    assert work.next_job(20.0) is None, "the next ones wait anew"
+
+
+def test_many_rows_wait_for_nothing() -> None:
+    work = at_hand(rays(FEW_ROWS))
+    assert rows_of(work.next_job(10.0)) == [FEW_ROWS]
+
+
+def test_a_new_task_is_begun_before_few_rows_but_not_before_many() -> None:
+    work = at_hand(rays())
+    work.tasks.append(TASK)
+    assert work.next_job(10.0) is TASK
+    assert work.look_at is None
+    work.tasks.append(TASK)
+    work.add(rays(FEW_ROWS))
+    assert rows_of(work.next_job(10.0)) == [FEW_ROWS + 1]
+    assert work.next_job(10.0) is TASK
+    assert work.next_job(10.0) is None
+
+
+def test_orders_and_what_maps_are_built_of_wait_for_nothing() -> None:
+    work = at_hand(rays(), rays(2, Kind.GHOST_PHOTONS), rays(3, Kind.GHOST_PHOTONS))
+    order = jobs.ReadStatistics()
+    work.orders.append(order)
+    assert work.next_job(10.0) is order
+    assert rows_of(work.next_job(10.0)) == [2], "they are counted, so they are handled one by one"
+    assert rows_of(work.next_job(10.0)) == [3]
+    assert work.next_job(10.0) is None
+    assert work.look_at == 10.0 + HOLD_S
+
+
+def test_what_is_held_is_forgotten_with_all_else() -> None:
+    work = at_hand(rays())
+    assert work.next_job(10.0) is None
+    work.clear()
+    assert work.look_at is None
+    assert work.next_job(11.0) is None
+
+
+@pytest.mark.parametrize(("counts", "turns"), [((1, ROWS_A_TURN), [[ROWS_A_TURN], [1]]), ((1, 2, 3), [[3, 2, 1]])])
+def test_a_turn_has_rows_enough_and_little_more(counts: tuple[int, ...], turns: list[list[int]]) -> None:
+    kinds = (Kind.PHOTON, Kind.LANDED, Kind.SHADE)
+    work = at_hand(*(rays(count, kind) for count, kind in zip(counts, kinds, strict=False)), hold_s=0.0)
+    assert [rows_of(work.next_job(1.0)) for _ in turns] == turns
+    assert work.next_job(1.0) is None
+
+
+# In a slave's state machine.
+
+
+def test_rows_of_several_tasks_and_homes_are_handled_together() -> None:
+    driver = Driver().ready()
+    [started] = jobs_of(driver.told(p.StartTask(EPOCH, PhotonTask(5, 0, 10))))
+    for task, home in ((7, 2), (5, 1), (7, 2), (5, 0)):
+        rays = Batch.of_task(Kind.PHOTON, task, home, 1, 1, arrays(Kind.PHOTON, 1))
+        driver.peer(p.PeerBatches(EPOCH, (rays,)))
+    [job] = jobs_of(driver.computed(started))
+    assert isinstance(job, jobs.HandleBatches)
+    [joined] = job.batches
+    assert joined.runs.table.tolist() == [[0, 5, 1, 1], [1, 5, 1, 1], [2, 7, 2, 2]]
+
+
+def test_no_work_begins_while_more_messages_are_at_hand() -> None:
+    driver = Driver().ready()
+    message = p.PeerBatches(EPOCH, (batch(Kind.PHOTON),))
+    assert driver(s.PeerSaid(PEER, message, more=True)) == []
+    [job] = jobs_of(driver(s.PeerSaid(PEER, message)))
+    assert isinstance(job, jobs.HandleBatches)
+    assert [len(joined) for joined in job.batches] == [2]
+
+
+def test_what_goes_to_a_peer_goes_as_one_message() -> None:
+    driver = Driver().ready()
+    [started] = jobs_of(driver.told(p.StartTask(EPOCH, PhotonTask(5, 0, 10))))
+    away, home = batch(Kind.PHOTON, cell=2), batch(Kind.LIT, home=2)
+    out = driver.computed(started, away, home)
+    assert out == [s.ToPeer(2, p.PeerBatches(EPOCH, (away, home)))]
+
+
+def test_few_rows_wait_until_the_shell_tells_the_time() -> None:
+    driver = Driver(hold_s=HOLD_S).ready()
+    assert driver.slave.look_at is None
+    assert driver.peer(p.PeerBatches(EPOCH, (batch(Kind.PHOTON),))) == []
+    assert driver.slave.look_at == driver.now + HOLD_S
+    assert driver(s.Look()) == []
+    driver.now += HOLD_S
+    [job] = jobs_of(driver(s.Look()))
+    assert isinstance(job, jobs.HandleBatches)
+    assert driver.slave.look_at is None
