@@ -14,27 +14,26 @@ import math
 import operator
 import types
 import typing
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgpack
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.batch import Batch
 from wdpm.cluster.messages import checks
+from wdpm.cluster.messages.frames import Frame, Frames, split
 from wdpm.cluster.messages.protocol import PROTOCOL
+from wdpm.cluster.messages.short_arrays import ShortArrays, lengthen, shorten
 from wdpm.scenes.errors import ProtocolError
 
 MAGIC = b"wdpm"
 
 HEADER_BYTES = 4 << 20
 """Longest header. The largest there are name some thousand textures."""
-
-FRAME_BYTES = HEADER_BYTES
-"""Longest frame. Larger arrays span several: a receiver's socket refuses longer frames before it reads them, so that
-whoever has not even shown a key has little to fill memory with."""
 
 MOST_FRAMES = 1 << 16
 """Frames of a message. The largest there are send some thousand textures, two frames each."""
@@ -54,8 +53,6 @@ DTYPES = frozenset({"<f4", "<f8", "<i4", "<i8", "|u1"})
 PLAIN_DEPTH = 6
 """Deepest nesting of data that no schema describes: statistics."""
 
-Frame = bytes | bytearray | memoryview
-
 
 def encode(message: Any) -> list[Frame]:
     """Frames of a message. Those of arrays share the arrays' memory, so these must not be written to any more.
@@ -65,9 +62,9 @@ def encode(message: Any) -> list[Frame]:
     """
     arrays: list[np.ndarray[Any, Any]] = []
     kind: Any = type(message)
-    values = _packer(kind)(message, kind.__name__, arrays)
+    values = _way(kind).pack(message, kind.__name__, arrays)
     header = msgpack.packb([MAGIC, PROTOCOL, kind.__name__, values], use_bin_type=True)
-    return [header, *(frame for array in arrays for frame in _split(array))]
+    return [header, *(frame for array in arrays for frame in split(array))]
 
 
 def decode(frames: Sequence[Frame], expected: Mapping[str, type], *, stranger: bool = False) -> Any:
@@ -88,8 +85,8 @@ def decode(frames: Sequence[Frame], expected: Mapping[str, type], *, stranger: b
     name, values = _header(frames[0], STRANGER_BYTES if stranger else HEADER_BYTES)
     if name not in expected:
         raise ProtocolError(f"message {name!r} is not known here; expected one of {', '.join(sorted(expected))}")
-    reader = _Frames(frames[1:])
-    message = _unpacker(expected[name])(values, name, reader)
+    reader = Frames(frames[1:])
+    message = _way(expected[name]).unpack(values, name, reader)
     reader.finish()
     return message
 
@@ -134,45 +131,6 @@ def _header(frame: Frame, most_bytes: int) -> tuple[str, Any]:
 # Arrays.
 
 
-def _split(array: np.ndarray[Any, Any]) -> Iterator[memoryview]:
-    """Frames of an array; none for an empty one."""
-    if array.nbytes:
-        whole = array.reshape(-1).view(np.uint8).data
-        for start in range(0, array.nbytes, FRAME_BYTES):
-            yield whole[start : start + FRAME_BYTES]
-
-
-class _Frames:
-    """Array frames, taken one after another."""
-
-    def __init__(self, frames: Sequence[Frame]) -> None:
-        self._frames = frames
-        self._next = 0
-
-    def array(self, dtype: np.dtype[Any], shape: tuple[int, ...], where: str) -> np.ndarray[Any, Any]:
-        size = math.prod(shape) * dtype.itemsize
-        taken: list[Frame] = []
-        for start in range(0, size, FRAME_BYTES):
-            expected = min(FRAME_BYTES, size - start)
-            if self._next == len(self._frames):
-                raise ProtocolError(f"{where}: its frame is missing")
-            frame = self._frames[self._next]
-            if len(frame) != expected:
-                raise ProtocolError(f"{where}: a frame of {len(frame)} bytes; {dtype} {shape} takes {expected}")
-            self._next += 1
-            taken.append(frame)
-        if len(taken) == 1:
-            return np.frombuffer(taken[0], dtype).reshape(shape)
-        whole = np.empty(size, np.uint8)
-        for index, frame in enumerate(taken):
-            whole[index * FRAME_BYTES : index * FRAME_BYTES + len(frame)] = np.frombuffer(frame, np.uint8)
-        return whole.view(dtype).reshape(shape)
-
-    def finish(self) -> None:
-        if self._next != len(self._frames):
-            raise ProtocolError(f"{len(self._frames) - self._next} frames too many")
-
-
 def _elements(shape: Sequence[int]) -> int:
     """Elements of an array, were none of its lengths 0: NumPy refuses shapes whose other lengths are too large."""
     return math.prod(max(length, 1) for length in shape)
@@ -206,7 +164,7 @@ def _array_unpacker(hint: Any) -> Unpacker:
     expected = _dtype_of(hint)
     names = DTYPES if expected is None else {name for name in DTYPES if np.dtype(name) == expected}
 
-    def unpack(value: Any, where: str, frames: _Frames) -> np.ndarray[Any, Any]:
+    def unpack(value: Any, where: str, frames: Frames) -> np.ndarray[Any, Any]:
         if not isinstance(value, list) or len(value) != 2:
             raise ProtocolError(f"{where} is not [dtype, shape]")
         name, shape = value
@@ -228,7 +186,7 @@ def _array_unpacker(hint: Any) -> Unpacker:
 Packer = Callable[[Any, str, "list[np.ndarray[Any, Any]]"], Any]
 """(value, where it stands, arrays of the message so far) -> what stands in the header."""
 
-Unpacker = Callable[[Any, str, _Frames], Any]
+Unpacker = Callable[[Any, str, Frames], Any]
 """(what stands in the header, where, frames of arrays) -> value."""
 
 
@@ -249,31 +207,68 @@ def _members(hint: Any) -> tuple[Any, ...]:
     return typing.get_args(hint) if union else ()
 
 
+class Way(NamedTuple):
+    """How values of a type hint are packed, and unpacked and checked; ProtocolError where one is something else."""
+
+    pack: Packer
+    unpack: Unpacker
+
+
 @functools.cache
-def _packer(hint: Any) -> Packer:
-    """What packs values of a type hint; raises ProtocolError where one is something else."""
-    if _is_array(hint):
-        return _array_packer(hint)
-    if members := _members(hint):
-        return _union_packer(members)
-    if hint is Any:
-        return lambda value, where, _: _plain(value, where)
-    if isinstance(hint, type) and is_dataclass(hint):
-        return _dataclass_packer(hint)
-    if isinstance(hint, type) and issubclass(hint, Enum):
-        return _enum_packer(hint)
+def _way(hint: Any) -> Way:
+    """How values of a type hint go over the wire."""
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if _is_array(hint):
+        return Way(_array_packer(hint), _array_unpacker(hint))
+    if members := _members(hint):
+        return Way(_union_packer(members), _union_unpacker(members))
+    if hint is Any:
+        return Way(both_ways := lambda value, where, _: _plain(value, where), both_ways)
+    if hint is Batch:
+        return Way(_pack_batch, _unpack_batch)
+    if isinstance(hint, type) and is_dataclass(hint):
+        return Way(_dataclass_packer(hint), _dataclass_unpacker(hint))
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        return Way(_enum_packer(hint), _enum_unpacker(hint))
     if origin is tuple:
-        return _tuple_packer(arguments)
+        return Way(_tuple_packer(arguments), _tuple_unpacker(arguments))
     if origin in (dict, Mapping):
-        return _map_packer(*arguments)
-    return lambda value, where, _: _pack_scalar(hint, value, where)
+        return Way(_map_packer(*arguments), _map_unpacker(*arguments))
+    return Way(
+        lambda value, where, _: _pack_scalar(hint, value, where),
+        lambda value, where, _: _unpack_scalar(hint, value, where),
+    )
+
+
+@functools.cache
+def _head_of_batch() -> tuple[tuple[str, Way], ...]:
+    """What stands before a batch's arrays, which travel as its kind says."""
+    return tuple((name, _way(hint)) for name, hint in _hints(Batch).items() if name != "arrays")
+
+
+def _pack_batch(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
+    if type(value) is not Batch:
+        raise ProtocolError(f"{where} is a {type(value).__name__}; expected Batch")
+    value.check()
+    head = [way.pack(getattr(value, name), f"{where}.{name}", arrays) for name, way in _head_of_batch()]
+    return [*head, _way(ShortArrays).pack(shorten(value.kind, value.arrays), f"{where}.arrays", arrays)]
+
+
+def _unpack_batch(value: Any, where: str, frames: Frames) -> Batch:
+    ways = _head_of_batch()
+    if not isinstance(value, list) or len(value) != len(ways) + 1:
+        raise ProtocolError(f"{where} is not a list of {len(ways) + 1} fields")
+    head = {name: way.unpack(item, f"{where}.{name}", frames) for (name, way), item in zip(ways, value, strict=False)}
+    short = _way(ShortArrays).unpack(value[-1], f"{where}.arrays", frames)
+    batch = Batch(**head, arrays=lengthen(head["kind"], short, f"{where}.arrays"))
+    checks.check(batch, where)
+    return batch
 
 
 def _dataclass_packer(hint: type) -> Packer:
     @functools.cache
     def members() -> tuple[tuple[str, Packer], ...]:  # asked for late: a class may be of its own kind somewhere within
-        return tuple((name, _packer(inner)) for name, inner in _hints(hint).items())
+        return tuple((name, _way(inner).pack) for name, inner in _hints(hint).items())
 
     def pack(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
         if type(value) is not hint:
@@ -295,13 +290,13 @@ def _enum_packer(hint: type[Enum]) -> Packer:
 def _tuple_packer(arguments: tuple[Any, ...]) -> Packer:
     def pack(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
         items = _tuple_hints(arguments, value, where)
-        return [_packer(hint)(item, f"{where}[{index}]", arrays) for index, (hint, item) in enumerate(items)]
+        return [_way(hint).pack(item, f"{where}[{index}]", arrays) for index, (hint, item) in enumerate(items)]
 
     return pack
 
 
 def _map_packer(key_hint: Any, item_hint: Any) -> Packer:
-    of_key, of_item = _packer(key_hint), _packer(item_hint)
+    of_key, of_item = _way(key_hint).pack, _way(item_hint).pack
 
     def pack(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
         if not isinstance(value, Mapping):
@@ -315,7 +310,7 @@ def _union_packer(members: tuple[Any, ...]) -> Packer:
     others = [member for member in members if member is not type(None)]
     optional, names = len(others) < len(members), " or ".join(member.__name__ for member in others)
     if len(others) == 1:
-        only = _packer(others[0])
+        only = _way(others[0]).pack
         return lambda value, where, arrays: None if value is None and optional else only(value, where, arrays)
 
     def pack(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
@@ -323,7 +318,7 @@ def _union_packer(members: tuple[Any, ...]) -> Packer:
             return None
         kind: Any = type(value)
         if kind in others:
-            return [kind.__name__, _packer(kind)(value, where, arrays)]
+            return [kind.__name__, _way(kind).pack(value, where, arrays)]
         raise ProtocolError(f"{where} is a {type(value).__name__}; expected {names}")
 
     return pack
@@ -361,33 +356,12 @@ def _tuple_hints(arguments: tuple[Any, ...], value: Any, where: str) -> Iterable
     return zip(arguments, value, strict=True)
 
 
-@functools.cache
-def _unpacker(hint: Any) -> Unpacker:
-    """What unpacks and checks values of a type hint; raises ProtocolError where something else came."""
-    if _is_array(hint):
-        return _array_unpacker(hint)
-    if members := _members(hint):
-        return _union_unpacker(members)
-    if hint is Any:
-        return lambda value, where, _: _plain(value, where)
-    if isinstance(hint, type) and is_dataclass(hint):
-        return _dataclass_unpacker(hint)
-    if isinstance(hint, type) and issubclass(hint, Enum):
-        return _enum_unpacker(hint)
-    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    if origin is tuple:
-        return _tuple_unpacker(arguments)
-    if origin in (dict, Mapping):
-        return _map_unpacker(*arguments)
-    return lambda value, where, _: _unpack_scalar(hint, value, where)
-
-
 def _dataclass_unpacker(hint: type) -> Unpacker:
     @functools.cache
     def members() -> tuple[tuple[str, Unpacker], ...]:
-        return tuple((name, _unpacker(inner)) for name, inner in _hints(hint).items())
+        return tuple((name, _way(inner).unpack) for name, inner in _hints(hint).items())
 
-    def unpack(value: Any, where: str, frames: _Frames) -> Any:
+    def unpack(value: Any, where: str, frames: Frames) -> Any:
         of_fields = members()
         if not isinstance(value, list) or len(value) != len(of_fields):
             raise ProtocolError(f"{where} is not a list of {len(of_fields)} fields")
@@ -413,17 +387,17 @@ def _enum_unpacker(hint: type[Enum]) -> Unpacker:
 
 
 def _tuple_unpacker(arguments: tuple[Any, ...]) -> Unpacker:
-    def unpack(value: Any, where: str, frames: _Frames) -> Any:
+    def unpack(value: Any, where: str, frames: Frames) -> Any:
         items = _tuple_hints(arguments, value, where)
-        return tuple(_unpacker(hint)(item, f"{where}[{index}]", frames) for index, (hint, item) in enumerate(items))
+        return tuple(_way(hint).unpack(item, f"{where}[{index}]", frames) for index, (hint, item) in enumerate(items))
 
     return unpack
 
 
 def _map_unpacker(key_hint: Any, item_hint: Any) -> Unpacker:
-    of_key, of_item = _unpacker(key_hint), _unpacker(item_hint)
+    of_key, of_item = _way(key_hint).unpack, _way(item_hint).unpack
 
-    def unpack(value: Any, where: str, frames: _Frames) -> Any:
+    def unpack(value: Any, where: str, frames: Frames) -> Any:
         if not isinstance(value, dict):
             raise ProtocolError(f"{where} is a {type(value).__name__}; expected a map")
         return {of_key(key, where, frames): of_item(item, f"{where}[{key!r}]", frames) for key, item in value.items()}
@@ -435,10 +409,10 @@ def _union_unpacker(members: tuple[Any, ...]) -> Unpacker:
     others = {member.__name__: member for member in members if member is not type(None)}
     optional, names = len(others) < len(members), " or ".join(others)
     if len(others) == 1:
-        [only] = (_unpacker(member) for member in others.values())
+        [only] = (_way(member).unpack for member in others.values())
         return lambda value, where, frames: None if value is None and optional else only(value, where, frames)
 
-    def unpack(value: Any, where: str, frames: _Frames) -> Any:
+    def unpack(value: Any, where: str, frames: Frames) -> Any:
         if value is None and optional:
             return None
         if not isinstance(value, list) or len(value) != 2:
@@ -446,7 +420,7 @@ def _union_unpacker(members: tuple[Any, ...]) -> Unpacker:
         member = others.get(value[0]) if isinstance(value[0], str) else None
         if member is None:
             raise ProtocolError(f"{where} is a {value[0]!r}; expected {names}")
-        return _unpacker(member)(value[1], where, frames)
+        return _way(member).unpack(value[1], where, frames)
 
     return unpack
 

@@ -23,6 +23,7 @@ from wdpm.cluster.transport.transport import (
     Connection,
     Listener,
     Network,
+    Received,
     Role,
 )
 from wdpm.scenes.errors import ClusterEndedError, ClusterError, MasterLostError, ProtocolError
@@ -150,7 +151,7 @@ class SlaveShell:
     def _receive_from_peers(self) -> None:
         came = False
         for _ in range(TURN_MESSAGES):
-            received = self._listener.receive()
+            received = self._next_of_peers()
             if received is None:
                 break
             came = True
@@ -161,6 +162,13 @@ class SlaveShell:
                 self.handle(s.PeerSaid(identity, message, more=True))
         if came:
             self.handle(s.Look())
+
+    def _next_of_peers(self) -> tuple[bytes, Received] | None:
+        before = self._network.carried.received
+        received = self._listener.receive()
+        if self._account is not None and received is not None and isinstance(received[1], protocol.PeerBatches):
+            self._account.sent.came(self._network.carried.received - before)
+        return received
 
     def _receive_answers(self) -> None:
         for number, connection in list(self._peers.items()):
@@ -201,9 +209,11 @@ class SlaveShell:
         connection = self._peers.get(number)
         if connection is None:
             return  # lost before, and the master knows
+        before = self._network.carried.sent
+        delivered = connection.send(message)
         if self._account is not None:
-            self._account.sent.add(message)
-        if not connection.send(message):
+            self._account.sent.add(message, self._network.carried.sent - before)
+        if not delivered:
             self._lose_peer(number)
 
     def _lose_peer(self, number: int) -> None:

@@ -9,7 +9,7 @@ import socket
 import struct
 from collections.abc import Sequence
 
-from wdpm.cluster.messages.packing import Frame
+from wdpm.cluster.messages.frames import Frame
 
 Stream = socket.socket
 """One end."""

@@ -32,6 +32,7 @@ import warp as wp
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.host_memory import PrivateMemory, keep_free_memory, return_free_memory
 from wdpm.cluster.messages import packing, protocol, shares
+from wdpm.cluster.messages.frames import Frame
 from wdpm.cluster.records import Records
 from wdpm.cluster.task import Task, TaskResult
 from wdpm.cluster.transport import stream
@@ -184,7 +185,7 @@ class ForkedTasks:
             for process in self._processes:
                 _send(process, frames)
 
-    def _take(self, process: _Process, frames: list[packing.Frame]) -> TaskResult:
+    def _take(self, process: _Process, frames: list[Frame]) -> TaskResult:
         """The result of a task; its share goes to the worker."""
         answer: shares.FromShare = packing.decode(frames, _FROM_SHARE)
         if isinstance(answer, shares.TaskFailed):
@@ -212,7 +213,7 @@ class ForkedTasks:
         self._hand_next(self._fork())
 
 
-def _send(process: _Process, frames: list[packing.Frame]) -> None:
+def _send(process: _Process, frames: list[Frame]) -> None:
     """If it is gone, `wait` finds that out, and another one, forked of the worker as it is then, gets its task."""
     with contextlib.suppress(OSError):
         stream.send(process.stream, frames)

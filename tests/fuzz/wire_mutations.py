@@ -75,6 +75,9 @@ def _other(value: Any, rng: random.Random) -> Any:
         return rng.choice((value + 1, value - 1, -value, *_NUMBERS))
     if isinstance(value, float) and rng.random() < 0.7:
         return rng.choice((value * 2, -value, *_FLOATS))
+    if isinstance(value, str) and value and rng.random() < 0.3:
+        at = rng.randrange(len(value))
+        return value[:at] + rng.choice("0123456789abcdefg") + value[at + 1 :]
     if isinstance(value, str) and rng.random() < 0.5:
         return rng.choice((value[:-1], value + "x", *_TEXTS))
     if rng.random() < 0.02:

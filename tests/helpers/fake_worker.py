@@ -28,6 +28,9 @@ from wdpm.scenes.flat.material_table import tabulate
 from wdpm.scenes.model.scene import Camera, diffuse
 from wdpm.scenes.model.textures import Bitmap, Checkerboard
 
+GHOSTS = 200
+"""Photons of a batch that a fake worker sends for a band: enough that its columns travel in short forms."""
+
 
 class FakeWorker:
     """Every task sends a batch to every cell; each answers home; the last answer ends the task."""
@@ -138,7 +141,7 @@ class FakeWorker:
     def exchange_ghosts(self) -> list[Batch]:
         assert not self.open
         foreign = [cell for cell, holder in enumerate(self.holders) if holder != self.number]
-        ghosts = arrays(Kind.GHOST_PHOTONS, 2)
+        ghosts = arrays(Kind.GHOST_PHOTONS, GHOSTS)
         return [Batch.of_task(Kind.GHOST_PHOTONS, -1, -1, cell, 0, ghosts) for _ in self.cells for cell in foreign]
 
     def ghosts_expected(self) -> int:
@@ -150,7 +153,7 @@ class FakeWorker:
         return [Batch.of_task(kind, -1, self.number, cell, 0, arrays(kind, 1)) for cell in cells]
 
     def build_maps(self, part: int, parts: int, cells: Sequence[int]) -> list[Batch]:
-        assert self.ghosts == 2 * self.ghosts_expected()
+        assert self.ghosts == GHOSTS * self.ghosts_expected()
         assert 0 <= part < parts
         kind = Kind.COPIED_IRRADIANCE
         return [Batch.of_task(kind, -1, self.number, cell, 0, arrays(kind, 1)) for cell in cells]
@@ -204,7 +207,7 @@ def arrays(kind: Kind, count: int) -> dict[str, Any]:
         for name, field in SCHEMAS[kind].items()
     }
     return {
-        name: np.zeros_like(array) if name in ("owner", "cell", "light", "medium", "map", "u", "v") else array
+        name: np.zeros_like(array) if name in ("owner", "cell", "light", "medium", "map", "front", "u", "v") else array
         for name, array in counting.items()
     }
 

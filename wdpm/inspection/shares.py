@@ -95,4 +95,4 @@ def _triangle_bytes(flat: FlatScene) -> int:
 _PHOTON_BYTES = sum(
     np.dtype(field.dtype).itemsize * int(np.prod(field.shape)) for field in SCHEMAS[Kind.COPIED_PHOTONS].values()
 )
-"""Of a stored photon on the wire."""
+"""Of a stored photon on the wire, at most: its whole numbers may travel shorter."""

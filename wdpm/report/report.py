@@ -61,15 +61,15 @@ class SlaveReport:
         ghosts: copies of photons of its neighbours, in the overlap band.
         records: irradiance records that reach its cells.
         rays_in, rays_out: rays that came from other cells, and that were sent there.
-        bytes_in, bytes_out: traffic on its sockets.
+        bytes_in, bytes_out: of batches from and to other slaves, as they travelled.
         busy_s: time in kernels, all threads together [s].
         peak_memory_bytes: largest resident size of its process.
         spent_s: wall-clock time of its process by what it went to: computing, or a wait by its cause [s]; empty, as are
             the rest, of a render in one process.
         messages: that it sent, by name; without signs of life, which follow the clock.
         batches_by_rays, batches_by_bytes: batches that it sent to other slaves, by the largest power of two that is no
-            larger than how many rays (or hits, photons, results) were in them, and than the bytes of these; "0" for
-            batches without any, which bring credit home.
+            larger than how many rays (or hits, photons, results) were in them, and than their bytes as they travelled;
+            "0" rays for batches that only bring credit home.
     """
 
     slave: str

@@ -9,6 +9,7 @@ import zmq
 
 from wdpm.cluster.limits import DEAD_S
 from wdpm.cluster.messages import packing
+from wdpm.cluster.messages.frames import FRAME_BYTES
 from wdpm.scenes.errors import ProtocolError
 
 Socket = zmq.Socket[bytes]
@@ -34,7 +35,7 @@ def make_socket(context: zmq.Context[Socket], kind: int) -> Socket:
     # (DEALER). What is in flight is bounded by the number of tasks instead.
     socket.sndhwm = socket.rcvhwm = 0
     # Of one frame as it is sent; a longer one closes the connection before it is read.
-    socket.maxmsgsize = packing.FRAME_BYTES + ENVELOPE_BYTES
+    socket.maxmsgsize = FRAME_BYTES + ENVELOPE_BYTES
     socket.linger = LINGER_MS
     socket.reconnect_ivl = STOP_CONNECTING
     _notice_silent_links(socket)

@@ -13,6 +13,7 @@ from wdpm.cluster import lit_places, records, task, world
 from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.messages import packing, protocol
+from wdpm.cluster.messages.frames import FRAME_BYTES
 from wdpm.cluster.runs import Runs
 from wdpm.scenes.flat.arrays import Media, Triangles
 from wdpm.scenes.flat.material_table import MaterialTable
@@ -105,7 +106,7 @@ def test_numbers_are_as_described() -> None:
         f"| header | {packing.HEADER_BYTES >> 20} MiB |",
         f"| header of someone who has not been welcomed | {packing.STRANGER_BYTES >> 10} KiB, ",
         f"| frames of a message | {packing.MOST_FRAMES:,} |",
-        f"| frame | {packing.FRAME_BYTES >> 20} MiB (",
+        f"| frame | {FRAME_BYTES >> 20} MiB (",
         f"| triangles of one Partition | {limits.part_triangles:,} (",
         f"| cells on their way at once | {limits.cells_in_flight} |",
         f"| photon tasks in flight for each slave | {limits.photon_tasks_in_flight} |",

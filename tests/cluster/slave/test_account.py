@@ -105,6 +105,8 @@ def test_the_account_begins_anew_where_the_workers_counts_do(job: c.Job) -> None
         "messages": {"Statistics": 1},
         "batches_by_rays": {},
         "batches_by_bytes": {},
+        "bytes_in": 0,
+        "bytes_out": 0,
     }
 
 
@@ -117,20 +119,23 @@ def test_photons_of_other_teams_come_at_the_end_of_a_phase() -> None:
 def test_messages_are_counted_by_name_and_batches_by_size() -> None:
     sent = Sent()
     photons = batch(Kind.PHOTON, 5)
-    for message in (
-        p.Heartbeat(),
-        p.Vitals(),
-        p.Ready(1),
-        p.PeerBatches(1, (photons,)),
-        p.PeerBatches(1, (photons,)),
-        p.PeerBatches(1, (batch(Kind.ENDED),)),
+    for message, size in (
+        (p.Heartbeat(), 0),
+        (p.Vitals(), 0),
+        (p.Ready(1), 0),
+        (p.PeerBatches(1, (photons,)), 500),
+        (p.PeerBatches(1, (photons,)), 500),
+        (p.PeerBatches(1, (batch(Kind.ENDED),)), 60),
     ):
-        sent.add(message)
+        sent.add(message, size)
+    sent.came(700)
     counts = sent.take()
     assert counts["messages"] == {"Ready": 1, "PeerBatches": 3}
     assert counts["batches_by_rays"]["4"] == 2
-    assert counts["batches_by_bytes"][power_below(photons.nbytes)] == 2
-    assert sent.take() == {"messages": {}, "batches_by_rays": {}, "batches_by_bytes": {}}
+    assert counts["batches_by_bytes"] == {"256": 2, "32": 1}
+    assert (counts["bytes_in"], counts["bytes_out"]) == (700, 1060)
+    begun = {"messages": {}, "batches_by_rays": {}, "batches_by_bytes": {}, "bytes_in": 0, "bytes_out": 0}
+    assert sent.take() == begun
 
 
 def test_powers_of_two() -> None:

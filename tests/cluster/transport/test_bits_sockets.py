@@ -70,7 +70,7 @@ def check_account(slave: dict[str, Any], *, alone: bool) -> None:
     assert (batches > 0) == ("PeerBatches" in messages)
     if not alone:
         assert batches > 0
-        # Each has at least the power of two that it is counted under; bytes are of all renders with these photons.
+        # Each has at least the power of two that it is counted under.
         below = sum(int(power) * count for power, count in slave["batches_by_bytes"].items())
         assert 0 < below <= slave["bytes_out"]
 

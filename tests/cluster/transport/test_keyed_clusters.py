@@ -16,6 +16,7 @@ from slow_slaves import AGREED
 
 from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.messages import packing, protocol
+from wdpm.cluster.messages.frames import FRAME_BYTES
 from wdpm.cluster.slave.process import run_slave
 from wdpm.cluster.transport.keys import Keys
 from wdpm.cluster.transport.transport import Network, Role
@@ -68,11 +69,11 @@ def test_frames_of_full_length_arrive(keys: RunKeys | None) -> None:
             curve.serve(listening, server)
             curve.connect(calling, slave_keys(keys.for_slave()).own, server.public)
         connect(calling, bind(listening, "tcp://127.0.0.1:*"))
-        sent = [b"header", bytes(packing.FRAME_BYTES), b"end"]
+        sent = [b"header", bytes(FRAME_BYTES), b"end"]
         calling.send_multipart(sent)
         assert listening.poll(int(1000 * WAIT_S)), "the connection was closed"
         assert listening.recv_multipart()[1:] == sent
-        calling.send_multipart([b"header", bytes(packing.FRAME_BYTES + ENVELOPE_BYTES + 1)])
+        calling.send_multipart([b"header", bytes(FRAME_BYTES + ENVELOPE_BYTES + 1)])
         assert not listening.poll(500), "a frame that is too long was taken"
     finally:
         context.destroy(linger=0)

@@ -22,6 +22,7 @@ from wdpm.cluster.master import events as m
 from wdpm.cluster.master.loop import FROM_SLAVE, MasterShell
 from wdpm.cluster.master.machine import Master
 from wdpm.cluster.messages import packing, protocol
+from wdpm.cluster.messages.frames import Frame
 from wdpm.cluster.messages.protocol import Message
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.slave import events as s
@@ -63,7 +64,7 @@ class Post:
 
     channel: Channel
     size: int
-    frames: list[packing.Frame]
+    frames: list[Frame]
     deliver: Callable[[], None]
 
 
@@ -76,7 +77,7 @@ class Process:
     carrier: Thread
     compute: Thread
     take_in: Callable[[], None] = lambda: None
-    arrived: list[list[packing.Frame]] = field(default_factory=list)
+    arrived: list[list[Frame]] = field(default_factory=list)
     awake: bool = False
 
 

@@ -1,0 +1,103 @@
+"""The arrays of a batch as the wire has them: in the order of its kind's fields, each in the form that suits it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.cluster.batch import SCHEMAS, Arrays, Kind
+from wdpm.cluster.messages.short_columns import RAW, Bytes, Column, ColumnReader, ColumnWriter
+from wdpm.kernels.ray_fields import HIT
+from wdpm.scenes.errors import ProtocolError
+
+SHORT_ROWS = 128
+"""Rows of a batch below which its columns travel as they are: looking at them would take longer than it saves."""
+
+LONG_ROWS = 1 << 20
+"""Rows above which they do so too: photons and ghosts of a whole map, whose columns then need no memory of their own
+while they wait to be sent, once for each receiver, nor while they are looked at."""
+
+_MET = "prim"
+"""Says which rows have met something; the other fields of a hit are of those, and come after it."""
+
+_ORDER = {kind: sorted(fields, key=lambda name: name != _MET) for kind, fields in SCHEMAS.items()}
+_DTYPES = {dtype: np.dtype(dtype) for dtype in ("<f4", "<i4", "<i8")}
+
+
+@dataclass(frozen=True, eq=False)
+class ShortArrays:
+    """What stands for a batch's arrays in a message.
+
+    Attributes:
+        rows: how many; no more than blocks have bytes.
+        forms: of each column two hexadecimal digits (short_columns), `prim` first; none where all are as they are.
+        blocks: bytes of the columns, one behind another.
+    """
+
+    rows: int
+    forms: str
+    blocks: tuple[NDArray[np.uint8], ...]
+
+
+def shorten(kind: Kind, arrays: Arrays) -> ShortArrays:
+    """The arrays for the wire.
+
+    Args:
+        arrays: those of the kind, as Batch.check holds.
+    """
+    columns = [np.ascontiguousarray(arrays[name]) for name in _ORDER[kind]]
+    rows = len(columns[0]) if columns else 0
+    forms, blocks = _shorter(_ORDER[kind], columns, rows) if SHORT_ROWS <= rows <= LONG_ROWS else ("", [])
+    if sum(map(len, blocks)) < rows:  # as they are not yet, or fewer bytes than a receiver believes
+        forms, blocks = "", _as_they_are(columns)
+    return ShortArrays(rows, forms, tuple(blocks))
+
+
+def _shorter(names: Sequence[str], columns: Sequence[Column], rows: int) -> tuple[str, list[Bytes]]:
+    writer = ColumnWriter(rows)
+    forms = bytes(_put(writer, name, column) for name, column in zip(names, columns, strict=True))
+    return forms.hex(), writer.blocks()
+
+
+def _as_they_are(columns: Sequence[Column]) -> list[Bytes]:
+    writer = ColumnWriter(0)
+    for column in columns:
+        writer.raw(column)
+    return writer.blocks()
+
+
+def _put(writer: ColumnWriter, name: str, column: Column) -> int:
+    if name == _MET:
+        return writer.pick(column)
+    if name in HIT and (form := writer.of_picked(column)) is not None:
+        return form
+    return writer.floats(column) if column.dtype.kind == "f" else writer.whole(column)
+
+
+def lengthen(kind: Kind, short: ShortArrays, where: str) -> dict[str, Column]:
+    """The arrays that came; they are read-only where they share memory with the blocks.
+
+    Raises:
+        ProtocolError: these are no columns of so many rows. Nothing is made that is longer than the rows, of which no
+            more are believed than there are bytes.
+    """
+    fields, order = SCHEMAS[kind], _ORDER[kind]
+    size = sum(map(len, short.blocks))
+    if not 0 <= short.rows <= size or any(block.ndim != 1 for block in short.blocks):
+        raise ProtocolError(f"{where} have {short.rows} rows in {size} bytes")
+    if len(short.forms) != (2 * len(order) if short.forms else 0):
+        raise ProtocolError(f"{where} have forms '{short.forms:.80}'; expected 2 digits for each of {len(order)}")
+    try:
+        forms = bytes.fromhex(short.forms) or bytes([RAW]) * len(order)
+        reader = ColumnReader(short.rows, short.blocks)
+        taken = {
+            name: reader.column(form, _DTYPES[fields[name].dtype], fields[name].shape)
+            for name, form in zip(order, forms, strict=True)
+        }
+        reader.finish()
+    except (ProtocolError, ValueError) as error:  # ValueError: of fromhex
+        raise ProtocolError(f"{where}: columns of {short.rows} rows: {error}") from None
+    return {name: taken[name] for name in fields}
