@@ -59,6 +59,7 @@ class MadeOnce:
 
     Attributes:
         alone: things that were made here for nobody else, since the system or a process that stands still forbade it.
+        found_some: whether something was mapped that another worker has made: so others can map what lies here.
     """
 
     def __init__(self, share: Share | None = None, scene: str = "", *, in_main_memory: bool = True) -> None:
@@ -66,6 +67,7 @@ class MadeOnce:
         self._scene = scene
         self._in_main_memory = in_main_memory
         self.alone = 0
+        self.found_some = False
 
     @property
     def shares(self) -> bool:
@@ -91,9 +93,35 @@ class MadeOnce:
                 if index not in got:
                     with self._share.claim(f"{self._scene} {wanted[index].name}", wait=wait) as claim:
                         if claim is not None:
+                            self.found_some |= claim.found is not None
                             got[index], shared = _taken(claim, wanted[index])
                             self.alone += not shared
         return [got[index] for index in range(len(wanted))]
+
+    def lend(self, name: str, arrays: Mapping[str, NDArray[Any]]) -> Any:
+        """Have others map arrays that only this worker has, in place of what had this name before.
+
+        Returns:
+            what keeps them there; None if they are not, or if nothing tells that others could map them.
+        """
+        if self._share is None or not self._in_main_memory or not self.found_some:
+            return None
+        with self._share.claim(f"{self._scene} {name}") as claim:
+            return None if claim is None else claim.publish(packed.pack(name, [dict(arrays)]))
+
+    def borrow(self, name: str) -> Mapping[str, NDArray[Any]] | None:
+        """The arrays that another worker lends, where they lie, read-only; None if they are not to be had."""
+        if self._share is None:
+            return None
+        with self._share.claim(f"{self._scene} {name}") as claim:
+            if claim is None or claim.found is None:
+                return None
+            try:
+                found: Mapping[str, NDArray[Any]]
+                (found,) = packed.unpack(name, (dict,), claim.found)
+            except NotAsExpectedError:
+                return None
+            return found
 
 
 def _taken(claim: Claim, wanted: Wanted) -> tuple[Sequence[Value], bool]:

@@ -94,7 +94,7 @@ class Cell:
         if batch.kind in GHOSTS:
             self.store.add_ghosts(batch)
         elif batch.kind is Kind.COPIED_PHOTONS:
-            self.store.add_copies(batch.arrays)
+            self.store.add_copies(batch.arrays, batch.home)
         elif batch.kind is Kind.COPIED_ORDER:
             self.store.add_order(batch.arrays)
         elif batch.kind is Kind.COPIED_IRRADIANCE:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.batch import Arrays
 from wdpm.kernels.rays.cells import FAR_AWAY
 
 
@@ -16,3 +19,10 @@ def rows_near(
         return np.arange(len(position))  # the only cell
     outside = np.maximum(np.maximum(low - position, position - high), 0.0).astype(np.float64)
     return np.flatnonzero((outside**2).sum(axis=1) <= distance**2)
+
+
+def rows_in_band(
+    low: NDArray[np.float32], high: NDArray[np.float32], bands: Sequence[float], number: int, columns: Arrays
+) -> NDArray[np.intp]:
+    """Rows of those in a box, or no further from it than the band of their map."""
+    return rows_near(columns["position"], low, high, bands[number])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,12 +37,26 @@ PHOTON_COLUMNS: Final[Columns] = {
 """As kernels.ray_fields.STORED_PHOTON has them, but for the map."""
 
 
+class _Column(Protocol):
+    """kernels.pages.Pages, or what lies elsewhere."""
+
+    @property
+    def array(self) -> NDArray[Any]: ...
+
+
+@dataclass(frozen=True, eq=False)
+class _Lent:
+    """A column in memory that another process lends: it is read where it lies."""
+
+    array: NDArray[Any]
+
+
 class _Chunk:
     """Room for some items, and how many there are."""
 
-    def __init__(self, columns: Columns) -> None:
-        self.pages = {name: Pages(CHUNK, dtype, width) for name, (dtype, width) in columns.items()}
-        self.count = 0
+    def __init__(self, pages: dict[str, _Column], count: int = 0) -> None:
+        self.pages = pages
+        self.count = count
 
     def column(self, name: str) -> NDArray[Any]:
         return self.pages[name].array[: self.count]
@@ -81,10 +95,19 @@ class Pile:
         begin = 0
         while begin < count:
             if not self._chunks or self._chunks[-1].count == CHUNK:
-                self._chunks.append(_Chunk(self._columns))
+                self._chunks.append(_Chunk({name: Pages(CHUNK, *of) for name, of in self._columns.items()}))
             end = min(count, begin + CHUNK - self._chunks[-1].count)
             self._chunks[-1].add(arrays, slice(begin, end) if rows is None else rows[begin:end])
             begin = end
+
+    def borrow(self, arrays: Arrays) -> None:
+        """Have items in this pile that lie elsewhere. ValueError if they are not like this pile's."""
+        count = len(next(iter(arrays.values()), ()))
+        expected = {name: (np.dtype(dtype), _shape(count, width)) for name, (dtype, width) in self._columns.items()}
+        if {name: (array.dtype, array.shape) for name, array in arrays.items()} != expected:
+            raise ValueError(f"columns {sorted(arrays)} of {count} items; expected {expected}")
+        # In front: the last chunk is the one that grows.
+        self._chunks.insert(0, _Chunk({name: _Lent(array) for name, array in arrays.items()}, count))
 
     def join(self, other: Pile) -> None:
         """Take over another pile's items, which are not copied."""
@@ -114,7 +137,11 @@ class Pile:
     def joined(self, name: str, parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
         """Parts of a column, one after another, as a copy."""
         dtype, width = self._columns[name]
-        return np.concatenate([np.empty((0,) if width == 1 else (0, width), dtype), *parts])
+        return np.concatenate([np.empty(_shape(0, width), dtype), *parts])
+
+
+def _shape(count: int, width: int) -> tuple[int, ...]:
+    return (count,) if width == 1 else (count, width)
 
 
 class Piles:
@@ -149,6 +176,33 @@ class Piles:
             rows = np.flatnonzero(numbers == number)
             if len(rows):
                 self._of_map[number].add(arrays, None if len(rows) == len(numbers) else rows)
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """All columns of all items, by the number of their map and their names, as `borrow` takes them."""
+        return {
+            f"{number} {name}": pile.whole(name)
+            for number, pile in enumerate(self._of_map)
+            if len(pile)
+            for name in self._columns
+        }
+
+    def borrow(self, columns: Arrays) -> NDArray[np.int64]:
+        """Have items that lie elsewhere, as `columns` gives them. Returns how many, by map.
+
+        Raises:
+            ValueError: they are not what `columns` gives.
+        """
+        counts = np.zeros(MAPS, np.int64)
+        of_map: dict[int, dict[str, NDArray[Any]]] = {}
+        for key, column in columns.items():
+            number, _, name = key.partition(" ")
+            of_map.setdefault(int(number), {})[name] = column
+        for map_number, arrays in of_map.items():
+            if not 0 <= map_number < MAPS:
+                raise ValueError(f"there is no map {map_number}")
+            self._of_map[map_number].borrow(arrays)
+            counts[map_number] = len(arrays["id"])
+        return counts
 
     def join(self, other: Piles) -> None:
         """Take over what others hold."""

@@ -16,10 +16,11 @@ from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, concatenate, take, 
 from wdpm.cluster.made_once import Wanted
 from wdpm.cluster.work import tree_orders
 from wdpm.cluster.work.guards import PHOTON, Guards
-from wdpm.cluster.work.overlap_band import rows_near
+from wdpm.cluster.work.overlap_band import rows_in_band, rows_near
 from wdpm.cluster.work.photon_pile import Numbered, Pile, Piles, PositionsOf
 from wdpm.cluster.work.reflected_light import GATHER_GRAIN, GATHER_RUN, Places, by_white, of_white
 from wdpm.cluster.work.replica import Replica
+from wdpm.cluster.work.tally import no_photons
 from wdpm.kernels import columns
 from wdpm.kernels.irradiance import at_photons
 from wdpm.kernels.limits import MAPS
@@ -51,19 +52,6 @@ CARRIED = ("id", "position", "normal", "front")
 
 SURFACE_MAPS = (int(GLOBAL_MAP), int(CAUSTIC_MAP))
 """Those whose gathers divide by a measured area."""
-
-
-@dataclass
-class PhotonCounters:
-    """What was stored, for the report.
-
-    Attributes:
-        by_light: photons that each light has in each map, shape [MAPS, lights].
-        flux_by_light: their flux, mean of RGB [W x paths], shape [MAPS, lights].
-    """
-
-    by_light: NDArray[np.int64]
-    flux_by_light: NDArray[np.float64]
 
 
 @dataclass(eq=False)
@@ -104,6 +92,8 @@ class PhotonStore:
         self._own = Piles(Kind.GHOST_PHOTONS)
         self._copies = Piles(Kind.GHOST_PHOTONS)
         self._ghosts = Piles(Kind.GHOST_PHOTONS)
+        self._lent: Any = None
+        self._some_missing = False
         self._numbered: dict[int, Numbered] = {}
         self._deposits: Any = None
         self._own_points = Piles(Kind.GHOST_POINTS)
@@ -120,9 +110,8 @@ class PhotonStore:
         self.count = np.zeros(MAPS, np.int64)
         self.copy_count = np.zeros(MAPS, np.int64)
         self.ghost_count = np.zeros(MAPS, np.int64)
-        number = len(replica.world.lights.names)
         self.guards = Guards(replica)
-        self.counters = PhotonCounters(np.zeros((MAPS, number), np.int64), np.zeros((MAPS, number)))
+        self.counters = no_photons(len(replica.world.lights.names))
 
     def room(self, capacity: int, chunks: int) -> Any:
         """Room for photons, used again from launch to launch: fresh memory costs as much as the photons in it."""
@@ -148,16 +137,7 @@ class PhotonStore:
                     self.guards.act_on_photons(PHOTON, number[bad] >> BOUNCE_BITS, bounce, light[bad])
                     photons, light = take(photons, np.flatnonzero(finite)), light[finite]
                 self._own.add(photons)
-                self._count(photons, light)
-
-    def _count(self, photons: Arrays, light: NDArray[np.int32]) -> None:
-        number = self.counters.by_light.shape[1]
-        key = photons["map"].astype(np.int64) * number + light
-        counted = np.bincount(key, minlength=MAPS * number).reshape(MAPS, number)
-        self.counters.by_light += counted
-        self.count += counted.sum(axis=1)
-        flux = photons["flux"].mean(axis=1, dtype=np.float64)
-        self.counters.flux_by_light += np.bincount(key, flux, MAPS * number).reshape(MAPS, number)
+                self.count += self.counters.add(photons, light)
 
     def take_new(self) -> Arrays:
         """The photons stored since this was last asked, which are let go of: another store takes them in."""
@@ -169,10 +149,28 @@ class PhotonStore:
         """Take in photons of this cell that another store gave. They are counted there."""
         self._own.add(photons)
 
-    def add_copies(self, photons: Arrays) -> None:
-        """Take in photons of this cell that landed in another team. They are counted there."""
-        self._copies.add(photons)
-        self.copy_count += np.bincount(photons["map"], minlength=MAPS)
+    def add_copies(self, photons: Arrays, lender: int) -> None:
+        """Take in photons of this cell that landed in another team. They are counted there.
+
+        Args:
+            photons: none where they lie in memory that all share.
+            lender: number of the worker that they come from.
+        """
+        if len(photons["map"]) or not self._replica.made.shares:
+            self._copies.add(photons)
+            self.copy_count += np.bincount(photons["map"], minlength=MAPS)
+            return
+        try:
+            lent = self._replica.made.borrow(self._named(f"photons of {lender}"))
+            self._some_missing |= lent is None
+            self.copy_count += self._copies.borrow(lent or {})
+        except ValueError:  # of a process that is not what it says it is
+            self._some_missing = True
+
+    def lend(self) -> bool:
+        """Have all workers of this machine read the photons that landed here where they lie, if that can be."""
+        self._lent = self._replica.made.lend(self._named(f"photons of {self._replica.worker}"), self._own.columns())
+        return self._lent is not None
 
     def so_far(self) -> Arrays:
         """The photons that landed here so far; only before the maps are built."""
@@ -201,7 +199,7 @@ class PhotonStore:
         bands = [plan.band + replica.pad if plan.paths else 0.0 for plan in world.maps]
         for cell in range(len(low)):
             if cell != self._cell:
-                near = functools.partial(_near, low[cell], high[cell], bands)
+                near = functools.partial(rows_in_band, low[cell], high[cell], bands)
                 for kind, piles in copied:
                     yield Batch.of_task(kind, -1, replica.worker, cell, 0, piles.chosen(near))
 
@@ -293,6 +291,10 @@ class PhotonStore:
         """The tree of a map; the edges of its photons' paths, and those of them that carry irradiance, in order."""
 
         def make() -> list[Any]:
+            if self._some_missing:
+                self._some_missing = False
+                self._own.clear()
+                self._replica.trace_all()
             self._number([number])
             launcher, numbered = self._replica.launcher, self._numbered.pop(number)
             run = launcher.build_launcher()
@@ -370,7 +372,8 @@ class PhotonStore:
         self._irradiance_parts.append(part)
 
     def finish(self) -> None:
-        """Build the tree of irradiance: all parts are here."""
+        """Build the tree of irradiance: all parts are here, so everyone has mapped the photons that were lent."""
+        self._lent = None
         carriers, self._carriers = self._carriers, {}
         parts, self._irradiance_parts = concatenate(self._irradiance_parts, Kind.COPIED_IRRADIANCE), []
         if not carriers:
@@ -463,6 +466,7 @@ class PhotonStore:
         """Let go of all photons and what was counted about them."""
         for piles in (self._own, self._copies, self._ghosts, self._own_points, self._ghost_points):
             piles.clear()
+        self._lent, self._some_missing = None, False
         self._numbered, self._sites, self.points = {}, {}, [None] * MAPS
         self.maps = [None] * MAPS
         self.irradiance, self.irradiance_count, self.irradiance_s = None, 0, 0.0
@@ -473,13 +477,6 @@ class PhotonStore:
         self.counters.by_light[:] = 0
         self.counters.flux_by_light[:] = 0.0
         self.guards.counts.clear()
-
-
-def _near(
-    low: NDArray[np.float32], high: NDArray[np.float32], bands: Sequence[float], number: int, columns: Arrays
-) -> NDArray[np.intp]:
-    """Rows of those in a box, or no further from it than the band of their map."""
-    return rows_near(columns["position"], low, high, bands[number])
 
 
 def _even_runs(counts: NDArray[np.int64], most: int) -> Iterator[NDArray[np.intp]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -69,6 +70,7 @@ class Replica:
         tiled_sky: the environment as guides divide it.
         outputs: features of which its kernels that shade write the arrays; no fewer than the view's.
         made: what is made once for all workers on this machine.
+        trace_all: traces all photon paths into the only cell: who shares a scene does it where it must go on alone.
         observer: is shown what happens at the vertices of camera paths, for replays; None in a render.
     """
 
@@ -78,6 +80,7 @@ class Replica:
     made: MadeOnce = field(default_factory=MadeOnce)
     view: View | None = None
     camera: Any = None
+    trace_all: Callable[[], None] = lambda: None
     observer: Observer | None = None
     kernels: Variants = field(init=False)
     outputs: Features = field(init=False)

@@ -11,6 +11,10 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.cluster.batch import Arrays
+from wdpm.kernels.limits import MAPS
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,6 +23,35 @@ class Number:
 
     owner: Any
     name: str
+
+
+@dataclass
+class PhotonCounters:
+    """What was stored, for the report.
+
+    Attributes:
+        by_light: photons that each light has in each map, shape [MAPS, lights].
+        flux_by_light: their flux, mean of RGB [W x paths], shape [MAPS, lights].
+    """
+
+    by_light: NDArray[np.int64]
+    flux_by_light: NDArray[np.float64]
+
+    def add(self, photons: Arrays, light: NDArray[np.int32]) -> NDArray[np.int64]:
+        """Count stored photons of these lights. Returns how many each map has of them, shape [MAPS]."""
+        shape = self.by_light.shape
+        key = photons["map"].astype(np.int64) * shape[1] + light
+        counted = np.bincount(key, minlength=shape[0] * shape[1]).reshape(shape)
+        self.by_light += counted
+        flux = photons["flux"].mean(axis=1, dtype=np.float64)
+        self.flux_by_light += np.bincount(key, flux, shape[0] * shape[1]).reshape(shape)
+        of_maps: NDArray[np.int64] = counted.sum(axis=1)
+        return of_maps
+
+
+def no_photons(lights: int) -> PhotonCounters:
+    """Counters of so many lights at 0."""
+    return PhotonCounters(np.zeros((MAPS, lights), np.int64), np.zeros((MAPS, lights)))
 
 
 Counter = Any

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from wdpm.cluster.batch import OF_MAPS, TO_HOME, Arrays, Batch, Kind, by_home, concatenate, take
+from wdpm.cluster.batch import OF_MAPS, TO_HOME, Arrays, Batch, Kind, by_home, concatenate, take, zeros
 from wdpm.cluster.host_memory import peak_memory
 from wdpm.cluster.made_once import MadeOnce
 from wdpm.cluster.outbox import Outbox
@@ -38,6 +38,9 @@ Home = PhotonHome | RecordHome | BucketHome
 
 RAYS = frozenset(set(Kind) - TO_HOME - OF_MAPS)
 
+TRACED_AT_ONCE = 1 << 15
+"""Photon paths that a worker traces at once where it does without those that others lend."""
+
 
 class CellWorker:
     """Cells and homes of one slave.
@@ -62,7 +65,7 @@ class CellWorker:
         self.number = number
         self.holders = tuple(holders)
         shared = made if made is not None and len(self.holders) == 1 else MadeOnce()
-        self.replica = Replica(world, launcher, number, shared)
+        self.replica = Replica(world, launcher, number, shared, trace_all=self._trace_all)
         self.cells = {cell: Cell(cell, triangles, self.replica) for cell, triangles in sorted(partition.items())}
         self._guards = Guards(self.replica)  # of its homes
         self._homes: dict[int, Home] = {}
@@ -147,11 +150,30 @@ class CellWorker:
         self._busy += time.perf_counter() - began
 
     def copies(self, cells: Sequence[int]) -> list[Batch]:
-        """The photons that landed in these own cells, for workers of other teams that have them; one batch each."""
-        landed = {cell: self.cells[cell].store.so_far() for cell in set(cells)}
+        """The photons that landed in these own cells, for workers of other teams that have them; one batch each.
+
+        Where they lie in memory that all of them share, batches are empty.
+        """
+        stores = {cell: self.cells[cell].store for cell in set(cells)}
+        landed = {
+            cell: zeros(Kind.COPIED_PHOTONS) if store.lend() else store.so_far() for cell, store in stores.items()
+        }
         batches = [Batch.of_task(Kind.COPIED_PHOTONS, -1, self.number, cell, 0, landed[cell]) for cell in cells]
         self._traffic["bytes_out"] += sum(batch.nbytes for batch in batches)
         return batches
+
+    def _trace_all(self) -> None:
+        """Trace all photon paths here, though others have traced theirs, and count nothing of it."""
+        (store,) = (cell.store for cell in self.cells.values())
+        counters = self._counters()
+        values = tally.read(counters)
+        tally.clear(counters)
+        for start in range(0, self.replica.world.paths, TRACED_AT_ONCE):
+            self.start(PhotonTask(-1, start, min(start + TRACED_AT_ONCE, self.replica.world.paths)))
+        every = store.count.copy()
+        tally.clear(counters)
+        tally.add(counters, values)
+        store.copy_count = every - store.count
 
     def exchange_ghosts(self) -> list[Batch]:
         """Ghosts and surface points of each own cell for every cell of another worker; between own cells at once."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,13 @@ from shared_memory import memory_is_shared
 
 import wdpm
 from wdpm.cluster import made_once
+from wdpm.cluster.batch import Batch
 from wdpm.cluster.made_once import MadeOnce, Wanted, name_of
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.transport import host_share
 from wdpm.cluster.transport.host_share import HostShare
 from wdpm.cluster.work.worker import CellWorker
+from wdpm.images.image import Image
 from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.passes import render_in_passes
 
@@ -72,6 +74,62 @@ def test_an_image_keeps_its_bits(
     assert ("records" in kinds) == (indirect is Indirect.CACHE)
     pilots = {"cell 0", "textures"}  # made by the worker of the pilot too, which has ended when the others begin
     assert {name: times for name, times in made.items() if times > 1 + (name in pilots)} == {}
+
+
+class Photons:
+    """Watches the photons that workers of a cluster in this process send each other, who share memory.
+
+    Attributes:
+        sent: how many each batch brought.
+        borrowed: whether each search for photons where they lie found them.
+    """
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, folder: Path, *, gone: Sequence[int] = ()) -> None:
+        self.sent: list[int] = []
+        self.borrowed: list[bool] = []
+        sharing(monkeypatch, folder)
+        copies, borrow = CellWorker.copies, MadeOnce.borrow
+
+        def watched_copies(worker: CellWorker, cells: Sequence[int]) -> list[Batch]:
+            batches = copies(worker, cells)
+            self.sent += map(len, batches)
+            return batches
+
+        def watched_borrow(made: MadeOnce, name: str) -> Any:
+            lost = any(f" of {number} of " in name for number in gone)
+            found = None if lost else borrow(made, name)
+            self.borrowed.append(found is not None)
+            return found
+
+        monkeypatch.setattr(CellWorker, "copies", watched_copies)
+        monkeypatch.setattr(MadeOnce, "borrow", watched_borrow)
+
+
+def of_two_kinds(workers: int) -> Image:
+    """An image with photons of the global map and of the caustic map."""
+    scene = wdpm.load("cornell-box", size=(16, 16))
+    chosen = RenderSettings(photons=4000, caustic_photons=1000, spp=2, passes=2, k=20, indirect=Indirect.GATHER)
+    with InProcess(threads=1, workers=workers, cells=1, team=1) as backend:
+        return render_in_passes(scene, backend, chosen)
+
+
+@if_shared
+@pytest.mark.parametrize("gone", [(), (0,), (1, 2)], ids=str)
+def test_photons_are_read_where_they_lie(gone: Sequence[int], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Or, where they are not to be had any more, traced anew, which no counter tells."""
+    alone = of_two_kinds(workers=1)
+    photons = Photons(monkeypatch, tmp_path, gone=gone)
+    image = of_two_kinds(workers=3)
+    assert without_cells(image).digest() == without_cells(alone).digest()
+    # Who made all that the others had mapped by then knows of nobody who can map it, and sends his.
+    assert photons.sent.count(0) == len(photons.borrowed) >= 2 * 2 * 2
+    assert all(photons.borrowed) == (not gone)
+    one, shared = alone.metadata["report"], image.metadata["report"]
+    for kind in ("photons", "caustics"):
+        assert shared[kind]["stored"] == one[kind]["stored"]
+        assert shared[kind]["paths"] == one[kind]["paths"]
+    for slave in shared["slaves"] if not gone else ():  # who has none of what is gone, and makes no map, knows less
+        assert slave["photons"] + slave["copies"] == one["slaves"][0]["photons"]
 
 
 @if_shared
