@@ -54,8 +54,9 @@ class _Lent:
 class _Chunk:
     """Room for some items, and how many there are."""
 
-    def __init__(self, pages: dict[str, _Column], count: int = 0) -> None:
+    def __init__(self, pages: dict[str, _Column], room: int, count: int = 0) -> None:
         self.pages = pages
+        self.room = room
         self.count = count
 
     def column(self, name: str) -> NDArray[Any]:
@@ -94,9 +95,9 @@ class Pile:
         count = len(arrays["position"]) if rows is None else len(rows)
         begin = 0
         while begin < count:
-            if not self._chunks or self._chunks[-1].count == CHUNK:
-                self._chunks.append(_Chunk({name: Pages(CHUNK, *of) for name, of in self._columns.items()}))
-            end = min(count, begin + CHUNK - self._chunks[-1].count)
+            if not self._chunks or self._chunks[-1].count == self._chunks[-1].room:
+                self._chunks.append(_Chunk({name: Pages(CHUNK, *of) for name, of in self._columns.items()}, CHUNK))
+            end = min(count, begin + self._chunks[-1].room - self._chunks[-1].count)
             self._chunks[-1].add(arrays, slice(begin, end) if rows is None else rows[begin:end])
             begin = end
 
@@ -106,8 +107,7 @@ class Pile:
         expected = {name: (np.dtype(dtype), _shape(count, width)) for name, (dtype, width) in self._columns.items()}
         if {name: (array.dtype, array.shape) for name, array in arrays.items()} != expected:
             raise ValueError(f"columns {sorted(arrays)} of {count} items; expected {expected}")
-        # In front: the last chunk is the one that grows.
-        self._chunks.insert(0, _Chunk({name: _Lent(array) for name, array in arrays.items()}, count))
+        self._chunks.append(_Chunk({name: _Lent(array) for name, array in arrays.items()}, count, count))
 
     def join(self, other: Pile) -> None:
         """Take over another pile's items, which are not copied."""

@@ -60,6 +60,30 @@ def test_what_was_piled_up_is_there() -> None:
 
 
 @pytest.mark.usefixtures("_chunks")
+def test_what_others_lend_is_read_where_it_lies_among_what_is_piled_up() -> None:
+    every, lender, borrower = photons(200), Piles(Kind.GHOST_PHOTONS), Piles(Kind.GHOST_PHOTONS)
+    lender.add({name: column[50:120] for name, column in every.items()})
+    lent = lender.columns()
+    for column in lent.values():
+        column.flags.writeable = False
+    borrower.add({name: column[:50] for name, column in every.items()})
+    counts = borrower.borrow(lent)
+    borrower.add({name: column[120:] for name, column in every.items()})
+    assert counts.tolist() == np.bincount(every["map"][50:120], minlength=MAPS).tolist()
+    whole = by_id(borrower.whole())
+    assert all(np.array_equal(whole[name], column) for name, column in by_id(every).items())
+    assert any(np.shares_memory(chunk["id"], lent["0 id"]) for chunk in borrower[0].peek())
+
+
+@pytest.mark.parametrize("wrong", ["0 id", "0 flux", "9 id", "x id", "id"])
+def test_what_is_lent_must_be_like_photons(wrong: str) -> None:
+    lender, borrower = Piles(Kind.GHOST_PHOTONS), Piles(Kind.GHOST_PHOTONS)
+    lender.add(photons(40))
+    with pytest.raises(ValueError, match=r"map|columns|invalid literal"):
+        borrower.borrow({**lender.columns(), wrong: np.zeros(3, np.uint8)})
+
+
+@pytest.mark.usefixtures("_chunks")
 def test_a_photon_that_is_stored_takes_61_bytes() -> None:
     piles = Piles(Kind.GHOST_PHOTONS)
     piles.add(photons(100))
