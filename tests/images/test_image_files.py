@@ -412,3 +412,12 @@ def test_what_a_killed_process_left_half_written_goes_at_the_next_run(tmp_path: 
         path.touch()
     check_place(tmp_path / "a.exr")
     assert sorted(tmp_path.iterdir()) == sorted(stays)
+
+
+def test_an_exr_file_has_the_same_bytes_however_many_threads_compress_it(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    image = Image({"beauty": rng.random((150, 40, 3), np.float32), "depth": rng.random((150, 40), np.float32)}, {})
+    files = [tmp_path / f"{threads}.exr" for threads in (1, 2, 7)]
+    for threads, file in zip((1, 2, 7), files, strict=True):
+        image.save(file, threads=threads)
+    assert len({file.read_bytes() for file in files}) == 1

@@ -16,6 +16,7 @@ from rich.console import Console
 from wdpm.cli.options import chosen_settings
 from wdpm.cli.scene import viewed_scene_of
 from wdpm.cluster.render_settings import RenderSettings
+from wdpm.devices import available_cores
 from wdpm.goal.render import OUTCOME
 from wdpm.images.files import check_apart, check_output_path, check_place, write_bytes
 from wdpm.images.image import Image
@@ -175,7 +176,7 @@ def _write_all(image: Image, account: report.Report, outputs: list[Path], args: 
     errors: list[ImageError] = []
     for path in outputs:
         try:
-            image.save(path)
+            image.save(path, threads=getattr(args, "threads", None) or available_cores())
         except ImageError as error:
             errors.append(_kept_elsewhere(image, path, error))
             continue

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
+import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,8 +27,19 @@ _METADATA_ATTRIBUTE = "wdpm"
 _MAGIC = b"\x76\x2f\x31\x01"
 
 
-def write_exr(layers: Layers, metadata: Mapping[str, Any], path: Path) -> None:
-    """Write all layers; `path` need not end in .exr. Raises ImageError when the metadata is not JSON."""
+_ROWS_A_BLOCK = 16
+"""Of a file with ZIP compression: what one thread compresses."""
+
+_pool = threading.Lock()
+"""OpenEXR has one pool of threads for all that it writes."""
+
+
+def write_exr(layers: Layers, metadata: Mapping[str, Any], path: Path, threads: int = 1) -> None:
+    """Write all layers; `path` need not end in .exr. Raises ImageError when the metadata is not JSON.
+
+    Args:
+        threads: that compress them; the file has the same bytes with any number.
+    """
     try:
         text = json.dumps(metadata, allow_nan=False)
     except (TypeError, ValueError) as error:
@@ -42,11 +54,27 @@ def write_exr(layers: Layers, metadata: Mapping[str, Any], path: Path) -> None:
         names = _channel_names(layer)
         planes = [pixels] if pixels.ndim == 2 else [pixels[..., i] for i in range(len(names))]
         channels.update({name: np.ascontiguousarray(plane) for name, plane in zip(names, planes, strict=True)})
+    rows = len(next(iter(channels.values()), ()))
     try:
-        with OpenEXR.File(header, channels) as file:
+        with OpenEXR.File(header, channels) as file, _threads(min(threads, -(-rows // _ROWS_A_BLOCK))):
             file.write(str(path))
     except RuntimeError as error:
         raise OSError(str(error)) from None
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[None]:
+    """Have OpenEXR compress on so many threads, which end with the context: a process that has none may be forked."""
+    set_count = getattr(OpenEXR, "set_global_thread_count", None)  # early versions have none
+    with _pool:
+        if count <= 1 or set_count is None:
+            yield
+            return
+        set_count(count)
+        try:
+            yield
+        finally:
+            set_count(0)
 
 
 def read_exr(path: Path) -> tuple[Layers, dict[str, Any]]:

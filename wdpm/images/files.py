@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import json
 import os
@@ -89,11 +90,17 @@ def _png_metadata(path: Path) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def write(layers: Layers, metadata: Metadata, path: Path) -> None:
-    """Write an image file beside its place, then move it there. After an ImageError an older file is as it was."""
+def write(layers: Layers, metadata: Metadata, path: Path, threads: int = 1) -> None:
+    """Write an image file beside its place, then move it there. After an ImageError an older file is as it was.
+
+    Args:
+        threads: that compress an EXR file.
+    """
     _check_extension(path, tuple(_FORMATS))
+    ending = path.suffix.lower()
+    write_to = functools.partial(write_exr, threads=threads) if ending == ".exr" else _FORMATS[ending].write
     try:
-        write_whole(path, lambda temporary: _FORMATS[path.suffix.lower()].write(layers, metadata, temporary))
+        write_whole(path, lambda temporary: write_to(layers, metadata, temporary))
     except OSError as error:
         raise NotWrittenError(f"{path}: cannot be written: {_reason(error)}") from None
     except ImageError as error:

@@ -124,6 +124,7 @@ class Image:
         *,
         exposure: float | str | None = None,
         view_transform: ViewTransform | str | None = None,
+        threads: int = 1,
     ) -> None:
         """Write a file of the format that the extension names: .exr (all layers), or .png, .hdr, .pfm, .npy (beauty).
 
@@ -132,6 +133,7 @@ class Image:
 
         Args:
             exposure, view_transform: how a PNG is to look, see `looking`; None for what the image says.
+            threads: that compress an EXR file, which has the same bytes with any number.
 
         Raises:
             ImageError: unknown extension, a folder that cannot be written, pixels that the format cannot hold, or no
@@ -139,7 +141,7 @@ class Image:
         """
         given = exposure is not None or view_transform is not None
         metadata: Mapping[str, Any] = self.looking(exposure, view_transform).metadata if given else self.metadata
-        files.write(self.layers, metadata, Path(path))
+        files.write(self.layers, metadata, Path(path), threads)
 
     def _repr_png_(self) -> bytes:
         """What a notebook shows."""
