@@ -68,6 +68,8 @@ class TaskProcesses(Protocol):
 
     def forget_photons(self, plan: PhotonPlan) -> None: ...
 
+    def let_go(self) -> None: ...
+
     def stop(self) -> None: ...
 
 
@@ -328,4 +330,4 @@ def _tell(processes: TaskProcesses, job: Job) -> None:
         case ReadStatistics():
             pass  # changes nothing
         case _:
-            processes.stop()
+            processes.let_go()

@@ -85,10 +85,11 @@ class ForkedTasks:
         self._worker = worker
         self._count = processes
         self._processes: list[_Process] = []
+        self._ending: list[_Process] = []  # told to end, and not waited for: that takes some ten milliseconds
         self._waiting: deque[Task] = deque()
         self._selector = selectors.DefaultSelector()
         self._losses = 0
-        weakref.finalize(self, _end, self._processes, os.getpid())
+        weakref.finalize(self, _end, self._processes, self._ending, os.getpid())
 
     @property
     def running(self) -> int:
@@ -136,14 +137,22 @@ class ForkedTasks:
 
     def stop(self) -> None:
         """End the processes, whatever they are at; the worker may change then. May be called again."""
+        self.let_go()
+        _end(self._processes, self._ending, os.getpid())
+
+    def let_go(self) -> None:
+        """As `stop`, but what is at no task may end while the worker changes."""
         self._waiting.clear()
-        _end(self._processes, os.getpid())
+        _tell_to_end(self._processes)
+        self._ending.extend(self._processes)
+        self._processes.clear()
         self._selector.close()
         self._selector = selectors.DefaultSelector()
 
     # The parent's side.
 
     def _fork_all(self) -> None:
+        _end([], self._ending, os.getpid())
         self._worker.replica.launcher.rest()
         return_free_memory()  # or each process would copy what lies in pages that are free as soon as it uses one
         gc.freeze()  # so that the collector's marks do not copy the pages of all objects into each process
@@ -219,17 +228,26 @@ def _send(process: _Process, frames: list[Frame]) -> None:
         stream.send(process.stream, frames)
 
 
-def _end(processes: list[_Process], parent: int) -> None:
-    """End all of these processes, if this is the one that forked them."""
+def _end(processes: list[_Process], ending: list[_Process], parent: int) -> None:
+    """End all of these processes, if this is the one that forked them, and wait until they have.
+
+    Args:
+        ending: those that have been told to.
+    """
     if os.getpid() != parent:
         return
+    _tell_to_end(processes)
+    for process in (*processes, *ending):
+        os.waitpid(process.pid, 0)
+    processes.clear()
+    ending.clear()
+
+
+def _tell_to_end(processes: list[_Process]) -> None:
     for process in processes:
         process.stream.close()
         if process.task is not None:
             os.kill(process.pid, signal.SIGKILL)
-    for process in processes:
-        os.waitpid(process.pid, 0)
-    processes.clear()
 
 
 def _in_words(status: int) -> str:

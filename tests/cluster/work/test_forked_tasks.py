@@ -326,3 +326,21 @@ def test_no_process_forks_that_has_used_cuda(monkeypatch: pytest.MonkeyPatch) ->
     assert not can_fork("cuda:0")
     gpus[1].has_context = True
     assert not can_fork("cpu")
+
+
+def test_processes_that_are_let_go_end_by_themselves_and_are_waited_for_before_others_are_forked(
+    forked: ForkedTasks,
+) -> None:
+    for task in BUCKETS:
+        forked.start(task)
+    before = processes_of(forked)
+    forked.let_go()  # some are at a task
+    assert not processes_of(forked)
+    assert forked.running == 0
+    forked.start(BUCKETS[0])
+    assert not any(map(is_there, before))
+    assert len(finish(forked)) == 1
+    last = processes_of(forked)
+    forked.let_go()
+    forked.stop()
+    assert not any(map(is_there, last))
