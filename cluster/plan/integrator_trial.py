@@ -345,9 +345,8 @@ class Halves:
         self._settings = settings
         self._half = samples // 2
         view = with_guide(view_of(flat, replace(settings, spp=samples, passes=1), 1), learnt)
-        images = [_image(worker, replace(view, spp=self._half, first_sample=first)) for first in (0, self._half)]
-        self.layers = [layers for layers, _ in images]
-        self._vertices = sum(count for _, count in images) / (samples * view.camera.width * view.camera.height)
+        self.layers, vertices = _halves(worker, replace(view, spp=self._half))
+        self._vertices = vertices / (samples * view.camera.width * view.camera.height)
         self._light_samples = view.light_samples
 
     def figures(self, weight: Values) -> Figures:
@@ -372,13 +371,18 @@ def _mean_but_for_chance(noise: Values) -> float:
     return float(np.minimum(of_pixels, np.quantile(of_pixels, 1.0 - BY_CHANCE)).mean())
 
 
-def _image(worker: CellWorker, view: View) -> tuple[dict[str, Values], int]:
-    """The layers of an image, and how many vertices camera paths had beyond the first."""
+def _halves(worker: CellWorker, view: View) -> tuple[list[dict[str, Values]], int]:
+    """The layers of two images, of the view's samples and of as many more, and how many vertices camera paths had.
+
+    Both are rendered at once: so few samples take the interpreter as long as the kernels.
+    """
     worker.set_view(view)
-    outbox = worker.start(BucketTask(0, 0, 0, view.camera.width, view.camera.height))
+    samples = [range(first, first + view.spp) for first in (0, view.spp)]
+    outbox = worker.start(BucketTask(0, 0, 0, view.camera.width, view.camera.height), samples)
     (rendered,) = (result for result in outbox.results if isinstance(result, BucketRendered))
-    layers = {name: np.nan_to_num(rendered.layers[name].astype(np.float64)) for name in ("beauty", "indirect")}
-    return layers, worker.cells[0].vertices
+    both = {name: np.nan_to_num(rendered.layers[name].astype(np.float64)) for name in ("beauty", "indirect")}
+    images = [{name: np.split(layer, 2)[half] for name, layer in both.items()} for half in (0, 1)]
+    return images, worker.cells[0].vertices
 
 
 def around(image: Values) -> Values:

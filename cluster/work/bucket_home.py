@@ -7,7 +7,7 @@ returns it at its end. When all of it is home, nothing of the task is left in fl
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -43,7 +43,8 @@ class BucketHome:
 
     Args:
         guards: of camera samples whose fate is settled at home.
-        samples: which of each pixel's samples; None for all.
+        samples: which of each pixel's samples: for each range an image, one below the other; none for all that the view
+            has, in one.
     """
 
     def __init__(
@@ -53,18 +54,19 @@ class BucketHome:
         replica: Replica,
         view: View,
         guards: Guards,
-        samples: range | None = None,
+        samples: Sequence[range] = (),
     ) -> None:
         self.task = task
         self._number = number
         self._replica = replica
         self._view = view
         self._guards = guards
-        width, height = task.x1 - task.x0, task.y1 - task.y0
-        self._shape = (height, width)
+        images = max(1, len(samples))
+        self._shape = (images * (task.y1 - task.y0), task.x1 - task.x0)
         x = np.arange(task.x0, task.x1, dtype=np.int32)
         y = np.arange(task.y0, task.y1, dtype=np.int32)
-        self._pixels = (y[:, None] * np.int32(view.camera.width) + x[None, :]).reshape(-1)
+        pixels = (y[:, None] * np.int32(view.camera.width) + x[None, :]).reshape(-1)
+        self._pixels = np.tile(pixels, images)
         first, self._counts = _samples_of(task, view, samples)
         self._groups = sample_groups(first, self._counts, alike=is_signed(view.camera.filter))
         self._weights = [self._weights_of(number) for number in range(len(self._groups))]
@@ -341,14 +343,16 @@ class BucketHome:
             raise ProtocolError("a lit batch has a place below 0")
 
 
-def _samples_of(task: BucketTask, view: View, samples: range | None) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Number of the first sample of each pixel, and how many it takes, shape [pixels]."""
-    if samples is None and len(view.allotment):
+def _samples_of(task: BucketTask, view: View, samples: Sequence[range]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Number of the first sample of each pixel, and how many it takes, shape [pixels]: of one image after another."""
+    if not samples and len(view.allotment):
         first, count = view.allotment.of_pixels(task.x0, task.y0, task.x1, task.y1)
         return first.reshape(-1), count.reshape(-1)
-    every = range(view.first_sample, view.first_sample + view.spp) if samples is None else samples
+    images = samples or (range(view.first_sample, view.first_sample + view.spp),)
     pixels = (task.x1 - task.x0) * (task.y1 - task.y0)
-    return np.full(pixels, every.start, np.int32), np.full(pixels, len(every), np.int32)
+    first = np.array([each.start for each in images], np.int32)
+    count = np.array([len(each) for each in images], np.int32)
+    return np.repeat(first, pixels), np.repeat(count, pixels)
 
 
 def _empty_slots(samples: int, light_samples: int) -> dict[str, NDArray[Any]]:

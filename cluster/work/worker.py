@@ -110,14 +110,18 @@ class CellWorker:
         self._homes.clear()
         self.adopt(world)
 
-    def start(self, task: Task) -> Outbox:
-        """Become a task's home."""
+    def start(self, task: Task, samples: Sequence[range] = ()) -> Outbox:
+        """Become a task's home.
+
+        Args:
+            samples: of a bucket, as BucketHome has them.
+        """
         began = time.perf_counter()
         home: Home
         if isinstance(task, PhotonTask):
             home = PhotonHome(task, self.number, self.replica)
         elif isinstance(task, BucketTask) and self.replica.view is not None:
-            home = BucketHome(task, self.number, self.replica, self.replica.view, self._guards)
+            home = BucketHome(task, self.number, self.replica, self.replica.view, self._guards, samples)
         elif isinstance(task, RecordTask) and self.replica.view is not None:
             home = RecordHome(task, self.number, self.replica, self.replica.view)
         else:

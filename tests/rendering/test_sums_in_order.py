@@ -91,3 +91,16 @@ def test_sums_go_on_where_the_last_wave_ended() -> None:
         again = _added(values, waves)
         for name, sums in once.items():
             np.testing.assert_array_equal(again[name], sums)
+
+
+def test_images_of_several_samples_that_are_rendered_at_once_are_those_of_one_after_another() -> None:
+    worker = ready(cornell_box((6, 4)), FEW)
+    view, task = worker.replica.view, BucketTask(0, 1, 0, 6, 4)
+    assert view is not None
+    sets = [range(0, 2), range(2, 4), range(7, 10)]
+    (together,) = worker.start(task, sets).results
+    apart = [worker.start(task, [samples]).results[0] for samples in sets]
+    for name, layer in together.layers.items():
+        assert layer.shape[:2] == (3 * 4, 5)
+        np.testing.assert_array_equal(layer, np.concatenate([each.layers[name] for each in apart]))
+    assert not np.array_equal(apart[0].layers["beauty"], apart[1].layers["beauty"])

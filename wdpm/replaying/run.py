@@ -104,7 +104,8 @@ class Replayer:
         before = cell.guards
         recorder = Recorder(worker.replica, view)
         worker.replica.observer = recorder
-        home = BucketHome(BucketTask(0, x, y, x + 1, y + 1), 0, worker.replica, view, guards, range(sample, sample + 1))
+        only = (range(sample, sample + 1),)
+        home = BucketHome(BucketTask(0, x, y, x + 1, y + 1), 0, worker.replica, view, guards, only)
         waiting: deque[Batch] = deque(home.begin())
         while waiting:
             batch = waiting.popleft()
