@@ -225,8 +225,8 @@ class Phases:
     def _begin_trace(self, session: Session) -> None:
         """All photons are to be traced, by all teams together."""
         self._trace += 1
-        tasks = min(self._at_once(session), in_parallel(session, self._members, len(self.roster.teams)))
-        self._tasks.trace(session.world.paths, photon_task_size(session, tasks, self._limits))
+        size = photon_task_size(session, self._members, len(self.roster.teams), self._limits)
+        self._tasks.trace(session.world.paths, size)
         for team in self.roster.teams:
             team.mapped, team.traced, team.alone = False, [], None
 

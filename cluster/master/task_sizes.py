@@ -95,9 +95,10 @@ def place_of(session: Session, member: Member, limit: int, tasks: int) -> Place:
     return Place(member, limit * here, here, max(tasks, here))
 
 
-def photon_task_size(session: Session, tasks: int, limits: ClusterLimits) -> int:
-    """Photon paths a task, where so many tasks are done at once."""
+def photon_task_size(session: Session, members: Members, teams: int, limits: ClusterLimits) -> int:
+    """Photon paths a task: more slaves than their machines have cores get no smaller ones."""
     size = limits.photon_task_paths
+    tasks = min(at_once(session, members, teams), in_parallel(session, members, teams))
     if tasks > 1:
         size = min(size, max(-(-session.world.paths // (TASKS_A_PROCESS * tasks)), PHOTON_TASK_LEAST))
     return size

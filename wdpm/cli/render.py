@@ -92,6 +92,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 def run(args: argparse.Namespace) -> int:
     """Render and write, or replay a sample; returns the exit code."""
     hold_off_collector()
+    _keep_memory(args)
     if is_placed(args):
         return render_placed(args)
     if asks_for_frames(args):
@@ -125,6 +126,15 @@ def run(args: argparse.Namespace) -> int:
             ),
             view,
         )
+
+
+def _keep_memory(args: argparse.Namespace) -> None:
+    """Where this process alone computes, launch after launch takes as much memory as the one before."""
+    from wdpm.cluster.host_memory import keep_free_memory
+    from wdpm.devices import available_cores
+
+    if not args.slaves and (args.threads or available_cores()) == 1:
+        keep_free_memory()
 
 
 def _backend(args: argparse.Namespace, told: Sequence[ClusterObserver]) -> Backend:

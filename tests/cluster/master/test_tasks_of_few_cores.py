@@ -8,8 +8,9 @@ import pytest
 from fake_worker import make_session
 from master_driver import hello
 
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.members import Members
-from wdpm.cluster.master.task_sizes import in_parallel
+from wdpm.cluster.master.task_sizes import PHOTON_TASK_LEAST, TASKS_A_PROCESS, in_parallel, photon_task_size
 
 
 def members_of(hosts: dict[str, int], cores: dict[str, int], processes: int = 1) -> Members:
@@ -41,3 +42,14 @@ def test_a_team_of_several_computes_one_task_together() -> None:
     """However few cores: what one of them waits for, others compute."""
     members = members_of({"here": 4}, {"here": 1})
     assert in_parallel(make_session(4, 4), members, 1) == 4
+
+
+@pytest.mark.parametrize(
+    ("slaves", "cores", "burdens", "tasks"), [(1, 2, 1, 1), (8, 2, 1, 2), (4, 16, 1, 4), (4, 1, 4, 1), (2, 1, 1, 1)]
+)
+def test_photon_tasks_are_as_many_as_cores_are_worth(slaves: int, cores: int, burdens: int, tasks: int) -> None:
+    """In one process all are as large as they may be; a team that has cut the scene traces one after another."""
+    members, limits = members_of({"here": slaves}, {"here": cores}), ClusterLimits(photon_task_paths=1 << 20)
+    session = make_session(slaves, burdens, paths=1 << 19)
+    each = photon_task_size(session, members, slaves if burdens == 1 else 1, limits)
+    assert each == (1 << 20 if tasks == 1 else max((1 << 19) // (TASKS_A_PROCESS * tasks), PHOTON_TASK_LEAST))
