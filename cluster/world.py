@@ -27,6 +27,43 @@ from wdpm.scenes.model.textures import Texture
 
 
 @dataclass(frozen=True, eq=False)
+class Outlines:
+    """Boxes around all that each cell holds, those near each other together (kernels.rays.outlines).
+
+    Attributes:
+        first: of the boxes of each cell, and the end of the last, int32, shape [cells + 1]; empty where nothing is
+            known, and each cell may hold something anywhere.
+        low, high: corners of boxes, float32, shape [N, 3].
+        plane: number of the plane that all in a box lies in, int32, shape [N]; -1 for none.
+        normal: unit normals of planes, float64, shape [P, 3].
+        slab: between which distances along the normal it lies, and from how far the plane is asked, float64,
+            shape [P, 3].
+    """
+
+    first: NDArray[np.int32]
+    low: NDArray[np.float32]
+    high: NDArray[np.float32]
+    plane: NDArray[np.int32]
+    normal: NDArray[np.float64]
+    slab: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        """How many boxes there are."""
+        return len(self.low)
+
+
+NO_OUTLINES = Outlines(
+    np.zeros(0, np.int32),
+    np.zeros((0, 3), np.float32),
+    np.zeros((0, 3), np.float32),
+    np.zeros(0, np.int32),
+    np.zeros((0, 3), np.float64),
+    np.zeros((0, 3), np.float64),
+)
+"""Nothing is known of the cells."""
+
+
+@dataclass(frozen=True, eq=False)
 class TopTree:
     """The kd-tree of n levels whose 2^n leaves are the cells.
 
@@ -36,10 +73,12 @@ class TopTree:
     Attributes:
         axis: int32, shape [2^n - 1].
         split: float32, shape [2^n - 1].
+        outlines: of what the cells hold.
     """
 
     axis: NDArray[np.int32]
     split: NDArray[np.float32]
+    outlines: Outlines = NO_OUTLINES
 
     @property
     def cells(self) -> int:

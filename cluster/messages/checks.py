@@ -23,10 +23,11 @@ from wdpm.cluster.messages.demands import Shape
 from wdpm.cluster.messages.demands import indices as _indices
 from wdpm.cluster.messages.demands import require as _require
 from wdpm.cluster.messages.instance_checks import SHAPES_OF_INSTANCES, check_instances, check_shapes
+from wdpm.cluster.messages.top_tree_checks import SHAPES_OF_CELLS, check_outlines, check_top_tree
 from wdpm.cluster.records import RAY_SAMPLES, CachePlan, Records
 from wdpm.cluster.runs import Runs
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, RecordTask
-from wdpm.cluster.world import Emission, IrradiancePlan, MapPlan, PhotonPlan, TopTree, View, World
+from wdpm.cluster.world import Emission, IrradiancePlan, MapPlan, Outlines, PhotonPlan, TopTree, View, World
 from wdpm.kernels.fields import Many
 from wdpm.kernels.limits import MAX_K
 from wdpm.scenes.errors import ProtocolError
@@ -41,7 +42,7 @@ from wdpm.scenes.model.scene import LARGEST_FILTER, Camera, PixelFilter
 from wdpm.scenes.model.textures import Bitmap, Checkerboard
 
 SHAPES: dict[type, dict[str, Shape]] = {
-    TopTree: {"axis": ("inner nodes",), "split": ("inner nodes",)},
+    **SHAPES_OF_CELLS,
     MaterialTable: {
         "kind": ("nodes",),
         "child": ("nodes", 2),
@@ -201,11 +202,6 @@ def _in_words(shape: Shape) -> str:
 
 def _positive(value: float) -> bool:
     return math.isfinite(value) and value > 0
-
-
-def _top_tree(tree: TopTree, where: str) -> None:
-    _require(tree.cells & (tree.cells - 1) == 0, where, f"{tree.cells} cells; expected a power of two")
-    _indices(tree.axis, 0, 3, f"{where}.axis")
 
 
 def _lights(lights: LightTable, where: str) -> None:
@@ -458,7 +454,8 @@ def _status_report(report: protocol.StatusReport, where: str) -> None:
 
 
 _RANGES: dict[type, Callable[[Any, str], None]] = {
-    TopTree: _top_tree,
+    TopTree: check_top_tree,
+    Outlines: check_outlines,
     Shapes: check_shapes,
     Instances: check_instances,
     LightTable: _lights,

@@ -1,14 +1,17 @@
-"""What each cell holds of the triangles: those that overlap it."""
+"""What each cell holds of the triangles: those that overlap it; and boxes around them, for all to know."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.cluster.world import TopTree
+from wdpm.cluster.world import NO_OUTLINES, Outlines, TopTree
 from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.rays.cells import cell_boxes
+from wdpm.kernels.rays.outline_build import NO_ITEMS, Items, build_outlines
 from wdpm.kernels.rays.overlap import triangles_in_boxes
 from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.instances import Instances
@@ -75,3 +78,26 @@ def rows_of_cells(
             found.append(np.flatnonzero(inside[:, cell]) + first)
         let_go(corners[first : first + AT_ONCE])
     return [np.concatenate(found) for found in rows]
+
+
+def outlines_of(
+    triangles: Triangles,
+    tree: TopTree,
+    rows: Sequence[NDArray[np.intp]],
+    instances: Sequence[NDArray[np.intp]],
+    extent: float,
+) -> Outlines:
+    """What cells hold in outline; nothing is known where there is one cell.
+
+    Args:
+        rows: of the triangles that each cell holds.
+        instances: that each cell holds.
+    """
+    if tree.cells == 1:
+        return NO_OUTLINES
+    standing = [NO_ITEMS] * tree.cells
+    if len(triangles.instances):
+        low, high = instance_boxes(triangles.instances)
+        standing = [Items(low[held], high[held], np.full(len(held), -1)) for held in instances]
+    boxes = cell_boxes(tree.axis, tree.split)
+    return Outlines(**build_outlines(triangles.positions, triangles.emitter, boxes, rows, standing, extent))

@@ -18,7 +18,7 @@ from wdpm.cluster.plan.light_guide import Learnt, learn_guide, with_guide
 from wdpm.cluster.plan.light_shares import shared_out
 from wdpm.cluster.plan.lit_places import lit_places
 from wdpm.cluster.plan.map_plans import irradiance_plan, map_plans, volume_unit
-from wdpm.cluster.plan.partition import instances_of_cells, places_to_cut, rows_of_cells
+from wdpm.cluster.plan.partition import instances_of_cells, outlines_of, places_to_cut, rows_of_cells
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
 from wdpm.cluster.plan.record_worth import records_in_words, tolerance_of_records, with_tolerance
 from wdpm.cluster.plan.top_tree import build_top_tree, photons_in_cells
@@ -103,6 +103,9 @@ def make_render_plan(
     places = np.concatenate([part["position"] for part in pilot.photons])
     band = max((each.band for each in maps if each.paths), default=maps[0].band)
     tree = build_top_tree(places_to_cut(flat.triangles), places, band, levels, wanted)
+    rows = rows_of_cells(flat.triangles.positions, tree, flat.extent, launcher)
+    instances = instances_of_cells(flat.triangles.instances, tree, flat.extent)
+    tree = replace(tree, outlines=outlines_of(flat.triangles, tree, rows, instances, flat.extent))
     world = replace(
         pilot.world,
         top_tree=tree,
@@ -113,8 +116,6 @@ def make_render_plan(
         volume_unit=volume_unit(pilot.photons, maps[VOLUME_MAP], flat),
         irradiance=irradiance,
     )
-    rows = rows_of_cells(flat.triangles.positions, tree, flat.extent, launcher)
-    instances = instances_of_cells(flat.triangles.instances, tree, flat.extent)
     held = [len(r) + len(i) for r, i in zip(rows, instances, strict=True)]
     burdens = np.array(held, np.float64) / (len(flat.triangles) + len(flat.triangles.instances))
     if len(places):

@@ -104,7 +104,8 @@ class Replica:
         tree, media = world.top_tree, world.media
         self._choose_kernels(world.features)
         self.paths_by_light = np.zeros((2, len(world.lights.names)), np.int64)
-        self.cells = cells.upload(tree.axis, tree.split, self.pad, device)
+        outlines = vars(tree.outlines) if len(tree.outlines.first) else None
+        self.cells = cells.upload(tree.axis, tree.split, self.pad, device, outlines)
         textures = Wanted("textures", (Textures,), lambda: [texture.upload(world.textures, device)])
         (self.textures,) = self.made.get(textures)
         self.media = medium.upload(media, device)

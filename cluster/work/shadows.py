@@ -42,7 +42,7 @@ class Shadows:
         self._scene = scene
 
     def start(self, cause: Batch, shots: Any) -> Iterator[Batch]:
-        """Send shadow segments to the first cell on their way; those that carry nothing end here."""
+        """Send shadow segments to the first cell on their way; those that carry nothing or meet nothing end here."""
         replica = self._replica
         arrays = columns.download(shots, SCHEMAS[Kind.SHADOW])
         each = len(arrays["slot"]) // len(cause)
@@ -62,9 +62,13 @@ class Shadows:
         if replica.world.features.walks:
             medium = columns.column(shots, "medium") if replica.world.features.media else np.full(count, -1, np.int32)
             arrays = {**arrays, "medium": medium, **_no_blockers(count)}
-            yield from self._send(runs, Kind.SHADOW_WALK, arrays, first.numpy())
+            destination = first.numpy()
+            # What meets nothing still passes its medium, which is looked after where it starts.
+            destination = np.where(destination == sr.SHADOW_CLEAR, np.int32(self._cell), destination)
+            yield from self._send(runs, Kind.SHADOW_WALK, arrays, destination)
         else:
             yield from self._send(runs, Kind.SHADOW, arrays, first.numpy())
+            yield from self._arrive(runs, arrays, first.numpy())
 
     def visit(self, batch: Batch) -> Iterator[Batch]:
         """Look for blockers."""
@@ -128,13 +132,17 @@ class Shadows:
 
     def _end(self, runs: Runs, arrays: Arrays, onward: NDArray[np.int32]) -> Iterator[Batch]:
         """Bring home what arrived, and the credit of what did not."""
+        yield from self._arrive(runs, arrays, onward)
+        blocked = onward == sr.SHADOW_BLOCKED
+        if blocked.any():
+            yield Batch(Kind.ENDED, self._cell, runs.without_rows(runs.sums(blocked)), {})
+
+    def _arrive(self, runs: Runs, arrays: Arrays, onward: NDArray[np.int32]) -> Iterator[Batch]:
+        """Bring home what arrived."""
         clear = np.flatnonzero(onward == sr.SHADOW_CLEAR)
         if len(clear):
             lit = take({name: arrays[name] for name in SCHEMAS[Kind.LIT]}, clear)
             yield Batch(Kind.LIT, self._cell, runs.among(clear).with_unit(), lit)
-        blocked = onward == sr.SHADOW_BLOCKED
-        if blocked.any():
-            yield Batch(Kind.ENDED, self._cell, runs.without_rows(runs.sums(blocked)), {})
 
     def _integers(self, count: int) -> Any:
         return wp.empty(count, dtype=wp.int32, device=self._replica.launcher.device)

@@ -14,7 +14,8 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.made_for import made_for
 from wdpm.kernels.ray_fields import CAMERA_RAY
 from wdpm.kernels.rays.cell_triangles import Surfaces
-from wdpm.kernels.rays.cells import Cells, entry_of, inverse_direction, next_cell
+from wdpm.kernels.rays.cells import Cells, cell_of, entry_of, inverse_direction, next_cell
+from wdpm.kernels.rays.outlines import meets_outline
 from wdpm.kernels.rays.owners import make_owner_of
 from wdpm.kernels.rays.triangle import Hit
 from wdpm.kernels.rays.two_level import Trees, closest_function
@@ -86,13 +87,18 @@ def make_camera_rays(features: Features) -> CameraRays:
     def mark_touched_cells(
         camera: CameraView, cells: Cells, rays: Rays, offset: wp.int32, touched_out: wp.array2d[wp.uint8]
     ) -> None:
-        """Which cells each ray may find its hit in, uint8, shape [rays, cells]."""
+        """Which cells each ray may find its hit in, at least one, uint8, shape [rays, cells]."""
         i = offset + wp.tid()
         ray = camera_ray(camera, rays.pixel[i], rays.sample[i])
         inverse = inverse_direction(ray.direction)
+        nowhere = wp.bool(True)
         for cell in range(cells.count):
             if entry_of(cells, cell, ray.origin, inverse, ray.t_max) >= 0.0:
-                touched_out[i, cell] = wp.uint8(1)
+                if meets_outline(cells.outlines, cell, ray.origin, ray.direction, inverse, ray.t_max):
+                    touched_out[i, cell] = wp.uint8(1)
+                    nowhere = False
+        if nowhere:
+            touched_out[i, cell_of(cells, ray.origin)] = wp.uint8(1)
 
     @made_for(features)
     def visit_camera_rays(

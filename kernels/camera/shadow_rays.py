@@ -22,7 +22,7 @@ from wdpm.kernels.materials.resolve import make_materials, medium_beyond
 from wdpm.kernels.materials.surface import leave, make_surface
 from wdpm.kernels.ray_fields import SEGMENT, STRETCH, WALK
 from wdpm.kernels.rays.cell_triangles import Surfaces
-from wdpm.kernels.rays.cells import Cells, next_cell
+from wdpm.kernels.rays.cells import Cells, cell_on_way, next_cell
 from wdpm.kernels.rays.owners import make_owner_of
 from wdpm.kernels.rays.triangle import Hit
 from wdpm.kernels.rays.two_level import Trees, any_function, closest_function
@@ -52,11 +52,14 @@ store_walk_hit = storer(Walks, Hit)
 
 @wp.kernel
 def first_shadow_cells(cells: Cells, segments: Segments, offset: wp.int32, next_cell_out: wp.array[wp.int32]) -> None:
-    """The first cell on the way of each shadow segment; -1 for one that carries nothing."""
+    """The first cell on the way of each shadow segment; SHADOW_BLOCKED for one that carries nothing.
+
+    SHADOW_CLEAR for one that no cell may hold a blocker of.
+    """
     i = offset + wp.tid()
-    next_cell_out[i] = -1
+    next_cell_out[i] = SHADOW_BLOCKED
     if wp.max(segments.radiance[i]) > 0.0:
-        next_cell_out[i] = next_cell(cells, segments.origin[i], segments.direction[i], SEGMENT_END, -1)
+        next_cell_out[i] = cell_on_way(cells, segments.origin[i], segments.direction[i], SEGMENT_END, -1, True)
 
 
 @functools.cache
@@ -179,4 +182,4 @@ def next_way_cells(
 ) -> None:
     """The cell that each way visits after `current` (-1: before the first), or -1 when none is left."""
     i = offset + wp.tid()
-    next_cell_out[i] = next_cell(cells, ways.origin[i], ways.direction[i], ways.length[i], current)
+    next_cell_out[i] = cell_on_way(cells, ways.origin[i], ways.direction[i], ways.length[i], current, False)

@@ -1,20 +1,27 @@
 """The way of a ray through the cells: which cell comes next, and which one owns a point.
 
-A ray visits the cells whose boxes it meets in the order of (entry, cell number), and stops before a cell whose entry
-lies beyond its best hit. The order is a function of the ray and the top tree alone, so a ray needs no memory of where
-it has been but the cell it is in, and every process computes the same next step.
+A ray visits the cells whose boxes it meets in the order of (entry, cell number), but for those that hold nothing where
+it goes (outlines.py), and stops before a cell whose entry lies beyond its best hit. The order is a function of the ray
+and of tables that every process has, so a ray needs no memory of where it has been but the cell it is in, and every
+process computes the same next step.
 
 Nothing is missed: cell boxes are grown by `pad`, as are the triangles' when they are assigned to cells. A triangle's
 hit point is known to a few roundings, far less than `pad`; the cell that contains it holds the triangle, the ray's
-interval in that cell's grown box contains t, so its entry is not beyond t.
+interval in that cell's grown box contains t, so its entry is not beyond t; and so does the interval in one of the boxes
+of the cell's outline.
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from wdpm.kernels.rays.outlines import Outlines, meets_outline, upload_boxes
+from wdpm.kernels.rays.outlines import upload as upload_outlines
 from wdpm.kernels.rays.triangle import EXIT_SCALE, inverse_component
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -25,13 +32,14 @@ FAR_AWAY = 3.0e37
 
 @wp.struct
 class Cells:
-    """The top tree on a device, in heap order, and the boxes of its leaves grown by `pad`."""
+    """The top tree on a device, in heap order, boxes of its leaves grown by `pad`, and what they hold in outline."""
 
     count: wp.int32
     axis: wp.array[wp.int32]
     split: wp.array[wp.float32]
     low: wp.array[wp.vec3]
     high: wp.array[wp.vec3]
+    outlines: Outlines
 
 
 def cell_boxes(axis: NDArray[np.int32], split: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -47,8 +55,18 @@ def cell_boxes(axis: NDArray[np.int32], split: NDArray[np.float32]) -> tuple[NDA
     return low[len(axis) :], high[len(axis) :]
 
 
-def upload(axis: NDArray[np.int32], split: NDArray[np.float32], pad: float, device: str) -> Cells:
-    """The top tree on a device."""
+def upload(
+    axis: NDArray[np.int32],
+    split: NDArray[np.float32],
+    pad: float,
+    device: str,
+    outlines: Mapping[str, NDArray[Any]] | None = None,
+) -> Cells:
+    """The top tree on a device.
+
+    Args:
+        outlines: of all cells, as outlines.upload takes them; None: each cell may hold something anywhere.
+    """
     low, high = cell_boxes(axis, split)
     cells = Cells()
     cells.count = len(low)
@@ -56,6 +74,10 @@ def upload(axis: NDArray[np.int32], split: NDArray[np.float32], pad: float, devi
     cells.split = wp.array(split, dtype=wp.float32, device=device)
     cells.low = wp.array(low - np.float32(pad), dtype=wp.vec3, device=device)
     cells.high = wp.array(high + np.float32(pad), dtype=wp.vec3, device=device)
+    if outlines is None:
+        cells.outlines = upload_boxes(low, high, pad, device)
+    else:
+        cells.outlines = upload_outlines(**outlines, pad=pad, device=device)
     return cells
 
 
@@ -92,11 +114,20 @@ def entry_of(cells: wp.ref[Cells], cell: wp.int32, origin: wp.vec3, inverse: wp.
     return enter
 
 
-@wp.func
-def next_cell(
-    cells: wp.ref[Cells], origin: wp.vec3, direction: wp.vec3, t_max: wp.float32, current: wp.int32
+@wp.func(inline=False)
+def cell_on_way(
+    cells: wp.ref[Cells],
+    origin: wp.vec3,
+    direction: wp.vec3,
+    t_max: wp.float32,
+    current: wp.int32,
+    outlined: wp.bool,
 ) -> wp.int32:
-    """The cell that a ray visits after `current` (-1: before the first), or -1 when none is left."""
+    """The cell that a ray comes to after `current` (-1: before the first), or -1 when none is left.
+
+    Args:
+        outlined: whether it passes by cells in which it meets nothing of the outline.
+    """
     if cells.count == 1:
         return -1 - current  # the only cell, once: 0 after -1, -1 after 0
     inverse = inverse_direction(direction)
@@ -108,6 +139,24 @@ def next_cell(
     for cell in range(cells.count):
         e = entry_of(cells, cell, origin, inverse, t_max)
         if e >= 0.0 and (e > after or (e == after and cell > current)) and e < entry:
-            entry = e
-            found = cell
+            there = wp.bool(True)
+            if outlined:
+                there = meets_outline(cells.outlines, cell, origin, direction, inverse, t_max)
+            if there:
+                entry = e
+                found = cell
     return found
+
+
+@wp.func
+def next_cell(
+    cells: wp.ref[Cells], origin: wp.vec3, direction: wp.vec3, t_max: wp.float32, current: wp.int32
+) -> wp.int32:
+    """The cell that a ray visits after `current` (-1: before the first), or -1 when none is left.
+
+    A ray that meets no cell's outline visits the one that it starts in, so that it is seen to its end somewhere.
+    """
+    cell = cell_on_way(cells, origin, direction, t_max, current, True)
+    if cell < 0 and current < 0:
+        cell = cell_of(cells, origin)
+    return cell

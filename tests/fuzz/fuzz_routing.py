@@ -8,8 +8,9 @@ float beside.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import numpy.typing as npt
@@ -19,12 +20,13 @@ from fuzz_rays import SHORTEST, rays_at
 from fuzz_shapes import KINDS, LATTICE, scaled, triangle_set
 
 from wdpm.cluster.plan.partition import rows_of_cells
-from wdpm.cluster.world import TopTree
+from wdpm.cluster.world import Outlines, TopTree
 from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.rays import cells as kernel_cells
+from wdpm.kernels.rays import outline_build
 from wdpm.kernels.rays.bvh import Hit, no_hit
-from wdpm.kernels.rays.cells import Cells, cell_of, next_cell
+from wdpm.kernels.rays.cells import Cells, cell_of, cell_on_way, next_cell
 from wdpm.kernels.rays.triangle import NO_HIT, Ray, intersect_triangle, make_ray
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -39,7 +41,10 @@ LAUNCHER = Launcher("cpu", 1)
 
 @dataclass(frozen=True)
 class Case:
-    """Triangles, rays, a top tree, and what each cell holds: `held` from begin[cell] to begin[cell + 1]."""
+    """Triangles, rays, a top tree, and what each cell holds: `held` from begin[cell] to begin[cell + 1].
+
+    The top tree has outlines, of all numbers of boxes: of so many as renders have, of few, and of blocks of a lattice.
+    """
 
     triangles: Array
     origin: Array
@@ -53,13 +58,15 @@ class Case:
 @dataclass
 class Walked:
     """Of each ray: the hit found on the way, that of one cell, the cells visited as bits, their number (-1: without
-    end), and the cell that owns the hit."""
+    end), the cell that owns the hit, and whether a segment to t = 1 is blocked: as all cells know, and on its way."""
 
     found: Array
     whole: Array
     visited: Array
     steps: Array
     owner: Array
+    blocked: Array
+    stopped: Array
 
 
 @wp.func
@@ -86,6 +93,31 @@ def point_of(hit: Hit, corners: wp.array2d[wp.vec3]) -> wp.vec3:
     return wp.vec3(a * (wp.float64(1.0) - u - v) + b * u + c * v)
 
 
+@wp.func
+def stops(
+    cells: Cells,
+    corners: wp.array2d[wp.vec3],
+    begin: wp.array[wp.int32],
+    held: wp.array[wp.int32],
+    o: wp.vec3,
+    d: wp.vec3,
+    pad: wp.float32,
+) -> wp.bool:
+    """Whether a segment to t = 1 is blocked in a cell on its way."""
+    ray = make_ray(o, d)
+    steps = wp.int32(0)
+    cell = cell_on_way(cells, o, d, 1.0, -1, True)
+    while cell >= 0 and steps < cells.count:
+        best = no_hit()
+        for place in range(begin[cell], begin[cell + 1]):
+            best = nearer(best, corners, held[place], ray, pad)
+        if best.t < 1.0:
+            return True
+        cell = cell_on_way(cells, o, d, 1.0, cell, True)
+        steps += 1
+    return False
+
+
 @wp.kernel
 def walk_kernel(
     cells: Cells,
@@ -100,6 +132,8 @@ def walk_kernel(
     visited_out: wp.array[wp.uint64],
     steps_out: wp.array[wp.int32],
     owner_out: wp.array[wp.int32],
+    blocked_out: wp.array[wp.bool],
+    stopped_out: wp.array[wp.bool],
 ) -> None:
     """One ray in one cell, and on its way through all."""
     i = wp.tid()
@@ -126,6 +160,8 @@ def walk_kernel(
     whole_out[i] = whole
     visited_out[i] = visited
     steps_out[i] = steps
+    blocked_out[i] = whole.t < 1.0
+    stopped_out[i] = stops(cells, corners, begin, held, o, d, pad)
     owner_out[i] = -1
     if whole.prim >= 0:
         owner_out[i] = cell_of(cells, point_of(whole, corners))
@@ -141,13 +177,22 @@ def make_case(seed: int) -> Case:
     origin, direction = rays_at(rng, triangles, RAYS)
     tree = _top_tree(rng, triangles)
     _into_planes(rng, tree, origin, direction)
+    _off_surfaces(rng, triangles, origin, direction)
     extent = max(float(np.abs(a).max()) for a in (triangles, origin))
-    return with_cells(triangles, origin, direction, tree, extent)
+    lattice = {"MANY": 4, "LATTICE": 3, "MOST_LARGE": 2, "AT_ONCE": 16}
+    sizes = [{"MOST_BOXES": 112}, {"MOST_BOXES": 3, "MOST_LAMPS": 1}, lattice]
+    with patch.multiple(outline_build, **sizes[rng.integers(0, 3)]):
+        return with_cells(triangles, origin, direction, tree, extent, rng.integers(-1, 1, len(triangles)))
 
 
-def with_cells(triangles: Array, origin: Array, direction: Array, tree: TopTree, extent: float) -> Case:
+def with_cells(triangles: Array, origin: Array, direction: Array, tree: TopTree, extent: float, emitter: Array) -> Case:
     """The case, with what each cell holds."""
     rows = rows_of_cells(triangles, tree, extent, LAUNCHER)
+    if tree.cells > 1:
+        none = [outline_build.NO_ITEMS] * tree.cells
+        boxes = kernel_cells.cell_boxes(tree.axis, tree.split)
+        tables = outline_build.build_outlines(triangles, emitter, boxes, rows, none, extent)
+        tree = replace(tree, outlines=Outlines(**tables))
     begin = np.cumsum([0, *(len(held) for held in rows)]).astype(np.int32)
     return Case(triangles, origin, direction, tree, extent, begin, np.concatenate(rows).astype(np.int32))
 
@@ -181,15 +226,36 @@ def _into_planes(rng: np.random.Generator, tree: TopTree, origin: Array, directi
     direction[np.abs(direction).max(axis=1) < SHORTEST] = (0, 0, 1)
 
 
+def _off_surfaces(rng: np.random.Generator, triangles: Array, origin: Array, direction: Array) -> None:
+    """Has some rays begin a rounding or a little more off a triangle, and end as near to another, as shadow rays do."""
+    some = np.flatnonzero(rng.random(len(origin)) < 0.3)
+    ends = []
+    for _ in range(2):
+        chosen = rng.integers(0, len(triangles), len(some))
+        own = triangles[chosen].astype(float)
+        normal = np.cross(own[:, 1] - own[:, 0], own[:, 2] - own[:, 0])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+        point = np.einsum("rc,rca->ra", rng.dirichlet([1, 1, 1], len(some)), own)
+        off = rng.choice([-1.0, 1.0], len(some)) * 2.0 ** rng.choice([-30, -24, -22, -21, -19], len(some))
+        size = np.abs(normal * point).sum(axis=1)
+        ends.append((point + normal * (off * size)[:, None]).astype(F32))
+    origin[some] = ends[0]
+    direction[some] = ends[1] - ends[0]
+    direction[np.abs(direction).max(axis=1) < SHORTEST] = (0, 0, 1)
+
+
 def walk(case: Case) -> Walked:
     """What the rays meet."""
     pad = float(F32(PAD_SHARE * case.extent))
-    cells = kernel_cells.upload(case.tree.axis, case.tree.split, pad, "cpu")
+    known = vars(case.tree.outlines) if len(case.tree.outlines.first) else None
+    cells = kernel_cells.upload(case.tree.axis, case.tree.split, pad, "cpu", known)
     corners = wp.array(np.ascontiguousarray(case.triangles), dtype=wp.vec3, device="cpu").reshape((-1, 3))
     numbers = [wp.array(a, dtype=wp.int32, device="cpu") for a in (case.begin, case.held)]
     rays = [wp.array(np.ascontiguousarray(a), dtype=wp.vec3, device="cpu") for a in (case.origin, case.direction)]
     count = len(case.origin)
-    outputs = [wp.empty(count, dtype=t, device="cpu") for t in (Hit, Hit, wp.uint64, wp.int32, wp.int32)]
+    outputs = [
+        wp.empty(count, dtype=t, device="cpu") for t in (Hit, Hit, wp.uint64, wp.int32, wp.int32, wp.bool, wp.bool)
+    ]
     wp.launch(walk_kernel, count, inputs=[cells, pad, corners, *numbers, *rays], outputs=outputs, device="cpu")
     return Walked(*(out.numpy() for out in outputs))
 
@@ -208,6 +274,7 @@ def judge(case: Case, walked: Walked) -> list[Failure]:
     visits = np.array([int(bits).bit_count() for bits in walked.visited])
     wrong = {
         "the cells on the way and one cell disagree": differs,
+        "a shadow ray is blocked, and on its way is not": walked.blocked != walked.stopped,
         "a cell is visited twice, or the way has no end": walked.steps != visits,
         "the cell that owns the hit is not on the way": hit & ~seen,
         "the cell that owns the hit does not hold its triangle": hit & ~holds[owner, walked.whole["prim"]],

@@ -41,6 +41,32 @@ GUARDS = (
         tests=(FUZZ + "test_no_cell_is_missed",),
     ),
     Guard(
+        name="boxes of outlines grown by pad",
+        file="kernels/rays/outlines.py",
+        prevents="a ray passes by a cell in which a rounding hides what it hits",
+        changes=(
+            (
+                "low - np.float32(pad), high + np.float32(pad)",
+                "low - np.float32(0.0 * pad), high + np.float32(0.0 * pad)",
+            ),
+        ),
+        tests=(FUZZ + "test_no_cell_is_missed",),
+    ),
+    Guard(
+        name="outlines cut two pads outside of cells",
+        file="kernels/rays/outline_build.py",
+        prevents="a hit near a plane between two cells lies in no box of the cell that owns it",
+        changes=(("grow = 2.0 * PAD_SHARE * extent", "grow = -2.0 * PAD_SHARE * extent"),),
+        tests=(FUZZ + "test_no_cell_is_missed",),
+    ),
+    Guard(
+        name="slabs of planes where their triangles are",
+        file="kernels/rays/outline_build.py",
+        prevents="a shadow ray that begins or ends a rounding off a surface passes by what blocks it there",
+        changes=(("along.min() - grow, along.max() + grow", "along.min() + 99.0 * grow, along.max() + 99.0 * grow"),),
+        tests=(FUZZ + "test_no_cell_is_missed",),
+    ),
+    Guard(
         name="cells hold what lies two pads outside",
         file="cluster/plan/partition.py",
         prevents="a ray that a rounding let into a cell does not find there what it can hit",

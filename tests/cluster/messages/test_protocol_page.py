@@ -59,6 +59,8 @@ def test_messages_are_as_described(heading: str, union: object) -> None:
         Runs,
         Triangles,
         world.World,
+        world.TopTree,
+        world.Outlines,
         world.View,
         lit_places.LitPlaces,
         world.MapPlan,

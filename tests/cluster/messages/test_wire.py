@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import typing
+from collections.abc import Iterator
 from typing import Any
 
 import msgpack
@@ -21,7 +22,7 @@ from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.messages.batch_checks import LARGEST_NUMBER
 from wdpm.cluster.runs import Runs
 from wdpm.cluster.task import BucketTask, PhotonsTraced, PhotonTask, RecordsMade, RecordTask
-from wdpm.cluster.world import IrradiancePlan, MapPlan, TopTree, View
+from wdpm.cluster.world import IrradiancePlan, MapPlan, Outlines, TopTree, View, World
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.light_table import LightTable
 from wdpm.scenes.flat.material_table import MaterialTable
@@ -87,6 +88,40 @@ slaves_seen = st.builds(
     st.none() | vitals,
 )
 
+
+def outlined(world: World, boxes: int) -> World:
+    """The world, with so many boxes in each cell, the first of them with a plane; 0: nothing is known."""
+    if not boxes:
+        return world
+    tree, cells = world.top_tree, world.top_tree.cells
+    plane = np.full(cells * boxes, -1, np.int32)
+    plane[::boxes] = np.arange(cells)
+    first = np.arange(cells + 1, dtype=np.int32) * np.int32(boxes)
+    corner = np.zeros((cells * boxes, 3), np.float32)
+    normal, slab = np.tile([0.0, 0.0, 1.0], (cells, 1)), np.tile([-1.0, 1.0, 9.0], (cells, 1))
+    outlines = Outlines(first, corner, corner + np.float32(1), plane, normal, slab)
+    return dataclasses.replace(world, top_tree=dataclasses.replace(tree, outlines=outlines))
+
+
+def wrong_outlines() -> Iterator[tuple[TopTree, str]]:
+    """Top trees whose outlines can't be used, and what is said of them."""
+    tree = outlined(make_world(2), 2).top_tree
+    known = tree.outlines
+    changes: list[tuple[dict[str, Any], str]] = [
+        ({"first": known.first[:-1]}, "not in order, or not 4"),
+        ({"first": np.array([0, 3, 2, 4], np.int32)}, "not in order"),
+        ({"first": np.array([0, 1, 2, 3, 4], np.int32)}, "outlines of 4 cells; there are 2"),
+        ({"low": known.high + np.float32(1)}, "a box ends before it begins"),
+        ({"high": np.full_like(known.high, np.inf)}, "high has a value that is no number"),
+        ({"slab": known.slab * [-1.0, -1.0, 1.0]}, "a slab ends before it begins"),
+        ({"normal": np.full_like(known.normal, np.nan)}, "normal has a value that is no number"),
+        ({"plane": known.plane + np.int32(1)}, "plane is 0 to 2"),
+        ({"plane": known.plane[:3]}, "plane has shape"),
+    ]
+    for fields, message in changes:
+        yield dataclasses.replace(tree, outlines=dataclasses.replace(known, **fields)), message
+
+
 MESSAGES: dict[type, st.SearchStrategy[Any]] = {
     p.Hello: st.builds(p.Hello, st.dictionaries(texts, texts, max_size=4), texts, counts, counts, epochs, endpoints),
     p.PartitionReceived: st.builds(p.PartitionReceived, epochs, counts),
@@ -108,11 +143,12 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
     p.Welcome: st.builds(p.Welcome, counts, texts, st.floats(0.1, 10), st.floats(0.1, 100)),
     p.Refuse: st.builds(p.Refuse, texts),
     p.Setup: st.builds(
-        lambda epoch, levels, holders, peers, kept, scene: p.Setup(
-            epoch, make_world(1 << levels), tuple(holders), tuple(peers), tuple(kept), scene
+        lambda epoch, levels, boxes, holders, peers, kept, scene: p.Setup(
+            epoch, outlined(make_world(1 << levels), boxes), tuple(holders), tuple(peers), tuple(kept), scene
         ),
         epochs,
         st.integers(0, 4),
+        st.integers(0, 3),
         st.lists(counts, max_size=4),
         st.lists(endpoints | st.just(""), max_size=4),
         st.lists(counts, max_size=4),
@@ -303,6 +339,8 @@ def lights(**fields: Any) -> LightTable:
         (p.Partition(1, 0, 0, 1, dataclasses.replace(triangles(2), uvs=np.zeros((2, 6), np.float32))), "uvs"),
         (setup(top_tree=TopTree(np.zeros(2, np.int32), np.zeros(2, np.float32))), "power of two"),
         (setup(top_tree=TopTree(np.full(1, 3, np.int32), np.zeros(1, np.float32))), "axis"),
+        (setup(top_tree=outlined(make_world(2), 2).top_tree), None),
+        *((setup(top_tree=tree), message) for tree, message in wrong_outlines()),
         (setup(textures=make_world(1).textures[:1]), None),
         (setup(textures=()), "materials.texture is -1 to 0"),
         (setup(global_map=MapPlan(10, float("nan"), 1.0)), "no plan of a map"),
