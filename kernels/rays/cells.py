@@ -156,6 +156,8 @@ def next_cell(
 
     A ray that meets no cell's outline visits the one that it starts in, so that it is seen to its end somewhere.
     """
+    if cells.count == 1:
+        return -1 - current  # as there, without a call
     cell = cell_on_way(cells, origin, direction, t_max, current, True)
     if cell < 0 and current < 0:
         cell = cell_of(cells, origin)

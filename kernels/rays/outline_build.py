@@ -119,14 +119,16 @@ def _items_of(corners: NDArray[np.float32], rows: NDArray[np.intp], low: Boxes, 
         let_go(corners[some[0] : some[-1] + 1])
         alone = np.flatnonzero((items.high - items.low > large).any(axis=1))[:room]
         room -= len(alone)
-        rest = np.setdiff1d(np.arange(len(items)), alone, assume_unique=True)
+        rest = np.ones(len(items), np.bool_)
+        rest[alone] = False
         parts += [items.take(alone), _put_together(items.take(rest))]
     return _joined(parts)
 
 
 def _boxes_of(corners: NDArray[np.float32], rows: NDArray[np.intp]) -> Items:
-    own = corners[rows]
-    return Items(own.min(axis=1).astype(np.float64), own.max(axis=1).astype(np.float64), rows)
+    a, b, c = (corners[rows, corner] for corner in range(3))
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    return Items(low.astype(np.float64), high.astype(np.float64), rows)
 
 
 def _put_together(items: Items) -> Items:
