@@ -42,11 +42,13 @@ class Wanted:
         name: what it is, in this scene.
         kinds: its structs, or `dict` for numpy arrays by name.
         make: gives values of these kinds.
+        alone: whether nobody else has use for it.
     """
 
     name: str
     kinds: tuple[Kind, ...]
     make: Callable[[], Sequence[Value]]
+    alone: bool = False
 
 
 class MadeOnce:
@@ -86,7 +88,7 @@ class MadeOnce:
         """
         if self._share is None or not self._in_main_memory:
             return [each.make() for each in wanted]
-        got: dict[int, Sequence[Value]] = {}
+        got: dict[int, Sequence[Value]] = {index: each.make() for index, each in enumerate(wanted) if each.alone}
         order = [(first + index) % len(wanted) for index in range(len(wanted))]
         for wait in (False, True):  # what others are at comes last
             for index in order:

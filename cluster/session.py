@@ -35,6 +35,7 @@ class Session:
         layers: name of layer -> channels.
         records: irradiance records that are there already; none are made then.
         kept: what of it an interrupted render has done, for a view with buckets of the same side.
+        places: of a sample of the photons, float32, shape [P, 3]: how they lie in space.
     """
 
     world: World
@@ -47,6 +48,7 @@ class Session:
     layers: Mapping[str, int] = field(default_factory=lambda: LAYERS)
     records: Records = NO_RECORDS
     kept: Kept = NOTHING_KEPT
+    places: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 3), np.float32))
 
 
 @dataclass(frozen=True, eq=False)

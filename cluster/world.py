@@ -142,6 +142,10 @@ class PhotonPlan:
     irradiance: IrradiancePlan = IrradiancePlan()
 
 
+NO_REGIONS: NDArray[np.float32] = np.empty((0, 2, 3), np.float32)
+"""Of maps that are built of all photons."""
+
+
 @dataclass(frozen=True, eq=False)
 class Emission:
     """How photons are shared out and aimed.
@@ -204,6 +208,14 @@ class World:
     def paths(self) -> int:
         """All photon paths."""
         return self.global_map.paths + self.caustic_map.paths
+
+    @property
+    def gathers_ahead(self) -> bool:
+        """Whether the global map is read ahead alone, for irradiance at photons: no vertex asks it itself.
+
+        Those that do are on surfaces with a coat, or ask for photons of shorter paths than others (final_gather).
+        """
+        return self.irradiance.share > 0 and not self.features.coated and self.max_depth is None
 
     @property
     def photon_plan(self) -> PhotonPlan:

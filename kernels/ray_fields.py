@@ -115,7 +115,7 @@ SURFACE_POINT: Final[Fields] = {
 """Points that measure how much surface there is: kernels.photons.surface_points."""
 
 IRRADIANCE_POINT: Final[Fields] = {
-    "place": integer("among the photons of the cell that carry one, by number", least=0),
+    **chosen(STORED_PHOTON, "id", "position", "normal"),
     "radiance": vector("that a white surface sends back [W/(m² sr)]"),
     "radius": number("of the gather that it comes from [scene units]"),
 }

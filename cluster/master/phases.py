@@ -20,6 +20,7 @@ from enum import Enum
 
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.events import Advanced, Finished, Instruction, Noted, Send, Started
+from wdpm.cluster.master.map_regions import regions_of
 from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.master.observing import bucket_done, frame_begun, shown_again, worth_keeping
 from wdpm.cluster.master.records import RecordRounds
@@ -34,11 +35,11 @@ from wdpm.cluster.master.task_sizes import (
     place_of,
 )
 from wdpm.cluster.master.tasks import Tasks, units
-from wdpm.cluster.master.teams import Team, copies_between
+from wdpm.cluster.master.teams import Team, lend, map_orders
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.task import PhotonsTraced, PhotonTask, Task, TaskResult
-from wdpm.cluster.world import PhotonPlan
+from wdpm.cluster.world import NO_REGIONS, PhotonPlan
 from wdpm.scenes.errors import ProtocolError
 
 WORTH_REGROUPING = 0.5
@@ -237,7 +238,7 @@ class Phases:
             case Phase.SETUP if teams and all(self._traces(team) for team in teams):
                 return self._start_photons(session, now)
             case Phase.PHOTONS if self._tasks.finished and teams and all(self._traces(team) for team in teams):
-                return self._start_maps(now)
+                return self._start_maps(session, now)
             case Phase.MAPS if not any(team.awaits is protocol.MapsBuilt for team in teams):
                 self._end_phase("map", now)
                 return self._start_records(session, now) + self._lead_all(session, now) + self._go_on(session, now)
@@ -260,19 +261,14 @@ class Phases:
         out: list[Instruction] = [Started("photons", session.world.paths)]
         return out + self._hand_out(session, now) + self._go_on(session, now)
 
-    def _start_maps(self, now: float) -> list[Instruction]:
+    def _start_maps(self, session: Session, now: float) -> list[Instruction]:
         self._end_phase("photons", now)
         self.phase = Phase.MAPS
-        copies = copies_between(self.roster.teams)
-        out: list[Instruction] = [Started("map", sum(len(team.members) for team in self.roster.teams))]
-        parts = len(self.roster.teams)
-        for part, team in enumerate(self.roster.teams):
+        for team in self.roster.teams:
             team.wait_for(protocol.MapsBuilt)
-            for member in team.members:
-                awaited = len(team.cells_of(member)) * (parts - 1)
-                order = protocol.BuildMaps(team.epoch, copies[member.number], awaited, part, parts)
-                out.append(Send(member.identity, order))
-        return out
+        regions = NO_REGIONS if lend(self.roster.teams) else regions_of(session, len(self.roster.teams))
+        orders = map_orders(self.roster.teams, regions)
+        return [Started("map", len(orders)), *(Send(member.identity, order) for member, order in orders)]
 
     def _start_records(self, session: Session, now: float) -> list[Instruction]:
         """The first round of irradiance records, or those that are there already."""

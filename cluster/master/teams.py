@@ -11,11 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wdpm.cluster.master.deal import deal
 from wdpm.cluster.master.members import Member
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.task import PhotonTask
+from wdpm.cluster.transport.local_sockets import SCHEME
 
 
 @dataclass(eq=False)
@@ -118,6 +120,30 @@ def formed(members: Sequence[Member], least: int, cells: int) -> tuple[list[Team
     dealt = [list(members[index::count]) for index in range(count)]
     teams = [Team(each[:cells], min(len(each), cells)) for each in dealt]
     return teams, [member for each in dealt for member in each[cells:]]
+
+
+def lend(teams: Sequence[Team]) -> bool:
+    """Whether all slaves are on one machine and share memory: one makes what all then have (made_once.py)."""
+    return all(member.hello.peers.startswith(SCHEME) for team in teams for member in team.members)
+
+
+def map_orders(teams: Sequence[Team], regions: NDArray[np.float32]) -> list[tuple[Member, protocol.BuildMaps]]:
+    """What each slave is told that is to build maps.
+
+    Args:
+        regions: as protocol.BuildMaps has them, in the order of the teams.
+    """
+    copies, parts = copies_between(teams), len(teams)
+    return [
+        (
+            member,
+            protocol.BuildMaps(
+                team.epoch, copies[member.number], len(team.cells_of(member)) * (parts - 1), part, parts, regions
+            ),
+        )
+        for part, team in enumerate(teams)
+        for member in team.members
+    ]
 
 
 def copies_between(teams: Sequence[Team]) -> dict[int, tuple[protocol.Copy, ...]]:

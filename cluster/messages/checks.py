@@ -43,6 +43,7 @@ from wdpm.scenes.model.textures import Bitmap, Checkerboard
 
 SHAPES: dict[type, dict[str, Shape]] = {
     **SHAPES_OF_CELLS,
+    protocol.BuildMaps: {"regions": ("parts", 2, 3)},
     MaterialTable: {
         "kind": ("nodes",),
         "child": ("nodes", 2),
@@ -419,8 +420,8 @@ def _setup(setup: protocol.Setup, where: str) -> None:
 
 
 def _build_maps(order: protocol.BuildMaps, where: str) -> None:
-    _require(order.awaited >= 0, where, f"{order.awaited} batches awaited")
-    _require(0 <= order.part < order.parts, where, f"part {order.part} of {order.parts}")
+    sense = order.awaited >= 0 and 0 <= order.part < order.parts and len(order.regions) in (0, order.parts)
+    _require(sense, where, f"{order.awaited} batches awaited, part {order.part} of {order.parts}")
 
 
 def _copy(copy: protocol.Copy, where: str) -> None:

@@ -9,13 +9,16 @@ dropped, since what it speaks of is gone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Batch
 from wdpm.cluster.records import Records
 from wdpm.cluster.task import Task, TaskResult
-from wdpm.cluster.world import PhotonPlan, View, World
+from wdpm.cluster.world import NO_REGIONS, PhotonPlan, View, World
 from wdpm.scenes.flat.arrays import Triangles
 
 PROTOCOL = 17
@@ -258,6 +261,10 @@ class BuildMaps:
         copies: who wants what landed here, and then what was worked out here.
         awaited: how many batches of each come from other teams.
         part, parts: which part of the irradiance at photons is worked out here, from 0, and how many there are.
+        regions: boxes that have all of space among them, one for each part: low corners, which are in the box, and high
+            ones, which are not, float32, shape [parts, 2, 3]. A part of the irradiance is that at the photons in its
+            box, and of the global map a slave is sent those in reach of them alone. Shape [0, 2, 3] where each slave
+            needs all photons.
     """
 
     epoch: int
@@ -265,6 +272,7 @@ class BuildMaps:
     awaited: int = 0
     part: int = 0
     parts: int = 1
+    regions: NDArray[np.float32] = field(default_factory=lambda: NO_REGIONS)
 
 
 @dataclass(frozen=True)

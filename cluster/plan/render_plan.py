@@ -32,6 +32,9 @@ from wdpm.kernels.photons.gather import check_settings
 from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.flatten import FlatScene
 
+SOME_PLACES = 4096
+"""Places of photons at most, where a few thousand tell enough."""
+
 
 @dataclass(frozen=True, eq=False)
 class RenderPlan:
@@ -68,6 +71,10 @@ class RenderPlan:
         cache = with_tolerance(view.cache, self.tolerance)
         known = replace(view, caustic_k=self.caustic_k, cache=cache, lit_places=self.lit_places)
         return with_guide(known, self.learnt)
+
+    def some_places(self) -> NDArray[np.float32]:
+        """Of photons, which tell how they lie in space, shape [P, 3]."""
+        return self.pilot_photons[:: len(self.pilot_photons) // SOME_PLACES + 1]
 
     def share_of(self, cell: int, triangles: Triangles) -> float:
         """What a cell holds of the scene's triangles and instances."""

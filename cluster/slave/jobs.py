@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Batch
 from wdpm.cluster.host_memory import return_free_memory
@@ -17,7 +20,7 @@ from wdpm.cluster.messages.protocol import Copy
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.records import NO_RECORDS, Records
 from wdpm.cluster.task import Task, TaskResult
-from wdpm.cluster.world import PhotonPlan, View, World
+from wdpm.cluster.world import NO_REGIONS, PhotonPlan, View, World
 from wdpm.scenes.flat.arrays import Triangles
 
 
@@ -32,7 +35,7 @@ class Worker(Protocol):
 
     def regroup(self, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]) -> None: ...
 
-    def copies(self, cells: Sequence[int]) -> Sequence[Batch]: ...
+    def copies(self, cells: Sequence[int], part: int, regions: NDArray[np.float32]) -> Sequence[Batch]: ...
 
     def exchange_ghosts(self) -> Sequence[Batch]: ...
 
@@ -113,9 +116,15 @@ class HandleBatches:
 
 @dataclass(frozen=True)
 class SendCopies:
-    """Send what landed here to other teams: one batch for each of `copies`, in their order."""
+    """Send what landed here to other teams: one batch for each of `copies`, in their order.
+
+    Attributes:
+        part, regions: as protocol.BuildMaps has them.
+    """
 
     copies: tuple[Copy, ...]
+    part: int = 0
+    regions: NDArray[np.float32] = field(default_factory=lambda: NO_REGIONS)
 
 
 @dataclass(frozen=True)
@@ -296,8 +305,8 @@ class Compute:
                 return Outcome(job, outbox.batches, outbox.results)
             case SetView(view):
                 worker.set_view(view)
-            case SendCopies(copies):
-                return Outcome(job, worker.copies([copy.cell for copy in copies]))
+            case SendCopies(copies, part, regions):
+                return Outcome(job, worker.copies([copy.cell for copy in copies], part, regions))
             case ExchangeGhosts():
                 return Outcome(job, worker.exchange_ghosts(), ghosts_expected=worker.ghosts_expected())
             case SortTrees(copies, part, parts):

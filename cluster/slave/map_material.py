@@ -51,7 +51,7 @@ class MapMaterial:
         """The master wants maps: what is to be done first."""
         self._order = order
         self._due[PHOTONS] = order.awaited
-        first: list[jobs.Job] = [jobs.SendCopies(order.copies)] if order.copies else []
+        first: list[jobs.Job] = [jobs.SendCopies(order.copies, order.part, order.regions)] if order.copies else []
         return first + self._next()
 
     def handled(self, batch: Batch) -> list[jobs.Job]:

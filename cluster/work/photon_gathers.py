@@ -94,7 +94,7 @@ class PhotonGathering:
         """
         replica, count = self._replica, columns.length(queries, "weight")
         radiance = np.zeros((count, 3), np.float32)
-        if self._store.maps[number] is None or replica.view is None:
+        if self._store.built(number) is None or replica.view is None:
             return radiance
         k = replica.view.caustic_k if number == CAUSTIC_MAP else replica.view.k
         wants = columns.column(queries, "weight").max(axis=1) > 0  # glass and mirrors gather nothing
@@ -116,7 +116,7 @@ class PhotonGathering:
         """As `reflected`, for every query that is given, by k photons each."""
         replica, device = self._replica, self._replica.launcher.device
         count = columns.length(queries, "weight")
-        plan, built = replica.world.maps[number], self._store.maps[number]
+        plan, built = replica.world.maps[number], self._store.built(number)
         if built is None or replica.view is None:
             raise AssertionError(f"map {number} is not there")
         made = columns.outputs(_GATHERED, count, device)

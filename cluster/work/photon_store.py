@@ -16,7 +16,7 @@ from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, concatenate, take, 
 from wdpm.cluster.made_once import Wanted
 from wdpm.cluster.work import tree_orders
 from wdpm.cluster.work.guards import PHOTON, Guards
-from wdpm.cluster.work.overlap_band import rows_in_band, rows_near
+from wdpm.cluster.work.overlap_band import Region, along, rows_in_bands, rows_near
 from wdpm.cluster.work.photon_pile import Numbered, Pile, Piles, PositionsOf
 from wdpm.cluster.work.reflected_light import GATHER_GRAIN, GATHER_RUN, Places, by_white, of_white
 from wdpm.cluster.work.replica import Replica
@@ -29,7 +29,7 @@ from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, Deposits
 from wdpm.kernels.photons.flight import BOUNCE_BITS
 from wdpm.kernels.photons.gather_at_photons import gather_at_photons
 from wdpm.kernels.photons.kd_order import over
-from wdpm.kernels.photons.surface_points import point_counts, spread
+from wdpm.kernels.photons.surface_points import even_runs, point_counts, spread
 from wdpm.kernels.rays import cells
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.standing_areas import StandingAreas
@@ -102,7 +102,8 @@ class PhotonStore:
         self.points: list[Any] = [None] * MAPS
         self.irradiance: Any = None
         self._sites: Arrays = {}
-        self._carriers: Arrays = {}
+        self._carriers = 0
+        self._region: Region | None = None  # where irradiance is worked out here, if not everywhere
         self._order_parts: list[Arrays] = []
         self._irradiance_parts: list[Arrays] = []  # of this store first, once it has one
         self.irradiance_count = 0
@@ -176,6 +177,24 @@ class PhotonStore:
         """The photons that landed here so far; only before the maps are built."""
         return self._own.whole()
 
+    def region(self, corners: NDArray[np.float32]) -> Region:
+        """A region of protocol.BuildMaps; pad covers what positions and distances are off by."""
+        low, high = corners
+        return Region(low, high, self._replica.world.global_map.radius + 2 * self._replica.pad)
+
+    def work_in(self, region: Region) -> None:
+        """Work out irradiance in a region alone, and let go of photons that this takes not; others do the rest."""
+        self._region = region
+        landed = self._own.whole()
+        self._own.clear()
+        self._own.add(region.photons(landed, GLOBAL_MAP))
+
+    def built(self, number: int) -> BuiltMap | None:
+        """A map that may be read anywhere in this cell; None if there is none."""
+        if number == GLOBAL_MAP and self._region is not None:
+            raise AssertionError("the global map was taken for one that is read ahead alone")
+        return self.maps[number]
+
     def add_ghosts(self, batch: Batch) -> None:
         """Take in copies of a neighbour's photons, or of its surface points."""
         if batch.kind is Kind.GHOST_POINTS:
@@ -199,7 +218,7 @@ class PhotonStore:
         bands = [plan.band + replica.pad if plan.paths else 0.0 for plan in world.maps]
         for cell in range(len(low)):
             if cell != self._cell:
-                near = functools.partial(rows_in_band, low[cell], high[cell], bands)
+                near = functools.partial(rows_in_bands, low[cell], high[cell], bands)
                 for kind, piles in copied:
                     yield Batch.of_task(kind, -1, replica.worker, cell, 0, piles.chosen(near))
 
@@ -211,10 +230,12 @@ class PhotonStore:
         for rows, ids, area in self._areas() if used else ():
             for number, plan in used.items():
                 counts = point_counts(area, ids, plan.point_area, plan.point_set)
-                for some in _even_runs(counts, POINTS_AT_ONCE):
+                for some in even_runs(counts, POINTS_AT_ONCE):
                     of_map = counts[some], replica.launcher, plan.point_set
                     position, normal = spread(surfaces, replica.cells, self._cell, rows(some), ids[some], *of_map)
-                    self._own_points[number].add({"position": position, "normal": normal})
+                    region = self._region if number == GLOBAL_MAP else None
+                    near = None if region is None else region.near(position)
+                    self._own_points[number].add({"position": position, "normal": normal}, near)
 
     def _areas(self) -> Iterator[tuple[Rows, NDArray[np.int32], NDArray[np.float64]]]:
         """Of the cell's triangles, some at a time: the rows of chosen ones, and the numbers and areas of all."""
@@ -238,7 +259,7 @@ class PhotonStore:
         """
         of_photons, of_points = self._read_maps(), SURFACE_MAPS
         counts = [len(self._own[number]) for number in of_photons] + [len(self._own_points[n]) for n in of_points]
-        if self._replica.made.shares or not tree_orders.worth_sharing(counts, parts):
+        if self._replica.made.shares or self._region is not None or not tree_orders.worth_sharing(counts, parts):
             return None
         self._deposits = None
         self._number(of_photons)
@@ -286,6 +307,8 @@ class PhotonStore:
             self.points[number] = tree
         if sites:
             self._compute_irradiance(sites, part, parts)
+        if self._region is not None:  # nothing else reads what is a part of a map
+            self.maps[GLOBAL_MAP], self.points[GLOBAL_MAP] = None, None
 
     def _photons_wanted(self, number: int, order: NDArray[np.int32] | None) -> Wanted:
         """The tree of a map; the edges of its photons' paths, and those of them that carry irradiance, in order."""
@@ -303,7 +326,7 @@ class PhotonStore:
             sites = self._sites if number == GLOBAL_MAP else {}
             return [tree, {"edges": numbered.edges, **self._in_order(sites)}]
 
-        return Wanted(self._named(f"map {number}"), (photon_map.PhotonMap, dict), make)
+        return Wanted(self._named(f"map {number}"), (photon_map.PhotonMap, dict), make, self._is_of_region(number))
 
     def _points_wanted(self, number: int, order: NDArray[np.int32] | None) -> Wanted:
         """The tree of the surface points of a map."""
@@ -315,7 +338,11 @@ class PhotonStore:
             run = launcher.build_launcher()
             return [photon_map.build_points(self._own_points[number], launcher.device, run, order)]
 
-        return Wanted(self._named(f"points {number}"), (photon_map.PhotonMap,), make)
+        return Wanted(self._named(f"points {number}"), (photon_map.PhotonMap,), make, self._is_of_region(number))
+
+    def _is_of_region(self, number: int) -> bool:
+        """Whether a map has but the photons near a part of space, and nobody else the same."""
+        return number == GLOBAL_MAP and self._region is not None
 
     def _named(self, what: str) -> str:
         """A name for what depends on the photons."""
@@ -329,7 +356,7 @@ class PhotonStore:
         if not sites:
             return {}
         by_number = np.argsort(sites["id"])
-        order = by_number[np.lexsort(_along(sites["position"][by_number], self._replica.world.global_map.radius))]
+        order = by_number[np.lexsort(along(sites["position"][by_number], self._replica.world.global_map.radius))]
         return {name: column[order] for name, column in sites.items()}
 
     def _read_maps(self) -> list[int]:
@@ -357,8 +384,11 @@ class PhotonStore:
         low, high = cells.cell_boxes(world.top_tree.axis, world.top_tree.split)
         found: list[tuple[NDArray[np.intp], Arrays]] = []
         for chunk in pile.peek():
-            reach = world.irradiance.reach + pad
-            rows = rows_near(chunk["position"], low[self._cell], high[self._cell], reach)
+            position = chunk["position"]
+            if self._region is None:
+                rows = rows_near(position, low[self._cell], high[self._cell], world.irradiance.reach + pad)
+            else:
+                rows = self._region.within(position)
             rows = rows[at_photons.chosen(chunk["id"][rows], world.irradiance.share)]
             found.append((rows, {name: chunk[name][rows] for name in CARRIED}))
         return found
@@ -374,30 +404,19 @@ class PhotonStore:
     def finish(self) -> None:
         """Build the tree of irradiance: all parts are here, so everyone has mapped the photons that were lent."""
         self._lent = None
-        carriers, self._carriers = self._carriers, {}
-        parts, self._irradiance_parts = concatenate(self._irradiance_parts, Kind.COPIED_IRRADIANCE), []
-        if not carriers:
+        points, self._irradiance_parts = concatenate(self._irradiance_parts, Kind.COPIED_IRRADIANCE), []
+        count = len(points["id"])
+        if self._region is None and count != self._carriers:
+            raise ProtocolError(f"irradiance came for {count} photons of cell {self._cell}; expected {self._carriers}")
+        if not count:
             return
         began = time.perf_counter()
-        count = len(carriers["id"])
-        places = np.sort(parts["place"])
-        if not np.array_equal(places, np.arange(count)):
-            raise ProtocolError(f"irradiance came for {len(places)} photons of cell {self._cell}; expected {count}")
-        order = np.argsort(parts["place"])
         launcher = self._replica.launcher
 
         def make() -> list[Any]:
-            return [
-                at_photons.build(
-                    carriers["position"],
-                    parts["radiance"][order],
-                    carriers["normal"],
-                    parts["radius"][order],
-                    carriers["id"],
-                    launcher.device,
-                    launcher.build_launcher(),
-                )
-            ]
+            position, radiance, normal = points["position"], points["radiance"], points["normal"]
+            others = points["radius"], points["id"], launcher.device, launcher.build_launcher()
+            return [at_photons.build(position, radiance, normal, *others)]
 
         tree = Wanted(self._named("irradiance"), (photon_map.PhotonMap,), make)
         (self.irradiance,) = self._replica.made.get(tree)
@@ -415,10 +434,9 @@ class PhotonStore:
         began = time.perf_counter()
         replica, world = self._replica, self._replica.world
         plan, launcher = world.global_map, replica.launcher
-        self._carriers = {name: photons[name] for name in ("position", "normal", "id")}
-        whole = len(photons["id"])
-        first, end = whole * part // parts, whole * (part + 1) // parts
-        photons = take(photons, slice(first, end))
+        self._carriers = whole = len(photons["id"])
+        if self._region is None:
+            photons = take(photons, slice(whole * part // parts, whole * (part + 1) // parts))
         count, device = len(photons["id"]), launcher.device
         facing = np.where(photons["front"][:, None] == 1, photons["normal"], -photons["normal"])
         position, normal, front = (
@@ -447,7 +465,7 @@ class PhotonStore:
         radiance = by_white(irradiance, radius, self.points[GLOBAL_MAP], plan, places, launcher)
         self.irradiance_count = count
         own = {
-            "place": np.arange(first, end, dtype=np.int32),
+            **{name: photons[name] for name in ("id", "position", "normal")},
             "radiance": radiance + self._caustics_at(places),
             "radius": radius.numpy(),
         }
@@ -470,23 +488,11 @@ class PhotonStore:
         self._numbered, self._sites, self.points = {}, {}, [None] * MAPS
         self.maps = [None] * MAPS
         self.irradiance, self.irradiance_count, self.irradiance_s = None, 0, 0.0
-        self._carriers, self._irradiance_parts, self._order_parts = {}, [], []
+        self._carriers, self._irradiance_parts, self._order_parts = 0, [], []
+        self._region = None
         self.count[:] = 0
         self.copy_count[:] = 0
         self.ghost_count[:] = 0
         self.counters.by_light[:] = 0
         self.counters.flux_by_light[:] = 0.0
         self.guards.counts.clear()
-
-
-def _even_runs(counts: NDArray[np.int64], most: int) -> Iterator[NDArray[np.intp]]:
-    """Rows that have some, in order, so many at a time that they have about `most` together."""
-    some = np.flatnonzero(counts)
-    before = np.cumsum(counts[some]) - counts[some]
-    yield from np.split(some, np.flatnonzero(np.diff(before // most)) + 1) if len(some) else ()
-
-
-def _along(position: NDArray[np.float32], step: float) -> tuple[NDArray[np.float32], ...]:
-    """Keys that sort places along a line through slabs of a width, ties as they come."""
-    slabs = np.floor(position[:, 1:] / np.float32(step))
-    return position[:, 0], slabs[:, 0], slabs[:, 1]

@@ -11,6 +11,7 @@ from dataclasses import fields
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wdpm.cluster.batch import OF_MAPS, TO_HOME, Arrays, Batch, Kind, by_home, concatenate, take, zeros
 from wdpm.cluster.host_memory import peak_memory
@@ -28,8 +29,9 @@ from wdpm.cluster.work.guards import Guards, added
 from wdpm.cluster.work.photon_home import PhotonHome
 from wdpm.cluster.work.record_home import RecordHome
 from wdpm.cluster.work.replica import Replica
-from wdpm.cluster.world import PhotonPlan, View, World
+from wdpm.cluster.world import NO_REGIONS, PhotonPlan, View, World
 from wdpm.kernels.launch import Launcher
+from wdpm.kernels.photons.deposits import GLOBAL_MAP
 from wdpm.kernels.rays.cells import cell_boxes
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.arrays import Triangles
@@ -153,16 +155,31 @@ class CellWorker:
         self.replica.set_records(take_near(records, [(low[cell] - pad, high[cell] + pad) for cell in self.cells]))
         self._busy += time.perf_counter() - began
 
-    def copies(self, cells: Sequence[int]) -> list[Batch]:
+    def copies(self, cells: Sequence[int], part: int = 0, regions: NDArray[np.float32] = NO_REGIONS) -> list[Batch]:
         """The photons that landed in these own cells, for workers of other teams that have them; one batch each.
 
-        Where they lie in memory that all of them share, batches are empty.
+        Args:
+            regions: of the only cell, where each works out irradiance at photons: others need no photon of the global
+                map that is not within reach of theirs, and this one need keep none. None if all need all.
+            part: which of them is this worker's; `cells` are of the others, in their order.
         """
         stores = {cell: self.cells[cell].store for cell in set(cells)}
-        landed = {
-            cell: zeros(Kind.COPIED_PHOTONS) if store.lend() else store.so_far() for cell, store in stores.items()
-        }
-        batches = [Batch.of_task(Kind.COPIED_PHOTONS, -1, self.number, cell, 0, landed[cell]) for cell in cells]
+        if len(regions):
+            [store] = (cell.store for cell in self.cells.values())
+            boxes = [store.region(corners) for corners in regions]
+            own, landed = boxes.pop(part), store.so_far()
+            store.work_in(own)
+            columns = [box.photons(landed, GLOBAL_MAP) for box in boxes]
+        else:
+            # In memory that all of them share nothing need be sent.
+            landed_in = {
+                cell: zeros(Kind.COPIED_PHOTONS) if store.lend() else store.so_far() for cell, store in stores.items()
+            }
+            columns = [landed_in[cell] for cell in cells]
+        batches = [
+            Batch.of_task(Kind.COPIED_PHOTONS, -1, self.number, cell, 0, arrays)
+            for cell, arrays in zip(cells, columns, strict=True)
+        ]
         self._traffic["bytes_out"] += sum(batch.nbytes for batch in batches)
         return batches
 

@@ -13,6 +13,7 @@ does not depend on tree, order or partition.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 import warp as wp
@@ -58,6 +59,13 @@ def point_counts(
     share = (ids.astype(np.float64) * GOLDEN + number * PLASTIC[0]) % 1.0
     counts: NDArray[np.int64] = np.floor(area / point_area + share).astype(np.int64)
     return counts
+
+
+def even_runs(counts: NDArray[np.int64], most: int) -> Iterator[NDArray[np.intp]]:
+    """Rows that have some, in order, so many at a time that they have about `most` together."""
+    some = np.flatnonzero(counts)
+    before = np.cumsum(counts[some]) - counts[some]
+    yield from np.split(some, np.flatnonzero(np.diff(before // most)) + 1) if len(some) else ()
 
 
 @wp.kernel

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind, by_home
 from wdpm.cluster.layers import LAYERS
@@ -130,7 +131,9 @@ class FakeWorker:
         self.open.clear()
         self.forget_photons(world.photon_plan)
 
-    def copies(self, cells: Sequence[int]) -> list[Batch]:
+    def copies(self, cells: Sequence[int], part: int, regions: NDArray[np.float32]) -> list[Batch]:
+        assert part == 0 or len(cells)
+        assert len(regions) in (0, len(cells) + 1)
         assert not self.open
         assert not self.maps_built
         return [

@@ -153,7 +153,6 @@ def prepare(
     kernels = compiling(features)
     seconds["compile"] = compiling.seconds
     let_collector_go()
-
     progress.start("plan")
     began = flattening + compiling.seconds  # all but that is planning
     photons = settings.photons + settings.caustic_photons + settings.volume_photons
@@ -171,6 +170,7 @@ def prepare(
         digest=digest(replace(world.with_photons(NO_PHOTONS), textures=()), lit_scene, least),
         least=least,
         layers=layers_of(plan.world, view),
+        places=plan.some_places(),
     )
     seconds["partition"] = time.perf_counter() - began
     return Prepared(

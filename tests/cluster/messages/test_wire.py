@@ -164,12 +164,15 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
     ),
     p.StartTask: st.builds(p.StartTask, epochs, tasks),
     p.BuildMaps: st.builds(
-        lambda epoch, copies, awaited, part, more: p.BuildMaps(epoch, tuple(copies), awaited, part, part + more),
+        lambda epoch, copies, awaited, part, more, divided: p.BuildMaps(
+            epoch, tuple(copies), awaited, part, part + more, np.zeros((divided * (part + more), 2, 3), np.float32)
+        ),
         epochs,
         st.lists(st.builds(p.Copy, counts, counts, epochs, endpoints), max_size=4),
         counts,
         st.integers(0, 9),
         st.integers(1, 9),
+        st.booleans(),
     ),
     p.Dismissed: st.builds(p.Dismissed, texts),
     p.SetView: st.builds(p.SetView, epochs, views),

@@ -100,10 +100,14 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> list[Arrays]:
     return seen
 
 
-@pytest.mark.parametrize(("workers", "cells", "team", "shares"), [(3, 1, 1, 3), (4, 2, 2, 0)])
-def test_an_image_keeps_its_bits(sent: list[Arrays], workers: int, cells: int, team: int, shares: int) -> None:
+@pytest.mark.parametrize(
+    ("workers", "cells", "team", "indirect"),
+    [(3, 1, 1, Indirect.MAP), (3, 1, 1, Indirect.CACHE), (4, 2, 2, Indirect.CACHE)],
+)
+def test_an_image_keeps_its_bits(sent: list[Arrays], workers: int, cells: int, team: int, indirect: Indirect) -> None:
     scene = wdpm.load("cornell-box", size=(24, 24))
-    chosen = RenderSettings(photons=3000, spp=1, k=20, indirect=Indirect.CACHE, bucket=8)
+    chosen = RenderSettings(photons=3000, spp=1, k=20, indirect=indirect, bucket=8)
+    shares = workers if indirect is Indirect.MAP else 0  # or each has a part of the map, or of the scene
     alone = render_in_passes(scene, InProcess(threads=1), chosen)
     assert not sent
     shuffle = random.Random(workers)
