@@ -301,7 +301,7 @@ class Phases:
 
     def _start_buckets(self, session: Session) -> list[Instruction]:
         self.phase = Phase.BUCKETS
-        kept = self._tasks.render(session.view, session.layers, session.kept.buckets)
+        kept = self._tasks.render(session.view, session.layers, session.kept.buckets, self._at_once(session))
         begun: list[Instruction] = [Started("render", self._tasks.total + len(kept))]
         begun += [Advanced(len(kept))] if kept else []
         return [*begun, frame_begun(session, self.roster.holders(), self._members), *shown_again(kept)]

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 from wdpm.cluster.kept import BucketKept
 from wdpm.cluster.limits import ClusterLimits
-from wdpm.cluster.master.film import Film, spiral
+from wdpm.cluster.master.buckets import buckets, place_of
+from wdpm.cluster.master.film import Film
 from wdpm.cluster.master.members import Member
 from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.master.task_sizes import Place
@@ -122,16 +123,22 @@ class Tasks:
         self._next_number += len(tasks)
         self._begin(tasks)
 
-    def render(self, view: View, layers: Mapping[str, int], kept: Sequence[BucketKept] = ()) -> list[BucketKept]:
-        """An image is to be rendered, but for buckets that are there. Returns those of them that belong to it."""
+    def render(
+        self, view: View, layers: Mapping[str, int], kept: Sequence[BucketKept] = (), at_once: int = 1
+    ) -> list[BucketKept]:
+        """An image is to be rendered, but for buckets that are there. Returns those of them that belong to it.
+
+        Args:
+            at_once: buckets that are rendered at a time, without waiting for each other.
+        """
         self.film = Film(view.camera.width, view.camera.height, layers)
-        buckets = spiral(view.camera.width, view.camera.height, view.bucket, self._next_number)
-        self._next_number += len(buckets)
-        there = {_place(each.task): each for each in kept}
-        used = [there[_place(task)] for task in buckets if _place(task) in there]
+        there = {place_of(each.task): each for each in kept}
+        tasks = buckets(view, at_once, self._next_number, there)
+        self._next_number += len(tasks)
+        used = [there[place_of(task)] for task in tasks if place_of(task) in there]
         for each in used:
             self.film.put(each.task, each.result)
-        self._begin([task for task in buckets if _place(task) not in there])
+        self._begin([task for task in tasks if place_of(task) not in there])
         return used
 
     def _begin(self, tasks: Sequence[Task]) -> None:
@@ -250,10 +257,6 @@ class Tasks:
             raise ProtocolError(f"{type(result).__name__} came for {task}")
         if not same:
             raise ProtocolError(f"two results of task {result.number} differ")
-
-
-def _place(task: BucketTask) -> tuple[int, int, int, int]:
-    return task.x0, task.y0, task.x1, task.y1
 
 
 def units(task: Task) -> int:

@@ -52,17 +52,21 @@ BUCKET_SHADOW_RAYS = 1 << 18
 BUCKETS_A_WORKER = 8
 """Buckets that each worker gets, at least, before they are made larger: the last ones are shared out evenly."""
 
+BUCKETS_ALONE = 2
+"""The same where the last of them are divided."""
+
 
 def share_of_rays(spp: int) -> float:
     """Gather rays of a record in a pass of `spp` samples a pixel, as a share of those of CACHE_PLAN."""
     return min(max(spp / SAMPLES_OF_PLAN, LEAST_RAYS), MOST_RAYS)
 
 
-def view_of(flat: FlatScene, settings: RenderSettings, workers: int) -> View:
+def view_of(flat: FlatScene, settings: RenderSettings, workers: int, *, alone: bool = False) -> View:
     """What the camera adds.
 
     Args:
         workers: how many will share the work; 0 and 1 are alike.
+        alone: whether each renders buckets without the others: then the last of them are divided (master.buckets).
     """
     return View(
         camera=flat.camera,
@@ -73,15 +77,16 @@ def view_of(flat: FlatScene, settings: RenderSettings, workers: int) -> View:
         k=settings.k,
         caustic_k=settings.caustic_k,
         volume_samples=settings.volume_samples,
-        bucket=settings.bucket or _bucket(flat, settings, max(workers, 1)),
+        bucket=settings.bucket
+        or _bucket(flat, settings, max(workers, 1) * (BUCKETS_ALONE if alone else BUCKETS_A_WORKER)),
         diffuse_light=settings.algorithm.diffuse_light(settings),
         cache=_cache_plan(settings, flat.camera),
         routing=settings.routing,
     )
 
 
-def _bucket(flat: FlatScene, settings: RenderSettings, workers: int) -> int:
-    """Side of a bucket [pixels]: the paper's 32, or doubled while that leaves enough of them for all workers.
+def _bucket(flat: FlatScene, settings: RenderSettings, least: int) -> int:
+    """Side of a bucket [pixels]: the paper's 32, or doubled while that leaves at least so many of them.
 
     What the interpreter does for a bucket it does once, however many samples there are; kernels take what they take.
     """
@@ -92,7 +97,7 @@ def _bucket(flat: FlatScene, settings: RenderSettings, workers: int) -> int:
         larger = 2 * side
         if larger * larger * shadow_rays > BUCKET_SHADOW_RAYS:
             break
-        if pixels < BUCKETS_A_WORKER * workers * larger * larger:
+        if pixels < least * larger * larger:
             break
         side = larger
     return side

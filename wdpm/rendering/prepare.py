@@ -160,7 +160,7 @@ def prepare(
     plan = make_render_plan(flat, settings, largest_team(workers, least), launcher, cells, settled.pilot)
     world = replace(plan.world, strict=settings.strict)
     lit_scene = _lit_scene(world, flat.triangles)
-    view = plan.learnt_view(view_of(flat, settings, max(workers, processes)))
+    view = plan.learnt_view(view_of(flat, settings, max(workers, processes), alone=least == 1))
     alone = workers == 1 and plan.pilot is not None
     session = Session(
         world=world,

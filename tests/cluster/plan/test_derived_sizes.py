@@ -45,6 +45,11 @@ def test_buckets_are_as_large_as_samples_and_slaves_allow(spp: int, passes: int,
     assert view_of(flatten(BOX), replace(settings, bucket=7), workers).bucket == 7
 
 
+def test_buckets_are_larger_where_the_last_of_them_are_divided() -> None:
+    flat, settings = flatten(BOX), RenderSettings(spp=4)
+    assert [view_of(flat, settings, workers, alone=True).bucket for workers in (1, 4, 64)] == [128, 128, 32]
+
+
 def test_records_have_rays_by_samples_and_spacing() -> None:
     """In proportion to both within bounds, and gradients always have three columns."""
     plans = [worth(CACHE_PLAN, spp) for spp in (1, 8, 32, 128, 1024)]
