@@ -43,9 +43,10 @@ class ClusterLimits:
             take three times as long as what the interpreter does for a task however small ...
         record_task_least, record_task_most: ... and all are within these numbers of candidates. All of an early round
             become records, few of a late one.
-        buckets_in_flight: buckets handed to a slave at once. Buckets wait for their peers more than photons do.
-        shared_in_flight: the same where a slave holds but a part of the scene. All that is in flight must keep each
-            cell busy, and many a bucket sees few of them.
+        buckets_in_flight: buckets or tasks of records handed to a slave at once: one to be at, and one to go on with.
+            Of more, a slave that is slower than it seemed would still have some when others have none.
+        shared_in_flight: the same where a slave holds but a part of the scene. Its buckets wait for its peers, and all
+            that is in flight must keep each cell busy, and many a bucket sees few of them.
         cells_in_flight: cells on their way to slaves at once. Bounds what the master holds besides the scene.
         part_triangles: triangles of one Partition message, 140 bytes each: about 64 MB.
     """
@@ -69,7 +70,7 @@ class ClusterLimits:
     record_task_rays: int = 32_768
     record_task_least: int = 32
     record_task_most: int = 131_072
-    buckets_in_flight: int = 3
+    buckets_in_flight: int = 2
     shared_in_flight: int = 6
     cells_in_flight: int = 2
     part_triangles: int = 450_000

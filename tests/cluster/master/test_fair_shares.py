@@ -22,7 +22,7 @@ from wdpm.cluster.records import NO_RECORDS, CachePlan
 from wdpm.cluster.task import PhotonsTraced, PhotonTask
 
 
-@pytest.mark.parametrize(("buckets", "first"), [(2, 1), (3, 1), (4, 2), (8, 3)])
+@pytest.mark.parametrize(("buckets", "first"), [(2, 1), (3, 1), (4, 2), (8, 2)])
 def test_a_slave_that_sets_its_view_first_is_handed_its_share(buckets: int, first: int) -> None:
     driver = Driver().join()
     driver(m.Begin(make_session(2, 1, paths=0, least=1, view=make_view(16 * buckets, 16, 16))))
