@@ -17,7 +17,9 @@ from wdpm.cluster.master.deal import deal
 from wdpm.cluster.master.members import Member
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.task import PhotonTask
-from wdpm.cluster.transport.local_sockets import SCHEME
+
+SHARING = "ipc://"
+"""How the endpoints of slaves begin that share memory: cluster.transport.local_sockets."""
 
 
 @dataclass(eq=False)
@@ -124,7 +126,7 @@ def formed(members: Sequence[Member], least: int, cells: int) -> tuple[list[Team
 
 def lend(teams: Sequence[Team]) -> bool:
     """Whether all slaves are on one machine and share memory: one makes what all then have (made_once.py)."""
-    return all(member.hello.peers.startswith(SCHEME) for team in teams for member in team.members)
+    return all(member.hello.peers.startswith(SHARING) for team in teams for member in team.members)
 
 
 def map_orders(teams: Sequence[Team], regions: NDArray[np.float32]) -> list[tuple[Member, protocol.BuildMaps]]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import random
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +14,10 @@ from fake_worker import make_session
 
 import wdpm
 from wdpm.cluster.master.map_regions import LEAST_PLACES, regions_of
+from wdpm.cluster.master.teams import SHARING, lend
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.session import Session
+from wdpm.cluster.transport import local_sockets
 from wdpm.cluster.work.overlap_band import Region
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.world import IrradiancePlan
@@ -94,6 +98,17 @@ def test_all_photons_are_needed_where_vertices_ask_them() -> None:
 )
 def test_where_regions_bring_nothing_there_are_none(whole: Session, teams: int) -> None:
     assert not len(regions_of(whole, teams))
+
+
+@pytest.mark.parametrize(
+    ("endpoints", "expected"),
+    [(["ipc:///run/a", "ipc:///run/b"], True), (["ipc:///run/a", "tcp://10.0.0.1:7"], False)],
+)
+def test_who_shares_memory_has_no_use_for_regions(endpoints: list[str], expected: bool) -> None:
+    """One of them builds the whole map for all."""
+    assert SHARING == local_sockets.SCHEME
+    teams: Any = [SimpleNamespace(members=[SimpleNamespace(hello=SimpleNamespace(peers=peers))]) for peers in endpoints]
+    assert lend(teams) is expected
 
 
 @pytest.mark.parametrize(("workers", "indirect"), [(3, Indirect.CACHE), (5, Indirect.GATHER)])
