@@ -1,18 +1,21 @@
 """The versions of Warp whose inside is known here. With others wdpm works as well, and starts more slowly.
 
-Two things that Warp has no public way for shorten a start by a third: it is told hashes (remembered.py), and it parses
-functions when it needs them (parsed_late.py). Both are done with versions that tests have seen them with.
+Three things that Warp has no public way for shorten a start by half: it is told hashes (remembered.py), it parses
+functions when it needs them (parsed_late.py), and makes its own when somebody looks at them (late_builtins.py). All are
+done with versions that tests have seen them with.
 """
 
 from __future__ import annotations
 
-import warp as wp
+import sys
 
 TRIED = ("1.19.",)
-"""Beginnings of versions. For another one add it, and run the tests of the two modules above: they compare all names,
-and launch kernels of a module that was told its hash."""
+"""Beginnings of versions. For another one add it, and run the tests of the three modules above: they compare all
+names and all functions, and launch kernels of a module that was told its hash."""
 
 
 def is_tried() -> bool:
-    """Whether this Warp's inside is known."""
-    return wp.__version__.startswith(TRIED)
+    """Whether this Warp's inside is known; asked also while Warp is being imported."""
+    warp = sys.modules["warp"]
+    version: str = getattr(warp, "__version__", None) or warp.config.version
+    return version.startswith(TRIED)

@@ -17,6 +17,8 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 NAMES = """
 import sys
+if not sys.argv[1]:
+    import wdpm.kernels  # before Warp, whose own functions are then late as well
 import warp as wp
 wp.__version__ = sys.argv[1] or wp.__version__
 from wdpm.kernels.compile import kernels_for_all_scenes
