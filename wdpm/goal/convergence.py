@@ -32,7 +32,7 @@ from wdpm.rendering.error_layers import (
     BY_PHOTONS,
     NORMAL_QUANTILE,
     Batches,
-    ErrorEstimate,
+    BiasFit,
     Weight,
     bias_figure,
     block_sums,
@@ -98,9 +98,10 @@ class ConvergenceEstimator:
         self._weights: list[Values] = [np.zeros(()), np.zeros(())]
         self._batches = Batches(shape)
         self._coarse = Batches((0,) if self._reference is None else self._reference.a.shape)
-        self._by_radius = ErrorEstimate(shape, biased)
+        self._by_radius = BiasFit(shape if biased else (0,))
         self._caustic: Values = np.zeros(shape)
         self._passes = 0
+        self._estimate: Estimate | None = None
 
     @property
     def passes(self) -> int:
@@ -115,6 +116,7 @@ class ConvergenceEstimator:
             spp: samples a pixel, those of the reference's pixels alike.
             share: its squared radius, as a share of the first pass's.
         """
+        self._estimate = None
         image = layers["beauty"].astype(np.float64)
         image = np.where(np.isfinite(image), image, 0.0)
         half = self._passes % 2
@@ -139,31 +141,26 @@ class ConvergenceEstimator:
 
     def estimate(self) -> Estimate | None:
         """What the passes so far tell; None before there are enough."""
-        if self._passes < LEAST_PASSES:
-            return None
-        noise = self.noise_of(*self.variance())
-        bias = self._bias(self.mean())
-        return Estimate(noise, bias, _sum(noise, bias))
+        if self._estimate is None and self._passes >= LEAST_PASSES:
+            noise = self.noise_of(*self.variance(), *self.weights())
+            bias = self._bias(self.mean())
+            self._estimate = Estimate(noise, bias, _sum(noise, bias))
+        return self._estimate
 
-    def noise_of(self, variance: Values, freedom: float) -> ErrorFigure:
+    def noise_of(self, variance: Values, freedom: float, weight: Values, most_weight: Values) -> ErrorFigure:
         """The weighted mean of a variance of the mean image, of so many degrees of freedom."""
-        weight = self.weight()
-        return with_rare(spread_figure(variance * weight, freedom), variance * (self.most_weight() - weight))
+        return with_rare(spread_figure(variance * weight, freedom), variance * (most_weight - weight))
 
     def variance(self) -> tuple[Values, float]:
         """Of the mean of the passes, pixel by pixel, and its degrees of freedom."""
         return variance_of_mean(self._batches)
 
-    def weight(self) -> Values:
-        """Of a pixel's variance, in place of the truth's."""
+    def weights(self) -> tuple[Values, Values]:
+        """Of a pixel's variance, in place of the truth's; and the same in nine of ten cases at most (ONE_HIT)."""
         mean, darker = self.mean(), self._darker()
-        return self.metric.weight(believed_light(mean, darker))
-
-    def most_weight(self) -> Values:
-        """The same in nine of ten cases at most (ONE_HIT)."""
-        mean, darker = self.mean(), self._darker()
+        believed = believed_light(mean, darker)
         least = np.maximum(darker, ONE_HIT * np.abs(mean))
-        return self.metric.weight(np.minimum(believed_light(mean, darker), least))
+        return self.metric.weight(believed), self.metric.weight(np.minimum(believed, least))
 
     def _darker(self) -> Values:
         return np.minimum(np.abs(self._halves[0]), np.abs(self._halves[1]))
@@ -192,7 +189,7 @@ class ConvergenceEstimator:
 
     def _bias_by_radius(self, where: NDArray[np.bool_], mean: Values) -> ErrorFigure:
         alone = self._reference is None and self.metric.is_relative
-        if not self._by_radius.has_bias:
+        if not self._by_radius.known:
             return ErrorFigure(0.0, 0.0, MOST_BIAS if alone else 0.0)
         weight = self.metric.weight(mean) * where[..., np.newaxis]
         figure = bias_figure(self._by_radius.squared_bias() * weight)

@@ -106,14 +106,11 @@ def render_until(
 
 def _render(pilot: TrialPilot, goal: Goal, budget: Budget) -> Image:
     """Render what the pilot chose."""
-    progress, scene = pilot.work.progress, pilot.scene
+    progress = pilot.work.progress
     schedule, expected = pilot.best(goal, budget.left())
     progress.note(promise(schedule, goal, expected))
     began = pilot.work.clock()
-    settings = schedule.settings
-    biased = settings.algorithm.biased
-    shape = (scene.camera.height, scene.camera.width, 3)
-    estimator = ConvergenceEstimator(shape, goal.metric, biased, pilot.reference)
+    estimator = pilot.estimator_for(schedule, goal)
     renderer = pilot.renderer_for(schedule)
     renderer.progress = progress
     average, estimate, ending = _passes(renderer, schedule, goal, estimator, budget, _most(schedule, goal, expected))
@@ -136,6 +133,9 @@ def _passes(
     """Render until the goal is reached, or `most` passes are done, or someone has enough, or presses Ctrl-C
     after the first.
 
+    Args:
+        estimator: may have taken in passes of the schedule's trial already; these are in the image in any case.
+
     Returns:
         The mean, the estimate of its error, and what ended it.
     """
@@ -155,9 +155,13 @@ def _passes(
                 raise
             return average, estimator.estimate(), Ending.INTERRUPTED
         average.add(result)
-        estimator.add(result.layers, weight_of(plan, result.allotment, camera.width, camera.height), shrink(number))
+        if number == estimator.passes:
+            weight = weight_of(plan, result.allotment, camera.width, camera.height)
+            estimator.add(result.layers, weight, shrink(number))
         number += 1
         renderer.show(average)
+        if number < estimator.passes:
+            continue
         if goal.error is not None and number >= next_check:
             estimate = estimator.estimate()
             next_check = max(number + 1, math.ceil(number * FIRST_CHECKS))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -101,20 +101,22 @@ class Trial:
 def try_out(
     make: Callable[[], PassRenderer],
     settings: RenderSettings,
-    metric: Metric,
+    estimator: ConvergenceEstimator,
     reference: ReferencePair | None,
     clock: Clock = time.perf_counter,
     seconds_left: Callable[[], float] = lambda: math.inf,
-    enough: Callable[[Sequence[PassResult]], bool] = lambda _: False,
+    mean_square: float = 0.0,
 ) -> Trial:
     """Render the trial's passes; only the first, if there is no time for others. Then nothing is known of its error.
 
     Args:
         make: makes the renderer of the settings.
+        estimator: takes in the passes that may be part of the image.
         reference: of the bias; None leaves it at what it is at most by experience.
         clock: seconds, growing.
         seconds_left: that the trial may take, less what it took.
-        enough: whether the first two passes are as good an image as was asked for.
+        mean_square: error asked for: where the first two passes reach it, by the estimate that ends renders, there is
+            no third.
     """
     began = clock()
     renderer = make()
@@ -139,8 +141,13 @@ def try_out(
         return Trial(sample_cost=cost, results={IMAGE_PLANS[0]: first}, **nothing, **known)
     second, cost = timed(IMAGE_PLANS[1])
     image = (first, second)
-    apart = None if enough(image) else timed(APART_PLAN)
-    noise = _noise(image, None if apart is None else apart[0], metric, settings.algorithm.biased)
+    metric = estimator.metric
+    for number, result in enumerate(image):
+        estimator.add(result.layers, 1, shrink(number))
+    estimate = estimator.estimate()
+    is_enough = estimate is not None and estimate.total.high <= mean_square
+    apart = None if is_enough else timed(APART_PLAN)
+    noise = _noise(image, None if apart is None else apart[0], estimator, settings.algorithm.biased)
     of_samples, of_one = (second, cost) if apart is None else apart
     sample_cost = of_one * _share_of(of_samples, "render")
     most = UNKNOWN_SHARE * most_bias(metric) if settings.algorithm.biased else 0.0
@@ -159,9 +166,10 @@ def try_out(
 
 
 def _noise(
-    image: tuple[PassResult, PassResult], apart: PassResult | None, metric: Metric, biased: bool
+    image: tuple[PassResult, PassResult], apart: PassResult | None, estimator: ConvergenceEstimator, biased: bool
 ) -> dict[str, Any]:
     """What a trial says of noise, by name. Without a pass that tells photons and samples apart, samples make it all."""
+    metric = estimator.metric
     a, b = map(_beauty, image)
     if apart is None:
         weight = metric.weight((a + b) / 2)
@@ -170,7 +178,7 @@ def _noise(
         c = _beauty(apart)
         weight = metric.weight((2 * a + b + c) / 4)
         pass_noise, sample_noise = (_finite_mean(each**2 * weight) / 2 for each in (c - a, b - c))
-    upper, lone = upper_end(image, metric)
+    upper, lone = upper_end(estimator)
     # What the estimate says of the two passes, and what samples leave on average: fear of rare ones, or less than that.
     average = noise_of_two(pass_noise, sample_noise, biased)
     held = min(upper / (MARGIN * average), 1.0) if average > 0 else 1.0
@@ -204,17 +212,15 @@ def mean_around(image: Values) -> Values:
     return total / 9.0
 
 
-def upper_end(results: Sequence[PassResult], metric: Metric) -> tuple[float, tuple[float, ...]]:
+def upper_end(estimator: ConvergenceEstimator) -> tuple[float, tuple[float, ...]]:
     """Upper end of the estimated noise of the mean of some passes, and what is in none of it: Trial.lone."""
-    estimator = ConvergenceEstimator(results[0].layers["beauty"].shape, metric, biased=False)
-    for result in results:
-        estimator.add(result.layers, 1, 1.0)
     variance, freedom = estimator.variance()
-    each = (variance * estimator.most_weight()).mean(axis=2)
-    is_lone = (each > MOST_FEARED) & metric.is_relative
+    weight, most_weight = estimator.weights()
+    each = (variance * most_weight).mean(axis=2)
+    is_lone = (each > MOST_FEARED) & estimator.metric.is_relative
     lone = np.sort(each[is_lone])[::-1][:MOST_LONE] / each.size
     rest = np.where(is_lone[..., np.newaxis], 0.0, variance)
-    return estimator.noise_of(rest, freedom).high, tuple(lone.tolist())
+    return estimator.noise_of(rest, freedom, weight, most_weight).high, tuple(lone.tolist())
 
 
 def noise_of_two(pass_noise: float, sample_noise: float, biased: bool) -> float:

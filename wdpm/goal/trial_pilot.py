@@ -20,7 +20,6 @@ from wdpm.goal.schedule import FACTORS, Schedule, nearest, soonest, with_photons
 from wdpm.goal.trial import Clock, Trial, try_out
 from wdpm.progress import Progress, SilentProgress
 from wdpm.rendering.backend import Backend
-from wdpm.rendering.pass_plan import PassResult, shrink
 from wdpm.rendering.passes import PassRenderer
 from wdpm.scenes.model.scene import Scene
 
@@ -98,7 +97,8 @@ class TrialPilot:
     trials: list[Trial] = field(default_factory=list)
     seconds: float = 0.0
     compile_seconds: float = 0.0
-    _ready: PassRenderer | None = None  # of the last trial
+    _ready: PassRenderer | None = None  # of the last trial, as is the next
+    _estimator: ConvergenceEstimator | None = None
 
     def renderer_for(self, schedule: Schedule) -> PassRenderer:
         """What renders a schedule: the renderer of its trial, if that was the last one and has passes as short."""
@@ -108,6 +108,19 @@ class TrialPilot:
             return self.work.renderer(self.scene, settings)
         ready.will_have(self.scene, settings.passes, settings.spp)
         return ready
+
+    def estimator_for(self, schedule: Schedule, goal: Goal) -> ConvergenceEstimator:
+        """What estimates the error of a schedule's passes: that of the last trial, if all that it knows is of these."""
+        tried, self._estimator = self._estimator, None
+        if tried is not None and schedule.ready and schedule.passes >= tried.passes:
+            return tried
+        return self._new_estimator(schedule.settings, goal)
+
+    def _new_estimator(self, settings: RenderSettings, goal: Goal) -> ConvergenceEstimator:
+        camera = self.scene.camera
+        return ConvergenceEstimator(
+            (camera.height, camera.width, 3), goal.metric, settings.algorithm.biased, self.reference
+        )
 
     def best(self, goal: Goal, seconds_left: float = math.inf) -> tuple[Schedule, bool]:
         """The schedule for a goal, and whether it is expected to reach the error.
@@ -229,28 +242,18 @@ class TrialPilot:
     def _try(self, settings: RenderSettings, goal: Goal, seconds_left: Callable[[], float]) -> None:
         self._ready = None  # one scene in memory is enough
         self.trials[:] = [replace(trial, ready=False) for trial in self.trials]
+        self._estimator = self._new_estimator(settings, goal)
         trial = try_out(
             self._renderer_of_a_trial(settings),
             settings,
-            goal.metric,
+            self._estimator,
             self.reference,
             self.work.clock,
             seconds_left,
-            lambda passes: self._is_enough(passes, goal),
+            0.0 if goal.error is None else goal.mean_square,
         )
         self.compile_seconds += trial.compile_seconds
         self.trials.append(trial)
-
-    def _is_enough(self, passes: Sequence[PassResult], goal: Goal) -> bool:
-        """Whether the passes that are done are the image that was asked for, by the estimate that ends renders."""
-        if goal.error is None:
-            return False
-        biased = self.settings.algorithm.biased
-        estimator = ConvergenceEstimator(passes[0].layers["beauty"].shape, goal.metric, biased, self.reference)
-        for number, result in enumerate(passes):
-            estimator.add(result.layers, 1, shrink(number))
-        estimate = estimator.estimate()
-        return estimate is not None and estimate.total.high <= goal.mean_square
 
     def _renderer_of_a_trial(self, settings: RenderSettings) -> Callable[[], PassRenderer]:
         """Makes a renderer of short passes, and keeps it for the passes that may follow."""

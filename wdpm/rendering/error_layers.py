@@ -195,6 +195,47 @@ class Slope:
         return self.together / self.spread
 
 
+class BiasFit:
+    """How far the light of photon maps is off, by how passes change with their radius.
+
+    Args:
+        shape: of the image's colour, (height, width, 3).
+
+    Attributes:
+        passes: that were taken in.
+        slopes: of the passes of even and of odd numbers.
+    """
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.passes = 0
+        self.slopes = (Slope(shape), Slope(shape))
+
+    def add(self, layers: dict[str, NDArray[np.float32]], weight: Weight, share: float) -> None:
+        """Take in a pass, as ErrorEstimate does."""
+        self.slopes[self.passes % 2].add(sum_of_photons(layers), share, weight)
+        self.passes += 1
+
+    @property
+    def known(self) -> bool:
+        """Whether there are passes enough for both fits."""
+        return self.passes >= LEAST_FOR_BIAS and all(slope.known for slope in self.slopes)
+
+    def bias(self) -> Values:
+        """Of the mean image, signed, shape [height, width, 3]: both fits together."""
+        one, other = self.slopes
+        together = one.spread + other.spread
+        return (one.together + other.together) * (self._mean_share() / together)
+
+    def squared_bias(self) -> Values:
+        """Of the mean image: the product of both fits, which is below zero as often as above where there is no bias."""
+        one, other = self.slopes
+        return one.value() * other.value() * self._mean_share() ** 2
+
+    def _mean_share(self) -> Values:
+        one, other = self.slopes
+        return np.asarray((one.x * one.weight + other.x * other.weight) / (one.weight + other.weight))
+
+
 class ErrorEstimate:
     """What the passes so far tell about the error of their mean.
 
@@ -209,7 +250,7 @@ class ErrorEstimate:
         self._weight: Values = np.zeros(())
         self._mean: Values = np.zeros(shape)
         self._batches = Batches(shape)
-        self._slopes = tuple(Slope(shape if biased else (0,)) for _ in range(2))
+        self._fit = BiasFit(shape if biased else (0,))
 
     def add(self, layers: dict[str, NDArray[np.float32]], weight: Weight, share: float) -> None:
         """Take in a pass.
@@ -222,7 +263,7 @@ class ErrorEstimate:
         self._mean += (layers["beauty"] - self._mean) * share_of(weight, self._weight)
         self._batches.add(layers["beauty"], weight)
         if self.biased:
-            self._slopes[self.passes % 2].add(sum_of_photons(layers), share, weight)
+            self._fit.add(layers, weight, share)
         self.passes += 1
 
     @property
@@ -231,31 +272,24 @@ class ErrorEstimate:
 
     @property
     def has_bias(self) -> bool:
-        return self.biased and self.passes >= LEAST_FOR_BIAS and all(slope.known for slope in self._slopes)
+        return self.biased and self._fit.known
 
     def variance(self) -> Values:
         """Of the mean image, shape [height, width, 3]."""
         return self._batches.variance(self._weight)
 
     def bias(self) -> Values:
-        """Of the mean image, signed, shape [height, width, 3]: both fits together."""
-        one, other = self._slopes
-        together = one.spread + other.spread
-        return (one.together + other.together) * (self._mean_share() / together)
+        """Of the mean image, signed, shape [height, width, 3]."""
+        return self._fit.bias()
 
     def squared_bias(self) -> Values:
-        """Of the mean image: the product of both fits, which is below zero as often as above where there is no bias."""
-        one, other = self._slopes
-        return one.value() * other.value() * self._mean_share() ** 2
+        """Of the mean image, which is below zero as often as above where there is no bias."""
+        return self._fit.squared_bias()
 
     @property
     def mean(self) -> Values:
         """The mean image, shape [height, width, 3]."""
         return self._mean
-
-    def _mean_share(self) -> Values:
-        one, other = self._slopes
-        return np.asarray((one.x * one.weight + other.x * other.weight) / (one.weight + other.weight))
 
     def layers(self) -> dict[str, NDArray[np.float32]]:
         """`noise`, the standard error of the mean, and `bias`, as far as the passes tell."""
@@ -291,7 +325,7 @@ class ErrorEstimate:
         """All of its state, by name."""
         state = {f"batches.{name}": array for name, array in self._batches.arrays().items()}
         state |= {"mean": self._mean, "weight": self._weight, "passes": np.array(self.passes)}
-        for number, slope in enumerate(self._slopes):
+        for number, slope in enumerate(self._fit.slopes):
             state |= {f"slope.{number}.{name}": getattr(slope, name) for name in ("mean", "together", *_OF_SLOPES)}
             state[f"slope.{number}.count"] = np.array(slope.count)
         return state
@@ -300,10 +334,10 @@ class ErrorEstimate:
         """Go on from what `arrays` gave. Raises KeyError or ValueError if that is of another image."""
         prefix = "batches."
         self._batches.restore({n.removeprefix(prefix): a for n, a in state.items() if n.startswith(prefix)})
-        self.passes = int(state["passes"])
+        self.passes = self._fit.passes = int(state["passes"])
         self._mean = same_shape(state["mean"], self._mean)
         self._weight = weight_like(state["weight"], self._mean)
-        for number, slope in enumerate(self._slopes):
+        for number, slope in enumerate(self._fit.slopes):
             slope.mean = same_shape(state[f"slope.{number}.mean"], slope.mean)
             slope.together = same_shape(state[f"slope.{number}.together"], slope.together)
             for name in _OF_SLOPES:
