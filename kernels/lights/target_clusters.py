@@ -61,7 +61,8 @@ def cluster_targets(positions: NDArray[np.float32]) -> tuple[NDArray[np.float32]
         held = np.zeros(len(piece), np.bool_)
         held[rows] = True
         points = positions[held[unit]].astype(np.float64).reshape(-1, 3)
-        center = ((points.min(axis=0) + points.max(axis=0)) / 2.0).astype(np.float32)
+        low, high = (np.array([most(column) for column in points.T]) for most in (np.min, np.max))
+        center = ((low + high) / 2.0).astype(np.float32)
         far = math.sqrt(float(_square(points - center.astype(np.float64)).max()))  # from the rounded centre
         spheres.append((center, far * _GROWTH))
     return np.array([center for center, _ in spheres]), np.array([far for _, far in spheres]).astype(np.float32)
@@ -80,8 +81,9 @@ def _units(positions: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray
     within = np.arange(len(order)) - np.repeat(begins, np.diff(begins, append=len(order)))
     starts = within % run == 0
     first = np.flatnonzero(starts)
-    low = np.minimum.reduceat(positions.min(axis=1)[order], first)
-    high = np.maximum.reduceat(positions.max(axis=1)[order], first)
+    one, two, three = (positions[:, corner] for corner in range(3))
+    low = np.minimum.reduceat(np.minimum(np.minimum(one, two), three)[order], first)
+    high = np.maximum.reduceat(np.maximum(np.maximum(one, two), three)[order], first)
     unit = np.empty(len(order), np.intp)
     unit[order] = np.cumsum(starts) - 1
     return np.stack([low, high], axis=1).astype(np.float64), piece[order][first], unit
@@ -91,8 +93,8 @@ def _components(corners: NDArray[np.float32]) -> NDArray[np.intp]:
     """Which connected piece each triangle belongs to, by corners at the same place; shape [T]."""
     bits = (corners.reshape(-1, 3) + np.float32(0.0)).view(np.uint32).astype(np.uint64)  # -0 becomes 0
     # Places that a hash takes for one would only join their pieces.
-    _, vertex = np.unique((bits * _HASH).sum(axis=1, dtype=np.uint64), return_inverse=True)
-    vertex = vertex.reshape(-1, 3)
+    x, y, z = bits.T
+    vertex = _numbered_hashes(x * _HASH[0] + y * _HASH[1] + z * _HASH[2]).reshape(-1, 3)
     label = np.arange(vertex.max() + 1)
     apart = vertex  # of triangles whose corners have not the same label yet: the others have joined what they join
     while len(apart):
@@ -103,8 +105,28 @@ def _components(corners: NDArray[np.float32]) -> NDArray[np.intp]:
         of_corners = label[apart]
         apart = apart[(of_corners != of_corners[:, :1]).any(axis=1)]
     # Numbered by their first triangles: hashes, and with them labels, are others in another unit of length.
-    _, first, piece = np.unique(label[vertex[:, 0]], return_index=True, return_inverse=True)
-    return first[piece]
+    of_triangles = label[vertex[:, 0]]
+    first = np.full(len(label), len(corners))
+    np.minimum.at(first, of_triangles, np.arange(len(corners)))
+    return first[of_triangles]
+
+
+def _numbered_hashes(hashes: NDArray[np.uint64]) -> NDArray[np.intp]:
+    """A number for each hash, the same for the same; from 0, in no order. A table takes less than to sort them."""
+    bits = max(len(hashes).bit_length() + 1, 8)
+    table = np.zeros(1 << bits, np.uint32)
+    alike = np.empty(len(hashes), np.intp)  # which of the same hashes stands for all
+    left, mixed = np.arange(len(hashes)), hashes
+    while len(left):
+        slot = (mixed >> np.uint64(64 - bits)).astype(np.intp)
+        table[slot] = left
+        chosen = table[slot]
+        found = hashes[chosen] == hashes[left]
+        alike[left[found]] = chosen[found]
+        left, mixed = left[~found], mixed[~found] * _HASH[0]  # others had their slot
+    stands = np.zeros(len(hashes), np.intp)
+    stands[alike] = 1
+    return (np.cumsum(stands) - 1)[alike]
 
 
 def _tree(boxes: NDArray[np.float64], piece: NDArray[np.intp]) -> _Node:
@@ -164,14 +186,23 @@ def _square(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     return squares
 
 
+def _numbered(piece: NDArray[np.intp]) -> tuple[NDArray[np.intp], int]:
+    """Which of the pieces that some units belong to, in their order, each belongs to; and how many there are."""
+    if (piece == piece[0]).all():
+        return np.zeros(len(piece), np.intp), 1
+    there = np.zeros(int(piece.max()) + 1, np.bool_)
+    there[piece] = True
+    number = np.cumsum(there) - 1
+    return number[piece], int(number[-1]) + 1
+
+
 def _first_half(boxes: NDArray[np.float64], piece: NDArray[np.intp]) -> NDArray[np.bool_] | None:
     """Which units go to the first of two halves, by the best of all planes across the axes; None for a single unit.
 
     Halves are compared by the diagonals of their boxes, which bound the spheres.
     """
     low, high = boxes[:, 0], boxes[:, 1]
-    _, member = np.unique(piece, return_inverse=True)
-    pieces = int(member.max()) + 1
+    member, pieces = _numbered(piece)
     if pieces == 1:
         member = np.arange(len(boxes))
     else:
