@@ -37,7 +37,10 @@ class _Places:
     """Looks over a worker's shoulder, and keeps where camera paths ask for photons."""
 
     def __init__(self) -> None:
-        self._found: list[Mapping[str, NDArray[np.float32]]] = []
+        # Where the camera sees nothing but sky, nobody asks.
+        self._found: list[Mapping[str, NDArray[np.float32]]] = [
+            {name: np.zeros((0, 3), np.float32) for name in ("position", "normal")}
+        ]
 
     def shaded(self, scene: Any, orders: Any, rays: Any, shaded: Any) -> None:  # noqa: ARG002
         queries = shaded.queries

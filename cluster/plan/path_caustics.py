@@ -62,7 +62,10 @@ class SeenPlaces:
     """
 
     def __init__(self) -> None:
-        self._found: list[Mapping[str, NDArray[Any]]] = []
+        none: dict[str, NDArray[Any]]  # where the camera sees nothing but sky, nobody asks
+        none = {name: np.zeros((0, 3), np.float32) for name in ("position", "normal", "weight")}
+        none |= {"plain": np.zeros(0, np.bool_), "pixel": np.zeros(0, np.int32)}
+        self._found: list[Mapping[str, NDArray[Any]]] = [none]
 
     @property
     def lambertian(self) -> float:

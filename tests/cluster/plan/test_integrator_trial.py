@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 import window_room
 
 import wdpm
 from tests.helpers.effect_scenes import fogs
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.integrator_trial import TRIAL_PIXELS
+from wdpm.cluster.plan.integrator_trial import TRIAL_PIXELS, Way, words_for
 from wdpm.cluster.plan.render_plan import make_render_plan
 from wdpm.cluster.plan.small_view import small
 from wdpm.cluster.render_settings import MOST_SHADOW_RAYS, Indirect, Integrator, RenderSettings
@@ -168,3 +169,33 @@ def test_the_image_is_that_of_the_integrator_that_was_chosen_on_any_cluster(spp:
     assert shared.digest() == alone.digest()
     line = next(line for line in alone.metadata["report"]["chose"] if line.startswith("integrator: "))
     assert line in inspect(scene, slaves=1, integrator=Integrator.AUTO, spp=spp).chose
+
+
+@pytest.mark.parametrize(
+    ("paths", "photons", "words"),
+    [
+        (Way(0.02, 10.0), Way(0.01, 10.0), "photons, since error times price of path tracing is expected to be 2 of"),
+        (Way(0.02, 4.0), Way(0.01, 10.0), "path, since error times price of path tracing is expected to be 0.8 of"),
+        (Way(0.02, 4.0, 0.01), Way(0.0, 10.0), "photons, since a trial saw no noise by photons, and by path tracing"),
+        (Way(0.0, 4.0), Way(0.01, 10.0), "path, since error times price of path tracing is expected to be 0 of"),
+        (Way(0.0, 4.0), Way(0.0, 10.0), "path, since trials saw no noise by either, and path tracing is expected"),
+        (Way(0.0, 10.0), Way(0.0, 4.0), "photons, since trials saw no noise by either, and path tracing is expected"),
+    ],
+)
+def test_what_is_chosen_is_said_with_figures_that_are_numbers(paths: Way, photons: Way, words: str) -> None:
+    said = words_for(paths, photons)
+    assert said.startswith(words)
+    assert "inf" not in said
+    assert said.startswith("path,") == paths.is_better_than(photons)
+
+
+def test_where_a_trial_sees_nothing_the_cheaper_way_is_taken() -> None:
+    """The camera looks away from all that there is."""
+    away = replace(
+        SMALL, camera=replace(SMALL.camera, to_world=SMALL.camera.to_world @ np.diag([-1.0, 1.0, -1.0, 1.0]))
+    )
+    for spp in (2, 64):
+        chosen = settled(away, spp=spp)
+        assert chosen.settings.integrator is Integrator.PATH
+        assert chosen.chose[0].startswith("integrator: path, since trials saw no noise by either")
+    assert not wdpm.render(away, spp=2, threads=1).layers["beauty"].any()
