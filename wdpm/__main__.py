@@ -2,12 +2,16 @@
 
 from typing import NoReturn
 
-from wdpm.cli.main import main
 from wdpm.leaving import leave
+from wdpm.starting import hold_off_collector
 
 
 def run() -> NoReturn:
     """Run the command that this process was started for, and end with its exit code."""
+    hold_off_collector()  # until the command has begun
+
+    from wdpm.cli.main import main
+
     leave(main())
 
 

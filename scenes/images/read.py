@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenEXR
 from numpy.typing import NDArray
 
 from wdpm.scenes.errors import ImageError, SceneError
@@ -143,6 +142,8 @@ def _checked(pixels: NDArray[np.float32], name: str | Path) -> NDArray[np.float3
 
 
 def _read_exr(file: Path) -> NDArray[np.float32]:
+    import OpenEXR  # few scenes have such files
+
     try:
         with OpenEXR.File(str(file), separate_channels=True) as image:
             channels = {

@@ -69,6 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.print_help(sys.stderr)
         return EXIT_BAD_INPUT
     args = parser.parse_args(arguments)
+    let_collector_go()  # a command that imports what computes holds it off again
     try:
         with interrupts_raise(), termination_raises(), no_lost_interrupts():
             with files_within(getattr(args, "scene_root", None)):

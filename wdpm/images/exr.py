@@ -16,7 +16,6 @@ from typing import Any
 
 import Imath  # type: ignore[import-untyped]
 import numpy as np
-import OpenEXR
 from numpy.typing import NDArray
 
 from wdpm.images.channels import LAYER_CHANNELS, Layers
@@ -25,7 +24,6 @@ from wdpm.scenes.errors import ImageError
 _METADATA_ATTRIBUTE = "wdpm"
 
 _MAGIC = b"\x76\x2f\x31\x01"
-
 
 _ROWS_A_BLOCK = 16
 """Of a file with ZIP compression: what one thread compresses."""
@@ -40,6 +38,8 @@ def write_exr(layers: Layers, metadata: Mapping[str, Any], path: Path, threads: 
     Args:
         threads: that compress them; the file has the same bytes with any number.
     """
+    import OpenEXR  # here and below: many renders have no such file
+
     try:
         text = json.dumps(metadata, allow_nan=False)
     except (TypeError, ValueError) as error:
@@ -65,6 +65,8 @@ def write_exr(layers: Layers, metadata: Mapping[str, Any], path: Path, threads: 
 @contextmanager
 def _threads(count: int) -> Iterator[None]:
     """Have OpenEXR compress on so many threads, which end with the context: a process that has none may be forked."""
+    import OpenEXR
+
     set_count = getattr(OpenEXR, "set_global_thread_count", None)  # early versions have none
     with _pool:
         if count <= 1 or set_count is None:
@@ -98,6 +100,8 @@ def read_exr(path: Path) -> tuple[Layers, dict[str, Any]]:
 
 def read_exr_metadata(path: Path) -> dict[str, Any]:
     """What wdpm put into the header of a file, without reading its pixels; nothing for a broken file."""
+    import OpenEXR
+
     with _diverted_stderr():
         try:
             return _metadata(OpenEXR.InputFile(str(path)).header())
@@ -112,6 +116,8 @@ def _channel_names(layer: str) -> list[str]:
 
 def _read_planes(path: Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
     """The channels of full resolution of the first part, float32 [height, width], by name, and the header."""
+    import OpenEXR
+
     with path.open("rb") as stream:
         if stream.read(len(_MAGIC)) != _MAGIC:
             raise ImageError(f"{path}: not an OpenEXR file")
