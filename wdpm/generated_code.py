@@ -105,17 +105,15 @@ def _file() -> Path | None:
     return Path(importlib.util.cache_from_source(__file__)).with_suffix(SUFFIX)
 
 
-_of_this_process: list[GeneratedCode] = []
+_CODE = GeneratedCode(_file())
+"""Of this process."""
 
 
 def keep_generated_code() -> None:
     """Have `dataclasses` of this process use what is kept, from here on; for commands, before they import ours."""
-    if not _of_this_process:
-        _of_this_process.append(GeneratedCode(_file()))
-        vars(dataclasses)["exec"] = _of_this_process[0].execute
+    vars(dataclasses)["exec"] = _CODE.execute
 
 
 def write_generated_code() -> None:
     """Keep what this process has compiled of it for the next."""
-    for code in _of_this_process:
-        code.write()
+    _CODE.write()

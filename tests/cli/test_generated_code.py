@@ -20,7 +20,7 @@ from wdpm.cli.main import main
 import wdpm.cluster.render_settings, wdpm.cluster.messages.protocol
 from wdpm import generated_code
 from wdpm.cluster.render_settings import RenderSettings
-[code] = generated_code._of_this_process
+code = generated_code._CODE
 generated_code.write_generated_code()
 compiled = code._used.keys() - code._kept.keys()
 print("COMPILED", len(compiled), len(code._used), RenderSettings(spp=3) == RenderSettings(spp=3), RenderSettings(spp=3))
@@ -121,4 +121,4 @@ def test_dataclasses_ask_us_in_a_command() -> None:
     """The tests of commands have imported one."""
     import wdpm.cli  # noqa: F401
 
-    assert vars(dataclasses)["exec"].__self__ is generated_code._of_this_process[0]
+    assert vars(dataclasses)["exec"].__self__ is generated_code._CODE
