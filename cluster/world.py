@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.cluster.allotment import NO_ALLOTMENT, Allotment
+from wdpm.cluster.allotment import NO_ALLOTMENT, NO_LAMP_OUTLINES, Allotment, LampOutlines
 from wdpm.cluster.guide import NO_GUIDE, LightGuide
 from wdpm.cluster.lit_places import NO_LIT_PLACES, LitPlaces
 from wdpm.cluster.records import NO_CACHE, CachePlan
@@ -239,6 +239,7 @@ class View:
         allotment: the samples of each part of the image, in multiples of `spp` where there are beams; where there is
             none, all pixels take `spp`.
         lit_places: where gather rays of irradiance records are worth while.
+        outlines: pixels that take some times as many samples as the View or its allotment says.
     """
 
     camera: Camera
@@ -257,3 +258,4 @@ class View:
     guide: LightGuide = NO_GUIDE
     allotment: Allotment = NO_ALLOTMENT
     lit_places: LitPlaces = NO_LIT_PLACES
+    outlines: LampOutlines = NO_LAMP_OUTLINES

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from wdpm.cluster.allotment import Allotment, blocks_of
+from wdpm.cluster.allotment import Allotment, LampOutlines
 from wdpm.cluster.batch import SCHEMAS, Batch, Kind
 from wdpm.cluster.guide import LightGuide
 from wdpm.cluster.limits import MOST_SLAVES
@@ -24,7 +24,8 @@ from wdpm.cluster.messages.demands import indices as _indices
 from wdpm.cluster.messages.demands import require as _require
 from wdpm.cluster.messages.instance_checks import SHAPES_OF_INSTANCES, check_instances, check_shapes
 from wdpm.cluster.messages.top_tree_checks import SHAPES_OF_CELLS, check_outlines, check_top_tree
-from wdpm.cluster.records import RAY_SAMPLES, CachePlan, Records
+from wdpm.cluster.messages.view_checks import check_allotment, check_lamp_outlines, check_view
+from wdpm.cluster.records import CachePlan, Records
 from wdpm.cluster.runs import Runs
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, RecordTask
 from wdpm.cluster.world import Emission, IrradiancePlan, MapPlan, Outlines, PhotonPlan, TopTree, View, World
@@ -98,6 +99,7 @@ SHAPES: dict[type, dict[str, Shape]] = {
     Checkerboard: {"to_uv": (3, 3)},
     Bitmap: {"pixels": ("height", "width", 3), "to_uv": (3, 3)},
     Camera: {"to_world": (4, 4)},
+    LampOutlines: {"pixels": ("pixels",)},
     LitPlaces: {
         "position": ("places", 3),
         "normal": ("places", 3),
@@ -281,25 +283,6 @@ def _photon_plan(plan: PhotonPlan, where: str) -> None:
     _require(_positive(plan.volume_unit), where, f"volume_unit {plan.volume_unit}")
 
 
-def _view(view: View, where: str) -> None:
-    counts = (view.spp, view.light_samples, view.k, view.bucket, view.volume_samples)
-    _require(min(counts) >= 1 and max(counts) < 2**31, where, f"spp, light_samples, k, bucket are {counts}")
-    _require(min(view.k, view.caustic_k) >= 1 and max(view.k, view.caustic_k) <= MAX_K, where, f"k is {view.k}")
-    last = view.first_sample + view.spp
-    _require(view.first_sample >= 0 and last < 2**31, where, f"samples {view.first_sample} to {last - 1}")
-    _require(0 <= view.seed < 2**32, where, f"seed {view.seed}")
-    _require(view.max_depth is None or view.max_depth >= 1, where, f"max_depth {view.max_depth}")
-    blocks, shape = blocks_of(view.camera.width, view.camera.height), view.allotment.first.shape
-    _require(not len(view.allotment) or shape == blocks, where, f"samples of {shape} blocks; the image has {blocks}")
-
-
-def _allotment(allotment: Allotment, where: str) -> None:
-    first, count = allotment.first, allotment.count
-    _require(first.ndim == 2 and first.shape == count.shape, where, f"{first.shape} and {count.shape} blocks")
-    _indices(first, 0, RAY_SAMPLES, f"{where}.first")
-    _indices(count, 0, RAY_SAMPLES, f"{where}.count")
-
-
 def _light_guide(guide: LightGuide, where: str) -> None:
     """Tiles must also be those of the World's environment: the replica sees to that."""
     regions = len(guide)
@@ -467,9 +450,10 @@ _RANGES: dict[type, Callable[[Any, str], None]] = {
     World: _world,
     IrradiancePlan: _irradiance_plan,
     PhotonPlan: _photon_plan,
-    View: _view,
+    View: check_view,
     LightGuide: _light_guide,
-    Allotment: _allotment,
+    Allotment: check_allotment,
+    LampOutlines: check_lamp_outlines,
     LitPlaces: _lit_places,
     Camera: _camera,
     PixelFilter: _pixel_filter,

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.allotment import NO_LAMP_OUTLINES, LampOutlines, lamp_outlines_of
 from wdpm.cluster.lit_places import LitPlaces
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide, with_guide
@@ -24,8 +25,10 @@ from wdpm.cluster.plan.record_worth import records_in_words, tolerance_of_record
 from wdpm.cluster.plan.top_tree import build_top_tree, photons_in_cells
 from wdpm.cluster.plan.view import view_of
 from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import View, World
+from wdpm.kernels.camera.outlines import outlined_pixels
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
 from wdpm.kernels.photons.gather import check_settings
@@ -51,6 +54,7 @@ class RenderPlan:
         caustic_k: photons that gathers of the caustic map look for.
         tolerance: relative standard error that irradiance records are to have, as CachePlan has it.
         lit_places: that light comes to straight from the lights.
+        outlines: pixels that outlines of lamps cross.
         chose: what was decided by what photon maps and irradiance records are worth, and why.
     """
 
@@ -64,12 +68,13 @@ class RenderPlan:
     caustic_k: int
     tolerance: float
     lit_places: LitPlaces
+    outlines: LampOutlines
     chose: tuple[str, ...]
 
     def learnt_view(self, view: View) -> View:
         """The view, with what the pilot has taught."""
         cache = with_tolerance(view.cache, self.tolerance)
-        known = replace(view, caustic_k=self.caustic_k, cache=cache, lit_places=self.lit_places)
+        known = replace(view, caustic_k=self.caustic_k, cache=cache, lit_places=self.lit_places, outlines=self.outlines)
         return with_guide(known, self.learnt)
 
     def some_places(self) -> NDArray[np.float32]:
@@ -133,8 +138,43 @@ def make_render_plan(
     pilot.worker.set_view(view)
     learnt = learn_guide(flat, pilot.cell, view)
     lit = lit_places(pilot, view.cache)
+    outlines = lamp_outlines(flat, pilot.cell)
     tolerance = tolerance_of_records(flat, pilot, settings, learnt, view.cache)
-    chose = (*planned.chose, *records_in_words(tolerance, view.cache))
+    chose = (*planned.chose, *records_in_words(tolerance, view.cache), *_outlines_in_words(outlines))
     worker = pilot.worker if tree.cells == 1 else None
     flat.triangles.let_go()
-    return RenderPlan(world, rows, instances, weights, worker, places, learnt, planned.caustic_k, tolerance, lit, chose)
+    return RenderPlan(
+        world,
+        rows,
+        instances,
+        weights,
+        worker,
+        places,
+        learnt,
+        planned.caustic_k,
+        tolerance,
+        lit,
+        outlines,
+        chose,
+    )
+
+
+def lamp_outlines(flat: FlatScene, cell: Cell) -> LampOutlines:
+    """Pixels that outlines of lamps cross.
+
+    Args:
+        cell: the whole scene, whose replica has the view.
+    """
+    camera, lit = flat.camera, flat.lights.power[: len(flat.lights.prim)] > 0
+    if not lit.any():
+        return NO_LAMP_OUTLINES
+    corners, radius = flat.lights.corners[lit], camera.filter.radius
+    pixels = outlined_pixels(corners, cell.replica.camera, radius, cell.geometry, len(flat.materials))
+    width, height = camera.full_size or (camera.width, camera.height)
+    return lamp_outlines_of(pixels, width, height, camera.crop or (0, 0, width, height))
+
+
+def _outlines_in_words(outlines: LampOutlines) -> tuple[str, ...]:
+    if not len(outlines):
+        return ()
+    return (f"{len(outlines):,} pixels on outlines of lamps take {outlines.times} times the samples of others",)

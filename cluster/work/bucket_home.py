@@ -67,7 +67,7 @@ class BucketHome:
         y = np.arange(task.y0, task.y1, dtype=np.int32)
         pixels = (y[:, None] * np.int32(view.camera.width) + x[None, :]).reshape(-1)
         self._pixels = np.tile(pixels, images)
-        first, self._counts = _samples_of(task, view, samples)
+        first, self._counts = _samples_of(task, view, pixels, samples)
         self._groups = sample_groups(first, self._counts, alike=is_signed(view.camera.filter))
         self._weights = [self._weights_of(number) for number in range(len(self._groups))]
         self._waves = deque(waves(self._groups, WAVE_SAMPLES))
@@ -343,16 +343,19 @@ class BucketHome:
             raise ProtocolError("a lit batch has a place below 0")
 
 
-def _samples_of(task: BucketTask, view: View, samples: Sequence[range]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def _samples_of(
+    task: BucketTask, view: View, pixels: NDArray[np.int32], samples: Sequence[range]
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Number of the first sample of each pixel, and how many it takes, shape [pixels]: of one image after another."""
-    if not samples and len(view.allotment):
-        first, count = view.allotment.of_pixels(task.x0, task.y0, task.x1, task.y1)
-        return first.reshape(-1), count.reshape(-1)
-    images = samples or (range(view.first_sample, view.first_sample + view.spp),)
-    pixels = (task.x1 - task.x0) * (task.y1 - task.y0)
-    first = np.array([each.start for each in images], np.int32)
-    count = np.array([len(each) for each in images], np.int32)
-    return np.repeat(first, pixels), np.repeat(count, pixels)
+    if samples:
+        first_of = np.array([each.start for each in samples], np.int32)
+        count_of = np.array([len(each) for each in samples], np.int32)
+        return np.repeat(first_of, len(pixels)), np.repeat(count_of, len(pixels))
+    times = view.outlines.times_of(pixels)
+    if not len(view.allotment):
+        return times * np.int32(view.first_sample), times * np.int32(view.spp)
+    first, count = view.allotment.of_pixels(task.x0, task.y0, task.x1, task.y1)
+    return times * first.reshape(-1), times * count.reshape(-1)
 
 
 def _empty_slots(samples: int, light_samples: int) -> dict[str, NDArray[Any]]:

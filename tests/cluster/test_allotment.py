@@ -5,7 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from wdpm.cluster.allotment import BLOCK, Allotment, Piece, blocks_of, sample_groups, spread, waves
+from wdpm.cluster.allotment import (
+    BLOCK,
+    OUTLINE_SHARE,
+    OUTLINE_TIMES,
+    Allotment,
+    Piece,
+    blocks_of,
+    lamp_outlines_of,
+    sample_groups,
+    spread,
+    waves,
+)
 
 
 def test_a_bucket_of_any_size_has_the_samples_of_the_image() -> None:
@@ -58,3 +69,23 @@ def test_pixels_that_take_as_many_are_one_group_in_whole_waves() -> None:
 def test_nothing_to_do_is_no_wave() -> None:
     none = np.zeros(4, np.int32)
     assert list(waves(sample_groups(none, none, alike=False), 10)) == []
+
+
+def test_few_pixels_on_outlines_take_many_samples_and_many_of_them_no_more_than_others() -> None:
+    width, height = 40, 30
+    few = lamp_outlines_of(np.array([3, 41, 1199]), width, height, (0, 0, width, height))
+    assert few.times == OUTLINE_TIMES
+    np.testing.assert_array_equal(few.times_of(np.array([2, 3, 41, 42])), [1, OUTLINE_TIMES, OUTLINE_TIMES, 1])
+    some = lamp_outlines_of(np.arange(30), width, height, (0, 0, width, height))
+    assert 1 < some.times < OUTLINE_TIMES
+    assert (some.times - 1) * len(some) <= OUTLINE_SHARE * width * height
+    assert not len(lamp_outlines_of(np.arange(200), width, height, (0, 0, width, height)))
+    assert not len(lamp_outlines_of(np.arange(0), width, height, (0, 0, width, height)))
+
+
+def test_a_pixel_of_a_crop_takes_as_many_samples_as_that_of_the_image() -> None:
+    width, height = 40, 30
+    whole = np.array([3, 5 * width + 11, 5 * width + 30, 29 * width + 39])
+    crop = lamp_outlines_of(whole, width, height, (10, 4, 12, 3))
+    assert crop.times == lamp_outlines_of(whole, width, height, (0, 0, width, height)).times
+    assert crop.pixels.tolist() == [1 * 12 + 1]

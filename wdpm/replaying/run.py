@@ -10,16 +10,20 @@ the sample adds to its pixel. It takes the time of the render's photons; the sam
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
+from wdpm.cluster.allotment import OUTLINE_TIMES
 from wdpm.cluster.batch import TO_HOME, Batch
 from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.cluster.task import BucketTask, PhotonTask
 from wdpm.cluster.work.bucket_home import BucketHome
 from wdpm.cluster.work.guards import Guards, added
 from wdpm.cluster.work.worker import CellWorker
-from wdpm.cluster.world import World
+from wdpm.cluster.world import View, World
 from wdpm.progress import Progress, SilentProgress
 from wdpm.rendering.adaptive import FIRST
 from wdpm.rendering.in_process import InProcess
@@ -60,8 +64,14 @@ def replay_sample(
     """
     scene = scene_of(source)
     settings = settings or settings_for(scene, **chosen)
-    check_place(scene.camera, settings.spp, x, y, sample)
-    plan = pass_of(settings, sample)
+    most = settings.spp * OUTLINE_TIMES  # which pixels take more than others is known when the scene is prepared
+    check_place(scene.camera, most if sample < most else settings.spp, x, y, sample)
+
+    def plan(view: View) -> PassPlan:
+        times = _times(view, x, y)
+        check_place(view.camera, settings.spp * times, x, y, sample)
+        return pass_of(settings, sample, times)
+
     return Replayer(scene, backend, settings, plan, progress=progress).sample(x, y, sample)
 
 
@@ -69,7 +79,7 @@ class Replayer:
     """Replays any number of samples of a scene, or of one pass of a progressive render; photons are traced once.
 
     Args:
-        plan: the pass; None for the first.
+        plan: the pass, or what tells it from the view; None for the first.
         Others are as for `replay_sample`.
     """
 
@@ -78,7 +88,7 @@ class Replayer:
         scene: Scene,
         backend: InProcess,
         settings: RenderSettings,
-        plan: PassPlan | None = None,
+        plan: PassPlan | Callable[[View], PassPlan] | None = None,
         *,
         progress: Progress | None = None,
     ) -> None:
@@ -91,6 +101,8 @@ class Replayer:
         settings = replace(settings, strict=False, routing=Routing.FORWARD)
         prepared = backend.prepare(scene, settings, progress)
         self._names = Names(scene, prepared.triangles)
+        if callable(plan):
+            plan = plan(prepared.session.view)
         session = session_of(prepared.session, plan or pass_of(settings, 0))
         self._view = session.view
         self._worker = _with_photons(prepared, session.world, progress)
@@ -98,7 +110,9 @@ class Replayer:
     def sample(self, x: int, y: int, sample: int) -> Replay:
         """One sample of a pixel; SettingsError if there is none such."""
         worker, view = self._worker, self._view
-        check_place(view.camera, view.first_sample + view.spp, x, y, sample, view.first_sample)
+        times = _times(view, x, y)
+        first, stop = times * view.first_sample, times * (view.first_sample + view.spp)
+        check_place(view.camera, stop, x, y, sample, first)
         worker.set_view(view)
         cell, guards = worker.cells[0], Guards(worker.replica)
         before = cell.guards
@@ -126,9 +140,18 @@ class Replayer:
         )
 
 
-def pass_of(settings: RenderSettings, sample: int) -> PassPlan:
-    """The pass of a render that takes a sample."""
-    return next(plan for plan in plans_for(settings) if sample < plan.first_sample + plan.spp)
+def pass_of(settings: RenderSettings, sample: int, times: int = 1) -> PassPlan:
+    """The pass of a render that takes a sample.
+
+    Args:
+        times: as many times the samples of others its pixel takes.
+    """
+    return next(plan for plan in plans_for(settings) if sample < times * (plan.first_sample + plan.spp))
+
+
+def _times(view: View, x: int, y: int) -> int:
+    """As many times the samples of others a pixel takes; 1 outside the image."""
+    return int(view.outlines.times_of(np.array([y * view.camera.width + x]))[0])
 
 
 def check_place(camera: Camera, spp: int, x: int, y: int, sample: int, first: int = 0) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from wdpm.cluster import lit_places, records, task, world
+from wdpm.cluster import allotment, lit_places, records, task, world
 from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.messages import packing, protocol
@@ -62,6 +62,7 @@ def test_messages_are_as_described(heading: str, union: object) -> None:
         world.TopTree,
         world.Outlines,
         world.View,
+        allotment.LampOutlines,
         lit_places.LitPlaces,
         world.MapPlan,
         world.PhotonPlan,

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from wdpm.cluster.batch import SCHEMAS, Batch, Kind
+from wdpm.cluster.batch import SCHEMAS, Batch, Kind, zeros
 from wdpm.cluster.messages import packing, short_arrays, short_columns
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.runs import Runs
@@ -158,8 +158,8 @@ def test_large_columns_are_not_copied() -> None:
 
 def test_very_long_columns_need_no_memory_of_their_own() -> None:
     rows = short_arrays.LONG_ROWS + 1
-    sites = {"place": np.arange(rows, dtype=np.int32), "radiance": np.zeros((rows, 3), np.float32)}
-    sites["radius"] = np.zeros(rows, np.float32)
+    sites = zeros(Kind.COPIED_IRRADIANCE, rows)
+    sites["id"] = np.arange(rows, dtype=np.int64)
     told_as = short_arrays.shorten(Kind.COPIED_IRRADIANCE, sites)
     assert told_as.forms == ""
     assert all(np.shares_memory(block, column) for block, column in zip(told_as.blocks, sites.values(), strict=True))

@@ -15,6 +15,7 @@ from fake_worker import arrays, irradiance_records, make_view, make_world, pictu
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from wdpm.cluster.allotment import LampOutlines
 from wdpm.cluster.batch import SCHEMAS, TO_HOME, Batch, Kind
 from wdpm.cluster.lit_places import LitPlaces
 from wdpm.cluster.messages import packing
@@ -190,6 +191,10 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
 }
 
 
+def on_outlines(pixel: int, times: int = 3) -> LampOutlines:
+    return LampOutlines(np.array([pixel], np.int32), times)
+
+
 def lit_places(count: int, power: float = 1.0, radius: float = 1.0) -> LitPlaces:
     nowhere = np.zeros((count, 3), np.float32)
     return LitPlaces(nowhere, nowhere, np.full(count, power, np.float32), np.full(count, radius, np.float32))
@@ -359,6 +364,13 @@ def lights(**fields: Any) -> LightTable:
         (p.SetView(1, dataclasses.replace(make_view(), lit_places=lit_places(1, radius=0.0))), "lit places that are"),
         (p.SetView(1, dataclasses.replace(make_view(), lit_places=lit_places(1, power=np.inf))), "lit places that are"),
         (p.SetView(1, dataclasses.replace(make_view(), first_sample=2**31 - 1)), "samples 2147483647 to"),
+        (p.SetView(1, dataclasses.replace(make_view(), outlines=on_outlines(50 * 34 - 1))), None),
+        (p.SetView(1, dataclasses.replace(make_view(), outlines=on_outlines(50 * 34))), "outlines.pixels is 1700"),
+        (p.SetView(1, dataclasses.replace(make_view(), outlines=on_outlines(0, 0))), "0 times the samples"),
+        (
+            p.SetView(1, dataclasses.replace(make_view(), first_sample=2**30, outlines=on_outlines(0, 2))),
+            "samples 10737",
+        ),
         (
             setup(emission=dataclasses.replace(make_world(1).emission, share=np.ones(2), caustic_share=np.ones(2))),
             "shares",
