@@ -39,7 +39,8 @@ class RenderSettings:
     """Settings of a render.
 
     Attributes:
-        photons: photons to be stored in the map; a fixed pilot turns this into a number of paths.
+        photons: photons to be stored in the map; a fixed pilot turns this into a number of paths. Where the integrator
+            is picked and nobody said how many, half or a quarter of them if more would bring little beside the samples.
         k: photons that a gather looks for.
         radius: largest gather radius, in scene units; None derives it from the scene and the pilot.
         spp: samples a pixel.
@@ -52,7 +53,7 @@ class RenderSettings:
             takes as many as without.
         seed: of all random numbers.
         bucket: side of a bucket in pixels; None derives it from the image, spp and slaves. Changes no bit of the image.
-        caustic_photons: photons to be stored in the caustic map of a scene that calls for one.
+        caustic_photons: photons to be stored in the caustic map of a scene that calls for one; fewer as of photons.
         caustic_k: photons that a gather of the caustic map looks for.
         caustic_radius: its largest gather radius, in scene units; None derives it from the pilot.
         volume_photons: photons to be stored in the volume map of a scene with participating media.

@@ -7,10 +7,12 @@ What samples leave of noise is measured, by the integrators that are compared: e
 with other samples, and half the squared difference is the variance. What photons leave besides, whatever the samples,
 is a share of the square of indirect light. Paths may miss what hardly any of them meets, and a trial of few samples
 does not know what it has missed: the noise of caustics that smooth surfaces make is told by photons (path_caustics).
+How many photons there are is weighed in the same way (map_worth): beside few samples fewer serve.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +22,8 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.light_guide import NOTHING_LEARNT, Learnt, with_guide
-from wdpm.cluster.plan.map_plans import MapPlans, map_plans
+from wdpm.cluster.plan.map_plans import MapPlans, map_plans, with_fewer_paths
+from wdpm.cluster.plan.map_worth import FEWEST, MapError, map_error
 from wdpm.cluster.plan.path_caustics import PathCaustics, SeenPlaces, caustics_by_paths
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
 from wdpm.cluster.plan.small_view import small, without_photons
@@ -29,6 +32,8 @@ from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.cluster.task import BucketRendered, BucketTask
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import View
+from wdpm.kernels.camera.camera import tangent
+from wdpm.kernels.constants import INV_PI
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
@@ -80,6 +85,12 @@ RECORD_RAY = 1000.0
 """Beside what it meets: to be stratified, stored and added."""
 COAT_SHARE = 0.25
 """Of the photons of a gather, those that gather rays look for where they arrive at coats."""
+
+GATHERED_PLACES = 1024
+"""Places of a trial at which the pilot's photons are gathered, to tell what the global map gets wrong."""
+
+LEAST_COSINE = 0.05
+"""At which a pixel is thought to see a surface."""
 
 LEFT_BY_MAP = 0.02
 LEFT_BY_CACHE = 0.003
@@ -169,9 +180,10 @@ def choose_integrator(
     pilot = pilot_for(flat, trial_features(flat, settings), photons, launcher, flown)
     plans = map_plans(pilot, photons, flat)
     trial = _try_both(flat, pilot, photons, replace(settings, integrator=Integrator.PATH, indirect=Indirect.MAP))
+    photons, plans, fewer = _with_photons_of_worth(flat, plans, trial, photons)
     if trial.caustics.hidden > HIDDEN_MOST:
         words = f"photons, since no path finds {trial.caustics.hidden:.1%} of the light: caustics of lamps without size"
-        return IntegratorChoice(photons, words, pilot)
+        return IntegratorChoice(photons, words + fewer, pilot)
     # Of one pass: with more of the same kind errors fall and prices rise alike, and what goes on must choose alike.
     spp, of_caustics = -(-settings.spp // settings.passes), trial.caustics.noise
     prices = Prices(flat, plans, spp)
@@ -181,7 +193,8 @@ def choose_integrator(
     path_error, path_cost = (by_path.noise + of_caustics) / spp, prices.of_paths(by_path)
     by_photons, paths = Way(photons_error, photons_cost), Way(path_error, path_cost, of_caustics / spp)
     chosen = by_path.settings if paths.is_better_than(by_photons) else photons
-    return IntegratorChoice(chosen, words_for(paths, by_photons), pilot)
+    words = words_for(paths, by_photons) + (fewer if chosen is photons else "")
+    return IntegratorChoice(chosen, words, pilot)
 
 
 @dataclass(frozen=True)
@@ -221,6 +234,42 @@ def words_for(paths: Way, photons: Way) -> str:
     )
 
 
+def _with_photons_of_worth(
+    flat: FlatScene, plans: MapPlans, trial: Trial, photons: RenderSettings
+) -> tuple[RenderSettings, MapPlans, str]:
+    """As many photons as make error times price least, of those shot by default or half or a quarter; and in words."""
+    spp, maps = -(-photons.spp // photons.passes), (GLOBAL_MAP, CAUSTIC_MAP)
+    asked = {GLOBAL_MAP: photons.photons, CAUSTIC_MAP: photons.caustic_photons}
+    plain = {GLOBAL_MAP: RenderSettings.photons, CAUSTIC_MAP: RenderSettings.caustic_photons}
+    known = {number: trial.map_errors[number] for number in maps if asked[number] == plain[number]}
+    errors = {number: error for number, error in known.items() if error is not None and plans.maps[number].paths}
+    of_others = trial.noise_by(photons) / spp
+    if GLOBAL_MAP not in errors or photons.final_gathers:
+        of_others += _left(photons) * trial.by_paths[0].indirect
+
+    def with_shares(shares: tuple[int, ...]) -> RenderSettings:
+        counts = [asked[number] // share for number, share in zip(maps, shares, strict=True)]
+        return replace(photons, photons=counts[0], caustic_photons=counts[1])
+
+    def worth(shares: tuple[int, ...]) -> float:
+        price = Prices(flat, with_fewer_paths(plans, shares), spp).of_photons(trial, with_shares(shares))
+        wrong = sum(
+            error.of(asked[number] // shares[number], spp, gathered=photons.final_gathers and number == GLOBAL_MAP)
+            for number, error in errors.items()
+        )
+        return (of_others + wrong) * price
+
+    ways = itertools.product(*((1, 2, FEWEST) if number in errors else (1,) for number in maps))
+    best = min(ways, key=worth)
+    fewer = [
+        f"{asked[number] // share:,} {name}photons"
+        for number, share, name in zip(maps, best, ("", "caustic "), strict=True)
+        if share > 1
+    ]
+    words = f"; {' and '.join(fewer)}, as more would bring little beside the samples" if fewer else ""
+    return with_shares(best), with_fewer_paths(plans, best), words
+
+
 def _asked_of_photons(settings: RenderSettings) -> list[str]:
     """Settings that were chosen, and that mean something to photon maps alone."""
     plain, paths = RenderSettings(), Integrator.PATH.algorithm
@@ -244,12 +293,14 @@ class Trial:
         by_paths: of each way to trace paths.
         caustics: what paths make of those, where smooth surfaces make any.
         lambertian: the share of the diffuse surfaces that camera paths meet that records serve.
+        map_errors: what gathers of the global and the caustic map get wrong; None where too little is known.
     """
 
     by_photons: Figures
     by_paths: Sequence[Figures]
     caustics: PathCaustics
     lambertian: float
+    map_errors: Sequence[MapError | None]
 
     def noise_by(self, settings: RenderSettings) -> float:
         """Of one sample of every pixel by photon mapping: with that of gather rays, where each sample has one."""
@@ -348,7 +399,48 @@ def _try_both(flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, path
     if paths.light_samples is None and by_photons.light_samples > by_path.light_samples:
         ways.append(_with_more_shadow_rays(by_path, by_photons))
     caustics = caustics_by_paths(pilot, flat, places, truth, CHOICE_SAMPLES, DARK)
-    return Trial(by_photons, ways, caustics, places.lambertian)
+    errors = _map_errors(flat, pilot, photons, places, truth)
+    return Trial(by_photons, ways, caustics, places.lambertian, errors)
+
+
+def _map_errors(
+    flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, places: SeenPlaces, truth: Values
+) -> tuple[MapError | None, MapError | None]:
+    """What gathers of the global and the caustic map get wrong, at some of the places that a trial has seen.
+
+    Args:
+        places: that an image of CHOICE_SAMPLES samples a pixel has seen.
+        truth: that image, or about so, shape [height, width, 3].
+    """
+    pixel = places.all("pixel")
+    if not len(pixel):
+        return None, None
+    some = np.linspace(0, len(pixel) - 1, min(GATHERED_PLACES, len(pixel))).astype(np.intp)
+    position, normal = places.all("position")[some], places.all("normal")[some]
+    radiance = truth.mean(axis=2).reshape(-1)[pixel[some]]
+    of_sample = len(pixel) / (CHOICE_SAMPLES * truth.shape[0] * truth.shape[1])  # places
+    weight = places.all("weight")[some].mean(axis=1).astype(np.float64)
+    factor = weight * (float(INV_PI) * math.sqrt(of_sample)) / np.sqrt(radiance**2 + DARK)
+    area = _pixel_areas(flat.camera, position, normal)
+    return (
+        map_error(pilot, GLOBAL_MAP, photons.k, position, normal, factor, area),
+        map_error(pilot, CAUSTIC_MAP, photons.caustic_k, position, normal, factor, area),
+    )
+
+
+def _pixel_areas(camera: Camera, position: NDArray[np.float32], normal: NDArray[np.float32]) -> Values:
+    """Of the surface that a pixel of a camera sees at some places, if it sees them directly, shape [P]."""
+    axes, eye = np.asarray(camera.to_world, np.float64)[:3, :3], np.asarray(camera.to_world, np.float64)[:3, 3]
+    whole = camera.width if camera.full_size is None else camera.full_size[0]
+    scale = math.sqrt((axes[:, 0] ** 2).sum())
+    way = position.astype(np.float64) - eye
+    distance = np.sqrt((way**2).sum(axis=1))
+    if camera.orthographic:
+        side, way = np.full(len(way), 2.0 * scale / whole), np.broadcast_to(axes[:, 2], way.shape)
+    else:
+        side = 2.0 * tangent(camera.fov_x / 2) * distance / whole
+    cosine = np.abs((way * normal).sum(axis=1)) / np.maximum(np.sqrt((way**2).sum(axis=1)), 1e-30)
+    return np.asarray(side**2 / np.maximum(cosine, LEAST_COSINE))
 
 
 def _few_pixels(camera: Camera) -> Camera:

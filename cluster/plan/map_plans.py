@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -112,6 +112,12 @@ def map_plans(pilot: PhotonPilot, settings: RenderSettings, flat: FlatScene) -> 
     ]
     words = caustics_in_words(caustics, pilot, settings.caustic_photons, caustic_paths)
     return MapPlans((plans[0], plans[1], plans[2]), caustic_k, () if words is None else (words,))
+
+
+def with_fewer_paths(plans: MapPlans, shares: Sequence[int]) -> MapPlans:
+    """The same with a part of the paths of the global and the caustic map, for what that would cost."""
+    fewer = [replace(plan, paths=plan.paths // share) for plan, share in zip(plans.maps, shares, strict=False)]
+    return replace(plans, maps=(fewer[0], fewer[1], plans.maps[VOLUME_MAP]))
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,10 @@
 Photons of a map are asked for by number, and where hardly a path stores one, ten times as many paths would be shot.
 That pays where the map's light is seen. A caustic that is a hundredth of the light about it may be blurred and may be
 noisy, and nobody will know; one that no path of the pilot has found is not there.
+
+Nor is a map worth being finer than the image is exact. What its gathers get wrong besides is noise, which is that of k
+photons however many there are, but for pixels so large that their samples ask different ones; and blur, which is that
+of the radius in which these k lie. Both are told by the pilot's photons, at places that the camera sees (MapError).
 """
 
 from __future__ import annotations
@@ -17,6 +21,7 @@ from wdpm.cluster.batch import Arrays, take
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, direct_photons
 from wdpm.cluster.plan.pilot_gathers import gather_among
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
+from wdpm.kernels.photons.flight import BOUNCE_BITS
 
 PATHS_A_PHOTON = 10
 """Most paths for each photon that is asked for: where hardly any path stores one, as under the open sky or far from
@@ -133,3 +138,81 @@ def _irradiance(pilot: PhotonPilot, photons: Arrays, paths: int, places: Arrays)
 
 def _flux(photons: Arrays) -> float:
     return float(photons["flux"].mean(axis=1, dtype=np.float64).sum())
+
+
+FEWEST = 4
+"""A map has at least this part of the photons that are asked for by default: the fewer there are, the wider are the
+patches in which noise is alike, and the more of it is seen."""
+
+BLUR_K = 4
+"""Blur is what k photons tell otherwise than this part of them, the nearest."""
+
+
+@dataclass(frozen=True)
+class MapError:
+    """What gathers of a map of surfaces get wrong, as relMSE, whatever the samples.
+
+    Attributes:
+        k: photons that a gather looks for.
+        squares: gathered light at places that the camera sees, squared and weighted as relMSE is, shape [P].
+        discs: of each place, how many gathers of k photons lie beside each other in its pixel, in a map of one photon,
+            shape [P].
+        blur: in a map of one photon.
+    """
+
+    k: int
+    squares: NDArray[np.float64]
+    discs: NDArray[np.float64]
+    blur: float
+
+    def of(self, photons: float, spp: int, *, gathered: bool = False) -> float:
+        """In a map of so many photons, of a pixel of so many samples.
+
+        Blur falls at least as its radius' square does: a border of light is wrong as far as gathers reach over it.
+
+        Args:
+            gathered: the map is read by many gather rays, which average noise out; blur counts as if it were seen.
+        """
+        if gathered:
+            return self.blur / photons
+        differ = np.minimum(1.0 + self.discs * photons, spp)
+        return float((self.squares / differ).mean()) / self.k + self.blur / photons
+
+
+def map_error(
+    pilot: PhotonPilot,
+    number: int,
+    k: int,
+    position: NDArray[np.float32],
+    normal: NDArray[np.float32],
+    factor: NDArray[np.float64],
+    area: NDArray[np.float64],
+) -> MapError | None:
+    """What gathers of a map get wrong at some places; None where the pilot has too few of its photons to tell.
+
+    Two halves of the pilot's photons are gathered from by k and by fewer: the product of the differences is the square
+    of what both miss, without the noise of either.
+
+    Args:
+        number: of the map.
+        position, normal: of the places, shape [P, 3].
+        factor: by which irradiance at a place is an error of its pixel, as the root of relMSE has it, shape [P].
+        area: of the surface that a pixel sees there, shape [P].
+    """
+    photons, paths = pilot.photons[number], pilot.world.maps[number].paths
+    stored, few = len(photons["id"]), max(k // BLUR_K, 1)
+    if not paths or stored < 2 * BLUR_K * k or not len(position):
+        return None
+    path = photons["id"] >> BOUNCE_BITS
+    differences, whole, radius2 = [], np.zeros(len(position)), np.zeros(len(position))
+    for odd in (0, 1):
+        half = take(photons, np.flatnonzero(path % 2 == odd))
+        wide, narrow = (
+            gather_among(pilot.cell, half, position, normal, pilot.world.extent, neighbours) for neighbours in (k, few)
+        )
+        differences.append((wide[0].astype(np.float64) - narrow[0]) * (2.0 / paths) * factor)
+        whole += wide[0] * (1.0 / paths) * factor
+        radius2 += wide[1].astype(np.float64) ** 2 / 2.0
+    of_one = np.maximum(radius2, np.finfo(np.float32).tiny) * math.pi * (stored / 2.0)
+    blur = max(float((differences[0] * differences[1]).mean()), 0.0) * (stored / 2.0)
+    return MapError(k, whole**2, area / of_one, blur)

@@ -16,9 +16,14 @@ PILOT_K = 16
 
 
 def gather_among(
-    cell: Cell, photons: Arrays, position: NDArray[np.float32], normal: NDArray[np.float32], extent: float
+    cell: Cell,
+    photons: Arrays,
+    position: NDArray[np.float32],
+    normal: NDArray[np.float32],
+    extent: float,
+    k: int = PILOT_K,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Look for the PILOT_K nearest of some photons about some places.
+    """Look for the k nearest of some photons about some places.
 
     Args:
         photons: on surfaces.
@@ -49,7 +54,7 @@ def gather_among(
         position=wp.array(position, dtype=wp.vec3, device=device),
         normal=facing,
         shading_normal=facing,
-        k=PILOT_K,
+        k=k,
         r_max=extent,
         run=1,
         irradiance_out=irradiance,

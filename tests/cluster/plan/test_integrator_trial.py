@@ -13,6 +13,7 @@ import wdpm
 from tests.helpers.effect_scenes import fogs
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.integrator_trial import TRIAL_PIXELS, Way, words_for
+from wdpm.cluster.plan.map_worth import FEWEST
 from wdpm.cluster.plan.render_plan import make_render_plan
 from wdpm.cluster.plan.small_view import small
 from wdpm.cluster.render_settings import MOST_SHADOW_RAYS, Indirect, Integrator, RenderSettings
@@ -89,11 +90,30 @@ def test_what_paths_cannot_do_is_for_photons(scene: Scene, chosen: dict[str, Any
 
 def test_caustics_of_small_bright_lamps_are_for_photons_and_those_of_wide_ones_are_not() -> None:
     """By the noise that they make in paths, which a trial of few samples does not see."""
-    wide, small = (settled(mirrored(with_lamp(SMALL, side)), spp=2, all_effects=True) for side in (1.0, 0.02))
+    tiny = cornell_box((8, 6))
+    wide, small = (settled(mirrored(with_lamp(tiny, side)), spp=2, all_effects=True) for side in (1.0, 0.02))
     assert wide.settings.integrator is Integrator.PATH
     assert small.settings.integrator is Integrator.PHOTONS
     for each in (wide, small):
         assert " of it by caustics" in each.chose[0]
+
+
+def test_few_samples_have_fewer_photons_and_many_have_all() -> None:
+    """Beside one sample's noise a map that is twice as blurred serves as well; beside that of many it does not."""
+    scene = with_bulb(cornell_box((64, 64)))
+    few, many = (settled(scene, spp=spp) for spp in (1, 31))
+    assert few.settings.integrator is many.settings.integrator is Integrator.PHOTONS
+    assert few.settings.photons == RenderSettings.photons // FEWEST
+    assert f"; {RenderSettings.photons // FEWEST:,} photons, as more would bring little" in few.chose[0]
+    assert many.settings.photons == RenderSettings.photons
+    assert "as more would bring little" not in many.chose[0]
+    assert settled(scene, spp=1, photons=200_000).settings.photons == 200_000
+
+
+def test_few_samples_have_fewer_caustic_photons() -> None:
+    found = settled(mirrored(with_bulb(SMALL)), spp=1, all_effects=True)
+    assert found.settings.caustic_photons == RenderSettings.caustic_photons // FEWEST
+    assert f"{RenderSettings.caustic_photons // FEWEST:,} caustic photons" in found.chose[0]
 
 
 @pytest.mark.parametrize(("alpha", "told"), [(0.0, True), (0.3, False)], ids=["smooth", "rough"])

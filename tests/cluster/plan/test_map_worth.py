@@ -4,18 +4,32 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.helpers.effect_scenes import Builder, camera
 from wdpm.cluster.plan import map_worth
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.map_plans import POINTS_IN_DISC, MapPlans, map_plans, volume_unit
-from wdpm.cluster.plan.map_worth import LEAST_K, LEAST_PATHS, PATHS_A_PHOTON, PLAIN_SHARE, MapWorth, fewer_neighbours
+from wdpm.cluster.plan.map_worth import (
+    BLUR_K,
+    LEAST_K,
+    LEAST_PATHS,
+    PATHS_A_PHOTON,
+    PLAIN_SHARE,
+    MapError,
+    MapWorth,
+    fewer_neighbours,
+    map_error,
+)
 from wdpm.cluster.plan.photon_pilot import PILOT_PATHS, fly_pilot
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.inspection.inspect import inspect
 from wdpm.kernels.launch import Launcher
+from wdpm.kernels.photons.flight import BOUNCE_BITS
 from wdpm.scenes.flat.areas import triangle_areas
 from wdpm.scenes.flat.flatten import FlatScene, flatten
 from wdpm.scenes.meshes.primitives import cube, rectangle
@@ -169,3 +183,49 @@ def test_inspect_tells_of_a_map_that_is_not_worth_it() -> None:
     caustics = next(effect for effect in inspection.effects if effect.name == "caustic photon map")
     assert (caustics.called, caustics.on, caustics.spared, caustics.left_out) == (True, False, True, False)
     assert any(line.startswith("caustics: no map") for line in inspection.chose)
+
+
+def test_noise_of_a_map_falls_with_its_photons_where_a_pixel_s_samples_ask_different_ones() -> None:
+    """In a pixel smaller than a gather all samples have the same noise, however many photons there are."""
+    small, large = (MapError(50, np.ones(3), np.full(3, discs), 0.0) for discs in (0.0, 1e-3))
+    assert small.of(1000, 16) == small.of(100_000, 16) == pytest.approx(1 / 50)
+    assert large.of(1000, 16) == pytest.approx(1 / 50 / 2)
+    assert large.of(1_000_000, 16) == pytest.approx(1 / 50 / 16)
+    assert large.of(1_000_000, 1) == pytest.approx(1 / 50)
+    blurred = MapError(50, np.zeros(3), np.zeros(3), 10.0)
+    assert blurred.of(1000, 4) == 2 * blurred.of(2000, 4) == blurred.of(1000, 4, gathered=True)
+    assert small.of(1000, 4, gathered=True) == 0.0
+
+
+def error_on_a_floor(edge: float, count: int = 32_000) -> MapError | None:
+    """At places about the middle of a unit square of which photons fall on the part up to x = edge, evenly."""
+    random = np.random.default_rng(3)
+    position = np.zeros((count, 3), np.float32)
+    position[:, :2] = random.random((count, 2)) * (edge, 1.0)
+    up = np.tile(np.float32([0.0, 0.0, 1.0]), (count, 1))
+    photons = {"id": np.arange(count) << BOUNCE_BITS, "position": position, "normal": up, "flux": np.ones_like(up)}
+    pilot: Any = SimpleNamespace(
+        photons=[photons],
+        world=SimpleNamespace(maps=[SimpleNamespace(paths=count)], extent=2.0),
+        cell=SimpleNamespace(replica=SimpleNamespace(launcher=Launcher("cpu", 1))),
+    )
+    places = np.zeros((1024, 3), np.float32)
+    places[:, :2] = 0.3 + 0.4 * random.random((1024, 2))
+    return map_error(pilot, 0, 50, places, up[:1024], np.ones(1024), np.full(1024, 1e-4))
+
+
+def test_blur_is_told_from_noise() -> None:
+    """Where light is even, gathers by many and by few differ by noise alone; where it has an edge, by blur as well."""
+    even, edged = error_on_a_floor(1.0), error_on_a_floor(0.5)
+    assert even is not None
+    assert edged is not None
+    assert np.sqrt(even.squares.mean()) == pytest.approx(1.0, rel=0.1)  # each photon has a unit of flux, of a path
+    assert even.blur / 32_000 < 0.002 * even.squares.mean() / even.k
+    assert edged.blur / 32_000 > 0.005 * edged.squares.mean() / edged.k
+    gather = 50 / 32_000
+    assert even.discs.mean() * 32_000 == pytest.approx(1e-4 / gather, rel=0.2)
+
+
+def test_of_few_photons_nothing_is_told() -> None:
+    assert error_on_a_floor(1.0, 2 * BLUR_K * 50 - 1) is None
+    assert error_on_a_floor(1.0, 2 * BLUR_K * 50) is not None
