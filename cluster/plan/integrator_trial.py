@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.light_guide import NOTHING_LEARNT, Learnt, with_guide
+from wdpm.cluster.plan.light_guide import NOTHING_LEARNT, Learnt, learn_guide, with_guide
 from wdpm.cluster.plan.map_plans import MapPlans, map_plans, with_fewer_paths
 from wdpm.cluster.plan.map_worth import FEWEST, MapError, map_error
 from wdpm.cluster.plan.path_caustics import PathCaustics, SeenPlaces, caustics_by_paths
@@ -140,11 +140,13 @@ class IntegratorChoice:
         settings: with the integrator, and where its indirect light comes from.
         words: for people.
         pilot: that was flown for photons.
+        learnt: how shadow rays choose among lights, in the trial as in the render.
     """
 
     settings: RenderSettings
     words: str
     pilot: PhotonPilot
+    learnt: Learnt
 
 
 def trial_features(flat: FlatScene, settings: RenderSettings) -> Features:
@@ -179,11 +181,15 @@ def choose_integrator(
     """
     pilot = pilot_for(flat, trial_features(flat, settings), photons, launcher, flown)
     plans = map_plans(pilot, photons, flat)
-    trial = _try_both(flat, pilot, photons, replace(settings, integrator=Integrator.PATH, indirect=Indirect.MAP))
+    view = view_of(flat, photons, 1)
+    pilot.worker.set_view(view)
+    learnt = learn_guide(flat, pilot.cell, view)
+    paths = replace(settings, integrator=Integrator.PATH, indirect=Indirect.MAP)
+    trial = _try_both(flat, pilot, photons, paths, learnt)
     photons, plans, fewer = _with_photons_of_worth(flat, plans, trial, photons)
     if trial.caustics.hidden > HIDDEN_MOST:
         words = f"photons, since no path finds {trial.caustics.hidden:.1%} of the light: caustics of lamps without size"
-        return IntegratorChoice(photons, words + fewer, pilot)
+        return IntegratorChoice(photons, words + fewer, pilot, learnt)
     # Of one pass: with more of the same kind errors fall and prices rise alike, and what goes on must choose alike.
     spp, of_caustics = -(-settings.spp // settings.passes), trial.caustics.noise
     prices = Prices(flat, plans, spp)
@@ -194,7 +200,7 @@ def choose_integrator(
     by_photons, paths = Way(photons_error, photons_cost), Way(path_error, path_cost, of_caustics / spp)
     chosen = by_path.settings if paths.is_better_than(by_photons) else photons
     words = words_for(paths, by_photons) + (fewer if chosen is photons else "")
-    return IntegratorChoice(chosen, words, pilot)
+    return IntegratorChoice(chosen, words, pilot, learnt)
 
 
 @dataclass(frozen=True)
@@ -378,15 +384,17 @@ def _left(settings: RenderSettings) -> float:
     return LEFT_BY_CACHE if settings.algorithm.has_irradiance_cache(settings) else LEFT_BY_MAP
 
 
-def _try_both(flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, paths: RenderSettings) -> Trial:
+def _try_both(
+    flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, paths: RenderSettings, learnt: Learnt
+) -> Trial:
     """Render a small image, without photons, twice in each way: figures by one and the same idea of the truth."""
     looking = replace(flat, camera=_few_pixels(flat.camera))
     places = SeenPlaces()
     with without_photons(pilot) as worker:
         worker.replica.observer = places
-        photon_halves = Halves(looking, worker, replace(photons, indirect=Indirect.MAP), samples=CHOICE_SAMPLES)
+        photon_halves = Halves(looking, worker, replace(photons, indirect=Indirect.MAP), learnt, CHOICE_SAMPLES)
         worker.replica.observer = None
-        path_halves = Halves(looking, worker, paths, samples=CHOICE_SAMPLES)
+        path_halves = Halves(looking, worker, paths, learnt, CHOICE_SAMPLES)
     # A pixel that one sample made bright is as bright as those around it: its error is not to hide behind itself.
     indirect = np.mean([half["indirect"] for half in path_halves.layers], axis=0)
     images = [half["beauty"] for half in path_halves.layers] + [

@@ -93,6 +93,7 @@ def make_render_plan(
     launcher: Launcher,
     cells: int | None = None,
     pilot: PhotonPilot | None = None,
+    learnt: Learnt | None = None,
 ) -> RenderPlan:
     """Decide what an image depends on, and who will compute what.
 
@@ -100,6 +101,7 @@ def make_render_plan(
         workers: how many will share the work; 0 and 1 are alike.
         cells: a power of two; None for the least that gives every worker the like.
         pilot: that was flown to decide on settings.
+        learnt: how shadow rays choose among lights, if that was learnt to decide on settings.
     """
     pilot = pilot_for(flat, features_of(flat, settings), settings, launcher, pilot)
     planned = map_plans(pilot, settings, flat)
@@ -136,7 +138,8 @@ def make_render_plan(
     weights = tuple(float(burden) for burden in burdens)
     view = view_of(flat, settings, workers)
     pilot.worker.set_view(view)
-    learnt = learn_guide(flat, pilot.cell, view)
+    if learnt is None:
+        learnt = learn_guide(flat, pilot.cell, view)
     lit = lit_places(pilot, view.cache)
     outlines = lamp_outlines(flat, pilot.cell)
     tolerance = tolerance_of_records(flat, pilot, settings, learnt, view.cache)

@@ -105,7 +105,8 @@ def inspect(
         standing = len(flat.triangles.instances)
         needed = scene_memory(flat.triangles.held, photons, flat.textures, flat.media.grids.voxels, standing)
         least = slaves_a_team(copies, [each] * slaves, needed)
-    plan = make_render_plan(flat, settings, largest_team(slaves, least), launcher, pilot=settled.pilot)
+    team = largest_team(slaves, least)
+    plan = make_render_plan(flat, settings, team, launcher, pilot=settled.pilot, learnt=settled.learnt)
     world = plan.world
     made = _by_map(plan, (settings.photons, settings.caustic_photons, settings.volume_photons))
     effects = effects_of(as_it_is, flat, [medium.name for medium in scene.media], world, features, settings)

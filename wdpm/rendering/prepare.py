@@ -157,7 +157,8 @@ def prepare(
     began = flattening + compiling.seconds  # all but that is planning
     photons = settings.photons + settings.caustic_photons + settings.volume_photons
     least = workers if team is None else team(_memory_of(flat, photons))
-    plan = make_render_plan(flat, settings, largest_team(workers, least), launcher, cells, settled.pilot)
+    team_size = largest_team(workers, least)
+    plan = make_render_plan(flat, settings, team_size, launcher, cells, settled.pilot, settled.learnt)
     world = replace(plan.world, strict=settings.strict)
     lit_scene = _lit_scene(world, flat.triangles)
     view = plan.learnt_view(view_of(flat, settings, max(workers, processes), alone=least == 1))

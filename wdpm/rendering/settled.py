@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from wdpm.cluster.plan.cache_worth import MOST_UNREAD, unread_share
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.integrator_trial import choose_integrator, trial_features, without_a_trial
+from wdpm.cluster.plan.light_guide import Learnt
 from wdpm.cluster.plan.light_samples import light_samples_of
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, fly_pilot
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
@@ -23,11 +24,13 @@ class Settled:
     Attributes:
         chose: what was chosen, and why, one line each.
         pilot: that was flown to choose.
+        learnt: how shadow rays choose among lights, where a choice asked for it.
     """
 
     settings: RenderSettings
     chose: tuple[str, ...]
     pilot: PhotonPilot | None = None
+    learnt: Learnt | None = None
 
 
 def settle(
@@ -51,7 +54,7 @@ def settle(
     choice = choose_integrator(flat, settings, by_photons.settings, launcher, by_photons.pilot)
     others = by_photons.chose if choice.settings.algorithm.shoots_photons else ()
     chosen = _with_light_samples(flat, choice.settings)
-    return Settled(chosen, (f"integrator: {choice.words}", *others), choice.pilot)
+    return Settled(chosen, (f"integrator: {choice.words}", *others), choice.pilot, choice.learnt)
 
 
 def _settled(

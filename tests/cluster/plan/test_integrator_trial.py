@@ -144,6 +144,21 @@ def test_one_pilot_serves_the_trial_and_the_render(spp: int) -> None:
     assert plan.world.photon_plan == anew.world.photon_plan
 
 
+def test_what_shadow_rays_learn_serves_the_trial_and_the_render() -> None:
+    """Noise of direct light is that of guided rays: without them a room behind a window seems as noisy as by paths."""
+    scene, launcher = window_room.scene(), Launcher("cpu", 1)
+    flat = flatten(replace(scene, camera=replace(scene.camera, width=48, height=36)))
+    settings = RenderSettings(spp=4, all_effects=True)
+    found = settle(flat, settings, launcher, lambda features: compile_kernels("cpu", features))
+    assert found.learnt is not None
+    assert len(found.learnt.guide)
+    plan = make_render_plan(flat, found.settings, 1, launcher, None, found.pilot, found.learnt)
+    anew = make_render_plan(flat, found.settings, 1, launcher)
+    assert plan.learnt is found.learnt
+    for name, table in vars(anew.learnt.guide).items():
+        np.testing.assert_array_equal(getattr(plan.learnt.guide, name), table, err_msg=name)
+
+
 def test_a_trial_finds_the_same_on_any_number_of_threads() -> None:
     assert settled(LARGE, 1).chose == settled(LARGE, 2).chose
 
