@@ -146,7 +146,7 @@ def test_one_pilot_serves_the_trial_and_the_render(spp: int) -> None:
 
 def test_what_shadow_rays_learn_serves_the_trial_and_the_render() -> None:
     """Noise of direct light is that of guided rays: without them a room behind a window seems as noisy as by paths."""
-    scene, launcher = window_room.scene(), Launcher("cpu", 1)
+    scene, launcher = window_room.room(), Launcher("cpu", 1)
     flat = flatten(replace(scene, camera=replace(scene.camera, width=48, height=36)))
     settings = RenderSettings(spp=4, all_effects=True)
     found = settle(flat, settings, launcher, lambda features: compile_kernels("cpu", features))
