@@ -8,6 +8,10 @@ lies within its own triangle needs no count.
 
 Points are places like photons, in the same kind of tree; cells hold those of their band. A count is an integer: it
 does not depend on tree, order or partition.
+
+A count varies, and one over a number that varies is too large on average, by its variance over its square: 1 % at 16
+points, where photons lie densest and most of the light is. With a variance v, 1 / (count + v / count) is right to
+second order. The variance goes as the root of the count, as the disc's rim does (COUNT_VARIANCE).
 """
 
 from __future__ import annotations
@@ -40,6 +44,11 @@ PLASTIC = (0.7548776662466927, 0.5698402909980532)
 """1 / p and 1 / p² of the plastic number p: the additive recurrence with them fills the unit square evenly
 (Roberts 2018, "The Unreasonable Effectiveness of Quasirandom Sequences"), as 1 / phi does the unit interval."""
 
+COUNT_VARIANCE = 0.7
+"""Variance of a count over the root of its mean: what is gained or lost lies on the disc's rim. On squares of 2 to
+180,000 triangles it was 0.6 to 0.8 with 8 to 200 points in the disc, and 0.4 on two triangles that hold it whole."""
+
+_COUNT_VARIANCE = wp.constant(wp.float32(COUNT_VARIANCE))
 _GOLDEN = wp.constant(wp.float64(GOLDEN))
 _PLASTIC = wp.constant(wp.float64(PLASTIC[0]))
 _PLASTIC_SQUARED = wp.constant(wp.float64(PLASTIC[1]))
@@ -210,6 +219,7 @@ def reflect_gathered(
     if radius[i] > clearance[i]:
         # Where photons lie denser than points, the share of a disc that is surface is that of a somewhat larger disc.
         r = wp.max(radius[i], wp.min(wp.sqrt(LEAST_POINTS * point_area / _PI), r_max))
-        count = count_within(points, position[i], front_normal[i], r * r, stack)
-        incoming = incoming * ((_PI * r * r) / (wp.float32(wp.max(count, 1)) * point_area))
+        found = count_within(points, position[i], front_normal[i], r * r, stack)
+        count = wp.float32(wp.max(found, 1))
+        incoming = incoming * ((_PI * r * r) / ((count + _COUNT_VARIANCE / wp.sqrt(count)) * point_area))
     radiance_out[i] = wp.cw_mul(albedo[i], incoming) * (INV_PI * scale)

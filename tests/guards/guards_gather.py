@@ -200,8 +200,8 @@ GUARDS = (
     Guard(
         name="no surface is counted as none",
         file="kernels/photons/surface_points.py",
-        prevents="a gather without a surface point divides by zero",
-        changes=(("wp.float32(wp.max(count, 1))", "wp.float32(count)"),),
+        prevents="a gather without a surface point is black",
+        changes=(("wp.float32(wp.max(found, 1))", "wp.float32(found)"),),
         tests=(AREA + "test_a_tiny_gather_is_measured_by_a_larger_disc",),
     ),
     Guard(
