@@ -21,17 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.light_guide import NOTHING_LEARNT, Learnt, learn_guide, with_guide
+from wdpm.cluster.plan.light_guide import Learnt, learn_guide
 from wdpm.cluster.plan.map_plans import MapPlans, map_plans, with_fewer_paths
 from wdpm.cluster.plan.map_worth import FEWEST, MapError, map_error
 from wdpm.cluster.plan.path_caustics import PathCaustics, SeenPlaces, caustics_by_paths
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
-from wdpm.cluster.plan.small_view import small, without_photons
+from wdpm.cluster.plan.small_view import Figures, Halves, Values, around, small, without_photons
 from wdpm.cluster.plan.view import CACHE_PLAN, SAMPLES_OF_PLAN, share_of_rays, view_of
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
-from wdpm.cluster.task import BucketRendered, BucketTask
-from wdpm.cluster.work.worker import CellWorker
-from wdpm.cluster.world import View
 from wdpm.kernels.camera.camera import tangent
 from wdpm.kernels.constants import INV_PI
 from wdpm.kernels.features import Features
@@ -41,20 +38,14 @@ from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.used_media import calls_for_media
 from wdpm.scenes.model.scene import Camera, PixelFilter
 
-Values = NDArray[np.float64]
-
 TRIAL_PIXELS = 1024
-TRIAL_SAMPLES = 2
-"""Of each pixel, in two halves: of a trial that tells how noisy one sample is."""
+"""Of the image of a trial that tells how noisy one sample is."""
 
 CHOICE_PIXELS = 512
 CHOICE_SAMPLES = 8
 """Of each pixel, by each way to render, in two halves: some 12,000 samples in all take about a fifth of a second. Four
 samples of a pixel are spread over lamps and directions as those of a render are: their noise, and not that of single
 ones, falls from there on as 1 / samples."""
-
-BY_CHANCE = 0.01
-"""Share of a trial's pixels whose noise counts for no more than that of the noisiest others."""
 
 DARK = 0.01
 """Added to squared radiance, as in relMSE: noise in the dark is not worth as much."""
@@ -109,27 +100,6 @@ MOST_TOLERANCE = 1.0
 
 HIDDEN_MOST = 1e-3
 """Of all light of an image, what path tracing may leave out: less than photons are off by."""
-
-
-@dataclass(frozen=True)
-class Figures:
-    """What a trial tells of one integrator.
-
-    Attributes:
-        settings: that were tried.
-        noise: of one sample of every pixel, as relMSE.
-        of_indirect: the part of it that indirect light makes.
-        vertices: of a sample, beyond the first.
-        light_samples: shadow rays of a sample at the first one.
-        indirect: the mean square of indirect light, as relMSE is weighted; of photons, without their maps, 0.
-    """
-
-    settings: RenderSettings
-    noise: float
-    of_indirect: float
-    vertices: float
-    light_samples: int
-    indirect: float
 
 
 @dataclass(frozen=True)
@@ -197,9 +167,9 @@ def choose_integrator(
     photons_cost = prices.of_photons(trial, photons)
     by_path = min(trial.by_paths, key=lambda way: (way.noise + of_caustics) * prices.of_paths(way))
     path_error, path_cost = (by_path.noise + of_caustics) / spp, prices.of_paths(by_path)
-    by_photons, paths = Way(photons_error, photons_cost), Way(path_error, path_cost, of_caustics / spp)
-    chosen = by_path.settings if paths.is_better_than(by_photons) else photons
-    words = words_for(paths, by_photons) + (fewer if chosen is photons else "")
+    of_photons, of_paths = Way(photons_error, photons_cost), Way(path_error, path_cost, of_caustics / spp)
+    chosen = by_path.settings if of_paths.is_better_than(of_photons) else photons
+    words = words_for(of_paths, of_photons) + (fewer if chosen is photons else "")
     return IntegratorChoice(chosen, words, pilot, learnt)
 
 
@@ -455,70 +425,3 @@ def _few_pixels(camera: Camera) -> Camera:
     """CHOICE_PIXELS pixels of the image, spread over it: each as small as it is there, or all would lie on edges."""
     few = small(camera, CHOICE_PIXELS)
     return replace(few, filter=PixelFilter(radius=PixelFilter().radius * few.width / camera.width))
-
-
-class Halves:
-    """Two independent images of a trial.
-
-    Args:
-        learnt: how shadow rays choose among lights.
-        samples: of each pixel, in both.
-    """
-
-    def __init__(
-        self,
-        flat: FlatScene,
-        worker: CellWorker,
-        settings: RenderSettings,
-        learnt: Learnt = NOTHING_LEARNT,
-        samples: int = TRIAL_SAMPLES,
-    ) -> None:
-        self._settings = settings
-        self._half = samples // 2
-        view = with_guide(view_of(flat, replace(settings, spp=samples, passes=1), 1), learnt)
-        self.layers, vertices = _halves(worker, replace(view, spp=self._half))
-        self._vertices = vertices / (samples * view.camera.width * view.camera.height)
-        self._light_samples = view.light_samples
-
-    def figures(self, weight: Values) -> Figures:
-        """What they tell, with that weight of each pixel's squared error."""
-        a, b = self.layers
-        indirect = (a["indirect"] * b["indirect"] * weight).mean()  # independent: the square of the truth
-        noise, of_indirect = (_mean_but_for_chance(self.noise(weight, layer)) for layer in ("beauty", "indirect"))
-        settings = replace(self._settings, light_samples=self._light_samples)
-        of_indirect = min(of_indirect, noise)
-        return Figures(settings, noise, of_indirect, self._vertices, self._light_samples, max(float(indirect), 0.0))
-
-    def noise(self, weight: Values, layer: str = "beauty") -> Values:
-        """Of one sample of every pixel, shape [height, width, 3], with that weight of its squared error."""
-        a, b = self.layers
-        noise: Values = (a[layer] - b[layer]) ** 2 * weight / 2.0 * self._half
-        return noise
-
-
-def _mean_but_for_chance(noise: Values) -> float:
-    """Mean over pixels of which the noisiest count as those that are next to them: one sample decides nothing."""
-    of_pixels = noise.mean(axis=2)
-    return float(np.minimum(of_pixels, np.quantile(of_pixels, 1.0 - BY_CHANCE)).mean())
-
-
-def _halves(worker: CellWorker, view: View) -> tuple[list[dict[str, Values]], int]:
-    """The layers of two images, of the view's samples and of as many more, and how many vertices camera paths had.
-
-    Both are rendered at once: so few samples take the interpreter as long as the kernels.
-    """
-    worker.set_view(view)
-    samples = [range(first, first + view.spp) for first in (0, view.spp)]
-    outbox = worker.start(BucketTask(0, 0, 0, view.camera.width, view.camera.height), samples)
-    (rendered,) = (result for result in outbox.results if isinstance(result, BucketRendered))
-    both = {name: np.nan_to_num(rendered.layers[name].astype(np.float64)) for name in ("beauty", "indirect")}
-    images = [{name: np.split(layer, 2)[half] for name, layer in both.items()} for half in (0, 1)]
-    return images, worker.cells[0].vertices
-
-
-def around(image: Values) -> Values:
-    """Mean of each pixel and the eight about it, shape [height, width, 3]."""
-    height, width = image.shape[:2]
-    padded = np.pad(image, ((1, 1), (1, 1), (0, 0)), mode="edge")
-    total: Values = np.sum([padded[y : y + height, x : x + width] for y in range(3) for x in range(3)], axis=0)
-    return total / 9.0

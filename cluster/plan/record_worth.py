@@ -13,10 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from wdpm.cluster.plan.integrator_trial import DARK, TRIAL_PIXELS, Halves, Values, around, tolerance_for
+from wdpm.cluster.plan.integrator_trial import DARK, TRIAL_PIXELS, tolerance_for
 from wdpm.cluster.plan.light_guide import Learnt
 from wdpm.cluster.plan.photon_pilot import PhotonPilot
-from wdpm.cluster.plan.small_view import small, without_photons
+from wdpm.cluster.plan.small_view import Halves, Values, around, small, without_photons
 from wdpm.cluster.plan.view import SAMPLES_OF_PLAN
 from wdpm.cluster.records import CachePlan
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings

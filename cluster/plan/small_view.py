@@ -1,16 +1,32 @@
-"""What a trial looks at before a render is planned: the view in few pixels, and the scene without photons."""
+"""What a trial looks at before a render is planned: the view in few pixels, without photons, and twice."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
+from wdpm.cluster.plan.light_guide import NOTHING_LEARNT, Learnt, with_guide
 from wdpm.cluster.plan.photon_pilot import PhotonPilot
+from wdpm.cluster.plan.view import view_of
+from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.task import BucketRendered, BucketTask
 from wdpm.cluster.work.worker import CellWorker
-from wdpm.cluster.world import IrradiancePlan, MapPlan
+from wdpm.cluster.world import IrradiancePlan, MapPlan, View
+from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.model.scene import Camera, PixelFilter
+
+Values = NDArray[np.float64]
+
+TRIAL_SAMPLES = 2
+"""Of each pixel, in two halves: of a trial that tells how noisy one sample is."""
+
+BY_CHANCE = 0.01
+"""Share of a trial's pixels whose noise counts for no more than that of the noisiest others."""
 
 
 @contextmanager
@@ -43,3 +59,91 @@ def small(camera: Camera, pixels: int) -> Camera:
         size[1],
     )
     return replace(camera, width=size[0], height=size[1], crop=crop, full_size=full, filter=PixelFilter())
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What a trial tells of one integrator.
+
+    Attributes:
+        settings: that were tried.
+        noise: of one sample of every pixel, as relMSE.
+        of_indirect: the part of it that indirect light makes.
+        vertices: of a sample, beyond the first.
+        light_samples: shadow rays of a sample at the first one.
+        indirect: the mean square of indirect light, as relMSE is weighted; of photons, without their maps, 0.
+    """
+
+    settings: RenderSettings
+    noise: float
+    of_indirect: float
+    vertices: float
+    light_samples: int
+    indirect: float
+
+
+class Halves:
+    """Two independent images of a trial.
+
+    Args:
+        learnt: how shadow rays choose among lights.
+        samples: of each pixel, in both.
+    """
+
+    def __init__(
+        self,
+        flat: FlatScene,
+        worker: CellWorker,
+        settings: RenderSettings,
+        learnt: Learnt = NOTHING_LEARNT,
+        samples: int = TRIAL_SAMPLES,
+    ) -> None:
+        self._settings = settings
+        self._half = samples // 2
+        view = with_guide(view_of(flat, replace(settings, spp=samples, passes=1), 1), learnt)
+        self.layers, vertices = _halves(worker, replace(view, spp=self._half))
+        self._vertices = vertices / (samples * view.camera.width * view.camera.height)
+        self._light_samples = view.light_samples
+
+    def figures(self, weight: Values) -> Figures:
+        """What they tell, with that weight of each pixel's squared error."""
+        a, b = self.layers
+        indirect = (a["indirect"] * b["indirect"] * weight).mean()  # independent: the square of the truth
+        noise, of_indirect = (_mean_but_for_chance(self.noise(weight, layer)) for layer in ("beauty", "indirect"))
+        settings = replace(self._settings, light_samples=self._light_samples)
+        of_indirect = min(of_indirect, noise)
+        return Figures(settings, noise, of_indirect, self._vertices, self._light_samples, max(float(indirect), 0.0))
+
+    def noise(self, weight: Values, layer: str = "beauty") -> Values:
+        """Of one sample of every pixel, shape [height, width, 3], with that weight of its squared error."""
+        a, b = self.layers
+        noise: Values = (a[layer] - b[layer]) ** 2 * weight / 2.0 * self._half
+        return noise
+
+
+def _mean_but_for_chance(noise: Values) -> float:
+    """Mean over pixels of which the noisiest count as those that are next to them: one sample decides nothing."""
+    of_pixels = noise.mean(axis=2)
+    return float(np.minimum(of_pixels, np.quantile(of_pixels, 1.0 - BY_CHANCE)).mean())
+
+
+def _halves(worker: CellWorker, view: View) -> tuple[list[dict[str, Values]], int]:
+    """The layers of two images, of the view's samples and of as many more, and how many vertices camera paths had.
+
+    Both are rendered at once: so few samples take the interpreter as long as the kernels.
+    """
+    worker.set_view(view)
+    samples = [range(first, first + view.spp) for first in (0, view.spp)]
+    outbox = worker.start(BucketTask(0, 0, 0, view.camera.width, view.camera.height), samples)
+    (rendered,) = (result for result in outbox.results if isinstance(result, BucketRendered))
+    both = {name: np.nan_to_num(rendered.layers[name].astype(np.float64)) for name in ("beauty", "indirect")}
+    images = [{name: np.split(layer, 2)[half] for name, layer in both.items()} for half in (0, 1)]
+    return images, worker.cells[0].vertices
+
+
+def around(image: Values) -> Values:
+    """Mean of each pixel and the eight about it, shape [height, width, 3]."""
+    height, width = image.shape[:2]
+    padded = np.pad(image, ((1, 1), (1, 1), (0, 0)), mode="edge")
+    total: Values = np.sum([padded[y : y + height, x : x + width] for y in range(3) for x in range(3)], axis=0)
+    return total / 9.0
