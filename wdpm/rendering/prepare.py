@@ -155,10 +155,9 @@ def prepare(
     let_collector_go()
     progress.start("plan")
     began = flattening + compiling.seconds  # all but that is planning
-    photons = settings.photons + settings.caustic_photons + settings.volume_photons
-    least = workers if team is None else team(_memory_of(flat, photons))
-    team_size = largest_team(workers, least)
-    plan = make_render_plan(flat, settings, team_size, launcher, cells, settled.pilot, settled.learnt)
+    least = workers if team is None else team(_memory_of(flat, settings))
+    in_team = largest_team(workers, least)
+    plan = make_render_plan(flat, settings, in_team, launcher, cells, settled.pilot, settled.learnt)
     world = replace(plan.world, strict=settings.strict)
     lit_scene = _lit_scene(world, flat.triangles)
     view = plan.learnt_view(view_of(flat, settings, max(workers, processes), alone=least == 1))
@@ -212,8 +211,9 @@ def _lost(flat: FlatScene, world: World, settings: RenderSettings) -> tuple[str,
     return lost
 
 
-def _memory_of(flat: FlatScene, photons: int) -> SceneMemory:
-    """What a scene takes in one process, with so many photons stored."""
+def _memory_of(flat: FlatScene, settings: RenderSettings) -> SceneMemory:
+    """What a scene takes in one process, with all photons stored."""
+    photons = settings.photons + settings.caustic_photons + settings.volume_photons
     standing = len(flat.triangles.instances)
     return scene_memory(flat.triangles.held, photons, flat.textures, flat.media.grids.voxels, standing)
 

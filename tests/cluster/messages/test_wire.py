@@ -106,8 +106,7 @@ def outlined(world: World, boxes: int) -> World:
 
 def wrong_outlines() -> Iterator[tuple[TopTree, str]]:
     """Top trees whose outlines can't be used, and what is said of them."""
-    tree = outlined(make_world(2), 2).top_tree
-    known = tree.outlines
+    known = (tree := outlined(make_world(2), 2).top_tree).outlines
     changes: list[tuple[dict[str, Any], str]] = [
         ({"first": known.first[:-1]}, "not in order, or not 4"),
         ({"first": np.array([0, 3, 2, 4], np.int32)}, "not in order"),
