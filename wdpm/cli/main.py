@@ -16,7 +16,6 @@ from typing import Any, NoReturn
 
 from wdpm.cli.interrupts import Terminated, interrupts_raise, no_lost_interrupts, termination_raises
 from wdpm.exit_codes import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_TERMINATED, exit_code_of
-from wdpm.generated_code import write_generated_code
 from wdpm.scenes.errors import WdpmError
 from wdpm.scenes.scene_root import files_within
 from wdpm.starting import let_collector_go
@@ -90,7 +89,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
     finally:
         let_collector_go()
-        write_generated_code()
     return code
 
 
