@@ -378,7 +378,11 @@ class CellWorker:
             home = self._homes.get(task)
             if home is None:
                 raise ProtocolError(f"a {batch.kind.value} batch came home to task {task}, which is unknown here")
-            yield from home.receive(Batch(batch.kind, batch.cell, runs, take(batch.arrays, rows)))
+            if runs.rows.any():
+                part = Batch(batch.kind, batch.cell, runs, take(batch.arrays, rows))
+            else:  # credit that travels with what others are brought
+                part = Batch(Kind.ENDED, batch.cell, runs, {})
+            yield from home.receive(part)
             self._finish(task, outbox)
 
     def _cell_of(self, batch: Batch) -> Cell:

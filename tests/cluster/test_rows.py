@@ -7,6 +7,7 @@ import pytest
 
 from wdpm.cluster.batch import take_in_order
 from wdpm.cluster.rows import any_of, in_order, largest_of, put_rows, summed, take_rows
+from wdpm.cluster.runs import Runs
 
 RNG = np.random.default_rng(3)
 VECTORS = RNG.normal(size=(50, 3)).astype(np.float32) * RNG.integers(0, 2, (50, 3)).astype(np.float32)
@@ -56,8 +57,14 @@ def test_sums_are_those_of_one_addition_after_another() -> None:
 
 def test_rows_of_all_columns_in_the_order_of_one() -> None:
     arrays = {"prim": np.array([5, 2, 9, 2, 0], np.int32), "origin": VECTORS[:5], "slot": np.arange(5, dtype=np.int32)}
-    taken = take_in_order(arrays, np.array([0, 1, 2, 3]), "prim")
+    taken = take_in_order(arrays, np.array([0, 1, 2, 3]), "prim", Runs.one(0, 0, 4, 4))
     assert taken["prim"].tolist() == [2, 2, 5, 9]
     assert sorted(taken["slot"].tolist()) == [0, 1, 2, 3]
     for name, column in arrays.items():
         assert np.array_equal(taken[name], column[taken["slot"]])
+
+
+def test_rows_of_each_run_stay_together() -> None:
+    arrays = {"prim": np.array([5, 2, 9, 2, 0], np.int32), "slot": np.arange(5, dtype=np.int32)}
+    runs = Runs(np.array([[0, 1, 2, 2], [0, 2, 2, 2]], np.int64))
+    assert take_in_order(arrays, np.array([0, 1, 2, 4]), "prim", runs)["prim"].tolist() == [2, 5, 0, 9]

@@ -151,7 +151,7 @@ def test_arrays_arrive_with_their_bits(transport: Transport, place: tuple[Transp
     _, message = soon(listener.receive, here)
     assert message.epoch == 3
     for name, array in sent.arrays.items():
-        np.testing.assert_array_equal(message.batch.arrays[name], array)
+        np.testing.assert_array_equal(message.batches[0].arrays[name], array)
     there.close()
     here.close()
 
