@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide
 from wdpm.cluster.plan.map_plans import MapPlans, map_plans, with_fewer_paths
-from wdpm.cluster.plan.map_worth import FEWEST, MapError, map_error
+from wdpm.cluster.plan.map_worth import FEWEST, LEAST_GAIN, MapError, map_error
 from wdpm.cluster.plan.path_caustics import PathCaustics, SeenPlaces, caustics_by_paths
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
 from wdpm.cluster.plan.small_view import Figures, Halves, Values, around, small, without_photons
@@ -236,7 +236,9 @@ def _with_photons_of_worth(
         return (of_others + wrong) * price
 
     ways = itertools.product(*((1, 2, FEWEST) if number in errors else (1,) for number in maps))
-    best = min(ways, key=worth)
+    all_of_them, best = (1, 1), min(ways, key=worth)
+    if worth(best) > LEAST_GAIN * worth(all_of_them):
+        best = all_of_them
     fewer = [
         f"{asked[number] // share:,} {name}photons"
         for number, share, name in zip(maps, best, ("", "caustic "), strict=True)
@@ -377,8 +379,10 @@ def _try_both(
     if paths.light_samples is None and by_photons.light_samples > by_path.light_samples:
         ways.append(_with_more_shadow_rays(by_path, by_photons))
     caustics = caustics_by_paths(pilot, flat, places, truth, CHOICE_SAMPLES, DARK)
-    errors = _map_errors(flat, pilot, photons, places, truth)
-    return Trial(by_photons, ways, caustics, places.lambertian, errors)
+    of_global, of_caustics = _map_errors(flat, pilot, photons, places, truth)
+    if of_global is not None:
+        of_global = of_global.of_light(by_path.indirect)
+    return Trial(by_photons, ways, caustics, places.lambertian, (of_global, of_caustics))
 
 
 def _map_errors(

@@ -12,7 +12,7 @@ of the radius in which these k lie. Both are told by the pilot's photons, at pla
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,6 +144,9 @@ FEWEST = 4
 """A map has at least this part of the photons that are asked for by default: the fewer there are, the wider are the
 patches in which noise is alike, and the more of it is seen."""
 
+LEAST_GAIN = 0.8
+"""What error times price must fall to for it: patches of noise that are wider are seen more easily."""
+
 BLUR_K = 4
 """Blur is what k photons tell otherwise than this part of them, the nearest."""
 
@@ -177,6 +180,16 @@ class MapError:
             return self.blur / photons
         differ = np.minimum(1.0 + self.discs * photons, spp)
         return float((self.squares / differ).mean()) / self.k + self.blur / photons
+
+    def of_light(self, square: float) -> MapError:
+        """The same where light is known to be as much by other means: the pilot's wide gathers reach past surfaces.
+
+        Args:
+            square: mean square of what the map shows, as relMSE is weighted.
+        """
+        told = float(self.squares.mean())
+        more = max(square / told, 1.0) if told > 0.0 else 1.0
+        return replace(self, squares=self.squares * more, blur=self.blur * more)
 
 
 def map_error(

@@ -38,7 +38,7 @@ from wdpm.kernels.launch import Launcher
 from wdpm.progress import Progress
 from wdpm.rendering.approximations import approximations, settings_without_effect, without_plain_geometry
 from wdpm.rendering.header import SceneHeader, header_of
-from wdpm.rendering.settled import settle
+from wdpm.rendering.settled import Settled, settle
 from wdpm.rendering.spool import spooled
 from wdpm.report.report import (
     KernelReport,
@@ -156,8 +156,7 @@ def prepare(
     progress.start("plan")
     began = flattening + compiling.seconds  # all but that is planning
     least = workers if team is None else team(_memory_of(flat, settings))
-    in_team = largest_team(workers, least)
-    plan = make_render_plan(flat, settings, in_team, launcher, cells, settled.pilot, settled.learnt)
+    plan = _planned(flat, settled, largest_team(workers, least), launcher, cells)
     world = replace(plan.world, strict=settings.strict)
     lit_scene = _lit_scene(world, flat.triangles)
     view = plan.learnt_view(view_of(flat, settings, max(workers, processes), alone=least == 1))
@@ -190,6 +189,11 @@ def prepare(
         header_of(scene),
         tuple(reversed(compiling.uncompiled)),
     )
+
+
+def _planned(flat: FlatScene, settled: Settled, team: int, launcher: Launcher, cells: int | None) -> RenderPlan:
+    """The plan of a team, by what was found out to settle."""
+    return make_render_plan(flat, settled.settings, team, launcher, cells, settled.pilot, settled.learnt)
 
 
 def forget_pilot(prepared: Prepared) -> None:

@@ -197,6 +197,13 @@ def test_noise_of_a_map_falls_with_its_photons_where_a_pixel_s_samples_ask_diffe
     assert small.of(1000, 4, gathered=True) == 0.0
 
 
+def test_light_that_wide_gathers_miss_counts_all_the_same() -> None:
+    error = MapError(50, np.full(3, 0.5), np.zeros(3), 10.0)
+    more, same = error.of_light(2.0), error.of_light(0.1)
+    assert more.of(1000, 4) == pytest.approx(4 * error.of(1000, 4))
+    assert same.of(1000, 4) == error.of(1000, 4)
+
+
 def error_on_a_floor(edge: float, count: int = 32_000) -> MapError | None:
     """At places about the middle of a unit square of which photons fall on the part up to x = edge, evenly."""
     random = np.random.default_rng(3)
