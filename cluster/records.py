@@ -83,7 +83,14 @@ NO_CACHE = CachePlan()
 """Of a view without a cache."""
 
 
-def candidates(width: int, height: int, plan: CachePlan, number: int) -> NDArray[np.int32]:
+def candidate_count(width: int, height: int, plan: CachePlan, number: int) -> int:
+    """How many candidates a round has; arguments as of `candidates`."""
+    return int(_grid(width, height, plan, number).lengths.sum())
+
+
+def candidates(
+    width: int, height: int, plan: CachePlan, number: int, start: int = 0, stop: int | None = None
+) -> NDArray[np.int32]:
     """The pixels of a round's candidates, counted row by row: every so many-th, but those of earlier rounds.
 
     They come in an order of which each range is spread over the whole image, a few neighbours at a time: tasks are
@@ -92,26 +99,58 @@ def candidates(width: int, height: int, plan: CachePlan, number: int) -> NDArray
     Args:
         width, height: of the image [pixels].
         number: of the round, from 0.
+        start, stop: the range that is asked for, all if they are left out. A round has as many candidates as the image
+            has pixels, so a task finds its own alone.
     """
+    grid = _grid(width, height, plan, number)
+    ends = np.cumsum(grid.lengths)
+    count = int(ends[-1]) if len(ends) else 0
+    place = _spread(count, start, count if stop is None else min(stop, count))
+    row = ends.searchsorted(place, side="right")
+    along = place - (ends - grid.lengths)[row]
+    x = np.concatenate([grid.x, grid.x[grid.new_columns]])[along + np.where(grid.new_rows[row], 0, len(grid.x))]
+    return (grid.y[row] * width + x).astype(np.int32)
+
+
+@dataclass(frozen=True, eq=False)
+class _Grid:
+    """Pixels that are candidates of a round or of one before it.
+
+    Attributes:
+        x, y: of its columns and rows.
+        new_columns, new_rows: those in which there was no candidate before.
+    """
+
+    x: NDArray[np.intp]
+    y: NDArray[np.intp]
+    new_columns: NDArray[np.bool_]
+    new_rows: NDArray[np.bool_]
+
+    @property
+    def lengths(self) -> NDArray[np.intp]:
+        """Candidates of the round in each row: of a row that earlier rounds have visited those between theirs."""
+        return np.where(self.new_rows, len(self.x), np.count_nonzero(self.new_columns))
+
+
+def _grid(width: int, height: int, plan: CachePlan, number: int) -> _Grid:
     step = max(1, plan.spacing >> number)
-    x = np.arange(plan.left % step, width, step, dtype=np.int32)
-    y = np.arange(plan.top % step, height, step, dtype=np.int32)
-    pixels = y[:, None] * np.int32(width) + x[None, :]
-    if number:
-        before = 2 * step
-        new = ((x - plan.left) % before != 0)[None, :] | ((y - plan.top) % before != 0)[:, None]
-        return _spread(pixels[new])
-    return _spread(pixels.reshape(-1))
+    x, y = np.arange(plan.left % step, width, step), np.arange(plan.top % step, height, step)
+    if not number:
+        return _Grid(x, y, np.ones(len(x), np.bool_), np.ones(len(y), np.bool_))
+    before = 2 * step
+    return _Grid(x, y, (x - plan.left) % before != 0, (y - plan.top) % before != 0)
 
 
-def _spread(pixels: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Runs of pixels in the order of multiples of the golden ratio, which leave no part of the image out for long."""
-    runs = -(-len(pixels) // NEIGHBOURS)
-    order = np.argsort(np.arange(runs) * GOLDEN % 1.0, kind="stable")
+def _spread(count: int, start: int, stop: int) -> NDArray[np.intp]:
+    """A range of places, runs of them in the order of multiples of the golden ratio: none is left out for long."""
+    runs = -(-count // NEIGHBOURS)
+    order = np.argsort(np.arange(runs) * GOLDEN % 1.0)
     rank = np.empty(runs, np.intp)
     rank[order] = np.arange(runs)
-    places = (rank[:, None] * NEIGHBOURS + np.arange(NEIGHBOURS)).reshape(-1)
-    return pixels[places[places < len(pixels)]]
+    item = np.arange(start, stop)
+    if missing := runs * NEIGHBOURS - count:  # the last run is shorter, wherever it comes
+        item[item >= (order[-1] + 1) * NEIGHBOURS - missing] += missing
+    return rank[item // NEIGHBOURS] * NEIGHBOURS + item % NEIGHBOURS
 
 
 @dataclass(frozen=True, eq=False)

@@ -181,6 +181,8 @@ class Phases:
             return self._task_done(team, member, message.result, now)
         if isinstance(message, protocol.PartitionReceived):
             return self.roster.cell_received(member, message)
+        if team.answers_late(type(message)):
+            return []
         if team.awaits is not type(message) or member.number not in team.waiting:
             raise ProtocolError(f"{type(message).__name__} is not expected from it in phase {self.phase.value}")
         if isinstance(message, protocol.Statistics) and session is not None:
@@ -356,11 +358,12 @@ class Phases:
         if not team.mapped:
             return self._trace_alone(team, session, now)
         if team.view != self._view:
-            return self._order(team, protocol.ViewSet, protocol.SetView(team.epoch, session.view), self._view)
+            view = protocol.SetView(team.epoch, session.view)
+            return self._order(team, protocol.ViewSet, view, self._view) + self._lead(team, session, now)
         rounds = self._tasks.rounds
         if rounds is not None and team.records != self._records:
             records = protocol.SetRecords(team.epoch, rounds.shared())
-            return self._order(team, protocol.RecordsSet, records, self._records)
+            return self._order(team, protocol.RecordsSet, records, self._records) + self._lead(team, session, now)
         return self._hand_out(session, now)
 
     def _lead_all(self, session: Session, now: float) -> list[Instruction]:

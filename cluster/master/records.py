@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from wdpm.cluster.kept import RecordsKept
 from wdpm.cluster.limits import ClusterLimits
-from wdpm.cluster.records import Records, candidates, check_records, equal, joined
+from wdpm.cluster.records import Records, candidate_count, check_records, equal, joined
 from wdpm.cluster.task import RecordsMade, RecordTask
 from wdpm.cluster.world import View
 from wdpm.kernels.irradiance.record_clamp import clamped
@@ -124,4 +124,4 @@ class RecordRounds:
 
     def _candidates(self, number: int) -> int:
         camera = self._view.camera
-        return len(candidates(camera.width, camera.height, self._view.cache, number))
+        return candidate_count(camera.width, camera.height, self._view.cache, number)

@@ -6,7 +6,7 @@ there are several teams of several slaves: each holds a copy of what the others 
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -20,6 +20,9 @@ from wdpm.cluster.task import PhotonTask
 
 SHARING = "ipc://"
 """How the endpoints of slaves begin that share memory: cluster.transport.local_sockets."""
+
+TAKEN_IN = (protocol.ViewSet, protocol.RecordsSet)
+"""Answers that say that a slave has taken something in."""
 
 
 @dataclass(eq=False)
@@ -38,6 +41,7 @@ class Team:
         traced: tasks of a trace of all teams that this one has done.
         alone: tasks of a trace of its own that are not handed out; None if it makes none.
         view, records: numbers of the view and of the irradiance records that its slaves have.
+        owed: answers to orders that nobody waits for.
     """
 
     members: list[Member]
@@ -54,11 +58,18 @@ class Team:
     alone: deque[PhotonTask] | None = None
     view: int = 0
     records: int = 0
+    owed: Counter[type[protocol.FromSlave]] = field(default_factory=Counter)
 
     @property
     def at_work(self) -> bool:
         """Whether one of its slaves has a task."""
         return any(member.in_flight for member in self.members)
+
+    def answers_late(self, answer: type[protocol.FromSlave]) -> bool:
+        """Whether an answer is one that nobody waits for; it is owed no more."""
+        late = self.owed[answer] > 0
+        self.owed[answer] -= late
+        return late
 
     def take_step(self) -> None:
         """All slaves have answered what was asked of them."""
@@ -79,6 +90,7 @@ class Team:
         self.ready = self.mapped = False
         self.traced, self.alone = [], None
         self.trace = self.view = self.records = 0
+        self.owed.clear()
 
     def begin(self, epoch: int, burdens: Sequence[float]) -> None:
         """Begin an epoch: the cells are dealt out anew."""
@@ -104,9 +116,17 @@ class Team:
         return [cell for cell, holder in enumerate(self.holders) if holder == member.number]
 
     def wait_for(self, answer: type[protocol.FromSlave], towards: int = 0) -> None:
-        """All its slaves owe an answer."""
+        """All its slaves owe an answer.
+
+        A slave alone is not waited for where it does nothing but take something in, since it does what it is told in
+        the order in which it is told. Where there are several, one would get batches of another that has heard more.
+        """
         self.awaits, self.waiting = answer, {member.number for member in self.members}
         self.towards = towards
+        if len(self.members) == 1 and answer in TAKEN_IN:
+            self.owed[answer] += 1
+            self.waiting.clear()
+            self.take_step()
 
 
 def formed(members: Sequence[Member], least: int, cells: int) -> tuple[list[Team], list[Member]]:

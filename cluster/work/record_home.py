@@ -39,8 +39,8 @@ class RecordHome:
         self._number = number
         self._replica = replica
         self._view = view
-        every = candidates(view.camera.width, view.camera.height, view.cache, task.round)
-        self._pixels = every[task.start : task.stop]
+        width, height = view.camera.width, view.camera.height
+        self._pixels = candidates(width, height, view.cache, task.round, task.start, task.stop)
         self._strata = view.cache.strata(task.round)
         self._credit = 0
         self._found: list[Arrays] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import random
 from dataclasses import replace
@@ -35,6 +36,7 @@ from wdpm.cluster.records import (
     ROUND_BITS,
     CachePlan,
     Records,
+    candidate_count,
     candidates,
     check_records,
     equal,
@@ -272,6 +274,19 @@ def test_no_pixel_is_a_candidate_twice(width: int, height: int) -> None:
     assert (x % step == 0).all()
     assert (y % step == 0).all()
     assert len(together) == -(-width // step) * -(-height // step)
+
+
+@pytest.mark.parametrize(("width", "height"), [(1, 1), (64, 32), (33, 17), (5, 70), (8, 0)])
+@pytest.mark.parametrize("corner", [(0, 0), (5, 2)])
+def test_a_task_finds_its_own_candidates_alone(width: int, height: int, corner: tuple[int, int]) -> None:
+    plan = replace(PLAN, left=corner[0], top=corner[1])
+    for number in range(plan.rounds):
+        every = candidates(width, height, plan, number)
+        count = candidate_count(width, height, plan, number)
+        assert (len(every), every.dtype) == (count, np.int32)
+        cuts = sorted({0, count // 3, count // 3 + 1, count // 2, count})
+        parts = [candidates(width, height, plan, number, *cut) for cut in itertools.pairwise(cuts)]
+        np.testing.assert_array_equal(np.concatenate([every[:0], *parts]), every)
 
 
 @pytest.mark.parametrize("tasks", [2, 3, 4, 7])

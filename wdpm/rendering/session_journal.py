@@ -18,7 +18,7 @@ from pathlib import Path
 from wdpm.cluster.kept import BucketKept, Kept, RecordsKept, TaskKept
 from wdpm.cluster.master.film import Film
 from wdpm.cluster.messages import packing
-from wdpm.cluster.records import candidates, check_records
+from wdpm.cluster.records import candidate_count, check_records
 from wdpm.cluster.session import Session
 from wdpm.images.image import Image
 from wdpm.rendering.journal_head import JournalHead, differences, head_of
@@ -219,7 +219,7 @@ def _check(done: RecordsKept, session: Session, before: list[RecordsKept]) -> No
     task, result, view = done.task, done.result, session.view
     count = 0
     if task.round < view.cache.rounds:
-        count = len(candidates(view.camera.width, view.camera.height, view.cache, task.round))
+        count = candidate_count(view.camera.width, view.camera.height, view.cache, task.round)
     if result.round != task.round or task.stop > count or result.rays < 0:
         raise ProtocolError(f"irradiance records of round {task.round} are none of this view")
     check_records(result.records, task.round, task.start, task.stop)

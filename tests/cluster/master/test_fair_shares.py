@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 from fake_worker import make_session, make_view, triangles
-from master_driver import LIMITS, A, B, Driver, tasks_of
+from master_driver import LIMITS, A, B, Driver, broken, sent, tasks_of
 
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
@@ -23,17 +23,23 @@ from wdpm.cluster.task import PhotonsTraced, PhotonTask
 
 
 @pytest.mark.parametrize(("buckets", "first"), [(2, 1), (3, 1), (4, 2), (8, 2)])
-def test_a_slave_that_sets_its_view_first_is_handed_its_share(buckets: int, first: int) -> None:
+def test_slaves_alone_are_handed_their_shares_with_the_view(buckets: int, first: int) -> None:
+    """Nobody waits for them to say that they have set it, and nothing follows from that."""
     driver = Driver().join()
     driver(m.Begin(make_session(2, 1, paths=0, least=1, view=make_view(16 * buckets, 16, 16))))
     for identity in (A, B):
         driver(m.PartitionMade(0, triangles(3)))
         driver.says(identity, p.PartitionReceived(driver.master.epoch(identity), 0))
         driver.says(identity, p.Ready(driver.master.epoch(identity)))
+    out: list[m.Instruction] = []
     for identity in (A, B):
-        driver.says(identity, p.MapsBuilt(driver.master.epoch(identity)))
-    assert len(tasks_of(driver.says(A, p.ViewSet(driver.master.epoch(A))), A)) == first
-    assert tasks_of(driver.says(B, p.ViewSet(driver.master.epoch(B))), B)
+        out += driver.says(identity, p.MapsBuilt(driver.master.epoch(identity)))
+    for identity in (A, B):
+        assert isinstance(sent(out, identity)[0], p.SetView)
+        assert driver.says(identity, p.ViewSet(driver.master.epoch(identity))) == []
+    assert len(tasks_of(out, A)) == first
+    assert tasks_of(out, B)
+    assert "not expected from it" in broken(driver.says(A, p.ViewSet(driver.master.epoch(A))))
 
 
 def tasks_of_sizes(*sizes: int) -> Tasks:
