@@ -49,23 +49,21 @@ COMMON = (
     filter_weights,
     shadow_rays,
     surface_points,
+    guide_pilot,
 )
 """Every file with kernels that do not depend on a scene's effects."""
-
-WITH_CHOICE = (guide_pilot,)
-"""For scenes with an environment, or with lights to be chosen among."""
 
 WITH_INSTANCES = (standing_areas,)
 """For scenes in which shapes stand in several places."""
 
-MODULES = (*COMMON, *WITH_CHOICE, *WITH_INSTANCES)
+MODULES = (*COMMON, *WITH_INSTANCES)
 
 
 Told = Callable[[int], Callable[[], None]]
 """Is told before a wait how many modules are to be compiled; gives what is called when one of them is."""
 
 SECONDS_A_MODULE = 1.0
-"""Of one core, to compile a module: 18 s for the 19 that all scenes share, 11 s for the 11 of a diffuse room; with all
+"""Of one core, to compile a module: 19 s for the 22 that all scenes share, 11 s for the 11 of a diffuse room; with all
 effects 36 s for 15, whose largest two take 15 s."""
 
 ALL_AT_ONCE = Features(traced=True)
@@ -128,7 +126,7 @@ def _load_one(module: wp.Module) -> None:
 
 def _shared_modules(features: Features) -> list[wp.Module]:
     """Of the kernels that do not depend on features, those that a scene with these needs."""
-    some = ((True, COMMON), (features.environment, WITH_CHOICE), (features.instances, WITH_INSTANCES))
+    some = ((True, COMMON), (features.instances, WITH_INSTANCES))
     return [wp.get_module(name) for name in sorted({each.__name__ for on, group in some if on for each in group})]
 
 

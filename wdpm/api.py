@@ -14,9 +14,9 @@ from typing import Any
 
 from wdpm.cluster.display import Display
 from wdpm.cluster.render_settings import RenderSettings
-from wdpm.clusters import backend_here
 from wdpm.goal.checks import goal_in_python
 from wdpm.goal.render import render_until
+from wdpm.here import backend_here
 from wdpm.images.image import Image
 from wdpm.inspection.plan import Plan, plan_of
 from wdpm.notebook import shown_live

@@ -33,7 +33,6 @@ from wdpm.progress import Progress
 from wdpm.rendering.backend import Backend
 from wdpm.rendering.cache_file import CacheFiles
 from wdpm.rendering.compiling import Compiling
-from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.kernels_beside import KernelsBeside
 from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.prepare import Prepared, Source, forget_pilot, prepare
@@ -396,54 +395,6 @@ def _dask_slaves() -> type[DaskSlaves]:
     except ModuleNotFoundError as error:
         raise SettingsError(f"Dask needs the extra: pip install 'wdpm[dask]' ({error})") from None
     return DaskSlaves
-
-
-def backend_here(
-    slaves: int = 0,
-    threads: int | None = None,
-    device: str = "cpu",
-    copies: Copies = Copies.AUTO,
-    memory: int | None = None,
-    observers: Sequence[ClusterObserver] = (),
-    compiling: Compiling = Compiling.FIRST,
-) -> Backend:
-    """What renders on this machine: slave processes, or with none of them this process.
-
-    Args:
-        threads: cores to use in all; None for all there are.
-        device: "cpu" or a CUDA device, "cuda:0".
-        copies, memory: of slaves, see Cluster.local.
-        observers: are told what happens.
-        compiling: when a scene's kernels are compiled, if they have not been.
-    """
-    how: Mapping[str, Any] = {
-        "threads": threads,
-        "device": device,
-        "observers": observers,
-        "compiling": compiling,
-    }
-    return Cluster.local(slaves, copies=copies, memory=memory, **how) if slaves else InProcess(**how)
-
-
-def render_here(
-    source: Source,
-    settings: RenderSettings,
-    *,
-    here: Mapping[str, Any],
-    display: Display | None = None,
-    save_cache: Path | None = None,
-    load_cache: Path | None = None,
-    **how: Any,
-) -> Image:
-    """What `wdpm render` does: as `wdpm.render`, which has the arguments.
-
-    Args:
-        here: slaves, threads, device, copies, memory, observers and compiling, see backend_here.
-        how: progress and journals.
-    """
-    with backend_here(**here) as backend:
-        backend.display = display
-        return render_in_passes(source, backend, settings, cache=CacheFiles(save_cache, load_cache), **how)
 
 
 def check_listening(bind: str, keys: Path | None, insecure: bool) -> None:

@@ -109,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
 
         return replay_and_print(args)
     from wdpm.cli.result import first_output, render_and_write
-    from wdpm.clusters import render_here
+    from wdpm.here import render_here
 
     with observers(args) as told, shown(args) as view, journals(args, first_output(args)) as kept:
         return render_and_write(
@@ -138,7 +138,7 @@ def _keep_memory(args: argparse.Namespace) -> None:
 
 
 def _backend(args: argparse.Namespace, told: Sequence[ClusterObserver]) -> Backend:
-    from wdpm.clusters import backend_here
+    from wdpm.here import backend_here
 
     return backend_here(**_here(args, told))
 
