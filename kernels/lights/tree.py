@@ -135,6 +135,26 @@ def upload(table: LightTable, device: str) -> LightTree:
     return tree
 
 
+_EXPECT_PAIR = """
+#if !defined(__CUDA_ARCH__)
+    if (first >= 0) {
+        __builtin_prefetch(nodes.data + first);
+        __builtin_prefetch(nodes.data + first + 1);
+    }
+#endif
+"""
+
+
+@wp.func_native(_EXPECT_PAIR)
+def expect_pair(nodes: wp.array[LightNode], first: wp.int32) -> None:
+    """Have a processor fetch two nodes, a cache line each, while others are looked at; none for a number below 0.
+
+    A tree of many lights is larger than its second-level cache, and each node says where the next ones lie: without
+    this, a walk waits for memory at each level, which takes as long as all that is computed there.
+    """
+    ...
+
+
 @wp.func
 def importance(tree: wp.ref[LightTree], number: wp.int32, position: wp.vec3) -> wp.float32:
     """What a node may send to a place; 0 only where it certainly sends nothing."""
@@ -244,6 +264,8 @@ def walk_down(tree: wp.ref[LightTree], start: LeafChoice, position: wp.vec3) -> 
     if c.node >= 0:
         child = tree.nodes[c.node].child
     while child >= 0:
+        expect_pair(tree.nodes, tree.nodes[child].child)
+        expect_pair(tree.nodes, tree.nodes[child + 1].child)
         one = wp.float64(importance(tree, child, position))
         other = wp.float64(importance(tree, child + 1, position))
         total = one + other
@@ -296,6 +318,7 @@ def chance_of_leaf(
     node = wp.int32(leaf)
     while tree.nodes[node].parent >= 0:
         sibling = ((node - 1) ^ 1) + 1
+        expect_pair(tree.nodes, ((tree.nodes[node].parent - 1) & -2) + 1)
         own = wp.float64(importance(tree, node, position))
         if not own > wp.float64(0.0):
             return 0.0
