@@ -29,8 +29,8 @@ from wdpm.cluster.master.statistics import check_statistics, of_nobody
 from wdpm.cluster.master.task_sizes import (
     at_once,
     for_records,
+    homes_of_records,
     in_flight,
-    in_parallel,
     photon_task_size,
     place_of,
 )
@@ -285,8 +285,9 @@ class Phases:
         return [Started("records", rounds.total), *([Advanced(rounds.kept)] if rounds.kept else [])]
 
     def _make_records(self, rounds: RecordRounds, session: Session) -> None:
-        tasks, alike = in_parallel(session, self._members, len(self.roster.teams)), len(self._members) == 1
-        self._tasks.make_records(rounds, tasks, for_records(session, self._limits), alike=alike)
+        limits, alike = for_records(session, self._limits), len(self._members) == 1
+        tasks = homes_of_records(session, self._members, len(self.roster.teams), rounds.rays_expected, limits)
+        self._tasks.make_records(rounds, tasks, limits, alike=alike)
 
     def _end_round(self, rounds: RecordRounds, session: Session, now: float) -> list[Instruction]:
         """All get all records before the next round: a few megabytes at most, and each keeps what reaches its cells."""

@@ -49,6 +49,15 @@ class RecordRounds:
         return sum(made.rays for made in self._made)
 
     @property
+    def rays_expected(self) -> int:
+        """Gather rays of the round that is next, about: rounds have like numbers of records, once they are many."""
+        candidates, rays = self._candidates(self._round), math.prod(self._view.cache.strata(self._round))
+        if self._round == 0:
+            return candidates * rays
+        before = sum(len(made.records) for made in self._made if made.round == self._round - 1)
+        return min(candidates, before) * rays
+
+    @property
     def total(self) -> int:
         """Candidates of all rounds."""
         return sum(self._candidates(number) for number in range(self._view.cache.rounds))
@@ -67,7 +76,7 @@ class RecordRounds:
         count = self._candidates(self._round)
         out: list[RecordTask] = []
         parts = math.ceil(limits.record_parts * slaves) if slaves > 1 else 1
-        worth = min(-(-count * limits.record_task_rays // max(self._rays_expected(count), 1)), -(-count // slaves))
+        worth = min(-(-count * limits.record_task_rays // max(self.rays_expected, 1)), -(-count // slaves))
         least = max(limits.record_task_least, -(-count // (parts * limits.record_task_spread)), worth)
         size, alike = count, alike and slaves > 1
         for start, end in self._gaps(count):
@@ -113,14 +122,6 @@ class RecordRounds:
         if self._shared is None:
             self._shared = replace(self.records, radius=clamped(self.records.position, self.records.radius))
         return self._shared
-
-    def _rays_expected(self, candidates: int) -> int:
-        """Gather rays of the round that is next, about: rounds have like numbers of records, once they are many."""
-        rays = math.prod(self._view.cache.strata(self._round))
-        if self._round == 0:
-            return candidates * rays
-        before = sum(len(made.records) for made in self._made if made.round == self._round - 1)
-        return min(candidates, before) * rays
 
     def _candidates(self, number: int) -> int:
         camera = self._view.camera

@@ -12,7 +12,14 @@ from wdpm.cluster.master.machine import Master, Phase
 from wdpm.cluster.messages import protocol as p
 
 VERSIONS = {"code": "1"}
-LIMITS = ClusterLimits(heartbeat_s=1.0, photon_task_paths=100, part_triangles=4, cells_in_flight=1, shared_in_flight=3)
+LIMITS = ClusterLimits(
+    heartbeat_s=1.0,
+    photon_task_paths=100,
+    part_triangles=4,
+    cells_in_flight=1,
+    shared_in_flight=3,
+    record_home_rays=1,
+)
 A, B, C = b"a", b"b", b"c"
 EPOCH = 1
 

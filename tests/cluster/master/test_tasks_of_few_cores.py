@@ -1,4 +1,4 @@
-"""Slaves of a machine do no more at a time than it has cores, where the master knows those: rounds have fewer tasks."""
+"""How many tasks are done at a time: no more than a machine has cores, and of few rays few where the scene is cut."""
 
 from __future__ import annotations
 
@@ -10,7 +10,15 @@ from master_driver import hello
 
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.members import Members
-from wdpm.cluster.master.task_sizes import PHOTON_TASK_LEAST, TASKS_A_PROCESS, in_parallel, photon_task_size
+from wdpm.cluster.master.task_sizes import (
+    PHOTON_TASK_LEAST,
+    TASKS_A_PROCESS,
+    homes_of_records,
+    in_parallel,
+    photon_task_size,
+)
+
+RAYS = 1000
 
 
 def members_of(hosts: dict[str, int], cores: dict[str, int], processes: int = 1) -> Members:
@@ -42,6 +50,26 @@ def test_a_team_of_several_computes_one_task_together() -> None:
     """However few cores: what one of them waits for, others compute."""
     members = members_of({"here": 4}, {"here": 1})
     assert in_parallel(make_session(4, 4), members, 1) == 4
+
+
+@pytest.mark.parametrize(
+    ("slaves", "cells", "teams", "rays", "homes"),
+    [
+        (8, 8, 1, 0, 1),
+        (8, 8, 1, RAYS, 1),
+        (8, 8, 1, RAYS + 1, 2),
+        (8, 8, 1, 100 * RAYS, 8),
+        (8, 4, 2, 1, 2),
+        (8, 4, 2, 3 * RAYS, 4),
+        (8, 1, 8, 1, 8),
+    ],
+)
+def test_rounds_of_few_rays_have_few_homes_where_the_scene_is_cut(
+    slaves: int, cells: int, teams: int, rays: int, homes: int
+) -> None:
+    """Each team has one at least; where nobody needs another slave, each slave has a task."""
+    members, limits = members_of({"there": slaves}, {}), ClusterLimits(record_home_rays=RAYS)
+    assert homes_of_records(make_session(slaves, cells), members, teams, rays, limits) == homes
 
 
 @pytest.mark.parametrize(
