@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import Final
+
+import numpy as np
 
 from wdpm.cluster.batch import TO_HOME, Batch, Kind, joined
+from wdpm.cluster.runs import TASK, Runs
 
 Key = tuple[Kind, int]
+
+CREDIT_FLIES_WITH: Final = frozenset({Kind.PHOTON, Kind.LANDED})
+"""Kinds of which a cell keeps any credit beyond one for each row until it can go on with others: see Cell._trace."""
 
 
 class Queues:
@@ -55,18 +62,36 @@ class Queues:
 
 
 def without_bare_credit(batches: Sequence[Batch]) -> list[Batch]:
-    """The same batches, but that credit which brings nothing along travels with what goes to the same home."""
-    ended_for: dict[int, list[Batch]] = {}
+    """The same batches, but that credit which brings nothing along travels with others.
+
+    That is a batch to the same home, or photons of the same task that fly on: they bring it home when they end.
+    """
+    owed: dict[int, dict[int, int]] = {}  # by home and task
+    cell = 0
     for batch in batches:
         if batch.kind is Kind.ENDED:
-            ended_for.setdefault(batch.home, []).append(batch)
-    bare = {home: joined(ended) for home, ended in ended_for.items()}
+            cell, of_home = batch.cell, owed.setdefault(batch.home, {})
+            for _, task, _, credit in batch.runs.table.tolist():
+                of_home[task] = of_home.get(task, 0) + credit
+    if not owed:
+        return list(batches)
+    kept = [_with_credit_of(batch, owed) for batch in batches if batch.kind is not Kind.ENDED]
     out = []
-    for batch in batches:
-        if batch.kind is Kind.ENDED:
-            continue
-        if batch.kind in TO_HOME and (ended := bare.pop(batch.home, None)) is not None:
-            out.append(replace(batch, runs=batch.runs.added(ended.runs)))
-        else:
-            out.append(batch)
-    return out + list(bare.values())
+    for batch in kept:
+        if batch.kind in TO_HOME and (of_home := owed.pop(batch.home, {})):
+            batch = replace(batch, runs=batch.runs.added(_bare(batch.home, of_home)))
+        out.append(batch)
+    return out + [Batch(Kind.ENDED, cell, _bare(home, of_home), {}) for home, of_home in owed.items() if of_home]
+
+
+def _with_credit_of(batch: Batch, owed: dict[int, dict[int, int]]) -> Batch:
+    """Photons that take the credit of their tasks with them, which is owed no more; any other batch as it is."""
+    if batch.kind not in CREDIT_FLIES_WITH:
+        return batch
+    more = [owed.get(home, {}).pop(task, 0) for home, task in batch.runs.table[:, : TASK + 1].tolist()]
+    return replace(batch, runs=batch.runs.with_credit(batch.runs.credit + more)) if any(more) else batch
+
+
+def _bare(home: int, of_tasks: Mapping[int, int]) -> Runs:
+    """Credit alone, by task."""
+    return Runs(np.array([[home, task, 0, credit] for task, credit in sorted(of_tasks.items())], np.int64))

@@ -171,9 +171,12 @@ class Cell:
         self.energy[:] = 0
 
     def _trace(self, batch: Batch) -> Iterator[Batch]:
-        """Follow photons until each has left the cell or ended. Each carries a credit of one."""
+        """Follow photons until each has left the cell or ended. Each carries a credit of one.
+
+        What a run has beyond that is of photons of its task that ended elsewhere.
+        """
         arrays, landed, runs = batch.arrays, batch.kind is Kind.LANDED, batch.runs
-        ended = np.zeros(len(runs), np.int64)
+        ended = np.maximum(runs.credit - runs.rows, 0)
         while True:
             flown, status, destination = self._launch_trace(arrays, landed)
             ended += runs.sums(status == pf.ENDED)
