@@ -20,7 +20,8 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels.rays.outlines import Outlines, meets_outline, upload_boxes
+from wdpm.kernels.rays.lanes import children_enter, children_leave, lanes_not_above, lowest_bit, vec8
+from wdpm.kernels.rays.outlines import Outlines, meets_outline, outlines_near, rows_of_boxes, upload_boxes
 from wdpm.kernels.rays.outlines import upload as upload_outlines
 from wdpm.kernels.rays.triangle import EXIT_SCALE, inverse_component
 
@@ -32,13 +33,16 @@ FAR_AWAY = 3.0e37
 
 @wp.struct
 class Cells:
-    """The top tree on a device, in heap order, boxes of its leaves grown by `pad`, and what they hold in outline."""
+    """The top tree on a device, in heap order, boxes of its leaves grown by `pad`, and what they hold in outline.
+
+    Attributes:
+        boxes: of eight cells after another, as Bvh.bounds; empty where there are no more.
+    """
 
     count: wp.int32
     axis: wp.array[wp.int32]
     split: wp.array[wp.float32]
-    low: wp.array[wp.vec3]
-    high: wp.array[wp.vec3]
+    boxes: wp.array[vec8]
     outlines: Outlines
 
 
@@ -72,8 +76,7 @@ def upload(
     cells.count = len(low)
     cells.axis = wp.array(axis, dtype=wp.int32, device=device)
     cells.split = wp.array(split, dtype=wp.float32, device=device)
-    cells.low = wp.array(low - np.float32(pad), dtype=wp.vec3, device=device)
-    cells.high = wp.array(high + np.float32(pad), dtype=wp.vec3, device=device)
+    cells.boxes = rows_of_boxes(low - np.float32(pad), high + np.float32(pad), device)
     if outlines is None:
         cells.outlines = upload_boxes(low, high, pad, device)
     else:
@@ -103,15 +106,23 @@ def cell_of(cells: wp.ref[Cells], point: wp.vec3) -> wp.int32:
 @wp.func
 def entry_of(cells: wp.ref[Cells], cell: wp.int32, origin: wp.vec3, inverse: wp.vec3, t_max: wp.float32) -> wp.float32:
     """Where a ray enters a cell's grown box, at least 0; -1 if it doesn't before t_max."""
-    a = wp.cw_mul(cells.low[cell] - origin, inverse)
-    b = wp.cw_mul(cells.high[cell] - origin, inverse)
-    near = wp.min(a, b)
-    far = wp.max(a, b)
-    enter = wp.max(wp.max(near[0], near[1]), wp.max(near[2], 0.0))
-    leave = wp.min(far[0], wp.min(far[1], far[2])) * EXIT_SCALE
-    if enter > leave or enter > t_max:
-        enter = -1.0
-    return enter
+    enter = children_enter(cells.boxes, cell / 8, origin, inverse)
+    leave = children_leave(cells.boxes, cell / 8, origin, inverse * EXIT_SCALE, t_max)
+    entry = enter[cell % 8]
+    if entry > leave[cell % 8]:
+        entry = -1.0
+    return entry
+
+
+@wp.func
+def behind(enter: vec8, after: wp.float32, current: wp.int32) -> wp.int32:
+    """Which lanes come after (after, current) in the order of (entry, lane): one bit each."""
+    earlier = lanes_not_above(enter, vec8(after))
+    equal = earlier & lanes_not_above(vec8(after), enter)
+    above = wp.int32(255)
+    if current >= 0:
+        above = ~(2 * (1 << wp.min(current, 7)) - 1)
+    return (~earlier) | (equal & above)
 
 
 @wp.func(inline=False)
@@ -136,15 +147,23 @@ def cell_on_way(
         after = wp.max(entry_of(cells, current, origin, inverse, 3.4e38), 0.0)
     found = wp.int32(-1)
     entry = wp.float32(3.4e38)
-    for cell in range(cells.count):
-        e = entry_of(cells, cell, origin, inverse, t_max)
-        if e >= 0.0 and (e > after or (e == after and cell > current)) and e < entry:
+    for eight in range((cells.count + 7) / 8):
+        enter = children_enter(cells.boxes, eight, origin, inverse)
+        met = lanes_not_above(enter, children_leave(cells.boxes, eight, origin, inverse * EXIT_SCALE, t_max))
+        met = met & behind(enter, after, current - 8 * eight) & ~lanes_not_above(vec8(entry), enter)
+        if outlined:
+            met = met & outlines_near(cells.outlines, eight, origin, inverse, t_max)
+        while met != 0:
+            lane = lowest_bit(met)
+            met = met & (met - 1)
+            cell = 8 * eight + lane
             there = wp.bool(True)
             if outlined:
                 there = meets_outline(cells.outlines, cell, origin, direction, inverse, t_max)
             if there:
-                entry = e
+                entry = enter[lane]
                 found = cell
+                met = met & ~lanes_not_above(vec8(entry), enter)
     return found
 
 

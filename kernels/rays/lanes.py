@@ -97,6 +97,53 @@ _NOT_ABOVE = """
 #endif
 """
 
+_SLABS = """
+#if defined(__CUDA_ARCH__)
+    typedef double wide;
+#define WIDE(x, k) ((double)(x).c[k])
+#define WIDE_ABS(x) fabs(x)
+    int mask = 0;
+    for (int k = 0; k < 8; ++k)
+#else
+    typedef double wide __attribute__((ext_vector_type(8), aligned(8)));
+    typedef float lanes __attribute__((ext_vector_type(8), aligned(4)));
+    typedef bool bits __attribute__((ext_vector_type(8)));
+#define WIDE(x, k) __builtin_convertvector(*(const lanes*)(x).c, wide)
+#define WIDE_ABS(x) __builtin_elementwise_abs(x)
+    int mask;
+    const int k = 0;
+#endif
+    {
+        const double* rows = slabs.data + 48 * block + k;
+        const wide x = *(const wide*)rows;
+        const wide y = *(const wide*)(rows + 8);
+        const wide z = *(const wide*)(rows + 16);
+        const wide low = *(const wide*)(rows + 24);
+        const wide high = *(const wide*)(rows + 32);
+        const wide reach = *(const wide*)(rows + 40);
+        const wide along = x * (double)direction[0] + y * (double)direction[1] + z * (double)direction[2];
+        const wide at = x * (double)origin[0] + y * (double)origin[1] + z * (double)origin[2];
+        const wide speed = WIDE_ABS(along);
+        const wide near = along < 0.0 ? at - high : low - at;
+        const wide far = along < 0.0 ? at - low : high - at;
+        const wide last = WIDE(leave, k) * (1.0 + 0x1p-24) * speed;
+        const auto before = near * (1.0 - 0x1p-45) <= last;
+        const auto ahead = far >= 0.0;
+        const wide farthest = WIDE_ABS(near) > WIDE_ABS(far) ? WIDE_ABS(near) : WIDE_ABS(far);
+        const auto edge_on = speed <= longest * 0x1p-5;
+        const auto beyond = farthest * (double)longest > reach * speed;
+        const auto met = (before & ahead) | edge_on | beyond;
+#if defined(__CUDA_ARCH__)
+        mask |= (met != 0) << k;
+    }
+    return mask;
+#else
+        mask = __builtin_bit_cast(unsigned char, __builtin_convertvector(met, bits));
+    }
+    return mask;
+#endif
+"""
+
 _INSIDE = """
     const float* rows = corners.data + 9 * first;
     const float ox = origin[0], oy = origin[1], oz = origin[2];
@@ -179,6 +226,25 @@ def children_distance2(bounds: wp.array[vec8], node: int, point: wp.vec3) -> vec
 @wp.func_native(_NOT_ABOVE)
 def lanes_not_above(a: vec8, b: vec8) -> int:
     """Bit k is set unless a[k] > b[k]; a NaN sets it: when in doubt, look closer."""
+    ...
+
+
+@wp.func_native(_SLABS)
+def slabs_met(
+    slabs: wp.array[wp.float64], block: int, origin: wp.vec3, direction: wp.vec3, longest: float, leave: vec8
+) -> int:
+    """Bit k is set unless a ray does not come to slab k of a block, from its origin up to leave[k].
+
+    A slab is what lies between two parallel planes. It is set, too, where that can't be told: at a cosine of less than
+    2^-5 / sqrt(3) between normal and direction, and from further away than the slab's reach. Sides are compared times
+    the ray's speed along the normal, so that nothing is divided: 1 - 2^-45 covers the roundings of the products, and
+    what is not above a float times 1 + 2^-24 may be rounded to that float.
+
+    Args:
+        slabs: six rows of eight numbers a block: a unit normal's x, y and z, the least and the largest distance along
+            it, and the reach. A normal of 0 is met by every ray.
+        longest: the direction's largest absolute component.
+    """
     ...
 
 

@@ -15,8 +15,8 @@ at least 2^-6. Sheared corners add up to S <= 12 s, and are known to 2^-52 (D + 
 2^-6 * 2A, which is at least 2^-10 s² where 2A >= s² / 16, so weights are known to 2^-50 S² / 2^-10 s², and the point
 that they tell is off the ray by at most 2^-52 D + 2^-28.7 s. Slabs are grown by 2^-28 s (SLAB_SHARE), s that of the
 largest. The determinant is above EDGE_ON of S times distance wherever D <= 2^12 s: further away (`reach`, by the
-smallest s), and at lower cosines, planes are not asked. A hit's t is then in the slab's interval in double; both are
-rounded to float alike, and rounding is monotone.
+smallest s), and at lower cosines, planes are not asked. A hit's t is then in the slab's interval in double; it is
+rounded to float, and what is rounded to a box's last float is not beyond that (lanes.slabs_met).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels.rays.lanes import children_enter, children_leave, lanes_not_above, lowest_bit, vec8
+from wdpm.kernels.rays.lanes import children_enter, children_leave, lanes_not_above, lowest_bit, slabs_met, vec8
 from wdpm.kernels.rays.triangle import EXIT_SCALE
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -41,12 +41,6 @@ REACH_SHARE = 2.0**12
 GROUP = 64
 """Boxes of a group: eight blocks of eight."""
 
-LEAST_COSINE = wp.constant(2.0**-5)
-"""Between a plane's normal and a direction whose largest component is 1: a cosine of 2^-5 / sqrt(3) at least."""
-
-ROUNDING = wp.constant(1.0 - 2.0**-45)
-"""Covers the roundings of a slab's interval in double."""
-
 
 @wp.struct
 class Outlines:
@@ -54,19 +48,19 @@ class Outlines:
 
     Attributes:
         first: of the groups of each cell, and the end of the last.
+        around: boxes around all that each cell holds: six rows for eight cells after another.
         blocks: boxes around blocks: six rows a group, as Bvh.bounds.
         boxes: six rows a block; blocks 8 g to 8 g + 7 are those of group g.
-        plane: of each box: the number of its plane, -1 for none.
-        normal: of planes, unit vectors.
-        slab: of planes: least and largest distance along the normal, grown, and from how far it is asked.
+        full: which boxes of a block have no plane: bit k for box k.
+        slabs: of each box that of its plane, grown, and from how far it is asked: as lanes.slabs_met takes them.
     """
 
     first: wp.array[wp.int32]
+    around: wp.array[vec8]
     blocks: wp.array[vec8]
     boxes: wp.array[vec8]
-    plane: wp.array[wp.int32]
-    normal: wp.array[wp.vec3d]
-    slab: wp.array[wp.vec3d]
+    full: wp.array[wp.int32]
+    slabs: wp.array[wp.float64]
 
 
 def upload(
@@ -94,22 +88,33 @@ def upload(
     bounds = np.full((2, start[-1] * GROUP, 3), np.inf, np.float32)
     bounds[1] = -np.inf
     bounds[0, place], bounds[1, place] = low - np.float32(pad), high + np.float32(pad)
-    around = bounds.reshape(2, -1, 8, 3)
-    planes = np.full(start[-1] * GROUP, -1, np.int32)
-    planes[place] = plane
+    blocks = bounds.reshape(2, -1, 8, 3)
+    around = np.full((2, len(groups), 3), np.inf, np.float32)
+    around[1] = -np.inf
+    np.minimum.at(around[0], cell, bounds[0, place])
+    np.maximum.at(around[1], cell, bounds[1, place])
+    slabs = np.zeros((start[-1] * GROUP, 6))
+    flat = plane >= 0
+    full = np.ones(len(slabs), np.bool_)
+    full[place[flat]] = False
+    slabs[place[flat], :3], slabs[place[flat], 3:] = normal[plane[flat]], slab[plane[flat]]
     outlines = Outlines()
     outlines.first = wp.array(start, dtype=wp.int32, device=device)
-    outlines.boxes = _rows(bounds, device)
-    outlines.blocks = _rows(np.stack([around[0].min(axis=1), around[1].max(axis=1)]), device)
-    outlines.plane = wp.array(planes, dtype=wp.int32, device=device)
-    outlines.normal = wp.array(normal, dtype=wp.vec3d, device=device)
-    outlines.slab = wp.array(slab, dtype=wp.vec3d, device=device)
+    outlines.around = rows_of_boxes(around[0], around[1], device)
+    outlines.boxes = rows_of_boxes(bounds[0], bounds[1], device)
+    outlines.blocks = rows_of_boxes(blocks[0].min(axis=1), blocks[1].max(axis=1), device)
+    outlines.full = wp.array(np.packbits(full, bitorder="little"), dtype=wp.int32, device=device)
+    by_block = np.ascontiguousarray(slabs.reshape(-1, 8, 6).transpose(0, 2, 1))
+    outlines.slabs = wp.array(by_block.reshape(-1), dtype=wp.float64, device=device)
     return outlines
 
 
-def _rows(bounds: NDArray[np.float32], device: str) -> Any:
-    """Boxes, shape [2, N, 3], as six rows of eight for each eight: low x, high x, low y, ..."""
-    rows = bounds.reshape(2, -1, 8, 3).transpose(1, 3, 0, 2).reshape(-1, 8)
+def rows_of_boxes(low: NDArray[np.float32], high: NDArray[np.float32], device: str) -> Any:
+    """Boxes, shape [N, 3], as six rows for each eight, low x, high x, low y, ...; empty ones behind the last."""
+    eights = np.full((2, -(-len(low) // 8) * 8, 3), np.inf, np.float32)
+    eights[1] = -np.inf
+    eights[0, : len(low)], eights[1, : len(high)] = low, high
+    rows = eights.reshape(2, -1, 8, 3).transpose(1, 3, 0, 2).reshape(-1, 8)
     return wp.array(np.ascontiguousarray(rows), dtype=vec8, device=device)
 
 
@@ -123,18 +128,12 @@ def upload_boxes(low: NDArray[np.float32], high: NDArray[np.float32], pad: float
 
 
 @wp.func
-def meets_slab(normal: wp.vec3d, slab: wp.vec3d, origin: wp.vec3, direction: wp.vec3, leave: wp.float32) -> wp.bool:
-    """Whether a ray comes to a slab, from its origin up to `leave`; true where it can't be told."""
-    longest = wp.float64(wp.max(wp.abs(direction)))
-    along = wp.dot(normal, wp.vec3d(direction))
-    if wp.abs(along) < wp.float64(LEAST_COSINE) * longest or longest == wp.float64(0.0):
-        return True
-    at = wp.dot(normal, wp.vec3d(origin))
-    a = (slab[0] - at) / along
-    b = (slab[1] - at) / along
-    if wp.max(wp.abs(a), wp.abs(b)) * longest > slab[2]:
-        return True
-    return wp.max(a, b) >= wp.float64(0.0) and wp.float32(wp.min(a, b) * wp.float64(ROUNDING)) <= leave
+def outlines_near(
+    outlines: wp.ref[Outlines], eight: wp.int32, origin: wp.vec3, inverse: wp.vec3, t_max: wp.float32
+) -> wp.int32:
+    """Of which cells from 8 * eight on a ray meets the box around all that they hold, up to t_max: one bit each."""
+    enter = children_enter(outlines.around, eight, origin, inverse)
+    return lanes_not_above(enter, children_leave(outlines.around, eight, origin, inverse * EXIT_SCALE, t_max))
 
 
 @wp.func(inline=False)
@@ -143,6 +142,7 @@ def meets_outline(
 ) -> wp.bool:
     """Whether a ray may hit something that a cell holds, up to t_max."""
     inverse_leave = inverse * EXIT_SCALE
+    longest = wp.max(wp.abs(direction))
     for group in range(outlines.first[cell], outlines.first[cell + 1]):
         enter = children_enter(outlines.blocks, group, origin, inverse)
         leave = children_leave(outlines.blocks, group, origin, inverse_leave, t_max)
@@ -153,12 +153,10 @@ def meets_outline(
             enter_box = children_enter(outlines.boxes, block, origin, inverse)
             leave_box = children_leave(outlines.boxes, block, origin, inverse_leave, t_max)
             inside = lanes_not_above(enter_box, leave_box)
-            while inside != 0:
-                lane = lowest_bit(inside)
-                inside = inside & (inside - 1)
-                plane = outlines.plane[8 * block + lane]
-                if plane < 0:
-                    return True
-                if meets_slab(outlines.normal[plane], outlines.slab[plane], origin, direction, leave_box[lane]):
+            if (inside & outlines.full[block]) != 0:
+                return True
+            if inside != 0:
+                inside = inside & slabs_met(outlines.slabs, block, origin, direction, longest, leave_box)
+                if inside != 0:
                     return True
     return False

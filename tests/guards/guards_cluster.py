@@ -27,7 +27,7 @@ GUARDS = (
         name="cells entered at one distance go by number",
         file="kernels/rays/cells.py",
         prevents="of cells that a ray enters together, all but one are left out",
-        changes=((" or (e == after and cell > current)", ""),),
+        changes=(("(~earlier) | (equal & above)", "~earlier"),),
         tests=(FUZZ + "test_no_cell_is_missed",),
     ),
     Guard(
@@ -35,8 +35,10 @@ GUARDS = (
         file="kernels/rays/cells.py",
         prevents="a ray in a plane misses the cell that owns its hit",
         changes=(
-            ("cells.low = wp.array(low - np.float32(pad)", "cells.low = wp.array(low - np.float32(0.0 * pad)"),
-            ("cells.high = wp.array(high + np.float32(pad)", "cells.high = wp.array(high + np.float32(0.0 * pad)"),
+            (
+                "low - np.float32(pad), high + np.float32(pad)",
+                "low - np.float32(0.0 * pad), high + np.float32(0.0 * pad)",
+            ),
         ),
         tests=(FUZZ + "test_no_cell_is_missed",),
     ),
