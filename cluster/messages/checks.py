@@ -23,6 +23,7 @@ from wdpm.cluster.messages.demands import Shape
 from wdpm.cluster.messages.demands import indices as _indices
 from wdpm.cluster.messages.demands import require as _require
 from wdpm.cluster.messages.instance_checks import SHAPES_OF_INSTANCES, check_instances, check_shapes
+from wdpm.cluster.messages.short_bitmaps import ShortBitmap
 from wdpm.cluster.messages.top_tree_checks import SHAPES_OF_CELLS, check_outlines, check_top_tree
 from wdpm.cluster.messages.view_checks import check_allotment, check_lamp_outlines, check_view
 from wdpm.cluster.records import CachePlan, Records
@@ -98,6 +99,7 @@ SHAPES: dict[type, dict[str, Shape]] = {
     },
     Checkerboard: {"to_uv": (3, 3)},
     Bitmap: {"pixels": ("height", "width", 3), "to_uv": (3, 3)},
+    ShortBitmap: {"palette": ("colours",), "pixels": ("height", "width", 3)},
     Camera: {"to_world": (4, 4)},
     LampOutlines: {"pixels": ("pixels",)},
     LitPlaces: {

@@ -24,11 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Batch
-from wdpm.cluster.messages import checks
+from wdpm.cluster.messages import checks, short_bitmaps
 from wdpm.cluster.messages.frames import Frame, Frames, split
 from wdpm.cluster.messages.protocol import PROTOCOL
 from wdpm.cluster.messages.short_arrays import ShortArrays, lengthen, shorten
 from wdpm.scenes.errors import ProtocolError
+from wdpm.scenes.model.textures import Bitmap
 
 MAGIC = b"wdpm"
 
@@ -226,6 +227,8 @@ def _way(hint: Any) -> Way:
         return Way(both_ways := lambda value, where, _: _plain(value, where), both_ways)
     if hint is Batch:
         return Way(_pack_batch, _unpack_batch)
+    if hint is Bitmap:
+        return Way(_pack_bitmap, _unpack_bitmap)
     if isinstance(hint, type) and is_dataclass(hint):
         return Way(_dataclass_packer(hint), _dataclass_unpacker(hint))
     if isinstance(hint, type) and issubclass(hint, Enum):
@@ -263,6 +266,18 @@ def _unpack_batch(value: Any, where: str, frames: Frames) -> Batch:
     batch = Batch(**head, arrays=lengthen(head["kind"], short, f"{where}.arrays"))
     checks.check(batch, where)
     return batch
+
+
+def _pack_bitmap(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
+    if type(value) is not Bitmap:
+        raise ProtocolError(f"{where} is a {type(value).__name__}; expected Bitmap")
+    return _way(short_bitmaps.ShortBitmap).pack(short_bitmaps.shorten(value), where, arrays)
+
+
+def _unpack_bitmap(value: Any, where: str, frames: Frames) -> Bitmap:
+    bitmap = short_bitmaps.lengthen(_way(short_bitmaps.ShortBitmap).unpack(value, where, frames), where)
+    checks.check(bitmap, where)
+    return bitmap
 
 
 def _dataclass_packer(hint: type) -> Packer:
