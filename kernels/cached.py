@@ -25,6 +25,23 @@ def is_compiled(module: wp.Module) -> bool:
     return there
 
 
+def seems_compiled(module: wp.Module) -> bool:
+    """The same, by a hash that is only remembered: for who can do without the module if that is wrong.
+
+    To work out that a module is not there takes a quarter of a second of one with many effects, in every process until
+    somebody has had the time to compile it.
+    """
+    if is_loaded(module):
+        return True
+    known = hashes()
+    known.recall(module)
+    there = _is_in_cache(module)
+    known.add(module)
+    if not there:
+        forget(module)
+    return there
+
+
 def _is_in_cache(module: wp.Module) -> bool:
     name = module.get_module_identifier(CPU_BLOCK)
     try:

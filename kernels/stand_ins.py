@@ -10,7 +10,7 @@ from __future__ import annotations
 import functools
 from dataclasses import dataclass, replace
 
-from wdpm.kernels.cached import is_compiled
+from wdpm.kernels.cached import seems_compiled
 from wdpm.kernels.camera.shading import make_shading
 from wdpm.kernels.features import ALL, Features
 from wdpm.kernels.variants import Variants, make_variants
@@ -61,7 +61,7 @@ def compiled_kernels(features: Features) -> Chosen:
     """
     own = make_variants(features)
     kernels = own.kernels()
-    lacking = {name for name, kernel in kernels.items() if not is_compiled(kernel.module)}
+    lacking = {name for name, kernel in kernels.items() if not seems_compiled(kernel.module)}
     if not lacking:
         return Chosen(own, features)
     every = stand_ins().kernels()
@@ -69,7 +69,7 @@ def compiled_kernels(features: Features) -> Chosen:
     standing_in = frozenset(
         name
         for group in groups
-        if group & lacking and all(is_compiled(every[name].module) for name in group)
+        if group & lacking and all(seems_compiled(every[name].module) for name in group)
         for name in group
     )
     if not standing_in:

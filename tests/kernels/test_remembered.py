@@ -11,7 +11,7 @@ import pytest
 import warp as wp
 
 from wdpm.kernels import made_for, remembered
-from wdpm.kernels.cached import is_compiled
+from wdpm.kernels.cached import is_compiled, seems_compiled
 from wdpm.kernels.camera.rays import make_camera_rays
 from wdpm.kernels.compile import COMMON
 from wdpm.kernels.features import Features
@@ -142,6 +142,21 @@ def test_what_is_remembered_but_not_in_the_cache_is_worked_out(empty_cache: Path
     module.hashers.pop(CPU_BLOCK)
     assert is_compiled(module), "by its true hash"
     assert not forget(module)
+
+
+@pytest.mark.usefixtures("empty_cache")
+def test_that_a_module_is_not_compiled_is_worked_out_once() -> None:
+    module = module_of(50)
+    hashes().add_variant("some", module.name)
+    assert not seems_compiled(module)
+    hashes().write()
+    remembered._hashes_in.cache_clear()
+    module.hashers.pop(CPU_BLOCK, None)
+    assert not seems_compiled(module)
+    assert CPU_BLOCK not in module.hashers, "nothing was hashed, and nobody builds on what is only remembered"
+    wp.force_load("cpu", [module])
+    module.execs.clear()
+    assert seems_compiled(module)
 
 
 def test_for_what_is_not_remembered_a_module_is_hashed_after_all(file: Path) -> None:

@@ -44,10 +44,10 @@ def lack(monkeypatch: pytest.MonkeyPatch) -> Lack:
     def only(names: Collection[str]) -> None:
         every = {kernel.module.name for kernel in stand_ins.stand_ins().kernels().values()}
 
-        def is_compiled(module: wp.Module) -> bool:
+        def seems_compiled(module: wp.Module) -> bool:
             return module.name in every or not {kernel.func.__name__ for kernel in module.kernels.values()} & set(names)
 
-        monkeypatch.setattr(stand_ins, "is_compiled", is_compiled)
+        monkeypatch.setattr(stand_ins, "seems_compiled", seems_compiled)
 
     return only
 
@@ -105,7 +105,7 @@ def test_own_kernels_are_taken_where_they_are_compiled(lack: Lack) -> None:
 
 def test_what_is_compiled_neither_way_is_a_scenes_own(monkeypatch: pytest.MonkeyPatch) -> None:
     features = features_of(flatten(BOX), CASES["final gathering"][1])
-    monkeypatch.setattr(stand_ins, "is_compiled", lambda _: False)
+    monkeypatch.setattr(stand_ins, "seems_compiled", lambda _: False)
     assert stand_ins.compiled_kernels(features) == stand_ins.own_kernels(features)
 
 
