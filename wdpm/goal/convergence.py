@@ -142,10 +142,14 @@ class ConvergenceEstimator:
     def estimate(self) -> Estimate | None:
         """What the passes so far tell; None before there are enough."""
         if self._estimate is None and self._passes >= LEAST_PASSES:
-            noise = self.noise_of(*self.variance(), *self.weights())
-            bias = self._bias(self.mean())
-            self._estimate = Estimate(noise, bias, _sum(noise, bias))
+            self._estimate = self.estimate_of(*self.variance())
         return self._estimate
+
+    def estimate_of(self, variance: Values, freedom: float) -> Estimate:
+        """The estimate, by a variance of the image that is known otherwise, and its degrees of freedom."""
+        noise = self.noise_of(variance, freedom, *self.weights())
+        bias = self._bias(self.mean())
+        return Estimate(noise, bias, _sum(noise, bias))
 
     def noise_of(self, variance: Values, freedom: float, weight: Values, most_weight: Values) -> ErrorFigure:
         """The weighted mean of a variance of the mean image, of so many degrees of freedom."""

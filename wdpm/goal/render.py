@@ -160,6 +160,8 @@ def _passes(
             estimator.add(result.layers, weight, shrink(number))
         number += 1
         renderer.show(average)
+        if schedule.ends_at_once:
+            return average, schedule.trial.at_once, Ending.DONE
         if number < estimator.passes:
             continue
         if goal.error is not None and number >= next_check:

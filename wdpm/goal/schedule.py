@@ -87,6 +87,11 @@ class Schedule:
         return self.trial.ready and self.samples == 1
 
     @property
+    def ends_at_once(self) -> bool:
+        """Whether the first pass, which the trial has rendered, is known to be good enough."""
+        return self.ready and self.passes == 1 and self.trial.at_once is not None
+
+    @property
     def error(self) -> float:
         """Weighted mean square; not a number where nothing was measured."""
         return self.noise + self.bias if self.trial.measured else math.nan

@@ -1,5 +1,6 @@
 """Measures, by two or three cheap renders of few samples, what settings cost and how far their images are off.
 
+Where a large error is asked for, the first pass may be good enough: a look at part of a second tells (first_look.py).
 Two passes, a and b, have other photons and other samples: they are the first two of an image. Where they are good
 enough, that is all. Else a third, c, tells the two sources of noise apart: it has b's photons and a's samples.
 """
@@ -16,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.render_settings import RenderSettings
-from wdpm.goal.convergence import ConvergenceEstimator, centred_figure, most_bias
+from wdpm.goal.convergence import ConvergenceEstimator, Estimate, centred_figure, most_bias
+from wdpm.goal.first_look import is_worth_a_look, look
 from wdpm.goal.goal import Metric
 from wdpm.goal.reference_pair import ReferencePair, coarser
 from wdpm.rendering.pass_plan import PassPlan, PassResult, shrink
@@ -74,6 +76,7 @@ class Trial:
         results: the passes that may be part of the image, if it has one sample a pass.
         measured: whether errors are known: there was time for more than one pass.
         ready: whether its renderer is still there: passes of one sample need not start anew.
+        at_once: of the error of the first pass, where that is good enough by itself.
     """
 
     settings: RenderSettings
@@ -91,6 +94,7 @@ class Trial:
     results: dict[PassPlan, PassResult] = field(default_factory=dict)
     measured: bool = True
     ready: bool = False
+    at_once: Estimate | None = None
 
     @property
     def cost(self) -> float:
@@ -130,15 +134,14 @@ def try_out(
         return renderer.render(plan), clock() - began
 
     first, cost = timed(IMAGE_PLANS[0])
+    known |= {"pass_cost": 0.0, "pass_noise": 0.0, "sample_noise": 0.0, "bias": 0.0}
     if seconds_left() < (PASSES - 1) * cost:
-        nothing: dict[str, Any] = {
-            "pass_cost": 0.0,
-            "pass_noise": 0.0,
-            "sample_noise": 0.0,
-            "bias": 0.0,
-            "measured": False,
-        }
-        return Trial(sample_cost=cost, results={IMAGE_PLANS[0]: first}, **nothing, **known)
+        return Trial(sample_cost=cost, results={IMAGE_PLANS[0]: first}, measured=False, **known)
+    if reference is None and is_worth_a_look(_beauty(first), estimator.metric, mean_square):
+        one = look(first, IMAGE_PLANS[1], renderer.render, estimator.metric, settings.algorithm.biased)
+        if one is not None and one.total.high <= mean_square:
+            known |= {"sample_noise": one.noise.value, "bias": one.bias.high}
+            return Trial(sample_cost=cost, results={IMAGE_PLANS[0]: first}, at_once=one, **known)
     second, cost = timed(IMAGE_PLANS[1])
     image = (first, second)
     metric = estimator.metric
@@ -154,14 +157,11 @@ def try_out(
     a, b = map(_beauty, image)
     bias = ErrorFigure(0.0, 0.0, most) if reference is None else bias_of(a, b, metric, reference)
     return Trial(
-        pass_cost=max(cost - sample_cost, 0.0),
         sample_cost=sample_cost,
-        bias=bias.high,
         likely_bias=min(max(bias.value, 0.0), bias.high),
         record_cost=cost * _share_of(second, "records"),
         results=dict(zip(IMAGE_PLANS, image, strict=True)),
-        **noise,
-        **known,
+        **(known | noise | {"pass_cost": max(cost - sample_cost, 0.0), "bias": bias.high}),
     )
 
 

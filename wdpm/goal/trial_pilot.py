@@ -16,7 +16,7 @@ from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.goal.convergence import ConvergenceEstimator
 from wdpm.goal.goal import Goal
 from wdpm.goal.reference_pair import ReferencePair, make_reference_pair
-from wdpm.goal.schedule import FACTORS, Schedule, nearest, soonest, with_photons
+from wdpm.goal.schedule import FACTORS, Schedule, nearest, schedule_of, soonest, with_photons
 from wdpm.goal.trial import Clock, Trial, try_out
 from wdpm.progress import Progress, SilentProgress
 from wdpm.rendering.backend import Backend
@@ -128,6 +128,9 @@ class TrialPilot:
         Args:
             seconds_left: for the passes.
         """
+        last = self.trials[-1]
+        if last.at_once is not None and last.ready:
+            return schedule_of(last, 1, 1), True
         candidates = self._candidates()
         reaching = None if goal.error is None else soonest(candidates, goal.mean_square)
         if reaching is not None and reaching.seconds <= seconds_left:
