@@ -177,6 +177,10 @@ class Records:
     def __len__(self) -> int:
         return len(self.number)
 
+    def take(self, rows: NDArray[np.intp] | NDArray[np.bool_]) -> Records:
+        """Some of them."""
+        return Records(*(getattr(self, field.name)[rows] for field in fields(Records)))
+
 
 NO_RECORDS = Records(
     np.empty(0, np.int64),
@@ -199,6 +203,11 @@ def joined(parts: Sequence[Records]) -> Records:
     return Records(**{name: column[order] for name, column in whole.items()})
 
 
+def of_rounds(records: Records, count: int) -> NDArray[np.intp]:
+    """Which of the records are those of the first `count` rounds."""
+    return np.flatnonzero(records.number < np.int64(count) << np.int64(ROUND_BITS))
+
+
 def equal(a: Records, b: Records) -> bool:
     """Whether all bits are equal."""
     return all(getattr(a, field.name).tobytes() == getattr(b, field.name).tobytes() for field in fields(Records))
@@ -212,7 +221,7 @@ def take_near(records: Records, boxes: Sequence[tuple[NDArray[np.float32], NDArr
         # The comparison is generous by a share of 2^-18, as the boxes of kernels/irradiance/record_tree.py are.
         reach = records.radius.astype(np.float64) * (1.0 + 2.0**-18)
         reaches |= (outside**2).sum(axis=1) <= reach**2
-    return Records(*(getattr(records, field.name)[reaches] for field in fields(Records)))
+    return records.take(reaches)
 
 
 def check_records(records: Records, number: int, start: int, stop: int) -> None:

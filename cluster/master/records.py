@@ -6,12 +6,22 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from wdpm.cluster.kept import RecordsKept
 from wdpm.cluster.limits import ClusterLimits
-from wdpm.cluster.records import Records, candidate_count, check_records, equal, joined
+from wdpm.cluster.records import Records, candidate_count, check_records, equal, joined, of_rounds
 from wdpm.cluster.task import RecordsMade, RecordTask
 from wdpm.cluster.world import View
+from wdpm.kernels.irradiance.record_agreement import agreeing
 from wdpm.kernels.irradiance.record_clamp import clamped
+
+DISAGREEMENT = 3.0
+"""Standard errors of a record (CachePlan.tolerance) by which it may differ from what another expects of it: two
+standard deviations of the difference of two such records. In uplight-room the floor where the table's shade ends was
+10 % too dark with no bound, is 2 % too dark with 4 and right with 3, for a tenth and a fifth more records; the squared
+error of cbox (128x128, 16 samples) falls to a half."""
 
 
 class RecordRounds:
@@ -120,8 +130,18 @@ class RecordRounds:
     def shared(self) -> Records:
         """The records as slaves use them, worked out once for all."""
         if self._shared is None:
-            self._shared = replace(self.records, radius=clamped(self.records.position, self.records.radius))
+            self._shared = replace(self.records, radius=clamped(self.records.position, self._agreeing()))
         return self._shared
+
+    def _agreeing(self) -> NDArray[np.float32]:
+        """How far records reach, as far as they agree with others. Those of the last round have no say.
+
+        A gap that they would make is not filled any more: it would be traced sample by sample, and be noise.
+        """
+        radius, plan = self.records.radius.copy(), self._view.cache
+        rows = of_rounds(self.records, min(self._round, plan.rounds - 1))
+        radius[rows] = agreeing(vars(self.records.take(rows)), DISAGREEMENT * plan.tolerance)
+        return radius
 
     def _candidates(self, number: int) -> int:
         camera = self._view.camera

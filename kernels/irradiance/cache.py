@@ -74,7 +74,7 @@ def _key(rank: wp.int32, t: wp.float32) -> wp.uint64:
 
 
 @wp.func
-def _key_rank(key: wp.uint64) -> wp.int32:
+def key_rank(key: wp.uint64) -> wp.int32:
     return wp.int32(key >> wp.uint64(32))
 
 
@@ -112,7 +112,7 @@ def _insert(key: wp.uint64, count: wp.int32, found: wp.array[wp.uint64]) -> wp.i
 
 
 @wp.func
-def _find(
+def find(
     cache: wp.ref[IrradianceCache], x: wp.vec3, n: wp.vec3, stack: wp.array[wp.int32], found: wp.array[wp.uint64]
 ) -> wp.int32:
     """Keys of the records that reach a point, in the order of ranks; how many."""
@@ -139,6 +139,14 @@ def _find(
     return count
 
 
+@wp.func
+def extrapolated(cache: wp.ref[IrradianceCache], rank: wp.int32, x: wp.vec3, n: wp.vec3) -> wp.vec3:
+    """What one record, by its rank, says of a point."""
+    turned = cache.rotation[rank] * (n - cache.normal[rank])
+    moved = cache.translation[rank] * (x - cache.position[rank])
+    return wp.max(cache.irradiance[rank] + turned + moved, wp.vec3(0.0))
+
+
 @wp.kernel
 def interpolate(
     cache: IrradianceCache,
@@ -163,16 +171,14 @@ def interpolate(
     found = wp.zeros(shape=(CAPACITY,), dtype=wp.uint64)
     x = position[i]
     n = shading_normal[i]
-    count = _find(cache, x, n, stack, found)
+    count = find(cache, x, n, stack, found)
     total = wp.vec3(0.0)
     weight = wp.float32(0.0)
     for k in range(count):
         key = found[k & _MASK]
-        rank = _key_rank(key)
+        rank = key_rank(key)
         w = _key_t(key) * _key_t(key)
-        turned = cache.rotation[rank] * (n - cache.normal[rank])
-        moved = cache.translation[rank] * (x - cache.position[rank])
-        total += w * wp.max(cache.irradiance[rank] + turned + moved, wp.vec3(0.0))
+        total += w * extrapolated(cache, rank, x, n)
         weight += w
     if weight > 0.0:
         total = total / weight

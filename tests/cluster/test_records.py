@@ -41,6 +41,7 @@ from wdpm.cluster.records import (
     check_records,
     equal,
     joined,
+    of_rounds,
     take_near,
 )
 from wdpm.cluster.slave import jobs as c
@@ -240,6 +241,30 @@ def test_records_that_are_there_already_are_shared_and_none_are_made() -> None:
         assert equal(shared_with(out, identity), replace(there, radius=clamped(there.position, there.radius)))
     driver.taken()
     assert driver.master.phase is Phase.BUCKETS
+
+
+def test_records_of_the_last_round_shorten_no_reach() -> None:
+    """Nobody would fill the gap. Those of earlier rounds do, as soon as they are there."""
+    places = np.linspace(0.0, 0.5, 6)
+    rounds = np.repeat(np.arange(PLAN.rounds), 2)
+    light = np.where(np.arange(6) < 4, [1.0, 2.0] * 3, 9.0)
+    every = Records(
+        (rounds.astype(np.int64) << ROUND_BITS) + np.arange(6),
+        np.stack([places, 0 * places, 0 * places], axis=1).astype(np.float32),
+        np.tile(np.float32([0, 0, 1]), (6, 1)),
+        np.tile(light[:, None], (1, 3)).astype(np.float32),
+        np.zeros((6, 3, 3), np.float32),
+        np.zeros((6, 3, 3), np.float32),
+        np.ones(6, np.float32),
+    )
+    plan = replace(PLAN, tolerance=0.05)
+    last = RecordRounds(replace(cached(), cache=plan), every).shared().radius
+    before = every.take(of_rounds(every, PLAN.rounds - 1))
+    alone = RecordRounds(replace(cached(), cache=plan), before).shared().radius
+    assert (alone < 1).all()
+    np.testing.assert_array_equal(last[: len(alone)], alone)
+    sure = RecordRounds(replace(cached(), cache=replace(plan, tolerance=1.0)), every).shared().radius
+    np.testing.assert_array_equal(sure, 1)
 
 
 def test_a_view_without_a_cache_has_no_rounds() -> None:
