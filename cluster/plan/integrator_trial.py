@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide
 from wdpm.cluster.plan.map_plans import MapPlans, map_plans, with_fewer_paths
-from wdpm.cluster.plan.map_worth import FEWEST, LEAST_GAIN, MapError, map_error
+from wdpm.cluster.plan.map_worth import ALIKE, LEAST_GAIN, MapError, fewer_shares, map_error
 from wdpm.cluster.plan.path_caustics import PathCaustics, SeenPlaces, caustics_by_paths
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
 from wdpm.cluster.plan.small_view import Figures, Halves, Values, around, small, without_photons
@@ -213,13 +213,14 @@ def words_for(paths: Way, photons: Way) -> str:
 def _with_photons_of_worth(
     flat: FlatScene, plans: MapPlans, trial: Trial, photons: RenderSettings
 ) -> tuple[RenderSettings, MapPlans, str]:
-    """As many photons as make error times price least, of those shot by default or half or a quarter; and in words."""
+    """As many photons as make error times price least, of those shot by default and parts of them; and in words."""
     spp, maps = -(-photons.spp // photons.passes), (GLOBAL_MAP, CAUSTIC_MAP)
     asked = {GLOBAL_MAP: photons.photons, CAUSTIC_MAP: photons.caustic_photons}
     plain = {GLOBAL_MAP: RenderSettings.photons, CAUSTIC_MAP: RenderSettings.caustic_photons}
     known = {number: trial.map_errors[number] for number in maps if asked[number] == plain[number]}
     errors = {number: error for number, error in known.items() if error is not None and plans.maps[number].paths}
-    of_others = trial.noise_by(photons) / spp
+    of_samples = trial.noise_by(photons) / spp
+    of_others = of_samples
     if GLOBAL_MAP not in errors or photons.final_gathers:
         of_others += _left(photons) * trial.by_paths[0].indirect
 
@@ -230,14 +231,22 @@ def _with_photons_of_worth(
     def worth(shares: tuple[int, ...]) -> float:
         price = Prices(flat, with_fewer_paths(plans, shares), spp).of_photons(trial, with_shares(shares))
         wrong = sum(
-            error.of(asked[number] // shares[number], spp, gathered=photons.final_gathers and number == GLOBAL_MAP)
+            error.of(plans.expected[number] / shares[number], spp, gathered=gathered[number])
             for number, error in errors.items()
         )
         return (of_others + wrong) * price
 
-    ways = itertools.product(*((1, 2, FEWEST) if number in errors else (1,) for number in maps))
-    all_of_them, best = (1, 1), min(ways, key=worth)
-    if worth(best) > LEAST_GAIN * worth(all_of_them):
+    gathered = {GLOBAL_MAP: photons.final_gathers, CAUSTIC_MAP: False}
+    every = [
+        fewer_shares(errors[number], plans.expected[number], spp, of_samples, gathered=gathered[number])
+        if number in errors
+        else (1,)
+        for number in maps
+    ]
+    worths = {shares: worth(shares) for shares in itertools.product(*every)}
+    all_of_them, least = (1, 1), min(worths.values())
+    best = min(shares for shares in worths if worths[shares] <= ALIKE * least)
+    if worths[best] > LEAST_GAIN * worths[all_of_them]:
         best = all_of_them
     fewer = [
         f"{asked[number] // share:,} {name}photons"
@@ -311,8 +320,10 @@ class Prices:
     def of_photons(self, trial: Trial, settings: RenderSettings) -> float:
         """Of a render by photons."""
         maps, way = self._plans.maps, trial.by_photons
-        asked = ((maps[GLOBAL_MAP].paths, settings.photons), (maps[CAUSTIC_MAP].paths, settings.caustic_photons))
-        shot = sum(paths * PHOTON_PATH * self._ray + min(count, paths) * STORED_PHOTON for paths, count in asked)
+        shot = sum(
+            maps[number].paths * PHOTON_PATH * self._ray + self._plans.expected[number] * STORED_PHOTON
+            for number in (GLOBAL_MAP, CAUSTIC_MAP)
+        )
         caustic = GATHER * self._plans.caustic_k if maps[CAUSTIC_MAP].paths else 0.0
         asks = 1.0 + way.vertices
         sample, records = self._rays(way) + asks * caustic, 0.0

@@ -77,11 +77,13 @@ class MapPlans:
         maps: the global, the caustic and the volume map.
         caustic_k: photons that gathers of the caustic map look for.
         chose: in words, what was decided by what the maps are worth, and why.
+        expected: photons of the global, the caustic and the volume map.
     """
 
     maps: tuple[MapPlan, MapPlan, MapPlan]
     caustic_k: int
     chose: tuple[str, ...]
+    expected: tuple[float, float, float]
 
 
 def map_plans(pilot: PhotonPilot, settings: RenderSettings, flat: FlatScene) -> MapPlans:
@@ -111,13 +113,19 @@ def map_plans(pilot: PhotonPilot, settings: RenderSettings, flat: FlatScene) -> 
         for p, r, e, old in zip(every, radii, expected, world.maps, strict=True)
     ]
     words = caustics_in_words(caustics, pilot, settings.caustic_photons, caustic_paths)
-    return MapPlans((plans[0], plans[1], plans[2]), caustic_k, () if words is None else (words,))
+    chose = () if words is None else (words,)
+    return MapPlans((plans[0], plans[1], plans[2]), caustic_k, chose, (expected[0], expected[1], expected[2]))
 
 
 def with_fewer_paths(plans: MapPlans, shares: Sequence[int]) -> MapPlans:
     """The same with a part of the paths of the global and the caustic map, for what that would cost."""
     fewer = [replace(plan, paths=plan.paths // share) for plan, share in zip(plans.maps, shares, strict=False)]
-    return replace(plans, maps=(fewer[0], fewer[1], plans.maps[VOLUME_MAP]))
+    expected = [photons / share for photons, share in zip(plans.expected, shares, strict=False)]
+    return replace(
+        plans,
+        maps=(fewer[0], fewer[1], plans.maps[VOLUME_MAP]),
+        expected=(expected[0], expected[1], plans.expected[VOLUME_MAP]),
+    )
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,18 @@ from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.map_plans import POINTS_IN_DISC, MapPlans, map_plans, volume_unit
 from wdpm.cluster.plan.map_worth import (
     BLUR_K,
+    FAINTEST,
+    FEWEST,
+    GATHERED_BLUR,
     LEAST_K,
     LEAST_PATHS,
+    ORDINARY_BLUR,
     PATHS_A_PHOTON,
     PLAIN_SHARE,
     MapError,
     MapWorth,
     fewer_neighbours,
+    fewer_shares,
     map_error,
 )
 from wdpm.cluster.plan.photon_pilot import PILOT_PATHS, fly_pilot
@@ -192,9 +197,11 @@ def test_noise_of_a_map_falls_with_its_photons_where_a_pixel_s_samples_ask_diffe
     assert large.of(1000, 16) == pytest.approx(1 / 50 / 2)
     assert large.of(1_000_000, 16) == pytest.approx(1 / 50 / 16)
     assert large.of(1_000_000, 1) == pytest.approx(1 / 50)
-    blurred = MapError(50, np.zeros(3), np.zeros(3), 10.0)
-    assert blurred.of(1000, 4) == 2 * blurred.of(2000, 4) == blurred.of(1000, 4, gathered=True)
-    assert small.of(1000, 4, gathered=True) == 0.0
+    blurred = replace(small, blur=10.0)
+    blur = blurred.of(1000, 4) - small.of(1000, 4)
+    assert blur == pytest.approx(0.01) == pytest.approx(2 * (blurred.of(2000, 4) - small.of(2000, 4)))
+    assert blurred.of(1000, 4, gathered=True) - small.of(1000, 4, gathered=True) == pytest.approx(GATHERED_BLUR * blur)
+    assert small.of(1000, 4, gathered=True) == pytest.approx(1 / 1000)  # all of its photons, by way of many gathers
 
 
 def test_light_that_wide_gathers_miss_counts_all_the_same() -> None:
@@ -218,7 +225,8 @@ def error_on_a_floor(edge: float, count: int = 32_000) -> MapError | None:
     )
     places = np.zeros((1024, 3), np.float32)
     places[:, :2] = 0.3 + 0.4 * random.random((1024, 2))
-    return map_error(pilot, 0, 50, places, up[:1024], np.ones(1024), np.full(1024, 1e-4))
+    facing = np.tile(up[:1], (len(places), 1))
+    return map_error(pilot, 0, 50, places, facing, np.ones(1024), np.full(1024, 1e-4))
 
 
 def test_blur_is_told_from_noise() -> None:
@@ -233,6 +241,26 @@ def test_blur_is_told_from_noise() -> None:
     assert even.discs.mean() * 32_000 == pytest.approx(1e-4 / gather, rel=0.2)
 
 
-def test_of_few_photons_nothing_is_told() -> None:
-    assert error_on_a_floor(1.0, 2 * BLUR_K * 50 - 1) is None
-    assert error_on_a_floor(1.0, 2 * BLUR_K * 50) is not None
+@pytest.mark.parametrize("count", [2 * BLUR_K, 2 * BLUR_K * LEAST_K, 2 * BLUR_K * 50 - 1])
+def test_of_few_photons_blur_is_thought_to_be_that_of_an_ordinary_room(count: int) -> None:
+    even = error_on_a_floor(1.0, count)
+    assert even is not None
+    assert np.sqrt(even.squares.mean()) == pytest.approx(1.0, rel=0.7)
+    assert even.discs.mean() == pytest.approx(1e-4 / 50, rel=0.7)
+    assert even.blur >= ORDINARY_BLUR * even.k * even.squares.mean()
+    assert even.of(even.k, 1) == pytest.approx(even.squares.mean() * (1.0 + 1.0 / even.k), rel=1e-3)
+
+
+def test_of_hardly_any_photons_nothing_is_told() -> None:
+    assert error_on_a_floor(1.0, 2 * BLUR_K - 1) is None
+
+
+def test_light_that_is_faint_beside_the_noise_of_samples_may_have_the_fewest_photons() -> None:
+    """And never so few that some gathers would be all that there is."""
+    error, many = MapError(50, np.ones(3), np.zeros(3), 0.0), 250_000.0
+    usual = tuple(share for share in (1, 2, 4, 8) if share <= FEWEST)
+    assert fewer_shares(error, many, 16, 0.1, gathered=False) == usual
+    assert fewer_shares(error, many, 16, 1.0, gathered=False)[-1] == FAINTEST
+    assert fewer_shares(error, 3200.0, 16, 1.0, gathered=False)[-1] == 16
+    assert fewer_shares(replace(error, blur=1e4), many, 16, 1.0, gathered=False) == usual
+    assert fewer_shares(replace(error, blur=1e4), many, 16, 2.0, gathered=True)[-1] == FAINTEST
