@@ -150,6 +150,16 @@ LONGEST_NAME = 256
 
 _ANY_NUMBER = 2**63 - 1
 
+_INDICES: dict[Kind, tuple[tuple[str, int, int | Many, str], ...]] = {
+    kind: tuple(
+        (name, field.least, _ANY_NUMBER if field.end is None else field.end, f"{kind.value}.{name}")
+        for name, field in schema.items()
+        if field.least is not None
+    )
+    for kind, schema in SCHEMAS.items()
+}
+"""Columns of each kind of batch that have a range: name, least, end, and what the column is called in an error."""
+
 
 def check(value: Any, where: str) -> None:
     """Raise ProtocolError unless a dataclass that came over the wire holds together."""
@@ -183,11 +193,9 @@ def check_batch(batch: Batch, world: World) -> None:
     final = batch.kind in (Kind.SHADE, Kind.CANDIDATE_HIT, Kind.SHADOW_WALK_HIT) or (
         batch.kind in (Kind.LANDED, Kind.VERTEX) and not media
     )
-    for name, field in SCHEMAS[batch.kind].items():
-        if field.least is not None:
-            least = 0 if name == "prim" and final else field.least
-            end = how_many[field.end] if isinstance(field.end, Many) else field.end
-            _indices(batch.arrays[name], least, _ANY_NUMBER if end is None else end, f"{batch.kind.value}.{name}")
+    for name, least, end, where in _INDICES[batch.kind]:
+        least = 0 if name == "prim" and final else least
+        _indices(batch.arrays[name], least, how_many[end] if isinstance(end, Many) else end, where)
 
 
 def _check_shapes(value: Any, shapes: dict[str, Shape], where: str) -> None:

@@ -303,6 +303,14 @@ def _enum_packer(hint: type[Enum]) -> Packer:
 
 
 def _tuple_packer(arguments: tuple[Any, ...]) -> Packer:
+    if len(arguments) == 2 and arguments[1] is Ellipsis:
+        each = _way(arguments[0]).pack
+
+        def pack_all(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
+            return [each(item, f"{where}[{index}]", arrays) for index, item in enumerate(_sequence(value, where))]
+
+        return pack_all
+
     def pack(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
         items = _tuple_hints(arguments, value, where)
         return [_way(hint).pack(item, f"{where}[{index}]", arrays) for index, (hint, item) in enumerate(items)]
@@ -361,12 +369,14 @@ def _whole(value: int, where: str) -> int:
     return value
 
 
-def _tuple_hints(arguments: tuple[Any, ...], value: Any, where: str) -> Iterable[tuple[Any, Any]]:
+def _sequence(value: Any, where: str) -> Sequence[Any]:
     if not isinstance(value, tuple | list):
         raise ProtocolError(f"{where} is a {type(value).__name__}; expected a sequence")
-    if len(arguments) == 2 and arguments[1] is Ellipsis:
-        return [(arguments[0], item) for item in value]
-    if len(value) != len(arguments):
+    return value
+
+
+def _tuple_hints(arguments: tuple[Any, ...], value: Any, where: str) -> Iterable[tuple[Any, Any]]:
+    if len(_sequence(value, where)) != len(arguments):
         raise ProtocolError(f"{where} has {len(value)} items; expected {len(arguments)}")
     return zip(arguments, value, strict=True)
 
@@ -402,6 +412,15 @@ def _enum_unpacker(hint: type[Enum]) -> Unpacker:
 
 
 def _tuple_unpacker(arguments: tuple[Any, ...]) -> Unpacker:
+    if len(arguments) == 2 and arguments[1] is Ellipsis:
+        each = _way(arguments[0]).unpack
+
+        def unpack_all(value: Any, where: str, frames: Frames) -> Any:
+            items = _sequence(value, where)
+            return tuple([each(item, f"{where}[{index}]", frames) for index, item in enumerate(items)])
+
+        return unpack_all
+
     def unpack(value: Any, where: str, frames: Frames) -> Any:
         items = _tuple_hints(arguments, value, where)
         return tuple(_way(hint).unpack(item, f"{where}[{index}]", frames) for index, (hint, item) in enumerate(items))
