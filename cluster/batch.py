@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -78,6 +79,8 @@ class Kind(Enum):
     ENDED = "ended"
     """Nothing but credit: rays that ended."""
 
+    __hash__ = object.__hash__  # members are alone of their kind, and asked for many times a batch; Enum hashes names
+
 
 TO_HOME = frozenset({Kind.PROBED, Kind.SAMPLES, Kind.LIT, Kind.RECORD_SITES, Kind.ENDED})
 
@@ -144,7 +147,9 @@ class Batch:
         return cls(kind, cell, Runs.one(home, task, rows, credit), arrays)
 
     def __len__(self) -> int:
-        return next((len(array) for array in self.arrays.values()), 0)
+        for array in self.arrays.values():
+            return len(array)
+        return 0
 
     @property
     def home(self) -> int:
@@ -218,8 +223,18 @@ def joined(batches: Sequence[Batch]) -> Batch:
         return batches[0]
     kind, cell = batches[0].kind, batches[0].cell
     of_tasks, order = join_runs([batch.runs for batch in batches])
-    arrays = concatenate([batch.arrays for batch in batches], kind)
-    return Batch(kind, cell, of_tasks, arrays if order is None else take_some(arrays, order))
+    parts = [batch.arrays for batch in batches] if order is None else _runs_in_order(batches, order)
+    return Batch(kind, cell, of_tasks, concatenate(parts, kind))
+
+
+def _runs_in_order(batches: Sequence[Batch], order: Sequence[int]) -> list[Arrays]:
+    """The arrays of some runs of batches, as views.
+
+    Args:
+        order: numbers of runs, those of one batch after those of another.
+    """
+    runs = [(batch.arrays, slice(*ends)) for batch in batches for ends in pairwise(batch.runs.bounds.tolist())]
+    return [{name: array[rows] for name, array in arrays.items()} for arrays, rows in (runs[i] for i in order)]
 
 
 def zeros(kind: Kind, count: int = 0) -> dict[str, NDArray[Any]]:

@@ -80,7 +80,7 @@ class Runs:
             rows: ascending.
         """
         table = self.table.copy()
-        table[:, ROWS] = len(rows) if len(table) == 1 else np.diff(np.searchsorted(rows, self.bounds))
+        table[:, ROWS] = len(rows) if len(table) == 1 else _steps(np.searchsorted(rows, self.bounds))
         table[:, CREDIT] = 0
         return Runs(table)
 
@@ -114,8 +114,7 @@ class Runs:
             return np.array([values.sum(dtype=np.int64)])
         total = np.zeros(len(values) + 1, np.int64)
         np.cumsum(values, out=total[1:])
-        sums: Numbers = np.diff(total[self.bounds])
-        return sums
+        return _steps(total[self.bounds])
 
     def numbers(self) -> Numbers:
         """Of each row the number of its run, shape [rows]."""
@@ -135,7 +134,7 @@ class Runs:
         if (numbers == numbers[0]).all():
             yield int(numbers[0]), self, slice(None)
             return
-        begins = [0, *(np.flatnonzero(np.diff(numbers)) + 1).tolist(), len(numbers)]
+        begins = [0, *((numbers[1:] != numbers[:-1]).nonzero()[0] + 1).tolist(), len(numbers)]
         for first, last in pairwise(begins):
             rows = slice(int(self.bounds[first]), int(self.bounds[last]))
             yield int(numbers[first]), Runs(self.table[first:last]), rows
@@ -146,26 +145,26 @@ class Runs:
         return joined
 
 
-def join(parts: Sequence[Runs]) -> tuple[Runs, NDArray[np.intp] | None]:
+def join(parts: Sequence[Runs]) -> tuple[Runs, list[int] | None]:
     """One run for each task of several batches, ascending by home and task.
 
     Returns:
-        The runs, and the order in which the rows of the parts, one part after another, are theirs; None if that is the
-        order in which they are.
+        The runs, and the order in which the runs of the parts, one part after another, make them up; None if that is
+        the order in which they are.
     """
     table = np.concatenate([part.table for part in parts])
     order = np.lexsort((table[:, TASK], table[:, HOME]))
     if len(table) == 1:
         return Runs(table), None
-    if (order[1:] > order[:-1]).all():
-        rows = None
-    else:
-        begins = np.cumsum(table[:, ROWS]) - table[:, ROWS]
+    ascending = bool((order[1:] > order[:-1]).all())
+    if not ascending:
         table = table[order]
-        count = table[:, ROWS]
-        rows = np.repeat(begins[order] - (np.cumsum(count) - count), count) + np.arange(count.sum())
-    new = (np.diff(table[:, :ROWS], axis=0) != 0).any(axis=1)
-    first = np.concatenate([[0], np.flatnonzero(new) + 1])
+    first = np.concatenate([[0], (table[1:, :ROWS] != table[:-1, :ROWS]).any(axis=1).nonzero()[0] + 1])
     whole = table[first]
     whole[:, ROWS:] = np.add.reduceat(table[:, ROWS:], first, axis=0)
-    return Runs(whole), rows
+    return Runs(whole), None if ascending else order.tolist()
+
+
+def _steps(numbers: Numbers) -> Numbers:
+    """What each is over the one before."""
+    return numbers[1:] - numbers[:-1]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 import linecache
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -89,15 +89,21 @@ def _layout_on(struct: wp.Struct, device: str) -> host_columns.Layout | None:
     return host_columns.layout_of(struct) if blocks.shares_memory(device) else None
 
 
-def upload(struct: wp.Struct, arrays: Mapping[str, NDArray[Any]], device: str) -> Any:
+def upload(
+    struct: wp.Struct, arrays: Mapping[str, NDArray[Any]], device: str, written: Collection[str] | None = None
+) -> Any:
     """An instance of a Warp struct whose array fields hold the arrays of the same names.
 
     On the CPU they share memory with arrays that may be written to, so a kernel that refines them in place refines the
-    caller's; what came over a wire is read-only, and is copied. To another device all go in one copy.
+    caller's; what came over a wire is read-only, and is copied where it is written to. To another device all go in one
+    copy.
+
+    Args:
+        written: the columns that kernels write to; None for all.
     """
     layout = _layout_on(struct, device)
     if layout is not None:
-        return host_columns.over(layout, {name: arrays[name] for name in layout.types})
+        return host_columns.over(layout, {name: arrays[name] for name in layout.types}, written)
     columns = struct()
     dtypes = _dtypes(struct)
     if not blocks.shares_memory(device):

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -155,8 +155,12 @@ class HostColumns:
         self._layout.describe(self._words, [place + start for start in starts], count)
         self.__dict__.update(_count=count, _block=block, _starts=dict(zip(self._layout.types, starts, strict=True)))
 
-    def take_over(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Have these arrays for columns: themselves where they may be written to and lie as kernels expect it."""
+    def take_over(self, arrays: Mapping[str, NDArray[Any]], written: Collection[str]) -> None:
+        """Have these arrays for columns: themselves where they lie as kernels expect it.
+
+        Args:
+            written: columns that kernels write to. Of those, arrays that may not be written to are copied.
+        """
         places, lengths = [], []
         for name, number in self._layout.numbers.items():
             array, shape = arrays[name], self._layout.shapes[name]
@@ -165,7 +169,7 @@ class HostColumns:
                 raise ValueError(
                     f"{self._layout.struct.key}.{name}: items of shape {array.shape[1:]}, expected {shape}"
                 )
-            if array.dtype != number or not (flags.c_contiguous and flags.writeable):
+            if array.dtype != number or not (flags.c_contiguous and (flags.writeable or name not in written)):
                 array = np.array(array, number, order="C")
             self._arrays[name] = array
             places.append(array.__array_interface__["data"][0])
@@ -222,12 +226,12 @@ def room(layout: Layout, count: int) -> HostColumns:
     return columns
 
 
-def over(layout: Layout, arrays: Mapping[str, NDArray[Any]]) -> HostColumns:
-    """Columns over these arrays, as HostColumns.take_over has them.
+def over(layout: Layout, arrays: Mapping[str, NDArray[Any]], written: Collection[str] | None = None) -> HostColumns:
+    """Columns over these arrays, as HostColumns.take_over has them; None: kernels may write to all of them.
 
     Raises:
         ValueError: their items are not of the struct's shapes.
     """
     columns = HostColumns(layout, layout.words.copy())
-    columns.take_over(arrays)
+    columns.take_over(arrays, layout.types if written is None else written)
     return columns

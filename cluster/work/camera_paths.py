@@ -29,6 +29,7 @@ from wdpm.kernels.camera.paths import Paths
 from wdpm.kernels.camera.rays import Rays, first_path_cells
 from wdpm.kernels.materials.types import DIFFUSE
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
+from wdpm.kernels.ray_fields import HIT
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.two_level import Trees
 from wdpm.scenes.errors import ProtocolError
@@ -119,7 +120,7 @@ class CameraLight:
     def _intersect(self, arrays: Arrays) -> tuple[Arrays, NDArray[np.int32]]:
         """Camera rays with their best hits refined by this cell, and the cell that each visits next or -1."""
         replica, count = self._replica, len(arrays["slot"])
-        rays = columns.upload(Rays, arrays, replica.launcher.device)
+        rays = columns.upload(Rays, arrays, replica.launcher.device, HIT)
         onward = self._integers(count)
         replica.launcher(
             replica.kernels.visit_camera_rays,
@@ -137,7 +138,7 @@ class CameraLight:
     def shade_camera(self, batch: Batch) -> Iterator[Batch]:
         """Light final hits of camera rays in this cell."""
         kernels, device = self._replica.kernels, self._replica.launcher.device
-        rays = columns.upload(Rays, batch.arrays, device)
+        rays = columns.upload(Rays, batch.arrays, device, written=())
         if kernels.shade_vertices is None:
             yield from self._shade_hits(batch, kernels.shade_camera_hits, rays, None)
             return
@@ -204,7 +205,7 @@ class CameraLight:
         lamps) is then in the processor's caches still.
         """
         replica, count = self._replica, len(batch)
-        rays = columns.upload(Paths, batch.arrays, replica.launcher.device)
+        rays = columns.upload(Paths, batch.arrays, replica.launcher.device, HIT)
         array = self._integers(count)
         replica.launcher(
             replica.kernels.visit_paths,
@@ -230,7 +231,7 @@ class CameraLight:
         """Light final hits of paths in this cell."""
         arrays = batch.arrays
         self.vertices += len(batch)
-        rays = columns.upload(Paths, arrays, self._replica.launcher.device)
+        rays = columns.upload(Paths, arrays, self._replica.launcher.device, written=())
         actions = self._decide(rays, arrays)
         shaded = self._shade(self._replica.kernels.shade_vertices, rays, len(batch), SHOTS_LATER, actions)
         follows = list(self._send_on(batch, shaded))

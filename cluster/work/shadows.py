@@ -73,7 +73,7 @@ class Shadows:
     def visit(self, batch: Batch) -> Iterator[Batch]:
         """Look for blockers."""
         replica = self._replica
-        segments = columns.upload(sr.Segments, batch.arrays, replica.launcher.device)
+        segments = columns.upload(sr.Segments, batch.arrays, replica.launcher.device, written=())
         array = self._integers(len(batch))
         replica.launcher(
             replica.kernels.visit_shadow_segments,
