@@ -57,6 +57,20 @@ def test_read_only_and_strided_arrays_are_copied() -> None:
     np.testing.assert_array_equal(edges, before)
 
 
+def test_read_only_arrays_are_copied_for_kernels_that_write_to_them_alone() -> None:
+    arrays = some_photons()
+    for array in arrays.values():
+        array.flags.writeable = False
+    edges = arrays["edges"].copy()
+    photons = columns.upload(StoredPhotons, arrays, "cpu", written=("edges",))
+    made = columns.empty(StoredPhotons, ITEMS, "cpu")
+    wp.launch(double, ITEMS, inputs=[photons, made], device="cpu")
+    np.testing.assert_array_equal(columns.column(made, "flux"), arrays["flux"] * 2)
+    np.testing.assert_array_equal(columns.column(photons, "edges"), edges + 1)
+    np.testing.assert_array_equal(arrays["edges"], edges)
+    assert np.shares_memory(columns.column(photons, "flux"), arrays["flux"])
+
+
 def test_columns_of_one_block_do_not_overlap_and_outlive_it() -> None:
     made = columns.empty(StoredPhotons, ITEMS, "cpu")
     arrays = columns.download(made, StoredPhotons.vars)
