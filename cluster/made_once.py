@@ -100,8 +100,11 @@ class MadeOnce:
                             self.alone += not shared
         return [got[index] for index in range(len(wanted))]
 
-    def lend(self, name: str, arrays: Mapping[str, NDArray[Any]]) -> Any:
+    def lend(self, name: str, arrays: Callable[[], Mapping[str, NDArray[Any]]]) -> Any:
         """Have others map arrays that only this worker has, in place of what had this name before.
+
+        Args:
+            arrays: gives them; called if anybody could map them.
 
         Returns:
             what keeps them there; None if they are not, or if nothing tells that others could map them.
@@ -109,7 +112,7 @@ class MadeOnce:
         if self._share is None or not self._in_main_memory or not self.found_some:
             return None
         with self._share.claim(f"{self._scene} {name}") as claim:
-            return None if claim is None else claim.publish(packed.pack(name, [dict(arrays)]))
+            return None if claim is None else claim.publish(packed.pack(name, [dict(arrays())]))
 
     def borrow(self, name: str) -> Mapping[str, NDArray[Any]] | None:
         """The arrays that another worker lends, where they lie, read-only; None if they are not to be had."""

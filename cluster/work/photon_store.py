@@ -170,7 +170,7 @@ class PhotonStore:
 
     def lend(self) -> bool:
         """Have all workers of this machine read the photons that landed here where they lie, if that can be."""
-        self._lent = self._replica.made.lend(self._named(f"photons of {self._replica.worker}"), self._own.columns())
+        self._lent = self._replica.made.lend(self._named(f"photons of {self._replica.worker}"), self._own.columns)
         return self._lent is not None
 
     def so_far(self) -> Arrays:

@@ -77,7 +77,9 @@ class Triangles:
         return replace(self, instances=instances)
 
     def take(self, rows: NDArray[np.intp]) -> Triangles:
-        """Some of the triangles; rows ascending. No instances."""
+        """Some of the triangles; rows ascending, each once. No instances. All of them are not copied."""
+        if len(rows) == len(self):
+            return replace(self, instances=NO_INSTANCES)
         return Triangles(
             self.ids[rows],
             self.positions[rows],

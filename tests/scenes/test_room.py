@@ -85,3 +85,13 @@ def test_a_scene_is_flattened_into_files_alike(scene: Scene) -> None:
     if CAN_LET_GO:
         assert let_go(*(getattr(in_files, name) for name in ARRAYS)) == (in_files.nbytes - in_files.instances.nbytes)
     np.testing.assert_array_equal(in_files.materials, np.unique(in_memory.material))
+
+
+def test_all_triangles_are_taken_where_they_lie_and_some_are_copied() -> None:
+    triangles = flatten(cornell_box()).triangles
+    whole = triangles.take(np.arange(len(triangles)))
+    some = triangles.take(np.arange(1, len(triangles)))
+    for name in ARRAYS:
+        assert getattr(whole, name) is getattr(triangles, name)
+        np.testing.assert_array_equal(getattr(some, name), getattr(triangles, name)[1:])
+    assert not np.shares_memory(some.ids, triangles.ids)
