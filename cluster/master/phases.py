@@ -33,6 +33,7 @@ from wdpm.cluster.master.task_sizes import (
     in_flight,
     photon_task_size,
     place_of,
+    worth_cutting_for,
 )
 from wdpm.cluster.master.tasks import Tasks, units
 from wdpm.cluster.master.teams import Team, lend, map_orders
@@ -304,7 +305,8 @@ class Phases:
 
     def _start_buckets(self, session: Session) -> list[Instruction]:
         self.phase = Phase.BUCKETS
-        kept = self._tasks.render(session.view, session.layers, session.kept.buckets, self._at_once(session))
+        parts = worth_cutting_for(session, self._members, len(self.roster.teams))
+        kept = self._tasks.render(session.view, session.layers, session.kept.buckets, parts)
         begun: list[Instruction] = [Started("render", self._tasks.total + len(kept))]
         begun += [Advanced(len(kept))] if kept else []
         return [*begun, frame_begun(session, self.roster.holders(), self._members), *shown_again(kept)]
@@ -456,7 +458,7 @@ class Phases:
             teams = self._working()
         else:
             teams = []
-        tasks = self._at_once(session)
+        tasks = at_once(session, self._members, len(self.roster.teams))
         places = [place_of(session, member, limit, tasks) for team in teams for member in team.members]
         return self._start_tasks(list(self._tasks.hand_out(places, now)))
 
@@ -491,9 +493,6 @@ class Phases:
             team.traced.append(task)
         shown: list[Instruction] = [Advanced(units(task)), *bucket_done(member, result), *worth_keeping(task, result)]
         return shown + self._hand_out(session, now) + self._go_on(session, now)
-
-    def _at_once(self, session: Session) -> int:
-        return at_once(session, self._members, len(self.roster.teams))
 
     def _end_phase(self, name: str, now: float) -> None:
         self._seconds[name] = now - self._phase_at

@@ -58,6 +58,11 @@ def homes_of_records(session: Session, members: Members, teams: int, rays: int, 
     )
 
 
+def worth_cutting_for(session: Session, members: Members, teams: int) -> int:
+    """Tasks of photons and of pixels that are computed at a time without waiting for each other."""
+    return min(at_once(session, members, teams), in_parallel(session, members, teams))
+
+
 def in_flight(session: Session, limits: ClusterLimits, *, photons: bool) -> int:
     """Most tasks that are with a slave, for each that it does at once."""
     if photons:
@@ -115,7 +120,7 @@ def place_of(session: Session, member: Member, limit: int, tasks: int) -> Place:
 def photon_task_size(session: Session, members: Members, teams: int, limits: ClusterLimits) -> int:
     """Photon paths a task: more slaves than their machines have cores get no smaller ones."""
     size = limits.photon_task_paths
-    tasks = min(at_once(session, members, teams), in_parallel(session, members, teams))
+    tasks = worth_cutting_for(session, members, teams)
     if tasks > 1:
         size = min(size, max(-(-session.world.paths // (TASKS_A_PROCESS * tasks)), PHOTON_TASK_LEAST))
     return size

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from fake_worker import make_session
-from master_driver import hello
+from fake_worker import make_session, make_view, triangles
+from master_driver import LIMITS, VERSIONS, A, B, Driver, hello
 
 from wdpm.cluster.limits import ClusterLimits
+from wdpm.cluster.master import events as m
+from wdpm.cluster.master.buckets import buckets
+from wdpm.cluster.master.machine import Master
 from wdpm.cluster.master.members import Members
 from wdpm.cluster.master.task_sizes import (
     PHOTON_TASK_LEAST,
@@ -17,6 +20,7 @@ from wdpm.cluster.master.task_sizes import (
     in_parallel,
     photon_task_size,
 )
+from wdpm.cluster.messages import protocol as p
 
 RAYS = 1000
 
@@ -81,3 +85,17 @@ def test_photon_tasks_are_as_many_as_cores_are_worth(slaves: int, cores: int, bu
     session = make_session(slaves, burdens, paths=1 << 19)
     each = photon_task_size(session, members, slaves if burdens == 1 else 1, limits)
     assert each == (1 << 20 if tasks == 1 else max((1 << 19) // (TASKS_A_PROCESS * tasks), PHOTON_TASK_LEAST))
+
+
+@pytest.mark.parametrize(("cores", "cut_for"), [({}, 2), ({"host": 2}, 2), ({"host": 1}, 1)])
+def test_buckets_are_cut_for_cores_that_there_are(cores: dict[str, int], cut_for: int) -> None:
+    view, driver = make_view(512, 512, 128), Driver()
+    driver.master = Master(2, VERSIONS, LIMITS, cores=cores)
+    driver.join()(m.Begin(make_session(2, 1, paths=0, least=1, view=view)))
+    for identity in (A, B):
+        driver(m.PartitionMade(0, triangles(3)))
+        driver.says(identity, p.PartitionReceived(driver.master.epoch(identity), 0))
+        driver.says(identity, p.Ready(driver.master.epoch(identity)))
+    out = [each for one in (A, B) for each in driver.says(one, p.MapsBuilt(driver.master.epoch(one)))]
+    assert m.Started("render", len(buckets(view, cut_for, 0))) in out
+    assert len(buckets(view, 2, 0)) > len(buckets(view, 1, 0)) == 16
