@@ -82,8 +82,8 @@ def coat(eta: float, alpha: float, distribution: Distribution) -> Coat:
     alpha = max(alpha, ALPHA_LEAST)
     even = np.linspace(0.0, 1.0, _COSINES)
     dense = even * even if eta >= 1.0 else np.linspace(0.0, 1.0, 2 * _COSINES)  # where T bends: up to alpha, or at mu0
-    _, transmitted = rough_interface(eta, alpha, distribution, dense)
-    reflected, _ = rough_interface(1.0 / eta, alpha, distribution, even)
+    transmitted = rough_transmittance(eta, alpha, distribution, dense)
+    reflected = rough_reflectance(1.0 / eta, alpha, distribution, even)
     # The mean over the nodes, not the integral (which is 1 to 2 % more): what Mitsuba does, and colours depend on it.
     internal = 2.0 * float(np.mean(reflected * even))
     c0, c1, c2, c3, c4, c5 = (float(c) for c in _fit(terms(dense, eta, alpha), transmitted, 0.1 if eta >= 1.0 else 1.0))
@@ -120,26 +120,38 @@ def _step(x: Wide, width: float) -> Wide:
     return 0.5 + 0.5 * x / np.sqrt(x * x + width * width)
 
 
-def rough_interface(eta: float, alpha: float, distribution: Distribution, mu: Wide) -> tuple[Wide, Wide]:
-    """Reflectance and transmittance of a rough dielectric interface; the rest is lost between its facets.
+def rough_reflectance(eta: float, alpha: float, distribution: Distribution, mu: Wide) -> Wide:
+    """Share of light that a rough dielectric interface reflects; some is lost between its facets.
 
     Args:
         eta: index of refraction beyond over that on the side where light comes from.
         mu: cosines of the direction of light, in [0, 1], shape [N].
 
     Returns:
-        Two arrays of shape [N].
+        Shape [N].
     """
-    mu = np.maximum(mu, 1e-6)[:, None]
-    w = np.stack([np.sqrt(1.0 - mu * mu), np.zeros_like(mu), mu])
-    m, weight = _visible_normals(alpha, distribution, mu)
+    w, m, weight = _facets(alpha, distribution, mu)
+    cos = np.sum(w * m, axis=0)
+    mirrored = 2.0 * cos * m - w
+    back = np.where(mirrored[2] > 0.0, _masking(alpha, distribution, mirrored, m), 0.0)
+    return np.asarray(np.sum(weight * _fresnel(cos, eta)[0] * back, axis=1))
+
+
+def rough_transmittance(eta: float, alpha: float, distribution: Distribution, mu: Wide) -> Wide:
+    """The share that gets through; arguments as of rough_reflectance."""
+    w, m, weight = _facets(alpha, distribution, mu)
     cos = np.sum(w * m, axis=0)
     reflectance, cos_beyond = _fresnel(cos, eta)
-    mirrored = 2.0 * cos * m - w
     refracted = m * (cos / eta - cos_beyond) - w / eta
-    back = np.where(mirrored[2] > 0.0, _masking(alpha, distribution, mirrored, m), 0.0)
     through = np.where(refracted[2] < 0.0, _masking(alpha, distribution, refracted, m), 0.0)
-    return np.sum(weight * reflectance * back, axis=1), np.sum(weight * (1.0 - reflectance) * through, axis=1)
+    return np.asarray(np.sum(weight * (1.0 - reflectance) * through, axis=1))
+
+
+def _facets(alpha: float, distribution: Distribution, mu: Wide) -> tuple[Wide, Wide, Wide]:
+    """The directions of light, shape [3, N, 1], and the normals and weights of the facets that are seen from there."""
+    mu = np.maximum(mu, 1e-6)[:, None]
+    m, weight = _visible_normals(alpha, distribution, mu)
+    return np.stack([np.sqrt(1.0 - mu * mu), np.zeros_like(mu), mu]), m, weight
 
 
 def _fresnel(cos: Wide, eta: float) -> tuple[Wide, Wide]:

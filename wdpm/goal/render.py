@@ -155,13 +155,14 @@ def _passes(
                 raise
             return average, estimator.estimate(), Ending.INTERRUPTED
         average.add(result)
+        if schedule.ends_at_once:
+            renderer.show(average)
+            return average, schedule.trial.at_once, Ending.DONE
         if number == estimator.passes:
             weight = weight_of(plan, result.allotment, camera.width, camera.height)
             estimator.add(result.layers, weight, shrink(number))
         number += 1
         renderer.show(average)
-        if schedule.ends_at_once:
-            return average, schedule.trial.at_once, Ending.DONE
         if number < estimator.passes:
             continue
         if goal.error is not None and number >= next_check:

@@ -26,7 +26,14 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.materials.plastic import PLASTIC
 from wdpm.kernels.materials.principled import PRINCIPLED
 from wdpm.kernels.materials.types import FLUX, RADIANCE
-from wdpm.scenes.flat.plastic_coat import ALPHA_LEAST, coat, diffuse_reflectance, rough_interface, terms
+from wdpm.scenes.flat.plastic_coat import (
+    ALPHA_LEAST,
+    coat,
+    diffuse_reflectance,
+    rough_reflectance,
+    rough_transmittance,
+    terms,
+)
 from wdpm.scenes.model.bsdfs import Distribution
 
 COLOR = (0.7, 0.4, 0.1)
@@ -352,7 +359,7 @@ def test_coats_are_fitted_well(distribution: Distribution) -> None:
         (0.7, 0.02),
         (0.9, 0.3),
     ):
-        wanted = rough_interface(eta, alpha, distribution, mu)[1]
+        wanted = rough_transmittance(eta, alpha, distribution, mu)
         got = np.clip(terms(mu, eta, alpha) @ np.array(coat(eta, alpha, distribution).coefficients), 0, 1)
         error = np.abs(got - wanted)
         bound = 0.004 * np.maximum(wanted, 0.1) if eta > 1 else 0.04
@@ -363,7 +370,8 @@ def test_coats_are_fitted_well(distribution: Distribution) -> None:
 def test_smooth_coats_are_the_limit_of_rough_ones(distribution: Distribution) -> None:
     """All that a rough coat does not reflect it transmits, as its facets hide ever less of each other."""
     mu = np.linspace(0.05, 1.0, 20)
-    reflected, transmitted = rough_interface(1.5, ALPHA_LEAST, distribution, mu)
+    reflected = rough_reflectance(1.5, ALPHA_LEAST, distribution, mu)
+    transmitted = rough_transmittance(1.5, ALPHA_LEAST, distribution, mu)
     np.testing.assert_allclose(reflected + transmitted, 1.0, atol=1e-4)
     w_to = np.stack([np.sqrt(1 - mu**2), 0 * mu, mu], axis=1)
     kind = GGX if distribution is Distribution.GGX else BECKMANN
