@@ -29,7 +29,9 @@ from wdpm.kernels.camera.vertices import (
 )
 from wdpm.kernels.constants import COLLISION_MARGIN, ROULETTE_FROM_OF_PATHS, SURVIVAL_MOST_IN_MEDIUM
 from wdpm.kernels.features import Features
+from wdpm.kernels.lights.choice import light_starts
 from wdpm.kernels.lights.lights import Lights, make_lights
+from wdpm.kernels.lights.tree import Starts
 from wdpm.kernels.materials.flights import make_flights
 from wdpm.kernels.materials.medium import (
     DistanceSample,
@@ -119,7 +121,7 @@ def collision_at(p: Vertex, flight: DistanceSample) -> wp.vec3:
 @functools.cache
 def make_shade_medium(features: Features) -> wp.Function:
     """The function `shade_medium` for a set of features."""
-    sample_direct = make_lights(features).sample_direct
+    sample_direct_from = make_lights(features).sample_direct_from
     albedo_at = make_flights(features).albedo_at
 
     @wp.func
@@ -139,12 +141,15 @@ def make_shade_medium(features: Features) -> wp.Function:
         scattered = wp.cw_mul(wp.cw_mul(p.throughput, flight.weight), albedo_at(scene.media, p.medium, position))
         diffuse = wp.where(p.diffuse == 0, -1, scattered_again(p.diffuse))
         lit = scene.lights.count > 0 and (max_depth == 0 or p.edges + 1 <= max_depth)
+        starts = Starts()
+        if lit:
+            starts = light_starts(scene.lights, position)
         for j in range(orders.shots):
             shot = shot_of(p, diffuse, orders, j)
             if lit:
                 index = wp.uint32(p.sample) * wp.uint32(orders.shots) + wp.uint32(j)
                 point = sample_2d_fine(index, stream_of(seed, PURPOSE_LIGHT, p.item, p.bounce))
-                found = sample_direct(scene.lights, scene.textures, position, point)
+                found = sample_direct_from(scene.lights, scene.textures, position, starts, point)
                 if found.pdf > 0.0:
                     phase = phase_value(g, wp.dot(arrives, found.direction))
                     weight = phase / (found.pdf * wp.float32(orders.shots))

@@ -18,6 +18,7 @@ from wdpm.kernels.camera.vertices import BY_FINAL_GATHER, BY_PATHS, Orders, Shot
 from wdpm.kernels.constants import INV_PI
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights.lights import make_lights
+from wdpm.kernels.lights.tree import Starts
 from wdpm.kernels.materials.bsdf import make_bsdf
 from wdpm.kernels.materials.resolve import medium_beyond
 from wdpm.kernels.materials.surface import Surface, bump_shading, leave, to_local
@@ -33,7 +34,7 @@ class SurfaceLight:
 
     Attributes:
         emitted: (scene, s, p) -> radiance.
-        direct: (scene, s, p, w_from, diffuse_share, orders, j, shots_out).
+        direct: (scene, s, p, w_from, diffuse_share, starts, orders, j, shots_out).
     """
 
     emitted: wp.Function
@@ -48,7 +49,7 @@ def make_surface_light(features: Features) -> SurfaceLight:
     eval_glossy = bsdf.eval_glossy
     pdf_glossy = bsdf.pdf_glossy
     light = make_lights(features)
-    sample_direct = light.sample_direct
+    sample_direct_from = light.sample_direct_from
     pdf_triangle = light.pdf_triangle
     emitted_radiance = light.emitted_radiance
 
@@ -71,6 +72,7 @@ def make_surface_light(features: Features) -> SurfaceLight:
         p: Vertex,
         w_from: wp.vec3,
         diffuse_share: wp.float32,
+        starts: wp.ref[Starts],
         orders: Orders,
         j: wp.int32,
         shots_out: wp.ref[Shots],
@@ -79,10 +81,11 @@ def make_surface_light(features: Features) -> SurfaceLight:
 
         Args:
             diffuse_share: probability that the ray that goes on does so by the diffuse part.
+            starts: light_starts of the place.
         """
         index = wp.uint32(p.sample) * wp.uint32(orders.shots) + wp.uint32(j)
         point = sample_2d_fine(index, stream_of(scene.camera.seed, PURPOSE_LIGHT, p.item, p.bounce))
-        found = sample_direct(scene.lights, scene.textures, s.position, point)
+        found = sample_direct_from(scene.lights, scene.textures, s.position, starts, point)
         radiance = wp.vec3(0.0)
         side = wp.dot(s.normal, found.direction)
         leaves = s.normal

@@ -28,6 +28,8 @@ from wdpm.kernels.camera.vertices import (
     shot_of,
 )
 from wdpm.kernels.features import Features
+from wdpm.kernels.lights.choice import light_starts
+from wdpm.kernels.lights.tree import Starts
 from wdpm.kernels.materials.bsdf import make_bsdf
 from wdpm.kernels.materials.surface import make_surface, to_local
 from wdpm.kernels.materials.types import BLACK, NULL
@@ -84,9 +86,13 @@ def make_shade_surface(features: Features) -> wp.Function:
             shaded_out.seen.normal[i] = s.shading_normal
             shaded_out.seen.albedo[i] = albedo
         if reached:
+            lit = lit and s.bsdf.kind != BLACK and s.bsdf.kind != NULL
+            starts = Starts()
+            if lit and orders.shots > 0:
+                starts = light_starts(scene.lights, s.position)
             for j in range(orders.shots):
-                if lit and s.bsdf.kind != BLACK and s.bsdf.kind != NULL:
-                    direct(scene, s, p, w_from, diffuse_share, orders, j, shaded_out.shots)
+                if lit:
+                    direct(scene, s, p, w_from, diffuse_share, starts, orders, j, shaded_out.shots)
                 else:
                     shoot(p, orders, j, shot_of(p, p.diffuse, orders, j), shaded_out.shots)
             if wp.static(features.goes_on):

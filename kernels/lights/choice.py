@@ -12,7 +12,17 @@ import warp as wp
 
 from wdpm.kernels.lights.elements import Lights, choose_element, probability_of, rest_of_choice
 from wdpm.kernels.lights.guide import region_of
-from wdpm.kernels.lights.tree import BELOW_ONE, DISTANT, NOTHING, LeafChoice, chance_of_leaf, chance_of_start, find_leaf
+from wdpm.kernels.lights.tree import (
+    BELOW_ONE,
+    DISTANT,
+    NOTHING,
+    LeafChoice,
+    Starts,
+    chance_of_leaf,
+    chance_of_start,
+    find_leaf,
+    starts_at,
+)
 from wdpm.kernels.maths.directions import triangle_weights
 from wdpm.kernels.maths.random import rounded_down
 from wdpm.kernels.maths.spherical_triangle import direction_in_triangle, solid_angle, weights_seen
@@ -145,17 +155,24 @@ def _choose_seen(
 
 
 @wp.func
-def choose_light(lights: wp.ref[Lights], position: wp.vec3, u: wp.vec2d) -> ElementChoice:
+def light_starts(lights: wp.ref[Lights], position: wp.vec3) -> Starts:
+    """What all choices of a light for one place have in common."""
+    return starts_at(lights.tree, lights.guide, region_of(lights.guide, position), position)
+
+
+@wp.func
+def choose_light(lights: wp.ref[Lights], position: wp.vec3, starts: wp.ref[Starts], u: wp.vec2d) -> ElementChoice:
     """An element that may light a place, chosen by what it may send there (light_tree), and a point on it.
 
     The first number chooses, and what is left of it goes into the point: points that are stratified in the unit square
     are stratified over all lights together.
 
     Args:
+        starts: light_starts of the place.
         u: point of the unit square.
     """
-    region = region_of(lights.guide, position)
-    return choose_below(lights, region, find_leaf(lights.tree, lights.guide, region, position, u[0]), position, u[1])
+    leaf = find_leaf(lights.tree, starts, position, u[0])
+    return choose_below(lights, region_of(lights.guide, position), leaf, position, u[1])
 
 
 @wp.func

@@ -13,13 +13,14 @@ from dataclasses import dataclass
 import warp as wp
 
 from wdpm.kernels.features import Features
-from wdpm.kernels.lights.choice import ElementChoice, chance_of_light, choose_light, pdf_on_triangle
+from wdpm.kernels.lights.choice import ElementChoice, chance_of_light, choose_light, light_starts, pdf_on_triangle
 from wdpm.kernels.lights.elements import Lights, element_of_prim, point_of_triangle
 from wdpm.kernels.lights.environment import EnvironmentSample, environment_pdf, environment_value, sample_environment
 from wdpm.kernels.lights.guide import guided_pdf, region_of, sample_guided
 from wdpm.kernels.lights.kinds import make_direct_delta
 from wdpm.kernels.lights.radiance import make_radiance
 from wdpm.kernels.lights.samples import DirectSample, towards
+from wdpm.kernels.lights.tree import Starts
 from wdpm.kernels.materials.surface import leave
 from wdpm.kernels.materials.texture import Textures
 
@@ -32,6 +33,8 @@ class DirectCode:
 
     Attributes:
         sample_direct: `(lights, textures, position, point) -> DirectSample`.
+        sample_direct_from: `(lights, textures, position, starts, point) -> DirectSample`, with light_starts of the
+            position: for several of one place.
         pdf_triangle: `(lights, prim, origin, position, normal) -> float`.
         pdf_environment: `(lights, origin, direction) -> float`.
         environment_radiance: `(lights, direction) -> vec3`.
@@ -39,10 +42,25 @@ class DirectCode:
     """
 
     sample_direct: wp.Function
+    sample_direct_from: wp.Function
     pdf_triangle: wp.Function
     pdf_environment: wp.Function
     environment_radiance: wp.Function
     emitted_radiance: wp.Function
+
+
+def _make_sample_direct(sample_direct_from: wp.Function) -> wp.Function:
+    """The function for places from which one way is asked for."""
+
+    @wp.func
+    def sample_direct(
+        lights: wp.ref[Lights], textures: wp.ref[Textures], position: wp.vec3, point: wp.vec2d
+    ) -> DirectSample:
+        """As sample_direct_from."""
+        starts = light_starts(lights, position)
+        return sample_direct_from(lights, textures, position, starts, point)
+
+    return sample_direct
 
 
 @functools.cache
@@ -71,15 +89,16 @@ def make_direct(features: Features) -> DirectCode:
         return s
 
     @wp.func(inline=False)  # at surfaces and in media
-    def sample_direct(
-        lights: wp.ref[Lights], textures: wp.ref[Textures], position: wp.vec3, point: wp.vec2d
+    def sample_direct_from(
+        lights: wp.ref[Lights], textures: wp.ref[Textures], position: wp.vec3, starts: wp.ref[Starts], point: wp.vec2d
     ) -> DirectSample:
         """A way from a place to a light.
 
         Args:
+            starts: light_starts of the place.
             point: of the unit square.
         """
-        chosen = choose_light(lights, position, point)
+        chosen = choose_light(lights, position, starts, point)
         element = chosen.element
         probability = chosen.probability
         if element < 0:
@@ -157,7 +176,8 @@ def make_direct(features: Features) -> DirectCode:
         return value
 
     return DirectCode(
-        sample_direct=sample_direct,
+        sample_direct=_make_sample_direct(sample_direct_from),
+        sample_direct_from=sample_direct_from,
         pdf_triangle=pdf_triangle,
         pdf_environment=pdf_environment,
         environment_radiance=environment_radiance,

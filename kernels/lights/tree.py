@@ -1,13 +1,8 @@
 """Choice of a light by how much it may send to a place: walks down, and chances up, the tree of scenes.flat.light_tree.
 
-What a node may send to a place, its importance, is strength / distance² * cosine, in the terms of Conty Estevez & Kulla
-2018: the distance is to the middle of its sphere, at least half the sphere's radius, and the cosine is of the least
-angle that may lie between an element's axis and its way to the place. Nothing is asked of the receiver: surfaces may be
-glossy or let light through. It is zero only where the angle is certainly (by MARGIN) too large for any light, so all
-light that arrives may be found.
-
-A walk starts among the heads and the lights infinitely far away, whose irradiance counts as their importance, and goes
-down in proportion to importance, with one random number.
+What a node may send to a place is its importance (importance.py). A walk starts among the heads and the lights
+infinitely far away, whose irradiance counts as their importance, and goes down in proportion to importance, with one
+random number.
 
 Importance knows nothing of what stands in between: in a closed room next to a far stronger lamp, or under the sun, the
 room's own lamp would hardly ever be asked. So a part of the walks (EVEN) starts evenly among those that may send
@@ -17,34 +12,26 @@ variance at most, and bounds the variance of every other.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import NDArray
 
 from wdpm.kernels.lights.guide import Guide, start_factor
+from wdpm.kernels.lights.importance import (
+    ASKED,
+    LANES,
+    LightNode,
+    expect_pair,
+    importances_of_block,
+    importances_of_pair,
+)
+from wdpm.kernels.rays.lanes import vec8
 from wdpm.scenes.flat import light_tree
 from wdpm.scenes.flat.light_table import LightTable
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
-
-MARGIN = wp.constant(wp.float32(2.0**-8))
-"""What a cosine may be below that of the reach and still count; and what cosines count for at least.
-
-In float32 a sine near 0 is known to 3e-4 (the root of 1 - cos²), and three angles are combined: 2^-8 is four times as
-much.
-"""
-
-CLOSE2 = wp.constant(wp.float32(0.25))
-"""Square of the least distance to a node, in radii of its sphere.
-
-Points spread evenly over a ball of radius r send 3 / r² on the mean to its middle: 1 / r² would let a few lights close
-by, in a node of many, come off badly. A quarter was best of 1, 1/2 and 1/4 in a hall of 1000 lamps.
-"""
-
-IN_PLANE = wp.constant(wp.float32(2.0**-12))
-"""Height over a flat lamp, in radii of its sphere, up to which a place counts as in its plane: what is lit there is lit
-at grazing angles, and little. The chance is lowered, not taken away, so the estimate stays unbiased."""
 
 LEAST_DISTANCE = 2.0**-20
 """Distances count for at least this share of the scene's radius: a point light's own place is no infinity."""
@@ -57,30 +44,10 @@ NOTHING = wp.constant(wp.int32(-2))
 
 BELOW_ONE = wp.constant(wp.float64(1.0 - 2.0**-53))
 _ONE = wp.constant(wp.float64(1.0))
-_Importances = wp.types.vector(length=light_tree.HEADS, dtype=wp.float32)
-
-
-@wp.struct
-class LightNode:
-    """As scenes.flat.light_tree.LightTree has it; the parent of a head is -1.
-
-    Attributes:
-        radius2: square of the radius.
-        sin_axes: sine that goes with cos_axes.
-    """
-
-    center: wp.vec3
-    radius: wp.float32
-    axis: wp.vec3
-    radius2: wp.float32
-    cos_axes: wp.float32
-    sin_axes: wp.float32
-    cos_reach: wp.float32
-    strength: wp.float32
-    child: wp.int32
-    parent: wp.int32
-    first: wp.int32
-    last: wp.int32
+if TYPE_CHECKING:
+    _Importances = Any
+else:
+    _Importances = wp.types.vector(length=light_tree.HEADS, dtype=wp.float32)
 
 
 @wp.struct
@@ -88,12 +55,14 @@ class LightTree:
     """The tree on a device.
 
     Attributes:
+        head_rows: the heads, as importances_of_block takes them.
         choices: heads, and one more if there are lights infinitely far away.
         least2: square of the least distance.
     """
 
     nodes: wp.array[LightNode]
     heads: wp.array[wp.int32]
+    head_rows: wp.array[vec8]
     head_count: wp.int32
     choices: wp.int32
     leaf: wp.array[wp.int32]
@@ -101,6 +70,23 @@ class LightTree:
     apex: wp.array[wp.int32]
     distant: wp.float32
     least2: wp.float32
+
+
+@wp.struct
+class Starts:
+    """Where walks for one place may start; nothing where there is no choice.
+
+    Attributes:
+        values: importances of the heads, as the guide weighs them.
+        distant: that of the lights infinitely far away.
+        total: of all.
+        active: how many of them are above 0.
+    """
+
+    values: _Importances
+    distant: wp.float32
+    total: wp.float64
+    active: wp.int32
 
 
 @wp.struct
@@ -125,6 +111,7 @@ def upload(table: LightTable, device: str) -> LightTree:
     tree = LightTree()
     tree.nodes = wp.array(rows, dtype=LightNode, device=device)
     tree.heads = wp.array(built.heads, dtype=wp.int32, device=device)
+    tree.head_rows = wp.array(_rows_of(rows[built.heads]), dtype=vec8, device=device)
     tree.head_count = len(built.heads)
     tree.choices = len(built.heads) + int(built.distant > 0)
     tree.leaf = wp.array(built.leaf, dtype=wp.int32, device=device)
@@ -135,56 +122,16 @@ def upload(table: LightTable, device: str) -> LightTree:
     return tree
 
 
-_EXPECT_PAIR = """
-#if !defined(__CUDA_ARCH__)
-    if (first >= 0) {
-        __builtin_prefetch(nodes.data + first);
-        __builtin_prefetch(nodes.data + first + 1);
-    }
-#endif
-"""
-
-
-@wp.func_native(_EXPECT_PAIR)
-def expect_pair(nodes: wp.array[LightNode], first: wp.int32) -> None:
-    """Have a processor fetch two nodes, a cache line each, while others are looked at; none for a number below 0.
-
-    A tree of many lights is larger than its second-level cache, and each node says where the next ones lie: without
-    this, a walk waits for memory at each level, which takes as long as all that is computed there.
-    """
-    ...
-
-
-@wp.func
-def importance(tree: wp.ref[LightTree], number: wp.int32, position: wp.vec3) -> wp.float32:
-    """What a node may send to a place; 0 only where it certainly sends nothing."""
-    node = tree.nodes[number]
-    way = position - node.center
-    distance2 = wp.dot(way, way)
-    value = node.strength / wp.max(wp.max(distance2, node.radius2 * CLOSE2), tree.least2)
-    if distance2 > node.radius2 and node.cos_axes > -1.0:
-        # Of the angle between axis and way, what the spread of the axes leaves, and then what the sphere's size leaves.
-        inverse = 1.0 / wp.sqrt(distance2)
-        cosine = wp.clamp(wp.dot(way, node.axis) * inverse, -1.0, 1.0)
-        sine = wp.float32(0.0)
-        if cosine < node.cos_axes:
-            whole = wp.sqrt(1.0 - cosine * cosine)
-            sine = wp.max(whole * node.cos_axes - cosine * node.sin_axes, 0.0)
-            cosine = cosine * node.cos_axes + whole * node.sin_axes
+def _rows_of(nodes: NDArray[Any]) -> NDArray[np.float32]:
+    """Nodes as blocks of LANES, shape [blocks * ASKED, LANES]; lanes that are left are 0."""
+    rows = np.zeros((-(-len(nodes) // LANES) * LANES, len(ASKED)), np.float32)
+    for row, asked in enumerate(ASKED):
+        name, _, axis = asked.partition(".c")
+        if name == "flat_from":
+            rows[: len(nodes), row] = np.where(nodes["child"] < 0, 1.0, 2.0)
         else:
-            cosine = wp.float32(1.0)
-        size = node.radius * inverse
-        cos_size = wp.sqrt(wp.max(1.0 - size * size, 0.0))
-        if cosine < cos_size:
-            cosine = cosine * cos_size + sine * size
-        else:
-            cosine = wp.float32(1.0)
-        if cosine < node.cos_reach - MARGIN:
-            return 0.0
-        value = value * wp.max(cosine, MARGIN)
-    elif node.child < 0 and node.cos_axes >= 1.0 and wp.dot(way, node.axis) <= IN_PLANE * node.radius:
-        value = value * MARGIN  # a flat lamp seen from a place in its own plane, such as the rest of a glowing wall
-    return value
+            rows[: len(nodes), row] = nodes[name][:, int(axis[1])] if axis else nodes[name]
+    return np.ascontiguousarray(rows.reshape(-1, LANES, len(ASKED)).transpose(0, 2, 1)).reshape(-1, LANES)
 
 
 @wp.func
@@ -198,9 +145,31 @@ def defensive(value: wp.float64, total: wp.float64, active: wp.int32) -> wp.floa
 
 
 @wp.func
-def _start(
-    tree: wp.ref[LightTree], guide: wp.ref[Guide], region: wp.int32, position: wp.vec3, u: wp.float64
-) -> LeafChoice:
+def starts_at(tree: wp.ref[LightTree], guide: wp.ref[Guide], region: wp.int32, position: wp.vec3) -> Starts:
+    """Where walks for a place may start.
+
+    Args:
+        region: of the place in the guide.
+    """
+    s = Starts()
+    if tree.choices == 1:
+        return s  # nothing to choose
+    s.distant = tree.distant * start_factor(guide, region, tree.choices - 1)
+    s.total = wp.float64(s.distant)
+    s.active = wp.int32(s.distant > 0.0)
+    for block in range((tree.head_count + LANES - 1) // LANES):
+        importances = importances_of_block(tree.head_rows, block, position, tree.least2)
+        for lane in range(wp.min(LANES, tree.head_count - LANES * block)):
+            i = LANES * block + lane
+            value = importances[lane] * start_factor(guide, region, i)
+            s.values[i] = value
+            s.total += wp.float64(value)
+            s.active += wp.int32(value > 0.0)
+    return s
+
+
+@wp.func
+def _start(tree: wp.ref[LightTree], starts: wp.ref[Starts], u: wp.float64) -> LeafChoice:
     """A head, or DISTANT, or NOTHING."""
     c = LeafChoice()
     c.u = u
@@ -211,29 +180,22 @@ def _start(
         if tree.head_count == 1:
             c.node = tree.heads[0]
         return c
-    values = _Importances()
-    distant = tree.distant * start_factor(guide, region, tree.choices - 1)
-    total = wp.float64(distant)
-    active = wp.int32(distant > 0.0)
-    for i in range(tree.head_count):
-        values[i] = importance(tree, tree.heads[i], position) * start_factor(guide, region, i)
-        total += wp.float64(values[i])
-        active += wp.int32(values[i] > 0.0)
+    total = starts.total
     rest = u * total
     value = wp.float64(0.0)
     found = wp.int32(0)
     for i in range(tree.head_count):
-        if found == 0 and values[i] > 0.0:
+        if found == 0 and starts.values[i] > 0.0:
             # The last that has any is kept if rounding leaves a rest beyond all.
             c.node = tree.heads[i]
-            value = defensive(wp.float64(values[i]), total, active)
+            value = defensive(wp.float64(starts.values[i]), total, starts.active)
             if rest < value:
                 found = 1
             else:
                 rest -= value
-    if found == 0 and distant > 0.0:
+    if found == 0 and starts.distant > 0.0:
         c.node = DISTANT
-        value = defensive(wp.float64(distant), total, active)
+        value = defensive(wp.float64(starts.distant), total, starts.active)
         found = 1
     if c.node != NOTHING:
         c.u = BELOW_ONE
@@ -244,16 +206,14 @@ def _start(
 
 
 @wp.func
-def find_leaf(
-    tree: wp.ref[LightTree], guide: wp.ref[Guide], region: wp.int32, position: wp.vec3, u: wp.float64
-) -> LeafChoice:
+def find_leaf(tree: wp.ref[LightTree], starts: wp.ref[Starts], position: wp.vec3, u: wp.float64) -> LeafChoice:
     """A leaf, chosen for a place.
 
     Args:
-        region: of the place in the guide.
+        starts: of the place.
         u: number in [0, 1).
     """
-    return walk_down(tree, _start(tree, guide, region, position, u), position)
+    return walk_down(tree, _start(tree, starts, u), position)
 
 
 @wp.func
@@ -266,8 +226,9 @@ def walk_down(tree: wp.ref[LightTree], start: LeafChoice, position: wp.vec3) -> 
     while child >= 0:
         expect_pair(tree.nodes, tree.nodes[child].child)
         expect_pair(tree.nodes, tree.nodes[child + 1].child)
-        one = wp.float64(importance(tree, child, position))
-        other = wp.float64(importance(tree, child + 1, position))
+        both = importances_of_pair(tree.nodes, child, position, tree.least2)
+        one = wp.float64(both[0])
+        other = wp.float64(both[1])
         total = one + other
         if not total > wp.float64(0.0):
             c.node = NOTHING
@@ -292,21 +253,16 @@ def chance_of_start(
     """Probability with which a walk for a place starts at a head, or DISTANT."""
     if tree.choices == 1:
         return 1.0
-    distant = tree.distant * start_factor(guide, region, tree.choices - 1)
-    total = wp.float64(distant)
-    active = wp.int32(distant > 0.0)
+    starts = starts_at(tree, guide, region, position)
     own = wp.float64(0.0)
     for i in range(tree.head_count):
-        value = wp.float64(importance(tree, tree.heads[i], position) * start_factor(guide, region, i))
-        total += value
-        active += wp.int32(value > wp.float64(0.0))
         if tree.heads[i] == number:
-            own = value
+            own = wp.float64(starts.values[i])
     if number == DISTANT:
-        own = wp.float64(distant)
+        own = wp.float64(starts.distant)
     if not own > wp.float64(0.0):
         return 0.0
-    return wp.float32(defensive(own, total, active) / total)
+    return wp.float32(defensive(own, starts.total, starts.active) / starts.total)
 
 
 @wp.func
@@ -316,12 +272,15 @@ def chance_of_leaf(
     """Probability with which find_leaf comes to a leaf."""
     probability = wp.float32(1.0)
     node = wp.int32(leaf)
-    while tree.nodes[node].parent >= 0:
-        sibling = ((node - 1) ^ 1) + 1
-        expect_pair(tree.nodes, ((tree.nodes[node].parent - 1) & -2) + 1)
-        own = wp.float64(importance(tree, node, position))
+    parent = tree.nodes[node].parent
+    while parent >= 0:
+        pair = ((node - 1) & -2) + 1
+        expect_pair(tree.nodes, ((parent - 1) & -2) + 1)
+        both = importances_of_pair(tree.nodes, pair, position, tree.least2)
+        own = wp.float64(both[node - pair])
         if not own > wp.float64(0.0):
             return 0.0
-        probability = probability * wp.float32(own / (own + wp.float64(importance(tree, sibling, position))))
-        node = tree.nodes[node].parent
+        probability = probability * wp.float32(own / (own + wp.float64(both[1 - (node - pair)])))
+        node = parent
+        parent = tree.nodes[node].parent
     return probability * chance_of_start(tree, guide, region, node, position)

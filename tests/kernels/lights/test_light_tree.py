@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights import lights
-from wdpm.kernels.lights.choice import chance_of_light, choose_light
+from wdpm.kernels.lights.choice import chance_of_light, choose_light, light_starts
 from wdpm.kernels.lights.elements import Lights
 from wdpm.kernels.lights.tree import EVEN
 from wdpm.scenes.flat.light_table import LightTable
@@ -96,7 +96,8 @@ def _kernels() -> tuple[wp.Kernel, wp.Kernel]:
         chance: wp.array[wp.float32],
     ):
         i = wp.tid()
-        c = choose_light(lights, place[i], wp.vec2d(u[i], across))
+        starts = light_starts(lights, place[i])
+        c = choose_light(lights, place[i], starts, wp.vec2d(u[i], across))
         element[i] = c.element
         chance[i] = c.probability
 
