@@ -21,7 +21,7 @@ DISAGREEMENT = 3.0
 """Standard errors of a record (CachePlan.tolerance) by which it may differ from what another expects of it: two
 standard deviations of the difference of two such records. In uplight-room the floor where the table's shade ends was
 10 % too dark with no bound, is 2 % too dark with 4 and right with 3, for a tenth and a fifth more records; the squared
-error of cbox (128x128, 16 samples) falls to a half."""
+error of cbox (128x128, 16 samples) falls to a half, by the ceiling beside the lamp."""
 
 
 class RecordRounds:

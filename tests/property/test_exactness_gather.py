@@ -64,7 +64,9 @@ SCENES = {
     "everything": everything(),
 }
 
-SMALL_CACHE = CachePlan(rounds=4, spacing=8, rows=3, columns=8, error=0.3, least=1.0, most=6.0, wanted=0.3)
+SMALL_CACHE = CachePlan(
+    rounds=4, spacing=8, rows=3, columns=8, error=0.3, least=1.0, most=6.0, wanted=0.3, tolerance=0.05
+)
 """Of images of a few hundred pixels: the candidates of its last round are all pixels that are left."""
 
 _alone: dict[tuple[str, Indirect], Image] = {}
