@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,10 +103,17 @@ def candidates(
         start, stop: the range that is asked for, all if they are left out. A round has as many candidates as the image
             has pixels, so a task finds its own alone.
     """
+    count = candidate_count(width, height, plan, number)
+    return candidates_at(width, height, plan, number, np.arange(start, count if stop is None else min(stop, count)))
+
+
+def candidates_at(
+    width: int, height: int, plan: CachePlan, number: int, items: NDArray[np.integer[Any]]
+) -> NDArray[np.int32]:
+    """The pixels of some of a round's candidates, given by their places in that order; see `candidates`."""
     grid = _grid(width, height, plan, number)
     ends = np.cumsum(grid.lengths)
-    count = int(ends[-1]) if len(ends) else 0
-    place = _spread(count, start, count if stop is None else min(stop, count))
+    place = _spread(int(ends[-1]) if len(ends) else 0, items)
     row = ends.searchsorted(place, side="right")
     along = place - (ends - grid.lengths)[row]
     x = np.concatenate([grid.x, grid.x[grid.new_columns]])[along + np.where(grid.new_rows[row], 0, len(grid.x))]
@@ -141,13 +149,13 @@ def _grid(width: int, height: int, plan: CachePlan, number: int) -> _Grid:
     return _Grid(x, y, (x - plan.left) % before != 0, (y - plan.top) % before != 0)
 
 
-def _spread(count: int, start: int, stop: int) -> NDArray[np.intp]:
-    """A range of places, runs of them in the order of multiples of the golden ratio: none is left out for long."""
+def _spread(count: int, items: NDArray[np.integer[Any]]) -> NDArray[np.intp]:
+    """Some of `count` places, runs of them in the order of multiples of the golden ratio: none is left out for long."""
     runs = -(-count // NEIGHBOURS)
     order = np.argsort(np.arange(runs) * GOLDEN % 1.0)
     rank = np.empty(runs, np.intp)
     rank[order] = np.arange(runs)
-    item = np.arange(start, stop)
+    item = items.astype(np.intp)
     if missing := runs * NEIGHBOURS - count:  # the last run is shorter, wherever it comes
         item[item >= (order[-1] + 1) * NEIGHBOURS - missing] += missing
     return rank[item // NEIGHBOURS] * NEIGHBOURS + item % NEIGHBOURS
@@ -224,8 +232,12 @@ def take_near(records: Records, boxes: Sequence[tuple[NDArray[np.float32], NDArr
     return records.take(reaches)
 
 
-def check_records(records: Records, number: int, start: int, stop: int) -> None:
-    """Raise ProtocolError unless records may be those of the candidates start to stop - 1 of a round."""
+def check_records(records: Records, number: int, start: int, stop: int, some: NDArray[np.int32] | None = None) -> None:
+    """Raise ProtocolError unless records may be those of the candidates start to stop - 1 of a round.
+
+    Args:
+        some: the only ones of these that they may be of; all if None or empty.
+    """
     count, first = len(records), number << ROUND_BITS
     for field in fields(Records):
         column = getattr(records, field.name)
@@ -234,3 +246,5 @@ def check_records(records: Records, number: int, start: int, stop: int) -> None:
     wrong = (np.diff(records.number) <= 0).any() or (records.radius <= 0).any()
     if wrong or (count and not first + start <= records.number[0] <= records.number[-1] < first + stop):
         raise ProtocolError(f"irradiance records are not those of candidates {start} to {stop - 1} of round {number}")
+    if some is not None and len(some) and not np.isin(records.number - first, some).all():
+        raise ProtocolError(f"irradiance records of round {number} are of candidates that were not asked for")

@@ -36,6 +36,8 @@ class Session:
         records: irradiance records that are there already; none are made then.
         kept: what of it an interrupted render has done, for a view with buckets of the same side.
         places: of a sample of the photons, float32, shape [P, 3]: how they lie in space.
+        sight: the cell that pixels of a grid over the image see first, -1 for none, int32, shape [rows, columns];
+            [0, 0] where nobody has looked.
     """
 
     world: World
@@ -49,6 +51,7 @@ class Session:
     records: Records = NO_RECORDS
     kept: Kept = NOTHING_KEPT
     places: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 3), np.float32))
+    sight: NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 0), np.int32))
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,14 +30,29 @@ class BucketTask:
     y1: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RecordTask:
-    """Make the irradiance records of the candidates start to stop - 1 of a round: cluster.records."""
+    """Make the irradiance records of the candidates start to stop - 1 of a round: cluster.records.
+
+    Attributes:
+        some: of these the ones that are meant, ascending, int32; none for all of them.
+    """
 
     number: int
     round: int
     start: int
     stop: int
+    some: NDArray[np.int32] = field(default_factory=lambda: np.empty(0, np.int32))
+
+    @property
+    def count(self) -> int:
+        """How many candidates there are."""
+        return len(self.some) or self.stop - self.start
+
+    @property
+    def candidates(self) -> NDArray[np.int32]:
+        """Their places among those of the round, ascending."""
+        return self.some if len(self.some) else np.arange(self.start, self.stop, dtype=np.int32)
 
 
 @dataclass(frozen=True)

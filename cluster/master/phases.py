@@ -288,7 +288,7 @@ class Phases:
     def _make_records(self, rounds: RecordRounds, session: Session) -> None:
         limits, alike = for_records(session, self._limits), len(self._members) == 1
         tasks = homes_of_records(session, self._members, len(self.roster.teams), rounds.rays_expected, limits)
-        self._tasks.make_records(rounds, tasks, limits, alike=alike)
+        self._tasks.make_records(rounds, session, tasks, limits, alike=alike)
 
     def _end_round(self, rounds: RecordRounds, session: Session, now: float) -> list[Instruction]:
         """All get all records before the next round: a few megabytes at most, and each keeps what reaches its cells."""
@@ -306,7 +306,7 @@ class Phases:
     def _start_buckets(self, session: Session) -> list[Instruction]:
         self.phase = Phase.BUCKETS
         parts = worth_cutting_for(session, self._members, len(self.roster.teams))
-        kept = self._tasks.render(session.view, session.layers, session.kept.buckets, parts)
+        kept = self._tasks.render(session, parts)
         begun: list[Instruction] = [Started("render", self._tasks.total + len(kept))]
         begun += [Advanced(len(kept))] if kept else []
         return [*begun, frame_begun(session, self.roster.holders(), self._members), *shown_again(kept)]

@@ -11,7 +11,17 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.kept import RecordsKept
 from wdpm.cluster.limits import ClusterLimits
-from wdpm.cluster.records import Records, candidate_count, check_records, equal, joined, of_rounds
+from wdpm.cluster.master.homes import ANYWHERE, cells_of_pixels
+from wdpm.cluster.records import (
+    Records,
+    candidate_count,
+    candidates_at,
+    check_records,
+    equal,
+    joined,
+    of_rounds,
+)
+from wdpm.cluster.session import Session
 from wdpm.cluster.task import RecordsMade, RecordTask
 from wdpm.cluster.world import View
 from wdpm.kernels.irradiance.record_agreement import agreeing
@@ -46,7 +56,7 @@ class RecordRounds:
     @property
     def kept(self) -> int:
         """Candidates of all rounds that are done already."""
-        return sum(each.task.stop - each.task.start for each in self._kept)
+        return sum(each.task.count for each in self._kept)
 
     @property
     def finished(self) -> bool:
@@ -104,17 +114,57 @@ class RecordRounds:
                 start = stop
         return out
 
+    def tasks_by_cell(
+        self, session: Session, slaves: int, first_number: int
+    ) -> tuple[list[RecordTask], dict[int, int]]:
+        """The tasks of the round that is next where cells of a divided scene have different holders.
+
+        Each is of candidates that see one cell: whoever holds it has the places that gather rays set out from, and most
+        of what they find. What sees nothing, or what is not known, is added to the fewest.
+
+        Args:
+            slaves: that share the round.
+
+        Returns:
+            the tasks, and the cell that each is about, by its number.
+        """
+        places = np.flatnonzero(self._open(self._candidates(self._round))).astype(np.int32)
+        camera = self._view.camera
+        pixels = candidates_at(camera.width, camera.height, self._view.cache, self._round, places)
+        about = cells_of_pixels(session, pixels)
+        cells, sizes = np.unique(about[about >= 0], return_counts=True)
+        if not len(cells):
+            cells, sizes = np.array([ANYWHERE]), np.array([len(places)])
+        about[about < 0] = cells[sizes.argmin()]
+        most = max(-(-len(places) // slaves), 1)
+        out: list[RecordTask] = []
+        cell_of: dict[int, int] = {}
+        for cell in cells:
+            own = places[about == cell]
+
+            parts = min(max(round(len(own) / most), 1), len(own))
+            for some in np.array_split(own, parts) if len(own) else ():
+                task = RecordTask(first_number + len(out), self._round, int(some[0]), int(some[-1]) + 1, some)
+                out.append(task)
+                cell_of[task.number] = int(cell)
+        return out, cell_of
+
+    def _open(self, count: int) -> NDArray[np.bool_]:
+        """Which candidates of the round that is next nobody has done."""
+        left = np.ones(count, np.bool_)
+        for task in (each.task for each in self._kept if each.task.round == self._round):
+            left[task.candidates] = False
+        return left
+
     def _gaps(self, count: int) -> Iterator[tuple[int, int]]:
         """The candidates of the round that is next which nobody has done, as ranges."""
-        start = 0
-        for task in (each.task for each in self._kept if each.task.round == self._round):
-            yield start, task.start
-            start = task.stop
-        yield start, count
+        left = np.diff(np.concatenate([[False], self._open(count), [False]]).astype(np.int8))
+        starts, stops = np.flatnonzero(left == 1), np.flatnonzero(left == -1)
+        yield from zip(starts.tolist(), stops.tolist(), strict=True)
 
     def put(self, task: RecordTask, result: RecordsMade) -> None:
         """Keep a task's records."""
-        check_records(result.records, task.round, task.start, task.stop)
+        check_records(result.records, task.round, task.start, task.stop, task.some)
         self._made.append(result)
 
     def holds(self, task: RecordTask, result: RecordsMade) -> bool:

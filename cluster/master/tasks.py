@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -10,9 +9,12 @@ from wdpm.cluster.kept import BucketKept
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.buckets import buckets, place_of
 from wdpm.cluster.master.film import Film
+from wdpm.cluster.master.homes import ANYWHERE, cell_of_bucket
 from wdpm.cluster.master.members import Member
 from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.master.task_sizes import Place
+from wdpm.cluster.master.waiting import Waiting
+from wdpm.cluster.session import Session
 from wdpm.cluster.task import (
     BucketRendered,
     BucketTask,
@@ -23,7 +25,6 @@ from wdpm.cluster.task import (
     Task,
     TaskResult,
 )
-from wdpm.cluster.world import View
 from wdpm.scenes.errors import ProtocolError
 
 LATE = 4.0
@@ -65,7 +66,7 @@ class Tasks:
         self.rounds: RecordRounds | None = None
         self._photons: dict[int, PhotonsTraced] = {}  # by first path
         self._paths: list[tuple[int, int]] = []
-        self._waiting: deque[Task] = deque()
+        self._waiting = Waiting()
         self._flying: dict[int, _Flying] = {}
         self._done: dict[int, Task] = {}
         self._seconds: list[float] = []  # that each of those took
@@ -77,7 +78,7 @@ class Tasks:
     @property
     def waiting(self) -> bool:
         """Whether tasks wait to be handed out."""
-        return bool(self._waiting)
+        return len(self._waiting) > 0
 
     @property
     def total(self) -> int:
@@ -87,7 +88,7 @@ class Tasks:
     @property
     def finished(self) -> bool:
         """Whether none waits, and slaves are at none."""
-        return not self._waiting and not self._flying
+        return not len(self._waiting) and not self._flying
 
     @property
     def begun(self) -> float:
@@ -111,7 +112,9 @@ class Tasks:
         self._next_number += len(tasks)
         return tasks
 
-    def make_records(self, rounds: RecordRounds, slaves: int, limits: ClusterLimits, *, alike: bool = False) -> None:
+    def make_records(
+        self, rounds: RecordRounds, session: Session, slaves: int, limits: ClusterLimits, *, alike: bool = False
+    ) -> None:
         """The records of a round are to be made.
 
         Args:
@@ -119,31 +122,40 @@ class Tasks:
             alike: whether those who do them are processes of one machine.
         """
         self.rounds = rounds
-        tasks = rounds.tasks(slaves, limits, self._next_number, alike=alike)
+        if session.sight.size:
+            tasks, cells = rounds.tasks_by_cell(session, slaves, self._next_number)
+        else:
+            tasks, cells = rounds.tasks(slaves, limits, self._next_number, alike=alike), {}
         self._next_number += len(tasks)
-        self._begin(tasks)
+        self._begin(tasks, cells)
 
-    def render(
-        self, view: View, layers: Mapping[str, int], kept: Sequence[BucketKept] = (), at_once: int = 1
-    ) -> list[BucketKept]:
-        """An image is to be rendered, but for buckets that are there. Returns those of them that belong to it.
+    def render(self, session: Session, at_once: int = 1) -> list[BucketKept]:
+        """An image is to be rendered, but for buckets that were kept. Returns those of them that belong to it.
 
         Args:
             at_once: buckets that are rendered at a time, without waiting for each other.
         """
-        self.film = Film(view.camera.width, view.camera.height, layers)
-        there = {place_of(each.task): each for each in kept}
+        view = session.view
+        self.film = Film(view.camera.width, view.camera.height, session.layers)
+        there = {place_of(each.task): each for each in session.kept.buckets}
         tasks = buckets(view, at_once, self._next_number, there)
         self._next_number += len(tasks)
         used = [there[place_of(task)] for task in tasks if place_of(task) in there]
         for each in used:
             self.film.put(each.task, each.result)
-        self._begin([task for task in tasks if place_of(task) not in there])
+        cells = {task.number: cell_of_bucket(session, task) for task in tasks}
+        self._begin([task for task in tasks if place_of(task) not in there], cells)
         return used
 
-    def _begin(self, tasks: Sequence[Task]) -> None:
+    def _begin(self, tasks: Sequence[Task], cells: Mapping[int, int] | None = None) -> None:
+        """Have tasks wait.
+
+        Args:
+            cells: that they are about, by task; None if about none.
+        """
+        about = cells or {}
         self._flying, self._done, self._seconds = {}, {}, []
-        self._waiting = deque(tasks)
+        self._waiting = Waiting(tasks, lambda task: about.get(task.number, ANYWHERE))
         self._total = len(tasks)
         self._left = sum(map(size_of, tasks))
 
@@ -152,22 +164,23 @@ class Tasks:
         for depth in range(max((place.most for place in places), default=0)):
             for place in places:
                 member = place.member
-                if self._waiting and depth < place.most and len(member.in_flight) == depth and self._goes_to(place):
-                    task = self._waiting.popleft()
+                if depth >= place.most or len(member.in_flight) != depth:
+                    continue
+                task = self._waiting.next_for(member.cells, idle=not depth)
+                if task is not None and self._goes_to(place, task):
+                    self._waiting.take(task)
                     self._flying[task.number] = _Flying(task, now, {member.number})
                     member.in_flight[task.number] = task
                     yield member, task
 
-    def _goes_to(self, place: Place) -> bool:
-        """Whether the next task is for this slave: to begin with now, or to wait there."""
+    def _goes_to(self, place: Place, task: Task) -> bool:
+        """Whether a task is for this slave: to begin with now, or to wait there."""
         at_hand = place.member.in_flight
-        return len(at_hand) < place.here or place.takes(
-            size_of(self._waiting[0]), sum(map(size_of, at_hand.values())), self._left
-        )
+        return len(at_hand) < place.here or place.takes(size_of(task), sum(map(size_of, at_hand.values())), self._left)
 
     def hand_out_late(self, idle: Sequence[Member], now: float) -> Iterator[tuple[Member, Task]]:
         """For slaves that have nothing to do: tasks that others take very long for, each to one more slave."""
-        if self._waiting or not self._seconds:
+        if self.waiting or not self._seconds:
             return
         limit = max(LATE_S, LATE * sum(self._seconds) / len(self._seconds))
         late = [
@@ -190,7 +203,7 @@ class Tasks:
                 if not flying.slaves:
                     del self._flying[number]
                     again.append(task)
-        self._waiting.extendleft(reversed(again))
+        self._waiting.put_back(again)
         self.given_back += len(again)
         member.in_flight.clear()
 
@@ -198,7 +211,7 @@ class Tasks:
         """What tasks brought is lost with the slaves that had it: they wait again."""
         for task in traced:
             del self._photons[task.start], self._done[task.number]
-        self._waiting.extendleft(reversed(traced))
+        self._waiting.put_back(traced)
         self._left += sum(map(size_of, traced))
 
     def take(self, member: Member, result: TaskResult, now: float) -> Task | None:
@@ -261,12 +274,18 @@ class Tasks:
 
 def units(task: Task) -> int:
     """How much work a task is, as progress counts it: paths, candidates, buckets."""
-    return 1 if isinstance(task, BucketTask) else task.stop - task.start
+    return 1 if isinstance(task, BucketTask) else size_of(task)
 
 
 def size_of(task: Task) -> int:
     """How much work a task is, compared with others of its phase: paths, candidates, pixels."""
-    return (task.x1 - task.x0) * (task.y1 - task.y0) if isinstance(task, BucketTask) else task.stop - task.start
+    match task:
+        case BucketTask():
+            return (task.x1 - task.x0) * (task.y1 - task.y0)
+        case RecordTask():
+            return task.count
+        case PhotonTask():
+            return task.stop - task.start
 
 
 def _check_paths(task: PhotonTask, result: PhotonsTraced) -> None:

@@ -358,6 +358,12 @@ def _records(records: Records, where: str) -> None:
 def _record_task(task: RecordTask, where: str) -> None:
     _require(task.round >= 0 and 0 <= task.start < task.stop, where, f"{task} is no range of candidates")
     _task_size(task.stop - task.start, where)
+    some = task.some
+    if some.ndim != 1 or not len(some):
+        _require(some.ndim == 1, where, "candidates that are no list")
+        return
+    within = task.start <= some[0] and some[-1] < task.stop
+    _require(bool(within and (np.diff(some) > 0).all()), where, "candidates outside its range, or not ascending")
 
 
 def _task_size(size: int, where: str) -> None:

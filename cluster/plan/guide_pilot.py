@@ -107,12 +107,7 @@ class GuidePilot:
         self._seed = wp.uint32(view.seed)
         sky = cell.replica.tiled_sky
         self.mass = sky.mass if sky.pixels.size else np.zeros((0, 0))
-        self._scene = guide_pilot.PilotScene()
-        self._scene.trees, self._scene.surfaces = cell.geometry
-        through = _through(flat)
-        self._scene.through = wp.array(through, dtype=wp.int32, device=self._device)
-        self._scene.passing = int((through == 2).any())
-        self._scene.far_away = cell.replica.lights.far_away
+        self._scene = pilot_scene(flat, cell)
         self.position, self.normal = self._places(view)
 
     @property
@@ -203,6 +198,17 @@ class GuidePilot:
         shape = (-1, rays, choices)
         square = (cosine.numpy().astype(np.float64) ** 2).reshape(shape).mean(axis=1)
         return LightLooks(square, chance.numpy().astype(np.float64).reshape(shape)[:, 0], lights.tree.head_count)
+
+
+def pilot_scene(flat: FlatScene, cell: Cell) -> Any:
+    """What the pilot's rays meet (kernels.camera.guide_pilot.PilotScene): the whole scene, which the cell has."""
+    scene = guide_pilot.PilotScene()
+    scene.trees, scene.surfaces = cell.geometry
+    through = _through(flat)
+    scene.through = wp.array(through, dtype=wp.int32, device=cell.replica.launcher.device)
+    scene.passing = int((through == 2).any())
+    scene.far_away = cell.replica.lights.far_away
+    return scene
 
 
 def _through(flat: FlatScene) -> NDArray[np.int32]:

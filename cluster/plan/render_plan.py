@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.allotment import NO_LAMP_OUTLINES, LampOutlines, lamp_outlines_of
 from wdpm.cluster.lit_places import LitPlaces
+from wdpm.cluster.plan.copies import TRIANGLE_BYTES
 from wdpm.cluster.plan.effects import features_of
+from wdpm.cluster.plan.forecast.sight import NO_SIGHT, sight_of
+from wdpm.cluster.plan.forecast.work import NO_WORK, work_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide, with_guide
 from wdpm.cluster.plan.light_shares import shared_out
 from wdpm.cluster.plan.lit_places import lit_places
@@ -22,7 +25,7 @@ from wdpm.cluster.plan.map_plans import irradiance_plan, map_plans, volume_unit
 from wdpm.cluster.plan.partition import instances_of_cells, outlines_of, places_to_cut, rows_of_cells
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
 from wdpm.cluster.plan.record_worth import records_in_words, tolerance_of_records, with_tolerance
-from wdpm.cluster.plan.top_tree import build_top_tree, photons_in_cells
+from wdpm.cluster.plan.top_tree import build_top_tree, cells_seen, photons_in_cells
 from wdpm.cluster.plan.view import view_of
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.work.cell import Cell
@@ -55,6 +58,7 @@ class RenderPlan:
         tolerance: relative standard error that irradiance records are to have, as CachePlan has it.
         lit_places: that light comes to straight from the lights.
         outlines: pixels that outlines of lamps cross.
+        sight: the cell that pixels of a grid see, as Session has it.
         chose: what was decided by what photon maps and irradiance records are worth, and why.
     """
 
@@ -69,6 +73,7 @@ class RenderPlan:
     tolerance: float
     lit_places: LitPlaces
     outlines: LampOutlines
+    sight: NDArray[np.int32]
     chose: tuple[str, ...]
 
     def learnt_view(self, view: View) -> View:
@@ -116,7 +121,15 @@ def make_render_plan(
     levels = (wanted - 1).bit_length()
     places = np.concatenate([part["position"] for part in pilot.photons])
     band = max((each.band for each in maps if each.paths), default=maps[0].band)
-    tree = build_top_tree(places_to_cut(flat.triangles), places, band, levels, wanted)
+    view = view_of(flat, settings, workers)
+    pilot.worker.set_view(view)
+    sight, work, weighed = NO_SIGHT, NO_WORK, places_to_cut(flat.triangles)
+    if levels:
+        sight = sight_of(flat, pilot.cell, view)
+        stored = settings.photons + settings.caustic_photons + settings.volume_photons if len(places) else 0
+        every = len(flat.triangles) + len(flat.triangles.instances)
+        work = work_of(sight, places, pilot.world, view, stored, TRIANGLE_BYTES * every / max(len(weighed), 1))
+    tree = build_top_tree(weighed, places, band, levels, wanted, work)
     rows = rows_of_cells(flat.triangles.positions, tree, flat.extent, launcher)
     instances = instances_of_cells(flat.triangles.instances, tree, flat.extent)
     tree = replace(tree, outlines=outlines_of(flat.triangles, tree, rows, instances, flat.extent))
@@ -136,8 +149,6 @@ def make_render_plan(
         burdens += photons_in_cells(places, tree) / len(places)
     pilot.worker.forget_photons()
     weights = tuple(float(burden) for burden in burdens)
-    view = view_of(flat, settings, workers)
-    pilot.worker.set_view(view)
     if learnt is None:
         learnt = learn_guide(flat, pilot.cell, view)
     lit = lit_places(pilot, view.cache)
@@ -158,6 +169,7 @@ def make_render_plan(
         tolerance,
         lit,
         outlines,
+        cells_seen(sight.position, sight.seen, tree),
         chose,
     )
 

@@ -3,13 +3,20 @@
 The paper takes the first n levels of a surface-area-heuristic kd-tree. A cell is a slave's whole burden, so this one
 weighs what a slave must hold, too: a plane's cost is the share of its fuller side, in triangles and in photons with
 their ghosts, whichever is worse, and the surface area heuristic decides among planes that balance alike.
+
+Where it is known what a render computes where (plan.forecast.work), planes share that out evenly, as long as no side
+needs more than UNEVEN times its share of memory; and in place of areas, which stand for rays that go everywhere alike,
+rays are counted that would go from one side to the other.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.plan.forecast.work import NO_WORK, Work
 from wdpm.cluster.world import TopTree
 
 CANDIDATES = 64
@@ -19,11 +26,54 @@ AREA_WEIGHT = 0.1
 """Weight of the surface area heuristic against balance: the expected share of rays that visit both sides costs
 forwarding, an uneven burden makes all slaves wait for one. Balance comes first; the area breaks near-ties."""
 
+UNEVEN = 1.5
+"""A slave may need so many times its share of the memory for triangles and photons for the sake of equal work ..."""
+
+BEYOND = 10.0
+"""... and each further share counts as so many times as much work: where triangles and bands overlap, all planes may be
+beyond that."""
+
+CROSSING = 1.0
+"""What it costs that a ray goes to another slave, as a share of what is computed of it where it stays: packing it, and
+handling it and what comes home in small batches (docs/scaling.md)."""
+
 MAX_LEVELS = 8
 
 
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """What lies in a node.
+
+    Attributes:
+        low, high: corners of the boxes of triangles, cut to the node.
+        box: of the node.
+        work: what is computed in it, and rays, cut to it.
+        seats: workers that share it.
+    """
+
+    low: NDArray[np.float32]
+    high: NDArray[np.float32]
+    photons: NDArray[np.float32]
+    box: tuple[NDArray[np.float64], NDArray[np.float64]]
+    work: Work
+    seats: int
+
+
+@dataclass(frozen=True)
+class _Whole:
+    """What one worker's even share of the whole scene takes [bytes]; and the width of the band."""
+
+    memory: float
+    band: float
+
+
 def build_top_tree(
-    corners: NDArray[np.float32], photons: NDArray[np.float32], band: float, levels: int, workers: int | None = None
+    corners: NDArray[np.float32],
+    photons: NDArray[np.float32],
+    band: float,
+    levels: int,
+    workers: int | None = None,
+    work: Work = NO_WORK,
 ) -> TopTree:
     """Split a scene into 2^levels cells, of which as many are worth holding as there are workers.
 
@@ -37,74 +87,111 @@ def build_top_tree(
         band: width of the overlap band.
         levels: 0 for one cell.
         workers: from 2^(levels - 1) + 1 to 2^levels; None for 2^levels.
+        work: that is to be shared out; NO_WORK if nothing is known of it.
     """
     inner = 2**levels - 1
     axis = np.zeros(inner, np.int32)
     split = np.zeros(inner, np.float32)
     low, high = corners.min(axis=1), corners.max(axis=1)
     box = (low.min(axis=0).astype(np.float64), high.max(axis=0).astype(np.float64))
-    seats = {0: 2**levels if workers is None else workers}
-    parts = {0: (low, high, photons, box)}
+    every = 2**levels if workers is None else workers
+    whole = _Whole((len(corners) * work.triangle_bytes + len(photons) * work.photon_bytes) / every, band)
+    parts = {0: _Part(low, high, photons, box, work, every)}
     for node in range(inner):
-        low, high, photons, (box_low, box_high) = parts.pop(node)
-        all_seats = seats.pop(node)
-        left_seats = (all_seats + 1) // 2
-        seats[2 * node + 1], seats[2 * node + 2] = left_seats, all_seats - left_seats
-        if all_seats <= 1:
+        part = parts.pop(node)
+        if part.seats <= 1:
             axis[node], split[node] = 0, _beyond(corners)
         else:
-            axis[node], split[node] = _best_plane(low, high, photons, band, box_low, box_high, left_seats / all_seats)
-        a, s = axis[node], split[node]
-        left, right = low[:, a] < s, high[:, a] >= s
-        left_box, right_box = box_high.copy(), box_low.copy()
-        left_box[a] = right_box[a] = s
-        # Triangles are cut at the plane, so that a long one counts in each part for what lies in it.
-        left_high, right_low = high[left].copy(), low[right].copy()
-        left_high[:, a] = np.minimum(left_high[:, a], s)
-        right_low[:, a] = np.maximum(right_low[:, a], s)
-        parts[2 * node + 1] = (low[left], left_high, photons[photons[:, a] < s + band], (box_low, left_box))
-        parts[2 * node + 2] = (right_low, high[right], photons[photons[:, a] >= s - band], (right_box, box_high))
+            axis[node], split[node] = _best_plane(part, whole)
+        parts[2 * node + 1], parts[2 * node + 2] = _divided(part, int(axis[node]), split[node], band)
     return TopTree(axis, split)
+
+
+def _divided(part: _Part, a: int, s: np.float32, band: float) -> tuple[_Part, _Part]:
+    """Both sides of a plane."""
+    low, high, photons, (box_low, box_high) = part.low, part.high, part.photons, part.box
+    left_box, right_box = box_high.copy(), box_low.copy()
+    left_box[a] = right_box[a] = s
+    left, right = low[:, a] < s, high[:, a] >= s
+    # Triangles are cut at the plane, so that a long one counts in each part for what lies in it.
+    left_high, right_low = high[left].copy(), low[right].copy()
+    left_high[:, a] = np.minimum(left_high[:, a], s)
+    right_low[:, a] = np.maximum(right_low[:, a], s)
+    left_work, right_work = part.work.divided(a, s)
+    seats = (part.seats + 1) // 2
+    return (
+        _Part(low[left], left_high, photons[photons[:, a] < s + band], (box_low, left_box), left_work, seats),
+        _Part(
+            right_low,
+            high[right],
+            photons[photons[:, a] >= s - band],
+            (right_box, box_high),
+            right_work,
+            part.seats - seats,
+        ),
+    )
 
 
 def photons_in_cells(position: NDArray[np.float32], tree: TopTree) -> NDArray[np.int64]:
     """How many points lie in each cell, shape [cells]."""
+    return np.bincount(cells_of(position, tree), minlength=tree.cells)
+
+
+def cells_of(position: NDArray[np.float32], tree: TopTree) -> NDArray[np.intp]:
+    """The cell that each point lies in, shape [points]."""
     node = np.zeros(len(position), np.intp)
     inner = len(tree.axis)
     while inner and (node < inner).any():
         at = np.minimum(node, inner - 1)
         left = position[np.arange(len(position)), tree.axis[at]] < tree.split[at]
         node = np.where(node < inner, np.where(left, 2 * node + 1, 2 * node + 2), node)
-    return np.bincount(node - inner, minlength=tree.cells)
+    return node - inner
 
 
-def _best_plane(
-    low: NDArray[np.float32],
-    high: NDArray[np.float32],
-    photons: NDArray[np.float32],
-    band: float,
-    box_low: NDArray[np.float64],
-    box_high: NDArray[np.float64],
-    left_share: float,
-) -> tuple[int, np.float32]:
+def cells_seen(position: NDArray[np.float32], seen: NDArray[np.bool_], tree: TopTree) -> NDArray[np.int32]:
+    """The cell that each pixel of a grid sees, -1 for none, shape [rows, columns]: of plan.forecast.sight.Sight."""
+    cells = np.full(seen.shape, -1, np.int32)
+    cells[seen] = cells_of(position[seen], tree)
+    return cells
+
+
+def _best_plane(part: _Part, whole: _Whole) -> tuple[int, np.float32]:
     """The axis and the place of the plane that comes nearest to giving the left side its share."""
+    box_low, box_high = part.box
     best = (np.inf, 0, np.float32((box_low[0] + box_high[0]) / 2))
-    extent = box_high - box_low
     for a in range(3):
-        planes = _candidates(low[:, a], high[:, a], photons[:, a])
+        planes = _candidates(part.low[:, a], part.high[:, a], np.concatenate([part.photons, part.work.place])[:, a])
         planes = planes[(planes > box_low[a]) & (planes < box_high[a])]
         if not len(planes):
             continue
-        starts, ends = np.sort(low[:, a]), np.sort(high[:, a])
-        cost = _burden(starts.searchsorted(planes), len(low) - ends.searchsorted(planes), left_share)
-        if len(photons):
-            place = np.sort(photons[:, a])
-            left, right = place.searchsorted(planes + band), len(place) - place.searchsorted(planes - band)
-            cost = np.maximum(cost, _burden(left, right, left_share))
-        cost = cost + AREA_WEIGHT * _area_share(a, extent)
+        cost = _cost(part, whole, a, planes)
         chosen = int(np.argmin(cost))
         best = min(best, (float(cost[chosen]), a, np.float32(planes[chosen])), key=lambda plane: plane[0])
     return best[1], best[2]
+
+
+def _cost(part: _Part, whole: _Whole, a: int, planes: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Of planes across an axis, shape [planes]."""
+    starts, ends, place = np.sort(part.low[:, a]), np.sort(part.high[:, a]), np.sort(part.photons[:, a])
+    seats = (part.seats + 1) // 2, part.seats // 2
+    held = [(starts.searchsorted(planes), len(part.low) - ends.searchsorted(planes))]
+    if len(place):
+        left, right = place.searchsorted(planes + whole.band), len(place) - place.searchsorted(planes - whole.band)
+        held.append((left, right))
+    known = float(part.work.seconds.sum())
+    if known <= 0.0:
+        burden = np.max([_burden(left, right, seats[0] / part.seats) for left, right in held], axis=0)
+        return burden + AREA_WEIGHT * _area_share(a, part.box[1] - part.box[0])
+    weights = (part.work.triangle_bytes, part.work.photon_bytes)[: len(held)]
+    needs = [
+        sum(side * of_each for side, of_each in zip(sides, weights, strict=True)) for sides in zip(*held, strict=True)
+    ]
+    full = np.maximum(needs[0] / seats[0], needs[1] / seats[1]) / max(whole.memory, 1.0)
+    before = part.work.before(a, planes)
+    busy = np.maximum(before / seats[0], (known - before) / seats[1]) * part.seats / known
+    crossing = part.work.crossing(a, planes) / known
+    cost: NDArray[np.float64] = busy + CROSSING * crossing + BEYOND * np.maximum(full / UNEVEN - 1.0, 0.0)
+    return cost
 
 
 def _candidates(

@@ -10,7 +10,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, concatenate, take
-from wdpm.cluster.records import NO_RECORDS, ROUND_BITS, Records, candidates, joined
+from wdpm.cluster.records import NO_RECORDS, ROUND_BITS, Records, candidates_at, joined
 from wdpm.cluster.rows import take_rows
 from wdpm.cluster.task import RecordsMade, RecordTask
 from wdpm.cluster.work.extra_rays import Counts, Values, extra_rays, means
@@ -32,7 +32,7 @@ WAVE_RAYS = 1 << 17
 
 
 class RecordHome:
-    """A range of a round's candidates."""
+    """Some of a round's candidates."""
 
     def __init__(self, task: RecordTask, number: int, replica: Replica, view: View) -> None:
         self.task = task
@@ -40,7 +40,8 @@ class RecordHome:
         self._replica = replica
         self._view = view
         width, height = view.camera.width, view.camera.height
-        self._pixels = candidates(width, height, view.cache, task.round, task.start, task.stop)
+        self._candidates = task.candidates
+        self._pixels = candidates_at(width, height, view.cache, task.round, self._candidates)
         self._strata = view.cache.strata(task.round)
         self._credit = 0
         self._found: list[Arrays] = []
@@ -177,7 +178,7 @@ class RecordHome:
 
     def _numbers(self) -> NDArray[np.int64]:
         """Of the records that are made here."""
-        number = self.task.start + self._site["slot"].astype(np.int64)
+        number = self._candidates[self._site["slot"]].astype(np.int64)
         return (np.int64(self.task.round) << np.int64(ROUND_BITS)) + number
 
     def result(self) -> RecordsMade | None:

@@ -170,6 +170,7 @@ def prepare(
         least=least,
         layers=layers_of(plan.world, view),
         places=plan.some_places(),
+        sight=plan.sight,
     )
     seconds["partition"] = time.perf_counter() - began
     return Prepared(

@@ -15,6 +15,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from wdpm.cluster.kept import BucketKept, Kept, RecordsKept, TaskKept
 from wdpm.cluster.master.film import Film
 from wdpm.cluster.messages import packing
@@ -101,7 +103,7 @@ class SessionJournal:
         lost = self.path.stat().st_size - end
         note(
             f"goes on with {self.path}: {len(kept.buckets)} buckets and irradiance records of "
-            f"{sum(each.task.stop - each.task.start for each in kept.records)} candidates are done"
+            f"{sum(each.task.count for each in kept.records)} candidates are done"
             + (f"; its last {lost} bytes were cut off or changed" if lost else "")
         )
         self._try(lambda: self._open(end))
@@ -222,7 +224,7 @@ def _check(done: RecordsKept, session: Session, before: list[RecordsKept]) -> No
         count = candidate_count(view.camera.width, view.camera.height, view.cache, task.round)
     if result.round != task.round or task.stop > count or result.rays < 0:
         raise ProtocolError(f"irradiance records of round {task.round} are none of this view")
-    check_records(result.records, task.round, task.start, task.stop)
+    check_records(result.records, task.round, task.start, task.stop, task.some)
     for other in (each.task for each in before if each.task.round == task.round):
-        if task.start < other.stop and other.start < task.stop:
+        if len(np.intersect1d(task.candidates, other.candidates, assume_unique=True)):
             raise ProtocolError(f"irradiance records of round {task.round} are there twice")

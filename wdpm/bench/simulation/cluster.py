@@ -29,6 +29,7 @@ from wdpm.cluster.slave import events as s
 from wdpm.cluster.slave.jobs import Compute, Job, WorkerFactory
 from wdpm.cluster.slave.loop import FROM_MASTER, FROM_PEER, PEER_ANSWER, SlaveShell
 from wdpm.cluster.slave.machine import Slave
+from wdpm.cluster.slave.work_at_hand import HOLD_S
 from wdpm.cluster.transport.memory import Channel, MemoryTransport
 from wdpm.cluster.transport.transport import Role
 from wdpm.scenes.errors import ClusterError
@@ -70,13 +71,20 @@ class Post:
 
 @dataclass(eq=False)
 class Process:
-    """A master or slave on a machine: the thread of its loop, that of ZeroMQ, and that on which it computes."""
+    """A master or slave on a machine: the thread of its loop, that of ZeroMQ, and that on which it computes.
+
+    Attributes:
+        take_in: has it take in what has arrived.
+        look, look_at: has it look at the time, and when it wants to, if it does.
+    """
 
     machine: Machine
     loop: Thread
     carrier: Thread
     compute: Thread
     take_in: Callable[[], None] = lambda: None
+    look: Callable[[], None] = lambda: None
+    look_at: Callable[[], float | None] = lambda: None
     arrived: list[list[Frame]] = field(default_factory=list)
     awake: bool = False
 
@@ -124,7 +132,7 @@ class SimulatedCluster:
         network = self._transport.open(None)
         listener = network.listen(network.address_for_peers(MASTER), Role.SLAVE, FROM_PEER)
         hello = protocol.Hello({}, f"machine {number}", number, 1, 0, listener.endpoint, 1)
-        state = Slave(hello, "memory", patience=float("inf"))
+        state = Slave(hello, "memory", patience=float("inf"), hold_s=HOLD_S)
         process = self._processes[network] = self._process(machine)
         compute = Compute(make_worker)
 
@@ -132,7 +140,8 @@ class SimulatedCluster:
             self._submit(number, process, shell, compute, job)
 
         shell = SlaveShell(state, network, listener, MASTER, submit, tell=lambda _: None, clock=lambda: self.clock.now)
-        process.take_in = shell.receive
+        process.take_in, process.look = shell.receive, shell.look
+        process.look_at = lambda: state.look_at
         self._slaves.append((process, shell))
         self._have(process, lambda: shell.handle(s.Start()))
 
@@ -193,6 +202,14 @@ class SimulatedCluster:
         self._send(process, leaving)
         for begin in decided:
             begin()
+        look_at = process.look_at()
+        if look_at is not None:
+            self.clock.after(look_at - self.clock.now, lambda: self._look(process, look_at))
+
+    def _look(self, process: Process, at: float) -> None:
+        """Have a process look at the time, unless it waits for nothing any more, or for another one."""
+        if process.look_at() == at:
+            self._have(process, process.look)
 
     def _send(self, process: Process, leaving: Sequence[Post]) -> None:
         for post in leaving:

@@ -51,8 +51,10 @@ def _described(job: Job) -> tuple[str, int]:
             return f"{name} {longest.kind.value}", sum(len(batch) for batch in batches)
         case jobs.StartTask(BucketTask() as bucket):
             return f"{name} bucket", (bucket.x1 - bucket.x0) * (bucket.y1 - bucket.y0)
-        case jobs.StartTask(PhotonTask() | RecordTask() as part):
-            return f"{name} {'photons' if isinstance(part, PhotonTask) else 'records'}", part.stop - part.start
+        case jobs.StartTask(PhotonTask() as part):
+            return f"{name} photons", part.stop - part.start
+        case jobs.StartTask(RecordTask() as part):
+            return f"{name} records", part.count
     return name, 1
 
 
