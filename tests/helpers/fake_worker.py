@@ -19,7 +19,7 @@ from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.records import Records
 from wdpm.cluster.render_settings import Routing
 from wdpm.cluster.session import Session
-from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, Task
+from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, RecordTask, Task
 from wdpm.cluster.world import Emission, MapPlan, PhotonPlan, TopTree, View, World
 from wdpm.kernels.features import Features
 from wdpm.scenes.flat.arrays import Media, Triangles
@@ -240,6 +240,12 @@ def irradiance_records(count: int, first: int = 0) -> Records:
     return Records(
         first + whole.astype(np.int64), place, flat, np.abs(place), gradient, gradient, np.ones(count, np.float32)
     )
+
+
+def record_task(number: int, round_number: int, some: set[int], every: bool) -> RecordTask:
+    """Of some candidates, or of every one from the first to the last of them."""
+    listed = np.array([] if every else sorted(some), np.int32)
+    return RecordTask(number, round_number, min(some), max(some) + 1, listed)
 
 
 def triangles(count: int, first: int = 0) -> Triangles:
