@@ -16,7 +16,7 @@ from wdpm.cluster.allotment import NO_LAMP_OUTLINES, LampOutlines, lamp_outlines
 from wdpm.cluster.lit_places import LitPlaces
 from wdpm.cluster.plan.copies import TRIANGLE_BYTES
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.forecast.sight import NO_SIGHT, sight_of
+from wdpm.cluster.plan.forecast.sight import NO_SIGHT, Sight, sight_of
 from wdpm.cluster.plan.forecast.work import NO_WORK, work_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide, with_guide
 from wdpm.cluster.plan.light_shares import shared_out
@@ -30,7 +30,7 @@ from wdpm.cluster.plan.view import view_of
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.worker import CellWorker
-from wdpm.cluster.world import View, World
+from wdpm.cluster.world import TopTree, View, World
 from wdpm.kernels.camera.outlines import outlined_pixels
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
@@ -123,13 +123,8 @@ def make_render_plan(
     band = max((each.band for each in maps if each.paths), default=maps[0].band)
     view = view_of(flat, settings, workers)
     pilot.worker.set_view(view)
-    sight, work, weighed = NO_SIGHT, NO_WORK, places_to_cut(flat.triangles)
-    if levels:
-        sight = sight_of(flat, pilot.cell, view)
-        stored = settings.photons + settings.caustic_photons + settings.volume_photons if len(places) else 0
-        every = len(flat.triangles) + len(flat.triangles.instances)
-        work = work_of(sight, places, pilot.world, view, stored, TRIANGLE_BYTES * every / max(len(weighed), 1))
-    tree = build_top_tree(weighed, places, band, levels, wanted, work)
+    sight = sight_of(flat, pilot.cell, view) if levels else NO_SIGHT
+    tree = _top_tree(flat, settings, pilot, sight, view, band, levels, wanted)
     rows = rows_of_cells(flat.triangles.positions, tree, flat.extent, launcher)
     instances = instances_of_cells(flat.triangles.instances, tree, flat.extent)
     tree = replace(tree, outlines=outlines_of(flat.triangles, tree, rows, instances, flat.extent))
@@ -172,6 +167,26 @@ def make_render_plan(
         cells_seen(sight.position, sight.seen, tree),
         chose,
     )
+
+
+def _top_tree(
+    flat: FlatScene,
+    settings: RenderSettings,
+    pilot: PhotonPilot,
+    sight: Sight,
+    view: View,
+    band: float,
+    levels: int,
+    workers: int,
+) -> TopTree:
+    """Cells of 2^levels, cut by what is expected of the view where there are several."""
+    weighed, places = places_to_cut(flat.triangles), np.concatenate([part["position"] for part in pilot.photons])
+    work = NO_WORK
+    if levels:
+        stored = settings.photons + settings.caustic_photons + settings.volume_photons if len(places) else 0
+        every = len(flat.triangles) + len(flat.triangles.instances)
+        work = work_of(sight, places, pilot.world, view, stored, TRIANGLE_BYTES * every / max(len(weighed), 1))
+    return build_top_tree(weighed, places, band, levels, workers, work)
 
 
 def lamp_outlines(flat: FlatScene, cell: Cell) -> LampOutlines:
