@@ -40,3 +40,30 @@ def cell_of_bucket(session: Session, task: BucketTask) -> int:
     seen = session.sight[top:bottom, left:right]
     seen = seen[seen >= 0]
     return int(np.bincount(seen).argmax()) if len(seen) else ANYWHERE
+
+
+def shared_out(seen: NDArray[np.int32], homes: int) -> NDArray[np.int32]:
+    """The cell whose holder is each candidate's home: the one that it sees, if that is among those most are about.
+
+    What sees another cell, or nothing, goes cell by cell to whichever home has the fewest.
+
+    Args:
+        seen: cells that candidates see, ANYWHERE where none is known, shape [candidates].
+        homes: most cells that the result names, >= 1.
+
+    Returns:
+        cells, shape [candidates]; all ANYWHERE if no candidate sees a cell.
+    """
+    cells, sizes = np.unique(seen, return_counts=True)
+    known = cells != ANYWHERE
+    if not known.any():
+        return seen
+    by_size = np.argsort(np.where(known, -sizes, 1), kind="stable")
+    chosen, others = by_size[: min(homes, int(known.sum()))], by_size[min(homes, int(known.sum())) :]
+    home, load = cells.copy(), sizes[chosen]
+    for other in others:
+        least = int(load.argmin())
+        home[other] = cells[chosen[least]]
+        load[least] += sizes[other]
+    out: NDArray[np.int32] = home[np.searchsorted(cells, seen)]
+    return out

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.kept import RecordsKept
 from wdpm.cluster.limits import ClusterLimits
-from wdpm.cluster.master.homes import ANYWHERE, cells_of_pixels
+from wdpm.cluster.master.homes import cells_of_pixels, shared_out
 from wdpm.cluster.records import (
     Records,
     candidate_count,
@@ -114,16 +114,14 @@ class RecordRounds:
                 start = stop
         return out
 
-    def tasks_by_cell(
-        self, session: Session, slaves: int, first_number: int
-    ) -> tuple[list[RecordTask], dict[int, int]]:
+    def tasks_by_cell(self, session: Session, homes: int, first_number: int) -> tuple[list[RecordTask], dict[int, int]]:
         """The tasks of the round that is next where cells of a divided scene have different holders.
 
         Each is of candidates that see one cell: whoever holds it has the places that gather rays set out from, and most
-        of what they find. What sees nothing, or what is not known, is added to the fewest.
+        of what they find. Where there are fewer homes than cells, candidates that see other cells are added.
 
         Args:
-            slaves: that share the round.
+            homes: slaves that are home to a task of the round.
 
         Returns:
             the tasks, and the cell that each is about, by its number.
@@ -131,19 +129,13 @@ class RecordRounds:
         places = np.flatnonzero(self._open(self._candidates(self._round))).astype(np.int32)
         camera = self._view.camera
         pixels = candidates_at(camera.width, camera.height, self._view.cache, self._round, places)
-        about = cells_of_pixels(session, pixels)
-        cells, sizes = np.unique(about[about >= 0], return_counts=True)
-        if not len(cells):
-            cells, sizes = np.array([ANYWHERE]), np.array([len(places)])
-        about[about < 0] = cells[sizes.argmin()]
-        most = max(-(-len(places) // slaves), 1)
+        about = shared_out(cells_of_pixels(session, pixels), homes)
+        most = max(-(-len(places) // homes), 1)
         out: list[RecordTask] = []
         cell_of: dict[int, int] = {}
-        for cell in cells:
+        for cell in np.unique(about):
             own = places[about == cell]
-
-            parts = min(max(round(len(own) / most), 1), len(own))
-            for some in np.array_split(own, parts) if len(own) else ():
+            for some in np.array_split(own, max(round(len(own) / most), 1)):
                 task = RecordTask(first_number + len(out), self._round, int(some[0]), int(some[-1]) + 1, some)
                 out.append(task)
                 cell_of[task.number] = int(cell)

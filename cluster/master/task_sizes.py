@@ -46,16 +46,17 @@ def homes_of_records(session: Session, members: Members, teams: int, rays: int, 
 
     Where a team has cut the scene all its slaves work at each task, whoever is its home. Each home more is one that
     every cell sends its results to, and gather rays of homes that go at their own pace travel in batches of their own:
-    8 slaves with 2 homes in place of 8 sent half as many batches, and took 17 CPU seconds where they had taken 23. Many
-    rays are shared out all the same, since what a home does for them others wait for.
+    8 slaves with 2 homes in place of 8 took 11 CPU seconds where they had taken 14.5, also where each of the 8 was home
+    to what its own cell shows. Many rays are shared out all the same, since what a home does for them others wait for.
 
     Args:
         rays: gather rays that are expected of the round.
     """
     most = in_parallel(session, members, teams)
-    return (
-        most if len(session.burdens) == 1 else min(most, teams * max(1, -(-rays // (teams * limits.record_home_rays))))
-    )
+    if len(session.burdens) == 1:
+        return most
+    worth = max(1, -(-rays // (teams * limits.record_home_rays)))
+    return min(most, teams * worth)
 
 
 def worth_cutting_for(session: Session, members: Members, teams: int) -> int:
