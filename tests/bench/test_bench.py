@@ -20,7 +20,7 @@ from wdpm.bench.rows import Rows
 from wdpm.cli import main
 from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
-from wdpm.clusters import backend_here
+from wdpm.here import backend_here
 from wdpm.images.image import Image
 from wdpm.progress import SilentProgress
 from wdpm.rendering.backend import Backends

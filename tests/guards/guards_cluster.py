@@ -220,7 +220,7 @@ GUARDS = (
         name="batches have the arrays of their kind",
         file="cluster/batch.py",
         prevents="a kernel reads past the end of an array",
-        changes=(("if array.dtype != np.dtype(field.dtype) or array.shape != shape:", "if False:"),),
+        changes=(("if array.dtype != dtype or array.shape != (count, *shape):", "if False:"),),
         tests=(WIRE + "test_what_does_not_hold_together_is_refused",),
     ),
     Guard(

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -93,7 +94,8 @@ def begun(path: Path, prepared: Prepared, session: Session, notes: Callable[[str
 
 def bits_of(done: TaskKept) -> tuple[object, ...]:
     arrays = vars(done.result.records) if hasattr(done.result, "records") else done.result.layers
-    return (done.task, *((name, array.tobytes()) for name, array in arrays.items()))
+    task = (each.tobytes() if isinstance(each, np.ndarray) else each for each in vars(done.task).values())
+    return (*task, *((name, array.tobytes()) for name, array in arrays.items()))
 
 
 def test_an_interrupted_render_goes_on_to_the_same_bits(interrupted: Interrupted, tmp_path: Path) -> None:
