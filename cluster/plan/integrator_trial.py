@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide
-from wdpm.cluster.plan.map_plans import MapPlans, map_plans, with_fewer_paths
+from wdpm.cluster.plan.map_plans import IRRADIANCE_SHARE, MapPlans, map_plans, with_fewer_paths
 from wdpm.cluster.plan.map_worth import ALIKE, LEAST_GAIN, MapError, fewer_shares, map_error
 from wdpm.cluster.plan.path_caustics import PathCaustics, SeenPlaces, caustics_by_paths
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
@@ -327,13 +327,16 @@ class Prices:
         caustic = GATHER * self._plans.caustic_k if maps[CAUSTIC_MAP].paths else 0.0
         asks = 1.0 + way.vertices
         sample, records = self._rays(way) + asks * caustic, 0.0
+        if settings.final_gathers:  # the rays read what of caustics was gathered ahead
+            shot += IRRADIANCE_SHARE * self._plans.expected[GLOBAL_MAP] * caustic
         if settings.algorithm.has_irradiance_cache(settings):
             coats = 1.0 - trial.lambertian
-            ray = asks * ((VERTEX + SHADOW_RAY) * self._ray + coats * COAT_SHARE * GATHER * settings.k + caustic)
+            at_coats = coats * COAT_SHARE * (GATHER * settings.k + caustic)
+            ray = asks * ((VERTEX + SHADOW_RAY) * self._ray + at_coats)
             sample += coats * ray
             records = self._record_rays(trial) * (RECORD_RAY + ray)
         elif settings.final_gathers:
-            sample += asks * ((VERTEX + SHADOW_RAY) * self._ray + caustic)
+            sample += asks * (VERTEX + SHADOW_RAY) * self._ray
         else:
             sample += asks * GATHER * settings.k
         return self._trees + shot + records + self._pixels * self._spp * sample

@@ -12,11 +12,14 @@ import window_room
 import wdpm
 from tests.helpers.effect_scenes import fogs
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.integrator_trial import TRIAL_PIXELS, Way, words_for
+from wdpm.cluster.plan.integrator_trial import COAT_SHARE, GATHER, TRIAL_PIXELS, Prices, Trial, Way, words_for
+from wdpm.cluster.plan.map_plans import IRRADIANCE_SHARE, MapPlans
 from wdpm.cluster.plan.map_worth import FEWEST
+from wdpm.cluster.plan.path_caustics import NO_CAUSTICS
 from wdpm.cluster.plan.render_plan import make_render_plan
-from wdpm.cluster.plan.small_view import small
+from wdpm.cluster.plan.small_view import Figures, small
 from wdpm.cluster.render_settings import MOST_SHADOW_RAYS, Indirect, Integrator, RenderSettings
+from wdpm.cluster.world import MapPlan
 from wdpm.inspection.inspect import inspect
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.launch import Launcher
@@ -114,6 +117,30 @@ def test_few_samples_have_fewer_caustic_photons() -> None:
     found = settled(mirrored(with_bulb(SMALL)), spp=1, all_effects=True)
     assert found.settings.caustic_photons == RenderSettings.caustic_photons // FEWEST
     assert f"{RenderSettings.caustic_photons // FEWEST:,} caustic photons" in found.chose[0]
+
+
+def price(indirect: Indirect, lambertian: float, caustic_k: int, photons: float) -> float:
+    """What a small image of 8 samples would cost, with and without caustics to gather."""
+    settings = RenderSettings(integrator=Integrator.PHOTONS, indirect=indirect)
+    figures = Figures(settings, noise=0.01, of_indirect=0.0, vertices=0.0, light_samples=1, indirect=1.0)
+    trial = Trial(figures, [figures], NO_CAUSTICS, lambertian, (None, None))
+    plans = MapPlans((MapPlan(1000), MapPlan(1000), MapPlan()), caustic_k, (), (photons, 0.0, 0.0))
+    return Prices(flatten(SMALL), plans, 8).of_photons(trial, settings)
+
+
+@pytest.mark.parametrize("indirect", [Indirect.CACHE, Indirect.GATHER])
+def test_gather_rays_pay_for_caustics_at_photons_and_not_where_they_arrive(indirect: Indirect) -> None:
+    """Camera paths gather them whichever way; what rays read has them in it, but for coats."""
+    at_samples = price(Indirect.MAP, 1.0, 50, 4000.0) - price(Indirect.MAP, 1.0, 0, 4000.0)
+    whole = price(indirect, 1.0, 50, 4000.0) - price(indirect, 1.0, 0, 4000.0)
+    assert at_samples == pytest.approx(SMALL.camera.width * SMALL.camera.height * 8 * GATHER * 50)
+    assert whole == pytest.approx(at_samples + IRRADIANCE_SHARE * 4000 * GATHER * 50)
+
+
+def test_gather_rays_from_coats_ask_fewer_caustic_photons() -> None:
+    coated = price(Indirect.CACHE, 0.0, 50, 0.0) - price(Indirect.CACHE, 0.0, 0, 0.0)
+    at_samples = price(Indirect.MAP, 0.0, 50, 0.0) - price(Indirect.MAP, 0.0, 0, 0.0)
+    assert coated == pytest.approx((1.0 + COAT_SHARE) * at_samples)
 
 
 @pytest.mark.parametrize(("alpha", "told"), [(0.0, True), (0.3, False)], ids=["smooth", "rough"])
