@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide
 from wdpm.cluster.plan.map_plans import IRRADIANCE_SHARE, MapPlans, map_plans, with_fewer_paths
-from wdpm.cluster.plan.map_worth import ALIKE, LEAST_GAIN, MapError, fewer_shares, map_error
+from wdpm.cluster.plan.map_worth import ALIKE, LEAST_GAIN, MapError, fewer_shares, irradiance_by, map_error
 from wdpm.cluster.plan.path_caustics import PathCaustics, SeenPlaces, caustics_by_paths
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
 from wdpm.cluster.plan.small_view import Figures, Halves, Values, around, small, without_photons
@@ -406,7 +406,7 @@ def _map_errors(
 
     Args:
         places: that an image of CHOICE_SAMPLES samples a pixel has seen.
-        truth: that image, or about so, shape [height, width, 3].
+        truth: that image, or about so, shape [height, width, 3]. Paths hardly ever find what caustics it has.
     """
     pixel = places.all("pixel")
     if not len(pixel):
@@ -416,11 +416,15 @@ def _map_errors(
     radiance = truth.mean(axis=2).reshape(-1)[pixel[some]]
     of_sample = len(pixel) / (CHOICE_SAMPLES * truth.shape[0] * truth.shape[1])  # places
     weight = places.all("weight")[some].mean(axis=1).astype(np.float64)
-    factor = weight * (float(INV_PI) * math.sqrt(of_sample)) / np.sqrt(radiance**2 + DARK)
+    reflected = weight * float(INV_PI)
+    of_caustics = reflected * irradiance_by(pilot, CAUSTIC_MAP, position, normal)
+    factor, among_caustics = (
+        reflected * math.sqrt(of_sample) / np.sqrt(light**2 + DARK) for light in (radiance, radiance + of_caustics)
+    )
     area = _pixel_areas(flat.camera, position, normal)
     return (
         map_error(pilot, GLOBAL_MAP, photons.k, position, normal, factor, area),
-        map_error(pilot, CAUSTIC_MAP, photons.caustic_k, position, normal, factor, area),
+        map_error(pilot, CAUSTIC_MAP, photons.caustic_k, position, normal, among_caustics, area),
     )
 
 

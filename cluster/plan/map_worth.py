@@ -234,6 +234,19 @@ def fewer_shares(error: MapError, expected: float, spp: int, of_samples: float, 
     return tuple(share for share in halves if serves(share))
 
 
+def irradiance_by(
+    pilot: PhotonPilot, number: int, position: NDArray[np.float32], normal: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    """What the pilot's photons of a map bring to some places [W / m²], mean of RGB, shape [P].
+
+    Args:
+        number: of the map.
+        position, normal: of the places, shape [P, 3].
+    """
+    places: Arrays = {"id": np.arange(len(position)), "position": position, "normal": normal}
+    return _irradiance(pilot, pilot.photons[number], pilot.world.maps[number].paths, places)
+
+
 def map_error(
     pilot: PhotonPilot,
     number: int,
