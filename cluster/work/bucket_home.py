@@ -234,7 +234,7 @@ class BucketHome:
         missed = np.flatnonzero(~hit)
         if len(missed):
             runs = Runs.one(self._number, self.task.number, len(missed), len(missed) * unit)
-            yield from missed_light(self._replica, self._guards, runs, -1, take(self._rays, missed))
+            yield from missed_light(self._replica, self._guards, runs, -1, self._rays, missed)
 
     def _finish_wave(self) -> None:
         """Add the wave's samples to the pixels' sums, in the order of their numbers."""

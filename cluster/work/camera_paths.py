@@ -89,7 +89,7 @@ class CameraLight:
         missed = np.flatnonzero(final & ~hit)
         if len(missed):
             runs = batch.runs.among(missed).with_unit(unit)
-            yield from missed_light(self._replica, self.guards, runs, self._cell, take(rays, missed))
+            yield from missed_light(self._replica, self.guards, runs, self._cell, rays, missed)
 
     def probe(self, batch: Batch) -> Iterator[Batch]:
         """Intersect camera rays with this cell alone, and tell the home what was hit."""
@@ -223,9 +223,8 @@ class CameraLight:
         yield from self._send_vertices(batch.runs, paths, (onward < 0) & hit)
         missed = np.flatnonzero((onward < 0) & ~hit)
         if len(missed):
-            rest = take(paths, missed)
-            runs = self._with_credit(batch.runs.among(missed), rest)
-            yield from missed_light(replica, self.guards, runs, self._cell, rest)
+            runs = self._with_credit(batch.runs.among(missed), paths["bounce"][missed])
+            yield from missed_light(replica, self.guards, runs, self._cell, paths, missed)
 
     def shade_vertices(self, batch: Batch) -> Iterator[Batch]:
         """Light final hits of paths in this cell."""
@@ -372,18 +371,18 @@ class CameraLight:
         """Send the chosen paths where they are to go."""
         for cell, rows in by_destination(destination, chosen):
             sent = take(paths, rows)
-            yield Batch(kind, cell, self._with_credit(runs.among(rows), sent), sent)
+            yield Batch(kind, cell, self._with_credit(runs.among(rows), sent["bounce"]), sent)
 
     def _send_vertices(self, runs: Runs, paths: Arrays, chosen: NDArray[np.bool_]) -> Iterator[Batch]:
         """Send the chosen paths to the cells of their hits: those of a task in the order of the triangles."""
         for cell, rows in by_destination(paths["owner"], chosen):
             mine = runs.among(rows)
             sent = take_in_order(paths, rows, "prim", mine)
-            yield Batch(Kind.VERTEX, cell, self._with_credit(mine, sent), sent)
+            yield Batch(Kind.VERTEX, cell, self._with_credit(mine, sent["bounce"]), sent)
 
-    def _with_credit(self, runs: Runs, paths: Arrays) -> Runs:
-        """Runs of paths with the credit of these."""
-        return runs.with_credit(runs.sums(parts.credit_of(paths["bounce"], self._view.light_samples)))
+    def _with_credit(self, runs: Runs, bounce: NDArray[np.int32]) -> Runs:
+        """Runs of paths with the credit that these have."""
+        return runs.with_credit(runs.sums(parts.credit_of(bounce, self._view.light_samples)))
 
     # Odds and ends
 

@@ -42,7 +42,9 @@ def start_paths(replica: Replica, rays: Any, count: int) -> Any:
     return paths
 
 
-def missed_light(replica: Replica, guards: Guards, runs: Runs, cell: int, rays: Arrays) -> Iterator[Batch]:
+def missed_light(
+    replica: Replica, guards: Guards, runs: Runs, cell: int, rays: Arrays, missed: NDArray[np.intp]
+) -> Iterator[Batch]:
     """What rays that meet nothing bring home: light of the environment, and of the medium that they are in.
 
     In path tracing some of them collide in their medium: those are vertices of the cell that contains the collision.
@@ -51,13 +53,15 @@ def missed_light(replica: Replica, guards: Guards, runs: Runs, cell: int, rays: 
         guards: of camera samples.
         runs: whose they are, with their credit.
         cell: the cell where that became clear.
-        rays: CAMERA rays, or rays of a PATH.
+        rays: CAMERA rays, or rays of a PATH, among others.
+        missed: the rows of those that meet nothing, ascending.
     """
     view, features = replica.view, replica.world.features
     if view is None or not features.misses:
         yield Batch(Kind.ENDED, cell, runs.without_rows(runs.credit), {})
         return
-    device, count = replica.launcher.device, len(rays["slot"])
+    rays = take(rays, missed)  # only here: where nothing lies beyond the scene, no row of them is read
+    device, count = replica.launcher.device, len(missed)
     radiance = wp.empty(count, dtype=wp.vec3, device=device)
     stretches = columns.empty(Stretches, count if replica.outputs.media else 0, device)
     later = "bounce" in rays
