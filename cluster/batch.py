@@ -188,7 +188,7 @@ def take(arrays: Arrays, rows: NDArray[np.intp] | slice) -> dict[str, NDArray[An
         return {name: array[rows] for name, array in arrays.items()} if rows != slice(None) else dict(arrays)
     if len(rows) == len(next(iter(arrays.values()))):
         return dict(arrays)
-    return {name: take_rows(array, rows) for name, array in arrays.items()}
+    return take_some(arrays, rows)
 
 
 def take_some(arrays: Arrays, rows: NDArray[np.intp]) -> dict[str, NDArray[Any]]:
@@ -206,7 +206,7 @@ def take_in_order(arrays: Arrays, rows: NDArray[np.intp], name: str, runs: Runs)
     key = arrays[name][rows]
     if len(runs) > 1:
         key = (runs.numbers() << 32) | key
-    return take_some(arrays, rows[np.argsort(key)])
+    return take_some(arrays, rows.take(key.argsort()))
 
 
 def concatenate(parts: Iterable[Arrays], kind: Kind) -> dict[str, NDArray[Any]]:
@@ -244,15 +244,15 @@ def zeros(kind: Kind, count: int = 0) -> dict[str, NDArray[Any]]:
 
 def by_destination(destination: NDArray[np.int32], chosen: NDArray[np.bool_]) -> Iterator[tuple[int, NDArray[np.intp]]]:
     """The chosen rows, grouped by destination, in ascending order of both."""
-    rows = np.flatnonzero(chosen)
+    rows = chosen.nonzero()[0]
     if not len(rows):
         return
-    targets = destination[rows]
-    if (targets == targets[0]).all():
+    targets = destination.take(rows)
+    if np.count_nonzero(targets != targets[0]) == 0:
         yield int(targets[0]), rows
         return
     for target in np.unique(targets):
-        yield int(target), rows[targets == target]
+        yield int(target), rows.take((targets == target).nonzero()[0])
 
 
 def by_home(batches: Iterable[Batch]) -> Iterator[Batch]:

@@ -70,7 +70,7 @@ class Runs:
     def bounds(self) -> Numbers:
         """Where each run begins, and where the last one ends, shape [runs + 1]."""
         bounds = np.zeros(len(self.table) + 1, np.int64)
-        np.cumsum(self.table[:, ROWS], out=bounds[1:])
+        self.table[:, ROWS].cumsum(out=bounds[1:])
         return bounds
 
     def among(self, rows: NDArray[np.intp]) -> Runs:
@@ -80,7 +80,7 @@ class Runs:
             rows: ascending.
         """
         table = self.table.copy()
-        table[:, ROWS] = len(rows) if len(table) == 1 else _steps(np.searchsorted(rows, self.bounds))
+        table[:, ROWS] = len(rows) if len(table) == 1 else _steps(rows.searchsorted(self.bounds))
         table[:, CREDIT] = 0
         return Runs(table)
 
@@ -113,7 +113,7 @@ class Runs:
         if len(self.table) == 1:
             return np.array([values.sum(dtype=np.int64)])
         total = np.zeros(len(values) + 1, np.int64)
-        np.cumsum(values, out=total[1:])
+        values.cumsum(out=total[1:])
         return _steps(total[self.bounds])
 
     def numbers(self) -> Numbers:
@@ -123,7 +123,7 @@ class Runs:
     def occupied(self) -> Runs:
         """Those that have rows or credit."""
         some = (self.table[:, ROWS] | self.table[:, CREDIT]) != 0
-        return self if some.all() else Runs(self.table[some])
+        return self if np.count_nonzero(some) == len(some) else Runs(self.table[some])
 
     def slices(self, column: int) -> Iterator[tuple[int, Runs, slice]]:
         """The runs of each home (column HOME), or of each task (TASK), and their rows.
@@ -131,7 +131,7 @@ class Runs:
         What has the same number there must stand together.
         """
         numbers = self.table[:, column]
-        if (numbers == numbers[0]).all():
+        if len(numbers) == 1 or np.count_nonzero(numbers != numbers[0]) == 0:
             yield int(numbers[0]), self, slice(None)
             return
         begins = [0, *((numbers[1:] != numbers[:-1]).nonzero()[0] + 1).tolist(), len(numbers)]
@@ -153,9 +153,9 @@ def join(parts: Sequence[Runs]) -> tuple[Runs, list[int] | None]:
         the order in which they are.
     """
     table = np.concatenate([part.table for part in parts])
-    order = np.lexsort((table[:, TASK], table[:, HOME]))
     if len(table) == 1:
         return Runs(table), None
+    order = np.lexsort((table[:, TASK], table[:, HOME]))
     ascending = bool((order[1:] > order[:-1]).all())
     if not ascending:
         table = table[order]

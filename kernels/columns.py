@@ -103,7 +103,7 @@ def upload(
     """
     layout = _layout_on(struct, device)
     if layout is not None:
-        return host_columns.over(layout, {name: arrays[name] for name in layout.types}, written)
+        return host_columns.over(layout, arrays, written)
     columns = struct()
     dtypes = _dtypes(struct)
     if not blocks.shares_memory(device):
@@ -277,7 +277,7 @@ def length(columns: Any, name: str) -> int:
 def download(columns: Any, names: Iterable[str]) -> dict[str, NDArray[Any]]:
     """The named arrays as numpy arrays; on the CPU they share memory with the device's."""
     if isinstance(columns, HostColumns):
-        return {name: columns.column(name) for name in names}
+        return columns.some(names)
     return to_host({name: getattr(columns, name) for name in names})
 
 

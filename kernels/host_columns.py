@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,9 @@ _NUMPY: dict[Any, tuple[Any, tuple[int, ...]]] = {
 }
 """What numpy calls the items of columns, and their shape."""
 
+_item_at: Callable[[Any], ctypes.c_char] = ctypes.c_char.from_buffer
+"""The first byte of an array that may be written to."""
+
 
 class Layout:
     """Where the descriptors of a struct's arrays hold what differs from one instance to the next.
@@ -44,6 +47,7 @@ class Layout:
 
     Attributes:
         types: of each column's items, as Warp calls them.
+        items: name, NumPy's type and shape of each column's items.
         words: a struct of arrays without items, as 64-bit words.
     """
 
@@ -52,6 +56,7 @@ class Layout:
         self.types = {name: var.type.dtype for name, var in struct.vars.items()}
         self.numbers = {name: np.dtype(_NUMPY[dtype][0]) for name, dtype in self.types.items()}
         self.shapes = {name: _NUMPY[dtype][1] for name, dtype in self.types.items()}
+        self.items = [(name, number, self.shapes[name]) for name, number in self.numbers.items()]
         self._sizes = [wp.types.type_size_in_bytes(dtype) for dtype in self.types.values()]
         template, starts = struct.ctype(), []
         for name, dtype in self.types.items():
@@ -145,11 +150,18 @@ class HostColumns:
             self._arrays[name] = array
         return array
 
+    def some(self, names: Iterable[str]) -> dict[str, NDArray[Any]]:
+        """The named columns, as `column` has them."""
+        known = self._arrays
+        if known.keys() >= self._layout.types.keys():
+            return {name: known[name] for name in names}
+        return {name: self.column(name) for name in names}
+
     def make_room(self, count: int) -> None:
         """Have columns of so many items, of no particular value."""
         starts, size = self._layout.starts(count)
         block = np.empty(size + ALIGNMENT, np.uint8)
-        place = block.__array_interface__["data"][0]
+        place = ctypes.addressof(_item_at(block))
         shift = -place % ALIGNMENT
         starts = [start + shift for start in starts]
         self._layout.describe(self._words, [place + start for start in starts], count)
@@ -161,9 +173,9 @@ class HostColumns:
         Args:
             written: columns that kernels write to. Of those, arrays that may not be written to are copied.
         """
-        places, lengths = [], []
-        for name, number in self._layout.numbers.items():
-            array, shape = arrays[name], self._layout.shapes[name]
+        places, lengths, kept = [], [], self._arrays
+        for name, number, shape in self._layout.items:
+            array = arrays[name]
             flags = array.flags
             if array.shape[1:] != shape or array.ndim == 0:
                 raise ValueError(
@@ -171,9 +183,14 @@ class HostColumns:
                 )
             if array.dtype != number or not (flags.c_contiguous and (flags.writeable or name not in written)):
                 array = np.array(array, number, order="C")
-            self._arrays[name] = array
-            places.append(array.__array_interface__["data"][0])
-            lengths.append(len(array))
+                flags = array.flags
+            length = len(array)
+            # What is read-only or empty has no buffer for ctypes, which takes a quarter of the time.
+            has_buffer = flags.writeable and length
+            place = ctypes.addressof(_item_at(array)) if has_buffer else array.__array_interface__["data"][0]
+            kept[name] = array
+            places.append(place)
+            lengths.append(length)
         self._layout.describe(self._words, places, lengths)
 
 
