@@ -284,11 +284,11 @@ class BucketHome:
         """All parts beyond the first surface, by slot and place, and where those of each slot begin."""
         together = concatenate(self._later, Kind.LIT)
         order = in_order(together["slot"], together["place"])
-        slot = together["slot"][order]
-        samples = len(self._slots["depth"])
+        begin = np.zeros(len(self._slots["depth"]) + 1, np.int32)
+        np.bincount(together["slot"], minlength=len(begin) - 1).cumsum(dtype=np.int32, out=begin[1:])
         return {
-            "begin": np.searchsorted(slot, np.arange(samples + 1)).astype(np.int32),
-            "layer": parts.layer_of(together["place"][order], self._view.light_samples),
+            "begin": begin,
+            "layer": parts.layer_of(together["place"], self._view.light_samples).take(order),
             "radiance": take_rows(together["radiance"], order),
         }
 

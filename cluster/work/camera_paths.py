@@ -382,7 +382,7 @@ class CameraLight:
 
     def _with_credit(self, runs: Runs, bounce: NDArray[np.int32]) -> Runs:
         """Runs of paths with the credit that these have."""
-        return runs.with_credit(runs.sums(parts.credit_of(bounce, self._view.light_samples)))
+        return runs.with_credit(parts.credit_of(runs, bounce, self._view.light_samples))
 
     # Odds and ends
 

@@ -115,5 +115,6 @@ def _collisions(runs: Runs, paths: Arrays, into: NDArray[np.int32], light_sample
     """Paths that collide in their medium on their way out of the scene, by the cell that contains the collision."""
     for cell, rows in by_destination(into, into >= 0):
         sent = take(paths, rows)
-        credit = runs.among(rows).sums(parts.credit_of(sent["bounce"], light_samples))
-        yield Batch(Kind.VERTEX, cell, runs.among(rows).with_credit(credit), sent)
+        mine = runs.among(rows)
+        credit = parts.credit_of(mine, sent["bounce"], light_samples)
+        yield Batch(Kind.VERTEX, cell, mine.with_credit(credit), sent)

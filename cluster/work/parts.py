@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.runs import Numbers, Runs
 from wdpm.kernels.camera.vertices import (
     BEAM_PART,
     BOUNCES,
@@ -63,7 +64,19 @@ def bounce_of(place: NDArray[np.int32], light_samples: int) -> NDArray[np.int32]
 
 
 def layer_of(place: NDArray[np.int32], light_samples: int) -> NDArray[np.int32]:
-    """Which layer of the image each place belongs to."""
+    """Which layer of the image each place belongs to.
+
+    Args:
+        place: none is negative.
+    """
+    places = int(place.max(initial=0)) + 1
+    if places >= len(place):
+        return _layers(place, light_samples)
+    # Many parts have few different places: what each of those is, is worked out once.
+    return _layers(np.arange(places, dtype=np.int32), light_samples).take(place)
+
+
+def _layers(place: NDArray[np.int32], light_samples: int) -> NDArray[np.int32]:
     row, column = np.divmod(place, light_samples + int(PARTS))
     part = column - light_samples
     layer = np.where(part < 0, DIRECT_LAYER, _LAYER_OF_PART[np.maximum(part, 0)])
@@ -83,9 +96,14 @@ def credit_of_vertex(light_samples: int) -> int:
     return 3 + light_samples
 
 
-def credit_of(bounce: NDArray[np.int32], light_samples: int) -> NDArray[np.int64]:
-    """Credit of each of some rays of camera paths: enough for all vertices that it may still have, shape [rays]."""
-    return (LAST_BOUNCE + 1 - bounce.astype(np.int64)) * credit_of_vertex(light_samples)
+def credit_of(runs: Runs, bounce: NDArray[np.int32], light_samples: int) -> Numbers:
+    """Credit of some rays of camera paths: enough for all vertices that they may still have, shape [runs].
+
+    Args:
+        runs: whose the rays are.
+        bounce: of each ray, shape [rays].
+    """
+    return (runs.rows * (LAST_BOUNCE + 1) - runs.sums(bounce)) * credit_of_vertex(light_samples)
 
 
 def credit_of_camera_ray(light_samples: int) -> int:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, concatenate, take
 from wdpm.cluster.records import RAY_SAMPLES
 from wdpm.cluster.rows import in_order, summed, take_rows
+from wdpm.cluster.runs import Runs
 from wdpm.cluster.work import parts
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
@@ -147,7 +148,8 @@ class RecordWave:
         arrays, destination = columns.download(paths, SCHEMAS[Kind.PATH]), first.numpy()
         for cell, rows in by_destination(destination, destination >= 0):
             sent = take(arrays, rows)
-            yield cell, int(parts.credit_of(sent["bounce"], view.light_samples).sum()), sent
+            of_task = Runs.one(0, 0, len(rows), 0)  # its home and its number don't matter here
+            yield cell, int(parts.credit_of(of_task, sent["bounce"], view.light_samples).sum()), sent
 
     def take(self, batch: Batch) -> None:
         """Light that came along some rays, and how far they went."""

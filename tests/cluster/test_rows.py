@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from wdpm.cluster.batch import take_in_order
+from wdpm.cluster.batch import by_destination, take_in_order
 from wdpm.cluster.rows import any_of, in_order, largest_of, put_rows, summed, take_rows
 from wdpm.cluster.runs import Runs
 
@@ -68,3 +70,16 @@ def test_rows_of_each_run_stay_together() -> None:
     arrays = {"prim": np.array([5, 2, 9, 2, 0], np.int32), "slot": np.arange(5, dtype=np.int32)}
     runs = Runs(np.array([[0, 1, 2, 2], [0, 2, 2, 2]], np.int64))
     assert take_in_order(arrays, np.array([0, 1, 2, 4]), "prim", runs)["prim"].tolist() == [2, 5, 0, 9]
+
+
+@given(st.lists(st.tuples(st.integers(-1, 3), st.booleans()), max_size=30))
+def test_chosen_rows_go_to_their_destinations_in_order(rows: list[tuple[int, bool]]) -> None:
+    destination = np.array([where for where, _ in rows], np.int32)
+    chosen = np.array([is_chosen for _, is_chosen in rows], np.bool_)
+    found = {cell: list(which) for cell, which in by_destination(destination, chosen)}
+    expected: dict[int, list[int]] = {}
+    for row, (where, is_chosen) in enumerate(rows):
+        if is_chosen:
+            expected.setdefault(where, []).append(row)
+    assert found == expected
+    assert list(found) == sorted(found)

@@ -147,3 +147,24 @@ def test_a_part_of_other_columns_shares_their_memory() -> None:
 def test_there_are_no_other_members() -> None:
     with pytest.raises(AttributeError, match="no member colour"):
         _ = columns.empty(Paths, 1, "cpu").colour
+
+
+@pytest.mark.parametrize("writeable", [True, False])
+@pytest.mark.parametrize("items", [0, 1, ITEMS])
+def test_a_kernel_is_told_where_each_array_begins_and_how_long_it_is(items: int, writeable: bool) -> None:
+    arrays = {name: array[ITEMS - items :] for name, array in some_photons().items()}
+    for array in arrays.values():
+        array.flags.writeable = writeable
+    told = columns.upload(StoredPhotons, arrays, "cpu", written=()).__ctype__()
+    for name, array in arrays.items():
+        assert getattr(told, name).shape[0] == items
+        assert not items or getattr(told, name).data == array.__array_interface__["data"][0]
+
+
+def test_columns_that_are_asked_for_together_are_those_that_are_asked_for_one_by_one() -> None:
+    for made in (columns.empty(StoredPhotons, ITEMS, "cpu"), columns.upload(StoredPhotons, some_photons(), "cpu")):
+        one = columns.column(made, "flux")
+        for names in (("id", "flux"), tuple(StoredPhotons.vars)):
+            together = columns.download(made, names)
+            assert tuple(together) == names
+            assert together["flux"] is one
