@@ -44,7 +44,7 @@ class ClusterLimits:
         record_task_least, record_task_most: ... and all are within these numbers of candidates. All of an early round
             become records, few of a late one.
         record_home_rays: gather rays, as many as set out at once, that are worth one more home of records where slaves
-            hold but parts of the scene: all of them work at each task there.
+            hold but parts of the scene, and share cores: all of them work at each task there.
         buckets_in_flight: buckets or tasks of records handed to a slave at once: one to be at, and one to go on with.
             Of more, a slave that is slower than it seemed would still have some when others have none.
         shared_in_flight: the same where a slave holds but a part of the scene. Its buckets wait for its peers, and all
@@ -72,7 +72,7 @@ class ClusterLimits:
     record_task_rays: int = 32_768
     record_task_least: int = 32
     record_task_most: int = 131_072
-    record_home_rays: int = 131_072
+    record_home_rays: int = 32_768
     buckets_in_flight: int = 2
     shared_in_flight: int = 6
     cells_in_flight: int = 2

@@ -72,8 +72,13 @@ def test_rounds_of_few_rays_have_few_homes_where_the_scene_is_cut(
     slaves: int, cells: int, teams: int, rays: int, homes: int
 ) -> None:
     """Each team has one at least; where nobody needs another slave, each slave has a task."""
-    members, limits = members_of({"there": slaves}, {}), ClusterLimits(record_home_rays=RAYS)
-    assert homes_of_records(make_session(slaves, cells), members, teams, rays, limits) == homes
+    session, limits = make_session(slaves, cells), ClusterLimits(record_home_rays=RAYS)
+    sharing, alone = members_of({"here": slaves}, {"here": 1}), members_of({"here": slaves}, {"here": slaves})
+    if cells > 1:
+        assert homes_of_records(session, sharing, teams, rays, limits) == homes
+        assert homes_of_records(session, alone, teams, rays, limits) == slaves, "no core is idle"
+    else:
+        assert homes_of_records(session, alone, teams, rays, limits) == homes
 
 
 @pytest.mark.parametrize(
