@@ -79,8 +79,6 @@ class Kind(Enum):
     ENDED = "ended"
     """Nothing but credit: rays that ended."""
 
-    __hash__ = object.__hash__  # members are alone of their kind, and asked for many times a batch; Enum hashes names
-
 
 TO_HOME = frozenset({Kind.PROBED, Kind.SAMPLES, Kind.LIT, Kind.RECORD_SITES, Kind.ENDED})
 
