@@ -62,7 +62,7 @@ class Chronicle:
                 yield from self._said(self._numbers[identity], message, now)
             case m.SlaveLost(identity, reason) if identity in self._numbers:
                 yield ClusterEvent("lost", {"slave": self._numbers[identity], "reason": reason})
-            case m.ProcessEnded(process, reason):
+            case m.ProcessEnded(process, reason, _):
                 yield ClusterEvent("process ended", {"process": process, "reason": reason})
             case m.Begin():
                 yield ClusterEvent("begun")

@@ -44,10 +44,15 @@ class SlaveLost:
 
 @dataclass(frozen=True)
 class ProcessEnded:
-    """A slave's process, which was started here, has ended."""
+    """A slave's process has ended, which was started here and will not be again.
+
+    Attributes:
+        left: of the processes that were started here, those that run: nobody else can join.
+    """
 
     process: int
     reason: str
+    left: int
 
 
 @dataclass(frozen=True)

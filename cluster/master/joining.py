@@ -28,13 +28,25 @@ class JoinWait:
         left = self._limits.join_timeout_s - self._waited_s
         return f"{self._who_has_come()}; the others are waited for {left:.0f} s more"
 
-    def overdue(self) -> str | None:
-        """Why the render ends, if the wait is over."""
-        if self._waited_s < self._limits.join_timeout_s:
-            return None
+    @property
+    def over(self) -> bool:
+        """Whether nobody is waited for any longer."""
+        return self._waited_s >= self._limits.join_timeout_s
+
+    @property
+    def in_vain(self) -> str:
+        """Why there is no render, if none has come."""
         return (
-            f"{self._who_has_come()} within {self._limits.join_timeout_s:g} s; start the others with `wdpm slave`, "
-            "or give them longer with --join-timeout"
+            f"no slave has joined within {self._limits.join_timeout_s:g} s, of {self._members.expected} that are "
+            "waited for; start them with `wdpm slave`, or give them longer with --join-timeout"
+        )
+
+    @property
+    def enough(self) -> str:
+        """What to tell a person if some have."""
+        return (
+            f"{self._who_has_come()} within {self._limits.join_timeout_s:g} s (--join-timeout): these begin, and "
+            "others may join later"
         )
 
     def _who_has_come(self) -> str:

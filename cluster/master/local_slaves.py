@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import IO
 
+from wdpm.cluster.master.events import ProcessEnded
 from wdpm.scenes.errors import ClusterError
 
 GRACE_S = 5.0
@@ -138,13 +139,13 @@ class LocalSlaves:
         """Numbers of those that run."""
         return [slave.number for slave in self._slaves if slave.ended() is None]
 
-    def ended(self) -> Iterator[tuple[int, str]]:
-        """Processes that have ended since this was last asked: number, and why."""
+    def ended(self) -> Iterator[ProcessEnded]:
+        """Processes that have ended since this was last asked."""
         for slave in self._slaves:
             reason = slave.ended()
             if reason is not None and slave.number not in self._reported:
                 self._reported.add(slave.number)
-                yield slave.number, reason
+                yield ProcessEnded(slave.number, reason, len(self.processes))
 
     def stop(self) -> None:
         """Wait for all to end, kill those that do not; may be called again."""

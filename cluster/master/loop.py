@@ -26,8 +26,8 @@ SEEN_S = 2.0
 SEE_OFF_S = 5.0
 """How long a master that ends waits for the Goodbye of slaves that it has told to stop; they answer at once."""
 
-Watch = Callable[[], Iterable[tuple[int, str]]]
-"""Local slave processes that have ended: (process number, why)."""
+Watch = Callable[[], Iterable[m.ProcessEnded]]
+"""Slave processes that were started here and have ended since this was last asked."""
 
 
 class MasterShell:
@@ -146,8 +146,8 @@ class MasterLoop:
         now = time.monotonic()
         if now - self._ticked >= TURN_S:
             self._ticked = now
-            for process, reason in self._watch():
-                self._shell.handle(m.ProcessEnded(process, reason))
+            for ended in self._watch():
+                self._shell.handle(ended)
             self._shell.handle(m.Tick())
             self._tell_of_slaves(now)
 

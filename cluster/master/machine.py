@@ -133,15 +133,15 @@ class Master:
             case PartitionMade(cell, triangles):
                 return self._phases.roster.partition_made(cell, triangles)
             case WaitForSlaves():
-                self._awaited = self.phase is Phase.JOINING
-                return [] if self._awaited else [AllJoined(tuple(self.members))]
+                self._awaited = True
+                return [] if self.phase is Phase.JOINING else self._tell_who_is_there()
             case Begin(session):
                 return self._phases.begin(session, now)
             case SlaveLost(identity, reason):
                 member = self._members.get(identity)
                 return [] if member is None else self._lose(member, reason, now)
-            case ProcessEnded(process, reason):
-                return self._process_ended(process, reason, now)
+            case ProcessEnded(process, reason, left):
+                return self._process_ended(process, reason, left, now)
             case Unreadable(identity, reason):
                 return self._unreadable(identity, reason)
             case Close(reason, completed):
@@ -156,7 +156,7 @@ class Master:
         match event:
             case SlaveSaid(identity, protocol.Goodbye() | protocol.Failed()) | SlaveLost(identity, _):
                 leaving = [self._members.get(identity)]
-            case ProcessEnded(process, _):
+            case ProcessEnded(process):
                 leaving = [member for member in self._members if member.hello.process == process]
             case _:
                 return
@@ -192,11 +192,8 @@ class Master:
                 out += self._lose(member, f"it has been silent for {silence:.0f} s, and may have died", now)
             elif (news := member.news_of_silence(now, self._limits)) is not None:
                 out.append(Noted(news))
-        if self.phase is Phase.JOINING and self._phases.session is not None:
-            if (news := self._joining.tick(now)) is not None:
-                out.append(Noted(news))
-            if (overdue := self._joining.overdue()) is not None:
-                return self._break(overdue)
+        if self.phase is Phase.JOINING and (self._awaited or self._phases.session is not None):
+            out += self._wait(now)
         if self._alone is not None and now >= self._alone[0] + self._limits.rejoin_s:
             return self._break(f"{self._alone[1]}; no slave is left, and none came within {self._limits.rejoin_s:g} s")
         for pair in [pair for pair, (until, _) in self._apart.items() if now >= until]:
@@ -207,20 +204,49 @@ class Master:
         self._beat_at = now + self._limits.heartbeat_s
         return out + self._to_all(protocol.Heartbeat())
 
-    def _process_ended(self, process: int, reason: str, now: float) -> list[Instruction]:
-        for member in self._members:
-            if member.hello.process == process:
-                return self._lose(member, reason, now, for_good=True)
-        if any(member.hello.process == process for member in self._members.ever):
-            return []  # its connection was lost before
-        return self._break(f"a slave (process {process}) ended before it joined: {reason}")
+    def _wait(self, now: float) -> list[Instruction]:
+        """Time has passed while slaves are waited for that have not joined."""
+        news = self._joining.tick(now)
+        if not self._joining.over:
+            return [] if news is None else [Noted(news)]
+        if not len(self._members):
+            return self._break(self._joining.in_vain)
+        return [Noted(self._joining.enough), *self._begin_with_these(now)]
 
-    def _lose(self, member: Member, reason: str, now: float, *, for_good: bool = False) -> list[Instruction]:
-        """A slave is gone; others go on with what it did.
+    def _begin_if_all_came(self, now: float) -> list[Instruction]:
+        """Wait no longer, if all have joined that are waited for."""
+        if self.phase is not Phase.JOINING or len(self._members) < self._members.expected:
+            return []
+        return self._begin_with_these(now)
 
-        Args:
-            for_good: nobody will start it again.
-        """
+    def _begin_with_these(self, now: float) -> list[Instruction]:
+        return self._tell_who_is_there() + self._phases.all_joined(now)
+
+    def _tell_who_is_there(self) -> list[Instruction]:
+        """Answer who waits for slaves, if anyone does and a slave is there."""
+        if not self._awaited or not len(self._members):
+            return []
+        self._awaited = False
+        return [AllJoined(tuple(self.members))]
+
+    def _process_ended(self, process: int, reason: str, left: int, now: float) -> list[Instruction]:
+        """A slave will not come, or not come again: those that are left go on, or begin, without it."""
+        joined = [member for member in self._members.ever if member.hello.process == process]
+        there = [member for member in self._members if member in joined]  # or its connection was lost before
+        name = f"{joined[-1]} is lost" if joined else f"a slave (process {process}) ended before it joined"
+        out: list[Instruction] = [] if joined else [Noted(f"{name}: {reason}")]
+        for member in there:
+            out += self._lose(member, reason, now)
+        if self.phase is Phase.ENDED:
+            return out
+        if not left:
+            return out + self._break(f"{name}: {reason}; no slave is left")
+        if self.phase is Phase.JOINING:
+            self._members.expect_no_more_than(left)
+        return out + self._begin_if_all_came(now)
+
+    def _lose(self, member: Member, reason: str, now: float) -> list[Instruction]:
+        """A slave is gone; others go on with what it did."""
         self._members.lose(member)
         left = f"{len(self._members)} of {self._members.expected} left"
         out: list[Instruction] = [Noted(f"{member} is lost: {reason}; {left}")]
@@ -231,7 +257,7 @@ class Master:
         if len(self._members) or self.phase is Phase.JOINING:
             return out
         self._alone = (now, f"{member} is lost: {reason}")
-        return self._break(f"{self._alone[1]}; no slave is left") if for_good else out
+        return out
 
     def _join(self, identity: bytes, hello: protocol.Hello, now: float) -> list[Instruction]:
         out: list[Instruction] = []
@@ -258,10 +284,9 @@ class Master:
             Send(identity, welcome),
             Noted(f"{member} joined, {hello.threads} threads ({len(self._members)} of {self._members.expected})"),
         ]
-        if self.phase is Phase.JOINING and len(self._members) == self._members.expected:
-            out += [AllJoined(tuple(self.members))] if self._awaited else []
-            out += self._phases.all_joined(now)
-        return out + joined
+        if self.phase is Phase.JOINING:
+            return out + self._begin_if_all_came(now)
+        return out + self._tell_who_is_there() + joined
 
     # Messages.
 

@@ -107,6 +107,10 @@ class Members:
         self._all.append(member)
         return member
 
+    def expect_no_more_than(self, slaves: int) -> None:
+        """No more than so many can come any more."""
+        self.expected = min(self.expected, slaves)
+
     def lose(self, member: Member) -> None:
         """A slave is gone. If it comes back, that is another one."""
         member.left = True

@@ -62,7 +62,8 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         type=values.duration,
         default=600.0,
         metavar="TIME",
-        help="how long to wait for slaves that have not joined, like 90s or 30m (default: 10m)",
+        help="how long to wait for slaves that have not joined, like 90s or 30m, before those that have begin "
+        "(default: 10m)",
     )
     options.add_security_options(parser)
     add_monitoring_options(parser)

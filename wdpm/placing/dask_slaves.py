@@ -16,6 +16,7 @@ from typing import Any
 
 from distributed.comm import get_address_host
 
+from wdpm.cluster.master.events import ProcessEnded
 from wdpm.placing.dask_task import Order, kill, serve
 from wdpm.placing.own_number import listening_address, number_towards, reached_at
 from wdpm.scenes.errors import ClusterError, SettingsError
@@ -73,7 +74,7 @@ class DaskSlaves:
         self._thread = threading.Thread(target=self._keep, args=(reached, keys), name="wdpm on Dask", daemon=True)
         self._thread.start()
 
-    def ended(self) -> Iterable[tuple[int, str]]:
+    def ended(self) -> Iterable[ProcessEnded]:
         """Nothing, as the master sees for itself who is lost.
 
         Raises:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
+from wdpm.cluster.master.events import ProcessEnded
+
 
 class Placed(Protocol):
     """Slaves that something starts, watches, and starts again.
@@ -23,7 +25,7 @@ class Placed(Protocol):
             keys: gives those of one more slave, as it takes them from its standard input.
         """
 
-    def ended(self) -> Iterable[tuple[int, str]]:
+    def ended(self) -> Iterable[ProcessEnded]:
         """Asked by the master all the time, on its thread: processes of this machine that have ended, if any have.
 
         Raises:

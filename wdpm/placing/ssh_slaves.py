@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
+from wdpm.cluster.master.events import ProcessEnded
 from wdpm.cluster.master.local_slaves import GRACE_S, SlaveProcess
 from wdpm.placing.hosts import Host
 from wdpm.placing.own_number import listening_address, number_towards, reached_at
@@ -109,7 +110,7 @@ class SshSlaves:
             place.endpoint = reached_at(self._numbers[place.host], endpoint)
             self._start(place)
 
-    def ended(self) -> Iterable[tuple[int, str]]:
+    def ended(self) -> Iterable[ProcessEnded]:
         """Look after the slaves. Their numbers are of other machines, so none is named: the master sees who is lost."""
         if not self._over:
             for place in self._places:

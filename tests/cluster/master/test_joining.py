@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from fake_worker import make_session
-from master_driver import A, Driver, hello
+from master_driver import A, B, C, Driver, hello, sent
 from slow_slaves import AGREED
 
 from wdpm.cluster.limits import ClusterLimits
@@ -31,6 +31,11 @@ def notes(instructions: list[m.Instruction]) -> list[str]:
     return [i.text for i in instructions if isinstance(i, m.Noted)]
 
 
+def joined(instructions: list[m.Instruction]) -> list[p.Hello]:
+    """Who is there, as who asked is told."""
+    return [hello for i in instructions if isinstance(i, m.AllJoined) for hello in i.slaves]
+
+
 def waiting() -> Driver:
     """One of two slaves has joined."""
     driver = Driver()
@@ -39,16 +44,92 @@ def waiting() -> Driver:
     return driver
 
 
-def test_a_slave_that_never_joins_ends_the_render() -> None:
+def test_a_slave_that_never_joins_is_done_without() -> None:
     driver = waiting()
     out = ticks(driver, range(1, WAIT_S))
     assert driver.master.phase is Phase.JOINING
     told = notes(out)
     assert len(told) == WAIT_S // 30 - 1
     assert told[0] == "1 of 2 slaves have joined (slave 0 (host, process 0)); the others are waited for 570 s more"
-    [reason] = [i.reason for i in ticks(driver, range(WAIT_S, WAIT_S + 3)) if isinstance(i, m.Broken)]
-    assert reason.startswith("1 of 2 slaves have joined (slave 0 (host, process 0)) within 600 s; start the others")
+    out = ticks(driver, range(WAIT_S, WAIT_S + 3))
+    begun = "1 of 2 slaves have joined (slave 0 (host, process 0)) within 600 s (--join-timeout): these begin, and"
+    assert notes(out)[0].startswith(begun)
+    [setup] = [message for message in sent(out, A) if isinstance(message, p.Setup)]
+    assert setup.holders == (0, 0)
+    assert driver.master.phase is Phase.SETUP
+
+
+def test_no_slave_at_all_ends_the_render() -> None:
+    driver = Driver()
+    driver(m.Begin(make_session(2, 2)))
+    driver(m.Tick())
+    out = [each for second in range(1, WAIT_S + 2) for each in driver.master.handle(m.Tick(), float(second))]
+    [reason] = [i.reason for i in out if isinstance(i, m.Broken)]
+    assert reason.startswith("no slave has joined within 600 s, of 2 that are waited for; start them with `wdpm slave`")
     assert "--join-timeout" in reason
+
+
+def test_whoever_asks_who_is_there_waits_no_longer_than_a_render() -> None:
+    """A command asks that before it has divided the scene, so there is no session yet."""
+    driver = Driver()
+    driver.says(A, hello(0))
+    driver(m.WaitForSlaves())
+    assert not joined(ticks(driver, range(1, WAIT_S)))
+    assert [hello.process for hello in joined(ticks(driver, range(WAIT_S, WAIT_S + 3)))] == [0]
+
+
+def test_whoever_asks_when_all_are_lost_waits_for_one() -> None:
+    driver = Driver().join()
+    driver(m.SlaveLost(A, "killed"))
+    driver(m.SlaveLost(B, "killed"))
+    assert driver(m.WaitForSlaves()) == []
+    assert [hello.process for hello in joined(driver.says(C, hello(7)))] == [7]
+
+
+def test_processes_that_end_before_they_join_are_done_without() -> None:
+    driver = Driver(3)
+    driver.says(A, hello(0))
+    driver(m.WaitForSlaves())
+    out = driver(m.ProcessEnded(1, "killed by SIGKILL", 2))
+    assert notes(out) == ["a slave (process 1) ended before it joined: killed by SIGKILL"]
+    assert driver.master.phase is Phase.JOINING
+    assert [hello.process for hello in joined(driver.says(C, hello(2)))] == [0, 2]
+
+
+def test_the_last_that_is_waited_for_ends() -> None:
+    driver = waiting()
+    out = driver(m.ProcessEnded(1, "killed by SIGKILL", 1))
+    [setup] = [message for message in sent(out, A) if isinstance(message, p.Setup)]
+    assert setup.holders == (0, 0)
+
+
+@pytest.mark.parametrize("connection_first", [False, True])
+def test_a_process_that_joined_and_ended_is_not_waited_for(connection_first: bool) -> None:
+    driver = waiting()
+    if connection_first:
+        driver(m.SlaveLost(A, "its connection is gone"))
+    driver(m.ProcessEnded(0, "killed by SIGKILL", 1))
+    assert driver.master.phase is Phase.JOINING
+    [_, setup] = sent(driver.says(B, hello(1)), B)
+    assert setup.holders == (1, 1)
+
+
+def test_all_processes_end_before_they_join() -> None:
+    driver = Driver()
+    driver(m.Begin(make_session(2, 2)))
+    driver(m.ProcessEnded(7, "killed by SIGKILL", 1))
+    [reason] = [i.reason for i in driver(m.ProcessEnded(8, "no memory", 0)) if isinstance(i, m.Broken)]
+    assert reason == "a slave (process 8) ended before it joined: no memory; no slave is left"
+
+
+def test_a_lost_connection_of_the_last_process_is_told_at_once() -> None:
+    """The connection of a killed process may break before anyone sees that the process has ended."""
+    driver = Driver()
+    driver.to_photons()
+    driver(m.ProcessEnded(0, "killed by SIGKILL", 1))
+    assert not [i for i in driver(m.SlaveLost(B, "its connection is gone")) if isinstance(i, m.Broken)]
+    [reason] = [i.reason for i in driver(m.ProcessEnded(1, "killed by SIGKILL", 0)) if isinstance(i, m.Broken)]
+    assert reason == "slave 1 (host, process 1) is lost: killed by SIGKILL; no slave is left"
 
 
 def test_a_slave_that_joins_late_is_in_time() -> None:
@@ -79,6 +160,6 @@ def test_a_render_without_slaves_ends() -> None:
     limits = ClusterLimits(join_timeout_s=0.3)
     with (
         MasterServer("tcp://127.0.0.1:0", 1, limits=limits, agreed=AGREED) as master,
-        pytest.raises(ClusterError, match=r"0 of 1 slaves have joined within 0\.3 s"),
+        pytest.raises(ClusterError, match=r"no slave has joined within 0\.3 s, of 1"),
     ):
-        master.render(make_session(1, 1))
+        master.slaves()

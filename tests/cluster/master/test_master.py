@@ -269,7 +269,6 @@ def test_a_master_that_slept_does_not_blame_the_slaves() -> None:
 @pytest.mark.parametrize(
     ("event", "reason"),
     [
-        (m.ProcessEnded(9, "killed by SIGKILL"), "a slave (process 9) ended before it joined: killed by SIGKILL"),
         (m.SlaveSaid(B, p.Failed("no memory")), "slave 1 (host, process 1) failed: no memory"),
         (m.SlaveSaid(B, p.Rejected("what?")), "slave 1 (host, process 1) could not read"),
         (m.Unreadable(B, "7 frames"), "slave 1 (host, process 1) broke the protocol: 7 frames"),
@@ -290,7 +289,7 @@ def test_what_no_other_slave_can_mend_ends_the_render(event: m.Event, reason: st
     ("event", "reason"),
     [
         (m.SlaveLost(B, "its connection is gone"), "its connection is gone"),
-        (m.ProcessEnded(1, "killed by SIGKILL"), "killed by SIGKILL"),
+        (m.ProcessEnded(1, "killed by SIGKILL", 1), "killed by SIGKILL"),
         (m.SlaveSaid(B, p.Goodbye("interrupted")), "it left (interrupted)"),
     ],
 )
@@ -364,8 +363,8 @@ def test_a_master_without_slaves_waits_for_one_and_gives_up() -> None:
 def test_nobody_starts_a_slave_of_this_process_again() -> None:
     driver = Driver()
     driver.to_photons()
-    driver(m.ProcessEnded(0, "killed by SIGKILL"))
-    out = driver(m.ProcessEnded(1, "killed by SIGKILL"))
+    driver(m.ProcessEnded(0, "killed by SIGKILL", 1))
+    out = driver(m.ProcessEnded(1, "killed by SIGKILL", 0))
     [reason] = [i.reason for i in out if isinstance(i, m.Broken)]
     assert reason == "slave 1 (host, process 1) is lost: killed by SIGKILL; no slave is left"
 
@@ -460,7 +459,7 @@ def test_an_ended_cluster_knows_who_is_still_to_say_goodbye(last_word: p.FromSla
     assert driver.master.all_left
 
 
-@pytest.mark.parametrize("event", [m.SlaveLost(A, "its connection is gone"), m.ProcessEnded(0, "killed")])
+@pytest.mark.parametrize("event", [m.SlaveLost(A, "its connection is gone"), m.ProcessEnded(0, "killed", 1)])
 def test_nobody_waits_for_the_goodbye_of_a_lost_slave(event: m.Event) -> None:
     driver = Driver().join()
     driver(event)

@@ -28,6 +28,7 @@ from slave_threads import SMALL, SlaveThread, check_picture
 from slow_slaves import AGREED, PROGRAMS, slow_slave
 
 from wdpm.cluster.batch import Batch, Kind
+from wdpm.cluster.cluster_events import ClusterEvent
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import loop
 from wdpm.cluster.master.local_slaves import LocalSlaves
@@ -341,8 +342,50 @@ def test_a_slave_that_cannot_start_ends_the_render() -> None:
         stack.callback(slaves.stop)
         master = stack.enter_context(make_master(1, watch=slaves.ended))
         slaves.start(1, lambda _: [sys.executable, "-c", "raise SystemExit('no such device')"], master.endpoint)
-        with pytest.raises(ClusterError, match="ended before it joined: it ended with exit code 1: no such device"):
+        reason = "ended before it joined: it ended with exit code 1: no such device; no slave is left"
+        with pytest.raises(ClusterError, match=reason):
             master.render(make_session(1, 1))
+
+
+DYING = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
+"""A program that is killed before it can join."""
+
+
+@pytest.mark.parametrize("team", [1, 3])
+def test_a_render_begins_without_slaves_that_were_killed_before_they_joined(team: int) -> None:
+    slaves = LocalSlaves()
+    with contextlib.ExitStack() as stack:
+        stack.callback(slaves.stop)
+        master = stack.enter_context(make_master(3, watch=slaves.ended))
+        slaves.start(2, lambda _: [sys.executable, "-c", DYING], master.endpoint)
+        slaves.start(1, slow_slave(0.0, "life-line"), master.endpoint)
+        session = make_session(3, 4, view=make_view(64, 64), least=team)
+        result = master.render(session)
+        check_picture(session, result.layers)
+        assert len(result.statistics) == 1
+
+
+@pytest.mark.parametrize("team", [1, 3])
+def test_a_render_survives_slaves_that_are_killed_while_the_scene_is_sent(team: int) -> None:
+    slaves = LocalSlaves()
+    processes: list[int] = []
+
+    def watch(event: ClusterEvent) -> None:
+        """Whoever was sent the first part of a cell has not got the cell yet: the master waits for that."""
+        if event.name == "joined":
+            processes.append(int(event.facts["process"]))
+        if event.name == "cell sent" and len(processes) == 3:
+            os.kill(processes[int(event.facts["slave"])], signal.SIGKILL)
+            processes.clear()
+
+    with contextlib.ExitStack() as stack:
+        stack.callback(slaves.stop)
+        master = stack.enter_context(make_master(3, watch=slaves.ended, observers=[watch]))
+        slaves.start(3, slow_slave(0.0, "life-line"), master.endpoint)
+        session = make_session(3, 4, view=make_view(64, 64), least=team)
+        result = master.render(session)
+        check_picture(session, result.layers)
+        assert len(result.lost) == 1
 
 
 def test_a_program_that_does_not_exist_cannot_be_started() -> None:
