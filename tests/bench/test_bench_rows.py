@@ -115,7 +115,7 @@ def test_scaling_goes_on_too(tmp_path: Path) -> None:
     file = tmp_path / "rows.jsonl"
     made: list[int] = []
 
-    def backends(slaves: int, copies: Copies = Copies.AUTO, cores: int | None = None, /) -> Backend:  # noqa: ARG001
+    def backends(slaves: int, *_: object) -> Backend:
         made.append(slaves)
         return InProcess(threads=1)
 
@@ -126,6 +126,30 @@ def test_scaling_goes_on_too(tmp_path: Path) -> None:
     assert made == [0, 2]
     assert run(Rows(file, resume=True)).to_dict() == first.to_dict()
     assert made == [0, 2]
+
+
+def test_scaling_gives_slaves_so_much_memory(tmp_path: Path) -> None:
+    """Figures of slaves with another amount of it are others."""
+    file = tmp_path / "rows.jsonl"
+    made: list[tuple[int, object]] = []
+
+    def backends(slaves: int, *terms: object) -> Backend:
+        made.append((slaves, terms[2] if len(terms) > 2 else None))
+        return InProcess(threads=1)
+
+    def run(memory: int | None) -> scaling.Scaling:
+        rows = Rows(file, resume=file.exists())
+        return scaling.measure(
+            "cornell-box", (2,), (Copies.AUTO,), backends, SilentProgress(), memory=memory, rows=rows, **SMALL
+        )
+
+    first = run(700 << 20)
+    assert made == [(0, None), (2, 700 << 20)]
+    assert [row[1] for row in first.grid().rows] == ["-", "auto, 700.0 MB"]
+    assert run(700 << 20).to_dict() == first.to_dict()
+    assert len(made) == 2
+    assert run(None).grid().rows[1][1] == "auto"
+    assert made[2:] == [(0, None), (2, None)]  # the image to compare with is needed once more
 
 
 def test_mistakes_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

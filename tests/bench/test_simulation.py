@@ -230,11 +230,12 @@ def test_the_papers_scenes_are_looked_for(tmp_path: Path, monkeypatch: pytest.Mo
         ("--link", "10", "is no bandwidth"),
         ("--link", "0Gb", "is no bandwidth"),
         ("--latency", "50", "is no latency"),
+        ("--memory", "2G --simulate 2..4", "simulated ones have room"),
     ],
 )
 def test_mistakes_are_one_line(option: str, value: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:
     try:
-        code = main.main(["bench", "scaling", "cornell-box", option, value])
+        code = main.main(["bench", "scaling", "cornell-box", option, *value.split()])
     except SystemExit as ended:  # argparse
         code = ended.code
     assert code == 2

@@ -41,6 +41,7 @@ class Run:
 
     Attributes:
         copies: of the scene; None without slaves.
+        memory: that each slave might use [bytes]; None if nobody said.
         master_s, slaves_s: CPU seconds of this process, and of all slaves.
         wall_s: of the whole render.
         sent: bytes that slaves sent to each other and to the master.
@@ -57,6 +58,7 @@ class Run:
     triangles: float
     photons: float
     bits_equal: bool
+    memory: int | None = None
 
     @property
     def cpu_s(self) -> float:
@@ -94,7 +96,8 @@ class Scaling:
         times = (format_seconds(run.cpu_s), f"{self.inflation(run):.2f}", format_seconds(run.master_s))
         held = (f"{run.triangles:.0%}", f"{run.photons:.0%}", "equal" if run.bits_equal else "DIFFER")
         sent = format_bytes(run.sent) if run.slaves else "-"
-        return (str(run.slaves), run.copies or "-", *times, format_seconds(run.wall_s), sent, *held)
+        copies = f"{run.copies}, {format_bytes(run.memory)}" if run.memory else run.copies or "-"
+        return (str(run.slaves), copies, *times, format_seconds(run.wall_s), sent, *held)
 
 
 def measure(
@@ -105,16 +108,19 @@ def measure(
     progress: Progress,
     *,
     size: tuple[int, int] | None = None,
+    memory: int | None = None,
     rows: Rows | None = None,
     **chosen: Any,
 ) -> Scaling:
     """Render a scene in one process, and with each number of slaves and each way of copies.
 
     Args:
+        memory: that each slave may use [bytes]; None for no limit.
         rows: keeps each render's figures, and has those of renders that need not be done again; None for none.
 
     Raises:
-        SettingsError: this system does not tell other processes' CPU time.
+        SettingsError: this system does not tell other processes' CPU time, or all slaves together have not room for
+            the scene.
     """
     if not Path("/proc/self/stat").is_file():
         raise SettingsError("CPU seconds of other processes are read from /proc, which this system has not")
@@ -141,12 +147,13 @@ def measure(
     def several(count: int, how: Copies) -> dict[str, Any]:
         progress.note(f"{name}: {count} slaves, copies {how.value}")
         image = images[0] if images else alone()[1]
-        return asdict(_run(scene, settings, backends(count, how, count), how, image)[0])
+        run, _ = _run(scene, settings, backends(count, how, count, memory), how, image)
+        return asdict(replace(run, memory=memory))
 
     figures = [rows.measured(first, one)]
     progress.advance()
     for count, how in clusters:
-        key = {**of, "slaves": count, "copies": how.value}
+        key = {**of, "slaves": count, "copies": how.value, **({"memory": memory} if memory else {})}
         figures.append(rows.measured(key, functools.partial(several, count, how)))
         progress.advance()
     width, height = scene.camera.width, scene.camera.height

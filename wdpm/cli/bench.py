@@ -93,8 +93,10 @@ def run(args: argparse.Namespace) -> int:
     try:
         threads = getattr(args, "threads", None)  # some benchmarks are of one core, and have no such option
 
-        def backends(slaves: int, copies: Copies = Copies.AUTO, cores: int | None = None, /) -> Backend:
-            return backend_here(slaves, cores or threads, copies=copies)
+        def backends(
+            slaves: int, copies: Copies = Copies.AUTO, cores: int | None = None, memory: int | None = None, /
+        ) -> Backend:
+            return backend_here(slaves, cores or threads, copies=copies, memory=memory)
 
         measured = args.benchmark.run(args, backends, progress)
     finally:

@@ -86,6 +86,8 @@ Backends = Callable[[int], Backend]
 
 
 class ClusterBackends(Protocol):
-    """Makes a backend of slaves with some threads in all."""
+    """Makes a backend of slaves with some threads in all, each of which may use so much memory [bytes]."""
 
-    def __call__(self, slaves: int, copies: Copies = ..., threads: int | None = ..., /) -> Backend: ...
+    def __call__(
+        self, slaves: int, copies: Copies = ..., threads: int | None = ..., memory: int | None = ..., /
+    ) -> Backend: ...

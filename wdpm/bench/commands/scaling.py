@@ -67,6 +67,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="none|auto",
         help="may be given twice (default: both)",
     )
+    parser.add_argument(
+        "--memory",
+        type=values.memory,
+        metavar="SIZE",
+        help="most that each slave may use, like 2G: slaves that have not room for the whole scene share copies of it "
+        "(default: no limit)",
+    )
     parser.add_argument("--size", type=values.size, metavar="WxH", help="size of the images (default: the scene's)")
     parser.add_argument(
         "--spp", type=values.positive_count, metavar="N", help="samples a pixel (default: the scene's, or 16)"
@@ -88,10 +95,12 @@ def run(args: argparse.Namespace, backends: ClusterBackends, progress: Progress)
     rows = rows_of(args)
     if args.plot is not None and args.simulate is None:
         raise SettingsError("--plot shows what --simulate finds: give --simulate 2..16, too")
+    if args.memory is not None and args.simulate is not None:
+        raise SettingsError("--memory is of real slaves: simulated ones have room for the whole scene; leave one out")
     if args.simulate is not None:
         return _simulate(args, copies, rows, progress, chosen)
     scenes = [
-        measure(name, args.slaves, copies, backends, progress, size=args.size, rows=rows, **chosen)
+        measure(name, args.slaves, copies, backends, progress, size=args.size, memory=args.memory, rows=rows, **chosen)
         for name in args.scenes
     ]
     return Measured([each.grid() for each in scenes], {"scaling": [each.to_dict() for each in scenes]})
