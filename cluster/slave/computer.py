@@ -14,6 +14,12 @@ from wdpm.scenes.errors import WdpmError
 LEAVE_S = 1.0
 """How long a slave that ends waits for the worker's last job."""
 
+NO_MEMORY = "it has not enough memory; use more slaves, or fewer photons or triangles"
+"""Why a slave leaves."""
+
+WARP_NO_MEMORY = "Failed to allocate"
+"""How Warp's error begins that says the same of its own arrays."""
+
 
 class ComputeThread:
     """Runs jobs one after another; what came of each is an event in the mailbox.
@@ -57,13 +63,16 @@ class ComputeThread:
             if self._left_behind:
                 self.mailbox.close()
 
-    def _outcome(self, job: Job) -> s.Computed | s.ComputeFailed:
+    def _outcome(self, job: Job) -> s.Computed | s.ComputeFailed | s.Leave:
         try:
             return s.Computed(self._compute.run(job))
         except WdpmError as error:
             return s.ComputeFailed(str(error))
-        except MemoryError:
-            return s.ComputeFailed("it has not enough memory; use more slaves, or fewer photons or triangles")
-        except Exception as error:  # a fault of the program: its place goes to the log here, one line to the master
+        except MemoryError:  # others may have more of it
+            return s.Leave(NO_MEMORY)
+        except Exception as error:
+            if isinstance(error, RuntimeError) and str(error).startswith(WARP_NO_MEMORY):
+                return s.Leave(NO_MEMORY)
+            # A fault of the program: its place goes to the log here, one line to the master.
             traceback.print_exc()
             return s.ComputeFailed(f"{type(error).__name__} in {type(job).__name__}: {error}")

@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -276,6 +277,39 @@ def test_a_failing_worker_ends_the_render(error: Exception, capsys: pytest.Captu
             slave.end()
     traceback_printed = "Traceback" in capsys.readouterr().err
     assert traceback_printed == isinstance(error, ValueError)
+
+
+OF_WARP = RuntimeError("Failed to allocate 4096 bytes on device 'cpu'")
+
+
+@pytest.mark.parametrize("error", [MemoryError(), OF_WARP], ids=["numpy", "warp"])
+@pytest.mark.parametrize("team", [1, 2])
+def test_a_slave_that_has_not_enough_memory_is_done_without(team: int, error: Exception) -> None:
+    class Small(FakeWorker):
+        def finish_maps(self) -> None:
+            raise error
+
+    with make_master(2) as master:
+        slaves = [SlaveThread(master.endpoint, worker) for worker in (Small, FakeWorker)]
+        session = make_session(2, 2, least=team)
+        result = master.render(session)
+        check_picture(session, result.layers)
+        assert len(result.lost) == 1
+    assert "not enough memory" in str(slaves[0].end())
+    assert slaves[1].end() is None
+
+
+def test_no_slave_has_enough_memory() -> None:
+    class Small(FakeWorker):
+        def finish_maps(self) -> None:
+            raise MemoryError
+
+    with MasterServer(ANY_PORT, 2, limits=replace(SMALL, rejoin_s=0.1), agreed=AGREED) as master:
+        slaves = [SlaveThread(master.endpoint, Small) for _ in range(2)]
+        with pytest.raises(ClusterError, match=r"it left \(it has not enough memory; use more.*no slave is left"):
+            master.render(make_session(2, 2))
+        for slave in slaves:
+            slave.end()
 
 
 @pytest.mark.parametrize("team", [1, 3])
