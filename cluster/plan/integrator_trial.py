@@ -26,7 +26,7 @@ from wdpm.cluster.plan.map_plans import IRRADIANCE_SHARE, MapPlans, map_plans, w
 from wdpm.cluster.plan.map_worth import ALIKE, LEAST_GAIN, MapError, fewer_shares, irradiance_by, map_error
 from wdpm.cluster.plan.path_caustics import PathCaustics, SeenPlaces, caustics_by_paths
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
-from wdpm.cluster.plan.small_view import Figures, Halves, Values, around, small, without_photons
+from wdpm.cluster.plan.small_view import Figures, Halves, Values, around, dark_of, small, without_photons
 from wdpm.cluster.plan.view import CACHE_PLAN, SAMPLES_OF_PLAN, share_of_rays, view_of
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.kernels.camera.camera import tangent
@@ -46,9 +46,6 @@ CHOICE_SAMPLES = 8
 """Of each pixel, by each way to render, in two halves: some 12,000 samples in all take about a fifth of a second. Four
 samples of a pixel are spread over lamps and directions as those of a render are: their noise, and not that of single
 ones, falls from there on as 1 / samples."""
-
-DARK = 0.01
-"""Added to squared radiance, as in relMSE: noise in the dark is not worth as much."""
 
 # Prices, about nanoseconds of one core. Only their ratios matter. Fitted to the CPU seconds of whole renders of
 # cbox, staircase, staircase2, living-room and breakfast-room (160 x 90, 16 samples), within a factor of 1.5.
@@ -387,26 +384,28 @@ def _try_both(
         half["beauty"] + indirect for half in photon_halves.layers
     ]
     truth = around(np.mean(images, axis=0))
-    weight = 1.0 / (truth**2 + DARK)
+    dark = dark_of(truth)
+    weight = 1.0 / (truth**2 + dark)
     by_photons, by_path = photon_halves.figures(weight), path_halves.figures(weight)
     ways = [by_path]
     if paths.light_samples is None and by_photons.light_samples > by_path.light_samples:
         ways.append(_with_more_shadow_rays(by_path, by_photons))
-    caustics = caustics_by_paths(pilot, flat, places, truth, CHOICE_SAMPLES, DARK)
-    of_global, of_caustics = _map_errors(flat, pilot, photons, places, truth)
+    caustics = caustics_by_paths(pilot, flat, places, truth, CHOICE_SAMPLES, dark)
+    of_global, of_caustics = _map_errors(flat, pilot, photons, places, truth, dark)
     if of_global is not None:
         of_global = of_global.of_light(by_path.indirect)
     return Trial(by_photons, ways, caustics, places.lambertian, (of_global, of_caustics))
 
 
 def _map_errors(
-    flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, places: SeenPlaces, truth: Values
+    flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, places: SeenPlaces, truth: Values, dark: float
 ) -> tuple[MapError | None, MapError | None]:
     """What gathers of the global and the caustic map get wrong, at some of the places that a trial has seen.
 
     Args:
         places: that an image of CHOICE_SAMPLES samples a pixel has seen.
         truth: that image, or about so, shape [height, width, 3]. Paths hardly ever find what caustics it has.
+        dark: added to squared radiance, as in relMSE.
     """
     pixel = places.all("pixel")
     if not len(pixel):
@@ -419,7 +418,7 @@ def _map_errors(
     reflected = weight * float(INV_PI)
     of_caustics = reflected * irradiance_by(pilot, CAUSTIC_MAP, position, normal)
     factor, among_caustics = (
-        reflected * math.sqrt(of_sample) / np.sqrt(light**2 + DARK) for light in (radiance, radiance + of_caustics)
+        reflected * math.sqrt(of_sample) / np.sqrt(light**2 + dark) for light in (radiance, radiance + of_caustics)
     )
     area = _pixel_areas(flat.camera, position, normal)
     return (

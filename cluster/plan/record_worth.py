@@ -13,10 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from wdpm.cluster.plan.integrator_trial import DARK, TRIAL_PIXELS, tolerance_for
+from wdpm.cluster.plan.integrator_trial import TRIAL_PIXELS, tolerance_for
 from wdpm.cluster.plan.light_guide import Learnt
 from wdpm.cluster.plan.photon_pilot import PhotonPilot
-from wdpm.cluster.plan.small_view import Halves, Values, around, small, without_photons
+from wdpm.cluster.plan.small_view import Halves, Values, around, dark_of, small, without_photons
 from wdpm.cluster.plan.view import SAMPLES_OF_PLAN
 from wdpm.cluster.records import CachePlan
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
@@ -43,7 +43,8 @@ def tolerance_of_records(
     with without_photons(pilot) as worker:
         without_indirect = Halves(looking, worker, replace(settings, indirect=Indirect.MAP), learnt)
         by_path = Halves(looking, worker, whole, learnt)
-    weight = 1.0 / (around(np.mean([half["beauty"] for half in by_path.layers], axis=0)) ** 2 + DARK)
+    seen = around(np.mean([half["beauty"] for half in by_path.layers], axis=0))
+    weight = 1.0 / (seen**2 + dark_of(seen))
     indirect = by_path.figures(weight).indirect
     noise = _but_the_noisiest(without_indirect.noise(weight)) / SAMPLES_OF_PLAN
     return max(cache.tolerance, tolerance_for(noise, indirect))

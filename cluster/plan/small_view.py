@@ -28,6 +28,13 @@ TRIAL_SAMPLES = 2
 BY_CHANCE = 0.01
 """Share of a trial's pixels whose noise counts for no more than that of the noisiest others."""
 
+DARK = 0.01
+"""Added to squared radiance, as in relMSE: noise in the dark is not worth as much."""
+
+DIMMEST, BRIGHTEST = 0.03, 2.0
+"""Radiance, as the logarithmic mean of a picture, between which it can be looked at as it is. Others are looked at with
+an exposure that brings them there, whatever unit their lamps are in, and what is dark is told by that."""
+
 
 @contextmanager
 def without_photons(pilot: PhotonPilot) -> Iterator[CellWorker]:
@@ -119,6 +126,19 @@ class Halves:
         a, b = self.layers
         noise: Values = (a[layer] - b[layer]) ** 2 * weight / 2.0 * self._half
         return noise
+
+
+def dark_of(image: Values) -> float:
+    """What is added to squared radiance for an image to be weighed as it is looked at, shape [height, width, 3].
+
+    So lamps that are all a thousand times weaker lead to the same decisions, and to the same picture but for that.
+    """
+    radiance = image.mean(axis=2)
+    lit = radiance[radiance > 1e-6 * radiance.max()]
+    if not lit.size:
+        return DARK
+    middle = math.exp(float(np.log(lit).mean()))
+    return float(DARK * (middle / min(max(middle, DIMMEST), BRIGHTEST)) ** 2)
 
 
 def _mean_but_for_chance(noise: Values) -> float:
