@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from wdpm.kernels.lights.balls import way_to_ball
 from wdpm.kernels.lights.choice import ElementChoice, choose_below
 from wdpm.kernels.lights.elements import Lights, point_of_triangle, probability_of
 from wdpm.kernels.lights.environment import Environment, EnvironmentSample, patch_pdf, sample_environment
@@ -158,6 +159,11 @@ def look_at_environment(
 def _end_on_light(lights: wp.ref[Lights], chosen: ElementChoice, position: wp.vec3) -> wp.vec3:
     """Where a shadow ray to a point of a light ends; at the place itself where that is not lit by it."""
     element = chosen.element
+    if chosen.ball > 0.0:
+        if chosen.probability > 0.0:
+            way = way_to_ball(lights.tree.nodes[chosen.leaf], chosen.ball, position, chosen.u)
+            return leave(way.end, way.normal, lights.offset_min)
+        return position
     if element < lights.triangles:
         end = leave(point_of_triangle(lights, element, chosen.weights), lights.normal[element], lights.offset_min)
         if wp.dot(lights.normal[element], position - end) > 0.0:

@@ -61,7 +61,7 @@ def make_surface_light(features: Features) -> SurfaceLight:
             radiance = emitted_radiance(scene.lights, scene.textures, s.emitter, s.uv, s.color)
             if wp.static(features.glossy or features.traced):
                 if p.pdf > 0.0:
-                    by_light = pdf_triangle(scene.lights, p.prim, p.anchor, s.position, s.normal)
+                    by_light = pdf_triangle(scene.lights, s.emitter, p.prim, p.anchor, s.position, s.normal)
                     radiance = radiance * (p.pdf / (p.pdf + by_light))
         return wp.cw_mul(p.throughput, radiance)
 

@@ -3,13 +3,14 @@
 Points of a glowing triangle are even over its area. Close to a lamp a few of them would have nearly all of its light:
 the squared distance to them may be arbitrarily small, and the variance has no bound. So the points of a lamp that is
 near are even over the solid angle in which it is seen (spherical_triangle), and what arrives by them differs by the
-cosine at the place alone.
+cosine at the place alone. So are those of a ball, however far away (balls).
 """
 
 from __future__ import annotations
 
 import warp as wp
 
+from wdpm.kernels.lights.balls import solid_angle_of_ball
 from wdpm.kernels.lights.elements import Lights, choose_element, probability_of, rest_of_choice
 from wdpm.kernels.lights.guide import region_of
 from wdpm.kernels.lights.tree import (
@@ -47,12 +48,16 @@ class ElementChoice:
     """An element and its probability; -1 and 0 where none sends light to the place.
 
     Attributes:
-        solid_angle: of the triangle, where its point is even over that [sr]; 0 where it is even over the area.
+        ball: radius, if it belongs to a ball, all of which was chosen; else 0.
+        leaf: of the ball in the light tree.
+        solid_angle: of the triangle or ball, where its point is even over that [sr]; 0 where it is even over the area.
         u: a point of the unit square: what the choice left of the random numbers, as good as fresh ones.
         weights: of corners 1 and 2: the point's place on a triangle.
     """
 
     element: wp.int32
+    ball: wp.float32
+    leaf: wp.int32
     probability: wp.float32
     solid_angle: wp.float32
     u: wp.vec2
@@ -190,6 +195,20 @@ def _choose_distant(
 
 
 @wp.func
+def _choose_ball(lights: wp.ref[Lights], leaf: LeafChoice, position: wp.vec3, u: wp.vec2) -> ElementChoice:
+    """All of a ball."""
+    c = ElementChoice()
+    c.element = lights.tree.nodes[leaf.node].first
+    c.leaf = leaf.node
+    c.ball = lights.tree.ball[leaf.node]
+    c.solid_angle = solid_angle_of_ball(lights.tree.nodes[leaf.node], c.ball, position)
+    if c.solid_angle > 0.0:
+        c.probability = leaf.probability
+    c.u = u
+    return c
+
+
+@wp.func
 def choose_below(
     lights: wp.ref[Lights], region: wp.int32, leaf: LeafChoice, position: wp.vec3, rest: wp.float64
 ) -> ElementChoice:
@@ -210,6 +229,8 @@ def choose_below(
     if leaf.node != NOTHING:
         c.element = lights.tree.nodes[leaf.node].first
         last = lights.tree.nodes[leaf.node].last
+        if last > c.element + 1:
+            return _choose_ball(lights, leaf, position, wp.vec2(rounded_down(left), rounded_down(rest)))
         if c.element < lights.triangles:
             expect_triangle(lights.corners, lights.normal, lights.tree.within, c.element)
             if last > c.element:
@@ -258,7 +279,10 @@ def turned(across: wp.vec2, apex: wp.int32) -> wp.vec2:
 
 @wp.func
 def chance_of_light(lights: wp.ref[Lights], element: wp.int32, position: wp.vec3) -> ElementChoice:
-    """Probability with which choose_light chooses an element for a place, and how it does so: no u, no weights."""
+    """Probability with which choose_light chooses an element for a place, and how it does so: no u, no weights.
+
+    Of an element of a ball, that of all of the ball.
+    """
     c = ElementChoice()
     c.element = element
     region = region_of(lights.guide, position)
@@ -275,6 +299,13 @@ def chance_of_light(lights: wp.ref[Lights], element: wp.int32, position: wp.vec3
     if leaf < 0:
         return c
     c.probability = chance_of_leaf(lights.tree, lights.guide, region, leaf, position)
+    if lights.tree.nodes[leaf].last > lights.tree.nodes[leaf].first + 1:
+        c.leaf = leaf
+        c.ball = lights.tree.ball[leaf]
+        c.solid_angle = solid_angle_of_ball(lights.tree.nodes[leaf], c.ball, position)
+        if c.solid_angle <= 0.0:
+            c.probability = 0.0
+        return c
     seen = leaf_seen(lights, leaf, position)
     if seen.near == 0:
         c.probability = c.probability * wp.float32(lights.tree.within[element])
@@ -287,6 +318,15 @@ def chance_of_light(lights: wp.ref[Lights], element: wp.int32, position: wp.vec3
     c.probability = c.probability * wp.float32(share)
     c.solid_angle = wp.float32(angle)
     return c
+
+
+@wp.func
+def pdf_to_ball(lights: wp.ref[Lights], leaf: wp.int32, position: wp.vec3) -> wp.float32:
+    """pdf_solid_angle with which choose_light finds any point of a ball that a place sees."""
+    angle = solid_angle_of_ball(lights.tree.nodes[leaf], lights.tree.ball[leaf], position)
+    if angle <= 0.0:
+        return 0.0
+    return chance_of_leaf(lights.tree, lights.guide, region_of(lights.guide, position), leaf, position) / angle
 
 
 @wp.func

@@ -13,7 +13,15 @@ from dataclasses import dataclass
 import warp as wp
 
 from wdpm.kernels.features import Features
-from wdpm.kernels.lights.choice import ElementChoice, chance_of_light, choose_light, light_starts, pdf_on_triangle
+from wdpm.kernels.lights.balls import way_to_ball
+from wdpm.kernels.lights.choice import (
+    ElementChoice,
+    chance_of_light,
+    choose_light,
+    light_starts,
+    pdf_on_triangle,
+    pdf_to_ball,
+)
 from wdpm.kernels.lights.elements import Lights, element_of_prim, point_of_triangle
 from wdpm.kernels.lights.environment import EnvironmentSample, environment_pdf, environment_value, sample_environment
 from wdpm.kernels.lights.guide import guided_pdf, region_of, sample_guided
@@ -35,7 +43,7 @@ class DirectCode:
         sample_direct: `(lights, textures, position, point) -> DirectSample`.
         sample_direct_from: `(lights, textures, position, starts, point) -> DirectSample`, with light_starts of the
             position: for several of one place.
-        pdf_triangle: `(lights, prim, origin, position, normal) -> float`.
+        pdf_triangle: `(lights, emitter, prim, origin, position, normal) -> float`.
         pdf_environment: `(lights, origin, direction) -> float`.
         environment_radiance: `(lights, direction) -> vec3`.
         emitted_radiance: `(lights, textures, emitter, uv, color) -> vec3`.
@@ -74,8 +82,17 @@ def make_direct(features: Features) -> DirectCode:
     def to_triangle(
         lights: wp.ref[Lights], textures: wp.ref[Textures], position: wp.vec3, chosen: ElementChoice
     ) -> DirectSample:
-        """The way to the chosen point of a triangle."""
+        """The way to the chosen point of a triangle, or of a ball."""
         element = chosen.element
+        s = DirectSample()
+        if chosen.ball > 0.0:
+            if chosen.probability > 0.0:
+                there = way_to_ball(lights.tree.nodes[chosen.leaf], chosen.ball, position, chosen.u)
+                s.direction = there.direction
+                s.end = leave(there.end, there.normal, lights.offset_min)
+                s.pdf = chosen.probability / chosen.solid_angle
+                s.radiance = lights.emitter_radiance[lights.emitter[element]]
+            return s
         normal = lights.normal[element]
         point = point_of_triangle(lights, element, chosen.weights)
         s = towards(position, leave(point, normal, lights.offset_min), chosen.probability)
@@ -132,14 +149,23 @@ def make_direct(features: Features) -> DirectCode:
 
     @wp.func
     def pdf_triangle(
-        lights: wp.ref[Lights], prim: wp.int32, origin: wp.vec3, position: wp.vec3, normal: wp.vec3
+        lights: wp.ref[Lights],
+        emitter: wp.int32,
+        prim: wp.int32,
+        origin: wp.vec3,
+        position: wp.vec3,
+        normal: wp.vec3,
     ) -> wp.float32:
         """pdf_solid_angle with which sample_direct from `origin` goes to a point of a triangle; 0 for one not lit.
 
         Args:
+            emitter: which glowing mesh it belongs to.
             prim: global number of the triangle.
             normal: unit geometric normal of its lit side.
         """
+        ball = lights.tree.ball_of[emitter]
+        if ball >= 0:
+            return pdf_to_ball(lights, ball, origin)
         element = element_of_prim(lights, prim)
         if element < 0:
             return 0.0

@@ -57,6 +57,8 @@ class LightTree:
     Attributes:
         head_rows: the heads, as importances_of_block takes them.
         choices: heads, and one more if there are lights infinitely far away.
+        ball: as scenes.flat.light_tree.LightTree has it, by node.
+        ball_of: by glowing mesh, the leaf that it is as a ball; -1 of any other.
         least2: square of the least distance.
     """
 
@@ -68,6 +70,8 @@ class LightTree:
     leaf: wp.array[wp.int32]
     within: wp.array[wp.float64]
     apex: wp.array[wp.int32]
+    ball: wp.array[wp.float32]
+    ball_of: wp.array[wp.int32]
     distant: wp.float32
     least2: wp.float32
 
@@ -117,9 +121,19 @@ def upload(table: LightTable, device: str) -> LightTree:
     tree.leaf = wp.array(built.leaf, dtype=wp.int32, device=device)
     tree.apex = wp.array(built.apex, dtype=wp.int32, device=device)
     tree.within = wp.array(built.within, dtype=wp.float64, device=device)
+    tree.ball = wp.array(built.ball, dtype=wp.float32, device=device)
+    tree.ball_of = wp.array(_balls_of(table, built), dtype=wp.int32, device=device)
     tree.distant = built.distant
     tree.least2 = (LEAST_DISTANCE * table.scene_radius) ** 2
     return tree
+
+
+def _balls_of(table: LightTable, built: light_tree.LightTree) -> NDArray[np.int64]:
+    """LightTree.ball_of."""
+    ball_of = np.full(len(table.emitter_texture), -1, np.int64)
+    leaves = np.flatnonzero(built.ball > 0)
+    ball_of[table.emitter[built.first[leaves]]] = leaves
+    return ball_of
 
 
 def _rows_of(nodes: NDArray[Any]) -> NDArray[np.float32]:

@@ -4,10 +4,10 @@ After Conty Estevez & Kulla 2018, "Importance Sampling of Many Lights with Adapt
 emits within a sphere, how strongly, and into which directions: no element's axis is further from the node's axis than
 one angle, and none shines further from its own axis than another.
 
-A leaf is a point, a spot, a glowing triangle, or two triangles that make a flat quadrilateral of one light: a scene
-with one such lamp has one leaf, and nothing to choose. The tree is built from the top, halving by number along the
-longest axis: first between lights, then within each. Only sums, products, quotients, square roots, comparisons and
-stable sorts are used, in a fixed order, so that every process builds the same.
+A leaf is a point, a spot, a glowing triangle, two triangles that make a flat quadrilateral of one light, or all of a
+lamp that is a ball (balls.py): a scene with one such lamp has one leaf, and nothing to choose. The tree is built from
+the top, halving by number along the longest axis: first between lights, then within each. Only sums, products,
+quotients, square roots, comparisons and stable sorts are used, in a fixed order, so that every process builds the same.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.scenes.flat.areas import triangle_normals
+from wdpm.scenes.flat.balls import balls_of
 from wdpm.scenes.flat.light_table import LightTable
 
 Array = NDArray[np.float64]
@@ -62,9 +63,11 @@ class LightTree:
         child: the first of its two children, -1 for a leaf, int64, shape [N].
         parent: -1 for the root, int64, shape [N].
         first, last: of a leaf's elements, int64, shape [N].
+        ball: radius of the ball that a leaf is, 0 of any other node; its `radius` holds its mesh; float64, shape [N].
         heads: nodes at which walks start: they hold each leaf once, int64, shape [at most HEADS].
         leaf: of each element, -1 where it has none: without power, or infinitely far away; int64, shape [elements].
-        within: probability of each element in its leaf, float64, shape [elements]; exactly 1/2 where halves are alike.
+        within: probability of each element in its leaf, float64, shape [elements]; exactly 1/2 where halves are alike;
+            0 in a ball, of which no element is chosen.
         apex: which of a triangle's corners its other half lacks; 0 without one; int64, shape [elements].
         distant: irradiance by the lights infinitely far away, as a share of all flux [1/m²].
     """
@@ -79,6 +82,7 @@ class LightTree:
     parent: Numbers
     first: Numbers
     last: Numbers
+    ball: Array
     heads: Numbers
     leaf: Numbers
     within: Array
@@ -88,7 +92,10 @@ class LightTree:
 
 @dataclass(frozen=True, eq=False)
 class _Leaves:
-    """What leaves hold: elements first to last, their box, axis, intensity, light; `around`: they have no axis."""
+    """What leaves hold: elements first to last, their box, axis, intensity, light; `around`: they have no axis.
+
+    Of a ball, its middle and outer radius are told by the box.
+    """
 
     first: Numbers
     last: Numbers
@@ -100,6 +107,7 @@ class _Leaves:
     cos_reach: Array
     strength: Array
     light: Numbers
+    ball: Array
 
 
 def build_light_tree(table: LightTable) -> LightTree:
@@ -115,6 +123,10 @@ def build_light_tree(table: LightTable) -> LightTree:
     leaf = np.full(len(power), -1, np.int64)
     within = np.zeros(len(power))
     rows = np.flatnonzero(nodes.child < 0)
+    is_ball = nodes.ball[rows] > 0
+    for row in rows[is_ball]:
+        leaf[nodes.first[row] : nodes.last[row] + 1] = row
+    rows = rows[~is_ball]
     first, last = nodes.first[rows], nodes.last[rows]
     leaf[first], leaf[last] = rows, rows
     both = power[first] + np.where(last > first, power[last], 0.0)
@@ -135,6 +147,7 @@ def build_light_tree(table: LightTable) -> LightTree:
         parent=nodes.parent,
         first=nodes.first,
         last=nodes.last,
+        ball=nodes.ball,
         heads=_heads(nodes),
         leaf=leaf,
         within=within,
@@ -173,13 +186,23 @@ def _leaves(table: LightTable, share: Array) -> _Leaves:
     solid = np.full(len(share), math.pi)
     solid[triangles:] = 2.0 * math.pi * np.maximum(1.0 - cutoff, 1e-6)
     light = table.light[: len(share)].astype(np.int64)
-    second = _quadrilaterals(table, axis[:triangles], share[:triangles] > 0)
-    first = np.flatnonzero((share > 0) & ~np.concatenate([second, np.zeros(len(share) - triangles, np.bool_)]))
+    balls = balls_of(table)
+    shines = share > 0
+    for begin, end in zip(balls.first, balls.last, strict=True):
+        shines[begin + 1 : end + 1] = False  # their first stands for all
+    second = _quadrilaterals(table, axis[:triangles], shines[:triangles])
+    first = np.flatnonzero(shines & ~np.concatenate([second, np.zeros(len(share) - triangles, np.bool_)]))
     last = first.copy()
     paired = first < triangles - 1
     paired[paired] = second[first[paired] + 1]
     last[paired] += 1
     strength = share / solid
+    ball = np.zeros(len(share))
+    for begin, end, center, radius, outside in zip(*vars(balls).values(), strict=True):
+        low[begin], high[begin] = center - outside, center + outside
+        ball[begin], around[begin] = radius, True
+        strength[begin] = float(np.cumsum(share[begin : end + 1])[-1]) / (4.0 * math.pi)
+        last[first == begin] = end
     return _Leaves(
         first=first,
         last=last,
@@ -191,6 +214,7 @@ def _leaves(table: LightTable, share: Array) -> _Leaves:
         cos_reach=cos_reach[first],
         strength=strength[first] + np.where(paired, strength[last], 0.0),
         light=light[first],
+        ball=ball[first],
     )
 
 
@@ -222,6 +246,7 @@ class _Nodes:
         self.radius, self.cos_axes, self.cos_reach, self.strength = (np.zeros(size) for _ in range(4))
         self.child, self.parent = np.full(size, -1, np.int64), np.full(size, -1, np.int64)
         self.first, self.last = np.full(size, -1, np.int64), np.full(size, -1, np.int64)
+        self.ball = np.zeros(size)
         if not count:
             return
         middles = _to_lattice(0.5 * (leaves.low + leaves.high))
@@ -252,7 +277,9 @@ class _Nodes:
             number[fresh & ~right] = children
             number[fresh & right] = children + 1
         self.first[number], self.last[number] = leaves.first[order], leaves.last[order]
-        self.strength[number] = leaves.strength[order]
+        self.strength[number], self.ball[number] = leaves.strength[order], leaves.ball[order]
+        balls = number[leaves.ball[order] > 0]
+        self.radius[balls] /= math.sqrt(3.0)  # of the sphere in a cube, from that around it
         for parents in reversed(levels):
             children = self.child[parents]
             self.strength[parents] = self.strength[children] + self.strength[children + 1]

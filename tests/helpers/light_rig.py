@@ -110,7 +110,9 @@ def _direct_kernel(features: Features) -> wp.Kernel:
         # The pdf of the first glowing triangle, as if the end lay on it.
         triangle_pdf_out[i] = 0.0
         if lights.triangles > 0:
-            triangle_pdf_out[i] = pdf_triangle(lights, lights.prim[0], place[i], s.end, lights.normal[0])
+            triangle_pdf_out[i] = pdf_triangle(
+                lights, lights.emitter[0], lights.prim[0], place[i], s.end, lights.normal[0]
+            )
 
     return kernel
 
