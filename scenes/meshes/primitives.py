@@ -2,9 +2,10 @@
 
 Curved shapes have `around` segments around their axis, and a sphere has half as many rings. Their vertices lie on the
 surface, and normals interpolated over a triangle are exact: those of a sphere point away from its centre everywhere.
-Silhouettes are off by at most radius * (pi / around)² / 2: 0.03 % of the radius with 128 segments and 0.008 % with 256,
-and areas by about as much. With `true_area` a shape, a lamp, is larger by as much as it takes to have the area of the
-round one. Shapes are watertight: seams and poles repeat positions bit for bit.
+So a ray that is reflected or refracted goes where it would on the round shape, from a place that is off by at most
+radius * (pi / around)² / 2, as silhouettes are: 0.03 % of the radius with 128 segments. Areas are off by about as
+much. With `true_area` a shape, a lamp, is larger by as much as it takes to have the area of the round one. Shapes are
+watertight: seams and poles repeat positions bit for bit.
 """
 
 from __future__ import annotations
@@ -17,22 +18,19 @@ from numpy.typing import NDArray
 from wdpm.scenes.meshes.mesh_data import MeshData
 
 AROUND = 128  # segments; a sphere then has 16,128 triangles
-FINE_AROUND = 256  # where the shape is seen in what it reflects and refracts; 65,024 triangles
 FEWEST_AROUND = 32  # of many spheres, which are then small in the image
 SPHERE_BUDGET = 1 << 19  # triangles of all spheres of a scene together, before they become coarser
 DISK_RINGS = 8  # the texture's radius and angle are interpolated in each ring
 
 
-def segments_around(spheres: int, *, fine: bool) -> int:
+def segments_around(spheres: int) -> int:
     """Segments for the curved shapes of a scene.
 
     Args:
         spheres: how many of them the scene has.
-        fine: whether the shape reflects or refracts other than diffusely.
     """
-    most = FINE_AROUND if fine else AROUND
     share = math.isqrt(SPHERE_BUDGET // max(spheres, 1))  # a sphere has about as many triangles as segments squared
-    return max(FEWEST_AROUND, min(most, share // 16 * 16))
+    return max(FEWEST_AROUND, min(AROUND, share // 16 * 16))
 
 
 def rectangle() -> MeshData:

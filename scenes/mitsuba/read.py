@@ -26,20 +26,12 @@ from wdpm.scenes.mitsuba.media import MediaReader, Sides
 from wdpm.scenes.mitsuba.named_materials import parts_of, take_named_bsdfs
 from wdpm.scenes.mitsuba.plugin import OBJECT_TAGS, VALUE_TAGS, Plugin, left_out, unknown_tag
 from wdpm.scenes.mitsuba.sensor import Size, read_integrator, read_sensor
-from wdpm.scenes.mitsuba.shapes import ShapeReader, Use
+from wdpm.scenes.mitsuba.shapes import ShapeReader
 from wdpm.scenes.mitsuba.textures import Pictures, pictures_of, read_picture
 from wdpm.scenes.mitsuba.upgrade import upgrade, version_of
 from wdpm.scenes.model.bsdfs import (
-    Blend,
-    BumpMap,
-    Diffuse,
-    Mask,
-    NormalMap,
-    Null,
-    TwoSided,
     uses_uvs,
     vertex_attributes,
-    walk,
 )
 from wdpm.scenes.model.checks import check_reach
 from wdpm.scenes.model.lights import Light
@@ -168,11 +160,11 @@ class _SceneReader:
         if by_material:
             at = plugin.at("filename")
             obj = self.shapes.read_obj_file(self.document.resolve_file(at.attribute("value"), at))
-            mesh = self.shapes.read(plugin, Use(fine=True, emits=emits))
+            mesh = self.shapes.read(plugin, emits=emits)
             parts = parts_of(plugin, mesh, obj, by_material, self.materials, emits=emits)
         else:
             material = self.materials.read(plugin.take_one("bsdf"), emits=emits)
-            mesh = self.shapes.read(plugin, Use(self._is_fine(material), emits))
+            mesh = self.shapes.read(plugin, emits=emits)
             parts = [(plugin.name, mesh, material)]
         plugin.finish()
         if sides.bounds:
@@ -202,11 +194,6 @@ class _SceneReader:
         except SceneError as error:
             raise plugin.error(str(error)) from error
         return made
-
-    def _is_fine(self, material: int) -> bool:
-        """Whether a material shows its surroundings, so that a curved surface must not show its facets."""
-        dull = Diffuse | Null | TwoSided | Mask | Blend | BumpMap | NormalMap
-        return not all(isinstance(node, dull) for node in walk(self.materials.materials[material].bsdf))
 
     def _with_colors(
         self, plugin: Plugin, mesh: MeshData, material: int, emission: Color | None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,19 +19,6 @@ from wdpm.scenes.model import transforms
 from wdpm.scenes.model.transforms import Matrix
 
 
-@dataclass(frozen=True)
-class Use:
-    """What a shape is for, which decides how finely a curved one is cut.
-
-    Attributes:
-        fine: it reflects or refracts other than diffusely.
-        emits: it glows; its area is then that of the round shape.
-    """
-
-    fine: bool = False
-    emits: bool = False
-
-
 class ShapeReader:
     """Turns shape plugins into meshes; a file that several shapes use is read once.
 
@@ -46,15 +33,18 @@ class ShapeReader:
         self._files: dict[tuple[Path, int], MeshData] = {}
         self._objs: dict[Path, ObjFile] = {}
 
-    def read(self, plugin: Plugin, use: Use) -> MeshData:
+    def read(self, plugin: Plugin, *, emits: bool = False) -> MeshData:
         """The shape in world space, facing the way Mitsuba's does.
 
         Takes all parameters that belong to the geometry; bsdf, emitter and media are left.
+
+        Args:
+            emits: whether it glows: then its area is that of the round shape.
         """
         plugin.ignore("silhouette_sampling_weight")  # of derivatives, which nobody takes here
         from_file = plugin.type in ("obj", "ply", "serialized")
-        around = primitives.segments_around(self._spheres, fine=use.fine)
-        mesh = self._read_file(plugin) if from_file else _read_primitive(plugin, around, use.emits)
+        around = primitives.segments_around(self._spheres)
+        mesh = self._read_file(plugin) if from_file else _read_primitive(plugin, around, emits)
         flat = from_file and plugin.take_bool("face_normals", False)
         if from_file and not flat and mesh.has_placeholder_normals():
             self._warnings.append(f"{plugin}: all its vertex normals are the same, and wrong: new ones are computed")
