@@ -9,16 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wdpm.bench import peers
+from wdpm.bench import mitsuba_peer
 from wdpm.bench.commands import arguments
+from wdpm.bench.commands import peers as peers_command
 from wdpm.bench.mitsuba import Cost
-from wdpm.bench.peers_figures import Bounds, PeerFigures, Reached, Try
-from wdpm.bench.peers_grid import FAMILIES, Family, Member
-from wdpm.bench.peers_guess import guesses
-from wdpm.bench.peers_law import ErrorLaw, Point
+from wdpm.bench.peers import measure as peers
+from wdpm.bench.peers.figures import PeerFigures, Reached, Try
+from wdpm.bench.peers.grid import DEFAULTS, FAMILIES, FEW_PATHS, WAYS, Family, Member, Way
+from wdpm.bench.peers.guess import guesses
+from wdpm.bench.peers.law import ErrorLaw, Point
+from wdpm.bench.peers.target import Bounds, RelMse, Target, rel_mse_of, targets_of
 from wdpm.bench.rows import Rows
 from wdpm.cli import main
-from wdpm.cluster.render_settings import Indirect, RenderSettings
+from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.images.image import Image
 from wdpm.progress import SilentProgress
 from wdpm.rendering.backend import Backend
@@ -44,6 +47,11 @@ SCENE_XML = """\
 """
 
 FEW = Family("few", (100, 400), (1, 2))
+
+
+def even(error: float) -> RelMse:
+    """Of an image whose pixels are all equally far off."""
+    return RelMse(error, error)
 
 
 def grey(value: float) -> np.ndarray:
@@ -96,24 +104,29 @@ class Fakes:
         monkeypatch.setattr(peers, "MitsubaProcess", FakeMitsuba)
         monkeypatch.setattr(peers, "render_in_passes", self.render)
         monkeypatch.setattr(peers.time, "perf_counter", lambda: self._now)
-        monkeypatch.setattr(peers.time, "process_time", lambda: 2 * self._now)
+        monkeypatch.setattr(peers, "cpu_seconds", lambda: 2 * self._now)
         monkeypatch.setattr(peers, "find_spec", lambda name: name)
 
     def render(self, _: Any, backend: Backend, settings: RenderSettings) -> Image:
         assert backend.threads == 2
         self.rendered.append(settings)
-        self._now += settings.spp * settings.photons / 100
-        error = 10 / (settings.spp * settings.photons)
+        work = settings.spp * (settings.photons if settings.integrator is Integrator.PHOTONS else 50)
+        self._now += work / 100
+        error = 10 / work
         if (settings.spp, settings.photons) == self._unlucky and settings.seed:
             error *= 100
-        return Image({"beauty": off_by(error)})
+        chosen = {"integrator": settings.integrator.value, "indirect": settings.indirect.value}
+        if settings.integrator is Integrator.AUTO:
+            chosen = {"integrator": "photons", "indirect": "map" if settings.spp < 4 else "cache"}
+        return Image({"beauty": off_by(error)}, {"settings": chosen})
 
     def measure(self, scene_file: Path, bounds: Bounds, *families: Family, rows: Rows | None = None) -> PeerFigures:
+        return self.measure_ways(scene_file, bounds, Way("grid", families or (FEW,)), rows=rows)
+
+    def measure_ways(self, scene_file: Path, bounds: Bounds, *ways: Way, rows: Rows | None = None) -> PeerFigures:
         reference = scene_file.with_name("reference.exr")
         backend = InProcess(threads=2)
-        return peers.measure(
-            scene_file, reference, bounds, backend, SilentProgress(), families=families or (FEW,), rows=rows
-        )
+        return peers.measure(scene_file, reference, bounds, backend, SilentProgress(), ways=ways, rows=rows)
 
 
 # ---- the grid -----------------------------------------------------------------------------------------------------
@@ -131,6 +144,9 @@ def test_every_member_is_a_choice_of_settings() -> None:
             5,
         )
         assert settings.spp >= settings.passes
+    (least, *_) = DEFAULTS.members()
+    assert least.settings(7, 5) == RenderSettings(spp=1, seed=7, max_depth=5)
+    assert least.name == "defaults, 1 samples"
     assert {member.settings(0, None).indirect for member in members} == {Indirect.MAP, Indirect.GATHER, Indirect.CACHE}
 
 
@@ -179,18 +195,18 @@ def test_an_image_without_error_takes_one_sample() -> None:
 def test_a_guess_lies_between_what_misses_and_what_reaches() -> None:
     many = Family("many", (100, 400), (4, 64))
     tries = [
-        Try(Member(many, 100, 4), 0.16, Cost(1.0, 2.0)),
-        Try(Member(many, 100, 64), 0.01, Cost(16.0, 32.0)),
-        Try(Member(many, 400, 4), 0.03, Cost(4.0, 8.0)),
-        Try(Member(FEW, 100, 1), 0.9, Cost(0.1, 0.2)),
+        Try(Member(many, 100, 4), even(0.16), Cost(1.0, 2.0)),
+        Try(Member(many, 100, 64), even(0.01), Cost(16.0, 32.0)),
+        Try(Member(many, 400, 4), even(0.03), Cost(4.0, 8.0)),
+        Try(Member(FEW, 100, 1), even(0.9), Cost(0.1, 0.2)),
     ]
-    between, grid = guesses(tries, 0.04)
+    between, grid = guesses(tries, Target(0.04))
     assert between.member == Member(many, 100, 17)  # 16, and a margin
     assert between.cpu_s == pytest.approx(8)
     assert between.enough_spp == 64
     assert (grid.member, grid.cpu_s) == (Member(many, 400, 4), 8.0)
-    assert [guess.member for guess in guesses(tries, 0.01)] == [Member(many, 100, 64)]
-    assert not list(guesses(tries, 0.001))
+    assert [guess.member for guess in guesses(tries, Target(0.01))] == [Member(many, 100, 64)]
+    assert not list(guesses(tries, Target(0.001)))
 
 
 # ---- measuring ----------------------------------------------------------------------------------------------------
@@ -199,19 +215,19 @@ def test_a_guess_lies_between_what_misses_and_what_reaches() -> None:
 def test_the_least_that_reaches_an_error_is_confirmed(scene_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fakes = Fakes(monkeypatch)
     figures = fakes.measure(scene_file, Bounds((0.02, 0.2), rounds=3))
-    assert [each.bound for each in figures.reached] == [0.2, 0.02]  # falling
+    assert [each.target.error for each in figures.reached] == [0.2, 0.02]  # falling
     loose, tight = figures.reached
     assert loose.wdpm is not None
     assert tight.wdpm is not None
     assert (loose.wdpm.member, tight.wdpm.member) == (Member(FEW, 100, 1), Member(FEW, 400, 2))
-    assert loose.wdpm.error == pytest.approx(0.1, rel=1e-4)
+    assert loose.wdpm.errors.whole == pytest.approx(0.1, rel=1e-4)
     assert loose.wdpm.cost == Cost(pytest.approx(1), pytest.approx(2))
     assert loose.ratio == Cost(pytest.approx(1 / (5 / 4)), pytest.approx(2 / (5 / 2)))
     assert tight.ratio == Cost(pytest.approx(8 / (50 / 4)), pytest.approx(16 / (50 / 2)))
     seeds = [settings.seed for settings in fakes.rendered]
     assert seeds == [peers.WARM_SEED, 0, 0, 0, 0, 1, 2, 3, 1, 2, 3]
     assert len(FakeMitsuba.asked) == len(set(FakeMitsuba.asked)) == 1 + 3 + 6  # warm, 8 to 128, turns
-    assert figures.law.constant == pytest.approx(1, rel=1e-3)
+    assert Target(0.0).law(figures.points).constant == pytest.approx(1, rel=1e-3)
 
 
 def test_a_comparison_that_was_stopped_goes_on(
@@ -235,7 +251,7 @@ def test_a_lucky_render_does_not_count(scene_file: Path, monkeypatch: pytest.Mon
     chosen = figures.reached[0].wdpm
     assert chosen is not None
     assert chosen.member == Member(FEW, 100, 2)
-    assert figures.tries[0].error < 0.2
+    assert figures.tries[0].errors.whole < 0.2
 
 
 def test_what_is_slower_than_enough_is_not_tried(scene_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -248,7 +264,7 @@ def test_what_takes_too_long_is_not_tried(scene_file: Path, monkeypatch: pytest.
     figures = Fakes(monkeypatch).measure(scene_file, Bounds((1e-9,), limit_s=3))
     assert [each.member for each in figures.tries] == [Member(FEW, 100, 1), Member(FEW, 400, 1), Member(FEW, 100, 2)]
     assert figures.skipped == (Member(FEW, 400, 2),)
-    assert {point.spp for point in figures.law.points} == {8}
+    assert {point.spp for point in figures.points} == {8}
     assert figures.reached[0].wdpm is None
     assert figures.reached[0].ratio is None
     assert figures.reached[0].mitsuba.extrapolated
@@ -278,34 +294,140 @@ def test_only_the_region_counts(scene_file: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def test_the_table_and_the_json(scene_file: Path) -> None:
-    law = ErrorLaw((Point(8, 0.125, Cost(2.0, 4.0)), Point(32, 0.03125, Cost(8.0, 16.0))))
-    chosen = Try(Member(FEW, 400, 2), 0.042, Cost(1.0, 1.6))
+    points = (Point(8, even(0.125), Cost(2.0, 4.0)), Point(32, even(0.03125), Cost(8.0, 16.0)))
+    loose, tight, theirs = Target(0.05), Target(0.005), Target(0.03125, trimmed=True, spp=32)
+    law = loose.law(points)
+    chosen = Try(Member(FEW, 400, 2), even(0.042), Cost(1.0, 1.6))
+    plain = Try(Member(DEFAULTS, 0, 4), RelMse(0.05, 0.03), Cost(2.0, 2.0), "photons, cache")
+    own = law.beyond(0.03125)
     figures = PeerFigures(
         scene_file,
         scene_file.with_name("reference.exr"),
         (8, 6),
         2,
-        Bounds((0.05, 0.005)),
+        Bounds((0.05, 0.005), trim=0.001, samples=(32,)),
         "3",
-        (chosen,),
+        (chosen, plain),
         (),
         {},
-        law,
-        (Reached(0.05, chosen, law.to(0.05)), Reached(0.005, None, law.to(0.005))),
+        points,
+        (Way("grid", (FEW,)), *WAYS[1:]),
+        (
+            Reached(loose, "grid", chosen, None, law.to(0.05)),
+            Reached(tight, "grid", None, None, law.to(0.005)),
+            Reached(theirs, "defaults", plain, None, law.with_samples(32)),
+            Reached(theirs, "path", None, own, law.with_samples(32)),
+        ),
     )
     grid = figures.grid()
-    reached, missed = grid.rows
+    reached, missed, by_default, by_path = grid.rows
     assert reached == (
-        *("0.05", "few, 2 samples, 0k photons", "0.0420", "1.00 s", "1.60 s"),
-        *("20 samples", "5.00 s", "10.0 s", "0.20", "0.16"),
+        *("0.05", "few, 2 samples, 0k photons", "0.042", "1.00 s", "1.60 s"),
+        *("20 samples", "5.00 s", "10.0 s", "0.20", "0.16", "-"),
     )
-    assert missed == ("0.005", "-", "-", "-", "-", "200 samples*", "50.0 s*", "1 min 40 s*", "-", "-")
-    assert grid.notes[-1] == "-: nothing tried reaches it; the best has 0.0420 (few, 2 samples, 0k photons)."
+    assert missed == ("0.005", "-", "-", "-", "-", "200 samples*", "50.0 s*", "1 min 40 s*", "-", "-", "-")
+    assert by_default == (
+        *("0.0312 trimmed (32 samples)", "defaults, 4 samples (photons, cache)", "0.03", "2.00 s", "2.00 s"),
+        *("32 samples", "8.00 s", "16.0 s", "0.25", "0.12", "0.12"),
+    )
+    assert by_path[1:5] == ("path, 32 samples*", "-", "8.00 s*", "16.0 s*")
+    assert by_path[-1] == "1.00"
+    assert grid.notes[-1] == "-: of grid nothing tried reaches it; the best has 0.042 (few, 2 samples, 0k photons)."
+    assert "Trimmed: without the worst 0.10% of the pixels." in grid.notes[0]
     written = json.loads(json.dumps(figures.to_dict(), allow_nan=False))
     assert written["reached"][0]["ratio"] == {"wall_s": pytest.approx(0.2), "cpu_s": pytest.approx(0.16)}
     assert written["reached"][1]["wdpm"] is None
+    assert written["reached"][2]["of_path"]["cpu_s"] == pytest.approx(0.125)
+    assert written["reached"][2]["wdpm"]["chose"] == "photons, cache"
     assert written["tries"][0]["indirect"] == "map"
-    assert written["mitsuba"]["slope"] == pytest.approx(-1)
+    assert written["mitsuba"][0]["spp"] == 8
+
+
+# ---- errors that Mitsuba has, and errors without the worst pixels --------------------------------------------------
+
+
+def test_the_worst_pixels_are_left_out() -> None:
+    pixels = grey(1.0)
+    pixels[0, 0] = 50.0
+    image, reference = Image({"beauty": pixels}), Image({"beauty": grey(1.0)})
+    found = rel_mse_of(image, reference, Bounds(trim=1 / 48))
+    assert found.trimmed == 0
+    assert found.whole == pytest.approx(49**2 / 1.01 / 48)
+    whole = rel_mse_of(image, reference, Bounds())
+    assert whole.whole == whole.trimmed
+    pixels[1, 1] = np.inf  # counts as right, as it does for `wdpm compare`
+    assert rel_mse_of(image, reference, Bounds(trim=1 / 48)).trimmed == 0
+
+
+def test_errors_of_samples_are_measured_or_told_by_the_law() -> None:
+    errors = {8: RelMse(1.0, 0.5), 32: RelMse(0.25, 0.125)}
+    points = [Point(spp, error, Cost(1.0, 1.0)) for spp, error in errors.items()]
+    points.append(Point(32, RelMse(0.35, 0.125), Cost(1.0, 1.0)))
+    whole, far, trimmed, far_trimmed = targets_of(Bounds((), samples=(128, 32), trim=0.01), points)
+    assert (whole.error, whole.spp, whole.by_law) == (pytest.approx(0.3), 32, False)
+    assert (far.spp, far.by_law) == (128, True)
+    assert far.error == pytest.approx((8.0 * 8.0 * 11.2) ** (1 / 3) / 128)
+    assert (trimmed.error, trimmed.trimmed) == (0.125, True)
+    assert far_trimmed.error == pytest.approx(4 / 128)
+    assert far_trimmed.name == "0.0312 trimmed (128 samples*)"
+    assert [target.error for target in targets_of(Bounds((0.1, 0.2)), points)] == [0.2, 0.1]
+
+
+def test_time_beyond_what_was_rendered_is_a_line_through_the_ends() -> None:
+    law = ErrorLaw(tuple(Point(n, 1 / n, Cost(3.0 + n, 2.0 * (3.0 + n))) for n in (8, 32, 16)))
+    answer = law.beyond(1 / 128)
+    assert (answer.spp, answer.cost) == (pytest.approx(128), Cost(pytest.approx(131), pytest.approx(262)))
+    assert answer.extrapolated
+    assert not law.beyond(1 / 16).extrapolated
+    alone = ErrorLaw((Point(8, 1 / 8, Cost(4.0, 8.0)),))
+    assert alone.beyond(1 / 16).cost == Cost(pytest.approx(8), pytest.approx(16))
+
+
+def test_defaults_and_paths_go_for_the_errors_that_mitsuba_has(
+    scene_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fakes = Fakes(monkeypatch)
+    figures = fakes.measure_ways(scene_file, Bounds((), samples=(32, 512), limit_s=100.0, rounds=1), *WAYS[1:])
+    assert [(each.target.spp, each.target.by_law, each.way) for each in figures.reached] == [
+        (32, False, "defaults"),
+        (32, False, "path"),
+        (512, True, "defaults"),  # which Mitsuba would take 256 s for
+        (512, True, "path"),
+    ]
+    near, own, far, own_far = figures.reached
+    assert near.mitsuba.spp == 32
+    assert near.mitsuba.cost.cpu_s == pytest.approx(16)
+    assert near.wdpm is not None
+    assert near.wdpm.chose == "photons, cache"
+    assert near.wdpm.member.spp == 7  # 6.4, and a margin
+    assert own.wdpm is not None
+    assert own.wdpm.member == Member(FEW_PATHS, 0, 7)
+    assert figures.of_path(near) == Cost(pytest.approx(1), pytest.approx(1))
+    assert far.wdpm is not None
+    assert far.wdpm.errors.whole <= far.target.error
+    assert own_far.by_law is not None
+    assert own_far.by_law.spp == pytest.approx(512 * 0.2, rel=1e-3)
+    # By more samples other records are used, so that they were loaded before a time counts.
+    at_four = [settings for settings in fakes.rendered if settings.spp == 4 and settings.seed == 0]
+    assert len(at_four) == 2 + 1  # and one of path tracing
+
+
+def test_an_image_of_many_samples_is_rendered_in_equal_parts() -> None:
+    pixels = mitsuba_peer.MOST_SAMPLES // 256
+    assert [mitsuba_peer.parts_of(spp, pixels) for spp in (1, 256, 1024, 1025, 263)] == [1, 1, 4, 5, 263]
+    assert mitsuba_peer.parts_of(2, 3 * mitsuba_peer.MOST_SAMPLES) == 2
+
+
+def test_what_paths_take_beyond_the_limit_is_told_by_their_law(
+    scene_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    figures = Fakes(monkeypatch).measure_ways(scene_file, Bounds((1e-4,), limit_s=1), WAYS[2])
+    (reached,) = figures.reached
+    assert reached.wdpm is None
+    assert reached.by_law is not None
+    assert reached.by_law.spp == pytest.approx(0.2 / 1e-4, rel=1e-3)
+    assert figures.grid().rows[0][1] == "path, 2,000 samples*"
+    assert figures.skipped == (Member(FEW_PATHS, 0, 16),)
 
 
 def test_both_for_real(scene_file: Path, tmp_path: Path) -> None:
@@ -318,7 +440,7 @@ def test_both_for_real(scene_file: Path, tmp_path: Path) -> None:
             bounds,
             InProcess(),
             SilentProgress(),
-            families=(Family("few", (500,), (4,)),),
+            ways=(Way("grid", (Family("few", (500,), (4,)),)),),
         )
     except WdpmError as error:
         if "llvm" not in str(error).lower():
@@ -327,9 +449,9 @@ def test_both_for_real(scene_file: Path, tmp_path: Path) -> None:
     chosen = figures.reached[0].wdpm
     assert chosen is not None
     assert chosen.cost.cpu_s > 0
-    assert figures.law.points[-1].cost.cpu_s > 0
+    assert figures.points[-1].cost.cpu_s > 0
     # The wall is as bright for both: they are equally far from a grey image.
-    assert chosen.error == pytest.approx(figures.law.points[-1].error, rel=0.2)
+    assert chosen.errors.whole == pytest.approx(figures.points[-1].error.whole, rel=0.2)
 
 
 # ---- command line -------------------------------------------------------------------------------------------------
@@ -338,6 +460,14 @@ def test_both_for_real(scene_file: Path, tmp_path: Path) -> None:
 def test_errors_are_a_list() -> None:
     assert arguments.relative_errors("0.05,0.01") == (0.05, 0.01)
     assert Bounds((0.01, 0.05, 0.01)).errors == (0.05, 0.01)
+
+
+def test_ways_are_a_list(capsys: pytest.CaptureFixture[str]) -> None:
+    assert peers_command._ways("path,defaults,path") == ("path", "defaults")
+    assert tuple(way.name for way in WAYS) == peers_command._WAYS
+    with pytest.raises(SystemExit):
+        main.main(["bench", "peers", "scene.xml", "--ways", "fast"])
+    assert "'fast' is no way; expected some of grid,defaults,path" in capsys.readouterr().err
 
 
 def test_peers_bench_says_what_is_wrong(
@@ -356,6 +486,7 @@ def test_peers_bench_says_what_is_wrong(
     assert "no such file" in error_of(str(other / "scene.xml"), "--reference", str(tmp_path / "reference.exr"))
     assert "--reference is of one scene, and there are 2" in error_of(here, here, "--reference", "x.exr")
     assert "expected a positive relMSE" in error_of(here, "--errors", "0.1,-1")
+    assert "trim is 0.5; expected a share of the pixels, 0 to 0.1" in error_of(here, "--trim", "0.5")
     assert "region 0,0,9,9 is empty or not within the image of 8x6" in error_of(here, "--region", "0,0,9,9")
     Image({"beauty": grey(np.nan)}).save(other / "reference.exr")
     assert "144 values are not finite" in error_of(here, "--reference", str(other / "reference.exr"))

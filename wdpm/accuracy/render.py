@@ -11,6 +11,7 @@ from typing import Self
 from wdpm.accuracy.points import Point
 from wdpm.accuracy.store import Record
 from wdpm.cluster.render_settings import RenderSettings
+from wdpm.goal.clock import cpu_seconds
 from wdpm.images.image import Image
 from wdpm.rendering.backend import Backend, Backends
 from wdpm.rendering.passes import render_in_passes
@@ -54,9 +55,11 @@ class PointRenderer:
         # A cluster keeps its photons for the next render if they are the same; then their time would be missing.
         if point.slaves and self._last_seed.get(point.slaves) == seed:
             self._render(_tiny(settings, seed ^ 1), point.slaves)
-        began, cpu_began = time.perf_counter(), time.process_time()
+        # Slaves tell what they took; processes forked from this one do not.
+        cpu_clock = time.process_time if point.slaves else cpu_seconds
+        began, cpu_began = time.perf_counter(), cpu_clock()
         image = self._render(settings, point.slaves)
-        own_cpu, elapsed = time.process_time() - cpu_began, time.perf_counter() - began
+        own_cpu, elapsed = cpu_clock() - cpu_began, time.perf_counter() - began
         self._last_seed[point.slaves] = seed
         account = report.from_dict(image.metadata["report"])
         untimed = sum(account.phases.get(phase, 0.0) for phase in UNTIMED)

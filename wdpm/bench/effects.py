@@ -11,7 +11,6 @@ import statistics
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -21,6 +20,7 @@ from wdpm.bench import effects_compiler
 from wdpm.bench import effects_scenes as scenes
 from wdpm.bench.outputs import settings_to_dict
 from wdpm.cluster.render_settings import RenderSettings
+from wdpm.goal.clock import cpu_seconds
 from wdpm.images.image import Image
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backend
@@ -210,9 +210,9 @@ class _Turn:
 def _turn(scene: Scene, settings: RenderSettings, render: Renderer) -> _Turn:
     seconds, cpu, accounts, digests = [], [], [], []
     for everything in (False, True):
-        began = time.process_time()
+        began = cpu_seconds()
         image = render(scene, replace(settings, all_effects=everything))
-        cpu.append(time.process_time() - began)
+        cpu.append(cpu_seconds() - began)
         account = report.from_dict(image.metadata["report"])
         seconds.append(account.phases["render"])
         accounts.append(account)

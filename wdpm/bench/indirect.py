@@ -21,6 +21,7 @@ import numpy as np
 from wdpm.bench.mitsuba import WARM_SEED, Cost
 from wdpm.cluster.integrators.registry import REFERENCE
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
+from wdpm.goal.clock import cpu_seconds
 from wdpm.images.comparison import Region, compare, region_slices
 from wdpm.images.image import Image
 from wdpm.images.image import load as load_image
@@ -287,9 +288,9 @@ def _reference_settings(scene: Scene, sweep: Sweep) -> RenderSettings:
 
 
 def _turn(scene: Scene, settings: RenderSettings, reference: Image, region: Region | None, render: Renderer) -> _Turn:
-    began, cpu_began = time.perf_counter(), time.process_time()
+    began, cpu_began = time.perf_counter(), cpu_seconds()
     image = render(scene, settings)
-    cost = Cost(time.perf_counter() - began, time.process_time() - cpu_began)
+    cost = Cost(time.perf_counter() - began, cpu_seconds() - cpu_began)
     figures = compare(image, reference, region)
     if figures.nonfinite_a:
         raise ImageError(f"{settings.indirect.value}: {figures.nonfinite_a:,} values of the image are not finite")

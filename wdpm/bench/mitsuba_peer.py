@@ -17,6 +17,19 @@ import numpy as np
 
 VARIANT = "llvm_ad_rgb"
 
+MOST_SAMPLES = 1 << 24
+"""Of an image at once: Mitsuba keeps the random state of each, so that 1,024 samples of 256x256 pixels would take
+gigabytes. More are rendered in equal parts, and their mean is what comes out."""
+
+SEEDS_OF_PARTS = 1 << 21
+"""Between the seeds of two parts: more than a benchmark gives to images."""
+
+
+def parts_of(spp: int, pixels: int) -> int:
+    """The least number of equal parts in which an image is small enough, or one sample each."""
+    fewest = min(spp, -(-spp * pixels // MOST_SAMPLES))
+    return next(parts for parts in range(fewest, spp + 1) if spp % parts == 0)
+
 
 class Renderer:
     """A scene in Mitsuba.
@@ -38,16 +51,21 @@ class Renderer:
             if name.endswith(("film.size", "film.crop_size")):
                 parameters[name] = self._mitsuba.ScalarVector2u(width, height)
         parameters.update()
+        self._pixels = width * height
         self._integrator = self._mitsuba.load_dict({"type": "path", "max_depth": max_depth})
 
     def render(self, spp: int, seed: int, output: str) -> dict[str, float]:
         """Render into an NPY file, float32, shape [height, width, 3]; returns the time until the last pixel [s]."""
         began, cpu_began = time.perf_counter(), time.process_time()
-        image = self._mitsuba.render(self._scene, integrator=self._integrator, spp=spp, seed=seed)
-        pixels = np.array(image)  # waits for the render, which runs on other threads
+        parts = parts_of(spp, self._pixels)
+        pixels = np.mean([self._part(spp // parts, seed + SEEDS_OF_PARTS * part) for part in range(parts)], axis=0)
         taken = {"seconds": time.perf_counter() - began, "cpu_seconds": time.process_time() - cpu_began}
         np.save(output, pixels[..., :3].astype(np.float32))
         return taken
+
+    def _part(self, spp: int, seed: int) -> Any:
+        image = self._mitsuba.render(self._scene, integrator=self._integrator, spp=spp, seed=seed)
+        return np.array(image)  # waits for the render, which runs on other threads
 
 
 def main() -> None:

@@ -6,7 +6,6 @@ threads by default, which other work on the machine does not lengthen.
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -15,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from wdpm.goal.clock import cpu_seconds
 from wdpm.goal.goal import Goal
 from wdpm.goal.reference_pair import coarser
 from wdpm.goal.render import OUTCOME, render_until
@@ -37,12 +37,6 @@ quarter of that."""
 
 LEAST_TIME = 0.01
 """Seconds; where the pilot's passes are enough none are to come, and a ratio says nothing."""
-
-
-def cpu_seconds() -> float:
-    """CPU time of this process's threads, and of the processes forked from it that have ended."""
-    used = os.times()
-    return used.user + used.system + used.children_user + used.children_system
 
 
 CLOCKS = {"cpu": cpu_seconds, "wall": time.perf_counter}

@@ -54,6 +54,7 @@ examples:
   wdpm bench indirect cbox/scene.xml --plot indirect.svg
   wdpm bench hard-cases --only furnace -o out/hard-cases
   wdpm bench peers sibenik/scene.xml sponza/scene.xml --errors 0.05,0.02,0.01,0.005
+  wdpm bench peers */scene.xml --samples 64,1024 --trim 0.001 --ways defaults,path --rows peers.jsonl
 
 wdpm bench WHAT --help says more. The libraries compared with come with: pip install 'wdpm[peers,test]'"""
 

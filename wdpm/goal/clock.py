@@ -1,4 +1,7 @@
-"""Time since the process began, which a time budget counts from: Python takes a while before it runs our code."""
+"""Time since the process began, which a time budget counts from: Python takes a while before it runs our code.
+
+And processor time, which hardly depends on what else a machine does.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +20,34 @@ def process_age() -> float:
         return time.clock_gettime(time.CLOCK_BOOTTIME) - ticks / os.sysconf("SC_CLK_TCK")
     except (OSError, AttributeError, ValueError, IndexError):
         return time.monotonic() - _IMPORTED
+
+
+def cpu_seconds() -> float:
+    """Processor time of this process, and of those that it has started [s]: a render's tasks may be theirs.
+
+    The system counts a child for its parent when that has waited for it. One that is at work, or has ended unnoticed,
+    is counted as long as /proc tells of it (on Linux); of what such a one has started itself nothing is known yet.
+    """
+    ended = os.times()
+    return time.process_time() + ended.children_user + ended.children_system + sum(map(_cpu_of, _children()))
+
+
+def _children() -> list[int]:
+    """Processes that this one has started, and not waited for."""
+    try:
+        threads = Path("/proc/self/task").iterdir()
+        return [int(child) for thread in threads for child in (thread / "children").read_text().split()]
+    except OSError:
+        return []
+
+
+def _cpu_of(process: int) -> float:
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    except OSError:  # it was waited for just now
+        return 0.0
+    user, system = fields[11:13]  # fields 14 and 15 of proc_pid_stat(5)
+    return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
 
 
 class Budget:

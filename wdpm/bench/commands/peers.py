@@ -11,6 +11,7 @@ from wdpm.bench.commands.arguments import (
     add_rows,
     add_threads,
     check_one_reference,
+    counts,
     relative_errors,
     rows_of,
 )
@@ -20,10 +21,23 @@ from wdpm.rendering.backend import Backends
 
 _DESCRIPTION = """\
 Time that wdpm and Mitsuba 3's path tracer take to errors of the whole image, both
-warm, at the size of each scene's reference. wdpm: the fastest of a fixed grid of
-settings, the same for all scenes. Mitsuba: measured at some numbers of samples,
-and error = a / samples between and beyond. LLVM's library: see wdpm bench mitsuba
---help. CPU time is that of all threads: what else runs hardly changes it."""
+warm, at the size of each scene's reference. wdpm, by several ways: the fastest of
+a fixed grid of settings, the same for all scenes; what it does by default; and
+its own path tracer. Mitsuba: measured at some numbers of samples, and error =
+a / samples between and beyond. LLVM's library: see wdpm bench mitsuba --help.
+CPU time is that of all threads and processes: what else runs hardly changes it."""
+
+
+_WAYS = ("grid", "defaults", "path")
+
+
+def _ways(text: str) -> tuple[str, ...]:
+    """`defaults,path` to names of ways, each once."""
+    names = tuple(dict.fromkeys(text.split(",")))
+    for name in names:
+        if name not in _WAYS:
+            raise argparse.ArgumentTypeError(f"'{name}' is no way; expected some of {','.join(_WAYS)}")
+    return names
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,9 +49,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--errors",
         type=relative_errors,
-        default=(0.05, 0.02, 0.01, 0.005),
         metavar="E,E,...",
-        help="bounds of the relMSE (default: 0.05,0.02,0.01,0.005)",
+        help="bounds of the relMSE (default: 0.05,0.02,0.01,0.005, unless --samples is given)",
+    )
+    parser.add_argument(
+        "--samples",
+        type=counts,
+        default=(),
+        metavar="N,N,...",
+        help="reach the errors, too, that Mitsuba has with so many samples: rendered where --limit allows it, else by "
+        "its law",
+    )
+    parser.add_argument(
+        "--trim",
+        type=values.length,
+        default=0.0,
+        metavar="SHARE",
+        help="reach every error a second time without the worst pixels, such a share of them: 0.001 (default: 0, no)",
+    )
+    parser.add_argument(
+        "--ways",
+        type=_ways,
+        default=_WAYS,
+        metavar="WAY,...",
+        help=f"of wdpm: some of {','.join(_WAYS)} (default: all of them)",
     )
     parser.add_argument(
         "--region", type=values.region, metavar="L,T,R,B", help="pixels that count (default: the whole image)"
@@ -56,18 +91,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Measured:
     """Time to errors of the whole image, next to Mitsuba's."""
-    from wdpm.bench import peers as bench_peers
-    from wdpm.bench.peers_figures import Bounds
+    from wdpm.bench.peers import measure as bench_peers
+    from wdpm.bench.peers.grid import WAYS
+    from wdpm.bench.peers.target import DEFAULT_ERRORS, Bounds
 
     check_one_reference(args.reference, args.scenes)
-    bounds = Bounds(args.errors, args.region, args.rounds, args.limit)
+    errors = args.errors or (() if args.samples else DEFAULT_ERRORS)
+    bounds = Bounds(errors, args.region, args.rounds, args.limit, args.samples, args.trim)
+    ways = [way for way in WAYS if way.name in args.ways]
     pairs = [(scene, args.reference or bench_peers.default_reference(scene)) for scene in args.scenes]
     for scene, reference in pairs:
         bench_peers.check(scene, reference, bounds)
     rows = rows_of(args)
     with backends(0) as backend:
         figures = [
-            bench_peers.measure(scene, reference, bounds, backend, progress, rows=rows) for scene, reference in pairs
+            bench_peers.measure(scene, reference, bounds, backend, progress, ways=ways, rows=rows)
+            for scene, reference in pairs
         ]
     return Measured([each.grid() for each in figures], {"peers": [each.to_dict() for each in figures]})
 

@@ -1,21 +1,24 @@
-"""How long Mitsuba's path tracer takes to an error: measured at some numbers of samples, and the law through them."""
+"""How long a path tracer takes to an error: measured at some numbers of samples, and the law through them."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from wdpm.bench.mitsuba import Cost
 
+E = TypeVar("E")
+
 
 @dataclass(frozen=True)
-class Point:
+class Point(Generic[E]):
     """An image with `spp` samples a pixel."""
 
     spp: int
-    error: float
+    error: E
     cost: Cost
 
 
@@ -42,7 +45,7 @@ class ErrorLaw:
         points: measured; at least one.
     """
 
-    points: tuple[Point, ...]
+    points: tuple[Point[float], ...]
 
     @property
     def constant(self) -> float:
@@ -63,13 +66,32 @@ class ErrorLaw:
         return float(np.polyfit(x, y, 1)[0])
 
     @property
-    def longest(self) -> Point:
+    def longest(self) -> Point[float]:
         """The one with the most samples."""
         return max(self.points, key=lambda point: point.spp)
 
-    def to(self, error: float, speed: Point | None = None) -> Answer:
+    def to(self, error: float, speed: Point[float] | None = None) -> Answer:
         """What an error takes, at the speed of a render: the longest, unless another is given."""
+        return self.with_samples(max(1.0, self.constant / error), speed)
+
+    def with_samples(self, spp: float, speed: Point[float] | None = None) -> Answer:
+        """What so many samples take, at the speed of a render: the longest, unless another is given."""
         speed = speed or self.longest
-        spp = max(1.0, self.constant / error)
         cost = Cost(speed.cost.wall_s * spp / speed.spp, speed.cost.cpu_s * spp / speed.spp)
         return Answer(spp, cost, not min(point.spp for point in self.points) <= spp <= self.longest.spp)
+
+    def beyond(self, error: float) -> Answer:
+        """What an error takes of a renderer that has work besides its samples: time is a line through its points.
+
+        That line goes through those with the fewest and with the most samples; with one of them, through nothing.
+        """
+        spp, most = max(1.0, self.constant / error), self.longest
+        least = min(self.points, key=lambda point: point.spp)
+        if least.spp == most.spp:
+            return self.with_samples(spp)
+
+        def at(low: float, high: float) -> float:
+            return max(0.0, high + (high - low) * (spp - most.spp) / (most.spp - least.spp))
+
+        cost = Cost(at(least.cost.wall_s, most.cost.wall_s), at(least.cost.cpu_s, most.cost.cpu_s))
+        return Answer(spp, cost, not least.spp <= spp <= most.spp)

@@ -18,7 +18,7 @@ class Family:
 
     Attributes:
         name: for people.
-        photons: to be stored in each map, of each pass.
+        photons: to be stored in each map, of each pass; 0 where that is not said.
         spp: samples a pixel.
         passes, indirect, integrator: what all members have, see RenderSettings.
     """
@@ -29,6 +29,11 @@ class Family:
     passes: int = 1
     indirect: Indirect = Indirect.MAP
     integrator: Integrator = Integrator.PHOTONS
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether all but the samples is left to wdpm."""
+        return self.integrator is Integrator.AUTO
 
     def members(self) -> Iterator[Member]:
         """All of them, each after those with less work."""
@@ -53,6 +58,8 @@ class Member:
 
     def settings(self, seed: int, max_depth: int | None) -> RenderSettings:
         """For a render; the maps of caustics and media get as many photons as the global one."""
+        if self.family.is_plain:
+            return RenderSettings(spp=self.spp, seed=seed, max_depth=max_depth)
         return RenderSettings(
             photons=self.photons,
             caustic_photons=self.photons,
@@ -70,10 +77,35 @@ class Member:
         return self.family == other.family and self.photons >= other.photons and self.spp >= other.spp
 
 
+PATH = Family("path", (0,), (8, 32, 128), integrator=Integrator.PATH)
+
+FEW_PATHS = Family(PATH.name, (0,), (4, 16), integrator=Integrator.PATH)
+"""Beyond these samples a path tracer's error follows a law (law.py), which spares the minutes that they would take."""
+
+DEFAULTS = Family(
+    "defaults", (0,), tuple(1 << power for power in range(11)), indirect=Indirect.AUTO, integrator=Integrator.AUTO
+)
+"""What a person gets who says no more than how many samples."""
+
 FAMILIES = (
     Family("map", (20_000, 100_000, 500_000), (2, 8, 32)),
     Family("map in 8 passes", (20_000, 100_000), (8, 32, 128), passes=8),
     Family("gather", (20_000, 100_000), (2, 8, 32, 128), indirect=Indirect.GATHER),
     Family("cache", (20_000, 100_000), (2, 8, 32, 128), indirect=Indirect.CACHE),
-    Family("path", (0,), (8, 32, 128), integrator=Integrator.PATH),
+    PATH,
 )
+
+
+@dataclass(frozen=True)
+class Way:
+    """How wdpm may get to an error: by the fastest member of some families.
+
+    Attributes:
+        name: on the command line, and in the table.
+    """
+
+    name: str
+    families: tuple[Family, ...]
+
+
+WAYS = (Way("grid", FAMILIES), Way("defaults", (DEFAULTS,)), Way("path", (FEW_PATHS,)))

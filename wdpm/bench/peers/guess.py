@@ -11,8 +11,9 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from wdpm.bench.peers_figures import Try
-from wdpm.bench.peers_grid import Family, Member
+from wdpm.bench.peers.figures import Try
+from wdpm.bench.peers.grid import Family, Member
+from wdpm.bench.peers.target import Target
 
 MARGIN = 1.05
 """More samples than the guess, for its own error."""
@@ -32,22 +33,23 @@ class Guess:
     enough_spp: int
 
 
-def guesses(tries: Sequence[Try], bound: float) -> Iterator[Guess]:
-    """One of each chain that reaches the bound."""
+def guesses(tries: Sequence[Try], target: Target) -> Iterator[Guess]:
+    """One of each chain that reaches the error."""
     chains: defaultdict[tuple[Family, int], list[Try]] = defaultdict(list)
     for each in sorted(tries, key=lambda each: each.member.spp):
         chains[each.member.family, each.member.photons].append(each)
     for chain in chains.values():
-        reached = next((i for i, each in enumerate(chain) if each.error <= bound), None)
+        reached = next((i for i, each in enumerate(chain) if target.reached_by(each.errors)), None)
         if reached is not None:
-            yield _guess(chain[reached - 1] if reached else None, chain[reached], bound)
+            yield _guess(chain[reached - 1] if reached else None, chain[reached], target)
 
 
-def _guess(misses: Try | None, reaches: Try, bound: float) -> Guess:
+def _guess(misses: Try | None, reaches: Try, target: Target) -> Guess:
     enough = reaches.member.spp
     if misses is None:
         return Guess(reaches.member, reaches.cost.cpu_s, enough)
-    share = math.log(misses.error / bound) / math.log(misses.error / max(reaches.error, 1e-300))
+    missed, least = target.of(misses.errors), max(target.of(reaches.errors), 1e-300)
+    share = math.log(missed / max(target.error, 1e-300)) / math.log(missed / least)
     spp = math.ceil(MARGIN * _between(misses.member.spp, enough, share))
     if spp >= enough:
         return Guess(reaches.member, reaches.cost.cpu_s, enough)

@@ -1,0 +1,57 @@
+"""Processor time of a process and of those that it has forked, at work, ended, and waited for."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from wdpm.goal import clock
+
+SPENT_S = 0.2
+"""What each child takes, of what the system counts in hundredths."""
+
+ABOUT_S = 0.05
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system forks no processes")
+def test_a_child_counts_once_it_was_waited_for() -> None:
+    before = clock.cpu_seconds()
+    pid = os.fork()
+    if pid == 0:
+        began = time.process_time()
+        while time.process_time() < began + SPENT_S:
+            pass
+        os._exit(0)
+    os.waitpid(pid, 0)
+    assert clock.cpu_seconds() - before >= SPENT_S - ABOUT_S
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="this system does not tell of children at work")
+def test_a_child_counts_before_it_ends_and_no_more_when_it_has() -> None:
+    before = clock.cpu_seconds()
+    code = f"import time\nwhile time.process_time() < {SPENT_S}: pass\nprint(flush=True)\ninput()"
+    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        at_work = clock.cpu_seconds() - before
+        ended = clock._cpu_of(child.pid)
+        child.communicate(b"\n")
+    assert at_work >= SPENT_S - ABOUT_S
+    assert ended >= SPENT_S - ABOUT_S
+    assert clock.cpu_seconds() - before >= at_work - ABOUT_S
+    assert child.pid not in clock._children()
+    assert clock._cpu_of(child.pid) == 0.0
+
+
+def test_where_the_system_does_not_tell_children_count_when_they_have_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: Path) -> None:
+        raise OSError("no such folder")
+
+    monkeypatch.setattr(clock.Path, "iterdir", refuse)
+    assert clock._children() == []
+    assert clock.cpu_seconds() >= time.process_time() - ABOUT_S

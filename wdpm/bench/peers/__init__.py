@@ -1,0 +1,1 @@
+"""wdpm and Mitsuba 3: times to the same errors."""
