@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 
 import wdpm
+from wdpm.bench import predict
 from wdpm.bench.predict import PredictFigures, Run, measure
+from wdpm.bench.rows import Rows
 from wdpm.progress import SilentProgress
 from wdpm.rendering.in_process import InProcess
 from wdpm.scenes.errors import SettingsError
@@ -44,7 +46,7 @@ def test_shares_count_what_they_say() -> None:
     assert len(figures.grid().rows) == 5
 
 
-def test_a_run_is_held_against_the_reference_beside_the_scene(tmp_path: Path) -> None:
+def test_a_run_is_held_against_the_reference_beside_the_scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = tmp_path / "box.obj"
     scene.write_text("v -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nf 1 2 3 4\n")
     with pytest.raises(SettingsError, match=r"reference\.exr"):
@@ -56,10 +58,15 @@ def test_a_run_is_held_against_the_reference_beside_the_scene(tmp_path: Path) ->
     image.save(tmp_path / "reference.exr")
     with pytest.raises(SettingsError, match=r"12x12 pixels are no whole number of squares of 5x5; give another"):
         measure([scene], InProcess(), SilentProgress(), smaller=5)
-    found = measure([scene], InProcess(threads=1), SilentProgress(), targets=(0.9,), smaller=2)
+    rows = Rows(tmp_path / "rows.jsonl")
+    found = measure([scene], InProcess(threads=1), SilentProgress(), targets=(0.9,), smaller=2, rows=rows)
     (run,) = found.runs
     assert run.scene == tmp_path.name
     assert run.true > 0
     assert run.wall > 0
     assert run.pilot > 0
     assert len(found.grid().rows) == 1
+    kept = Rows(tmp_path / "rows.jsonl", resume=True)
+    monkeypatch.setattr(predict, "render_until", None)  # nothing is rendered again
+    again = measure([scene], InProcess(threads=1), SilentProgress(), targets=(0.9,), smaller=2, rows=kept)
+    assert again.to_dict() == found.to_dict()

@@ -9,11 +9,13 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from wdpm.bench.rows import Figures, Rows
 from wdpm.goal.clock import cpu_seconds
 from wdpm.goal.goal import Goal
 from wdpm.goal.reference_pair import coarser
@@ -132,6 +134,7 @@ def measure(
     seeds: int = 1,
     clock: str = "cpu",
     smaller: int = 1,
+    rows: Rows | None = None,
 ) -> PredictFigures:
     """Ask each scene for each error.
 
@@ -141,6 +144,7 @@ def measure(
         seeds: runs of each.
         clock: a name of CLOCKS.
         smaller: so many pixels of the reference along a side are one of the image's: scenes cost as much less.
+        rows: keeps what each run came to, and has those that need not be done again; None for none.
 
     Raises:
         SettingsError: no scene, or one without reference, or one whose reference does not divide into such pixels.
@@ -151,6 +155,7 @@ def measure(
     for file in scenes:
         if not reference_of(file).is_file():
             raise SettingsError(f"{file}: no {reference_of(file).name} beside it, so no error could be told")
+    rows = rows or Rows()
     progress.start("runs", len(scenes) * len(targets) * seeds)
     runs = []
     for file in scenes:
@@ -159,7 +164,9 @@ def measure(
         scene = load(file, size=(width, height))
         for seed in range(seeds):
             for target in targets:
-                runs.append(_run(scene, file, reference, target, seed, clock, backend))
+                of = {"scene": str(file), "seed": seed, "error": target, "clock": clock, "smaller": smaller}
+                run = partial(_run, scene, file, reference, target, seed, clock, backend)
+                runs.append(Run(**rows.measured({**of, "threads": backend.threads}, run)))
                 progress.note("  ".join(_row(runs[-1])))
                 progress.advance()
     return PredictFigures(clock, backend.threads, tuple(runs))
@@ -181,13 +188,13 @@ def _in_larger_pixels(reference: Image, smaller: int, file: Path) -> Image:
     return Image({"beauty": coarser(reference.pixels.astype(np.float64), smaller).astype(np.float32)})
 
 
-def _run(scene: Any, file: Path, reference: Image, target: float, seed: int, clock: str, backend: Backend) -> Run:
+def _run(scene: Any, file: Path, reference: Image, target: float, seed: int, clock: str, backend: Backend) -> Figures:
     began = time.perf_counter()
     image = render_until(scene, Goal(target), backend, progress=SilentProgress(), clock=CLOCKS[clock], seed=seed)
     outcome: dict[str, Any] = image.metadata[OUTCOME]
     estimate = outcome["estimate"]
     names = ("indirect", "photons", "k", "passes", "spp")
-    return Run(
+    run = Run(
         scene=file.parent.name,
         seed=seed,
         target=target,
@@ -201,6 +208,7 @@ def _run(scene: Any, file: Path, reference: Image, target: float, seed: int, clo
         wall=time.perf_counter() - began,
         how={name: image.metadata["settings"][name] for name in names},
     )
+    return asdict(run)
 
 
 def _row(run: Run) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from wdpm.bench.commands.arguments import add_counts, add_threads, find_all, relative_errors
+from wdpm.bench.commands.arguments import add_counts, add_rows, add_threads, find_all, relative_errors, rows_of
 from wdpm.bench.commands.benchmark import Benchmark, Measured
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backends
@@ -41,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("--smaller", 1, "pixels of the reference along a side of the image's, which are larger and cost as much less"),
     )
     add_threads(parser, "threads to render with")
+    add_rows(parser)
 
 
 def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Measured:
@@ -48,6 +49,7 @@ def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Mea
     from wdpm.bench import predict as bench_predict
 
     find_all(args.scenes)
+    rows = rows_of(args)
     with backends(0) as backend:
         figures = bench_predict.measure(
             args.scenes,
@@ -57,6 +59,7 @@ def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Mea
             seeds=args.seeds,
             clock=args.clock,
             smaller=args.smaller,
+            rows=rows,
         )
     return Measured([figures.grid()], {"predict": figures.to_dict()})
 
