@@ -18,7 +18,7 @@ from wdpm.cluster.plan.map_worth import (
     worth_of_volume,
 )
 from wdpm.cluster.plan.photon_pilot import PhotonPilot
-from wdpm.cluster.plan.pilot_gathers import PILOT_K, gather_among
+from wdpm.cluster.plan.pilot_gathers import PILOT_K, AmongPhotons
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.world import IrradiancePlan, MapPlan
@@ -237,7 +237,7 @@ def _median_radius(cell: Cell, photons: Arrays, flat: FlatScene) -> float:
     if len(position) <= PILOT_K:
         return 0.0
     queries = np.linspace(0, len(position) - 1, min(PILOT_GATHERS, len(position))).astype(np.intp)
-    _, found = gather_among(cell, photons, position[queries], normal[queries], flat.extent)
+    _, found = AmongPhotons(cell, photons).gather(position[queries], normal[queries], flat.extent)
     return float(np.quantile(found, RADIUS_QUANTILE))
 
 

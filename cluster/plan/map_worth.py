@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays, take
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, direct_photons
-from wdpm.cluster.plan.pilot_gathers import gather_among
+from wdpm.cluster.plan.pilot_gathers import AmongPhotons
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
 from wdpm.kernels.photons.flight import BOUNCE_BITS
 
@@ -132,7 +132,8 @@ def _irradiance(pilot: PhotonPilot, photons: Arrays, paths: int, places: Arrays)
     """Of some of the pilot's photons [W / m²], mean of RGB, shape [places]."""
     if not paths or not len(photons["id"]):
         return np.zeros(len(places["id"]))
-    found, _ = gather_among(pilot.cell, photons, places["position"], places["normal"], pilot.world.extent)
+    among = AmongPhotons(pilot.cell, photons)
+    found, _ = among.gather(places["position"], places["normal"], pilot.world.extent)
     return found.astype(np.float64) / paths
 
 
@@ -277,11 +278,8 @@ def map_error(
     path = photons["id"] >> BOUNCE_BITS
     differences, whole, radius2 = [], np.zeros(len(position)), np.zeros(len(position))
     for odd in (0, 1):
-        half = take(photons, np.flatnonzero(path % 2 == odd))
-        wide, narrow = (
-            gather_among(pilot.cell, half, position, normal, pilot.world.extent, neighbours)
-            for neighbours in (told, few)
-        )
+        half = AmongPhotons(pilot.cell, take(photons, np.flatnonzero(path % 2 == odd)))
+        wide, narrow = (half.gather(position, normal, pilot.world.extent, neighbours) for neighbours in (told, few))
         differences.append((wide[0].astype(np.float64) - narrow[0]) * (2.0 / paths) * factor)
         whole += wide[0] * (1.0 / paths) * factor
         radius2 += wide[1].astype(np.float64) ** 2 / 2.0

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, caustic_photons_among
-from wdpm.cluster.plan.pilot_gathers import gather_among
+from wdpm.cluster.plan.pilot_gathers import AmongPhotons
 from wdpm.kernels import columns
 from wdpm.kernels.constants import INV_PI
 from wdpm.kernels.materials.types import DIFFUSE
@@ -152,7 +152,8 @@ def _irradiance(pilot: PhotonPilot, photons: Arrays, factor: Values, places: See
     """Of some photons, each with a factor, at all places, mean of RGB, shape [places]."""
     flux = (photons["flux"] * factor[:, None]).astype(np.float32)
     position, normal = places.all("position"), places.all("normal")
-    found, _ = gather_among(pilot.cell, {**photons, "flux": flux}, position, normal, pilot.world.extent)
+    among = AmongPhotons(pilot.cell, {**photons, "flux": flux})
+    found, _ = among.gather(position, normal, pilot.world.extent)
     return found.astype(np.float64) / pilot.paths
 
 

@@ -8,58 +8,83 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays
 from wdpm.cluster.work.cell import Cell
+from wdpm.cluster.work.overlap_band import along
 from wdpm.kernels.photons import photon_map
 from wdpm.kernels.photons.gather import gather_kernel
 
 PILOT_K = 16
 """Neighbours that tell the density at a place: few enough to stay local, enough to be within a quarter."""
 
+RUN = 32
+"""Gathers that follow one another, each from the radius of the one before."""
 
-def gather_among(
-    cell: Cell,
-    photons: Arrays,
-    position: NDArray[np.float32],
-    normal: NDArray[np.float32],
-    extent: float,
-    k: int = PILOT_K,
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Look for the k nearest of some photons about some places.
+GRAIN = 4
+"""Runs that are worth a chunk of their own: a millisecond and more."""
+
+
+class AmongPhotons:
+    """Some photons, about any place of which the nearest can be looked for.
 
     Args:
+        cell: the whole scene.
         photons: on surfaces.
-        position, normal: of the places, shape [P, 3].
-        extent: how far to look at most.
-
-    Returns:
-        irradiance [W x paths / m²], mean of RGB, and the radius that it is the mean over, shape [P] each.
     """
-    launcher = cell.replica.launcher
-    device, count = launcher.device, len(position)
-    at_normal = photons["normal"]  # every photon that fell on this side counts, from wherever it came
-    built = photon_map.build(
-        photons["position"],
-        photons["flux"],
-        at_normal,
-        at_normal,
-        np.arange(len(at_normal), dtype=np.int64),
-        device=device,
-    )
-    facing = wp.array(normal, dtype=wp.vec3, device=device)
-    irradiance = wp.empty(count, dtype=wp.vec3, device=device)
-    radius = wp.empty(count, dtype=wp.float32, device=device)
-    launcher(
-        gather_kernel,
-        count,
-        photons=built,
-        position=wp.array(position, dtype=wp.vec3, device=device),
-        normal=facing,
-        shading_normal=facing,
-        k=k,
-        r_max=extent,
-        run=1,
-        irradiance_out=irradiance,
-        count_out=wp.empty(count, dtype=wp.int32, device=device),
-        radius_out=radius,
-        truncated_out=wp.empty(count, dtype=wp.bool, device=device),
-    )
-    return irradiance.numpy().mean(axis=1), radius.numpy()
+
+    def __init__(self, cell: Cell, photons: Arrays) -> None:
+        self._launcher = cell.replica.launcher
+        self._count = len(photons["id"])
+        at_normal = photons["normal"]  # every photon that fell on this side counts, from wherever it came
+        ranks = np.arange(self._count, dtype=np.int64)
+        device = self._launcher.device
+        self._built = photon_map.build(photons["position"], photons["flux"], at_normal, at_normal, ranks, device)
+
+    def gather(
+        self, position: NDArray[np.float32], normal: NDArray[np.float32], extent: float, k: int = PILOT_K
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Look for the k nearest photons about some places.
+
+        Args:
+            position, normal: of the places, shape [P, 3].
+            extent: how far to look at most.
+
+        Returns:
+            irradiance [W x paths / m²], mean of RGB, and the radius that it is the mean over, shape [P] each.
+        """
+        device, count = self._launcher.device, len(position)
+        order = self._order(position, normal, k)
+        facing = wp.array(normal[order], dtype=wp.vec3, device=device)
+        irradiance = wp.empty(count, dtype=wp.vec3, device=device)
+        radius = wp.empty(count, dtype=wp.float32, device=device)
+        self._launcher(
+            gather_kernel,
+            -(-count // RUN),
+            grain=GRAIN,
+            photons=self._built,
+            position=wp.array(position[order], dtype=wp.vec3, device=device),
+            normal=facing,
+            shading_normal=facing,
+            k=k,
+            r_max=extent,
+            run=RUN,
+            irradiance_out=irradiance,
+            count_out=wp.empty(count, dtype=wp.int32, device=device),
+            radius_out=radius,
+            truncated_out=wp.empty(count, dtype=wp.bool, device=device),
+        )
+        found = np.empty(count, np.float32), np.empty(count, np.float32)
+        found[0][order], found[1][order] = irradiance.numpy().mean(axis=1), radius.numpy()
+        return found
+
+    def _order(self, position: NDArray[np.float32], normal: NDArray[np.float32], k: int) -> NDArray[np.intp]:
+        """Places that face alike and lie beside each other one after another: a search begins with the last radius.
+
+        In the order of pixels they are spread over the whole image, and the density about a place, by which a search
+        without a radius begins, is of photons of all sides: of gathers of 50 it took five times as long.
+        """
+        if not len(position):
+            return np.arange(0)
+        side = np.abs(normal).argmax(axis=1)
+        positive = np.take_along_axis(normal, side[:, None], axis=1)[:, 0] > 0
+        # The width of slabs is that of gathers, were the photons spread evenly over a face of the places' box.
+        width = float(np.linalg.norm(np.ptp(position, axis=0).astype(np.float64)) * np.sqrt(k / max(self._count, k)))
+        return np.lexsort((*along(position, max(width, np.finfo(np.float32).tiny)), 2 * side + positive))
