@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import os
 import platform
-from importlib import metadata
+from collections.abc import Iterator
 from pathlib import Path
+
+import numpy as np
+import warp as wp
 
 from wdpm.scenes.errors import ClusterError
 
@@ -20,8 +24,8 @@ def versions() -> dict[str, str]:
     """By name; all processes of a cluster must have the same."""
     return {
         "wdpm code": digest_of_code(Path(__file__).resolve().parents[1]),
-        "warp-lang": metadata.version("warp-lang"),
-        "numpy": metadata.version("numpy"),
+        "warp-lang": wp.__version__,
+        "numpy": np.__version__,
         "instruction set": platform.machine(),
     }
 
@@ -37,10 +41,23 @@ def digest_of_code(root: Path) -> str:
     """
     sha = hashlib.sha256()
     for name in CODE:
-        paths = sorted((root / name).rglob("*.py"))
-        if not paths:
+        files = sorted(_python_files(root / name, name))
+        if not files:
             raise ClusterError(f"{root / name}: expected the code of wdpm as files; install it unpacked")
-        for path in paths:
-            sha.update(f"{path.relative_to(root).as_posix()}\n".encode())
-            sha.update(path.read_bytes())
+        for named, path in files:
+            sha.update(f"{named}\n".encode())
+            with open(path, "rb", buffering=0) as file:
+                sha.update(file.readall())
     return sha.hexdigest()[:12]
+
+
+def _python_files(folder: Path | str, name: str) -> Iterator[tuple[str, str]]:
+    """All in a folder that is called so from the root, and below it: the name of each, with slashes, and its path."""
+    if not os.path.isdir(folder):
+        return
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_dir():
+                yield from _python_files(entry.path, f"{name}/{entry.name}")
+            elif entry.name.endswith(".py"):
+                yield f"{name}/{entry.name}", entry.path
