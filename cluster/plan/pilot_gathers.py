@@ -21,6 +21,9 @@ RUN = 32
 GRAIN = 4
 """Runs that are worth a chunk of their own: a millisecond and more."""
 
+LEAST_WIDTH = 1e-30
+"""Of slabs that places are sorted by, which may all coincide."""
+
 
 class AmongPhotons:
     """Some photons, about any place of which the nearest can be looked for.
@@ -87,4 +90,4 @@ class AmongPhotons:
         positive = np.take_along_axis(normal, side[:, None], axis=1)[:, 0] > 0
         # The width of slabs is that of gathers, were the photons spread evenly over a face of the places' box.
         width = float(np.linalg.norm(np.ptp(position, axis=0).astype(np.float64)) * np.sqrt(k / max(self._count, k)))
-        return np.lexsort((*along(position, max(width, np.finfo(np.float32).tiny)), 2 * side + positive))
+        return np.lexsort((*along(position, width + LEAST_WIDTH), 2 * side + positive))
