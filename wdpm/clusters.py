@@ -14,7 +14,7 @@ from wdpm.cluster.display import Display
 from wdpm.cluster.limits import MOST_SLAVES, ClusterLimits
 from wdpm.cluster.master.local_slaves import LocalSlaves, slave_command
 from wdpm.cluster.master.server import MasterServer
-from wdpm.cluster.plan.copies import PROCESS_BYTES, Copies, SlaveMemory, slaves_a_team
+from wdpm.cluster.plan.copies import Copies, SlaveMemory, slaves_a_team
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.transport import address, local_sockets
@@ -107,11 +107,6 @@ class Cluster(Backend):
         """
         if slaves < 1:
             raise SettingsError(f"slaves is {slaves}; expected at least 1")
-        if memory is not None and memory <= PROCESS_BYTES:  # it would die before it could say so
-            raise SettingsError(
-                f"--memory is {memory / 2**20:.0f} MiB; a slave takes {PROCESS_BYTES / 2**20:.0f} MiB before it holds "
-                "anything of the scene: give it more"
-            )
         check_memory(memory, slaves)
         check_device(device)
         each = max(1, (threads or available_cores()) // slaves)

@@ -40,11 +40,22 @@ def available_cores() -> int:
 def check_memory(memory: int | None, slaves: int = 1) -> None:
     """Raise SettingsError where slaves of this machine may take more memory than it has: it would swap, or kill them.
 
+    Or where they may take so little that they would die before they could say so.
+
     Args:
         memory: that each may take [bytes]; None if nobody said.
     """
+    if memory is None:
+        return
+    from wdpm.cluster.plan.copies import PROCESS_BYTES
+
+    if memory <= PROCESS_BYTES:
+        raise SettingsError(
+            f"--memory is {memory / 2**20:.0f} MiB; a slave takes {PROCESS_BYTES / 2**20:.0f} MiB before it holds "
+            "anything of the scene: give it more"
+        )
     there = machine_memory()
-    if memory is not None and memory * slaves > there:
+    if memory * slaves > there:
         most = math.floor(10 * there / slaves / 2**30) / 10
         each = f" for each of {slaves} slaves" if slaves > 1 else ""
         raise SettingsError(

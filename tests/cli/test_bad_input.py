@@ -178,6 +178,11 @@ def test_slaves_with_too_little_memory(memory: str, expected: str, capsys: pytes
     assert expected in line
 
 
+def test_a_slave_with_too_little_memory_does_not_join(capsys: pytest.CaptureFixture[str]) -> None:
+    """It was killed by its own limit, without a line that says why."""
+    assert "takes 600 MiB before" in said(["slave", "tcp://127.0.0.1:1", "--memory", "50M"], capsys)
+
+
 @pytest.mark.parametrize(
     ("command", "expected"),
     [

@@ -25,7 +25,8 @@ class Share:
         triangles: as a share of the scene's.
         photons, ghosts: as shares of all photons, foretold from the pilot's. Photons are those of its cells, wherever
             they were traced; ghosts those of its neighbours in its band.
-        memory: with its process, what it takes at its peak, give or take a tenth [bytes].
+        memory: with its process, what it takes at its peak [bytes]: where that compiles kernels, give or take a tenth;
+            where they are compiled, some 60 to 90 MiB less.
         received: of the scene, of photons that were traced elsewhere and of ghosts, before the first bucket [bytes].
     """
 
