@@ -11,9 +11,14 @@ the place of the test of Ward, Rubinstein & Clear 1988 whether a record lies in 
 record is left out as it leaves the tangent plane to either side. On a sphere h is 0 however far the record, so curved
 surfaces lose nothing; and W is that of gathers (constants.FLATTENING).
 
-With the derivatives of records.py,
+With the derivatives of records.py, D_i = (rotation_i, translation_i) by y = (n, x), and with means <.> by the weights,
 
-    E(x, n) = sum of w_i max(0, E_i + rotation_i (n - n_i) + translation_i (x - x_i)) / sum of w_i.
+    E(y) = 1/2 <max(0, E_i + D_i (y - y_i))> + 1/2 max(0, <E_i> + <D_i> (y - <y_i>)).
+
+The first half, Ward & Heckbert's, is the mean of the records' tangents: where light bends, as it does towards a corner,
+they lie on one side of it, and it is off by -1/2 f'' <(y - y_i)²>. The second is the plane of mean slope through the
+records' mean, which is off by as much to the other side where records lie all around. What the two leave is
+-1/2 f'' (y - <y_i>)², of third order there; from one record alone both are the same.
 
 What is returned is a function of the set of records that reach (x, n), bit for bit: t_i is computed by one function,
 boxes are never smaller than what t_i > 0 reaches, and the records found are summed in the order of their numbers. More
@@ -172,16 +177,28 @@ def interpolate(
     x = position[i]
     n = shading_normal[i]
     count = find(cache, x, n, stack, found)
-    total = wp.vec3(0.0)
+    tangents = wp.vec3(0.0)
+    values = wp.vec3(0.0)
+    moved = wp.vec3(0.0)
+    turned = wp.vec3(0.0)
+    translation = wp.mat33(0.0)
+    rotation = wp.mat33(0.0)
     weight = wp.float32(0.0)
     for k in range(count):
         key = found[k & _MASK]
         rank = key_rank(key)
         w = _key_t(key) * _key_t(key)
-        total += w * extrapolated(cache, rank, x, n)
+        tangents += w * extrapolated(cache, rank, x, n)
+        values += w * cache.irradiance[rank]
+        moved += w * (x - cache.position[rank])
+        turned += w * (n - cache.normal[rank])
+        translation += w * cache.translation[rank]
+        rotation += w * cache.rotation[rank]
         weight += w
+    total = wp.vec3(0.0)
     if weight > 0.0:
-        total = total / weight
+        plane = values + (translation * moved + rotation * turned) / weight
+        total = 0.5 * (tangents + wp.max(plane, wp.vec3(0.0))) / weight
     irradiance_out[i] = total
     weight_out[i] = weight
     count_out[i] = count

@@ -76,8 +76,13 @@ def expected(made: Records, position: Array, normal: Array) -> tuple[Array, Arra
     value += np.einsum("jab,ijb->ija", made["translation"], d)
     w = t**2
     weight = w.sum(axis=1)
-    total = np.einsum("ij,ija->ia", w, np.maximum(value, 0.0))
-    return np.divide(total, weight[:, None], out=np.zeros_like(total), where=weight[:, None] > 0), weight
+    shares = np.divide(w, weight[:, None], out=np.zeros_like(w), where=weight[:, None] > 0)
+    tangents = np.einsum("ij,ija->ia", shares, np.maximum(value, 0.0))
+    plane = shares @ made["irradiance"].astype(np.float64)
+    for name, way in (("rotation", turn), ("translation", d)):
+        slope = np.einsum("ij,jab->iab", shares, made[name].astype(np.float64))
+        plane += np.einsum("iab,ib->ia", slope, np.einsum("ij,ijb->ib", shares, way))
+    return (tangents + np.maximum(plane, 0.0)) / 2, weight
 
 
 @settings(max_examples=25)
@@ -113,6 +118,26 @@ def test_only_the_records_that_reach_count(seed: int, count: int, size: float) -
     rest = read({k: v[near] for k, v in made.items()}, position[half], normal[half])
     for after, value in zip(rest, before, strict=True):
         np.testing.assert_array_equal(after, value[half])
+
+
+def test_light_that_bends_is_neither_too_bright_nor_too_dark() -> None:
+    """Between records that know value and slope of a parabola, where the tangents of all lie on one side of it."""
+    at = np.stack(np.meshgrid(np.arange(21.0), np.arange(21.0)), axis=-1).reshape(-1, 2) / 20
+    at += np.random.default_rng(2).uniform(-0.02, 0.02, at.shape)
+    count, bend = len(at), -0.4
+    slope = np.zeros((count, 3, 3))
+    slope[:, :, 0] = 2 * bend * at[:, :1]
+    light = np.tile(1 + bend * at[:, :1] ** 2, (1, 3))
+    position = np.column_stack([at, np.zeros(count)])
+    made = {"number": np.arange(count), "position": position, "normal": np.tile(UP, (count, 1))}
+    made |= {"radius": np.full(count, 0.12), "irradiance": light, "rotation": 0 * slope, "translation": slope}
+    made = {name: value if name == "number" else value.astype(np.float32) for name, value in made.items()}
+    places = np.random.default_rng(5).uniform(0.15, 0.85, (1000, 2))
+    irradiance, _, _ = read(made, np.column_stack([places, np.zeros(1000)]), np.tile(UP, (1000, 1)))
+    error = irradiance[:, 0] - (1 + bend * places[:, 0] ** 2)
+    of_tangents = -bend * 0.12**2 / 8  # by the mean square of the way along x, with these weights
+    assert abs(error.mean()) < 0.05 * of_tangents
+    assert np.abs(error).max() < 0.5 * of_tangents
 
 
 def test_more_records_than_are_kept() -> None:
