@@ -34,6 +34,13 @@ standard deviations of the difference of two such records. In uplight-room the f
 error of cbox (128x128, 16 samples) falls to a half, by the ceiling beside the lamp."""
 
 
+READ_FURTHER = 1.5
+"""How far records are read once all are there, as a share of the reach that they were placed by. A place that the last
+round leaves out would trace one gather ray a sample, and be a pearl among what is interpolated; and where more records
+tell of a place, more of their noise averages out. uplight-room (128x128, 16 samples, three seeds): noise of pixels in
+the corners of walls 10 % with 1 and 3.6 % with 1.5, elsewhere 1.0 and 0.7 %."""
+
+
 class RecordRounds:
     """The rounds of a view, one after another.
 
@@ -172,7 +179,10 @@ class RecordRounds:
     def shared(self) -> Records:
         """The records as slaves use them, worked out once for all."""
         if self._shared is None:
-            self._shared = replace(self.records, radius=clamped(self.records.position, self._agreeing()))
+            radius = clamped(self.records.position, self._agreeing())
+            if self.finished:
+                radius *= np.float32(READ_FURTHER)
+            self._shared = replace(self.records, radius=radius)
         return self._shared
 
     def _agreeing(self) -> NDArray[np.float32]:

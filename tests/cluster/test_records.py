@@ -28,7 +28,7 @@ from wdpm.cluster.in_process import MemoryCluster
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.machine import Master, Phase
-from wdpm.cluster.master.records import RecordRounds
+from wdpm.cluster.master.records import READ_FURTHER, RecordRounds
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.records import (
@@ -202,7 +202,9 @@ def test_rounds_follow_each_other_and_are_published_whole(order: int | None) -> 
         assert {task.round for identity in (A, B) for task in tasks_of(out, identity)} == {number}
         out = driver.to_sharing(out, shuffle)
         expected = all_records(number + 1)
-        expected = replace(expected, radius=clamped(expected.position, expected.radius))
+        # Once all are there they are read further than they were placed by.
+        further = np.float32(READ_FURTHER if number == PLAN.rounds - 1 else 1.0)
+        expected = replace(expected, radius=clamped(expected.position, expected.radius) * further)
         for identity in (A, B):
             assert equal(shared_with(out, identity), expected)
             assert tasks_of(out, identity) == []  # nothing of the next round before all have this one
@@ -238,7 +240,8 @@ def test_records_that_are_there_already_are_shared_and_none_are_made() -> None:
     driver = Rounds()
     out = [i for i in driver.to_records(records=there) if not tasks_of([i], A) + tasks_of([i], B)]
     for identity in (A, B):
-        assert equal(shared_with(out, identity), replace(there, radius=clamped(there.position, there.radius)))
+        radius = clamped(there.position, there.radius) * np.float32(READ_FURTHER)
+        assert equal(shared_with(out, identity), replace(there, radius=radius))
     driver.taken()
     assert driver.master.phase is Phase.BUCKETS
 
@@ -261,10 +264,10 @@ def test_records_of_the_last_round_shorten_no_reach() -> None:
     last = RecordRounds(replace(cached(), cache=plan), every).shared().radius
     before = every.take(of_rounds(every, PLAN.rounds - 1))
     alone = RecordRounds(replace(cached(), cache=plan), before).shared().radius
-    assert (alone < 1).all()
+    assert (alone < READ_FURTHER).all()
     np.testing.assert_array_equal(last[: len(alone)], alone)
     sure = RecordRounds(replace(cached(), cache=replace(plan, tolerance=1.0)), every).shared().radius
-    np.testing.assert_array_equal(sure, 1)
+    np.testing.assert_array_equal(sure, READ_FURTHER)
 
 
 def test_a_view_without_a_cache_has_no_rounds() -> None:
