@@ -14,8 +14,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels import blocks, host_columns
+from wdpm.kernels import blocks, host_arrays, host_columns
 from wdpm.kernels.fields import Field, Fields
+from wdpm.kernels.host_arrays import HostArray
 from wdpm.kernels.host_columns import HostColumns, HostNest
 
 _WARP_TYPES = {("<i4", ()): wp.int32, ("<i8", ()): wp.int64, ("<f4", ()): wp.float32, ("<f4", (3,)): wp.vec3}
@@ -223,16 +224,32 @@ def chosen(struct: wp.Struct, columns: Any, rows: NDArray[np.intp], device: str)
 
 def outputs(dtypes: Mapping[str, Any], count: int, device: str) -> dict[str, Any]:
     """Arrays of `count` items of no particular value, by name: what a kernel writes besides a struct's columns."""
-    return dict(zip(dtypes, blocks.room(list(dtypes.values()), count, device), strict=True))
+    kinds = list(dtypes.values())
+    made = host_arrays.room(kinds, count) if blocks.shares_memory(device) else blocks.room(kinds, count, device)
+    return dict(zip(dtypes, made, strict=True))
+
+
+def array_over(array: NDArray[Any], dtype: Any, device: str) -> Any:
+    """What a kernel takes for an array of numpy; on the CPU it shares memory with it.
+
+    Args:
+        array: contiguous, of the numpy type and shape that belong to `dtype`.
+        dtype: Warp's type of its items.
+    """
+    return HostArray(array, dtype) if blocks.shares_memory(device) else wp.array(array, dtype=dtype, device=device)
+
+
+def integers(count: int, device: str) -> Any:
+    """An array of `count` int32 of no particular value."""
+    if blocks.shares_memory(device):
+        return HostArray(np.empty(count, np.int32), wp.int32)
+    return wp.empty(count, dtype=wp.int32, device=device)
 
 
 def rows_of(arrays: Mapping[str, Any], rows: NDArray[np.intp], device: str) -> dict[str, Any]:
     """Some items of arrays, in that order, as other arrays. A device with memory of its own gathers them there."""
     if blocks.shares_memory(device):
-        return {
-            name: wp.array(array.numpy().take(rows, axis=0), dtype=array.dtype, device=device, copy=False)
-            for name, array in arrays.items()
-        }
+        return {name: HostArray(array.numpy().take(rows, axis=0), array.dtype) for name, array in arrays.items()}
     some = outputs({name: array.dtype for name, array in arrays.items()}, len(rows), device)
     if len(rows):
         indices = wp.array(rows, dtype=wp.int32, device=device)
@@ -258,7 +275,7 @@ def member(structs: Any, name: str) -> Any:
 
 def to_host(arrays: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     """Arrays as numpy arrays; on the CPU they share memory with the device's."""
-    if all(blocks.shares_memory(array.device.alias) for array in arrays.values()):
+    if all(type(array) is HostArray or blocks.shares_memory(array.device.alias) for array in arrays.values()):
         return {name: array.numpy() for name, array in arrays.items()}
     return blocks.to_host(arrays)
 

@@ -4,39 +4,23 @@ A launch of a few thousand rays lasts less than a millisecond, and a dozen array
 made one by one and set in a struct, cost as much again. A kernel needs none of them: it is given a struct of
 descriptors, which say where each array begins and how long it is. So a struct's descriptors are copied from a template
 here, and the places and the length written into them, all at once. Whoever asks for a member by its name gets an array
-of Warp over the same memory, made then.
+over the same memory, made then.
 """
 
 from __future__ import annotations
 
 import ctypes
 import functools
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from wdpm.kernels.host_arrays import ALIGNMENT, NUMPY, HostArray, place_of
+
 Bytes = NDArray[np.uint8]
-
-ALIGNMENT = 64
-"""Bytes: a line of a processor's cache, at which each column of a block begins."""
-
-_NUMPY: dict[Any, tuple[Any, tuple[int, ...]]] = {
-    wp.bool: (np.bool_, ()),
-    wp.int32: (np.int32, ()),
-    wp.uint32: (np.uint32, ()),
-    wp.int64: (np.int64, ()),
-    wp.float32: (np.float32, ()),
-    wp.float64: (np.float64, ()),
-    wp.vec2: (np.float32, (2,)),
-    wp.vec3: (np.float32, (3,)),
-}
-"""What numpy calls the items of columns, and their shape."""
-
-_item_at: Callable[[Any], ctypes.c_char] = ctypes.c_char.from_buffer
-"""The first byte of an array that may be written to."""
 
 
 class Layout:
@@ -54,8 +38,8 @@ class Layout:
     def __init__(self, struct: wp.Struct) -> None:
         self.struct = struct
         self.types = {name: var.type.dtype for name, var in struct.vars.items()}
-        self.numbers = {name: np.dtype(_NUMPY[dtype][0]) for name, dtype in self.types.items()}
-        self.shapes = {name: _NUMPY[dtype][1] for name, dtype in self.types.items()}
+        self.numbers = {name: np.dtype(NUMPY[dtype][0]) for name, dtype in self.types.items()}
+        self.shapes = {name: NUMPY[dtype][1] for name, dtype in self.types.items()}
         self.items = [(name, number, self.shapes[name]) for name, number in self.numbers.items()]
         self._sizes = [wp.types.type_size_in_bytes(dtype) for dtype in self.types.values()]
         template, starts = struct.ctype(), []
@@ -86,7 +70,7 @@ class Layout:
 def layout_of(struct: wp.Struct) -> Layout | None:
     """The layout of a struct, or None where it holds more than arrays whose items numpy knows."""
     for var in struct.vars.values():
-        if getattr(var.type, "dtype", None) not in _NUMPY or getattr(var.type, "ndim", 0) != 1:
+        if getattr(var.type, "dtype", None) not in NUMPY or getattr(var.type, "ndim", 0) != 1:
             return None
     return Layout(struct)
 
@@ -94,7 +78,7 @@ def layout_of(struct: wp.Struct) -> Layout | None:
 class HostColumns:
     """Columns: what a kernel takes for a struct of arrays, on the CPU.
 
-    Its members are arrays of Warp; None where it was made without arrays.
+    Its members are HostArrays; None where it was made without arrays.
 
     Args:
         layout: of the struct.
@@ -125,12 +109,12 @@ class HostColumns:
             raise AttributeError(f"{self._layout.struct.key} has no member {name}")
         if not self.has_arrays:
             return None
-        made = wp.array(self.column(name), dtype=self._layout.types[name], device="cpu", copy=False)
+        made = HostArray(self.column(name), self._layout.types[name])
         self.__dict__[name] = made
         return made
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Have another array of Warp for a member."""
+        """Have another array, of Warp or a HostArray, for a member."""
         setattr(self._struct, name, value.__ctype__())
         self.__dict__[name] = value
         self._arrays[name] = value.numpy()
@@ -161,7 +145,7 @@ class HostColumns:
         """Have columns of so many items, of no particular value."""
         starts, size = self._layout.starts(count)
         block = np.empty(size + ALIGNMENT, np.uint8)
-        place = ctypes.addressof(_item_at(block))
+        place = place_of(block)
         shift = -place % ALIGNMENT
         starts = [start + shift for start in starts]
         self._layout.describe(self._words, [place + start for start in starts], count)
@@ -185,11 +169,8 @@ class HostColumns:
                 array = np.array(array, number, order="C")
                 flags = array.flags
             length = len(array)
-            # What is read-only or empty has no buffer for ctypes, which takes a quarter of the time.
-            has_buffer = flags.writeable and length
-            place = ctypes.addressof(_item_at(array)) if has_buffer else array.__array_interface__["data"][0]
             kept[name] = array
-            places.append(place)
+            places.append(place_of(array))
             lengths.append(length)
         self._layout.describe(self._words, places, lengths)
 

@@ -14,6 +14,8 @@ from typing import Any
 
 import warp as wp
 
+from wdpm.kernels.quick_launch import launch
+
 GRAIN = 2048
 """Items below which handing a chunk of ordinary work to another thread costs more than it saves: a launch takes some
 50 us of the interpreter's time, an item a few tens of nanoseconds at least."""
@@ -99,21 +101,19 @@ class Launcher:
         if self.threads == 1:
             return None
 
-        def launch(kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any] = ()) -> None:
+        def launch_cut(kernel: wp.Kernel, count: int, inputs: Sequence[Any], outputs: Sequence[Any] = ()) -> None:
             self.run(kernel, [(size, [*inputs, start, *outputs]) for start, size in self.chunks(count, grain=1)])
 
-        return launch
+        return launch_cut
 
     def run(self, kernel: wp.Kernel, launches: Sequence[tuple[int, Sequence[Any]]]) -> None:
         """Run several launches of one kernel, at once where there are threads, and wait for all."""
         pool = None if len(launches) == 1 else self._pool
         if pool is None:
             for size, inputs in launches:
-                wp.launch(kernel, size, inputs=inputs, device=self.device)
+                launch(kernel, size, inputs, self.device)
         else:
-            futures = [
-                pool.submit(wp.launch, kernel, size, inputs=inputs, device=self.device) for size, inputs in launches
-            ]
+            futures = [pool.submit(launch, kernel, size, inputs, self.device) for size, inputs in launches]
             for future in futures:
                 future.result()
         if self.device != "cpu":

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, take
@@ -140,7 +139,7 @@ def next_beam_cells(replica: Replica, arrays: Arrays, current: int) -> NDArray[n
     launcher, count = replica.launcher, len(arrays["slot"])
     if replica.world.top_tree.cells == 1:
         return np.full(count, -1 - current, np.int32)
-    destination = wp.empty(count, dtype=wp.int32, device=launcher.device)
+    destination = columns.integers(count, launcher.device)
     ways = columns.upload(Ways, arrays, launcher.device)
     launcher(next_way_cells, count, cells=replica.cells, ways=ways, current=current, next_cell_out=destination)
     return np.asarray(destination.numpy())

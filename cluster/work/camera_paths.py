@@ -319,7 +319,7 @@ class CameraLight:
                 scene=self._scene,
                 paths=rays,
                 orders=orders,
-                actions=wp.array(codes, dtype=wp.int32, device=device),
+                actions=columns.array_over(codes, wp.int32, device),
                 shaded_out=shaded,
             )
         if replica.observer is not None:
@@ -393,7 +393,7 @@ class CameraLight:
         return self._replica.view
 
     def _integers(self, count: int) -> Any:
-        return wp.empty(count, dtype=wp.int32, device=self._replica.launcher.device)
+        return columns.integers(count, self._replica.launcher.device)
 
 
 _CAUSE = {

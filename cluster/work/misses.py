@@ -67,7 +67,7 @@ def missed_light(
     later = "bounce" in rays
     items = columns.upload(Paths if later else Rays, rays, device)
     paths = items if later else start_paths(replica, items, count)
-    collision = wp.empty(count, dtype=wp.int32, device=device)
+    collision = columns.integers(count, device)
     replica.launcher(
         replica.kernels.path_misses,
         count,

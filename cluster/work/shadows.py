@@ -56,7 +56,7 @@ class Shadows:
             return
         segments = columns.part_of(sr.Segments, shots)
         if blackened:
-            segments.radiance = wp.array(radiance, dtype=wp.vec3, device=replica.launcher.device)
+            segments.radiance = columns.array_over(radiance, wp.vec3, replica.launcher.device)
         first = self._integers(count)
         replica.launcher(sr.first_shadow_cells, count, cells=replica.cells, segments=segments, next_cell_out=first)
         if replica.world.features.walks:
@@ -145,7 +145,7 @@ class Shadows:
             yield Batch(Kind.LIT, self._cell, runs.among(clear).with_unit(), lit)
 
     def _integers(self, count: int) -> Any:
-        return wp.empty(count, dtype=wp.int32, device=self._replica.launcher.device)
+        return columns.integers(count, self._replica.launcher.device)
 
 
 def _no_blockers(count: int) -> dict[str, NDArray[Any]]:
