@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,12 +17,15 @@ whoever has not even shown a key has little to fill memory with."""
 Frame = bytes | bytearray | memoryview
 
 
-def split(array: np.ndarray[Any, Any]) -> Iterator[memoryview]:
-    """Frames of an array; none for an empty one."""
-    if array.nbytes:
-        whole = array.reshape(-1).view(np.uint8).data
-        for start in range(0, array.nbytes, FRAME_BYTES):
-            yield whole[start : start + FRAME_BYTES]
+def split(array: np.ndarray[Any, Any]) -> Sequence[memoryview]:
+    """Frames of a contiguous array; none for an empty one."""
+    size = array.nbytes
+    if size:
+        whole = array.data.cast("B")
+        if size <= FRAME_BYTES:
+            return (whole,)
+        return [whole[start : start + FRAME_BYTES] for start in range(0, size, FRAME_BYTES)]
+    return ()
 
 
 class Frames:
@@ -35,6 +38,13 @@ class Frames:
     def array(self, dtype: np.dtype[Any], shape: tuple[int, ...], where: str) -> np.ndarray[Any, Any]:
         """The next array; ProtocolError if its frames are missing or of other lengths."""
         size = math.prod(shape) * dtype.itemsize
+        if (
+            0 < size <= FRAME_BYTES
+            and self._next < len(self._frames)
+            and len(frame := self._frames[self._next]) == size
+        ):
+            self._next += 1
+            return np.ndarray(shape, dtype, frame)
         taken: list[Frame] = []
         for start in range(0, size, FRAME_BYTES):
             expected = min(FRAME_BYTES, size - start)
@@ -45,8 +55,6 @@ class Frames:
                 raise ProtocolError(f"{where}: a frame of {len(frame)} bytes; {dtype} {shape} takes {expected}")
             self._next += 1
             taken.append(frame)
-        if len(taken) == 1:
-            return np.frombuffer(taken[0], dtype).reshape(shape)
         whole = np.empty(size, np.uint8)
         for index, frame in enumerate(taken):
             whole[index * FRAME_BYTES : index * FRAME_BYTES + len(frame)] = np.frombuffer(frame, np.uint8)

@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Batch
 from wdpm.cluster.messages import checks, short_bitmaps
+from wdpm.cluster.messages.batch_frames import pack_batch, unpack_batch
 from wdpm.cluster.messages.frames import Frame, Frames, split
 from wdpm.cluster.messages.protocol import PROTOCOL
-from wdpm.cluster.messages.short_arrays import ShortArrays, lengthen, shorten
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.model.textures import Bitmap
 
@@ -226,7 +226,7 @@ def _way(hint: Any) -> Way:
     if hint is Any:
         return Way(both_ways := lambda value, where, _: _plain(value, where), both_ways)
     if hint is Batch:
-        return Way(_pack_batch, _unpack_batch)
+        return Way(pack_batch, unpack_batch)
     if hint is Bitmap:
         return Way(_pack_bitmap, _unpack_bitmap)
     if isinstance(hint, type) and is_dataclass(hint):
@@ -241,31 +241,6 @@ def _way(hint: Any) -> Way:
         lambda value, where, _: _pack_scalar(hint, value, where),
         lambda value, where, _: _unpack_scalar(hint, value, where),
     )
-
-
-@functools.cache
-def _head_of_batch() -> tuple[tuple[str, Way], ...]:
-    """What stands before a batch's arrays, which travel as its kind says."""
-    return tuple((name, _way(hint)) for name, hint in _hints(Batch).items() if name != "arrays")
-
-
-def _pack_batch(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
-    if type(value) is not Batch:
-        raise ProtocolError(f"{where} is a {type(value).__name__}; expected Batch")
-    value.check()
-    head = [way.pack(getattr(value, name), f"{where}.{name}", arrays) for name, way in _head_of_batch()]
-    return [*head, _way(ShortArrays).pack(shorten(value.kind, value.arrays), f"{where}.arrays", arrays)]
-
-
-def _unpack_batch(value: Any, where: str, frames: Frames) -> Batch:
-    ways = _head_of_batch()
-    if not isinstance(value, list) or len(value) != len(ways) + 1:
-        raise ProtocolError(f"{where} is not a list of {len(ways) + 1} fields")
-    head = {name: way.unpack(item, f"{where}.{name}", frames) for (name, way), item in zip(ways, value, strict=False)}
-    short = _way(ShortArrays).unpack(value[-1], f"{where}.arrays", frames)
-    batch = Batch(**head, arrays=lengthen(head["kind"], short, f"{where}.arrays"))
-    checks.check(batch, where)
-    return batch
 
 
 def _pack_bitmap(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
