@@ -235,6 +235,22 @@ def _runs_in_order(batches: Sequence[Batch], order: Sequence[int]) -> list[Array
     return [{name: array[rows] for name, array in arrays.items()} for arrays, rows in (runs[i] for i in order)]
 
 
+def pieces(batch: Batch, most: int) -> Iterator[Batch]:
+    """A batch of one task, each of whose rows has the same credit, in pieces of at most so many rows.
+
+    One whose credit is not that of its rows is left whole.
+    """
+    count, credit = len(batch), batch.credit
+    if count <= most or credit % count:
+        yield batch
+        return
+    for first in range(0, count, most):
+        rows = slice(first, min(first + most, count))
+        size = rows.stop - first
+        runs = Runs.one(batch.home, int(batch.runs.task[0]), size, size * (credit // count))
+        yield Batch(batch.kind, batch.cell, runs, take(batch.arrays, rows))
+
+
 def zeros(kind: Kind, count: int = 0) -> dict[str, NDArray[Any]]:
     """Arrays of a kind of batch: `count` items of zeros."""
     return {name: np.zeros((count, *field.shape), field.dtype) for name, field in SCHEMAS[kind].items()}

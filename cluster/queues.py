@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from itertools import accumulate
 from typing import Final
 
 import numpy as np
@@ -47,18 +49,32 @@ class Queues:
             self.add(batch)
 
     def take(self, rows: int) -> tuple[Batch, ...]:
-        """Take out queues until they have so many rows together, or none is left; one at least, if there is one."""
+        """Take out about so many rows, of one queue after another: batches are not cut, and one at least is taken."""
         taken: list[Batch] = []
         while self._waiting and rows > 0:
-            taken.append(self.pop())
+            taken.append(self.pop(rows))
             rows -= len(taken[-1])
         return tuple(taken)
 
-    def pop(self) -> Batch:
-        """Take out a queue: results for homes before rays, then the longest."""
+    def pop(self, rows: int | None = None) -> Batch:
+        """Take out a queue: results for homes before rays, then the longest.
+
+        Args:
+            rows: of a longer one as many of the batches that came first as have no more than these; None for all.
+        """
         key = max(self._size, key=lambda k: (k[0] in TO_HOME, self._size[k]))
-        del self._size[key]
-        return joined(self._waiting.pop(key))
+        waiting = self._waiting[key]
+        if rows is None or self._size[key] <= rows:
+            del self._size[key]
+            return joined(self._waiting.pop(key))
+        ends = list(accumulate(map(len, waiting)))
+        count = max(1, bisect_right(ends, rows))
+        if count == len(waiting):
+            del self._size[key]
+            return joined(self._waiting.pop(key))
+        self._size[key] -= ends[count - 1]
+        self._waiting[key] = waiting[count:]
+        return joined(waiting[:count])
 
 
 def without_bare_credit(batches: Sequence[Batch]) -> list[Batch]:

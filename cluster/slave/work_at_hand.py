@@ -2,7 +2,8 @@
 
 Orders of the master come first, then what maps are built of, then batches, then new tasks. In one turn as many batches
 are handled as have some thousand rows together, not all that wait: what follows from some is on its way to the peers
-while the next are computed (measured: half the time for photons over 4 slaves). A few rows take as long as the
+while the next are computed (measured: half the time for photons over 4 slaves). Rays that the worker's own tasks send
+into its own cells wait here like those of others, in pieces. A few rows take as long as the
 interpreter takes for a turn however few there are, so they wait a moment for more, and new tasks, of which many rays
 come at once, are begun before them.
 """

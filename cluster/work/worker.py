@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.cluster.batch import OF_MAPS, TO_HOME, Arrays, Batch, Kind, by_home, concatenate, take, zeros
+from wdpm.cluster.batch import OF_MAPS, TO_HOME, Arrays, Batch, Kind, by_home, concatenate, pieces, take, zeros
 from wdpm.cluster.host_memory import peak_memory
 from wdpm.cluster.made_once import MadeOnce
 from wdpm.cluster.outbox import Outbox
@@ -39,6 +39,9 @@ from wdpm.scenes.flat.arrays import Triangles
 Home = PhotonHome | RecordHome | BucketHome
 
 RAYS = frozenset(set(Kind) - TO_HOME - OF_MAPS)
+
+PIECE_ROWS = 1 << 14
+"""Rays that a home starts in a cell of its own worker, at a time: far more than are worth a launch."""
 
 TRACED_AT_ONCE = 1 << 15
 """Photon paths that a worker traces at once where it does without those that others lend."""
@@ -269,6 +272,11 @@ class CellWorker:
             self.replica.world = self.replica.world.with_photons(plan)
 
     @property
+    def _shares(self) -> bool:
+        """Whether others hold cells too, so that some of its rays travel and others' come."""
+        return any(holder != self.number for holder in self.holders)
+
+    @property
     def holds_all(self) -> bool:
         """Whether it has the whole scene, in one cell: its tasks need no other worker then."""
         return len(self.holders) == 1
@@ -353,12 +361,15 @@ class CellWorker:
         waiting.extend(batches)
         while waiting:
             batch = waiting.pop()
-            if batch.kind in TO_HOME:
-                follows = self._receive(batch, outbox)
-            else:
-                follows = self._cell_of(batch).advance(batch)
+            comes_home = batch.kind in TO_HOME
+            follows = self._receive(batch, outbox) if comes_home else self._cell_of(batch).advance(batch)
             for following in by_home(follows):
-                (waiting if self._destination(following) == self.number else leaving).add(following)
+                if self._destination(following) != self.number:
+                    leaving.add(following)
+                elif comes_home and self._puts_off(following):
+                    self._put_off(following, outbox)
+                else:
+                    waiting.add(following)
         for batch in without_bare_credit([leaving.pop() for _ in range(len(leaving))]):
             self._send(batch, outbox)
 
@@ -366,11 +377,27 @@ class CellWorker:
         """Send new batches on their way, and work off those that stay here."""
         own = []
         for batch in by_home(batches):
-            if self._destination(batch) == self.number:
-                own.append(batch)
-            else:
+            if self._destination(batch) != self.number:
                 self._send(batch, outbox)
+            elif self._puts_off(batch):
+                self._put_off(batch, outbox)
+            else:
+                own.append(batch)
         self._run(own, outbox)
+
+    def _puts_off(self, batch: Batch) -> bool:
+        """Whether what a home starts for an own cell waits until what it starts for others is on its way."""
+        return self._shares and batch.kind in RAYS
+
+    def _put_off(self, batch: Batch, outbox: Outbox) -> None:
+        """Have rays come in again as if another worker had sent them, in pieces: between these those of others do.
+
+        A home starts all rays of a wave at once. What others wait for would wait for all of them.
+        """
+        for piece in pieces(batch, PIECE_ROWS):
+            self._traffic["bytes_in"] -= piece.nbytes  # it is counted when it comes in, though it has not travelled
+            self._traffic["rays_in"] -= len(piece)
+            outbox.batches.append(piece)
 
     def _receive(self, batch: Batch, outbox: Outbox) -> Iterator[Batch]:
         """Take in what came home, task by task."""

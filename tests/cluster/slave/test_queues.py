@@ -9,7 +9,7 @@ from fake_worker import arrays
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wdpm.cluster.batch import TO_HOME, Batch, Kind
+from wdpm.cluster.batch import TO_HOME, Batch, Kind, pieces
 from wdpm.cluster.messages.batch_checks import check_runs, check_whole
 from wdpm.cluster.queues import Queues
 
@@ -77,3 +77,43 @@ def test_the_longest_goes_first() -> None:
         (0, 4),
         (1, 1),
     ]
+
+
+@given(batches, st.integers(1, 4))
+def test_a_long_queue_is_taken_in_pieces_of_whole_batches(put: list[Batch], most: int) -> None:
+    queues = Queues()
+    queues.extend(put)
+    taken: list[Batch] = []
+    while queues:
+        before = queues.rows
+        some = queues.take(most)
+        assert some
+        assert queues.rows == before - sum(map(len, some))
+        assert sum(map(len, some[:-1])) < most
+        taken += some
+    assert credit_of(taken) == credit_of(put)
+    assert sum(map(len, taken)) == sum(map(len, put))
+
+
+def test_what_came_first_is_taken_first_and_a_batch_is_not_cut() -> None:
+    queues = Queues()
+    for task, count in enumerate((3, 2, 2, 9)):
+        queues.add(Batch.of_task(Kind.PHOTON, task, 0, 1, 1, arrays(Kind.PHOTON, count)))
+    taken = [queues.pop(5), queues.pop(5), queues.pop(5)]
+    assert [batch.runs.task.tolist() for batch in taken] == [[0, 1], [2], [3]]
+    assert not queues
+
+
+@given(st.integers(0, 50), st.integers(1, 9), st.integers(1, 20))
+def test_pieces_have_the_rows_and_the_credit_of_the_whole(count: int, unit: int, most: int) -> None:
+    whole = Batch.of_task(Kind.PHOTON, 3, 2, 1, count * unit, arrays(Kind.PHOTON, count))
+    whole.arrays["path"][:] = np.arange(count)
+    found = list(pieces(whole, most))
+    assert [(piece.kind, piece.cell, piece.home) for piece in found] == [(Kind.PHOTON, 1, 2)] * len(found)
+    assert all(len(piece) <= most and piece.credit == len(piece) * unit for piece in found)
+    assert np.concatenate([piece.arrays["path"] for piece in found]).tolist() == list(range(count))
+
+
+def test_a_batch_whose_credit_is_not_that_of_its_rows_stays_whole() -> None:
+    probe = Batch.of_task(Kind.PROBE, 3, 2, 1, 1, arrays(Kind.PROBE, 10))
+    assert list(pieces(probe, 4)) == [probe]
