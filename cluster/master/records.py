@@ -59,6 +59,7 @@ class RecordRounds:
         self._made: list[RecordsMade] = [each.result for each in self._kept]
         self.records = given
         self._shared: Records | None = None
+        self._agreed: tuple[int, NDArray[np.float32]] = (0, np.zeros(0, np.float32))  # of how many rounds, and radii
 
     @property
     def kept(self) -> int:
@@ -188,11 +189,15 @@ class RecordRounds:
     def _agreeing(self) -> NDArray[np.float32]:
         """How far records reach, as far as they agree with others. Those of the last round have no say.
 
-        A gap that they would make is not filled any more: it would be traced sample by sample, and be noise.
+        A gap that they would make is not filled any more: it would be traced sample by sample, and be noise. So how far
+        the others reach is known before they come, and nobody waits for it.
         """
         radius, plan = self.records.radius.copy(), self._view.cache
-        rows = of_rounds(self.records, min(self._round, plan.rounds - 1))
-        radius[rows] = agreeing(vars(self.records.take(rows)), DISAGREEMENT * plan.tolerance)
+        rounds = min(self._round, plan.rounds - 1)
+        rows = of_rounds(self.records, rounds)
+        if self._agreed[0] != rounds:
+            self._agreed = rounds, agreeing(vars(self.records.take(rows)), DISAGREEMENT * plan.tolerance)
+        radius[rows] = self._agreed[1]
         return radius
 
     def _candidates(self, number: int) -> int:
