@@ -7,10 +7,8 @@ import hashlib
 import os
 import platform
 from collections.abc import Iterator
+from importlib import metadata
 from pathlib import Path
-
-import numpy as np
-import warp as wp
 
 from wdpm.scenes.errors import ClusterError
 
@@ -24,8 +22,8 @@ def versions() -> dict[str, str]:
     """By name; all processes of a cluster must have the same."""
     return {
         "wdpm code": digest_of_code(Path(__file__).resolve().parents[1]),
-        "warp-lang": wp.__version__,
-        "numpy": np.__version__,
+        "warp-lang": metadata.version("warp-lang"),
+        "numpy": metadata.version("numpy"),
         "instruction set": platform.machine(),
     }
 
