@@ -1,4 +1,4 @@
-"""Main memory: of this machine, and what this process has used."""
+"""Main memory: of this machine and of slaves, and what this process has used."""
 
 from __future__ import annotations
 
@@ -6,7 +6,17 @@ import ctypes
 import os
 import sys
 import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+
+SHARE_OF_MEMORY = 0.5
+"""Of a machine's memory that its slaves may fill with the scene, its photons and copies of them."""
+
+PROCESS_BYTES = 600 << 20
+"""What a slave is left before it holds anything: for the interpreter, Warp, compiled kernels, batches in flight, and
+for compiling."""
 
 LARGE_BLOCK = 32 << 20
 """Blocks from this size on are the system's [bytes]; glibc takes no more."""
@@ -15,6 +25,27 @@ KEPT_AT_MOST = 256 << 20
 """What a heap keeps free at its end [bytes]: well within what a slave's process is reckoned to take (plan.copies)."""
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8  # malloc.h
+
+
+@dataclass(frozen=True)
+class SlaveMemory:
+    """What a slave says of its machine.
+
+    Attributes:
+        host: name of the machine, which several slaves may share.
+        bytes: memory of the machine ...
+        own: ... or what the slave may use of it, if somebody said so; 0 otherwise.
+    """
+
+    host: str
+    bytes: int
+    own: int = 0
+
+
+def rooms_of(slaves: Sequence[SlaveMemory]) -> list[float]:
+    """What each slave has room for, besides its process [bytes]; below 0 where that has none."""
+    neighbours = Counter(slave.host for slave in slaves)
+    return [(slave.own or SHARE_OF_MEMORY * slave.bytes / neighbours[slave.host]) - PROCESS_BYTES for slave in slaves]
 
 
 def machine_memory() -> int:

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING, Any, Self
 
 from wdpm.cluster.cluster_events import ClusterObserver
 from wdpm.cluster.display import Display
+from wdpm.cluster.host_memory import SlaveMemory
 from wdpm.cluster.limits import MOST_SLAVES, ClusterLimits
 from wdpm.cluster.master.local_slaves import LocalSlaves, slave_command
 from wdpm.cluster.master.server import MasterServer
-from wdpm.cluster.plan.copies import Copies, SlaveMemory, slaves_a_team
+from wdpm.cluster.plan.copies import Copies, sharing
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.transport import address, local_sockets
@@ -301,7 +302,7 @@ class Cluster(Backend):
         slaves = [SlaveMemory(hello.host, hello.memory, hello.own_memory) for hello in self._master.slaves(progress)]
         if self._placed is not None:
             self._placed.all_joined()
-        team = partial(slaves_a_team, self._copies, slaves)
+        team = partial(sharing, self._copies, slaves)
         prepared = prepare(source, settings, len(slaves), self._launcher, progress, team=team)
         forget_pilot(prepared)
         self._beside.compile(prepared.uncompiled)

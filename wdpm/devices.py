@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 
-from wdpm.cluster.host_memory import machine_memory
+from wdpm.cluster.host_memory import PROCESS_BYTES, machine_memory
 from wdpm.scenes.errors import SettingsError
 
 
@@ -47,8 +47,6 @@ def check_memory(memory: int | None, slaves: int = 1) -> None:
     """
     if memory is None:
         return
-    from wdpm.cluster.plan.copies import PROCESS_BYTES
-
     if memory <= PROCESS_BYTES:
         raise SettingsError(
             f"--memory is {memory / 2**20:.0f} MiB; a slave takes {PROCESS_BYTES / 2**20:.0f} MiB before it holds "

@@ -208,9 +208,7 @@ class Phases:
         self._view += 1
         self._records = 0
         same_scene = session.digest == self._digest
-        if not same_scene:
-            self.roster.form(session, self._tasks)
-        out = self._use_spare(session, now) if same_scene else []
+        out = self._use_spare(session, now) if same_scene else self.roster.form(session, self._tasks)
         plan = session.world.photon_plan
         self.phase = Phase.SETUP
         if session.retrace or plan != self._plan or not any(self._has_maps(team) for team in self.roster.teams):
@@ -386,20 +384,23 @@ class Phases:
 
     def _use_spare(self, session: Session, now: float) -> list[Instruction]:
         """Make teams of slaves that are in none, or have them help out where that is worth a new beginning."""
-        out: list[Instruction] = []
+        out: list[Instruction] = self.roster.words_of_small_ones()
         least = least_of(session)
-        while len(self.roster.spare) >= least:
-            members, self.roster.spare = self.roster.spare[:least], self.roster.spare[least:]
-            self.roster.teams.append(Team(members, least))
+        while self.roster.able_spare >= least:
+            self.roster.teams.append(Team(self.roster.take_spare(least), least))
             out += self._lead(self.roster.teams[-1], session, now)
         early = self.phase in (Phase.IDLE, Phase.SETUP, Phase.PHOTONS, Phase.RECORDS)
         early = early or (self.phase is Phase.BUCKETS and self._tasks.begun <= WORTH_REGROUPING)
         smallest = min(self.roster.teams, key=lambda team: len(team.members), default=None)
-        if self.roster.spare and smallest is None:
-            self.roster.teams.append(Team(self.roster.spare, len(self.roster.spare)))
-            self.roster.spare = []
+        if smallest is None and (members := self.roster.take_spare(len(session.burdens), anyone=True)):
+            self.roster.teams.append(Team(members, len(members)))
             return out + self._lead(self.roster.teams[-1], session, now)
-        if self.roster.spare and smallest is not None and early and len(smallest.members) < len(session.burdens):
+        if (
+            smallest is not None
+            and early
+            and self.roster.able_spare > 0
+            and len(smallest.members) < len(session.burdens)
+        ):
             return out + self._broken(smallest, now, wanted=len(smallest.members) + 1)
         return out
 
@@ -418,10 +419,11 @@ class Phases:
         for each in together:
             self.roster.dissolve(each, self._tasks)
         team.size = max(team.size, wanted)
-        while self.roster.spare and len(team.members) < team.size:
-            team.members.append(self.roster.spare.pop(0))
+        team.members += self.roster.take_spare(team.size - len(team.members))
         if not team.members:
             self.roster.teams.remove(team)
+        if not self.roster.teams and (last := self.roster.take_spare(team.size, anyone=True)):
+            self.roster.teams.append(Team(last, team.size))
         if session is None:
             return []
         out: list[Instruction] = []

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
+from wdpm.cluster.host_memory import SlaveMemory, rooms_of
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.cells import CellQueue, Delivery, parts_of
-from wdpm.cluster.master.events import Instruction, MakePartition, Send
+from wdpm.cluster.master.events import Instruction, MakePartition, Noted, Send
 from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.master.tasks import Tasks
 from wdpm.cluster.master.teams import Team, formed
@@ -19,7 +23,7 @@ class Roster:
 
     Attributes:
         teams: the slaves that share the work.
-        spare: those that are in no team.
+        spare: those that are in no team: some of them for want of memory.
     """
 
     def __init__(self, members: Members, limits: ClusterLimits) -> None:
@@ -29,14 +33,52 @@ class Roster:
         self._part_triangles = limits.part_triangles
         self._cells = CellQueue(limits.cells_in_flight)
         self._epoch = 0
+        self._room = -math.inf
+        self._aside: set[int] = set()
 
-    def form(self, session: Session, tasks: Tasks) -> None:
+    def form(self, session: Session, tasks: Tasks) -> list[Instruction]:
         """Make teams for a scene that nobody knows."""
         for team in self.teams:
             self.dissolve(team, tasks)
         for member in self._members:
             member.cells = frozenset()
-        self.teams, self.spare = formed(list(self._members), least_of(session), len(session.burdens))
+        self._room, self._aside = session.room, set()
+        everyone = list(self._members)
+        able = self._able(everyone) or everyone  # rather than wait for others
+        self.teams, spare = formed(able, least_of(session), len(session.burdens))
+        self.spare = spare + [member for member in everyone if member not in able]
+        return self.words_of_small_ones()
+
+    def _able(self, slaves: Sequence[Member]) -> list[Member]:
+        """Those that have room for their share of the scene."""
+        there = list(self._members)
+        rooms = rooms_of([SlaveMemory(each.hello.host, each.hello.memory, each.hello.own_memory) for each in there])
+        room = {member.number: of_member for member, of_member in zip(there, rooms, strict=True)}
+        return [slave for slave in slaves if room[slave.number] >= self._room]
+
+    def take_spare(self, count: int, *, anyone: bool = False) -> list[Member]:
+        """At most so many slaves that are in no team, and have room for a share of the scene.
+
+        Args:
+            anyone: if none has, take others: nobody else is there to go on.
+        """
+        taken = self._able(self.spare) or (self.spare if anyone else [])
+        taken = taken[: max(count, 0)]
+        self.spare = [member for member in self.spare if member not in taken]
+        return taken
+
+    @property
+    def able_spare(self) -> int:
+        """Slaves that are in no team, though they have room for a share of the scene."""
+        return len(self._able(self.spare))
+
+    def words_of_small_ones(self) -> list[Instruction]:
+        """Tell people once of each slave that has not room enough."""
+        able = self._able(self.spare)
+        small = [each for each in self.spare if each not in able and each.number not in self._aside]
+        self._aside |= {member.number for member in small}
+        text = "has not the memory for a share of the scene, and waits until nobody else is left; give it more --memory"
+        return [Noted(f"{member} {text}") for member in small]
 
     def team_of(self, member: Member) -> Team | None:
         """The team that a slave is in, if it is in one."""

@@ -6,11 +6,12 @@ Then as many slaves as need be make a team that holds it (master.teams), and eve
 
 from __future__ import annotations
 
-from collections import Counter
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
+from wdpm.cluster.host_memory import PROCESS_BYTES, SHARE_OF_MEMORY, SlaveMemory, rooms_of
 from wdpm.kernels.limits import POINTS_A_PHOTON, POINTS_LEAST, POINTS_MOST
 from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.model.textures import Bitmap, Texture
@@ -24,13 +25,6 @@ class Copies(Enum):
     AUTO = "auto"
     """As many copies of the whole scene as memory has room for."""
 
-
-SHARE_OF_MEMORY = 0.5
-"""Of a machine's memory that its slaves may fill with the scene, its photons and copies of them."""
-
-PROCESS_BYTES = 600 << 20
-"""What a slave is left before it holds anything: for the interpreter, Warp, compiled kernels, batches in flight, and
-for compiling."""
 
 AT_WORK_BYTES = 300 << 20
 """What that takes of it where kernels are compiled: 255 to 330 MiB, by the effects and textures of the scene."""
@@ -46,21 +40,6 @@ PHOTON_BYTES = 100
 
 POINT_BYTES = 44
 """A surface point at its dearest, while its tree is built; 24 before, 28 after."""
-
-
-@dataclass(frozen=True)
-class SlaveMemory:
-    """What a slave says of its machine.
-
-    Attributes:
-        host: name of the machine, which several slaves may share.
-        bytes: memory of the machine ...
-        own: ... or what the slave may use of it, if somebody said so; 0 otherwise.
-    """
-
-    host: str
-    bytes: int
-    own: int = 0
 
 
 INSTANCE_BYTES = 1000
@@ -113,34 +92,55 @@ def scene_memory(
     return SceneMemory(divided, texels * TEXEL_BYTES + voxels * VOXEL_BYTES)
 
 
-def room_of(slaves: Sequence[SlaveMemory]) -> float:
-    """What each slave has room for, besides its process: that of the slave that has least [bytes]."""
-    neighbours = Counter(slave.host for slave in slaves)
-    return min(
-        (slave.own or SHARE_OF_MEMORY * slave.bytes / neighbours[slave.host]) - PROCESS_BYTES for slave in slaves
-    )
+TRAVEL = 0.3
+"""What rays that travel within a team cost of a slave's time, for each time that the team has twice as many slaves: two
+teams of two take 1.3 (cbox) and 1.25 (sponza) times as much as four alone, one of four 1.9, 1.6 (docs/measured.md)."""
 
 
-def slaves_a_team(copies: Copies, slaves: Sequence[SlaveMemory], needed: SceneMemory) -> int:
-    """How many slaves it takes to hold the whole scene.
+@dataclass(frozen=True)
+class Sharing:
+    """Who holds a scene together.
+
+    Attributes:
+        slaves: that take part: those that have room for their share.
+        least: of them, slaves that have room for the whole scene among them.
+        room: what a slave must have room for to take part, besides its process [bytes].
+    """
+
+    slaves: int
+    least: int
+    room: float = -math.inf
+
+
+def sharing(copies: Copies, slaves: Sequence[SlaveMemory], needed: SceneMemory) -> Sharing:
+    """How many slaves it takes to hold the whole scene, and which have room for their part of it.
+
+    Where some have less room than others, larger teams have a use for more of them, but send more: what gets most done
+    counts.
 
     Raises:
         SettingsError: all slaves together have not room for it.
     """
     if not slaves:
-        return 1
-    room = max(room_of(slaves) - needed.everywhere, 0.0)
-    if needed.divided > room * len(slaves):
+        return Sharing(0, 1)
+    rooms = sorted((max(room - needed.everywhere, 0.0) for room in rooms_of(slaves)), reverse=True)
+    sizes = [size for size in range(1, len(rooms) + 1) if needed.divided <= rooms[size - 1] * size]
+    if not sizes:
         textures = f", textures and grids of {_gib(needed.everywhere)} in each" if needed.everywhere else ""
+        most = "" if rooms[0] == rooms[-1] else f" to {_gib(rooms[0])}"
         raise SettingsError(
             f"the scene and its photons take about {_gib(needed.divided)}{textures}; {len(slaves)} slaves have room "
-            f"for {_gib(room)} each (their --memory, or {SHARE_OF_MEMORY:.0%} of what their machine has, less "
-            f"{_gib(PROCESS_BYTES)} of the process{', textures and grids' if textures else ''}): use more slaves, "
+            f"for {_gib(rooms[-1])}{most} each (their --memory, or {SHARE_OF_MEMORY:.0%} of what their machine has, "
+            f"less {_gib(PROCESS_BYTES)} of the process{', textures and grids' if textures else ''}): use more slaves, "
             "fewer photons, or give them more --memory"
         )
     if copies is Copies.NONE:
-        return len(slaves)
-    return next(count for count in range(1, len(slaves) + 1) if needed.divided <= room * count)
+        size = able = sizes[-1]
+    else:
+        ables = {size: sum(room * size >= needed.divided for room in rooms) for size in sizes}
+        size = max(sizes, key=lambda size: (ables[size] / (1.0 + TRAVEL * math.log2(size)), -size))
+        able = ables[size]
+    return Sharing(able, size, needed.divided / size + needed.everywhere)
 
 
 def _gib(size: float) -> str:

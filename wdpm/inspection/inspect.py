@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from wdpm.cluster.plan.copies import Copies, SlaveMemory, largest_team, scene_memory, slaves_a_team
+from wdpm.cluster.host_memory import SlaveMemory
+from wdpm.cluster.plan.copies import Copies, largest_team, scene_memory, sharing
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import Effect, LightUse, effects_of, missing_effects, uses_of_lights
 from wdpm.cluster.plan.render_plan import RenderPlan, make_render_plan
@@ -104,7 +105,7 @@ def inspect(
         each = SlaveMemory("", 0, memory)
         standing = len(flat.triangles.instances)
         needed = scene_memory(flat.triangles.held, photons, flat.textures, flat.media.grids.voxels, standing)
-        least = slaves_a_team(copies, [each] * slaves, needed)
+        least = sharing(copies, [each] * slaves, needed).least
     team = largest_team(slaves, least)
     plan = make_render_plan(flat, settings, team, launcher, pilot=settled.pilot, learnt=settled.learnt)
     world = plan.world

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 from wdpm.cluster.cluster_events import ClusterObserver
 from wdpm.cluster.in_process import MemoryCluster
+from wdpm.cluster.plan.copies import Sharing
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.work.forked_tasks import can_fork
@@ -97,7 +98,7 @@ class InProcess(Backend):
             progress,
             self._cells,
             self._worth(scene.camera, settings),
-            lambda _: self._team,
+            lambda _: Sharing(self._workers, self._team),
         )
         self._beside.compile(prepared.uncompiled)
         return prepared

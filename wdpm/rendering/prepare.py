@@ -16,7 +16,7 @@ import numpy as np
 
 from wdpm.cluster.host_memory import return_free_memory
 from wdpm.cluster.layers import layers_of
-from wdpm.cluster.plan.copies import SceneMemory, largest_team, scene_memory
+from wdpm.cluster.plan.copies import SceneMemory, Sharing, largest_team, scene_memory
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import effects_of, missing_effects
 from wdpm.cluster.plan.photon_pilot import PILOT_PATHS
@@ -118,7 +118,7 @@ def prepare(
     progress: Progress,
     cells: int | None = None,
     processes: int = 1,
-    team: Callable[[SceneMemory], int] | None = None,
+    team: Callable[[SceneMemory], Sharing] | None = None,
 ) -> Prepared:
     """Compile what is needed, fly the pilot, and divide the scene.
 
@@ -127,7 +127,7 @@ def prepare(
         workers: how many will share the work; 0 or 1 for one.
         cells: a power of two, or None for the least that serves a team of the workers.
         processes: that share the tasks of the only worker.
-        team: memory that the scene takes -> how many workers hold it together; None for all.
+        team: memory that the scene takes -> which workers hold it together; None for all.
 
     Raises:
         SettingsError: the device is not there, the image has too many pixels, or settings contradict the scene.
@@ -155,19 +155,21 @@ def prepare(
     let_collector_go()
     progress.start("plan")
     began = flattening + compiling.seconds  # all but that is planning
-    least = workers if team is None else team(_memory_of(flat, settings))
-    plan = _planned(flat, settled, largest_team(workers, least), launcher, cells)
+    shared = Sharing(workers, workers) if team is None else team(_memory_of(flat, settings))
+    workers = max(shared.slaves, 1)
+    plan = _planned(flat, settled, largest_team(workers, shared.least), launcher, cells)
     world = replace(plan.world, strict=settings.strict)
     lit_scene = _lit_scene(world, flat.triangles)
-    view = plan.learnt_view(view_of(flat, settings, max(workers, processes), alone=least == 1))
+    view = plan.learnt_view(view_of(flat, settings, max(workers, processes), alone=shared.least == 1))
     alone = workers == 1 and plan.pilot is not None
     session = Session(
         world=world,
         view=view,
         partition=_partition(flat.triangles if alone else spooled(flat.triangles), plan),
         burdens=plan.burdens,
-        digest=digest(replace(world.with_photons(NO_PHOTONS), textures=()), lit_scene, least),
-        least=least,
+        digest=digest(replace(world.with_photons(NO_PHOTONS), textures=()), lit_scene, shared.least),
+        least=shared.least,
+        room=shared.room,
         layers=layers_of(plan.world, view),
         places=plan.some_places(),
         sight=plan.sight,

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 import wdpm
 from wdpm.cluster.kept import BucketKept, Kept, RecordsKept, TaskKept
+from wdpm.cluster.plan.copies import Sharing
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.slave.jobs import WorkerFactory
@@ -97,7 +98,7 @@ def test_an_image_keeps_its_bits() -> None:
     """With kernels and an irradiance cache; masters end in the middle of rounds and of the image."""
     scene = wdpm.load("cornell-box", size=(24, 16))
     chosen = RenderSettings(photons=1000, spp=1, k=20, indirect=Indirect.CACHE, bucket=8)
-    prepared = prepare(scene, chosen, 2, Launcher("cpu", 1), SilentProgress(), 2, team=lambda _: 2)
+    prepared = prepare(scene, chosen, 2, Launcher("cpu", 1), SilentProgress(), 2, team=lambda _: Sharing(2, 2))
     undisturbed = FaultyCluster(make_worker, 1, 0, every=1, faults=0).render(prepared.session)
     result, notebook = render_with_lost_masters(make_worker, prepared.session, 3, (2, 4, 3, 3), 1)
     assert without_cells(Image(result.layers)).digest() == without_cells(Image(undisturbed.layers)).digest()

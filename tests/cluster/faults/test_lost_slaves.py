@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import wdpm
+from wdpm.cluster.plan.copies import Sharing
 from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
 from wdpm.cluster.work import tree_orders
 from wdpm.cluster.work.worker import CellWorker
@@ -56,7 +57,7 @@ def test_an_image_keeps_its_bits(monkeypatch: pytest.MonkeyPatch, routing: Routi
     monkeypatch.setattr(tree_orders, "PLACES_A_PART", 1)  # few as they are, the sorting of trees is shared
     scene = wdpm.load("cornell-box", size=(40, 40))
     chosen = RenderSettings(photons=4000, spp=2, k=20, indirect=Indirect.CACHE, routing=routing, bucket=8)
-    prepared = prepare(scene, chosen, 4, Launcher("cpu", 1), SilentProgress(), cells, team=lambda _: team)
+    prepared = prepare(scene, chosen, 4, Launcher("cpu", 1), SilentProgress(), cells, team=lambda _: Sharing(4, team))
     undisturbed = FaultyCluster(make_worker, 1, 0, every=1, faults=0).render(prepared.session)
     expected = without_cells(Image(undisturbed.layers))
     cluster = FaultyCluster(make_worker, 4, 7 * cells, every=15, faults=6, most=8)

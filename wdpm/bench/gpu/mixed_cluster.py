@@ -7,6 +7,7 @@ from contextlib import ExitStack
 
 from wdpm.cluster.master.local_slaves import LocalSlaves, slave_command
 from wdpm.cluster.master.server import MasterServer
+from wdpm.cluster.plan.copies import Sharing
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.transport.zeromq.run_keys import RunKeys
@@ -38,7 +39,14 @@ class MixedCluster(Backend):
             self._stack = stack.pop_all()
 
     def prepare(self, source: Source, settings: RenderSettings, progress: Progress) -> Prepared:
-        return prepare(source, settings, self.slaves, Launcher("cpu", self.threads), progress, team=lambda _: 1)
+        return prepare(
+            source,
+            settings,
+            self.slaves,
+            Launcher("cpu", self.threads),
+            progress,
+            team=lambda _: Sharing(self.slaves, 1),
+        )
 
     def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:  # noqa: ARG002
         return self._master.render(session, progress)

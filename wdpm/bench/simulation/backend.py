@@ -9,6 +9,7 @@ from functools import partial
 
 from wdpm.bench.simulation.cluster import Hardware, SimulatedCluster
 from wdpm.bench.simulation.records import Recorder
+from wdpm.cluster.plan.copies import Sharing
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.work.worker import CellWorker
@@ -43,7 +44,9 @@ class SimulatedBackend(Backend):
         self._cluster = SimulatedCluster(partial(_worker, self._launcher), hardware)
 
     def prepare(self, source: Source, settings: RenderSettings, progress: Progress) -> Prepared:
-        return prepare(source, settings, self.slaves, self._launcher, progress, team=lambda _: self._team)
+        return prepare(
+            source, settings, self.slaves, self._launcher, progress, team=lambda _: Sharing(self.slaves, self._team)
+        )
 
     def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:  # noqa: ARG002
         began, now = time.thread_time(), self._cluster.clock.now
