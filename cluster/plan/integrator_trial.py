@@ -160,7 +160,7 @@ def choose_integrator(
     # Of one pass: with more of the same kind errors fall and prices rise alike, and what goes on must choose alike.
     spp, of_caustics = -(-settings.spp // settings.passes), trial.caustics.noise
     prices = Prices(flat, plans, spp)
-    photons_error = trial.noise_by(photons) / spp + _left(photons) * trial.by_paths[0].indirect
+    photons_error = trial.noise_by(photons) / spp + _left_by_map(trial, plans, photons, spp)
     photons_cost = prices.of_photons(trial, photons)
     by_path = min(trial.by_paths, key=lambda way: (way.noise + of_caustics) * prices.of_paths(way))
     path_error, path_cost = (by_path.noise + of_caustics) / spp, prices.of_paths(by_path)
@@ -367,6 +367,14 @@ def _left(settings: RenderSettings) -> float:
     return LEFT_BY_CACHE if settings.algorithm.has_irradiance_cache(settings) else LEFT_BY_MAP
 
 
+def _left_by_map(trial: Trial, plans: MapPlans, settings: RenderSettings, spp: int) -> float:
+    """Error that samples do not lessen: as ever, or more where the camera sees places that hardly a photon comes to."""
+    ordinary, error = _left(settings) * trial.by_paths[0].indirect, trial.map_errors[GLOBAL_MAP]
+    if error is None:
+        return ordinary
+    return max(ordinary, error.of(plans.expected[GLOBAL_MAP], spp, gathered=settings.final_gathers))
+
+
 def _try_both(
     flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, paths: RenderSettings, learnt: Learnt
 ) -> Trial:
@@ -416,15 +424,22 @@ def _map_errors(
     of_sample = len(pixel) / (CHOICE_SAMPLES * truth.shape[0] * truth.shape[1])  # places
     weight = places.all("weight")[some].mean(axis=1).astype(np.float64)
     reflected = weight * float(INV_PI)
-    of_caustics = reflected * irradiance_by(pilot, CAUSTIC_MAP, position, normal)
+    of_caustics, of_global = (
+        reflected * irradiance_by(pilot, number, position, normal) for number in (CAUSTIC_MAP, GLOBAL_MAP)
+    )
+    # Paths may not have found what photons tell: what a map shows is no more than all light.
     factor, among_caustics = (
-        reflected * math.sqrt(of_sample) / np.sqrt(light**2 + dark) for light in (radiance, radiance + of_caustics)
+        reflected * math.sqrt(of_sample) / np.sqrt(light**2 + dark)
+        for light in (np.maximum(radiance, of_global), radiance + of_caustics)
     )
-    area = _pixel_areas(flat.camera, position, normal)
-    return (
-        map_error(pilot, GLOBAL_MAP, photons.k, position, normal, factor, area),
-        map_error(pilot, CAUSTIC_MAP, photons.caustic_k, position, normal, among_caustics, area),
-    )
+    area, plans = _pixel_areas(flat.camera, position, normal), map_plans(pilot, photons, flat)
+
+    def error(number: int, k: int, each: Values) -> MapError | None:
+        stored = max(len(pilot.photons[number]["id"]), 1)
+        reach = plans.maps[number].radius * math.sqrt(plans.expected[number] / stored)
+        return map_error(pilot, number, k, position, normal, each, area, reach)
+
+    return error(GLOBAL_MAP, photons.k, factor), error(CAUSTIC_MAP, photons.caustic_k, among_caustics)
 
 
 def _pixel_areas(camera: Camera, position: NDArray[np.float32], normal: NDArray[np.float32]) -> Values:

@@ -169,6 +169,9 @@ GATHERED_BLUR = 0.1
 """Of a map's blur, what is left where gather rays read it. Of what 62,500 and 15,000 photons get wrong besides what
 250,000 do, 0.25 and 0.12 in uplight-room, and 0.01 in sibenik, by 16 samples and the irradiance cache."""
 
+LEAST_HELD = 1e-4
+"""Share of the k photons of a gather from which on fewer make no difference: so few are noise already."""
+
 BLUR_K = 4
 """Blur is what k photons tell otherwise than this part of them, the nearest."""
 
@@ -180,31 +183,39 @@ class MapError:
     Attributes:
         k: photons that a gather looks for.
         squares: gathered light at places that the camera sees, squared and weighted as relMSE is, shape [P].
+        noise: variance of a gather of k photons there, weighted likewise: 1 / k of the square if all are alike, and
+            more where few of them bring most of the light, shape [P].
         discs: of each place, how many gathers of k photons lie beside each other in its pixel, in a map of one photon,
             shape [P].
         blur: in a map of one photon.
+        held: photons that the widest gather finds there, however many the map has, since its radius goes by their
+            density where most of them lie, shape [P].
     """
 
     k: int
     squares: NDArray[np.float64]
+    noise: NDArray[np.float64]
     discs: NDArray[np.float64]
     blur: float
+    held: NDArray[np.float64]
 
     def of(self, photons: float, spp: int, *, gathered: bool = False) -> float:
         """In a map of so many photons, of a pixel of so many samples.
 
         Blur falls at least as its radius' square does: a border of light is wrong as far as gathers reach over it.
+        Where the widest gather holds fewer than k photons there is less of it, and the more noise. Of photons that
+        hardly ever come hardly any gather has one, which then counts for all of them.
 
         Args:
             gathered: the map is read by many gather rays, which average out noise, but for that of all its photons,
                 and most of the blur.
         """
-        squares = float(self.squares.mean())
-        blur = min(self.blur / photons, squares)  # at worst, all light is elsewhere
+        squares, full = float(self.squares.mean()), np.clip(self.held / self.k, LEAST_HELD, 1.0)
+        blur = min(self.blur * float(full.mean()) / photons, squares)  # at worst, all light is elsewhere
         if gathered:
-            return GATHERED_BLUR * blur + squares / photons
+            return GATHERED_BLUR * blur + float((self.noise / full).mean()) * self.k / photons
         differ = np.minimum(1.0 + self.discs * photons, spp)
-        return float((self.squares / differ).mean()) / self.k + blur
+        return float((self.noise / (differ * full)).mean()) + blur
 
     def of_light(self, square: float) -> MapError:
         """The same where light is known to be as much by other means: the pilot's wide gathers reach past surfaces.
@@ -214,7 +225,7 @@ class MapError:
         """
         told = float(self.squares.mean())
         more = max(square / told, 1.0) if told > 0.0 else 1.0
-        return replace(self, squares=self.squares * more, blur=self.blur * more)
+        return replace(self, squares=self.squares * more, noise=self.noise * more, blur=self.blur * more)
 
 
 def fewer_shares(error: MapError, expected: float, spp: int, of_samples: float, *, gathered: bool) -> tuple[int, ...]:
@@ -256,6 +267,7 @@ def map_error(
     normal: NDArray[np.float32],
     factor: NDArray[np.float64],
     area: NDArray[np.float64],
+    reach: float,
 ) -> MapError | None:
     """What gathers of a map get wrong at some places; None where the pilot has none of its photons.
 
@@ -268,6 +280,7 @@ def map_error(
         position, normal: of the places, shape [P, 3].
         factor: by which irradiance at a place is an error of its pixel, as the root of relMSE has it, shape [P].
         area: of the surface that a pixel sees there, shape [P].
+        reach: of the widest gather, in a map of as many photons as the pilot has.
     """
     photons, paths = pilot.photons[number], pilot.world.maps[number].paths
     stored = len(photons["id"])
@@ -276,16 +289,26 @@ def map_error(
     told = min(k, max(stored // (2 * BLUR_K), min(LEAST_K, stored // 4)))
     few = max(told // BLUR_K, 1)
     path = photons["id"] >> BOUNCE_BITS
-    differences, whole, radius2 = [], np.zeros(len(position)), np.zeros(len(position))
+    differences, (whole, noise, radius2) = [], np.zeros((3, len(position)))
+    flux = photons["flux"].mean(axis=1)
+    strongest = max(float(flux.max()), float(np.finfo(np.float32).tiny))
+    squared = np.repeat((flux / strongest)[:, None] ** 2, 3, axis=1)
     for odd in (0, 1):
-        half = AmongPhotons(pilot.cell, take(photons, np.flatnonzero(path % 2 == odd)))
-        wide, narrow = (half.gather(position, normal, pilot.world.extent, neighbours) for neighbours in (told, few))
+        half = take({**photons, "squared": squared}, np.flatnonzero(path % 2 == odd))
+        among, among_squares = (AmongPhotons(pilot.cell, each) for each in (half, {**half, "flux": half["squared"]}))
+        wide, narrow, moment = (
+            each.gather(position, normal, pilot.world.extent, neighbours)
+            for each, neighbours in ((among, told), (among, few), (among_squares, told))
+        )
         differences.append((wide[0].astype(np.float64) - narrow[0]) * (2.0 / paths) * factor)
         whole += wide[0] * (1.0 / paths) * factor
-        radius2 += wide[1].astype(np.float64) ** 2 / 2.0
+        squared_radius = np.maximum(wide[1].astype(np.float64) ** 2, np.finfo(np.float32).tiny)
+        radius2 += squared_radius / 2.0
+        noise += moment[0] * (factor * strongest * 2.0 / paths) ** 2 / (math.pi * squared_radius) / 2.0
     wider = stored / 2.0 * k / told
-    of_one = np.maximum(radius2, np.finfo(np.float32).tiny) * math.pi * wider
+    of_one = radius2 * math.pi * wider
     blur = max(float((differences[0] * differences[1]).mean()), 0.0) * wider
     if told < k:
         blur = max(blur, ORDINARY_BLUR * k * float((whole**2).mean()))
-    return MapError(k, whole**2, area / of_one, blur)
+    held = 2.0 * told * reach**2 / radius2  # all photons are two halves
+    return MapError(k, whole**2, noise * (told / k), area / of_one, blur, held)

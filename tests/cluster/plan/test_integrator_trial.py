@@ -114,6 +114,17 @@ def test_few_samples_have_fewer_photons_and_many_have_all() -> None:
     assert settled(scene, spp=1, photons=200_000).settings.photons == 200_000
 
 
+def test_light_that_few_photons_bring_is_for_paths() -> None:
+    """A strong lamp outside, of whose photons hardly one in a thousand comes in, beside a weak one inside."""
+    room = with_bulb(cornell_box((64, 64)))
+    (bulb,) = room.lights
+    outside = PointLight("outside", (-4000.0, 278.0, -800.0), (1.6e7,) * 3)
+    weak = replace(bulb, intensity=(1e3,) * 3)
+    alone, beside = (settled(replace(room, lights=lights), spp=31) for lights in ((bulb,), (weak, outside)))
+    assert alone.settings.integrator is Integrator.PHOTONS
+    assert beside.settings.integrator is Integrator.PATH
+
+
 def test_errors_of_caustics_are_held_against_light_with_caustics(monkeypatch: pytest.MonkeyPatch) -> None:
     """Paths find next to none of them: beside the dark that they see there, a caustic is wrong by many times its light.
 
