@@ -22,6 +22,7 @@ from wdpm.kernels.irradiance import (
     record_rays,
     records,
 )
+from wdpm.kernels.lights import pieces
 from wdpm.kernels.photons import departure, gather, gather_at_photons, kd_order, photon_map, surface_points
 from wdpm.kernels.rays import bvh, bvh_build, overlap, standing_areas
 from wdpm.kernels.remembered import hashes
@@ -52,6 +53,7 @@ COMMON = (
     shadow_rays,
     surface_points,
     guide_pilot,
+    pieces,
 )
 """Every file with kernels that do not depend on a scene's effects."""
 

@@ -8,11 +8,12 @@ found from the bottom up. Computed by the master alone.
 from __future__ import annotations
 
 import heapq
-import math
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+
+from wdpm.kernels.lights.pieces import pieces_of
 
 MOST_TARGETS = 64
 """Most spheres: each costs a photon some 20 ns."""
@@ -22,7 +23,6 @@ GAIN = 0.8
 
 _LEAVES = 256  # of the tree that the spheres are a cut of
 _MOST_UNITS = 1 << 14  # of larger scenes, neighbours in the list of triangles stay together
-_HASH = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
 _GROWTH = 1.0 + 1e-5  # of radii: float32's roundings leave no vertex outside
 _REST = np.arange(MOST_TARGETS)[:, None] - 1 - np.arange(MOST_TARGETS)  # [most - 1, n - 1]: if n are the first child's,
 _SOME_LEFT = _REST >= 0  # of `most` there are so many for the other child, counted from 0
@@ -56,16 +56,33 @@ def cluster_targets(positions: NDArray[np.float32]) -> tuple[NDArray[np.float32]
     if not len(positions):
         return np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
     boxes, piece, unit = _units(positions)
-    spheres = []
-    for rows in _best_cut(_tree(boxes, piece), MOST_TARGETS):
-        held = np.zeros(len(piece), np.bool_)
-        held[rows] = True
-        points = positions[held[unit]].astype(np.float64).reshape(-1, 3)
-        low, high = (np.array([most(column) for column in points.T]) for most in (np.min, np.max))
-        center = ((low + high) / 2.0).astype(np.float32)
-        far = math.sqrt(float(_square(points - center.astype(np.float64)).max()))  # from the rounded centre
-        spheres.append((center, far * _GROWTH))
-    return np.array([center for center, _ in spheres]), np.array([far for _, far in spheres]).astype(np.float32)
+    cut = _best_cut(_tree(boxes, piece), MOST_TARGETS)
+    sphere = np.empty(len(piece), np.uint8)
+    for number, rows in enumerate(cut):
+        sphere[rows] = number
+    low, high = (np.array([most(boxes[rows, i], axis=0) for rows in cut]) for i, most in enumerate((np.min, np.max)))
+    center = ((low + high) / 2.0).astype(np.float32)
+    return center, (np.sqrt(_farthest2(positions, center, sphere[unit])) * _GROWTH).astype(np.float32)
+
+
+def _farthest2(
+    positions: NDArray[np.float32], center: NDArray[np.float32], sphere: NDArray[np.uint8]
+) -> NDArray[np.float64]:
+    """Squared distance to the corner that is farthest from each sphere's rounded centre.
+
+    Args:
+        sphere: that each triangle belongs to.
+    """
+    most = np.zeros(len(sphere))
+    middles = [axis[sphere] for axis in center.astype(np.float64).T]
+    for corner in range(3):
+        x, y, z = (positions[:, corner, axis] - middle for axis, middle in enumerate(middles))
+        np.maximum(most, x * x + y * y + z * z, out=most)
+    order = np.argsort(sphere, kind="stable")
+    farthest: NDArray[np.float64] = np.maximum.reduceat(
+        most[order], np.searchsorted(sphere[order], np.arange(len(center)))
+    )
+    return farthest
 
 
 def _units(positions: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.intp]]:
@@ -74,7 +91,7 @@ def _units(positions: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray
     Returns:
         Boxes of the units, shape [units, 2, 3]; the piece of each; the unit of each triangle.
     """
-    piece = _components(positions)
+    piece = pieces_of(positions)
     order = np.argsort(piece, kind="stable")
     run = -(-len(positions) // _MOST_UNITS)
     begins = np.flatnonzero(np.diff(piece[order], prepend=-1))
@@ -87,46 +104,6 @@ def _units(positions: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray
     unit = np.empty(len(order), np.intp)
     unit[order] = np.cumsum(starts) - 1
     return np.stack([low, high], axis=1).astype(np.float64), piece[order][first], unit
-
-
-def _components(corners: NDArray[np.float32]) -> NDArray[np.intp]:
-    """Which connected piece each triangle belongs to, by corners at the same place; shape [T]."""
-    bits = (corners.reshape(-1, 3) + np.float32(0.0)).view(np.uint32).astype(np.uint64)  # -0 becomes 0
-    # Places that a hash takes for one would only join their pieces.
-    x, y, z = bits.T
-    vertex = _numbered_hashes(x * _HASH[0] + y * _HASH[1] + z * _HASH[2]).reshape(-1, 3)
-    label = np.arange(vertex.max() + 1)
-    apart = vertex  # of triangles whose corners have not the same label yet: the others have joined what they join
-    while len(apart):
-        of_corners = label[apart]
-        np.minimum.at(label, of_corners.ravel(), np.repeat(of_corners.min(axis=1), 3))
-        while not np.array_equal(further := label[label], label):
-            label = further
-        of_corners = label[apart]
-        apart = apart[(of_corners != of_corners[:, :1]).any(axis=1)]
-    # Numbered by their first triangles: hashes, and with them labels, are others in another unit of length.
-    of_triangles = label[vertex[:, 0]]
-    first = np.full(len(label), len(corners))
-    np.minimum.at(first, of_triangles, np.arange(len(corners)))
-    return first[of_triangles]
-
-
-def _numbered_hashes(hashes: NDArray[np.uint64]) -> NDArray[np.intp]:
-    """A number for each hash, the same for the same; from 0, in no order. A table takes less than to sort them."""
-    bits = max(len(hashes).bit_length() + 1, 8)
-    table = np.zeros(1 << bits, np.uint32)
-    alike = np.empty(len(hashes), np.intp)  # which of the same hashes stands for all
-    left, mixed = np.arange(len(hashes)), hashes
-    while len(left):
-        slot = (mixed >> np.uint64(64 - bits)).astype(np.intp)
-        table[slot] = left
-        chosen = table[slot]
-        found = hashes[chosen] == hashes[left]
-        alike[left[found]] = chosen[found]
-        left, mixed = left[~found], mixed[~found] * _HASH[0]  # others had their slot
-    stands = np.zeros(len(hashes), np.intp)
-    stands[alike] = 1
-    return (np.cumsum(stands) - 1)[alike]
 
 
 def _tree(boxes: NDArray[np.float64], piece: NDArray[np.intp]) -> _Node:
