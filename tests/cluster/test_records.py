@@ -270,6 +270,25 @@ def test_records_of_the_last_round_shorten_no_reach() -> None:
     np.testing.assert_array_equal(sure, READ_FURTHER)
 
 
+@pytest.mark.parametrize(("light", "further"), [(1.0, READ_FURTHER), (1.3, 1.0)])
+def test_records_are_read_further_than_they_were_placed_by_where_they_agree(light: float, further: float) -> None:
+    """The other of the two lies just beyond the reach that they were placed by, and is of the last round."""
+    place = np.zeros((2, 3), np.float32)
+    place[1, 0] = 1.2
+    none = np.zeros((2, 3, 3), np.float32)
+    two = Records(
+        np.array([0, (PLAN.rounds - 1) << ROUND_BITS], np.int64),
+        place,
+        np.tile(np.float32([0, 0, 1]), (2, 1)),
+        np.float32([[1, 1, 1], [light, light, light]]),
+        none,
+        none,
+        np.ones(2, np.float32),
+    )
+    view = replace(cached(), cache=replace(PLAN, tolerance=0.02))
+    np.testing.assert_array_equal(RecordRounds(view, two).shared().radius, np.float32(further))
+
+
 def test_a_view_without_a_cache_has_no_rounds() -> None:
     driver = Rounds()
     driver.to_records(view=make_view(64, 32, 16))
