@@ -40,7 +40,7 @@ Home = PhotonHome | RecordHome | BucketHome
 
 RAYS = frozenset(set(Kind) - TO_HOME - OF_MAPS)
 
-PIECE_ROWS = 1 << 14
+PIECE_ROWS = 1 << 15
 """Rays that a home starts in a cell of its own worker, at a time: far more than are worth a launch."""
 
 TRACED_AT_ONCE = 1 << 15
