@@ -74,7 +74,9 @@ class CellWorker:
         self.cells = {cell: Cell(cell, triangles, self.replica) for cell, triangles in sorted(partition.items())}
         self._guards = Guards(self.replica)  # of its homes
         self._homes: dict[int, Home] = {}
-        self._traffic = dict.fromkeys(("rays_in", "rays_out", "bytes_in", "bytes_out"), 0)
+        self._traffic = dict.fromkeys(
+            ("rays_in", "rays_out", "rays_put_off", "bytes_in", "bytes_out", "bytes_put_off"), 0
+        )
         self._busy = 0.0
         self._photon_traffic = dict(self._traffic)  # what they were when the maps were built
         self._photon_busy = 0.0
@@ -347,7 +349,7 @@ class CellWorker:
             "busy_s": self._busy,
             "made_alone": self.replica.made.alone,
             "peak_memory_bytes": peak_memory() + self._shares_bytes,
-            **self._traffic,
+            **self._travelled(),
         }
 
     def _run(self, batches: Iterable[Batch], outbox: Outbox) -> None:
@@ -395,9 +397,20 @@ class CellWorker:
         A home starts all rays of a wave at once. What others wait for would wait for all of them.
         """
         for piece in pieces(batch, PIECE_ROWS):
-            self._traffic["bytes_in"] -= piece.nbytes  # it is counted when it comes in, though it has not travelled
-            self._traffic["rays_in"] -= len(piece)
+            self._traffic["bytes_put_off"] += piece.nbytes
+            self._traffic["rays_put_off"] += len(piece)
             outbox.batches.append(piece)
+
+    def _travelled(self) -> dict[str, int]:
+        """Rays and bytes that came from others and went to them.
+
+        What was put off comes in like what others sent, but for rays of a task that another worker was faster with,
+        which may wait still when the image is done: so it is not known to the last ray what came of others then.
+        """
+        told = dict(self._traffic)
+        for what in ("rays", "bytes"):
+            told[f"{what}_in"] = max(told[f"{what}_in"] - told.pop(f"{what}_put_off"), 0)
+        return told
 
     def _receive(self, batch: Batch, outbox: Outbox) -> Iterator[Batch]:
         """Take in what came home, task by task."""

@@ -40,3 +40,10 @@ def test_no_bit_depends_on_how_large_pieces_are(most: int) -> None:
     assert divided.digest() == alone.digest()
     assert put_off
     assert max(put_off) > 1 or most > 7
+
+
+def test_what_waits_when_the_image_is_done_is_no_negative_count() -> None:
+    """A task that was handed out twice: another worker was faster, and rays put off here never came in."""
+    counts = dict.fromkeys(("rays_in", "rays_out", "bytes_in", "bytes_out"), 5)
+    there = mock.Mock(_traffic={**counts, "rays_put_off": 3, "bytes_put_off": 9})
+    assert CellWorker._travelled(there) == {**counts, "rays_in": 2, "bytes_in": 0}
