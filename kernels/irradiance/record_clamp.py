@@ -16,7 +16,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels.irradiance.record_tree import kd_order
+from wdpm.kernels.photons.kd_order import sort
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -104,7 +104,7 @@ def clamped(position: NDArray[np.floating], radius: NDArray[np.floating]) -> NDA
     # Blocks of like radii that lie together look at few others.
     octave = np.frexp(radius)[1]
     alike = [np.flatnonzero(octave == value) for value in np.unique(octave)]
-    order = np.concatenate([rows[kd_order(position[rows].astype(np.float32))] for rows in alike])
+    order = np.concatenate([rows[sort(position[rows].astype(np.float32), 0, len(rows))] for rows in alike])
     x, r = position.astype(np.float64)[order], radius.astype(np.float64)[order]
     blocks = _grouped(x, x, r)
     out = wp.empty(count, dtype=wp.float64, device="cpu")

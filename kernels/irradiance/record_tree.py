@@ -1,8 +1,8 @@
 """The records of an irradiance cache in a tree of boxes.
 
-Records lie in the order of a kd-tree, eight to a leaf; each node above has eight children, and the boxes of what their
-records reach. The tree is complete, so there are no pointers: the children of node i are nodes 8 i + 1 .. 8 i + 8.
-What an interpolation returns never depends on this shape (see cache.py).
+Records lie in the order of a kd-tree (kernels/photons/kd_order.py), eight to a leaf; each node above has eight
+children, and the boxes of what their records reach. The tree is complete, so there are no pointers: the children of
+node i are nodes 8 i + 1 .. 8 i + 8. What an interpolation returns never depends on this shape (see cache.py).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
+from wdpm.kernels.photons.kd_order import sort
 from wdpm.kernels.photons.photon_map import vec8
 from wdpm.scenes.errors import WdpmError
 
@@ -70,12 +71,12 @@ def build(records: Arrays, device: str = "cpu") -> Any:
     levels = 0
     while 8 ** (levels + 1) < count:
         levels += 1
-    along = kd_order(by_rank["position"])
+    along = sort(by_rank["position"], 0, count) if count else np.zeros(0, np.int32)
     leaf_count = max(1, -(-count // 8))
 
     cache = IrradianceCache()
     cache.inner_count = (8**levels - 1) // 7
-    cache.rank = wp.array(_padded(along.astype(np.int32), 8 * leaf_count, 0), dtype=wp.int32, device=device)
+    cache.rank = wp.array(_padded(along, 8 * leaf_count, 0), dtype=wp.int32, device=device)
     cache.leaves = wp.array(_leaves(by_rank, along, leaf_count), dtype=vec8, device=device)
     cache.nodes = wp.array(_nodes(by_rank, along, levels), dtype=vec8, device=device)
     for name, kind in (("position", wp.vec3), ("normal", wp.vec3), ("irradiance", wp.vec3)):
@@ -110,41 +111,13 @@ def _check(records: Arrays) -> None:
         raise WdpmError(f"irradiance cache: record {unique[times > 1][0]} comes twice, expected unique numbers")
 
 
-def kd_order(position: NDArray[np.float32]) -> NDArray[np.intp]:
-    """Records in the order of the leaves of a kd-tree: every aligned block of 2^m of them, m >= 3, lies together.
-
-    Blocks are split in the middle along the widest side of their records' box; all but the last are full.
-
-    Args:
-        position: finite, shape [N, 3].
-    """
-    count = len(position)
-    order = np.arange(count)
-    along = np.ascontiguousarray(_in_integers(position).T)
-    for bits in range(max(count - 1, 1).bit_length(), 3, -1):
-        block = np.arange(count) >> bits
-        first = np.arange(0, count, 1 << bits)
-        placed = position.take(order, axis=0)
-        size = np.maximum.reduceat(placed, first) - np.minimum.reduceat(placed, first)
-        axis = np.argmax(size, axis=1)[block]
-        # One key of block and coordinate: NumPy sorts integers several times as fast as it sorts by two arrays.
-        order = order.take(np.argsort((block << 32) + along[axis, order], kind="stable"))
-    return order
-
-
-def _in_integers(values: NDArray[np.float32]) -> NDArray[np.int64]:
-    """32-bit integers in the order of some floats; 0 and -0 are alike."""
-    bits = (values + np.float32(0.0)).view(np.int32)  # -0 + 0 is 0
-    return np.where(bits < 0, bits ^ np.int32(0x7FFFFFFF), bits).astype(np.int64)
-
-
 def _padded(values: NDArray[Any], size: int, filler: float) -> NDArray[Any]:
     out = np.full((size, *values.shape[1:]), filler, values.dtype)
     out[: len(values)] = values
     return out
 
 
-def _leaves(by_rank: Arrays, along: NDArray[np.intp], leaf_count: int) -> NDArray[np.float32]:
+def _leaves(by_rank: Arrays, along: NDArray[np.int32], leaf_count: int) -> NDArray[np.float32]:
     """Rows of the leaves, shape [7 * leaf count, 8]."""
     inverse2 = 1.0 / by_rank["radius"].astype(np.float64) ** 2
     columns = np.column_stack([by_rank["position"], by_rank["normal"], inverse2])[along].astype(np.float32)
@@ -152,7 +125,7 @@ def _leaves(by_rank: Arrays, along: NDArray[np.intp], leaf_count: int) -> NDArra
     return np.ascontiguousarray(leaves.transpose(0, 2, 1)).reshape(-1, 8)
 
 
-def _nodes(by_rank: Arrays, along: NDArray[np.intp], levels: int) -> NDArray[np.float32]:
+def _nodes(by_rank: Arrays, along: NDArray[np.int32], levels: int) -> NDArray[np.float32]:
     """Rows of the inner nodes, the root first, shape [6 * inner count, 8]."""
     position = by_rank["position"][along].astype(np.float64)
     reach = by_rank["radius"][along].astype(np.float64)[:, None] * (1.0 + BOX_SHARE)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from wdpm.kernels.irradiance.cache import CAPACITY, interpolate
 from wdpm.kernels.irradiance.record_clamp import clamped
-from wdpm.kernels.irradiance.record_tree import build, kd_order
+from wdpm.kernels.irradiance.record_tree import build
 from wdpm.scenes.errors import WdpmError
 
 Array = NDArray[np.float64]
@@ -216,8 +216,8 @@ def test_bad_records_are_errors(name: str, value: float | None, message: str) ->
 
 @settings(max_examples=25)
 @given(st.integers(0, 10**6), st.integers(1, 700))
-def test_kd_order_holds_every_record_once(seed: int, count: int) -> None:
-    np.testing.assert_array_equal(np.sort(kd_order(records(seed, count)["position"])), np.arange(count))
+def test_leaves_hold_every_record_once(seed: int, count: int) -> None:
+    np.testing.assert_array_equal(np.sort(build(records(seed, count)).rank.numpy()[:count]), np.arange(count))
 
 
 @settings(max_examples=25)
