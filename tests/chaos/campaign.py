@@ -7,13 +7,14 @@ import time
 import traceback
 from collections.abc import Iterator, Sequence
 
+import early
 import full_disk
 import masters
 from standing import Hung, StandingCluster
 from strikes import KINDS, Strikes
 from trials import Configuration, Rows, Trial, chosen_by, expected
 
-OTHERS = {"masters": masters.trial, "disk": full_disk.trial}
+OTHERS = {"masters": masters.trial, "disk": full_disk.trial, "early": early.trial}
 """Kinds whose renders are processes of their own: number, seed -> trial."""
 
 MISSED = 20
