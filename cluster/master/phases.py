@@ -395,12 +395,8 @@ class Phases:
         if smallest is None and (members := self.roster.take_spare(len(session.burdens), anyone=True)):
             self.roster.teams.append(Team(members, len(members)))
             return out + self._lead(self.roster.teams[-1], session, now)
-        if (
-            smallest is not None
-            and early
-            and self.roster.able_spare > 0
-            and len(smallest.members) < len(session.burdens)
-        ):
+        early = early and self.roster.able_spare > 0
+        if smallest is not None and early and len(smallest.members) < len(session.burdens):
             return out + self._broken(smallest, now, wanted=len(smallest.members) + 1)
         return out
 

@@ -102,7 +102,7 @@ class Sharing:
     """Who holds a scene together.
 
     Attributes:
-        slaves: that take part: those that have room for their share.
+        slaves: that take part: those that have room for their share; 1 if nobody is there yet.
         least: of them, slaves that have room for the whole scene among them.
         room: what a slave must have room for to take part, besides its process [bytes].
     """
@@ -122,7 +122,7 @@ def sharing(copies: Copies, slaves: Sequence[SlaveMemory], needed: SceneMemory) 
         SettingsError: all slaves together have not room for it.
     """
     if not slaves:
-        return Sharing(0, 1)
+        return Sharing(1, 1)
     rooms = sorted((max(room - needed.everywhere, 0.0) for room in rooms_of(slaves)), reverse=True)
     sizes = [size for size in range(1, len(rooms) + 1) if needed.divided <= rooms[size - 1] * size]
     if not sizes:

@@ -2,9 +2,9 @@
 
 Slaves are killed, terminated and stopped, and their links cut, slowed and forgotten (strikes.py); masters are killed
 and started again with --resume (masters.py); the disk is full (full_disk.py); slaves are killed before they
-have joined or are ready (early.py). Four slaves and their master stay up over many renders; each begins anew, and slaves
-that are lost are replaced by new processes. Scenes (one with every effect, and Sponza where WDPM_SCENES is set), cache
-and map, passes, routing and copies change from render to render.
+have joined or are ready (early.py). Four slaves and their master stay up over many renders; each begins anew, and
+slaves that are lost are replaced by new processes. Scenes (one with every effect, and Sponza where WDPM_SCENES is set),
+cache and map, passes, routing and copies change from render to render.
 
     python tests/chaos/run.py --renders kill=200,term=30,cut=20 --seed 1 -o out/chaos
 

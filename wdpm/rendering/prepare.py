@@ -137,8 +137,7 @@ def prepare(
     scene = scene_of(source)
     check_pixels(scene.camera)
     seconds = {}
-    flattening = time.perf_counter()
-    workers = max(workers, 1)
+    flattening, workers = time.perf_counter(), max(workers, 1)
     flat = flatten(leave_out(scene, settings.without), settings.instances, in_file if workers > 1 else np.empty)
     if settings.strict:
         _demand_all(flat)
@@ -156,12 +155,11 @@ def prepare(
     progress.start("plan")
     began = flattening + compiling.seconds  # all but that is planning
     shared = Sharing(workers, workers) if team is None else team(_memory_of(flat, settings))
-    workers = max(shared.slaves, 1)
-    plan = _planned(flat, settled, largest_team(workers, shared.least), launcher, cells)
+    plan = _planned(flat, settled, largest_team(shared.slaves, shared.least), launcher, cells)
     world = replace(plan.world, strict=settings.strict)
     lit_scene = _lit_scene(world, flat.triangles)
-    view = plan.learnt_view(view_of(flat, settings, max(workers, processes), alone=shared.least == 1))
-    alone = workers == 1 and plan.pilot is not None
+    view = plan.learnt_view(view_of(flat, settings, max(shared.slaves, processes), alone=shared.least == 1))
+    alone = shared.slaves == 1 and plan.pilot is not None
     session = Session(
         world=world,
         view=view,
