@@ -53,14 +53,16 @@ COMMON = (
     shadow_rays,
     surface_points,
     guide_pilot,
-    pieces,
 )
 """Every file with kernels that do not depend on a scene's effects."""
 
 WITH_INSTANCES = (standing_areas,)
 """For scenes in which shapes stand in several places."""
 
-MODULES = (*COMMON, *WITH_INSTANCES)
+WITH_GLOSS = (pieces,)
+"""For scenes with something to aim photons at."""
+
+MODULES = (*COMMON, *WITH_INSTANCES, *WITH_GLOSS)
 
 
 Told = Callable[[int], Callable[[], None]]
@@ -130,7 +132,7 @@ def _load_one(module: wp.Module) -> None:
 
 def _shared_modules(features: Features) -> list[wp.Module]:
     """Of the kernels that do not depend on features, those that a scene with these needs."""
-    some = ((True, COMMON), (features.instances, WITH_INSTANCES))
+    some = ((True, COMMON), (features.instances, WITH_INSTANCES), (features.glossy, WITH_GLOSS))
     return [wp.get_module(name) for name in sorted({each.__name__ for on, group in some if on for each in group})]
 
 
