@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wdpm.bench import mitsuba_peer
 from wdpm.bench.commands import arguments
 from wdpm.bench.commands import peers as peers_command
 from wdpm.bench.mitsuba import Cost
@@ -17,8 +16,8 @@ from wdpm.bench.peers import measure as peers
 from wdpm.bench.peers.figures import PeerFigures, Reached, Try
 from wdpm.bench.peers.grid import DEFAULTS, FAMILIES, FEW_PATHS, WAYS, Family, Member, Way
 from wdpm.bench.peers.guess import guesses
-from wdpm.bench.peers.law import ErrorLaw, Point
-from wdpm.bench.peers.target import Bounds, RelMse, Target, rel_mse_of, targets_of
+from wdpm.bench.peers.law import Point
+from wdpm.bench.peers.target import Bounds, RelMse, Target
 from wdpm.bench.rows import Rows
 from wdpm.cli import main
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
@@ -158,35 +157,6 @@ def test_members_come_after_those_with_less_work() -> None:
     assert Member(FEW, 400, 2).adds_to(Member(FEW, 400, 1))
     assert not Member(FEW, 100, 2).adds_to(Member(FEW, 400, 1))
     assert not Member(Family("other", (100, 400), (1, 2)), 400, 2).adds_to(Member(FEW, 100, 1))
-
-
-# ---- Mitsuba's law ------------------------------------------------------------------------------------------------
-
-
-def test_a_law_of_one_over_samples() -> None:
-    law = ErrorLaw(tuple(Point(n, 0.5 / n, Cost(n / 10, n / 5)) for n in (8, 32, 128)))
-    assert law.constant == pytest.approx(0.5)
-    assert law.slope == pytest.approx(-1)
-    answer = law.to(0.01)
-    assert answer.spp == pytest.approx(50)
-    assert (answer.cost.wall_s, answer.cost.cpu_s) == pytest.approx((5, 10))
-    assert not answer.extrapolated
-    assert law.to(0.001).extrapolated
-    assert law.to(0.1).extrapolated
-    assert law.to(9.0).spp == 1  # there is no image with less
-    assert law.to(0.01, Point(16, 0.5, Cost(16.0, 32.0))).cost == Cost(pytest.approx(50), pytest.approx(100))
-
-
-def test_a_single_number_of_samples_has_no_slope() -> None:
-    point = Point(8, 0.1, Cost(1, 1))
-    assert ErrorLaw((point, point)).slope is None
-    assert ErrorLaw((point,)).constant == pytest.approx(0.8)
-
-
-def test_an_image_without_error_takes_one_sample() -> None:
-    law = ErrorLaw((Point(8, 0.0, Cost(1, 1)), Point(32, 0.0, Cost(4, 4))))
-    assert law.slope is None
-    assert law.to(0.01).spp == 1
 
 
 # ---- guesses ------------------------------------------------------------------------------------------------------
@@ -346,43 +316,6 @@ def test_the_table_and_the_json(scene_file: Path) -> None:
 # ---- errors that Mitsuba has, and errors without the worst pixels --------------------------------------------------
 
 
-def test_the_worst_pixels_are_left_out() -> None:
-    pixels = grey(1.0)
-    pixels[0, 0] = 50.0
-    image, reference = Image({"beauty": pixels}), Image({"beauty": grey(1.0)})
-    found = rel_mse_of(image, reference, Bounds(trim=1 / 48))
-    assert found.trimmed == 0
-    assert found.whole == pytest.approx(49**2 / 1.01 / 48)
-    whole = rel_mse_of(image, reference, Bounds())
-    assert whole.whole == whole.trimmed
-    pixels[1, 1] = np.inf  # counts as right, as it does for `wdpm compare`
-    assert rel_mse_of(image, reference, Bounds(trim=1 / 48)).trimmed == 0
-
-
-def test_errors_of_samples_are_measured_or_told_by_the_law() -> None:
-    errors = {8: RelMse(1.0, 0.5), 32: RelMse(0.25, 0.125)}
-    points = [Point(spp, error, Cost(1.0, 1.0)) for spp, error in errors.items()]
-    points.append(Point(32, RelMse(0.35, 0.125), Cost(1.0, 1.0)))
-    whole, far, trimmed, far_trimmed = targets_of(Bounds((), samples=(128, 32), trim=0.01), points)
-    assert (whole.error, whole.spp, whole.by_law) == (pytest.approx(0.3), 32, False)
-    assert (far.spp, far.by_law) == (128, True)
-    assert far.error == pytest.approx((8.0 * 8.0 * 11.2) ** (1 / 3) / 128)
-    assert (trimmed.error, trimmed.trimmed) == (0.125, True)
-    assert far_trimmed.error == pytest.approx(4 / 128)
-    assert far_trimmed.name == "0.0312 trimmed (128 samples*)"
-    assert [target.error for target in targets_of(Bounds((0.1, 0.2)), points)] == [0.2, 0.1]
-
-
-def test_time_beyond_what_was_rendered_is_a_line_through_the_ends() -> None:
-    law = ErrorLaw(tuple(Point(n, 1 / n, Cost(3.0 + n, 2.0 * (3.0 + n))) for n in (8, 32, 16)))
-    answer = law.beyond(1 / 128)
-    assert (answer.spp, answer.cost) == (pytest.approx(128), Cost(pytest.approx(131), pytest.approx(262)))
-    assert answer.extrapolated
-    assert not law.beyond(1 / 16).extrapolated
-    alone = ErrorLaw((Point(8, 1 / 8, Cost(4.0, 8.0)),))
-    assert alone.beyond(1 / 16).cost == Cost(pytest.approx(8), pytest.approx(16))
-
-
 def test_defaults_and_paths_go_for_the_errors_that_mitsuba_has(
     scene_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -410,12 +343,6 @@ def test_defaults_and_paths_go_for_the_errors_that_mitsuba_has(
     # By more samples other records are used, so that they were loaded before a time counts.
     at_four = [settings for settings in fakes.rendered if settings.spp == 4 and settings.seed == 0]
     assert len(at_four) == 2 + 1  # and one of path tracing
-
-
-def test_an_image_of_many_samples_is_rendered_in_equal_parts() -> None:
-    pixels = mitsuba_peer.MOST_SAMPLES // 256
-    assert [mitsuba_peer.parts_of(spp, pixels) for spp in (1, 256, 1024, 1025, 263)] == [1, 1, 4, 5, 263]
-    assert mitsuba_peer.parts_of(2, 3 * mitsuba_peer.MOST_SAMPLES) == 2
 
 
 def test_what_paths_take_beyond_the_limit_is_told_by_their_law(
