@@ -122,6 +122,9 @@ class Runs:
 
     def occupied(self) -> Runs:
         """Those that have rows or credit."""
+        if len(self.table) == 1:
+            _, _, rows, credit = self.table[0].tolist()
+            return self if rows or credit else Runs(self.table[:0])
         some = (self.table[:, ROWS] | self.table[:, CREDIT]) != 0
         return self if np.count_nonzero(some) == len(some) else Runs(self.table[some])
 

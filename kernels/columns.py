@@ -230,13 +230,15 @@ def outputs(dtypes: Mapping[str, Any], count: int, device: str) -> dict[str, Any
 
 
 def array_over(array: NDArray[Any], dtype: Any, device: str) -> Any:
-    """What a kernel takes for an array of numpy; on the CPU it shares memory with it.
+    """What a kernel takes for an array of numpy; on the CPU it shares memory with one that is contiguous.
 
     Args:
-        array: contiguous, of the numpy type and shape that belong to `dtype`.
+        array: of the shape that belongs to `dtype`.
         dtype: Warp's type of its items.
     """
-    return HostArray(array, dtype) if blocks.shares_memory(device) else wp.array(array, dtype=dtype, device=device)
+    if blocks.shares_memory(device):
+        return HostArray(np.ascontiguousarray(array, host_arrays.NUMPY[dtype][0]), dtype)
+    return wp.array(array, dtype=dtype, device=device)
 
 
 def integers(count: int, device: str) -> Any:
@@ -284,6 +286,11 @@ def column(columns: Any, name: str) -> NDArray[Any]:
     """One of the arrays as a numpy array; on the CPU it shares memory with the device's."""
     array: NDArray[Any] = columns.column(name) if isinstance(columns, HostColumns) else getattr(columns, name).numpy()
     return array
+
+
+def argument(columns: Any, name: str) -> Any:
+    """One of the arrays, for a kernel that takes it alone."""
+    return columns.array(name) if isinstance(columns, HostColumns) and columns.has_arrays else getattr(columns, name)
 
 
 def length(columns: Any, name: str) -> int:

@@ -85,6 +85,10 @@ class HostArray:
         """As numpy has it: the same memory."""
         return self._array
 
+    def of_warp(self) -> wp.array:
+        """As Warp has it, for what needs more of it than kernels do: the same memory."""
+        return wp.array(self._array, dtype=self.dtype, device="cpu", copy=False)
+
     def __ctype__(self) -> Any:
         """What a kernel is handed."""
         if self._descriptor is None:

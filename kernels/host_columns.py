@@ -4,7 +4,7 @@ A launch of a few thousand rays lasts less than a millisecond, and a dozen array
 made one by one and set in a struct, cost as much again. A kernel needs none of them: it is given a struct of
 descriptors, which say where each array begins and how long it is. So a struct's descriptors are copied from a template
 here, and the places and the length written into them, all at once. Whoever asks for a member by its name gets an array
-over the same memory, made then.
+of Warp over the same memory, made then.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def layout_of(struct: wp.Struct) -> Layout | None:
 class HostColumns:
     """Columns: what a kernel takes for a struct of arrays, on the CPU.
 
-    Its members are HostArrays; None where it was made without arrays.
+    Its members are arrays of Warp; None where it was made without arrays.
 
     Args:
         layout: of the struct.
@@ -109,12 +109,12 @@ class HostColumns:
             raise AttributeError(f"{self._layout.struct.key} has no member {name}")
         if not self.has_arrays:
             return None
-        made = HostArray(self.column(name), self._layout.types[name])
+        made = self.array(name).of_warp()
         self.__dict__[name] = made
         return made
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Have another array, of Warp or a HostArray, for a member."""
+        """Have another array, of Warp or of the host, for a member."""
         setattr(self._struct, name, value.__ctype__())
         self.__dict__[name] = value
         self._arrays[name] = value.numpy()
@@ -123,6 +123,10 @@ class HostColumns:
     def has_arrays(self) -> bool:
         """Whether there are arrays, be they without items."""
         return bool(self._starts or self._arrays)
+
+    def array(self, name: str) -> HostArray:
+        """A column as an argument of a kernel: the same memory."""
+        return HostArray(self.column(name), self._layout.types[name])
 
     def column(self, name: str) -> NDArray[Any]:
         """A column as a numpy array over the same memory, shape [items] or [items, channels]."""

@@ -282,7 +282,7 @@ class FinalGather:
 
     def _some(self, places: Any, names: tuple[str, ...], rows: NDArray[np.intp]) -> dict[str, Any]:
         """Some rows of the named columns of places."""
-        found = {name: getattr(places, name) for name in names}
+        found = {name: columns.argument(places, name) for name in names}
         if len(rows) == columns.length(places, "position"):
             return found
         return columns.rows_of(found, rows, self._replica.launcher.device)

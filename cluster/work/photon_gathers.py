@@ -128,10 +128,10 @@ class PhotonGathering:
             reflect_gathered,
             count,
             points=self._store.points[number],
-            position=queries.position,
-            front_normal=queries.front_normal,
-            clearance=queries.clearance,
-            albedo=queries.weight,
+            position=columns.argument(queries, "position"),
+            front_normal=columns.argument(queries, "front_normal"),
+            clearance=columns.argument(queries, "clearance"),
+            albedo=columns.argument(queries, "weight"),
             irradiance=made["irradiance"],
             radius=made["radius"],
             point_area=plan.point_area,
@@ -169,9 +169,9 @@ class PhotonGathering:
                 gather_kernel,
                 runs,
                 grain=GATHER_GRAIN,
-                position=queries.position,
-                normal=queries.normal,
-                shading_normal=queries.shading_normal,
+                position=columns.argument(queries, "position"),
+                normal=columns.argument(queries, "normal"),
+                shading_normal=columns.argument(queries, "shading_normal"),
                 **search,
             )
 
@@ -181,7 +181,7 @@ class PhotonGathering:
         """Which of some queries have more than k photons next to themselves, shape [rows]."""
         launcher, count = self._replica.launcher, len(rows)
         names = ("position", "normal", "shading_normal")
-        places = columns.rows_of({name: getattr(queries, name) for name in names}, rows, launcher.device)
+        places = columns.rows_of({name: columns.argument(queries, name) for name in names}, rows, launcher.device)
         made = columns.outputs(_GATHERED, count, launcher.device)
         launcher(
             gather_kernel,

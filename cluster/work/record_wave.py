@@ -106,22 +106,21 @@ class RecordWave:
         replica, view, count = self._replica, self._view, len(self._rays)
         device = replica.launcher.device
         record, ray, stratum = (
-            wp.array(column, dtype=wp.int32, device=device)
+            columns.array_over(column, wp.int32, device)
             for column in (self._rays.record, self._rays.ray, self._rays.stratum)
         )
-        direction = wp.empty(count, dtype=wp.vec3, device=device)
-        distance = wp.empty(count, dtype=wp.float32, device=device)
+        direction, distance = columns.outputs({"direction": wp.vec3, "distance": wp.float32}, count, device).values()
         normal, shading_normal = (
-            wp.array(self._sites[name], dtype=wp.vec3, device=device) for name in ("normal", "shading_normal")
+            columns.array_over(self._sites[name], wp.vec3, device) for name in ("normal", "shading_normal")
         )
         replica.launcher(
             record_directions,
             count,
             strata=make_strata(*self._strata, device),
-            number=wp.array(self._numbers, dtype=wp.int64, device=device),
+            number=columns.array_over(self._numbers, wp.int64, device),
             normal=normal,
             shading_normal=shading_normal,
-            seed=wp.uint32(replica.world.seed),  # that of the pass
+            seed=replica.world.seed,  # that of the pass
             record=record,
             ray=ray,
             stratum=stratum,
@@ -143,7 +142,7 @@ class RecordWave:
             offset_min=replica.lights.offset_min,
             paths_out=paths,
         )
-        first = wp.empty(count, dtype=wp.int32, device=device)
+        first = columns.integers(count, device)
         replica.launcher(first_path_cells, count, cells=replica.cells, paths=paths, next_cell_out=first)
         arrays, destination = columns.download(paths, SCHEMAS[Kind.PATH]), first.numpy()
         for cell, rows in by_destination(destination, destination >= 0):

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from wdpm.bench.gpu.names import plain_name
 from wdpm.kernels import columns
+from wdpm.kernels.host_arrays import HostArray
 from wdpm.kernels.launch import Launcher, arguments_of
 from wdpm.kernels.photons.deposits import Deposits
 
@@ -128,6 +129,8 @@ class Repeat:
         return found
 
     def _copy(self, value: Any) -> Any:
+        if isinstance(value, HostArray):
+            return self._copy_array(value.of_warp())
         if isinstance(value, wp.array):
             return self._copy_array(value)
         struct = columns.struct_of(value)
@@ -149,8 +152,8 @@ class Repeat:
 
 def _pairs(path: str, expected: Any, got: Any) -> Iterator[tuple[str, NDArray[Any], NDArray[Any]]]:
     """Arrays of one value of an argument and of its copy, with where they are."""
-    if isinstance(expected, wp.array):
-        if expected.size:
+    if isinstance(expected, wp.array | HostArray):
+        if len(expected):
             yield path, expected.numpy(), got.numpy()
         return
     struct = columns.struct_of(expected)
