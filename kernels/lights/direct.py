@@ -71,6 +71,38 @@ def _make_sample_direct(sample_direct_from: wp.Function) -> wp.Function:
     return sample_direct
 
 
+@wp.func
+def pdf_triangle(
+    lights: wp.ref[Lights],
+    emitter: wp.int32,
+    prim: wp.int32,
+    origin: wp.vec3,
+    position: wp.vec3,
+    normal: wp.vec3,
+) -> wp.float32:
+    """pdf_solid_angle with which sample_direct from `origin` goes to a point of a triangle; 0 for one not lit.
+
+    Args:
+        emitter: which glowing mesh it belongs to.
+        prim: global number of the triangle.
+        normal: unit geometric normal of its lit side.
+    """
+    ball = lights.tree.ball_of[emitter]
+    if ball >= 0:
+        return pdf_to_ball(lights, ball, origin)
+    element = element_of_prim(lights, prim)
+    if element < 0:
+        return 0.0
+    way = position - origin
+    distance2 = wp.dot(way, way)
+    if distance2 <= 0.0:
+        return 0.0
+    cosine = -wp.dot(normal, wp.normalize(way))
+    if cosine <= 0.0:
+        return 0.0
+    return pdf_on_triangle(lights, chance_of_light(lights, element, origin), distance2, cosine)
+
+
 @functools.cache
 def make_direct(features: Features) -> DirectCode:
     """Light that arrives straight, for the lights that features name."""
@@ -146,37 +178,6 @@ def make_direct(features: Features) -> DirectCode:
         if wp.max(s.radiance) <= 0.0:
             s.pdf = 0.0
         return s
-
-    @wp.func
-    def pdf_triangle(
-        lights: wp.ref[Lights],
-        emitter: wp.int32,
-        prim: wp.int32,
-        origin: wp.vec3,
-        position: wp.vec3,
-        normal: wp.vec3,
-    ) -> wp.float32:
-        """pdf_solid_angle with which sample_direct from `origin` goes to a point of a triangle; 0 for one not lit.
-
-        Args:
-            emitter: which glowing mesh it belongs to.
-            prim: global number of the triangle.
-            normal: unit geometric normal of its lit side.
-        """
-        ball = lights.tree.ball_of[emitter]
-        if ball >= 0:
-            return pdf_to_ball(lights, ball, origin)
-        element = element_of_prim(lights, prim)
-        if element < 0:
-            return 0.0
-        way = position - origin
-        distance2 = wp.dot(way, way)
-        if distance2 <= 0.0:
-            return 0.0
-        cosine = -wp.dot(normal, wp.normalize(way))
-        if cosine <= 0.0:
-            return 0.0
-        return pdf_on_triangle(lights, chance_of_light(lights, element, origin), distance2, cosine)
 
     @wp.func
     def pdf_environment(lights: wp.ref[Lights], origin: wp.vec3, direction: wp.vec3) -> wp.float32:
