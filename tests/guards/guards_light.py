@@ -308,7 +308,7 @@ GUARDS = (
         name="lamps are seen from their front",
         file="kernels/lights/direct.py",
         prevents="a division by a cosine of zero",
-        changes=(("        if cosine <= 0.0:\n            return 0.0\n", ""),),
+        changes=(("    if cosine <= 0.0:\n        return 0.0\n", ""),),
         tests=(LIGHTS + "test_triangle_samples_agree_with_their_density",),
     ),
     Guard(

@@ -21,6 +21,7 @@ class Family:
         photons: to be stored in each map, of each pass; 0 where that is not said.
         spp: samples a pixel.
         passes, indirect, integrator: what all members have, see RenderSettings.
+        is_plain: whether all but the samples is left to wdpm.
     """
 
     name: str
@@ -29,11 +30,7 @@ class Family:
     passes: int = 1
     indirect: Indirect = Indirect.MAP
     integrator: Integrator = Integrator.PHOTONS
-
-    @property
-    def is_plain(self) -> bool:
-        """Whether all but the samples is left to wdpm."""
-        return self.integrator is Integrator.AUTO
+    is_plain: bool = False
 
     def members(self) -> Iterator[Member]:
         """All of them, each after those with less work."""
@@ -83,7 +80,12 @@ FEW_PATHS = Family(PATH.name, (0,), (4, 16), integrator=Integrator.PATH)
 """Beyond these samples a path tracer's error follows a law (law.py), which spares the minutes that they would take."""
 
 DEFAULTS = Family(
-    "defaults", (0,), tuple(1 << power for power in range(11)), indirect=Indirect.AUTO, integrator=Integrator.AUTO
+    "defaults",
+    (0,),
+    tuple(1 << power for power in range(11)),
+    indirect=Indirect.AUTO,
+    integrator=Integrator.AUTO,
+    is_plain=True,
 )
 """What a person gets who says no more than how many samples."""
 

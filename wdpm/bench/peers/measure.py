@@ -279,9 +279,10 @@ class _Renders:
 
 def _chosen(image: Image) -> str:
     """How an image was rendered, in words."""
-    settings = image.metadata.get("settings", {})
-    integrator, indirect = (str(settings.get(name, "")) for name in ("integrator", "indirect"))
-    return integrator if integrator == Integrator.PATH.value else f"{integrator}, {indirect}"
+    settings = image.metadata["settings"]
+    integrator = Integrator(settings["integrator"])
+    has_indirect = "indirect" not in integrator.algorithm.ignored
+    return f"{integrator.value}, {settings['indirect']}" if has_indirect else integrator.value
 
 
 class _Comparison:
