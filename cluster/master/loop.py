@@ -53,12 +53,17 @@ class MasterShell:
         self._answer = answer
         self._chronicle = Chronicle(observers)
         self._clock = clock
+        self._unreachable: list[bytes] = []
 
     def receive(self) -> None:
-        """Take in messages that have come."""
+        """Take in messages that have come; then who could not be reached before all was read is lost.
+
+        Not sooner: the last words of such a slave, which say why it left, may have been waiting here unread.
+        """
         for _ in range(TURN_MESSAGES):
             received = self._listener.receive()
             if received is None:
+                self._lose()
                 return
             identity, message = received
             if isinstance(message, ProtocolError):
@@ -67,8 +72,10 @@ class MasterShell:
                 self.handle(m.SlaveSaid(identity, message))
 
     def handle(self, event: m.Event) -> None:
-        """Tell the state machine, and do what it says."""
-        lost: list[bytes] = []
+        """Tell the state machine, and do what it says.
+
+        A slave that cannot be reached is not lost yet: its last words may be waiting here unread.
+        """
         now = self._clock()
         instructions = self.state.handle(event, now)
         self._chronicle.tell(event, instructions, now)
@@ -81,8 +88,11 @@ class MasterShell:
             if isinstance(instruction.message, protocol.Welcome):
                 self._listener.admit(instruction.identity)
             if not self._listener.send(instruction.identity, instruction.message):
-                lost.append(instruction.identity)
-        for identity in lost:
+                self._unreachable.append(instruction.identity)
+
+    def _lose(self) -> None:
+        unreachable, self._unreachable = self._unreachable, []
+        for identity in unreachable:
             self.handle(m.SlaveLost(identity, "its connection is gone; it may have died"))
 
     def abort(self, reason: str) -> None:

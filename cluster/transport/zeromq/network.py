@@ -125,6 +125,7 @@ class ZeroMQListener:
         except zmq.ZMQError as error:
             if error.errno != zmq.EHOSTUNREACH:
                 raise
+            self._network.look_at_all()  # its last words may have come since the last wait
             return False
         return True
 
@@ -328,6 +329,10 @@ class ZeroMQNetwork:
         if self._ready is not None and socket not in self._ready:
             return None
         return receive_first(socket)
+
+    def look_at_all(self) -> None:
+        """Until the next wait, ask every socket, and not only those that had something when the last one ended."""
+        self._ready = None
 
     def close(self) -> None:
         """Close all sockets and the context."""
