@@ -1,5 +1,5 @@
 """How light is computed: Warp code, one concept a file. Knows no sockets and no files."""
 
-from wdpm.kernels.late_builtins import make_late
+from wdpm.kernels.lazy_builtins import make_lazily
 
-make_late()
+make_lazily()

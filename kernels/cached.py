@@ -8,7 +8,7 @@ from pathlib import Path
 
 import warp as wp
 
-from wdpm.kernels.remembered import CPU_BLOCK, forget, hashes
+from wdpm.kernels.module_hashes import CPU_BLOCK, forget, hashes
 
 
 def is_compiled(module: wp.Module) -> bool:

@@ -23,9 +23,9 @@ from wdpm.kernels.irradiance import (
     records,
 )
 from wdpm.kernels.lights import pieces
+from wdpm.kernels.module_hashes import hashes
 from wdpm.kernels.photons import departure, gather, gather_at_photons, kd_order, photon_map, surface_points
 from wdpm.kernels.rays import bvh, bvh_build, overlap, standing_areas
-from wdpm.kernels.remembered import hashes
 from wdpm.kernels.stand_ins import Chosen, compiled_kernels, own_kernels, stand_ins
 from wdpm.kernels.variants import make_variants
 

@@ -8,8 +8,8 @@ from collections.abc import Callable
 import warp as wp
 
 from wdpm.kernels.features import Features
-from wdpm.kernels.parsed_late import look_up_no_calls
-from wdpm.kernels.remembered import Hashes, hashes
+from wdpm.kernels.lazy_parsing import look_up_no_calls
+from wdpm.kernels.module_hashes import Hashes, hashes
 
 OPTIONS = {"fuse_fp": False}
 """Of their modules: no contraction, as in every file with kernels (docs/exactness.md)."""
@@ -25,7 +25,7 @@ def made_for(features: Features) -> Callable[[Callable[..., None]], wp.Kernel]:
     """In place of `wp.kernel`, inside a factory of kernels.
 
     Warp names the module of such a kernel by its hash, so that variants that do the same are one; names are remembered
-    (remembered.py).
+    (module_hashes.py).
 
     Args:
         features: what the kernel is made for. Besides the sources, nothing else may tell what it does.

@@ -3,7 +3,7 @@
 A cell whose rays come from other processes launches kernels for some hundred of them at a time, and a launch of Warp
 looks at its module, its device, its tape and each argument anew before it calls the kernel. A kernel that Warp has
 launched once is called directly here: with its bounds, and a struct of its arguments. Warp has no public way for that,
-so it is done with versions of Warp only with which tests have seen it (tried_warp.py), and whatever is not as expected
+so it is done only with versions of Warp that tests have seen it with (warp_versions.py); whatever is not as expected
 (an array of another type, a kernel that is not compiled yet) is left to Warp, which says what is wrong with it.
 """
 
@@ -17,7 +17,7 @@ from typing import Any, Final
 import warp as wp
 
 from wdpm.kernels.host_arrays import HostArray
-from wdpm.kernels.tried_warp import is_tried
+from wdpm.kernels.warp_versions import is_tried
 
 
 class _Entry:

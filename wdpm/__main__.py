@@ -2,8 +2,8 @@
 
 from typing import NoReturn
 
-from wdpm.leaving import leave
-from wdpm.starting import hold_off_collector
+from wdpm.process_exit import leave
+from wdpm.startup import hold_off_collector
 
 
 def run() -> NoReturn:

@@ -16,9 +16,9 @@ from wdpm.cluster.display import Display
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.goal.checks import goal_in_python
 from wdpm.goal.render import render_until
-from wdpm.here import backend_here
 from wdpm.images.image import Image
 from wdpm.inspection.plan import Plan, plan_of
+from wdpm.local_backend import backend_here
 from wdpm.notebook import shown_live
 from wdpm.progress import Progress
 from wdpm.rendering.cache_file import CacheFiles

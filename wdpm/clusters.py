@@ -26,8 +26,8 @@ from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
 from wdpm.notebook import shown_live
 from wdpm.placing.hosts import read_hosts
-from wdpm.placing.own_number import listening_address, number_towards, reached_at
-from wdpm.placing.placed import Placed
+from wdpm.placing.own_address import address_towards, listening_address, reached_at
+from wdpm.placing.placed_slaves import PlacedSlaves
 from wdpm.placing.slurm import Allocation, other_nodes
 from wdpm.placing.ssh_slaves import SshSlaves
 from wdpm.progress import Progress
@@ -68,7 +68,7 @@ class Cluster(Backend):
         *,
         copies: Copies = Copies.AUTO,
         processes: LocalSlaves | None = None,
-        placed: Placed | None = None,
+        placed: PlacedSlaves | None = None,
         threads: int | None = None,
         device: str = "cpu",
         compiling: Compiling = Compiling.FIRST,
@@ -194,7 +194,7 @@ class Cluster(Backend):
             SettingsError: nothing can be written there, or the other nodes cannot be found.
         """
         slaves = allocation.tasks - 1
-        number = number_towards(other_nodes(allocation))
+        number = address_towards(other_nodes(allocation))
         with ExitStack() as stack:
             from wdpm.placing.rendezvous import Rendezvous, meeting_folder  # needs ZeroMQ
 
@@ -273,7 +273,7 @@ class Cluster(Backend):
 
     @classmethod
     def _with_slaves(
-        cls, placed: Placed, first: int, most: int, copies: Copies, observers: Sequence[ClusterObserver]
+        cls, placed: PlacedSlaves, first: int, most: int, copies: Copies, observers: Sequence[ClusterObserver]
     ) -> Self:
         """Listen, and have slaves placed, with keys of the run."""
         with ExitStack() as stack:

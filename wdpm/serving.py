@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from wdpm.cluster.slave.process import PATIENCE_S, run_slave
 from wdpm.cluster.transport import local_sockets
 from wdpm.cluster.transport.keys import Keys
-from wdpm.cluster.transport.life_line import has_ended
-from wdpm.cluster.transport.life_line import life_line as line_to_watch
+from wdpm.cluster.transport.parent_watch import has_ended
+from wdpm.cluster.transport.parent_watch import life_line as line_to_watch
 from wdpm.cluster.transport.registry import transport_of
 from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.transport.zeromq.key_files import keys_for
@@ -20,7 +20,7 @@ from wdpm.cluster.transport.zeromq.run_keys import FROM_STANDARD_INPUT, slave_ke
 from wdpm.devices import available_cores, check_device
 from wdpm.quiet import quiet_warp
 from wdpm.scenes.errors import SettingsError
-from wdpm.starting import let_collector_go
+from wdpm.startup import let_collector_go
 
 if TYPE_CHECKING:
     from wdpm.cluster.slave.jobs import Worker
@@ -112,7 +112,7 @@ def serve(
         scene = name
 
     def make_worker(number: int, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]) -> Worker:
-        from wdpm.cluster.made_once import MadeOnce
+        from wdpm.cluster.host_cache import HostCache
         from wdpm.cluster.work.worker import CellWorker
         from wdpm.kernels.compile import compile_kernels
         from wdpm.kernels.launch import Launcher
@@ -121,7 +121,7 @@ def serve(
         compile_kernels(device)
         let_collector_go()
         launcher = Launcher(device, threads, wait_for_kernels=wait_for_kernels)
-        made = MadeOnce(neighbours, scene, in_main_memory=device == "cpu")
+        made = HostCache(neighbours, scene, in_main_memory=device == "cpu")
         return CellWorker(number, world, partition, holders, launcher, made)
 
     line = line_to_watch(sys.stdin.buffer) if life_line else None

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from wdpm.cluster.cluster_events import ClusterObserver
 from wdpm.cluster.master import events as m
-from wdpm.cluster.master.chronicle import Chronicle
+from wdpm.cluster.master.event_log import EventLog
 from wdpm.cluster.master.machine import Master
 from wdpm.cluster.messages import packing, protocol
 from wdpm.cluster.transport.mailbox import Mailbox
@@ -51,7 +51,7 @@ class MasterShell:
         self.state = state
         self._listener = listener
         self._answer = answer
-        self._chronicle = Chronicle(observers)
+        self._event_log = EventLog(observers)
         self._clock = clock
         self._unreachable: list[bytes] = []
 
@@ -78,7 +78,7 @@ class MasterShell:
         """
         now = self._clock()
         instructions = self.state.handle(event, now)
-        self._chronicle.tell(event, instructions, now)
+        self._event_log.tell(event, instructions, now)
         for instruction in instructions:
             if not isinstance(instruction, m.Send):
                 self._answer(instruction)

@@ -35,7 +35,7 @@ from wdpm.cluster.master.events import (
 from wdpm.cluster.master.joining import JoinWait
 from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.master.phases import Phase, Phases
-from wdpm.cluster.master.standing import Standing, seen
+from wdpm.cluster.master.render_status import RenderStatus, seen
 from wdpm.cluster.messages import protocol
 from wdpm.scenes.errors import ProtocolError
 
@@ -71,7 +71,7 @@ class Master:
         self._joining = JoinWait(self._limits, self._members)
         self._ticked_at: float | None = None
         self._beat_at = 0.0
-        self._standing = Standing()
+        self._status = RenderStatus()
         self._awaited = False
         self._apart: dict[tuple[int, int], tuple[float, str]] = {}  # slaves that miss each other: until when, and why
         self._alone: tuple[float, str] | None = None  # since when no slave is there, and why
@@ -118,7 +118,7 @@ class Master:
             now: any clock that grows [s].
         """
         out = self._handle(event, now)
-        self._standing.follow(out, now)
+        self._status.follow(out, now)
         return out
 
     def _handle(self, event: Event, now: float) -> list[Instruction]:
@@ -298,7 +298,7 @@ class Master:
         if isinstance(message, protocol.AskStatus):
             refused, retried = self._dropped["refused slaves"], self._phases.tasks_retried
             known = (self.phase.value, self._members, self._phases.roster)
-            return [Send(identity, self._standing.report(*known, refused=refused, retried=retried, now=now))]
+            return [Send(identity, self._status.report(*known, refused=refused, retried=retried, now=now))]
         member = self._members.get(identity)
         if member is None:
             self._dropped["message before Hello"] += 1

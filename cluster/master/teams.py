@@ -145,7 +145,7 @@ def formed(members: Sequence[Member], least: int, cells: int) -> tuple[list[Team
 
 
 def lend(teams: Sequence[Team]) -> bool:
-    """Whether all slaves are on one machine and share memory: one makes what all then have (made_once.py)."""
+    """Whether all slaves are on one machine and share memory: one makes what all then have (host_cache.py)."""
     return all(member.hello.peers.startswith(SHARING) for team in teams for member in team.members)
 
 

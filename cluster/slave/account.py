@@ -6,17 +6,17 @@ from dataclasses import dataclass, field, replace
 
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.slave import jobs
-from wdpm.cluster.slave.idling import Idling
+from wdpm.cluster.slave.idle_time import IdleTime
 from wdpm.cluster.slave.jobs import Job
-from wdpm.cluster.slave.sent import Sent
+from wdpm.cluster.slave.traffic import Traffic
 
 
 @dataclass
 class Account:
     """Kept by a slave's shell, and handed over with its worker's statistics."""
 
-    idling: Idling = field(default_factory=Idling)
-    sent: Sent = field(default_factory=Sent)
+    idling: IdleTime = field(default_factory=IdleTime)
+    sent: Traffic = field(default_factory=Traffic)
 
     def ended(self, job: Job, now: float) -> None:
         """The worker has done a job.

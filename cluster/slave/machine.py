@@ -2,7 +2,7 @@
 
 A slave joins, gets its cells, and then does what comes: batches for its homes first, then batches for its cells, then
 new tasks. Finishing before starting bounds what is in memory, since a task that has not begun holds nothing. Batches
-that go the same way are joined while they wait, whichever tasks they belong to; work_at_hand.py says how many are
+that go the same way are joined while they wait, whichever tasks they belong to; job_queue.py says how many are
 handled in a turn.
 
 The shell in loop.py brings events and carries out instructions.
@@ -44,9 +44,9 @@ from wdpm.cluster.slave.events import (
     ToPeer,
     Unreadable,
 )
+from wdpm.cluster.slave.job_queue import JobQueue
 from wdpm.cluster.slave.jobs import Job, Outcome
 from wdpm.cluster.slave.peers import Peers
-from wdpm.cluster.slave.work_at_hand import WorkAtHand
 from wdpm.scenes.errors import ProtocolError
 
 SLOW_BUILD_S = 3.0
@@ -65,7 +65,7 @@ class Slave:
         patience: how long it waits for the master's first answer [s].
         limits: of joining; the master's heartbeats hold once it has joined.
         rejoin: how long it waits for a master that it has lost; None for as long as for the first answer.
-        hold_s: how long a few rows wait for more: see WorkAtHand.
+        hold_s: how long a few rows wait for more: see JobQueue.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class Slave:
         self._arriving: ArrivingCells | None = None
         self._had: frozenset[int] = frozenset()  # cells of the worker that was built last
         self._peers = Peers(self._limits.peer_answer_s, self._limits.dead_s)
-        self._work = WorkAtHand(hold_s)
+        self._work = JobQueue(hold_s)
         self._running: list[tuple[int, Job]] = []  # with the epoch of each
         self._running_since = 0.0
         self._slow_build_told = False

@@ -17,10 +17,10 @@ from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.slave.account import Account
 from wdpm.cluster.slave.computer import ComputeThread
+from wdpm.cluster.slave.job_queue import HOLD_S
 from wdpm.cluster.slave.jobs import Compute, WorkerFactory
 from wdpm.cluster.slave.loop import FROM_PEER, SlaveLoop, SlaveShell, Tell
 from wdpm.cluster.slave.machine import Slave
-from wdpm.cluster.slave.work_at_hand import HOLD_S
 from wdpm.cluster.transport.keys import Keys
 from wdpm.cluster.transport.registry import transport_of
 from wdpm.cluster.transport.transport import Role

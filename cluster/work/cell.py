@@ -14,7 +14,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import GHOSTS, SCHEMAS, Arrays, Batch, Kind, by_destination, take
-from wdpm.cluster.made_once import Wanted
+from wdpm.cluster.host_cache import Wanted
 from wdpm.cluster.work import tally
 from wdpm.cluster.work.camera_paths import CameraLight
 from wdpm.cluster.work.final_gather import FinalGatherCounters

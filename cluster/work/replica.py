@@ -11,7 +11,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.guide import LightGuide
-from wdpm.cluster.made_once import MadeOnce, Wanted, name_of
+from wdpm.cluster.host_cache import HostCache, Wanted, name_of
 from wdpm.cluster.records import NO_RECORDS, Records
 from wdpm.cluster.world import View, World
 from wdpm.kernels.camera import camera
@@ -77,7 +77,7 @@ class Replica:
     world: World
     launcher: Launcher
     worker: int
-    made: MadeOnce = field(default_factory=MadeOnce)
+    made: HostCache = field(default_factory=HostCache)
     view: View | None = None
     camera: Any = None
     trace_all: Callable[[], None] = lambda: None

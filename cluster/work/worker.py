@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import OF_MAPS, TO_HOME, Arrays, Batch, Kind, by_home, concatenate, pieces, take, zeros
+from wdpm.cluster.host_cache import HostCache
 from wdpm.cluster.host_memory import peak_memory
-from wdpm.cluster.made_once import MadeOnce
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.queues import Queues, without_bare_credit
 from wdpm.cluster.records import Records, take_near
@@ -65,11 +65,11 @@ class CellWorker:
         partition: Mapping[int, Triangles],
         holders: Sequence[int],
         launcher: Launcher,
-        made: MadeOnce | None = None,
+        made: HostCache | None = None,
     ) -> None:
         self.number = number
         self.holders = tuple(holders)
-        shared = made if made is not None and len(self.holders) == 1 else MadeOnce()
+        shared = made if made is not None and len(self.holders) == 1 else HostCache()
         self.replica = Replica(world, launcher, number, shared, trace_all=self._trace_all)
         self.cells = {cell: Cell(cell, triangles, self.replica) for cell, triangles in sorted(partition.items())}
         self._guards = Guards(self.replica)  # of its homes

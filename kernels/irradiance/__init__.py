@@ -1,5 +1,5 @@
 """Irradiance that is computed at few places and read at many: at photons, and in the irradiance cache."""
 
-from wdpm.kernels.parsed_late import parse_late
+from wdpm.kernels.lazy_parsing import parse_lazily
 
-parse_late()
+parse_lazily()

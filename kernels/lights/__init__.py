@@ -1,5 +1,5 @@
 """Lights: which one to ask, sampling them for shadow rays, and photons that leave them."""
 
-from wdpm.kernels.parsed_late import parse_late
+from wdpm.kernels.lazy_parsing import parse_lazily
 
-parse_late()
+parse_lazily()

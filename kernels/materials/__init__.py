@@ -1,5 +1,5 @@
 """Materials: from a hit to a scattering function, and how light scatters there and in media."""
 
-from wdpm.kernels.parsed_late import parse_late
+from wdpm.kernels.lazy_parsing import parse_lazily
 
-parse_late()
+parse_lazily()

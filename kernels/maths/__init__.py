@@ -1,5 +1,5 @@
 """Mathematics with the same bits everywhere: functions, random numbers, directions, exact sums."""
 
-from wdpm.kernels.parsed_late import parse_late
+from wdpm.kernels.lazy_parsing import parse_lazily
 
-parse_late()
+parse_lazily()

@@ -1,5 +1,5 @@
 """Photons: their paths, the tree that stores them, and gathers from it."""
 
-from wdpm.kernels.parsed_late import parse_late
+from wdpm.kernels.lazy_parsing import parse_lazily
 
-parse_late()
+parse_lazily()

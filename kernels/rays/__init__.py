@@ -1,5 +1,5 @@
 """Where a ray meets a triangle, and which cells it crosses."""
 
-from wdpm.kernels.parsed_late import parse_late
+from wdpm.kernels.lazy_parsing import parse_lazily
 
-parse_late()
+parse_lazily()

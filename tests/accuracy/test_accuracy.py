@@ -25,8 +25,8 @@ from wdpm.accuracy.run import Request, measure
 from wdpm.accuracy.words import summary
 from wdpm.cli import main
 from wdpm.cluster.plan.copies import Copies
-from wdpm.here import backend_here
 from wdpm.images.image import Image, load
+from wdpm.local_backend import backend_here
 from wdpm.progress import SilentProgress
 from wdpm.scenes.errors import ImageError
 

@@ -15,8 +15,8 @@ from wdpm.accuracy.run import Request, measure
 from wdpm.cluster.integrators.registry import REFERENCE
 from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import EFFECTS_TO_LEAVE_OUT, RenderSettings
-from wdpm.here import backend_here
 from wdpm.images.image import Image, load
+from wdpm.local_backend import backend_here
 from wdpm.progress import SilentProgress
 from wdpm.scenes.errors import ImageError, SettingsError
 

@@ -17,8 +17,8 @@ from wdpm.accuracy.run import Request, measure
 from wdpm.accuracy.uses import idle_by_settings, idle_knobs
 from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import Integrator, RenderSettings
-from wdpm.here import backend_here
 from wdpm.kernels.launch import Launcher
+from wdpm.local_backend import backend_here
 from wdpm.progress import SilentProgress
 from wdpm.rendering.prepare import prepare
 from wdpm.scenes.errors import SettingsError

@@ -20,8 +20,8 @@ from wdpm.bench.rows import Rows
 from wdpm.cli import main
 from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
-from wdpm.here import backend_here
 from wdpm.images.image import Image
+from wdpm.local_backend import backend_here
 from wdpm.progress import SilentProgress
 from wdpm.rendering.backend import Backends
 from wdpm.rendering.in_process import InProcess, render_in_process

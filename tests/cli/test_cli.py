@@ -46,7 +46,7 @@ class Renderer:
     """Stands for the loader and for wdpm.api: remembers what it was asked for and gives a small image."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        from wdpm import clusters, here
+        from wdpm import clusters, local_backend
         from wdpm.cli import scene as loading
 
         self.scene = scene()
@@ -54,7 +54,7 @@ class Renderer:
         self.loaded: dict[str, Any] = {}
         self.rendered: dict[str, Any] = {}
         monkeypatch.setattr(loading, "load", self.load)
-        monkeypatch.setattr(here, "render_here", self.render)
+        monkeypatch.setattr(local_backend, "render_here", self.render)
         monkeypatch.setattr(clusters, "render_as_master", self.render)
         monkeypatch.setattr(clusters, "check_listening", lambda *_: None)
 
@@ -317,7 +317,7 @@ def test_a_picture_that_cannot_be_written_does_not_cost_the_others(
 def test_an_image_whose_place_is_gone_is_kept_elsewhere(
     renderer: Renderer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from wdpm import here
+    from wdpm import local_backend
 
     def render(*arguments: Any, **options: Any) -> Image:
         Path("out").rmdir()
@@ -326,7 +326,7 @@ def test_an_image_whose_place_is_gone_is_kept_elsewhere(
     Path("out").mkdir()
     Path("kept").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(Path("kept").resolve()))
-    monkeypatch.setattr(here, "render_here", render)
+    monkeypatch.setattr(local_backend, "render_here", render)
     assert run(["render", "a.xml", "-q", "-o", "out/a.png"]) == 2
     err = capsys.readouterr().err
     [kept] = Path("kept").glob("*/a.exr")
@@ -348,13 +348,13 @@ def test_a_full_disk_is_found_before_the_render(
 def test_records_that_cannot_be_written_cost_neither_image_nor_report(
     renderer: Renderer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from wdpm import here
+    from wdpm import local_backend
     from wdpm.rendering.cache_file import CacheNotWrittenError
 
     def failing(*_: Any, **__: Any) -> Image:
         raise CacheNotWrittenError("a.rec: cannot be written", renderer.image())
 
-    monkeypatch.setattr(here, "render_here", failing)
+    monkeypatch.setattr(local_backend, "render_here", failing)
     assert run(["render", "a.xml", "-q", "-o", "a.exr", "--report", "a.json", "--save-cache", "a.rec"]) == 2
     assert capsys.readouterr().err == "wdpm: error: a.rec: cannot be written\n"
     assert load("a.exr").shape == (2, 3)

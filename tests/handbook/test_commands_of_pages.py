@@ -30,7 +30,7 @@ NOT_RUN = {
     r"wdpm slave ": "waits for a master; test_three_machines.py starts some",
     r"wdpm render .* --hosts ": "needs other machines; tests/placing/test_hosts.py and test_ssh.py stand in for them",
     r"wdpm render .* --frames ": "needs scenes that move; tests/cli/test_frames.py has some",
-    r"wdpm status ": "asks a master that runs; tests/cluster/transport/test_looking.py asks one",
+    r"wdpm status ": "asks a master that runs; tests/cluster/transport/test_status_query.py asks one",
     r"wdpm view ": "serves until it is interrupted; tests/view/test_commands.py opens it",
     r"wdpm render .* --(view|tev)": "needs somebody who looks; tests/view opens the page, and listens as tev does",
 }

@@ -12,7 +12,7 @@ import pytest
 from patience import WAIT_S
 
 from wdpm.cluster import host_memory
-from wdpm.cluster.transport.life_line import life_line
+from wdpm.cluster.transport.parent_watch import life_line
 from wdpm.images.image import load
 from wdpm.scenes.errors import SettingsError
 from wdpm.serving import limit_memory

@@ -9,7 +9,7 @@ import warp as wp
 from wdpm.kernels import columns, quick_launch
 from wdpm.kernels.host_arrays import ALIGNMENT, HostArray, room
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.tried_warp import is_tried
+from wdpm.kernels.warp_versions import is_tried
 
 ITEMS = 5
 

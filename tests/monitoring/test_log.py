@@ -17,7 +17,7 @@ from wdpm.cli.main import main
 from wdpm.cluster.cluster_events import ClusterEvent
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
-from wdpm.cluster.master.chronicle import Chronicle
+from wdpm.cluster.master.event_log import EventLog
 from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.task import PhotonsTraced
@@ -33,11 +33,11 @@ class Told:
     def __init__(self) -> None:
         self.events: list[ClusterEvent] = []
         self._driver = Driver()
-        self._chronicle = Chronicle([self.events.append])
+        self._event_log = EventLog([self.events.append])
 
     def __call__(self, event: m.Event) -> list[m.Instruction]:
         instructions = self._driver(event)
-        self._chronicle.tell(event, instructions, self._driver.now)
+        self._event_log.tell(event, instructions, self._driver.now)
         return instructions
 
     def says(self, identity: bytes, message: p.FromSlave) -> list[m.Instruction]:
@@ -162,6 +162,6 @@ def test_a_master_tells(tmp_path: Path) -> None:
 def test_the_page_lists_all_events() -> None:
     listed = set(re.findall(r"^\| ([a-z, ]+?) \|", PAGE.read_text(), re.MULTILINE)) - {"event", "metric"}
     listed = {name for entry in listed for name in entry.split(", ")}
-    code = (Path(__file__).resolve().parents[2] / "cluster" / "master" / "chronicle.py").read_text()
+    code = (Path(__file__).resolve().parents[2] / "cluster" / "master" / "event_log.py").read_text()
     told = Counter(re.findall(r'ClusterEvent\(\s*"([a-z ]+)"', code))
     assert set(told) == listed

@@ -12,8 +12,8 @@ import pytest
 
 import wdpm
 from wdpm.cluster.render_settings import Indirect
+from wdpm.report.notebook import notebook_report
 from wdpm.report.report import LightPhotons, PhotonCounts, Report, SlaveReport
-from wdpm.report.shown import shown_report
 from wdpm.scenes.html_tables import html_lines, html_table
 
 EVIL = "<script>[bold]&"
@@ -69,7 +69,7 @@ def test_a_report_is_what_the_terminal_shows() -> None:
         slaves=(slave,),
         warnings=(EVIL,),
     )
-    text = shown_report(report.to_dict())._repr_html_()
+    text = notebook_report(report.to_dict())._repr_html_()
     shown = Tables(text)
     assert {"render", "1.50 s", "75.0%", "anna", "1,000", "1.0 MB"} <= set(shown.cells)
     assert f"warning: {EVIL}" in shown.cells

@@ -17,7 +17,7 @@ from patience import WAIT_S, wait_until
 import wdpm
 from wdpm.cli.main import main
 from wdpm.images.image import load
-from wdpm.placing import own_number, ssh_slaves
+from wdpm.placing import own_address, ssh_slaves
 from wdpm.placing.hosts import Host
 from wdpm.placing.ssh_slaves import SshSlaves
 from wdpm.scenes.errors import ClusterError, SettingsError
@@ -167,12 +167,12 @@ def test_a_slave_that_always_fails_is_given_up(
 
 def test_the_number_that_others_reach(monkeypatch: pytest.MonkeyPatch) -> None:
     numbers = {"tcp://127.0.0.1:1": "127.0.0.1", "tcp://10.0.0.2:1": "10.0.0.1"}
-    monkeypatch.setattr(own_number.address, "interface_towards", numbers.__getitem__)
-    assert own_number.number_towards(["127.0.0.1"]) == "127.0.0.1"
-    assert own_number.number_towards(["127.0.0.1", "10.0.0.2"]) == "10.0.0.1"
-    assert own_number.listening_address("127.0.0.1") == "tcp://127.0.0.1:0"
-    assert own_number.listening_address("10.0.0.1") == "tcp://*:0"
-    assert own_number.reached_at("10.0.0.1", "tcp://0.0.0.0:4711") == "tcp://10.0.0.1:4711"
+    monkeypatch.setattr(own_address.address, "interface_towards", numbers.__getitem__)
+    assert own_address.address_towards(["127.0.0.1"]) == "127.0.0.1"
+    assert own_address.address_towards(["127.0.0.1", "10.0.0.2"]) == "10.0.0.1"
+    assert own_address.listening_address("127.0.0.1") == "tcp://127.0.0.1:0"
+    assert own_address.listening_address("10.0.0.1") == "tcp://*:0"
+    assert own_address.reached_at("10.0.0.1", "tcp://0.0.0.0:4711") == "tcp://10.0.0.1:4711"
 
 
 def test_no_ssh(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 import wdpm
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.devices import available_cores
-from wdpm.here import backend_here
+from wdpm.local_backend import backend_here
 from wdpm.rendering.backend import Backend
 from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.pass_plan import PassPlan

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import bpy
 
+from wdpm.blender.backends import BACKENDS
 from wdpm.blender.engine import WdpmRenderEngine
 from wdpm.blender.panels import register_panels, unregister_panels
 from wdpm.blender.settings import register_settings, unregister_settings
-from wdpm.blender.workplace import WORKPLACE
 from wdpm.quiet import quiet_warp
 
 
@@ -21,7 +21,7 @@ def register() -> None:
 
 def unregister() -> None:
     """Take all of it away again, and let slaves go."""
-    WORKPLACE.close()
+    BACKENDS.close()
     unregister_panels()
     bpy.utils.unregister_class(WdpmRenderEngine)
     unregister_settings()

@@ -8,12 +8,12 @@ from typing import Any
 
 import bpy
 
+from wdpm.blender.backends import BACKENDS
 from wdpm.blender.export.camera import render_region
 from wdpm.blender.export.scene import read_scene
 from wdpm.blender.layers import COMBINED, Layers, depth_of, passes_of, pixels_of
 from wdpm.blender.progress import BlenderDisplay, BlenderProgress, Cancelled
 from wdpm.blender.settings import SLAVES, TIME, chosen_from, goal_from, keys_from, threads_from
-from wdpm.blender.workplace import WORKPLACE
 from wdpm.goal.render import Interrupted, render_until
 from wdpm.images.image import Image
 from wdpm.rendering.backend import Backend
@@ -101,8 +101,8 @@ class WdpmRenderEngine(bpy.types.RenderEngine):
 def _backend(source: Any) -> AbstractContextManager[Backend]:
     settings = source.wdpm
     if settings.where == SLAVES:
-        return WORKPLACE.cluster(settings.address, settings.slaves, keys_from(settings))
-    return WORKPLACE.here(threads_from(source.render))
+        return BACKENDS.cluster(settings.address, settings.slaves, keys_from(settings))
+    return BACKENDS.here(threads_from(source.render))
 
 
 def _writer(engine: Any, scene: Scene, layer: str, passes: tuple[Any, ...]) -> Callable[[Layers, int, int], None]:

@@ -122,7 +122,7 @@ def run(args: argparse.Namespace) -> int:
     from wdpm.accuracy.run import Request, measure
     from wdpm.accuracy.table import print_accuracy
     from wdpm.cli.result import default_output
-    from wdpm.here import backend_here
+    from wdpm.local_backend import backend_here
     from wdpm.progress import make_progress
     from wdpm.quiet import quiet_warp
 

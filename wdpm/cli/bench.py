@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from wdpm.bench import outputs
-    from wdpm.here import backend_here
+    from wdpm.local_backend import backend_here
     from wdpm.progress import make_progress
     from wdpm.quiet import quiet_warp
     from wdpm.report.grid import machine_in_words

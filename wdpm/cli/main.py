@@ -18,7 +18,7 @@ from wdpm.cli.interrupts import Terminated, interrupts_raise, no_lost_interrupts
 from wdpm.exit_codes import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_TERMINATED, exit_code_of
 from wdpm.scenes.errors import WdpmError
 from wdpm.scenes.scene_root import files_within
-from wdpm.starting import let_collector_go
+from wdpm.startup import let_collector_go
 
 COMMANDS = {
     "render": "render",

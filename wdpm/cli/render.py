@@ -15,7 +15,7 @@ from wdpm.cli.output.frames import add_frame_options, asks_for_frames, render_fr
 from wdpm.cli.placing.options import add_placing_options, is_placed
 from wdpm.cli.placing.running import render_placed
 from wdpm.scenes.errors import SettingsError
-from wdpm.starting import hold_off_collector
+from wdpm.startup import hold_off_collector
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -109,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
 
         return replay_and_print(args)
     from wdpm.cli.result import first_output, render_and_write
-    from wdpm.here import render_here
+    from wdpm.local_backend import render_here
 
     with observers(args) as told, shown(args) as view, journals(args, first_output(args)) as kept:
         return render_and_write(
@@ -138,7 +138,7 @@ def _keep_memory(args: argparse.Namespace) -> None:
 
 
 def _backend(args: argparse.Namespace, told: Sequence[ClusterObserver]) -> Backend:
-    from wdpm.here import backend_here
+    from wdpm.local_backend import backend_here
 
     return backend_here(**_here(args, told))
 

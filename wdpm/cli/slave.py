@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     from wdpm.cluster.host_memory import keep_free_memory
     from wdpm.devices import available_cores, check_memory
     from wdpm.serving import serve_as_slave
-    from wdpm.starting import hold_off_collector
+    from wdpm.startup import hold_off_collector
 
     hold_off_collector()
     keep_free_memory()

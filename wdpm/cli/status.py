@@ -46,7 +46,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> int:
     """Ask and print; returns the exit code."""
-    from wdpm.cluster.looking import ask_status
+    from wdpm.cluster.status_query import ask_status
     from wdpm.cluster.transport.zeromq.key_files import reader_keys
 
     keys = None if args.keys is None else reader_keys(args.keys)

@@ -17,7 +17,7 @@ from wdpm.images.view_transform import LOOK, Look, ViewTransform, look_in, look_
 from wdpm.scenes.errors import ImageError
 
 if TYPE_CHECKING:
-    from wdpm.report.shown import ShownReport
+    from wdpm.report.notebook import NotebookReport
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,17 +63,17 @@ class Image:
         return height, width
 
     @property
-    def report(self) -> ShownReport:
+    def report(self) -> NotebookReport:
         """What the render told of itself, which a notebook shows as tables.
 
         Raises:
             ImageError: the image has no report, as other programs' have not, or one of another version.
         """
-        from wdpm.report.shown import shown_report  # only for those who look
+        from wdpm.report.notebook import notebook_report  # only for those who look
 
         if "report" not in self.metadata:
             raise ImageError("the image has no report: it is not wdpm's, or was saved in a format that keeps none")
-        return shown_report(self.metadata["report"])
+        return notebook_report(self.metadata["report"])
 
     @property
     def look(self) -> Look:

@@ -20,8 +20,8 @@ from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.variants import make_variants
 from wdpm.rendering.approximations import approximations, settings_without_effect
+from wdpm.rendering.automatic_settings import choose_settings
 from wdpm.rendering.scene_settings import settings_for
-from wdpm.rendering.settled import settle
 from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.flat.room import in_file
 from wdpm.scenes.model.left_out import leave_out
@@ -95,7 +95,7 @@ def inspect(
     flat = flatten(leave_out(scene, settings.without), settings.instances, room) if settings.without else as_it_is
     unused = settings_without_effect(settings)
     launcher = Launcher("cpu")
-    settled = settle(flat, settings, launcher, partial(compile_kernels, "cpu"))
+    settled = choose_settings(flat, settings, launcher, partial(compile_kernels, "cpu"))
     settings = settled.settings
     features = with_camera(features_of(flat, settings), flat.camera)
     compile_kernels("cpu", features)

@@ -18,7 +18,7 @@ from distributed.comm import get_address_host
 
 from wdpm.cluster.master.events import ProcessEnded
 from wdpm.placing.dask_task import Order, kill, serve
-from wdpm.placing.own_number import listening_address, number_towards, reached_at
+from wdpm.placing.own_address import address_towards, listening_address, reached_at
 from wdpm.scenes.errors import ClusterError, SettingsError
 
 LOOK_S = 1.0
@@ -61,7 +61,7 @@ class DaskSlaves:
         self._error: ClusterError | None = None
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
-        self._number = number_towards(self._hosts())
+        self._number = address_towards(self._hosts())
         self.listen_at = listening_address(self._number)
 
     def workers(self) -> list[str]:

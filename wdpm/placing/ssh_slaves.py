@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from wdpm.cluster.master.events import ProcessEnded
 from wdpm.cluster.master.local_slaves import GRACE_S, SlaveProcess
 from wdpm.placing.hosts import Host
-from wdpm.placing.own_number import listening_address, number_towards, reached_at
+from wdpm.placing.own_address import address_towards, listening_address, reached_at
 from wdpm.scenes.errors import ClusterError, SettingsError
 
 _OPTIONS = {
@@ -94,7 +94,7 @@ class SshSlaves:
         self._ssh = ssh
         self._places = [_Place(host) for host in hosts for _ in range(host.slaves)]
         names = {host: self._real_name(host) for host in hosts}
-        self._numbers = {host: number_towards([name, *names.values()]) for host, name in names.items()}
+        self._numbers = {host: address_towards([name, *names.values()]) for host, name in names.items()}
         self.listen_at = listening_address(next(iter(self._numbers.values())))
         self._keys: Callable[[], bytes] = bytes
         self._complete = False

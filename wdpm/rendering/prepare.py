@@ -37,8 +37,8 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import Progress
 from wdpm.rendering.approximations import approximations, settings_without_effect, without_plain_geometry
+from wdpm.rendering.automatic_settings import ChosenSettings, choose_settings
 from wdpm.rendering.header import SceneHeader, header_of
-from wdpm.rendering.settled import Settled, settle
 from wdpm.rendering.spool import spooled
 from wdpm.report.report import (
     KernelReport,
@@ -51,7 +51,7 @@ from wdpm.scenes.load import load
 from wdpm.scenes.meshes.in_memory import Meshes
 from wdpm.scenes.model.left_out import leave_out
 from wdpm.scenes.model.scene import Scene
-from wdpm.starting import let_collector_go
+from wdpm.startup import let_collector_go
 
 Source: TypeAlias = "Scene | str | Path | Meshes | Callable[[], Scene]"
 """A scene, or how to get it: a file, a built-in scene's name, meshes of trimesh, or a function that is called once.
@@ -146,7 +146,7 @@ def prepare(
     unused = settings_without_effect(settings)
     progress.start("compile")
     compiling = _Stopwatch(partial(_compile, settings=settings, launcher=launcher, progress=progress))
-    settled = settle(flat, settings, launcher, compiling)
+    settled = choose_settings(flat, settings, launcher, compiling)
     settings = settled.settings
     features = with_camera(features_of(flat, settings), flat.camera)
     kernels = compiling(features)
@@ -192,8 +192,8 @@ def prepare(
     )
 
 
-def _planned(flat: FlatScene, settled: Settled, team: int, launcher: Launcher, cells: int | None) -> RenderPlan:
-    """The plan of a team, by what was found out to settle."""
+def _planned(flat: FlatScene, settled: ChosenSettings, team: int, launcher: Launcher, cells: int | None) -> RenderPlan:
+    """The plan of a team, by what was found out to choose its settings."""
     return make_render_plan(flat, settled.settings, team, launcher, cells, settled.pilot, settled.learnt)
 
 

@@ -14,8 +14,8 @@ from wdpm.images.image import Image
 from wdpm.images.view_transform import Look
 from wdpm.progress import Progress
 from wdpm.view.address import ViewAddress
-from wdpm.view.asked import ENOUGH, STOP
 from wdpm.view.picture import Picture
+from wdpm.view.requests import ENOUGH, STOP
 from wdpm.view.server import ViewServer
 from wdpm.view.status import Status
 from wdpm.view.tiles import tiles_of

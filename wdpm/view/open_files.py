@@ -7,9 +7,9 @@ from typing import Any
 
 from wdpm.images.image import Image
 from wdpm.view.address import ViewAddress
-from wdpm.view.asked import STOP
 from wdpm.view.live import state_of
 from wdpm.view.picture import Picture
+from wdpm.view.requests import STOP
 from wdpm.view.server import ViewServer
 from wdpm.view.status import Status
 

@@ -19,8 +19,8 @@ from aiohttp import WSMsgType, web
 from wdpm.images.image import Image
 from wdpm.scenes.errors import ImageError, SettingsError
 from wdpm.view.address import ViewAddress
-from wdpm.view.asked import Asked, BadRequestError, read_request
 from wdpm.view.picture import Picture, Rectangle
+from wdpm.view.requests import BadRequestError, ViewRequest, read_request
 from wdpm.view.viewers import Viewer
 
 PAGE = {
@@ -199,7 +199,7 @@ class ViewServer:
     async def _take(self, text: str, viewer: Viewer, socket: web.WebSocketResponse) -> None:
         """Do what a page asks for."""
         try:
-            asked: Asked = read_request(text, self._pictures)
+            asked: ViewRequest = read_request(text, self._pictures)
         except BadRequestError as error:
             await socket.send_json({"kind": "refused", "reason": str(error)})
             return

@@ -17,8 +17,8 @@ from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.images.comparison import compare
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.launch import Launcher
+from wdpm.rendering.automatic_settings import ChosenSettings, choose_settings
 from wdpm.rendering.in_process import render_in_process
-from wdpm.rendering.settled import Settled, settle
 from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.model.scene import Scene
@@ -54,9 +54,9 @@ def lit_next_door(size: tuple[int, int] = (512, 512)) -> Scene:
     return replace(scene, meshes=tuple(dim))
 
 
-def settled(scene: Scene, **chosen: Any) -> Settled:
+def settled(scene: Scene, **chosen: Any) -> ChosenSettings:
     settings, launcher = RenderSettings(integrator=Integrator.PHOTONS, **chosen), Launcher("cpu", 1)
-    return settle(flatten(scene), settings, launcher, lambda features: compile_kernels("cpu", features))
+    return choose_settings(flatten(scene), settings, launcher, lambda features: compile_kernels("cpu", features))
 
 
 def unread(scene: Scene, threads: int = 1) -> float:

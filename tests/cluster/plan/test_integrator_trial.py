@@ -24,8 +24,8 @@ from wdpm.inspection.inspect import inspect
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP
+from wdpm.rendering.automatic_settings import ChosenSettings, choose_settings
 from wdpm.rendering.in_process import render_in_process
-from wdpm.rendering.settled import Settled, settle
 from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.model.bsdfs import Conductor
@@ -36,10 +36,10 @@ LARGE = cornell_box((512, 512))
 SMALL = cornell_box((16, 12))
 
 
-def settled(scene: Scene, threads: int = 1, **chosen: Any) -> Settled:
+def settled(scene: Scene, threads: int = 1, **chosen: Any) -> ChosenSettings:
     settings = RenderSettings(**{"integrator": Integrator.AUTO} | chosen)
     launcher = Launcher("cpu", threads)
-    return settle(flatten(scene), settings, launcher, lambda features: compile_kernels("cpu", features))
+    return choose_settings(flatten(scene), settings, launcher, lambda features: compile_kernels("cpu", features))
 
 
 def mirrored(scene: Scene, metal: Conductor = Conductor()) -> Scene:  # noqa: B008 - it is immutable
@@ -210,7 +210,7 @@ def test_what_shadow_rays_learn_serves_the_trial_and_the_render() -> None:
     scene, launcher = window_room.room(), Launcher("cpu", 1)
     flat = flatten(replace(scene, camera=replace(scene.camera, width=48, height=36)))
     settings = RenderSettings(spp=4, all_effects=True)
-    found = settle(flat, settings, launcher, lambda features: compile_kernels("cpu", features))
+    found = choose_settings(flat, settings, launcher, lambda features: compile_kernels("cpu", features))
     assert found.learnt is not None
     assert len(found.learnt.guide)
     plan = make_render_plan(flat, found.settings, 1, launcher, None, found.pilot, found.learnt)

@@ -11,7 +11,7 @@ from wdpm.cluster.plan.small_view import BRIGHTEST, DARK, DIMMEST, dark_of
 from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.launch import Launcher
-from wdpm.rendering.settled import settle
+from wdpm.rendering.automatic_settings import choose_settings
 from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.model.scene import Scene
@@ -48,7 +48,9 @@ def test_black_is_weighed_as_ever() -> None:
 def test_weak_lamps_of_any_unit_lead_to_the_same_decisions() -> None:
     def chosen(scene: Scene) -> tuple[RenderSettings, tuple[str, ...]]:
         settings = RenderSettings(integrator=Integrator.AUTO)
-        found = settle(flatten(scene), settings, Launcher("cpu", 1), lambda features: compile_kernels("cpu", features))
+        found = choose_settings(
+            flatten(scene), settings, Launcher("cpu", 1), lambda features: compile_kernels("cpu", features)
+        )
         return found.settings, tuple(found.chose)
 
     box = cornell_box((256, 256))

@@ -9,8 +9,8 @@ from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.slave import jobs as c
 from wdpm.cluster.slave.account import Account
-from wdpm.cluster.slave.idling import cause_of
-from wdpm.cluster.slave.sent import Sent, power_below
+from wdpm.cluster.slave.idle_time import cause_of
+from wdpm.cluster.slave.traffic import Traffic, power_below
 from wdpm.cluster.task import PhotonTask
 from wdpm.rendering.pass_average import merged
 
@@ -117,7 +117,7 @@ def test_photons_of_other_teams_come_at_the_end_of_a_phase() -> None:
 
 
 def test_messages_are_counted_by_name_and_batches_by_size() -> None:
-    sent = Sent()
+    sent = Traffic()
     photons = batch(Kind.PHOTON, 5)
     for message, size in (
         (p.Heartbeat(), 0),

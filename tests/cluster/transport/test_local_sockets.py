@@ -21,7 +21,7 @@ from wdpm import values
 from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.messages import packing, protocol
 from wdpm.cluster.transport import local_sockets
-from wdpm.cluster.transport.life_line import has_ended
+from wdpm.cluster.transport.parent_watch import has_ended
 from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.transport.zeromq.network import ZeroMQTransport
 from wdpm.cluster.transport.zeromq.run_keys import RunKeys, slave_keys

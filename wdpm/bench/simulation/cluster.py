@@ -26,10 +26,10 @@ from wdpm.cluster.messages.frames import Frame
 from wdpm.cluster.messages.protocol import Message
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.slave import events as s
+from wdpm.cluster.slave.job_queue import HOLD_S
 from wdpm.cluster.slave.jobs import Compute, Job, WorkerFactory
 from wdpm.cluster.slave.loop import FROM_MASTER, FROM_PEER, PEER_ANSWER, SlaveShell
 from wdpm.cluster.slave.machine import Slave
-from wdpm.cluster.slave.work_at_hand import HOLD_S
 from wdpm.cluster.transport.memory import Channel, MemoryTransport
 from wdpm.cluster.transport.transport import Role
 from wdpm.scenes.errors import ClusterError

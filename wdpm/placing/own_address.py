@@ -9,7 +9,7 @@ from wdpm.cluster.transport import address
 LOOPBACK = "127.0.0.1"
 
 
-def number_towards(hosts: Sequence[str]) -> str:
+def address_towards(hosts: Sequence[str]) -> str:
     """This machine's number on the way to the first of some machines that is not this one; loopback if all are.
 
     A machine's own name will not do: Debian, among others, has it mean 127.0.1.1.

@@ -1,7 +1,7 @@
 """The versions of Warp whose inside is known here. With others wdpm works as well, and starts more slowly.
 
-Three things that Warp has no public way for shorten a start by half: it is told hashes (remembered.py), it parses
-functions when it needs them (parsed_late.py), and makes its own when somebody looks at them (late_builtins.py). A
+Three things that Warp has no public way for shorten a start by half: it is told hashes (module_hashes.py), it parses
+functions when it needs them (lazy_parsing.py), and makes its own when somebody looks at them (lazy_builtins.py). A
 fourth shortens launches (quick_launch.py). All are done with versions that tests have seen them with.
 """
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from wdpm import starting
+from wdpm import startup
 from wdpm.cli import main
 from wdpm.rendering.in_process import InProcess
 
@@ -17,16 +17,16 @@ from wdpm.rendering.in_process import InProcess
 @pytest.fixture(autouse=True)
 def collector_as_before() -> Iterator[None]:
     yield
-    starting.let_collector_go()
+    startup.let_collector_go()
     gc.unfreeze()
     assert gc.isenabled()
 
 
 def test_it_is_off_until_it_is_let_go() -> None:
-    starting.hold_off_collector()
-    starting.hold_off_collector()
+    startup.hold_off_collector()
+    startup.hold_off_collector()
     assert not gc.isenabled()
-    starting.let_collector_go()
+    startup.let_collector_go()
     assert gc.isenabled()
     assert gc.get_freeze_count() > 0
 
@@ -34,8 +34,8 @@ def test_it_is_off_until_it_is_let_go() -> None:
 def test_who_has_it_off_keeps_it_off() -> None:
     gc.disable()
     try:
-        starting.hold_off_collector()
-        starting.let_collector_go()
+        startup.hold_off_collector()
+        startup.let_collector_go()
         assert not gc.isenabled()
     finally:
         gc.enable()

@@ -13,9 +13,9 @@ from slave_threads import SMALL, SlaveThread, check_picture
 from slow_slaves import AGREED
 
 from wdpm.cli.main import main
-from wdpm.cluster.looking import ask_status
 from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.slave.process import run_slave
+from wdpm.cluster.status_query import ask_status
 from wdpm.cluster.transport.transport import Role
 from wdpm.cluster.transport.zeromq.key_files import load_keys, make_keys
 from wdpm.scenes.errors import ClusterError

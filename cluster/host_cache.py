@@ -51,7 +51,7 @@ class Wanted:
     alone: bool = False
 
 
-class MadeOnce:
+class HostCache:
     """What workers of one scene on one machine share.
 
     Args:

@@ -15,7 +15,7 @@ from wdpm.cluster.task import BucketRendered, BucketTask, PhotonTask, RecordsMad
 Facts = dict[str, int | float | str]
 
 
-class Chronicle:
+class EventLog:
     """Tells observers what happens.
 
     Args:

@@ -18,7 +18,7 @@ from wdpm.scenes.flat.flatten import FlatScene
 
 
 @dataclass(frozen=True)
-class Settled:
+class ChosenSettings:
     """Settings that leave nothing open but radii and numbers of paths.
 
     Attributes:
@@ -33,12 +33,12 @@ class Settled:
     learnt: Learnt | None = None
 
 
-def settle(
+def choose_settings(
     flat: FlatScene,
     settings: RenderSettings,
     launcher: Launcher,
     compile_for: Callable[[Features], object],
-) -> Settled:
+) -> ChosenSettings:
     """Choose what settings leave open.
 
     Args:
@@ -54,26 +54,26 @@ def settle(
     choice = choose_integrator(flat, settings, by_photons.settings, launcher, by_photons.pilot)
     others = by_photons.chose if choice.settings.algorithm.shoots_photons else ()
     chosen = _with_light_samples(flat, choice.settings)
-    return Settled(chosen, (f"integrator: {choice.words}", *others), choice.pilot, choice.learnt)
+    return ChosenSettings(chosen, (f"integrator: {choice.words}", *others), choice.pilot, choice.learnt)
 
 
 def _settled(
     flat: FlatScene, settings: RenderSettings, launcher: Launcher, compile_for: Callable[[Features], object]
-) -> Settled:
+) -> ChosenSettings:
     """Where indirect light comes from, and how many shadow rays there are."""
     indirect, why = settings.algorithm.choose(flat, settings)
     chosen = _with_light_samples(flat, replace(settings, indirect=indirect))
     chose = () if why is None else (why,)
     if why is None or not chosen.algorithm.has_irradiance_cache(chosen):
-        return Settled(chosen, chose)
+        return ChosenSettings(chosen, chose)
     features = features_of(flat, chosen)
     compile_for(features)
     pilot = fly_pilot(flat, features, chosen, launcher)
     unread = unread_share(flat, pilot, chosen)
     if unread <= MOST_UNREAD:
-        return Settled(chosen, chose, pilot)
+        return ChosenSettings(chosen, chose, pilot)
     words = f"indirect light: map, since {unread:.0%} of gather rays would find no photons within reach"
-    return Settled(replace(chosen, indirect=Indirect.MAP), (words,), pilot)
+    return ChosenSettings(replace(chosen, indirect=Indirect.MAP), (words,), pilot)
 
 
 def _with_light_samples(flat: FlatScene, settings: RenderSettings) -> RenderSettings:

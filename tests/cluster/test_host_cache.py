@@ -15,9 +15,9 @@ from digests import without_cells
 from shared_memory import memory_is_shared
 
 import wdpm
-from wdpm.cluster import made_once
+from wdpm.cluster import host_cache
 from wdpm.cluster.batch import Batch
-from wdpm.cluster.made_once import MadeOnce, Wanted, name_of
+from wdpm.cluster.host_cache import HostCache, Wanted, name_of
 from wdpm.cluster.master import phases
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.transport import host_share
@@ -34,7 +34,7 @@ if_shared = pytest.mark.skipif(not memory_is_shared(), reason="this system lets 
 def made(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     """How often each thing was made, by its name."""
     counted: Counter[str] = Counter()
-    original = made_once._taken
+    original = host_cache._taken
 
     def taken(claim: Any, wanted: Wanted) -> Any:
         def make() -> Any:
@@ -43,7 +43,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
         return original(claim, Wanted(wanted.name, wanted.kinds, make))
 
-    monkeypatch.setattr(made_once, "_taken", taken)
+    monkeypatch.setattr(host_cache, "_taken", taken)
     return counted
 
 
@@ -52,7 +52,7 @@ def sharing(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
     original = CellWorker.__init__
 
     def begin(worker: CellWorker, *args: Any) -> None:
-        original(worker, *args, MadeOnce(HostShare(folder), "scene"))
+        original(worker, *args, HostCache(HostShare(folder), "scene"))
 
     monkeypatch.setattr(CellWorker, "__init__", begin)
 
@@ -95,21 +95,21 @@ class Photons:
         self.borrowed: list[bool] = []
         sharing(monkeypatch, folder)
         monkeypatch.setattr(phases, "lend", lambda _: True)  # as where endpoints say that all share memory
-        copies, borrow = CellWorker.copies, MadeOnce.borrow
+        copies, borrow = CellWorker.copies, HostCache.borrow
 
         def watched_copies(worker: CellWorker, *told: Any) -> list[Batch]:
             batches = copies(worker, *told)
             self.sent += map(len, batches)
             return batches
 
-        def watched_borrow(made: MadeOnce, name: str) -> Any:
+        def watched_borrow(made: HostCache, name: str) -> Any:
             lost = any(f" of {number} of " in name for number in gone)
             found = None if lost else borrow(made, name)
             self.borrowed.append(found is not None)
             return found
 
         monkeypatch.setattr(CellWorker, "copies", watched_copies)
-        monkeypatch.setattr(MadeOnce, "borrow", watched_borrow)
+        monkeypatch.setattr(HostCache, "borrow", watched_borrow)
 
 
 def of_two_kinds(workers: int) -> Image:
@@ -172,7 +172,10 @@ def test_slaves_that_can_share_nothing_make_all_by_themselves_and_say_so(
 @if_shared
 def test_who_computes_on_a_device_takes_part_in_nothing_but_the_rules(tmp_path: Path) -> None:
     """All slaves must agree on whether they sort trees for each other."""
-    here, device = MadeOnce(HostShare(tmp_path), "scene"), MadeOnce(HostShare(tmp_path), "scene", in_main_memory=False)
+    here, device = (
+        HostCache(HostShare(tmp_path), "scene"),
+        HostCache(HostShare(tmp_path), "scene", in_main_memory=False),
+    )
     assert here.shares
     assert device.shares
     first = here.get(table(1.0))
@@ -185,14 +188,14 @@ def table(value: float) -> Wanted:
 
 
 def test_where_nobody_shares_each_makes_his_own() -> None:
-    for own in (MadeOnce(), MadeOnce(None, "scene"), MadeOnce(HostShare(Path("/nowhere")), "")):
+    for own in (HostCache(), HostCache(None, "scene"), HostCache(HostShare(Path("/nowhere")), "")):
         assert not own.shares
         assert own.get(table(2.0))[0]["x"].tolist() == [2.0] * 3
 
 
 @if_shared
 def test_other_scenes_are_others(tmp_path: Path) -> None:
-    one, same, other = (MadeOnce(HostShare(tmp_path), name) for name in ("a", "a", "b"))
+    one, same, other = (HostCache(HostShare(tmp_path), name) for name in ("a", "a", "b"))
     first = one.get(table(1.0))
     assert same.get(table(2.0))[0]["x"].tolist() == [1.0] * 3
     assert other.get(table(3.0))[0]["x"].tolist() == [3.0] * 3
@@ -206,7 +209,7 @@ def test_bytes_that_are_something_else_are_made_anew(tmp_path: Path) -> None:
     with share.claim("scene table") as claim:
         assert claim is not None
         kept = claim.publish([memoryview(b"{}" * 40)])
-    assert MadeOnce(share, "scene").get(table(5.0))[0]["x"].tolist() == [5.0] * 3
+    assert HostCache(share, "scene").get(table(5.0))[0]["x"].tolist() == [5.0] * 3
     assert kept is not None
 
 
@@ -233,7 +236,7 @@ class Empty:
 def test_what_others_are_at_comes_last() -> None:
     share = Recorded()
     wanted = [Wanted(str(i), (dict,), lambda i=i: [{"i": np.array([i])}]) for i in range(3)]
-    got = MadeOnce(share, "s").all(wanted, first=1)
+    got = HostCache(share, "s").all(wanted, first=1)
     assert [int(value["i"][0]) for (value,) in got] == [0, 1, 2]
     assert share.asked == [("s 1", False), ("s 2", False), ("s 0", False), ("s 1", True)]
 

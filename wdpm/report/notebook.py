@@ -10,13 +10,13 @@ from wdpm.report.tables import report_lines, report_tables
 
 
 @dataclass(frozen=True)
-class ShownReport(Report):
+class NotebookReport(Report):
     """A report that a notebook shows as the tables and lines that a command prints."""
 
     def _repr_html_(self) -> str:
         return html_of([*report_tables(self), *report_lines(self)])
 
 
-def shown_report(data: object) -> ShownReport:
+def notebook_report(data: object) -> NotebookReport:
     """The report of Image.metadata. Raises ImageError when it is another thing."""
-    return ShownReport(**vars(from_dict(data)))
+    return NotebookReport(**vars(from_dict(data)))

@@ -18,7 +18,7 @@ import types
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from wdpm.kernels.tried_warp import is_tried
+from wdpm.kernels.warp_versions import is_tried
 
 LIST = "warp._src.builtins"
 """The module of Warp that registers its functions when it is imported."""
@@ -43,7 +43,7 @@ class _Watch(importlib.abc.MetaPathFinder):
                 _put_off(sys.modules[CONTEXT])
 
 
-def make_late() -> None:
+def make_lazily() -> None:
     """Have Warp's functions made late, if Warp was not imported yet; may be called again."""
     if LIST not in sys.modules and not any(isinstance(finder, _Watch) for finder in sys.meta_path):
         sys.meta_path.insert(0, _Watch())

@@ -8,7 +8,7 @@ from wdpm.cluster.slave import jobs
 from wdpm.cluster.slave.jobs import Job
 
 
-class Idling:
+class IdleTime:
     """Adds up seconds, until they are taken.
 
     What a slave waits for is known when it is over: the job that ends a wait gives it its cause.

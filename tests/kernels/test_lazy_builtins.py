@@ -8,7 +8,7 @@ import threading
 from types import SimpleNamespace
 from typing import Any
 
-from wdpm.kernels import late_builtins
+from wdpm.kernels import lazy_builtins
 
 DESCRIBED = """
 import re, sys
@@ -71,7 +71,7 @@ def add_builtin(key: str, types: str = "", export: bool = True, again: bool = Tr
 
 def test_threads_that_look_together_find_one_whole_function() -> None:
     context = SimpleNamespace(Function=Function, builtin_functions={}, add_builtin=add_builtin)
-    late_builtins._put_off(context)
+    lazy_builtins._put_off(context)
     context.add_builtin("late", types="one", export=False)
     context.add_builtin("late", types="two", export=False)
     function = context.builtin_functions["late"]

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import warp as wp
 
-from wdpm.kernels import parsed_late
+from wdpm.kernels import lazy_parsing
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -29,13 +29,13 @@ for module in kernels_for_all_scenes():
 
 PARSED = """
 import sys
-from wdpm.kernels import parsed_late
+from wdpm.kernels import lazy_parsing
 import wdpm.kernels.compile
 from wdpm.kernels.compile import ready_kernels
 from wdpm.kernels.features import Features
 parsed = []
-finish = parsed_late._finish
-parsed_late._finish = lambda function: parsed.append(function.key) or finish(function)
+finish = lazy_parsing._finish
+lazy_parsing._finish = lambda function: parsed.append(function.key) or finish(function)
 ready_kernels("cpu", Features())
 print("PARSED", len(parsed))
 """
@@ -50,7 +50,7 @@ def said(program: str, *arguments: str) -> list[str]:
 @pytest.fixture
 def ours(monkeypatch: pytest.MonkeyPatch) -> None:
     """The functions of this file are taken for those of kernels."""
-    monkeypatch.setattr(parsed_late, "OF", __name__)
+    monkeypatch.setattr(lazy_parsing, "OF", __name__)
 
 
 def test_names_of_all_modules_and_kernels_are_those_that_warp_gives_at_once() -> None:
@@ -85,14 +85,14 @@ def test_threads_find_a_function_made_or_wait_for_it(monkeypatch: pytest.MonkeyP
         return 0.5 * x
 
     at_it, go_on = threading.Event(), threading.Event()
-    make = parsed_late._make
+    make = lazy_parsing._make
 
     def slowly(function: wp.Function, **told: Any) -> None:
         make(function, **told)
         at_it.set()
         assert go_on.wait(60.0)
 
-    monkeypatch.setattr(parsed_late, "_make", slowly)
+    monkeypatch.setattr(lazy_parsing, "_make", slowly)
     with ThreadPoolExecutor(2) as pool:
         first = pool.submit(lambda: halved.user_overloads)
         assert at_it.wait(60.0)

@@ -11,7 +11,7 @@ from wdpm.rendering.backend import Backend
 from wdpm.rendering.in_process import InProcess
 
 
-class Workplace:
+class Backends:
     """Keeps a cluster as long as the same one is asked for."""
 
     def __init__(self) -> None:
@@ -54,5 +54,5 @@ class Workplace:
             cluster.close()
 
 
-WORKPLACE = Workplace()
+BACKENDS = Backends()
 """Of this Blender."""

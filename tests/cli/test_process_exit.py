@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from wdpm.leaving import NOT_FLUSHED
+from wdpm.process_exit import NOT_FLUSHED
 
 ENDS = """
 import atexit, concurrent.futures, sys, threading, weakref
-from wdpm.leaving import leave
+from wdpm.process_exit import leave
 
 class Kept:
     def __del__(self):
@@ -48,7 +48,7 @@ def test_all_but_objects_ends_as_python_ends_it() -> None:
 
 def test_a_profiler_has_its_say(tmp_path: Path) -> None:
     script = tmp_path / "script.py"
-    script.write_text("from wdpm.leaving import leave\nleave(0)\n")
+    script.write_text("from wdpm.process_exit import leave\nleave(0)\n")
     watched = subprocess.run([sys.executable, "-m", "cProfile", script], capture_output=True, text=True, check=True)
     assert "function calls" in watched.stdout
 

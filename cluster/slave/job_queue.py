@@ -30,7 +30,7 @@ HOLD_S: Final = 0.002
 two slaves of one machine, so that what several send comes together."""
 
 
-class WorkAtHand:
+class JobQueue:
     """Orders, batches and tasks that wait.
 
     Args:

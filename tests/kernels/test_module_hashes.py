@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 import warp as wp
 
-from wdpm.kernels import made_for, remembered
+from wdpm.kernels import made_for, module_hashes
 from wdpm.kernels.cached import is_compiled, seems_compiled
 from wdpm.kernels.camera.rays import make_camera_rays
 from wdpm.kernels.compile import COMMON
 from wdpm.kernels.features import Features
-from wdpm.kernels.remembered import CPU_BLOCK, FOLDER, KEPT, Hashes, forget, hashes, state_of_sources
-from wdpm.kernels.tried_warp import is_tried
+from wdpm.kernels.module_hashes import CPU_BLOCK, FOLDER, KEPT, Hashes, forget, hashes, state_of_sources
 from wdpm.kernels.variants import make_variants
+from wdpm.kernels.warp_versions import is_tried
 
 
 def module_of(addend: int) -> wp.Module:
@@ -137,7 +137,7 @@ def test_what_is_remembered_but_not_in_the_cache_is_worked_out(empty_cache: Path
     spoilt = json.loads(entry.read_text())
     spoilt["modules"][module.name]["hash"] = "00" * 32
     entry.write_text(json.dumps(spoilt))
-    remembered._hashes_in.cache_clear()
+    module_hashes._hashes_in.cache_clear()
     module.execs.clear()
     module.hashers.pop(CPU_BLOCK)
     assert is_compiled(module), "by its true hash"
@@ -150,7 +150,7 @@ def test_that_a_module_is_not_compiled_is_worked_out_once() -> None:
     hashes().add_variant("some", module.name)
     assert not seems_compiled(module)
     hashes().write()
-    remembered._hashes_in.cache_clear()
+    module_hashes._hashes_in.cache_clear()
     module.hashers.pop(CPU_BLOCK, None)
     assert not seems_compiled(module)
     assert CPU_BLOCK not in module.hashers, "nothing was hashed, and nobody builds on what is only remembered"
@@ -178,7 +178,7 @@ from wdpm.kernels.cached import use_cache_folder
 from wdpm.kernels.compile import compile_for_cpu
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.rays import overlap
-from wdpm.kernels.remembered import forget
+from wdpm.kernels.module_hashes import forget
 use_cache_folder(Path(sys.argv[1]))
 module = wp.get_module(overlap.__name__)
 compiled = compile_for_cpu([module])
@@ -240,7 +240,7 @@ def test_with_a_warp_of_another_inside_nothing_is_remembered(file: Path, changed
 
 def test_every_source_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     sources = [tmp_path / "a.py", tmp_path / "b.py"]
-    monkeypatch.setattr(remembered, "_sources", lambda _: map(str, sources))
+    monkeypatch.setattr(module_hashes, "_sources", lambda _: map(str, sources))
     states = set()
     for texts in (("x = 1", "y = 2"), ("x = 1", "y = 3"), ("x = 1y", " = 2"), ("x = 1", "y = 2 ")):
         for path, text in zip(sources, texts, strict=True):
@@ -250,7 +250,7 @@ def test_every_source_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_the_sources_are_those_of_all_kernels() -> None:
-    files = {Path(path).resolve() for package in remembered.PACKAGES for path in remembered._sources(package)}
+    files = {Path(path).resolve() for package in module_hashes.PACKAGES for path in module_hashes._sources(package)}
     for each in COMMON:
         assert Path(str(each.__file__)).resolve() in files
     assert len(files) > 100

@@ -16,7 +16,7 @@ from typing import Any
 
 import warp as wp
 
-from wdpm.kernels.tried_warp import is_tried
+from wdpm.kernels.warp_versions import is_tried
 
 OF = "wdpm.kernels."
 """Functions of the modules whose names begin so are put off."""
@@ -104,7 +104,7 @@ def look_up_no_calls(module: wp.Module) -> None:
         module.defer_reference_scan = True
 
 
-def parse_late() -> None:
+def parse_lazily() -> None:
     """Have the functions of kernels parsed late, from here on; may be called again."""
     if is_tried():
         wp.Function.__init__ = _begin

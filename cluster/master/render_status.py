@@ -11,7 +11,7 @@ from wdpm.cluster.master.roster import Roster
 from wdpm.cluster.messages import protocol
 
 
-class Standing:
+class RenderStatus:
     """Keeps count."""
 
     def __init__(self) -> None:

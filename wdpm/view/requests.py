@@ -18,7 +18,7 @@ class BadRequestError(ValueError):
 
 
 @dataclass(frozen=True)
-class Asked:
+class ViewRequest:
     """One message of a page.
 
     Attributes:
@@ -30,7 +30,7 @@ class Asked:
     wants: tuple[tuple[str, str], ...] = ()
 
 
-def read_request(text: str, pictures: Container[str]) -> Asked:
+def read_request(text: str, pictures: Container[str]) -> ViewRequest:
     """A page's message.
 
     Args:
@@ -47,10 +47,10 @@ def read_request(text: str, pictures: Container[str]) -> Asked:
         raise BadRequestError("a message is no object")
     kind = message.get("kind")
     if kind in ACTIONS:
-        return Asked(action=str(kind))
+        return ViewRequest(action=str(kind))
     if kind != "want":
         raise BadRequestError(f"unknown kind of message {kind!r}: expected want, {', '.join(ACTIONS)}")
-    return Asked(wants=_wants(message.get("layers"), pictures))
+    return ViewRequest(wants=_wants(message.get("layers"), pictures))
 
 
 def _wants(layers: Any, pictures: Container[str]) -> tuple[tuple[str, str], ...]:

@@ -8,7 +8,7 @@ from typing import Protocol
 from wdpm.cluster.master.events import ProcessEnded
 
 
-class Placed(Protocol):
+class PlacedSlaves(Protocol):
     """Slaves that something starts, watches, and starts again.
 
     Attributes:

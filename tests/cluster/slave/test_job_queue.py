@@ -11,7 +11,7 @@ from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.slave import events as s
 from wdpm.cluster.slave import jobs
-from wdpm.cluster.slave.work_at_hand import FEW_ROWS, ROWS_A_TURN, WorkAtHand
+from wdpm.cluster.slave.job_queue import FEW_ROWS, ROWS_A_TURN, JobQueue
 from wdpm.cluster.task import PhotonTask
 
 HOLD_S = 0.5
@@ -22,8 +22,8 @@ def rays(count: int = 1, kind: Kind = Kind.PHOTON) -> Batch:
     return Batch.of_task(kind, 5, 0, 1, 1, arrays(kind, count))
 
 
-def at_hand(*batches: Batch, hold_s: float = HOLD_S) -> WorkAtHand:
-    work = WorkAtHand(hold_s)
+def at_hand(*batches: Batch, hold_s: float = HOLD_S) -> JobQueue:
+    work = JobQueue(hold_s)
     for batch in batches:
         work.add(batch)
     return work

@@ -7,7 +7,7 @@ and of Warp's version; another state of the sources looks for another file. A fi
 module only means that Warp works the hash out as ever.
 
 Warp has no public way to be told a hash: it is put where Warp keeps those that it has worked out. So that is done for
-versions of Warp only with which tests have seen it (tried_warp.py); with others nothing is remembered.
+versions of Warp only with which tests have seen it (warp_versions.py); with others nothing is remembered.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import Any
 
 import warp as wp
 
-from wdpm.kernels.tried_warp import is_tried
+from wdpm.kernels.warp_versions import is_tried
 
 SET_BY_HASHING = ("kernel_dim", "tid_extent_limit_candidate")
 """Numbers that Warp finds in a kernel's code while it hashes that, and wants for a launch."""

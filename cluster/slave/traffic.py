@@ -10,7 +10,7 @@ from wdpm.cluster.messages.protocol import Heartbeat, Message, PeerBatches, Vita
 COUNTS = ("messages", "batches_by_rays", "batches_by_bytes")
 
 
-class Sent:
+class Traffic:
     """Counts messages by name, batches by the power of two below their length and size, and bytes of batches."""
 
     def __init__(self) -> None:
