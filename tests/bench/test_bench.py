@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import sys
 from collections.abc import Callable
@@ -23,7 +22,7 @@ from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
 from wdpm.images.image import Image
 from wdpm.local_backend import backend_here
 from wdpm.progress import SilentProgress
-from wdpm.rendering.backend import Backends
+from wdpm.rendering.backend import Backend, Backends
 from wdpm.rendering.in_process import InProcess, render_in_process
 from wdpm.report.grid import Grid
 from wdpm.scenes.errors import ImageError, WdpmError
@@ -193,10 +192,14 @@ def in_memory(spoil: int | None = None) -> Callable[[Scene, RenderSettings, int]
     return render
 
 
+def cluster_here(slaves: int, copies: Copies, /) -> Backend:
+    return backend_here(slaves, copies=copies)
+
+
 def measure_paper(**options: Any) -> paper.SceneFigures:
     small = {"size": (12, 8), "spp": 1, "photons": 600, "k": 5}
     slaves, routings = options.pop("slaves", (2, 0, 4)), options.pop("routings", (Routing.FORWARD,))
-    backends = options.pop("backends", backend_here)
+    backends = options.pop("backends", cluster_here)
     return paper.measure("cornell-box", slaves, routings, backends, SilentProgress(), **small, **options)
 
 
@@ -238,10 +241,11 @@ def test_a_bit_that_differs_is_seen() -> None:
 
 @pytest.mark.sockets
 def test_the_papers_table_over_sockets() -> None:
-    figures = measure_paper(slaves=(2,), backends=functools.partial(backend_here, copies=Copies.NONE))
+    figures = measure_paper(slaves=(2,), backends=cluster_here)
     run = figures.runs[1]
     assert run.bits_equal
-    assert len(run.photons) == 2  # with a copy for each, one may have done it all before the other was ready
+    assert len(run.photons) == 2
+    assert max(run.photons) < 1.0  # the scene is cut between them, as in the paper
 
 
 # ---- caustic ------------------------------------------------------------------------------------------------------
@@ -424,10 +428,12 @@ def test_options_of_the_papers_table_reach_the_renders(
     assert main.main([*line.split(), "--indirect", "cache"]) == 0
     assert main.main(["bench", "paper", "--threads", "1"]) == 0
     capsys.readouterr()
-    chosen = {"size": (6, 4), "threads": 2, "spp": 2, "photons": 1000, "indirect": Indirect.CACHE}
+    small = {"size": (6, 4), "threads": 2, "spp": 2, "photons": 1000}
+    chosen = {**small, "copies": Copies.NONE, "indirect": Indirect.CACHE}
     assert asked[0] == ("atrium:9k", (1, 8), (Routing.FORWARD, Routing.MERGE), chosen)
     assert [name for name, *_ in asked[1:]] == ["cornell-box", "atrium:100k"]
-    assert asked[1][1:] == ((0, 2, 4), (Routing.FORWARD,), {"size": None, "threads": 1, "indirect": Indirect.MAP})
+    others = {"size": None, "threads": 1, "copies": Copies.NONE, "indirect": Indirect.MAP}
+    assert asked[1][1:] == ((0, 2, 4), (Routing.FORWARD,), others)
 
 
 @pytest.mark.parametrize(

@@ -14,12 +14,13 @@ from typing import Any
 
 from wdpm.bench.outputs import settings_to_dict
 from wdpm.bench.rows import Rows
+from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import Integrator, RenderSettings, Routing
 from wdpm.devices import available_cores
 from wdpm.images.comparison import compare
 from wdpm.images.image import Image
 from wdpm.progress import Progress
-from wdpm.rendering.backend import Backends
+from wdpm.rendering.backend import ClusterBackends
 from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.scene_settings import settings_for
 from wdpm.report import report
@@ -109,9 +110,10 @@ def measure(
     name: str,
     slaves: Sequence[int],
     routings: Sequence[Routing],
-    backends: Backends,
+    backends: ClusterBackends,
     progress: Progress,
     *,
+    copies: Copies = Copies.NONE,
     size: tuple[int, int] | None = None,
     render: Renderer | None = None,
     rows: Rows | None = None,
@@ -124,6 +126,7 @@ def measure(
         slaves: numbers of slaves; 0 is always rendered, and first.
         routings: each is tried with each number of slaves.
         backends: makes what renders, anew for each render.
+        copies: of the scene, among slaves: with none it is cut among all of them, as in the paper.
         size: of the image; None for the scene's.
         render: renders; None for wdpm itself.
         rows: keeps each render's figures, and has those of renders that need not be done again; None for none.
@@ -132,12 +135,17 @@ def measure(
     progress.start("load")
     scene = load(name, size=size)
     settings = settings_for(scene, **{"integrator": Integrator.PHOTONS, **chosen})
-    render = render or (lambda scene, settings, count: _render(scene, settings, count, backends))
+    render = render or (lambda scene, settings, count: _render(scene, settings, count, backends, copies))
     clusters = [(count, routing) for count in sorted(set(slaves) - {0}) for routing in routings]
 
     progress.start(name, 1 + len(clusters))
     rows = rows or Rows()
-    of = {"scene": name, "settings": settings_to_dict(settings), "size": [scene.camera.width, scene.camera.height]}
+    measured_of = {
+        "scene": name,
+        "settings": settings_to_dict(settings),
+        "size": [scene.camera.width, scene.camera.height],
+        "copies": copies.value,
+    }
 
     @functools.cache
     def alone() -> Image:
@@ -154,7 +162,7 @@ def measure(
 
     runs: list[dict[str, Any]] = []
     for count, routing in [(0, None), *clusters]:
-        key = {**of, "slaves": count, "routing": None if routing is None else routing.value}
+        key = {**measured_of, "slaves": count, "routing": None if routing is None else routing.value}
         runs.append(rows.measured(key, functools.partial(run, count, routing)))
         progress.advance()
     first = runs[0]
@@ -165,9 +173,11 @@ def measure(
     )
 
 
-def _render(scene: Scene, settings: RenderSettings, slaves: int, backends: Backends) -> Image:
+def _render(
+    scene: Scene, settings: RenderSettings, slaves: int, backends: ClusterBackends, copies: Copies = Copies.NONE
+) -> Image:
     """By slaves of its own: those of the last render would have its photons still, and their time would be missing."""
-    with backends(slaves) as backend:
+    with backends(slaves, copies) as backend:
         return render_in_passes(scene, backend, settings)
 
 

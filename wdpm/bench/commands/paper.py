@@ -11,7 +11,7 @@ from wdpm.bench.commands.benchmark import Benchmark, Measured
 from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
 from wdpm.progress import Progress
-from wdpm.rendering.backend import Backends
+from wdpm.rendering.backend import ClusterBackends
 from wdpm.scenes.errors import SettingsError
 
 ROUTINGS = ("forward", "merge", "both")
@@ -53,7 +53,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="on machines that are not there, with 10 Gbit/s between them (default of --slaves then: 2,4,8,16)",
     )
     parser.add_argument(
-        "--copies", type=values.copies, default=Copies.NONE, metavar="none|auto", help="with --simulate (default: none)"
+        "--copies",
+        type=values.copies,
+        default=Copies.NONE,
+        metavar="none|auto",
+        help="none: the scene is cut among all slaves, as in the paper; auto: each with room holds all (default: none)",
     )
     parser.add_argument("--size", type=values.size, metavar="WxH", help="size of the images (default: the scene's)")
     parser.add_argument(
@@ -71,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_rows(parser)
 
 
-def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Measured:
+def run(args: argparse.Namespace, backends: ClusterBackends, progress: Progress) -> Measured:
     """What clusters hold, send and cost."""
     from wdpm.bench import paper as bench_paper
 
@@ -85,7 +89,9 @@ def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Mea
     slaves = bench_paper.DEFAULT_SLAVES if args.slaves is None else args.slaves
     rows = rows_of(args)
     scenes = [
-        bench_paper.measure(scene, slaves, routings, backends, progress, size=args.size, rows=rows, **chosen)
+        bench_paper.measure(
+            scene, slaves, routings, backends, progress, copies=args.copies, size=args.size, rows=rows, **chosen
+        )
         for scene in args.scenes or bench_paper.DEFAULT_SCENES
     ]
     return Measured([figures.grid() for figures in scenes], {"paper": [figures.to_dict() for figures in scenes]})
