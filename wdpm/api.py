@@ -78,23 +78,23 @@ def render(
         SceneError, SettingsError, ImageError, ClusterError: see their messages.
         CacheNotWrittenError: `save_cache` could not be written after the render; its `image` is the image.
     """
-    beside = {"settings": settings, "journal": journal, "resume": resume, "keep": keep, "strict": chosen.get("strict")}
-    beside |= {"save_cache": save_cache, "load_cache": load_cache}
-    goal = goal_in_python(until_error, metric, time_budget, beside)
+    others = {"settings": settings, "journal": journal, "resume": resume, "keep": keep, "strict": chosen.get("strict")}
+    others |= {"save_cache": save_cache, "load_cache": load_cache}
+    goal = goal_in_python(until_error, metric, time_budget, others)
     began = time.perf_counter()
     with (
-        shown_live(live, source, display, progress) as (scene, shown, told),
+        shown_live(live, source, display, progress) as (scene, live_display, live_progress),
         backend_here(slaves, threads, device) as backend,
     ):
-        backend.display = shown
+        backend.display = live_display
         if goal is not None:
             used = time.perf_counter() - began
-            return render_until(scene, goal, backend, progress=told, used=used, **chosen)
+            return render_until(scene, goal, backend, progress=live_progress, used=used, **chosen)
         return render_in_passes(
             scene,
             backend,
             settings,
-            progress=told,
+            progress=live_progress,
             journal=journal,
             resume=resume,
             keep=keep,

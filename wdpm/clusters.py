@@ -342,13 +342,13 @@ class Cluster(Backend):
             ClusterError: a slave failed, or all were lost; the cluster has ended.
         """
         display = self.display
-        with shown_live(live, source, display, progress) as (scene, self.display, told):
+        with shown_live(live, source, display, progress) as (scene, self.display, live_progress):
             try:
                 return render_in_passes(
                     scene,
                     self,
                     settings,
-                    progress=told,
+                    progress=live_progress,
                     journal=journal,
                     resume=resume,
                     keep=keep,

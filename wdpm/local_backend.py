@@ -37,24 +37,24 @@ def backend_here(
         observers: are told what happens.
         compiling: when a scene's kernels are compiled, if they have not been.
     """
-    how: Mapping[str, Any] = {
+    shared: Mapping[str, Any] = {
         "threads": threads,
         "device": device,
         "observers": observers,
         "compiling": compiling,
     }
     if not slaves:
-        return InProcess(**how)
+        return InProcess(**shared)
     from wdpm.clusters import Cluster  # who renders alone waits for nothing that clusters need
 
-    return Cluster.local(slaves, copies=copies, memory=memory, **how)
+    return Cluster.local(slaves, copies=copies, memory=memory, **shared)
 
 
 def render_here(
     source: Source,
     settings: RenderSettings,
     *,
-    here: Mapping[str, Any],
+    options: Mapping[str, Any],
     display: Display | None = None,
     save_cache: Path | None = None,
     load_cache: Path | None = None,
@@ -63,9 +63,9 @@ def render_here(
     """What `wdpm render` does: as `wdpm.render`, which has the arguments.
 
     Args:
-        here: slaves, threads, device, copies, memory, observers and compiling, see backend_here.
+        options: slaves, threads, device, copies, memory, observers and compiling, see backend_here.
         how: progress and journals.
     """
-    with backend_here(**here) as backend:
+    with backend_here(**options) as backend:
         backend.display = display
         return render_in_passes(source, backend, settings, cache=CacheFiles(save_cache, load_cache), **how)

@@ -176,11 +176,11 @@ def test_every_setting_has_an_option_and_none_is_unknown() -> None:
 def test_defaults_are_those_of_the_settings(renderer: Renderer) -> None:
     assert run(["render", "cornell-box", "--quiet"]) == 0
     assert renderer.rendered["settings"] == RenderSettings()
-    here = renderer.rendered["here"]
-    assert here["slaves"] == 0
-    assert here["device"] == "cpu"
-    assert here["threads"] is None, "all there are"
-    assert here["compiling"] is Compiling.BESIDE
+    options = renderer.rendered["options"]
+    assert options["slaves"] == 0
+    assert options["device"] == "cpu"
+    assert options["threads"] is None, "all there are"
+    assert options["compiling"] is Compiling.BESIDE
     assert renderer.loaded == {
         "scene": "cornell-box",
         "defines": {},
@@ -213,7 +213,7 @@ def test_every_option_arrives(renderer: Renderer) -> None:
         band=0.5,
         inexact=True,
     )
-    assert {name: renderer.rendered["here"][name] for name in ("slaves", "threads", "device", "compiling")} == {
+    assert {name: renderer.rendered["options"][name] for name in ("slaves", "threads", "device", "compiling")} == {
         "slaves": 4,
         "threads": 3,
         "device": "cuda:0",

@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     from wdpm.cli.result import first_output, render_and_write
     from wdpm.clusters import Cluster, check_listening, render_as_master
 
-    with observers(args) as told:
+    with observers(args) as cluster_observers:
         check_listening(args.bind, args.keys, args.insecure)
         terms = {
             "most": args.slaves[1],
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
             "keys": args.keys,
             "insecure": args.insecure,
             "join_timeout": args.join_timeout,
-            "observers": told,
+            "observers": cluster_observers,
         }
         if asks_for_frames(args):
             return render_frames(args, lambda: Cluster.listen(args.bind, args.slaves[0], **terms))

@@ -96,33 +96,33 @@ def run(args: argparse.Namespace) -> int:
     if is_placed(args):
         return render_placed(args)
     if asks_for_frames(args):
-        with observers(args) as told:
-            return render_frames(args, lambda: _backend(args, told))
+        with observers(args) as cluster_observers:
+            return render_frames(args, lambda: _backend(args, cluster_observers))
     if asks_for_a_goal(args):
-        with observers(args) as told:
-            return render_to_goal(args, lambda: _backend(args, told))
+        with observers(args) as cluster_observers:
+            return render_to_goal(args, lambda: _backend(args, cluster_observers))
     if args.replay is not None:
         if args.view or args.tev is not None:
-            way = "--view" if args.view else "--tev"
-            raise SettingsError(f"--replay makes no image that {way} could show; leave one of them out")
+            option = "--view" if args.view else "--tev"
+            raise SettingsError(f"--replay makes no image that {option} could show; leave one of them out")
         from wdpm.cli.replay import replay_and_print
 
         return replay_and_print(args)
     from wdpm.cli.result import first_output, render_and_write
     from wdpm.local_backend import render_here
 
-    with observers(args) as told, shown(args) as view, journals(args, first_output(args)) as kept:
+    with observers(args) as cluster_observers, shown(args) as view, journals(args, first_output(args)) as journal_files:
         return render_and_write(
             args,
             lambda source, settings, progress: render_here(
                 source,
                 settings,
-                here=_here(args, told),
+                options=_backend_options(args, cluster_observers),
                 progress=progress,
                 display=view,
                 save_cache=args.save_cache,
                 load_cache=args.load_cache,
-                **kept,
+                **journal_files,
             ),
             view,
         )
@@ -137,13 +137,13 @@ def _keep_memory(args: argparse.Namespace) -> None:
         keep_free_memory()
 
 
-def _backend(args: argparse.Namespace, told: Sequence[ClusterObserver]) -> Backend:
+def _backend(args: argparse.Namespace, cluster_observers: Sequence[ClusterObserver]) -> Backend:
     from wdpm.local_backend import backend_here
 
-    return backend_here(**_here(args, told))
+    return backend_here(**_backend_options(args, cluster_observers))
 
 
-def _here(args: argparse.Namespace, told: Sequence[ClusterObserver]) -> dict[str, Any]:
-    """What backend_here is told."""
-    asked = {name: getattr(args, name) for name in ("slaves", "threads", "device", "copies", "memory")}
-    return {**asked, "observers": told, "compiling": args.compile}
+def _backend_options(args: argparse.Namespace, cluster_observers: Sequence[ClusterObserver]) -> dict[str, Any]:
+    """Arguments of backend_here."""
+    chosen = {name: getattr(args, name) for name in ("slaves", "threads", "device", "copies", "memory")}
+    return {**chosen, "observers": cluster_observers, "compiling": args.compile}

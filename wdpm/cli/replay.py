@@ -36,11 +36,13 @@ def replay_and_print(args: argparse.Namespace) -> int:
         scene = viewed_scene_of(args)
         settings = settings_for(scene, **chosen)
         x, y, sample = args.replay
-        told = api.replay(scene, x, y, sample, settings, threads=args.threads, device=args.device, progress=progress)
+        replayed = api.replay(
+            scene, x, y, sample, settings, threads=args.threads, device=args.device, progress=progress
+        )
     finally:
         progress.finish()
     if args.report is not None:
-        write_bytes(told.to_json().encode(), args.report)
+        write_bytes(replayed.to_json().encode(), args.report)
     if not args.quiet:
-        print_replay(told, Console())
+        print_replay(replayed, Console())
     return 0

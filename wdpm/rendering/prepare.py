@@ -40,9 +40,7 @@ from wdpm.rendering.approximations import approximations, settings_without_effec
 from wdpm.rendering.automatic_settings import ChosenSettings, choose_settings
 from wdpm.rendering.header import SceneHeader, header_of
 from wdpm.rendering.spool import spooled
-from wdpm.report.report import (
-    KernelReport,
-)
+from wdpm.report.report import KernelReport
 from wdpm.scenes.errors import GuardError
 from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.flatten import FlatScene, flatten
@@ -136,31 +134,68 @@ def prepare(
     check_device(launcher.device)
     scene = scene_of(source)
     check_pixels(scene.camera)
-    seconds = {}
-    flattening, workers = time.perf_counter(), max(workers, 1)
+    began, workers = time.perf_counter(), max(workers, 1)
     flat = flatten(leave_out(scene, settings.without), settings.instances, in_file if workers > 1 else np.empty)
     if settings.strict:
         _demand_all(flat)
     if not settings.without:  # or it is looked at again, with what was left out
         scene = without_plain_geometry(scene)
     unused = settings_without_effect(settings)
+
     progress.start("compile")
     compiling = _Stopwatch(partial(_compile, settings=settings, launcher=launcher, progress=progress))
     settled = choose_settings(flat, settings, launcher, compiling)
     settings = settled.settings
     features = with_camera(features_of(flat, settings), flat.camera)
     kernels = compiling(features)
-    seconds["compile"] = compiling.seconds
     let_collector_go()
+
     progress.start("plan")
-    began = flattening + compiling.seconds  # all but that is planning
     shared = Sharing(workers, workers) if team is None else team(_memory_of(flat, settings))
     plan = _planned(flat, settled, largest_team(shared.slaves, shared.least), launcher, cells)
-    world = replace(plan.world, strict=settings.strict)
-    lit_scene = _lit_scene(world, flat.triangles)
-    view = plan.learnt_view(view_of(flat, settings, max(shared.slaves, processes), alone=shared.least == 1))
+    lit_scene = _lit_scene(plan.world, flat.triangles)
     alone = shared.slaves == 1 and plan.pilot is not None
-    session = Session(
+    session = _session(flat, settings, plan, shared, processes, lit_scene, alone)
+    return Prepared(
+        pilot=plan.pilot if alone else None,
+        session=session,
+        settings=settings,
+        triangles=flat.triangles.total,
+        dropped=sum(flat.dropped.values()),
+        kernels=kernels,
+        chose=(*settled.chose, *plan.chose, *plan.learnt.words),
+        left_out=_left_out(scene, flat, plan.world, features, settings),
+        approximated=approximations(scene, plan.world, settings),
+        warnings=(*scene.warnings, *_lost(flat, plan.world, settings), *unused),
+        # All but compiling is planning, from when the scene was read.
+        seconds={"compile": compiling.seconds, "partition": time.perf_counter() - began - compiling.seconds},
+        identity=_identity(digest(lit_scene, plan.world.extent), session.view, settings),
+        lit_scene=digest(lit_scene, *(getattr(settings, name) for name in OF_RECORDS)),
+        header=header_of(scene),
+        uncompiled=tuple(reversed(compiling.uncompiled)),
+    )
+
+
+def _session(
+    flat: FlatScene,
+    settings: RenderSettings,
+    plan: RenderPlan,
+    shared: Sharing,
+    processes: int,
+    lit_scene: str,
+    alone: bool,
+) -> Session:
+    """What a cluster is asked for.
+
+    Args:
+        shared: how many slaves there are, and how many of them hold the scene together.
+        processes: that share the tasks of the only worker.
+        lit_scene: names what light depends on.
+        alone: whether the pilot's own worker goes on, so that triangles are sent to nobody.
+    """
+    world = replace(plan.world, strict=settings.strict)
+    view = plan.learnt_view(view_of(flat, settings, max(shared.slaves, processes), alone=shared.least == 1))
+    return Session(
         world=world,
         view=view,
         partition=_partition(flat.triangles if alone else spooled(flat.triangles), plan),
@@ -171,24 +206,6 @@ def prepare(
         layers=layers_of(plan.world, view),
         places=plan.some_places(),
         sight=plan.sight,
-    )
-    seconds["partition"] = time.perf_counter() - began
-    return Prepared(
-        plan.pilot if alone else None,
-        session,
-        settings,
-        flat.triangles.total,
-        sum(flat.dropped.values()),
-        kernels,
-        (*settled.chose, *plan.chose, *plan.learnt.words),
-        _left_out(scene, flat, plan.world, features, settings),
-        approximations(scene, plan.world, settings),
-        (*scene.warnings, *_lost(flat, plan.world, settings), *unused),
-        seconds,
-        _identity(digest(lit_scene, world.extent), session.view, settings),
-        digest(lit_scene, *(getattr(settings, name) for name in OF_RECORDS)),
-        header_of(scene),
-        tuple(reversed(compiling.uncompiled)),
     )
 
 

@@ -25,7 +25,10 @@ def render_placed(args: argparse.Namespace) -> int:
     """Render and write, or be a slave; returns the exit code."""
     way = _way(args)
     if not args.slurm:
-        with observers(args) as told, _on_dask(args, told) if args.dask else _over_ssh(args, told) as cluster:
+        with (
+            observers(args) as cluster_observers,
+            _on_dask(args, cluster_observers) if args.dask else _over_ssh(args, cluster_observers) as cluster,
+        ):
             return way(cluster, args)
     from wdpm.placing.slurm import this_allocation
 
@@ -36,8 +39,8 @@ def render_placed(args: argparse.Namespace) -> int:
 
     # Open before the scene is loaded: slaves need not be patient, and hear of it if that fails.
     with (
-        observers(args) as told,
-        Cluster.in_slurm(allocation, args.shared, copies=args.copies, observers=told) as cluster,
+        observers(args) as cluster_observers,
+        Cluster.in_slurm(allocation, args.shared, copies=args.copies, observers=cluster_observers) as cluster,
     ):
         return way(cluster, args)
 
@@ -62,7 +65,7 @@ def _serve_in_slurm(args: argparse.Namespace, allocation: Any) -> int:
 
 
 @contextmanager
-def _on_dask(args: argparse.Namespace, told: Observers) -> Iterator[Cluster]:
+def _on_dask(args: argparse.Namespace, cluster_observers: Observers) -> Iterator[Cluster]:
     from wdpm.clusters import Cluster
 
     try:
@@ -74,12 +77,12 @@ def _on_dask(args: argparse.Namespace, told: Observers) -> Iterator[Cluster]:
     except OSError as error:
         reason = str(error).partition("\n")[0]
         raise ClusterError(f"no scheduler of Dask answers at {args.dask}: {reason}") from None
-    how = {"copies": args.copies, "device": args.device, "observers": told}
+    how = {"copies": args.copies, "device": args.device, "observers": cluster_observers}
     with client, Cluster.on_dask(client, args.slaves or None, **how) as cluster:
         yield cluster
 
 
-def _over_ssh(args: argparse.Namespace, told: Observers) -> Cluster:
+def _over_ssh(args: argparse.Namespace, cluster_observers: Observers) -> Cluster:
     from wdpm.clusters import Cluster
 
     return Cluster.over_ssh(
@@ -89,7 +92,7 @@ def _over_ssh(args: argparse.Namespace, told: Observers) -> Cluster:
         threads=args.threads,
         device=args.device,
         remote_wdpm=args.remote_wdpm,
-        observers=told,
+        observers=cluster_observers,
     )
 
 
