@@ -253,7 +253,8 @@ class Cluster(Backend):
     ) -> Self:
         """Start slaves on other machines by OpenSSH's client, which must not have to ask for anything.
 
-        Slaves that end before all have joined are an error. One that is lost later is started again, after a while.
+        A slave that ends before all have joined is not waited for, unless none is left. It is started again after
+        a while, and so are those that are lost later.
 
         Args:
             hosts: NAME, USER@NAME or, with a number of slaves, NAME:2; names as ssh's configuration has them.

@@ -56,6 +56,18 @@ class ProcessEnded:
 
 
 @dataclass(frozen=True)
+class NotComing:
+    """Whoever starts slaves on other machines has tried one in vain; it may be tried again.
+
+    Attributes:
+        left: of those that are still on their way, or have come.
+    """
+
+    reason: str
+    left: int
+
+
+@dataclass(frozen=True)
 class Begin:
     """Render a session as soon as all slaves have joined."""
 
@@ -94,7 +106,19 @@ class Abort:
     reason: str
 
 
-Event = Tick | SlaveSaid | Unreadable | SlaveLost | ProcessEnded | WaitForSlaves | Begin | PartitionMade | Close | Abort
+Event = (
+    Tick
+    | SlaveSaid
+    | Unreadable
+    | SlaveLost
+    | ProcessEnded
+    | NotComing
+    | WaitForSlaves
+    | Begin
+    | PartitionMade
+    | Close
+    | Abort
+)
 
 
 # Instructions.

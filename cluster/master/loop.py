@@ -26,8 +26,8 @@ SEEN_S = 2.0
 SEE_OFF_S = 5.0
 """How long a master that ends waits for the Goodbye of slaves that it has told to stop; they answer at once."""
 
-Watch = Callable[[], Iterable[m.ProcessEnded]]
-"""Slave processes that were started here and have ended since this was last asked."""
+Watch = Callable[[], Iterable[m.ProcessEnded | m.NotComing]]
+"""Slaves that were started and have ended, or do not come, since this was last asked."""
 
 
 class MasterShell:

@@ -22,6 +22,7 @@ from wdpm.cluster.master.events import (
     Close,
     Event,
     Instruction,
+    NotComing,
     Noted,
     PartitionMade,
     ProcessEnded,
@@ -142,6 +143,8 @@ class Master:
                 return [] if member is None else self._lose(member, reason, now)
             case ProcessEnded(process, reason, left):
                 return self._process_ended(process, reason, left, now)
+            case NotComing(reason, left):
+                return self._not_coming(reason, left, now)
             case Unreadable(identity, reason):
                 return self._unreadable(identity, reason)
             case Close(reason, completed):
@@ -241,9 +244,17 @@ class Master:
             return out
         if not left:
             return out + self._break(f"{name}: {reason}; no slave is left")
+        return out + self._expect(left, now)
+
+    def _not_coming(self, reason: str, left: int, now: float) -> list[Instruction]:
+        """A slave is not waited for any longer."""
+        return [Noted(f"{reason}; {left} others are there or on their way"), *self._expect(left, now)]
+
+    def _expect(self, left: int, now: float) -> list[Instruction]:
+        """No more slaves than these come for now: begin if all of them are here."""
         if self.phase is Phase.JOINING:
             self._members.expect_no_more_than(left)
-        return out + self._begin_if_all_came(now)
+        return self._begin_if_all_came(now)
 
     def _lose(self, member: Member, reason: str, now: float) -> list[Instruction]:
         """A slave is gone; others go on with what it did."""

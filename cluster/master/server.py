@@ -37,7 +37,7 @@ PULSE_S = 0.2
 """Between one word to an observer and the next, while nothing comes."""
 
 
-def nobody() -> Iterable[m.ProcessEnded]:
+def nobody() -> Iterable[m.ProcessEnded | m.NotComing]:
     """Watches no process."""
     return ()
 

@@ -133,6 +133,22 @@ def test_a_slave_that_does_not_start_is_an_error(host: str, text: str, said: str
     slaves.stop()
 
 
+@pytest.mark.sockets
+def test_a_slave_that_does_not_start_is_not_waited_for(
+    ssh: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """And is tried again once the others render."""
+    monkeypatch.setattr(ssh_slaves, "FIRST_WAIT_S", 0.0)
+    monkeypatch.setattr(ssh_slaves, "MOST_TRIES", 1)
+    image = tmp_path / "box.exr"
+    words = ["cornell-box", "--size", "48x40", "--photons", "5k", "--spp", "2", "--k", "20", "-o", str(image)]
+    words += ["--hosts", "deaf,bert", "--remote-wdpm", make_wdpm(tmp_path / "wdpm there"), "--threads", "1"]
+    assert main(["render", *words]) == 0
+    assert re.search("no slave runs on deaf: .*Connection refused; 1 others are", capfd.readouterr().err)
+    assert same_bits(load(image), wdpm.render(wdpm.load("cornell-box", size=(48, 40)), **SETTINGS))
+    assert len([call for call in calls(ssh) if call[-2:-1] == ["deaf"] and call[0] != "-G"]) == 2
+
+
 @pytest.mark.usefixtures("ssh")
 def test_a_lost_slave_is_started_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ssh_slaves, "FIRST_WAIT_S", 0.01)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
-from wdpm.cluster.master.events import ProcessEnded
+from wdpm.cluster.master.events import NotComing, ProcessEnded
 
 
 class PlacedSlaves(Protocol):
@@ -25,15 +25,16 @@ class PlacedSlaves(Protocol):
             keys: gives those of one more slave, as it takes them from its standard input.
         """
 
-    def ended(self) -> Iterable[ProcessEnded]:
-        """Asked by the master all the time, on its thread: processes of this machine that have ended, if any have.
+    def ended(self) -> Iterable[ProcessEnded | NotComing]:
+        """Asked by the master all the time, on its thread: processes of this machine that have ended, if any have, and
+        slaves that need not be waited for.
 
         Raises:
             ClusterError: there are no slaves, and none will come.
         """
 
     def all_joined(self) -> None:
-        """The slaves that a render waits for have joined: one that is lost from now on can be done without."""
+        """A render begins: whoever is lost from now on, or was not waited for, is started again if that is any use."""
 
     def no_more(self) -> None:
         """Start none any more: the master is about to tell those that are there to stop."""

@@ -10,9 +10,9 @@ import shlex
 import subprocess
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from wdpm.cluster.master.events import ProcessEnded
+from wdpm.cluster.master.events import NotComing
 from wdpm.cluster.master.local_slaves import GRACE_S, SlaveProcess
 from wdpm.placing.hosts import Host
 from wdpm.placing.own_address import address_towards, listening_address, reached_at
@@ -52,6 +52,8 @@ class _Place:
         process: the last ssh that ran there.
         tries: that were needed in a row.
         again_at: when to try again; None while it runs, or for never.
+        held: it ended before a render had begun, and is tried again only when one has.
+        reason, code: of its last end.
     """
 
     host: Host
@@ -59,7 +61,9 @@ class _Place:
     process: SlaveProcess | None = None
     tries: int = 0
     again_at: float | None = None
-    reason: str = field(default="")
+    held: bool = False
+    reason: str = ""
+    code: int | None = None
 
 
 class SshSlaves:
@@ -110,17 +114,22 @@ class SshSlaves:
             place.endpoint = reached_at(self._numbers[place.host], endpoint)
             self._start(place)
 
-    def ended(self) -> Iterable[ProcessEnded]:
-        """Look after the slaves. Their numbers are of other machines, so none is named: the master sees who is lost."""
-        if not self._over:
-            for place in self._places:
-                self._look_after(place)
-            if all(place.process is None and place.again_at is None for place in self._places):
-                raise ClusterError(f"no slave is left: {self._places[-1].reason}")
-        return ()
+    def ended(self) -> Iterable[NotComing]:
+        """Look after the slaves. Their numbers are of other machines, so none is named: the master sees who is lost.
+
+        One that ends before all have joined is not waited for; those that are left begin.
+        """
+        if self._over:
+            return ()
+        failed = [place for place in self._places if self._look_after(place)]
+        if all(place.process is None and place.again_at is None for place in self._places):
+            begun = "no slave is left:" if self._complete else "no slave runs on"
+            raise ClusterError(f"{begun} {(failed or self._places)[-1].reason}")
+        left = sum(place.process is not None for place in self._places)
+        return [NotComing(f"no slave runs on {place.reason}", left) for place in failed if place.held]
 
     def all_joined(self) -> None:
-        """From now on a slave that is lost is started again."""
+        """From now on a slave that is lost is started again, and so are those that were not waited for."""
         self._complete = True
 
     def no_more(self) -> None:
@@ -139,21 +148,28 @@ class SshSlaves:
         for place in self._places:
             place.process = None
 
-    def _look_after(self, place: _Place) -> None:
+    def _look_after(self, place: _Place) -> bool:
+        """Start it if it is time for that; returns whether it has just ended."""
         now = time.monotonic()
         if place.process is None:
-            if place.again_at is not None and now >= place.again_at:
+            if self._complete and place.held:
+                self._try_later(place, now)
+            elif place.again_at is not None and now >= place.again_at:
                 self._start(place)
-            return
+            return False
         reason = place.process.ended()
         if reason is None:
-            return
-        code = place.process.exit_code
+            return False
+        place.code = place.process.exit_code
         place.process.stop(0.0)
-        place.process, place.reason = None, f"{place.host.name}: {reason}"
-        if not self._complete:
-            raise ClusterError(f"no slave runs on {place.reason}")
-        if code != _BAD_INPUT and place.tries < MOST_TRIES:
+        place.process, place.reason, place.held = None, f"{place.host.name}: {reason}", not self._complete
+        if self._complete:
+            self._try_later(place, now)
+        return True
+
+    def _try_later(self, place: _Place, now: float) -> None:
+        place.held = False
+        if place.code != _BAD_INPUT and place.tries < MOST_TRIES:
             place.again_at = now + min(FIRST_WAIT_S * 2.0**place.tries, LONGEST_WAIT_S)
             place.tries += 1
 

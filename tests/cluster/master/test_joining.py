@@ -103,6 +103,18 @@ def test_the_last_that_is_waited_for_ends() -> None:
     assert setup.holders == (0, 0)
 
 
+def test_a_slave_elsewhere_that_does_not_start_is_done_without() -> None:
+    driver = Driver(3)
+    driver.says(A, hello(0))
+    driver(m.WaitForSlaves())
+    out = driver(m.NotComing("no slave runs on anna: no such host", 2))
+    assert notes(out) == ["no slave runs on anna: no such host; 2 others are there or on their way"]
+    assert driver.master.phase is Phase.JOINING
+    assert [hello.process for hello in joined(driver.says(B, hello(1)))] == [0, 1]
+    out = driver(m.NotComing("no slave runs on bert: it was lost", 1))
+    assert driver.master.phase is Phase.IDLE, "who has begun goes on with who is there"
+
+
 @pytest.mark.parametrize("connection_first", [False, True])
 def test_a_process_that_joined_and_ended_is_not_waited_for(connection_first: bool) -> None:
     driver = waiting()
