@@ -53,7 +53,7 @@ class MasterShell:
         self._answer = answer
         self._event_log = EventLog(observers)
         self._clock = clock
-        self._unreachable: list[bytes] = []
+        self._unreachable: set[bytes] = set()
 
     def receive(self) -> None:
         """Take in messages that have come; then who could not be reached before all was read is lost.
@@ -87,12 +87,14 @@ class MasterShell:
                 continue
             if isinstance(instruction.message, protocol.Welcome):
                 self._listener.admit(instruction.identity)
-            if not self._listener.send(instruction.identity, instruction.message):
-                self._unreachable.append(instruction.identity)
+            if self._listener.send(instruction.identity, instruction.message):
+                self._unreachable.discard(instruction.identity)  # it has connected again meanwhile
+            else:
+                self._unreachable.add(instruction.identity)
 
     def _lose(self) -> None:
-        unreachable, self._unreachable = self._unreachable, []
-        for identity in unreachable:
+        unreachable, self._unreachable = self._unreachable, set()
+        for identity in sorted(unreachable):
             self.handle(m.SlaveLost(identity, "its connection is gone; it may have died"))
 
     def abort(self, reason: str) -> None:
@@ -129,6 +131,7 @@ class MasterLoop:
         self._watch = watch
         self._answers = answers
         self._closing = False
+        self._ended: list[m.ProcessEnded | m.NotComing] = []
         self._ticked = self._seen_again = 0.0
         self._seen: list[tuple[int, bool]] = []
         network.watch(mailbox.fd)
@@ -156,8 +159,10 @@ class MasterLoop:
         now = time.monotonic()
         if now - self._ticked >= TURN_S:
             self._ticked = now
-            for ended in self._watch():
-                self._shell.handle(ended)
+            # Of those that were found a tick ago: what a process has said last has been read since.
+            ended, self._ended = self._ended, list(self._watch())
+            for event in ended:
+                self._shell.handle(event)
             self._shell.handle(m.Tick())
             self._tell_of_slaves(now)
 
