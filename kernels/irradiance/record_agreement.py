@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from wdpm.kernels.irradiance.cache import CAPACITY, STACK_CAPACITY, extrapolated, find, key_rank
 from wdpm.kernels.irradiance.record_tree import Arrays, IrradianceCache, build
+from wdpm.kernels.quick_launch import launch
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -82,6 +83,6 @@ def agreeing(records: Arrays, tolerance: float) -> NDArray[np.float32]:
         return radius
     given = wp.array(radius, dtype=wp.float32, device="cpu", copy=False)
     out = wp.array(radius, dtype=wp.float32, device="cpu")
-    wp.launch(shorten, len(radius), inputs=[build(records), given, tolerance, 0], outputs=[out], device="cpu")
+    launch(shorten, len(radius), [build(records), given, tolerance, 0, out], "cpu")
     shorter: NDArray[np.float32] = out.numpy()
     return shorter

@@ -17,6 +17,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.kernels.photons.kd_order import sort
+from wdpm.kernels.quick_launch import launch
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -101,26 +102,14 @@ def clamped(position: NDArray[np.floating], radius: NDArray[np.floating]) -> NDA
     count = len(radius)
     if not count:
         return np.zeros(0, np.float32)
-    # Blocks of like radii that lie together look at few others.
-    octave = np.frexp(radius)[1]
-    alike = [np.flatnonzero(octave == value) for value in np.unique(octave)]
-    order = np.concatenate([rows[sort(position[rows].astype(np.float32), 0, len(rows))] for rows in alike])
+    # Blocks of records that lie together look at few others: their radii are alike, too.
+    order = sort(position.astype(np.float32), 0, count)
     x, r = position.astype(np.float64)[order], radius.astype(np.float64)[order]
     blocks = _grouped(x, x, r)
     out = wp.empty(count, dtype=wp.float64, device="cpu")
-    wp.launch(
-        clamp_records,
-        count,
-        inputs=[
-            wp.array(x, dtype=wp.vec3d, device="cpu"),
-            wp.array(r, dtype=wp.float64, device="cpu"),
-            _uploaded(blocks),
-            _uploaded(_grouped(*blocks)),
-            0,
-        ],
-        outputs=[out],
-        device="cpu",
-    )
+    places, radii = (wp.array(x, dtype=wp.vec3d, device="cpu"), wp.array(r, dtype=wp.float64, device="cpu"))
+    groups = _uploaded(blocks), _uploaded(_grouped(*blocks))
+    launch(clamp_records, count, [places, radii, *groups, 0, out], "cpu")
     result = np.empty(count, np.float32)
     result[order] = out.numpy().astype(np.float32)
     return result

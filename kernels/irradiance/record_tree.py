@@ -136,12 +136,25 @@ def _nodes(by_rank: Arrays, along: NDArray[np.int32], levels: int) -> NDArray[np
             np.nextafter((position + reach).astype(np.float32), np.float32(np.inf)),
         ]
     )
-    nothing = np.array([np.inf] * 3 + [-np.inf] * 3, np.float32)
-    padded = np.tile(nothing, (8 ** (levels + 1), 1))
-    padded[: len(boxes)] = boxes
     rows: list[NDArray[np.float32]] = []
-    for _ in range(levels):
-        groups = padded.reshape(-1, 8, 6)
-        padded = np.column_stack([groups[:, :, :3].min(axis=1), groups[:, :, 3:].max(axis=1)])
-        rows.insert(0, padded.reshape(-1, 8, 6).transpose(0, 2, 1).reshape(-1, 8))
+    for level in range(levels, 0, -1):
+        groups = _padded_boxes(boxes, -(-len(boxes) // 8) * 8).reshape(-1, 8, 6)
+        # Side by side, since NumPy is slow where what it goes along is short.
+        low, high = groups[:, :, :3], groups[:, :, 3:]
+        boxes = np.column_stack(
+            [
+                np.minimum.reduce([low[:, child] for child in range(8)]),
+                np.maximum.reduce([high[:, child] for child in range(8)]),
+            ]
+        )
+        of_nodes = _padded_boxes(boxes, 8**level).reshape(-1, 8, 6)
+        rows.insert(0, of_nodes.transpose(0, 2, 1).reshape(-1, 8))
     return np.concatenate(rows) if rows else np.zeros((0, 8), np.float32)
+
+
+def _padded_boxes(boxes: NDArray[np.float32], size: int) -> NDArray[np.float32]:
+    """Boxes, and behind them empty ones, `size` in all."""
+    out = np.empty((size, 6), np.float32)
+    out[: len(boxes)] = boxes
+    out[len(boxes) :, :3], out[len(boxes) :, 3:] = np.inf, -np.inf
+    return out

@@ -16,6 +16,7 @@ import numpy.typing as npt
 import warp as wp
 
 from wdpm.kernels.pages import Pages
+from wdpm.kernels.quick_launch import launch as quick_launch
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -188,7 +189,7 @@ def over(array: npt.NDArray[Any], dtype: Any) -> Any:
 
 def launch_whole(kernel: Any, count: int, inputs: list[Any], outputs: list[Any]) -> None:
     """Launch on the calling thread."""
-    wp.launch(kernel, dim=count, inputs=[*inputs, 0, *outputs], device="cpu")
+    quick_launch(kernel, count, [*inputs, 0, *outputs], "cpu")
 
 
 def leaf_bits(count: int) -> int:
