@@ -292,19 +292,23 @@ def map_error(
     differences, (whole, noise, radius2) = [], np.zeros((3, len(position)))
     flux = photons["flux"].mean(axis=1)
     strongest = max(float(flux.max()), float(np.finfo(np.float32).tiny))
-    squared = np.repeat((flux / strongest)[:, None] ** 2, 3, axis=1)
+    # Gathered by one and the same search: shares of the strongest photon's flux, and their squares.
+    shares = np.zeros((stored, 3), np.float32)
+    shares[:, 0] = flux / strongest
+    shares[:, 1] = shares[:, 0] ** 2
     for odd in (0, 1):
-        half = take({**photons, "squared": squared}, np.flatnonzero(path % 2 == odd))
-        among, among_squares = (AmongPhotons(pilot.cell, each) for each in (half, {**half, "flux": half["squared"]}))
-        wide, narrow, moment = (
-            each.gather(position, normal, pilot.world.extent, neighbours)
-            for each, neighbours in ((among, told), (among, few), (among_squares, told))
+        half = take({**photons, "flux": shares}, np.flatnonzero(path % 2 == odd))
+        among = AmongPhotons(pilot.cell, half)
+        wide, narrow = (
+            among.gather_each(position, normal, pilot.world.extent, neighbours) for neighbours in (told, few)
         )
-        differences.append((wide[0].astype(np.float64) - narrow[0]) * (2.0 / paths) * factor)
-        whole += wide[0] * (1.0 / paths) * factor
+        of_share = factor * (strongest * 2.0 / paths)
+        brought = wide[0][:, 0].astype(np.float64)
+        differences.append((brought - narrow[0][:, 0]) * of_share)
+        whole += brought * of_share / 2.0
         squared_radius = np.maximum(wide[1].astype(np.float64) ** 2, np.finfo(np.float32).tiny)
         radius2 += squared_radius / 2.0
-        noise += moment[0] * (factor * strongest * 2.0 / paths) ** 2 / (math.pi * squared_radius) / 2.0
+        noise += wide[0][:, 1] * of_share**2 / (math.pi * squared_radius) / 2.0
     wider = stored / 2.0 * k / told
     of_one = radius2 * math.pi * wider
     blur = max(float((differences[0] * differences[1]).mean()), 0.0) * wider

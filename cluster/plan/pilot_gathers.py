@@ -44,6 +44,13 @@ class AmongPhotons:
     def gather(
         self, position: NDArray[np.float32], normal: NDArray[np.float32], extent: float, k: int = PILOT_K
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """As `gather_each`, with the mean of the channels, shape [P]."""
+        irradiance, radius = self.gather_each(position, normal, extent, k)
+        return irradiance.mean(axis=1), radius
+
+    def gather_each(
+        self, position: NDArray[np.float32], normal: NDArray[np.float32], extent: float, k: int = PILOT_K
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Look for the k nearest photons about some places.
 
         Args:
@@ -51,7 +58,8 @@ class AmongPhotons:
             extent: how far to look at most.
 
         Returns:
-            irradiance [W x paths / m²], mean of RGB, and the radius that it is the mean over, shape [P] each.
+            irradiance of each channel of the flux [W x paths / m²], shape [P, 3], and the radius that it is the mean
+            over, shape [P].
         """
         device, count = self._launcher.device, len(position)
         order = self._order(position, normal, k)
@@ -74,8 +82,8 @@ class AmongPhotons:
             radius_out=radius,
             truncated_out=wp.empty(count, dtype=wp.bool, device=device),
         )
-        found = np.empty(count, np.float32), np.empty(count, np.float32)
-        found[0][order], found[1][order] = irradiance.numpy().mean(axis=1), radius.numpy()
+        found = np.empty((count, 3), np.float32), np.empty(count, np.float32)
+        found[0][order], found[1][order] = irradiance.numpy(), radius.numpy()
         return found
 
     def _order(self, position: NDArray[np.float32], normal: NDArray[np.float32], k: int) -> NDArray[np.intp]:
