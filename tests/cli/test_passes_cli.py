@@ -10,6 +10,7 @@ import pytest
 from wdpm.cli import main
 from wdpm.cli.journals import places_of
 from wdpm.cluster.allotment import Allotment
+from wdpm.images import files
 from wdpm.images.image import load
 from wdpm.progress import SilentProgress
 from wdpm.rendering import passes
@@ -70,6 +71,19 @@ def test_an_interrupted_render_says_how_to_go_on(
     assert render(whole) == 0
     assert load(output).digest() == load(whole).digest()
     assert not places_of(output).passes.exists()
+
+
+def test_what_a_killed_render_left_half_written_goes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was killed while it wrote the mean of its passes; another one that runs has a file of that kind as well."""
+    output = tmp_path / "box.exr"
+    parts = [files._temporary(places_of(output).passes) for _ in range(2)]
+    with monkeypatch.context() as patched:
+        patched.setattr(files.os, "getpid", lambda: 2**22 + 1)  # more than any process has
+        parts.append(files._temporary(places_of(output).passes))
+    for part in parts:
+        part.touch()
+    assert render(output) == 0
+    assert sorted(path for path in tmp_path.iterdir() if path != output) == sorted(parts[:2])
 
 
 def test_passes_that_are_kept_can_be_added_to(tmp_path: Path) -> None:

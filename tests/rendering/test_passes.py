@@ -16,6 +16,7 @@ from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings, R
 from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import SilentProgress
+from wdpm.rendering import pass_journal
 from wdpm.rendering import passes as module
 from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.pass_plan import photon_plan, session_of, smaller_k
@@ -354,3 +355,33 @@ def test_passes_that_were_kept_are_not_overwritten(scene: Scene, kept: bytes, tm
     with pytest.raises(SettingsError, match="give --resume to go on, or delete it"):
         render(scene, FEW, journal=journal)
     assert journal.read_bytes() == kept
+
+
+def test_a_full_disk_costs_no_pass(scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Passes go on without a journal, and it is tried again after each."""
+    tries: list[Path] = []
+    notes: list[str] = []
+    write = pass_journal.write_arrays
+
+    def full(path: Path, *what: Any) -> None:
+        tries.append(path)
+        if len(tries) < 3:
+            raise ImageError(f"{path}: cannot be written: no space left on device")
+        write(path, *what)
+
+    class Notes(SilentProgress):
+        def note(self, text: str) -> None:
+            notes.append(text)
+
+    journal = tmp_path / "journal"
+    settings = replace(FEW, spp=3, passes=3)
+    with monkeypatch.context() as patched:
+        patched.setattr(pass_journal, "write_arrays", full)
+        image = render(scene, settings, journal=journal, keep=True, progress=Notes())
+    assert image.digest() == render(scene, settings).digest()
+    assert len(tries) == 3
+    assert [note for note in notes if "the render goes on without" in note] == [
+        f"{journal}: cannot be written: no space left on device; the render goes on without, and tries again after "
+        "each pass"
+    ]
+    assert len(module.read_journal(journal).plans) == 3

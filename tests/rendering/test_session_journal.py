@@ -15,11 +15,13 @@ from hypothesis import strategies as st
 
 import wdpm
 from wdpm.cluster.kept import Kept, TaskKept
+from wdpm.cluster.messages import packing
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.session import Session
 from wdpm.images.image import Image
 from wdpm.progress import SilentProgress
 from wdpm.rendering.in_process import InProcess
+from wdpm.rendering.journal_head import head_of
 from wdpm.rendering.pass_plan import PassPlan, session_of
 from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.prepare import Prepared
@@ -171,6 +173,28 @@ def test_other_settings_are_refused(
     with pytest.raises(SettingsError, match=words):
         render(interrupted.scene, SessionJournal(path, resume=True), **changed)
     assert path.read_bytes() == interrupted.journal
+
+
+def test_a_journal_of_a_later_pass_is_of_no_use_where_those_before_were_not_kept(
+    interrupted: Interrupted, tmp_path: Path
+) -> None:
+    """The disk had no room for their mean: the render begins anew, and no other render's journal is lost by that."""
+    path = tmp_path / "journal"
+    head = head_of(interrupted.prepared, interrupted.session, PassPlan(1, PLAN.spp, PLAN.spp))
+    notes: list[str] = []
+    for changed, other in (({}, False), ({"scene": "other"}, True)):
+        writer = RecordWriter(path)
+        writer.append(packing.encode(replace(head, identity={**head.identity, **changed})))
+        writer.close()
+        journal = SessionJournal(path, resume=True)
+        again = (interrupted.prepared, interrupted.session, PLAN, notes.append)
+        if other:
+            with pytest.raises(SettingsError, match=r"another scene.*pass 2 of samples .* where pass 1"):
+                journal.begin(*again)
+        else:
+            assert journal.begin(*again).kept == interrupted.session.kept
+            assert "is of pass 2, but those before it were not kept; it begins anew" in notes[0]
+        journal.close()
 
 
 def test_another_scene_camera_or_version_is_refused(

@@ -82,9 +82,10 @@ def journals(args: argparse.Namespace, output: Path) -> Iterator[dict[str, Any]]
     """
     places = places_of(output, args.journal)
     if args.journal is not None:
-        _check_folder(args.journal, places)
+        _make_folder(args.journal)
     in_passes = args.keep_passes or (args.passes or 1) > 1 or (args.resume and places.passes.exists())
     told: dict[str, Any] = {}
+    _check_places(places, in_passes=in_passes, log=args.journal is not None)
     if in_passes:
         told = {"journal": places.passes, "resume": args.resume and places.passes.exists(), "keep": True}
     log = None if args.no_journal else _log(args, places.log)
@@ -147,15 +148,24 @@ def _partial_outputs(args: argparse.Namespace, first: Path) -> list[Path]:
     return [path.with_name(f"{path.stem}.partial{path.suffix}") for path in args.output or [first]]
 
 
-def _check_folder(folder: Path, places: Places) -> None:
-    """Find out before the render whether journals can be written there."""
-    from wdpm.images.files import check_place
-
+def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise SettingsError(f"--journal {folder}: cannot be made: {(error.strerror or str(error)).lower()}") from None
-    check_place(places.log)
+
+
+def _check_places(places: Places, *, in_passes: bool, log: bool) -> None:
+    """Find out before the render whether journals can be written, and remove what a killed one left half written.
+
+    Args:
+        in_passes: whether there is one of passes.
+        log: whether there is one from the first moment on.
+    """
+    from wdpm.images.files import check_place
+
+    for path in [places.passes] * in_passes + [places.log] * log:
+        check_place(path)
 
 
 def _written_at(places: Places) -> tuple[int, int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from enum import Enum
 
 from wdpm.cluster.messages.checks import LARGEST_SIDE
@@ -15,6 +15,9 @@ from wdpm.rendering.prepare import Prepared, digest
 
 NOT_SETTINGS = frozenset({*CHANGE_NO_BIT, "spp", "passes"})
 """Of RenderSettings: those that change no bit of a pass, and those that PassPlan stands for."""
+
+_OF_PASS = "samples of each part"
+"""The one identity that differs from pass to pass."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,7 @@ def head_of(prepared: Prepared, session: Session, plan: PassPlan) -> JournalHead
         for name, value in asdict(prepared.settings).items()
         if name not in NOT_SETTINGS
     }
-    loaded = {"irradiance records": digest(session.records), "samples of each part": digest(session.view.allotment)}
+    loaded = {"irradiance records": digest(session.records), _OF_PASS: digest(session.view.allotment)}
     return JournalHead(
         {**prepared.identity, **loaded},
         chosen,
@@ -69,6 +72,19 @@ def head_of(prepared: Prepared, session: Session, plan: PassPlan) -> JournalHead
         dict(session.layers),
         session.view.bucket,
     )
+
+
+def is_of_later_pass(before: JournalHead, now: JournalHead) -> bool:
+    """Whether a journal is of a later pass of the very image that is to be rendered."""
+    samples = {_OF_PASS: now.identity.get(_OF_PASS, "")}
+    moved = replace(
+        before,
+        identity={**before.identity, **samples},
+        number=now.number,
+        first_sample=now.first_sample,
+        spp=now.spp,
+    )
+    return before.number > now.number and not differences(moved, now)
 
 
 def differences(before: JournalHead, now: JournalHead) -> list[str]:

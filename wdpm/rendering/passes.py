@@ -238,11 +238,12 @@ def _render_all(
             f"in all, not {asked}"
         )
     renderer.progress = PassProgress(progress, buckets, len(left))
+    kept = True
     try:
         for plan in left:
             average.add(renderer.render(plan, average.allotment(plan)))
             if journal is not None:
-                write_journal(journal, average, prepared)
+                kept = _keep(journal, average, renderer, told=not kept)
             renderer.show(average)
             if renderer.enough:
                 progress.note(f"good enough: {len(average.plans)} of {len(plans)} passes")
@@ -257,6 +258,21 @@ def _render_all(
     if journal is not None and not keep:
         journal.unlink(missing_ok=True)
     return image
+
+
+def _keep(journal: Path, average: PassAverage, renderer: PassRenderer, *, told: bool) -> bool:
+    """Write what the passes have come to; returns whether that could be. A full disk must not cost the passes.
+
+    Args:
+        told: whether a person has heard already that it cannot be.
+    """
+    try:
+        write_journal(journal, average, renderer.prepared)
+    except ImageError as error:
+        if not told:
+            renderer.progress.note(f"{error}; the render goes on without, and tries again after each pass")
+        return False
+    return True
 
 
 def _refuse_to_overwrite(journal: Path) -> None:

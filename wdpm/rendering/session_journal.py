@@ -23,7 +23,7 @@ from wdpm.cluster.messages import packing
 from wdpm.cluster.records import candidate_count, check_records
 from wdpm.cluster.session import Session
 from wdpm.images.image import Image
-from wdpm.rendering.journal_head import JournalHead, differences, head_of
+from wdpm.rendering.journal_head import JournalHead, differences, head_of, is_of_later_pass
 from wdpm.rendering.pass_plan import PassPlan
 from wdpm.rendering.prepare import Prepared
 from wdpm.rendering.record_file import Frame, RecordWriter, read_records
@@ -90,6 +90,9 @@ class SessionJournal:
         self.close()
         head = head_of(prepared, session, plan)
         left, self._left = self._left, None
+        if left is not None and is_of_later_pass(left.head, head):
+            note(f"{self.path}: is of pass {left.head.number + 1}, but those before it were not kept; it begins anew")
+            left = None
         if left is None or left.head.number < plan.number:  # a pass that is complete, and kept elsewhere
             self._waiting = [packing.encode(head)]
             return session
