@@ -22,7 +22,7 @@ from wdpm.goal.convergence import MOST_BIAS, ConvergenceEstimator, Estimate
 from wdpm.goal.goal import Goal, Metric
 from wdpm.goal.outcome import Ending, outcome_of
 from wdpm.goal.reference_pair import make_reference_pair, path_settings
-from wdpm.goal.render import Interrupted, promise, render_until
+from wdpm.goal.render import Abandoned, Interrupted, promise, render_until
 from wdpm.goal.schedule import Schedule, schedule_of
 from wdpm.goal.trial import IMAGE_PLANS, MARGIN, UNKNOWN_SHARE, Trial, try_out
 from wdpm.goal.trial_pilot import LONG_S, TrialPilot, Workplace
@@ -34,7 +34,7 @@ from wdpm.rendering.pass_plan import PassPlan, PassResult
 from wdpm.rendering.pass_progress import PassProgress
 from wdpm.rendering.passes import PassRenderer
 from wdpm.report.report import ErrorFigure
-from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.errors import ClusterError, SettingsError
 from wdpm.scenes.model.scene import Scene
 
 SMALL = ["cornell-box", "--size", "16x16", "--threads", "2"]
@@ -288,6 +288,29 @@ def test_ctrl_c_writes_the_image_so_far(tmp_path: Path, capsys: pytest.CaptureFi
     said = capsys.readouterr()
     assert "INTERRUPTED: the image is the best so far" in said.out
     assert "interrupted" in said.err
+
+
+def test_a_lost_cluster_hands_over_the_image_so_far(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    render = PassRenderer.render
+
+    def abandoned(renderer: PassRenderer, plan: PassPlan, *samples: Allotment) -> PassResult:
+        if isinstance(renderer.progress, PassProgress) and plan.number == 3:
+            raise ClusterError("slave 0 is lost; no slave is left")
+        return render(renderer, plan, *samples)
+
+    monkeypatch.setattr(PassRenderer, "render", abandoned)
+    with pytest.raises(Abandoned, match="no slave is left") as caught:
+        render_until(scene, Goal(0.001), InProcess(threads=2), **FEW)
+    asked = caught.value.image.metadata["asked"]
+    assert (asked["ending"], asked["passes"]) == ("slaves lost", 3)
+    file = tmp_path / "asked.exr"
+    assert main(["render", *SMALL, *FEW_OPTIONS, "--until-error", "0.001", "-o", str(file)]) == 1
+    assert load_image(file).metadata["asked"]["passes"] == 3
+    said = capsys.readouterr()
+    assert "SLAVES LOST: the image is the best so far" in said.out
+    assert said.err.endswith("wdpm: error: slave 0 is lost; no slave is left\n")
 
 
 def test_what_comes_by_photon_maps_alone_may_be_left_out(scene: Scene) -> None:

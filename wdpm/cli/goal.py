@@ -66,20 +66,21 @@ def render_to_goal(args: argparse.Namespace, make_backend: Callable[[], Backend]
     from wdpm.cli.result import render_and_write
     from wdpm.goal.clock import process_age
     from wdpm.goal.goal import goal_of
-    from wdpm.goal.outcome import Ending
-    from wdpm.goal.render import OUTCOME, Interrupted, render_until
+    from wdpm.goal.render import OUTCOME, Abandoned, Interrupted, render_until
 
     goal = goal_of(args.until_error, args.metric or METRICS[0], args.time_budget)
     chosen = chosen_settings(args)
     asked: list[Any] = []
+    stopped: list[BaseException | None] = []
 
     def render(source: Any, _settings: RenderSettings, progress: Any) -> Any:
         try:
             with make_backend() as backend:
                 backend.display = view
                 image = render_until(source, goal, backend, progress=progress, used=process_age(), **chosen)
-        except Interrupted as stop:
+        except (Interrupted, Abandoned) as stop:
             image = stop.image  # minutes of passes are worth writing, whoever got tired of them
+            stopped.append(stop.__cause__)
         asked.append((image.metadata[OUTCOME], image.metadata["settings"]))
         return image
 
@@ -92,8 +93,8 @@ def render_to_goal(args: argparse.Namespace, make_backend: Callable[[], Backend]
         print(f"to repeat it to the bit: {command(args, settings)}")
     elif not outcome["reached"]:
         print(f"wdpm: {outcome['lines'][-1]}", file=sys.stderr)
-    if outcome["ending"] == Ending.INTERRUPTED.value:
-        raise KeyboardInterrupt
+    for error in stopped:
+        raise error or KeyboardInterrupt
     return code if outcome["reached"] else EXIT_NOT_REACHED
 
 

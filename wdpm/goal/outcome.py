@@ -20,6 +20,7 @@ class Ending(Enum):
     """The error was reached, or as many passes were made as could be expected to reach it."""
     OUT_OF_TIME = "out of time"
     INTERRUPTED = "interrupted"
+    LOST = "slaves lost"
 
 
 @dataclass(frozen=True)
@@ -79,8 +80,8 @@ class Outcome:
             f"{self.passes} passes of {self.samples} samples in {self.seconds:.1f} s ({self.predicted_seconds:.1f} s "
             f"predicted), after a pilot of {self.pilot_seconds:.1f} s and {self.compile_seconds:.1f} s of compiling"
         )
-        if self.ending is Ending.INTERRUPTED:
-            found.append("INTERRUPTED: the image is the best so far")
+        if self.ending in (Ending.INTERRUPTED, Ending.LOST):
+            found.append(f"{self.ending.value.upper()}: the image is the best so far")
         elif not self.reached:
             found.append(
                 f"NOT REACHED: {name} {goal.error:g} was asked for; {self._obstacle()}. The image is the best so far."

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from wdpm.goal.clock import Budget
 from wdpm.goal.convergence import LEAST_PASSES, ConvergenceEstimator, Estimate
@@ -26,7 +26,7 @@ from wdpm.rendering.pass_progress import PassProgress
 from wdpm.rendering.passes import PassAverage, PassRenderer
 from wdpm.rendering.prepare import Source, scene_of
 from wdpm.rendering.scene_settings import settings_for
-from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.errors import ClusterError, SettingsError
 
 CHOSEN_HERE = frozenset({"passes", "spp"})
 """Settings that cannot be given beside a goal."""
@@ -65,6 +65,18 @@ class Interrupted(KeyboardInterrupt):
         self.image = image
 
 
+class Abandoned(ClusterError):
+    """The cluster ended because of an error during the passes.
+
+    Attributes:
+        image: the mean of those that were done, with its outcome.
+    """
+
+    def __init__(self, reason: str, image: Image) -> None:
+        super().__init__(reason)
+        self.image = image
+
+
 def render_until(
     source: Source,
     goal: Goal,
@@ -90,6 +102,7 @@ def render_until(
     Raises:
         SceneError, SettingsError, ClusterError: see their messages.
         Interrupted: Ctrl-C, once a pass is done; it holds the image of the passes so far.
+        Abandoned: a ClusterError, once a pass is done; it holds that image, too.
     """
     for name in CHOSEN_HERE & set(chosen):
         raise SettingsError(f"{name} is chosen by what until_error and time_budget ask for; leave one of them out")
@@ -113,31 +126,46 @@ def _render(pilot: TrialPilot, goal: Goal, budget: Budget) -> Image:
     estimator = pilot.estimator_for(schedule, goal)
     renderer = pilot.renderer_for(schedule)
     renderer.progress = progress
-    average, estimate, ending = _passes(renderer, schedule, goal, estimator, budget, _most(schedule, goal, expected))
+    done = _passes(renderer, schedule, goal, estimator, budget, _most(schedule, goal, expected))
     times = {
         "seconds": pilot.work.clock() - began,
         "pilot_seconds": pilot.seconds,
         "compile_seconds": pilot.compile_seconds,
     }
-    outcome = outcome_of(goal, schedule, estimate, len(average.plans), times, ending)
-    image = average.image()
+    outcome = outcome_of(goal, schedule, done.estimate, len(done.average.plans), times, done.ending)
+    image = done.average.image()
     image = replace(image, metadata={**image.metadata, OUTCOME: outcome.to_dict()})
-    if ending is Ending.INTERRUPTED:
-        raise Interrupted(image)
+    match done.error:
+        case KeyboardInterrupt():
+            raise Interrupted(image) from done.error
+        case ClusterError():
+            raise Abandoned(str(done.error), image) from done.error
     return image
+
+
+class _Done(NamedTuple):
+    """What came of the passes.
+
+    Attributes:
+        average: their mean.
+        estimate: of its error.
+        ending, error: what ended them; None for an error if they are complete.
+    """
+
+    average: PassAverage
+    estimate: Estimate | None
+    ending: Ending
+    error: BaseException | None = None
 
 
 def _passes(
     renderer: PassRenderer, schedule: Schedule, goal: Goal, estimator: ConvergenceEstimator, budget: Budget, most: float
-) -> tuple[PassAverage, Estimate | None, Ending]:
+) -> _Done:
     """Render until the goal is reached, or `most` passes are done, or someone has enough, or presses Ctrl-C
-    after the first.
+    after the first, or the cluster is lost after that.
 
     Args:
         estimator: may have taken in passes of the schedule's trial already; these are in the image in any case.
-
-    Returns:
-        The mean, the estimate of its error, and what ended it.
     """
     average = PassAverage(renderer.prepared)
     camera, bucket = renderer.prepared.session.view.camera, renderer.prepared.session.view.bucket
@@ -150,14 +178,15 @@ def _passes(
         plan = PassPlan(number, number * samples, samples)
         try:
             result = schedule.trial.results.get(plan) or renderer.render(plan, average.allotment(plan))
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, ClusterError) as error:
             if not number:
                 raise
-            return average, estimator.estimate(), Ending.INTERRUPTED
+            ending = Ending.LOST if isinstance(error, ClusterError) else Ending.INTERRUPTED
+            return _Done(average, estimator.estimate(), ending, error)
         average.add(result)
         if schedule.ends_at_once:
             renderer.show(average)
-            return average, schedule.trial.at_once, Ending.DONE
+            return _Done(average, schedule.trial.at_once, Ending.DONE)
         if number == estimator.passes:
             weight = weight_of(plan, result.allotment, camera.width, camera.height)
             estimator.add(result.layers, weight, shrink(number))
@@ -169,12 +198,12 @@ def _passes(
             estimate = estimator.estimate()
             next_check = max(number + 1, math.ceil(number * FIRST_CHECKS))
             if estimate is not None and estimate.total.high <= goal.mean_square:
-                return average, estimate, Ending.DONE
+                return _Done(average, estimate, Ending.DONE)
         if plan not in schedule.trial.results:
             slowest = max(time.perf_counter() - began, 0.9 * slowest)
         out_of_time = budget.left() < SLOWER * slowest
         if number >= most or out_of_time or renderer.enough:
-            return average, estimator.estimate(), Ending.OUT_OF_TIME if out_of_time else Ending.DONE
+            return _Done(average, estimator.estimate(), Ending.OUT_OF_TIME if out_of_time else Ending.DONE)
 
 
 def _most(schedule: Schedule, goal: Goal, expected: bool) -> float:
