@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from wdpm.cluster.batch import Batch, Kind, joined
 from wdpm.cluster.runs import Runs
@@ -34,14 +35,18 @@ def rows_by_task(batches: list[Batch]) -> dict[tuple[int, int], list[int]]:
     return found
 
 
-def test_each_row_stays_with_its_task() -> None:
+@pytest.mark.parametrize(("most", "rows"), [(5, 4), (5, 300), (20, 4), (20, 300)])
+def test_each_row_stays_with_its_task(most: int, rows: int) -> None:
+    """Few runs and many, of few rows and many: each is joined in the way that is quickest."""
     rng = np.random.default_rng(1)
-    for _ in range(50):
+    for _ in range(20):
         batches = []
-        for number in range(rng.integers(1, 6)):
+        for number in range(rng.integers(1, most + 1)):
             chosen = np.sort(rng.permutation(HOMES * TASKS)[: rng.integers(1, 5)])
-            runs = [(int(c) // TASKS, int(c) % TASKS, int(rng.integers(0, 4)), int(rng.integers(0, 9))) for c in chosen]
-            batches.append(batch_of(runs, 100 * number))
+            runs = [
+                (int(c) // TASKS, int(c) % TASKS, int(rng.integers(0, rows)), int(rng.integers(0, 9))) for c in chosen
+            ]
+            batches.append(batch_of(runs, 10000 * number))
         whole = joined(batches)
         whole.check()
         assert rows_by_task([whole]) == rows_by_task(batches)
