@@ -26,15 +26,26 @@ FEW_ROWS: Final = 1 << 11
 """Rows that take less time than a turn takes however few there are."""
 
 HOLD_S: Final = 0.002
-"""How long those wait for more, in a process of its own [s]: some ten times as long as a message is on its way between
-two slaves of one machine, so that what several send comes together."""
+"""How long those wait for more at least, in a process of its own [s]: some ten times as long as a message is on its way
+between two slaves of one machine, so that what several send comes together."""
+
+MOST_HOLD_S: Final = 0.05
+"""How long they wait at most, however slow turns are [s]."""
+
+TURNS_HELD: Final = 2.0
+"""How many turns of few rows they wait for, if that is longer. Peers are as fast as this slave, so what is on its way
+comes within a turn or two. Where slaves share cores a turn takes many times as long as there is to compute, and what
+waits leaves the cores to those that have more to do."""
+
+_LOOKS_BACK: Final = 8
+"""Turns over which their time is averaged, about."""
 
 
 class JobQueue:
     """Orders, batches and tasks that wait.
 
     Args:
-        hold_s: how long few rows wait for more while there is nothing else to do [s].
+        hold_s: how long few rows wait for more while there is nothing else to do, at least [s]; 0 for not at all.
     """
 
     def __init__(self, hold_s: float) -> None:
@@ -44,6 +55,21 @@ class JobQueue:
         self._batches = Queues()
         self._hold_s = hold_s
         self._held_since: float | None = None
+        self._turn_s = 0.0  # what a turn of few rows takes
+
+    def ended(self, job: Job, seconds: float) -> None:
+        """A job has ended.
+
+        Args:
+            seconds: from when it was handed out until its outcome was here [s].
+        """
+        if isinstance(job, jobs.HandleBatches) and sum(map(len, job.batches)) < FEW_ROWS:
+            self._turn_s += (seconds - self._turn_s) / _LOOKS_BACK
+
+    @property
+    def _hold(self) -> float:
+        """How long few rows wait now [s]."""
+        return max(self._hold_s, min(TURNS_HELD * self._turn_s, MOST_HOLD_S)) if self._hold_s > 0.0 else 0.0
 
     def add(self, batch: Batch) -> None:
         """Let a batch wait."""
@@ -63,7 +89,7 @@ class JobQueue:
     @property
     def look_at(self) -> float | None:
         """When few rows will have waited for long enough; None if none wait."""
-        return None if self._held_since is None else self._held_since + self._hold_s
+        return None if self._held_since is None else self._held_since + self._hold
 
     def next_job(self, now: float) -> Job | None:
         """What is to be done next, if the worker is at nothing.
@@ -84,7 +110,7 @@ class JobQueue:
         if not self._batches:
             return None
         since = now if held is None else held
-        if now < since + self._hold_s:
+        if now < since + self._hold:
             self._held_since = since
             return None
         return jobs.HandleBatches(self._batches.take(ROWS_A_TURN))

@@ -13,6 +13,7 @@ from wdpm.cluster.messages import packing, protocol
 from wdpm.cluster.slave import events as s
 from wdpm.cluster.slave.account import Account
 from wdpm.cluster.slave.computer import NO_MEMORY, ComputeThread
+from wdpm.cluster.slave.job_queue import HOLD_S
 from wdpm.cluster.slave.jobs import Job
 from wdpm.cluster.slave.machine import Slave
 from wdpm.cluster.slave.vital_signs import VitalSigns
@@ -85,11 +86,12 @@ class SlaveShell:
         self._endpoints: dict[int, str] = {}
         self._master = self._connect_master()
 
-    def receive(self) -> None:
-        """Take in messages that have come."""
+    def receive(self) -> bool:
+        """Take in messages that have come; whether there were any of peers."""
         self._receive_from_master()
-        self._receive_from_peers()
+        came = self._receive_from_peers()
         self._receive_answers()
+        return came
 
     def find_broken_connections(self) -> None:
         """Tell the state machine who is lost."""
@@ -107,6 +109,19 @@ class SlaveShell:
         """How long it may sleep now, if nothing comes [s]."""
         look_at = self.state.look_at
         return self.turn_s if look_at is None else min(self.turn_s, max(0.0, look_at - self._clock()))
+
+    def rest_s(self, came: bool) -> float:
+        """How long messages may lie where they are, though there be some, since none is wanted before that [s].
+
+        Each that wakes this thread takes the interpreter from the one that computes, and a core, and finds the caches
+        full of other things: several that are taken in at once take much less.
+
+        Args:
+            came: whether messages of peers have come in this turn.
+        """
+        if self.state.look_at is not None:
+            return max(0.0, self.state.look_at - self._clock())
+        return HOLD_S if came and self.state.computes else 0.0
 
     def look(self) -> None:
         """Tell the state machine the time, if it waits for that."""
@@ -148,7 +163,7 @@ class SlaveShell:
                     self.turn_s = max(TURN_S, message.heartbeat_s / TURNS_A_HEARTBEAT)
                 self.handle(s.MasterSaid(message))
 
-    def _receive_from_peers(self) -> None:
+    def _receive_from_peers(self) -> bool:
         came = False
         for _ in range(TURN_MESSAGES):
             received = self._next_of_peers()
@@ -162,6 +177,7 @@ class SlaveShell:
                 self.handle(s.PeerSaid(identity, message, more=True))
         if came:
             self.handle(s.Look())
+        return came
 
     def _next_of_peers(self) -> tuple[bytes, Received] | None:
         before = self._network.carried.received
@@ -282,14 +298,17 @@ class SlaveLoop:
     def _turns(self) -> None:
         shell = self._shell
         ticked = 0.0
+        came = False
         shell.handle(s.Start())
         while not shell.state.ended:
+            if (rest_s := shell.rest_s(came)) > 0.0:
+                self._network.rest(rest_s)
             ready = self._network.wait(shell.sleep_s())
             if self._life_line in ready:
                 shell.handle(s.Leave("the process that started it has ended"))
             for event in self._computer.mailbox.take():
                 shell.handle(event)
-            shell.receive()
+            came = shell.receive()
             shell.find_broken_connections()
             shell.look()
             now = time.monotonic()

@@ -113,6 +113,11 @@ class Slave:
         return dict(self._dropped)
 
     @property
+    def computes(self) -> bool:
+        """Whether its worker is at something."""
+        return bool(self._running)
+
+    @property
     def look_at(self) -> float | None:
         """When it wants to be told the time, by Look, since something waits till then; None if nothing does."""
         return self._work.look_at
@@ -144,7 +149,7 @@ class Slave:
             case PeerAnswered(number, message):
                 return self._peers.answered(number, message)
             case Computed(outcome):
-                return self._computed(outcome)
+                return self._computed(outcome, now)
             case Tick():
                 return self._tick(now)
             case Look():
@@ -428,8 +433,9 @@ class Slave:
         """Whether the scene is one cell, which this slave holds."""
         return self._setup is not None and len(self._setup.holders) == 1
 
-    def _computed(self, outcome: Outcome) -> list[Instruction]:
+    def _computed(self, outcome: Outcome, now: float) -> list[Instruction]:
         job, epoch = self._end_job(outcome.job)
+        self._work.ended(job, now - self._running_since)
         if isinstance(job, jobs.Build):
             self._had = frozenset(cell for cell, holder in enumerate(job.holders) if holder == job.number)
         if epoch != self._epoch:

@@ -219,6 +219,10 @@ class MemoryNetwork:
         """Have `wait` end when a file descriptor can be read, too."""
         self._watched.add(descriptor)
 
+    def rest(self, seconds: float) -> None:
+        """Until a watched descriptor can be read."""
+        select.select(list(self._watched), [], [], seconds)
+
     def wait(self, seconds: float) -> set[int]:
         """Until something arrives, or a watched descriptor can be read."""
         with self._lock:

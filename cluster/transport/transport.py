@@ -135,6 +135,9 @@ class Network(Protocol):
     def watch(self, descriptor: int) -> None:
         """Have `wait` end when a file descriptor can be read, too: a mailbox's, or the pipe of a life line."""
 
+    def rest(self, seconds: float) -> None:
+        """Until a watched descriptor can be read or the time is over, whatever messages come meanwhile."""
+
     def wait(self, seconds: float) -> set[int]:
         """Until a message has come, a watched descriptor can be read or the time is over.
 

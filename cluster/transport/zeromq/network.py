@@ -209,6 +209,7 @@ class ZeroMQNetwork:
         self.carried = Carried()
         self._keys = keys
         self._poller = zmq.Poller()
+        self._watching = zmq.Poller()  # what is watched alone
         self._watched: set[int] = set()
         self._ready: set[Socket | int] | None = None
         self._connections: list[ZeroMQConnection] = []
@@ -308,7 +309,12 @@ class ZeroMQNetwork:
     def watch(self, descriptor: int) -> None:
         """Have `wait` end when a file descriptor can be read, too."""
         self._watched.add(descriptor)
+        self._watching.register(descriptor, zmq.POLLIN)
         self._poller.register(descriptor, zmq.POLLIN)
+
+    def rest(self, seconds: float) -> None:
+        """Poll what is watched alone; ZeroMQ's own thread takes messages in meanwhile."""
+        self._watching.poll(math.ceil(seconds * 1000))
 
     def wait(self, seconds: float) -> set[int]:
         """Poll all sockets that are read from, what is watched, and ZeroMQ's news of connections that broke."""

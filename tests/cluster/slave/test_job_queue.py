@@ -11,7 +11,7 @@ from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.slave import events as s
 from wdpm.cluster.slave import jobs
-from wdpm.cluster.slave.job_queue import FEW_ROWS, ROWS_A_TURN, JobQueue
+from wdpm.cluster.slave.job_queue import FEW_ROWS, MOST_HOLD_S, ROWS_A_TURN, TURNS_HELD, JobQueue
 from wdpm.cluster.task import PhotonTask
 
 HOLD_S = 0.5
@@ -137,3 +137,28 @@ def test_few_rows_wait_until_the_shell_tells_the_time() -> None:
     [job] = jobs_of(driver(s.Look()))
     assert isinstance(job, jobs.HandleBatches)
     assert driver.slave.look_at is None
+
+
+def test_few_rows_wait_as_long_as_turns_take() -> None:
+    work = at_hand(rays())
+    for _ in range(100):
+        work.ended(jobs.HandleBatches((rays(),)), HOLD_S)
+        work.ended(jobs.HandleBatches((rays(FEW_ROWS),)), 100 * HOLD_S)  # many rows say nothing of a turn of few
+    assert work.next_job(10.0) is None
+    assert work.look_at == 10.0 + HOLD_S, "no longer than that, however slow turns are"
+    quick = at_hand(rays(), hold_s=0.001)
+    assert quick.next_job(10.0) is None
+    assert quick.look_at == 10.0 + 0.001, "no less than what is asked for"
+    for _ in range(100):
+        quick.ended(jobs.HandleBatches((rays(),)), 0.005)
+    assert quick.look_at is not None
+    assert quick.look_at - 10.0 == pytest.approx(0.005 * TURNS_HELD, rel=1e-3)
+    for _ in range(100):
+        quick.ended(jobs.HandleBatches((rays(),)), 1.0)
+    assert quick.look_at == 10.0 + MOST_HOLD_S
+
+
+def test_who_does_not_hold_waits_for_no_turns() -> None:
+    work = at_hand(rays(), hold_s=0.0)
+    work.ended(jobs.HandleBatches((rays(),)), 1.0)
+    assert rows_of(work.next_job(10.0)) == [1]

@@ -107,7 +107,7 @@ class FlakyConnection:
 class FlakyNetwork:
     def __init__(self, transport: FlakyTransport, inner: Network, number: int) -> None:
         self._transport, self._inner, self._number = transport, inner, number
-        self.watch, self.wait, self.close = inner.watch, inner.wait, inner.close
+        self.watch, self.rest, self.wait, self.close = inner.watch, inner.rest, inner.wait, inner.close
 
     @property
     def carried(self) -> Carried:

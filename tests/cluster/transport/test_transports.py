@@ -181,6 +181,20 @@ def test_waiting_ends_when_a_message_comes(ends: tuple[Network, Any, Network, Co
     timer.join()
 
 
+def test_messages_do_not_end_a_rest(ends: tuple[Network, Any, Network, Connection]) -> None:
+    here, listener, _, connection = ends
+    mailbox = Mailbox()
+    here.watch(mailbox.fd)
+    assert connection.send(protocol.PeerGone(1))
+    here.rest(0.05)
+    assert mailbox.take() == []
+    mailbox.put("done")
+    here.rest(LONG_S)  # the time limit of a test would tell
+    assert mailbox.take() == ["done"]
+    assert soon(listener.receive, here) == (b"slave", protocol.PeerGone(1))
+    mailbox.close()
+
+
 def test_a_place_is_taken_once(place: tuple[Transport, str]) -> None:
     transport, address = place
     here, there = transport.open(None), transport.open(None)

@@ -82,7 +82,7 @@ class Process:
     loop: Thread
     carrier: Thread
     compute: Thread
-    take_in: Callable[[], None] = lambda: None
+    take_in: Callable[[], object] = lambda: None
     look: Callable[[], None] = lambda: None
     look_at: Callable[[], float | None] = lambda: None
     arrived: list[list[Frame]] = field(default_factory=list)

@@ -1,0 +1,41 @@
+"""When a slave's loop lets messages lie: while few rows wait for more, and for a moment while its worker computes."""
+
+from __future__ import annotations
+
+from fake_worker import arrays
+from slave_driver import EPOCH, Driver
+from slave_driver import jobs as jobs_of
+from wdpm.cluster.slave.work_at_hand import FEW_ROWS, HOLD_S
+
+from wdpm.cluster.batch import Batch, Kind
+from wdpm.cluster.messages import protocol as p
+from wdpm.cluster.slave import events as s
+from wdpm.cluster.slave.loop import FROM_PEER, SlaveShell
+from wdpm.cluster.transport.memory import MemoryTransport
+from wdpm.cluster.transport.transport import Role
+
+
+def message(rows: int) -> p.PeerBatches:
+    return p.PeerBatches(EPOCH, (Batch.of_task(Kind.PHOTON, 5, 1, 1, 1, arrays(Kind.PHOTON, rows)),))
+
+
+def test_messages_lie_while_none_is_wanted() -> None:
+    driver = Driver(hold_s=HOLD_S).ready()
+    network = MemoryTransport().open(None)
+    listener = network.listen("memory://resting", Role.SLAVE, FROM_PEER)
+    shell = SlaveShell(
+        driver.slave, network, listener, "memory://nobody", lambda _: None, lambda _: None, lambda: driver.now
+    )
+    assert shell.rest_s(came=True) == 0.0, "a worker that is at nothing waits for messages"
+    assert driver.peer(message(1)) == []
+    assert shell.rest_s(came=True) == HOLD_S, "few rows wait for more"
+    driver.now += HOLD_S
+    assert shell.rest_s(came=True) == 0.0
+    [job] = jobs_of(driver(s.Look()))
+    assert shell.rest_s(came=True) == HOLD_S, "the worker computes"
+    assert shell.rest_s(came=False) == 0.0, "the next message wakes the loop, if the one before is long ago"
+    driver.computed(job)
+    assert shell.rest_s(came=True) == 0.0
+    [job] = jobs_of(driver.peer(message(FEW_ROWS)))
+    assert shell.rest_s(came=True) == HOLD_S
+    network.close()
