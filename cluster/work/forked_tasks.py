@@ -97,12 +97,16 @@ class ForkedTasks:
         return len(self._waiting) + sum(process.task is not None for process in self._processes)
 
     def start(self, task: Task) -> None:
-        """Have a task done after those that were started before."""
-        if not self._processes:
-            self._fork_all()
+        """Have a task done after those that were started before.
+
+        A process is forked when there is a task for it: a fork takes some milliseconds, and more with more memory,
+        and those that are there already compute meanwhile.
+        """
         self._waiting.append(task)
         for process in self._processes:
             self._hand_next(process)
+        if self._waiting and len(self._processes) < self._count:
+            self._hand_next(self._fork())
 
     def wait(self, seconds: float | None = None) -> list[TaskResult]:
         """Results that have come; waits for one, for so long at most.
@@ -151,18 +155,18 @@ class ForkedTasks:
 
     # The parent's side.
 
-    def _fork_all(self) -> None:
-        _end([], self._ending, os.getpid())
+    def _fork(self) -> _Process:
+        if not self._processes:
+            _end([], self._ending, os.getpid())
+            return_free_memory()  # or each process would copy what lies in pages that are free as soon as it uses one
         self._worker.replica.launcher.rest()
-        return_free_memory()  # or each process would copy what lies in pages that are free as soon as it uses one
         gc.freeze()  # so that the collector's marks do not copy the pages of all objects into each process
         try:
-            for _ in range(self._count):
-                self._fork()
+            return self._forked()
         finally:
             gc.unfreeze()
 
-    def _fork(self) -> _Process:
+    def _forked(self) -> _Process:
         ours, theirs = stream.pair()
         with warnings.catch_warnings():
             # Python warns of threads, which a fork leaves behind with whatever locks they hold. Those of this process
@@ -216,7 +220,6 @@ class ForkedTasks:
                 f"processes of this render end again and again ({_in_words(status)}); if memory is short, use fewer "
                 "--threads, photons or triangles"
             )
-        self._worker.replica.launcher.rest()
         if lost.task is not None:
             self._waiting.appendleft(lost.task)
         self._hand_next(self._fork())

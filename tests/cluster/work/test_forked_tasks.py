@@ -242,8 +242,25 @@ def test_a_fault_tells_where_it_was(worker: CellWorker) -> None:
     forked.stop()
 
 
+def test_a_process_is_forked_when_there_is_a_task_for_it(forked: ForkedTasks) -> None:
+    """Those before it are at work by then; one that is idle is handed a task before another is forked."""
+    for count, task in enumerate(BUCKETS[:2], start=1):
+        forked.start(task)
+        assert [process.task for process in forked._processes] == BUCKETS[:count]
+    finish(forked)
+    first = processes_of(forked)
+    for task in BUCKETS[2:5]:
+        forked.start(task)
+    assert len(processes_of(forked)) == 3
+    assert processes_of(forked)[:2] == first
+    forked.start(BUCKETS[5])
+    assert len(processes_of(forked)) == 3
+    finish(forked)
+
+
 def test_no_process_is_left_when_they_are_stopped(forked: ForkedTasks) -> None:
-    forked.start(BUCKETS[0])
+    for task in BUCKETS[:3]:
+        forked.start(task)
     pids = processes_of(forked)
     finish(forked)
     assert len(pids) == 3
@@ -288,8 +305,9 @@ def test_no_process_is_left_when_a_render_has_ended(monkeypatch: pytest.MonkeyPa
     with InProcess(threads=2) as backend:
         render_in_passes(SCENE, backend, replace(FEW, passes=2))
         assert not any(map(is_there, forked))
-    # For the photons of both passes; the maps of each are other ones.
-    assert len(forked) == 2 * 3
+    # One for the few photons of the first pass, which are one task; two each time for what reads the maps, which end
+    # when those of another pass are built.
+    assert len(forked) == 1 + 2 * 2
 
 
 KILLED = """
@@ -312,6 +330,7 @@ def test_forked_processes_end_with_their_parent(tmp_path: Path) -> None:
     """Even if it is killed, and cannot say so."""
     with subprocess.Popen([sys.executable, "-c", KILLED], stdout=subprocess.PIPE, text=True, cwd=tmp_path) as parent:
         assert parent.stdout is not None
+        parent.stdout.readline()  # of the process that traces the few photons, and ends when maps are built
         pids = [int(parent.stdout.readline()) for _ in range(3)]
         assert all(map(is_there, pids))
         parent.kill()
