@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.plan.map_plans import irradiance_plan, map_plans
 from wdpm.cluster.plan.photon_pilot import PhotonPilot
-from wdpm.cluster.plan.pilot_gathers import PILOT_K, AmongPhotons
+from wdpm.cluster.plan.pilot_gathers import PILOT_K
 from wdpm.cluster.plan.small_view import small, without_photons
 from wdpm.cluster.plan.view import view_of
 from wdpm.cluster.render_settings import Indirect, RenderSettings
@@ -71,7 +71,7 @@ def unread_share(flat: FlatScene, pilot: PhotonPilot, settings: RenderSettings) 
     if not len(position):
         return 0.0
     plan = irradiance_plan(pilot, settings, plans)
-    _, radius = AmongPhotons(pilot.cell, photons).gather(position, places.all("normal"), pilot.world.extent)
+    _, radius = pilot.among(GLOBAL_MAP).gather(position, places.all("normal"), pilot.world.extent)
     # Photons are strewn at random: where some number is expected, there is none with a probability of exp(-number).
     expected = PILOT_K * plan.share * planned.paths / flown * (plan.reach / radius.astype(np.float64)) ** 2
     return float(np.exp(-expected).mean())

@@ -18,9 +18,8 @@ from wdpm.cluster.plan.map_worth import (
     worth_of_volume,
 )
 from wdpm.cluster.plan.photon_pilot import PhotonPilot
-from wdpm.cluster.plan.pilot_gathers import PILOT_K, AmongPhotons
+from wdpm.cluster.plan.pilot_gathers import PILOT_K
 from wdpm.cluster.render_settings import RenderSettings
-from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.world import IrradiancePlan, MapPlan
 from wdpm.kernels.limits import POINTS_A_PHOTON, POINTS_LEAST, POINTS_MOST
 from wdpm.kernels.photons.beam import sum_unit
@@ -150,11 +149,10 @@ _MEASURED: WeakKeyDictionary[PhotonPilot, _Measured] = WeakKeyDictionary()
 def _measured(pilot: PhotonPilot, flat: FlatScene) -> _Measured:
     """Measured once."""
     if pilot not in _MEASURED:
-        photons, cell = pilot.photons, pilot.cell
         _MEASURED[pilot] = _Measured(
             worth_of_caustics(pilot),
-            total_area(flat.triangles, cell.store.standing_areas.of) if pilot.world.paths else 1.0,
-            (_median_radius(cell, photons[GLOBAL_MAP], flat), _median_radius(cell, photons[CAUSTIC_MAP], flat)),
+            total_area(flat.triangles, pilot.cell.store.standing_areas.of) if pilot.world.paths else 1.0,
+            (_median_radius(pilot, GLOBAL_MAP, flat), _median_radius(pilot, CAUSTIC_MAP, flat)),
         )
     return _MEASURED[pilot]
 
@@ -231,13 +229,14 @@ def volume_unit(photons: Sequence[Arrays], volume_map: MapPlan, flat: FlatScene)
     return sum_unit(largest, volume_map.radius, float(np.abs(flat.media.g).max(initial=0.0)))
 
 
-def _median_radius(cell: Cell, photons: Arrays, flat: FlatScene) -> float:
-    """The radius in which the median of the pilot's photons has PILOT_K others; 0 where there are too few."""
+def _median_radius(pilot: PhotonPilot, number: int, flat: FlatScene) -> float:
+    """The radius in which the median of the pilot's photons of a map has PILOT_K others; 0 where there are too few."""
+    photons = pilot.photons[number]
     position, normal = photons["position"], photons["normal"]
     if len(position) <= PILOT_K:
         return 0.0
     queries = np.linspace(0, len(position) - 1, min(PILOT_GATHERS, len(position))).astype(np.intp)
-    _, found = AmongPhotons(cell, photons).gather(position[queries], normal[queries], flat.extent)
+    _, found = pilot.among(number).gather(position[queries], normal[queries], flat.extent)
     return float(np.quantile(found, RADIUS_QUANTILE))
 
 

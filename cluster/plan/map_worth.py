@@ -81,10 +81,15 @@ def worth_of_caustics(pilot: PhotonPilot) -> MapWorth:
     own = pilot.photons[CAUSTIC_MAP]
     if not len(own["id"]):
         return MapWorth(0, 0.0)
-    others = [(pilot.photons[GLOBAL_MAP], pilot.world.global_map.paths), direct_photons(pilot)]
+    direct, of_direct = direct_photons(pilot)
     places = take(own, _by_flux(own))
-    caustic = _irradiance(pilot, own, pilot.paths, places)
-    whole = caustic + sum(_irradiance(pilot, photons, paths, places) for photons, paths in others)
+    position, normal = places["position"], places["normal"]
+    caustic = irradiance_by(pilot, CAUSTIC_MAP, position, normal)
+    others = irradiance_by(pilot, GLOBAL_MAP, position, normal)
+    if len(direct["id"]):
+        found, _ = AmongPhotons(pilot.cell, direct).gather(position, normal, pilot.world.extent)
+        others += found.astype(np.float64) / of_direct
+    whole = caustic + others
     share = np.divide(caustic, whole, out=np.zeros_like(whole), where=whole > 0)
     return MapWorth(len(own["id"]), float(share.mean()))
 
@@ -126,15 +131,6 @@ def _by_flux(photons: Arrays) -> NDArray[np.intp]:
     count = min(PLACES, len(summed))
     steps = (np.arange(count) + 0.5) / count * summed[-1]
     return np.minimum(np.searchsorted(summed, steps), len(summed) - 1)
-
-
-def _irradiance(pilot: PhotonPilot, photons: Arrays, paths: int, places: Arrays) -> NDArray[np.float64]:
-    """Of some of the pilot's photons [W / m²], mean of RGB, shape [places]."""
-    if not paths or not len(photons["id"]):
-        return np.zeros(len(places["id"]))
-    among = AmongPhotons(pilot.cell, photons)
-    found, _ = among.gather(places["position"], places["normal"], pilot.world.extent)
-    return found.astype(np.float64) / paths
 
 
 def _flux(photons: Arrays) -> float:
@@ -255,8 +251,11 @@ def irradiance_by(
         number: of the map.
         position, normal: of the places, shape [P, 3].
     """
-    places: Arrays = {"id": np.arange(len(position)), "position": position, "normal": normal}
-    return _irradiance(pilot, pilot.photons[number], pilot.world.maps[number].paths, places)
+    paths = pilot.world.maps[number].paths
+    if not paths or not len(pilot.photons[number]["id"]):
+        return np.zeros(len(position))
+    found, _ = pilot.among(number).gather(position, normal, pilot.world.extent)
+    return found.astype(np.float64) / paths
 
 
 def map_error(

@@ -5,7 +5,7 @@ What it stores tells how many paths bring the photons that are asked for, and wh
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.batch import Arrays, take
 from wdpm.cluster.plan.effects import calls_for_caustics
 from wdpm.cluster.plan.light_shares import pilot_emission
+from wdpm.cluster.plan.pilot_gathers import AmongPhotons
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.task import PhotonTask
 from wdpm.cluster.work.cell import Cell
@@ -61,6 +62,13 @@ class PhotonPilot:
     paths: int
     worker: CellWorker
     photons: list[Arrays]
+    _trees: dict[int, AmongPhotons] = field(default_factory=dict, init=False, repr=False)
+
+    def among(self, number: int) -> AmongPhotons:
+        """The photons of a map of surfaces, to be gathered from: several look for their neighbours, in one tree."""
+        if number not in self._trees:
+            self._trees[number] = AmongPhotons(self.cell, self.photons[number])
+        return self._trees[number]
 
     @property
     def world(self) -> World:
