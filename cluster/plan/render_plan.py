@@ -17,7 +17,7 @@ from wdpm.cluster.lit_places import LitPlaces
 from wdpm.cluster.plan.copies import TRIANGLE_BYTES
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.forecast.sight import NO_SIGHT, Sight, sight_of
-from wdpm.cluster.plan.forecast.work import NO_WORK, work_of
+from wdpm.cluster.plan.forecast.work import work_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide, with_guide
 from wdpm.cluster.plan.light_shares import shared_out
 from wdpm.cluster.plan.lit_places import lit_places
@@ -180,12 +180,12 @@ def _top_tree(
     workers: int,
 ) -> TopTree:
     """Cells of 2^levels, cut by what is expected of the view where there are several."""
+    if not levels:
+        return pilot.world.top_tree
     weighed, places = places_to_cut(flat.triangles), np.concatenate([part["position"] for part in pilot.photons])
-    work = NO_WORK
-    if levels:
-        stored = settings.photons + settings.caustic_photons + settings.volume_photons if len(places) else 0
-        every = len(flat.triangles) + len(flat.triangles.instances)
-        work = work_of(sight, places, pilot.world, view, stored, TRIANGLE_BYTES * every / max(len(weighed), 1))
+    stored = settings.photons + settings.caustic_photons + settings.volume_photons if len(places) else 0
+    every = len(flat.triangles) + len(flat.triangles.instances)
+    work = work_of(sight, places, pilot.world, view, stored, TRIANGLE_BYTES * every / max(len(weighed), 1))
     return build_top_tree(weighed, places, band, levels, workers, work)
 
 
