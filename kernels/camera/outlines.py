@@ -29,8 +29,9 @@ too, so that none whose corner is cut off is missed."""
 STEPS_A_LOOK = 4
 """Points of which one is asked whether it is seen."""
 
-MOST_BLUR = 2.0
-"""Radius of a point out of focus up to which an outline is one [pixels]: beyond, pixels share the light evenly."""
+MOST_BLUR = 8.0
+"""Radius of a point out of focus up to which an outline is one [pixels]. Beyond, so many pixels have a part of it that
+none gets several times the samples."""
 
 INWARDS = 1e-3
 """How far points that are asked whether they are seen lie from the outline, as a share of the way to the middle of

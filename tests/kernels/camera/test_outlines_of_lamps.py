@@ -91,10 +91,21 @@ def test_parallel_cameras_and_crops_have_outlines_too() -> None:
     np.testing.assert_array_equal(seen(LAMP, camera=crop), seen(LAMP)[5:11, 4:13])
 
 
-@pytest.mark.parametrize(("focus", "found"), [(10.0, True), (2.0, False)])
-def test_an_outline_that_is_out_of_focus_is_none(focus: float, found: bool) -> None:
-    times = seen(LAMP, camera=replace(CAMERA, aperture_radius=1.0, focus_distance=focus))
+@pytest.mark.parametrize(("focus", "found"), [(10.0, True), (6.0, True), (2.0, False)])
+def test_an_outline_that_is_far_out_of_focus_is_none(focus: float, found: bool) -> None:
+    camera = replace(CAMERA, width=200, height=200)
+    times = seen(LAMP, camera=replace(camera, aperture_radius=1.0, focus_distance=focus))
     assert bool((times > 1).any()) is found
+
+
+def test_an_outline_out_of_focus_is_as_wide_as_its_blur() -> None:
+    camera = replace(CAMERA, width=100, height=100)
+    sharp = seen(LAMP, camera=camera) > 1
+    wide = seen(LAMP, camera=replace(camera, aperture_radius=1.0, focus_distance=6.0)) > 1
+    # A point at distance 10 becomes a disc of radius 1 (1 / 6 - 1 / 10) in units of which the image is 2.
+    blur = (1.0 / 6.0 - 1.0 / 10.0) * 50.0
+    row = 52
+    assert np.flatnonzero(sharp[row])[0] - np.flatnonzero(wide[row])[0] == pytest.approx(blur, abs=1.0)
 
 
 def test_many_lamps_everywhere_are_left_alone() -> None:
