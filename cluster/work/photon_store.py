@@ -29,7 +29,7 @@ from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, Deposits
 from wdpm.kernels.photons.flight import BOUNCE_BITS
 from wdpm.kernels.photons.gather_at_photons import gather_at_photons
 from wdpm.kernels.photons.kd_order import over
-from wdpm.kernels.photons.surface_points import even_runs, point_counts, spread
+from wdpm.kernels.photons.surface_points import even_runs, least_radius, point_counts, spread
 from wdpm.kernels.rays import cells
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.standing_areas import StandingAreas
@@ -455,6 +455,7 @@ class PhotonStore:
             normal=normal,
             k=world.irradiance.k,
             r_max=plan.radius,
+            r_least=least_radius(plan.point_area, plan.radius),
             share=world.irradiance.share,
             reach=world.irradiance.reach,
             run=GATHER_RUN,

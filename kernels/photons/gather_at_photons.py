@@ -8,6 +8,11 @@ within reach of it on average. That the nearest is at a distance d tells that no
 of d holds on average, v, the estimate at that site misses as many, and v is distributed as exp(-v), v < m. So of the
 one photon that the site is, 1 - E[v] = m / (exp(m) - 1) are in excess: nothing where sites are dense, all of it where
 hardly one is within reach. That part of the photon itself is left out of the sum.
+
+Where photons lie so densely that k of them fill a disc too small to tell how much of it is surface (surface_points.py),
+all within a least radius are used: in the cup of a lamp k of them, on a larger disc's share of
+surface, told 16 % too much. With more than k photons within r, n / (pi r²) for all n; else k / area of the (k + 1)-th:
+for a Poisson process that is unbiased as each of the two is, since its process stops at whichever comes last.
 """
 
 from __future__ import annotations
@@ -15,6 +20,7 @@ from __future__ import annotations
 import warp as wp
 
 from wdpm.kernels.constants import PI
+from wdpm.kernels.limits import MAX_K
 from wdpm.kernels.maths.elementary import expm1_of
 from wdpm.kernels.photons.gather import INT_SCRATCH, KEY_SCRATCH, contribution, estimate, follow, key_place, nearest
 from wdpm.kernels.photons.photon_map import PhotonMap
@@ -53,6 +59,7 @@ def gather_at_photons(
     normal: wp.array[wp.vec3],
     k: wp.int32,
     r_max: wp.float32,
+    r_least: wp.float32,
     share: wp.float32,
     reach: wp.float32,
     offset: wp.int32,
@@ -67,6 +74,7 @@ def gather_at_photons(
         position, normal: its own.
         k: most photons to use, 1 .. MAX_K.
         r_max: most distant photon to use [scene units].
+        r_least: where k photons lie nearer, all within it are used, or the nearest MAX_K of them [scene units].
         share: of the map's photons, that are sites.
         reach: how far from a place the site may lie that it reads [scene units].
         irradiance_out: on the plane of the normal, not divided by the number of paths.
@@ -84,6 +92,9 @@ def gather_at_photons(
         if q > begin:
             guess = follow(guess, wp.length(x - before))
         found = nearest(photons, x, n, k, r_max, guess, candidates, ints)
+        guess = found.radius
+        if found.radius < r_least:
+            found = nearest(photons, x, n, MAX_K, r_least, r_least, candidates, ints)
         others = _self_last(photons, rank[q], found.count, candidates)
         irradiance = estimate(photons, candidates, others, n, n, found.area_radius2)
         if others < found.count:
@@ -92,5 +103,4 @@ def gather_at_photons(
             irradiance += own * ((1.0 - excess_of_self(sites)) / (PI * found.area_radius2))
         irradiance_out[q] = irradiance
         radius_out[q] = found.radius
-        guess = found.radius
         before = x

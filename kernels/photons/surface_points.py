@@ -12,6 +12,10 @@ does not depend on tree, order or partition.
 A count varies, and one over a number that varies is too large on average, by its variance over its square: 1 % at 16
 points, where photons lie densest and most of the light is. With a variance v, 1 / (count + v / count) is right to
 second order. The variance goes as the root of the count, as the disc's rim does (COUNT_VARIANCE).
+
+Where photons lie so densely that their disc has fewer than LEAST_POINTS, a larger one is counted, and its share of
+surface is taken for the gather's. Where edges are near that is too small a share. So what is worked out ahead at
+photons is gathered from all that lie within the larger disc (least_radius; gather_at_photons.py).
 """
 
 from __future__ import annotations
@@ -23,9 +27,9 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels.constants import INV_PI, LEAST_POINTS, NORMAL_COS
+from wdpm.kernels.constants import FLATTENING, INV_PI, LEAST_POINTS, LEAST_SQUARE, NORMAL_COS
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.photons.gather import box_distance2, distance2_to, dot8, next_above
+from wdpm.kernels.photons.gather import box_distance2, dot8, next_above
 from wdpm.kernels.photons.photon_map import NODE_ROWS, POINT_ROWS, PhotonMap, first_child, vec8
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.cells import Cells, cell_of
@@ -33,11 +37,14 @@ from wdpm.kernels.rays.standing_triangles import front_of_all, position_at_all
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
-_NORMAL_COS = wp.constant(wp.float32(NORMAL_COS))
+_FLATTENING = wp.constant(wp.float32(FLATTENING * FLATTENING - 1.0))
+_TURN = wp.constant(wp.float32(1.0 - NORMAL_COS))
 _PI = wp.constant(wp.float32(math.pi))
 _ONE = wp.constant(wp.float64(1.0))
 _HALF = wp.constant(wp.float64(0.5))
 _STACK = wp.constant(128)  # as in gather.py
+_LEAST_SQUARE = wp.constant(wp.float32(LEAST_SQUARE))
+_LARGER2_MOST = wp.constant(wp.float32(4.0))  # how much more may bend, see count_within
 
 GOLDEN = 0.6180339887498949
 PLASTIC = (0.7548776662466927, 0.5698402909980532)
@@ -68,6 +75,16 @@ def point_counts(
     share = (ids.astype(np.float64) * GOLDEN + number * PLASTIC[0]) % 1.0
     counts: NDArray[np.int64] = np.floor(area / point_area + share).astype(np.int64)
     return counts
+
+
+def least_radius(point_area: float, r_max: float) -> float:
+    """The radius of discs that hold LEAST_POINTS points on a plane, but no more than that of the largest gather.
+
+    Args:
+        point_area: the area that each point stands for.
+        r_max: radius of the largest gather [scene units].
+    """
+    return min(math.sqrt(LEAST_POINTS * point_area / math.pi), r_max)
 
 
 def even_runs(counts: NDArray[np.int64], most: int) -> Iterator[NDArray[np.intp]]:
@@ -161,9 +178,25 @@ def spread(
 
 @wp.func
 def count_within(
-    points: wp.ref[PhotonMap], x: wp.vec3, n: wp.vec3, radius2: wp.float32, stack: wp.array[wp.int32]
+    points: wp.ref[PhotonMap],
+    x: wp.vec3,
+    n: wp.vec3,
+    radius2: wp.float32,
+    larger2: wp.float32,
+    stack: wp.array[wp.int32],
 ) -> wp.int32:
-    """Points that pass the filters and the metric of a gather at x with the normal n."""
+    """Points that pass the filters and the metric of a gather at x with the normal n.
+
+    In a disc that is s times as wide as that of a gather, a surface that bends is s² times as far off the tangent
+    plane, and its normals turn s times as far. For the same share of the disc to pass as passes the gather, heights
+    count s times less there, and normals may differ s times as much. Unless they do, a bowl or a column that photons
+    lie densely on is too bright. Up to s = 2, or what stands before the surface would count.
+
+    Args:
+        larger2: s², in 1 .. 4.
+    """
+    flattening = _FLATTENING / larger2
+    facing_least = 1.0 - _TURN * larger2
     found = wp.int32(0)
     stacked = wp.int32(1)
     stack[0] = 0
@@ -181,9 +214,15 @@ def count_within(
             for c in range(8):
                 if distance2[c] <= radius2:
                     row = POINT_ROWS * (child + c - points.inner_count)
-                    d2 = distance2_to(points.leaves[row + 0], points.leaves[row + 1], points.leaves[row + 2], x, n)
+                    dx = points.leaves[row + 0] - vec8(x[0])
+                    dy = points.leaves[row + 1] - vec8(x[1])
+                    dz = points.leaves[row + 2] - vec8(x[2])
+                    height = dot8(dx, dy, dz, n)
+                    # Never below the box's distance, by the order of operations, as in gather.distance2_to.
+                    d2 = wp.cw_mul(dx, dx) + wp.cw_mul(dy, dy) + wp.cw_mul(dz, dz)
+                    d2 = d2 + flattening * wp.cw_mul(height, height)
                     facing = dot8(points.leaves[row + 3], points.leaves[row + 4], points.leaves[row + 5], n)
-                    passes = wp.min(vec8(above) - d2, facing - vec8(_NORMAL_COS))
+                    passes = wp.min(vec8(above) - d2, facing - vec8(facing_least))
                     for lane in range(8):
                         found += wp.int32(passes[lane] > 0.0)
     return found
@@ -219,7 +258,8 @@ def reflect_gathered(
     if radius[i] > clearance[i]:
         # Where photons lie denser than points, the share of a disc that is surface is that of a somewhat larger disc.
         r = wp.max(radius[i], wp.min(wp.sqrt(LEAST_POINTS * point_area / _PI), r_max))
-        found = count_within(points, position[i], front_normal[i], r * r, stack)
+        larger2 = wp.min(r * r / wp.max(radius[i] * radius[i], _LEAST_SQUARE), _LARGER2_MOST)
+        found = count_within(points, position[i], front_normal[i], r * r, larger2, stack)
         count = wp.float32(wp.max(found, 1))
         incoming = incoming * ((_PI * r * r) / ((count + _COUNT_VARIANCE / wp.sqrt(count)) * point_area))
     radiance_out[i] = wp.cw_mul(albedo[i], incoming) * (INV_PI * scale)

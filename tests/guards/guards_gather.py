@@ -217,7 +217,7 @@ GUARDS = (
         prevents="the far side of a wall counts as area of this side, which is then too dark",
         changes=(
             (
-                "passes = wp.min(vec8(above) - d2, facing - vec8(_NORMAL_COS))",
+                "passes = wp.min(vec8(above) - d2, facing - vec8(facing_least))",
                 "passes = vec8(above) - d2 + 0.0 * facing",
             ),
         ),

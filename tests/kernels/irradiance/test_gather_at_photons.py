@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 import warp as wp
+from numpy.typing import NDArray
 
 from wdpm.kernels.irradiance import at_photons
 from wdpm.kernels.photons import photon_map
@@ -18,12 +19,15 @@ REACH = 0.4
 SHARE = 0.25
 
 
-def read_on_a_plane(density: float, k: int, side: float, seed: int, *, reach: float = REACH) -> tuple[float, int]:
+def read_on_a_plane(
+    density: float, k: int, side: float, seed: int, *, reach: float = REACH, least: float = 0.0
+) -> tuple[float, int]:
     """Mean of what places on a plane read, for photons of flux 1, and how many of the places found something.
 
     Args:
         density: photons a unit of area.
         side: of the square of places; photons reach further, so that none misses any.
+        least: radius within which all photons are used.
     """
     rng = np.random.default_rng(seed)
     whole = side + 4 * RADIUS
@@ -35,7 +39,7 @@ def read_on_a_plane(density: float, k: int, side: float, seed: int, *, reach: fl
     rows = np.flatnonzero(at_photons.chosen(ids, SHARE))
     irradiance, radius = wp.empty(len(rows), dtype=wp.vec3), wp.empty(len(rows), dtype=wp.float32)
     sites = [wp.array(rows, dtype=wp.int32), *(wp.array(a[rows], dtype=wp.vec3) for a in (position, up))]
-    search = [k, RADIUS, SHARE, reach, 0, 1]
+    search = [k, RADIUS, least, SHARE, reach, 0, 1]
     wp.launch(
         gather_at_photons,
         len(rows),
@@ -63,7 +67,20 @@ def test_what_places_read_is_the_density(within: float, k: int, side: float) -> 
     With the photon at the site in the sum, or without, one of the six would be off by 2 to 60 %.
     """
     density = within / math.pi
-    runs = np.array([read_on_a_plane(density, k, side, seed) for seed in range(24)])
+    assert_unbiased(np.array([read_on_a_plane(density, k, side, seed) for seed in range(24)]), density)
+
+
+@pytest.mark.parametrize("within", [10.0, 20.0, 30.0, 100.0, 1000.0])
+def test_all_within_the_least_radius_tell_the_density(within: float) -> None:
+    """Of which 20 are looked for: fewer than these, about as many, and more than MAX_K."""
+    least = 0.5
+    density = within / (math.pi * least**2)
+    side = 12.0 if within < 100 else 4.0
+    assert_unbiased(np.array([read_on_a_plane(density, 20, side, seed, least=least) for seed in range(24)]), density)
+
+
+def assert_unbiased(runs: NDArray[np.float64], density: float) -> None:
+    """Sums of what places read, and how many they are, of each run."""
     means = runs[:, 0] / runs[:, 1]
     mean = runs[:, 0].sum() / runs[:, 1].sum()
     error = means.std(ddof=1) / math.sqrt(len(means))

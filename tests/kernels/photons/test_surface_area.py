@@ -15,16 +15,31 @@ Array = NDArray[np.float64]
 
 def corrected(points: Array, clearance: Array, radius: Array, at: Array, point_area: float, r_max: float) -> Array:
     """reflect_gathered on an irradiance of 1 and an albedo of 1, scaled by pi, at places of the plane z = 0."""
+    up = np.array([0.0, 0.0, 1.0])
+    normals, facing = (np.broadcast_to(up, places.shape) for places in (points, at))
+    return corrected_on(points, normals, clearance, radius, at, facing, point_area, r_max)
+
+
+def corrected_on(
+    points: Array,
+    normals: Array,
+    clearance: Array,
+    radius: Array,
+    at: Array,
+    facing: Array,
+    point_area: float,
+    r_max: float,
+) -> Array:
+    """The same on any surface, by the normals of its points and of the places."""
     count = len(at)
-    up = np.tile(np.float32([0, 0, 1]), (len(points), 1))
-    parts = photon_map.WholeParts({"position": points.astype(np.float32), "normal": up})
+    parts = photon_map.WholeParts({"position": points.astype(np.float32), "normal": normals.astype(np.float32)})
     tree = photon_map.build_points(parts)
     one = wp.array(np.ones((count, 3), np.float32), dtype=wp.vec3, device="cpu")
     radiance = wp.empty(count, dtype=wp.vec3, device="cpu")
     inputs = [
         tree,
         wp.array(at.astype(np.float32), dtype=wp.vec3, device="cpu"),
-        wp.array(np.tile(np.float32([0, 0, 1]), (count, 1)), dtype=wp.vec3, device="cpu"),
+        wp.array(facing.astype(np.float32), dtype=wp.vec3, device="cpu"),
         wp.array(clearance.astype(np.float32), dtype=wp.float32, device="cpu"),
         one,
         one,
@@ -123,3 +138,28 @@ def test_triangles_get_points_by_their_area() -> None:
     for start in (0, 12345):
         runs = point_counts(same, np.arange(start, start + 1000, dtype=np.int32), 1.0)
         assert abs(runs.sum() - 50) <= 4  # three-distance theorem: runs of equal triangles are counted within a few
+
+
+@pytest.mark.parametrize("larger", [1.0, 1.5, 2.0])
+def test_a_bent_surface_is_measured_alike_by_a_larger_disc(larger: float) -> None:
+    """On the outside of a cylinder, in gathers that a larger disc is counted for: the share that passes them."""
+    radius, r = 1.0, 0.1 / larger
+    rng = np.random.default_rng(7)
+    point_area = np.pi * (larger * r) ** 2 / 16.0  # LEAST_POINTS
+    count = round(2 * np.pi * radius * 8.0 / point_area)
+    turn, along = (np.arange(count) * 0.5698402909980532) % 1.0, (np.arange(count) + 0.5) / count
+    bent = on_cylinder(radius, 2 * np.pi * turn, 8.0 * along - 4.0)
+    at = on_cylinder(radius, rng.uniform(0, 2 * np.pi, 20_000), rng.uniform(-3.0, 3.0, 20_000))
+    out = corrected_on(*bent, np.zeros(len(at[0])), np.full(len(at[0]), r), *at, point_area, 1.0)
+    # Of a place at x across and z along, x² + z² + 63 (x² / 2)² <= r², to fourth order: height is x² / 2.
+    x = np.linspace(-r, r, 20_001)
+    wide = np.sqrt(np.maximum(r**2 - x**2 - 63.0 * (x**2 / 2.0) ** 2, 0.0))
+    share = 2.0 * np.trapezoid(wide, x) / (np.pi * r**2)
+    assert share < 0.99
+    assert abs(out.mean() * share - 1.0) < 0.01
+
+
+def on_cylinder(radius: float, turn: Array, along: Array) -> tuple[Array, Array]:
+    """Places on the outside of a cylinder along z, and their normals."""
+    normal = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(len(turn))])
+    return normal * radius + np.column_stack([np.zeros((len(turn), 2)), along]), normal
