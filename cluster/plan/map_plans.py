@@ -60,6 +60,11 @@ be so long. The files of many rooms say 65 edges, which no light that matters ha
 POINTS_A_DISC = 64
 """Surface points in the largest gather, at least, however few the photons."""
 
+POINTS_FOR_DISCS = 1 << 22
+"""Surface points for the sake of discs, at most: where all light of a map is in a few bright spots, gathers are so
+small that 64 points in each would take sixteen million, and half a gigabyte. They count but near edges; with a fifth as
+many a disc's area is told to a tenth there."""
+
 POINTS_IN_DISC = 1 << 11
 """Surface points in the largest gather that are enough, of few photons: more would cost more than the gather itself."""
 
@@ -108,7 +113,7 @@ def map_plans(pilot: PhotonPilot, settings: RenderSettings, flat: FlatScene) -> 
         _given(settings.volume_radius, unit) or _beam_radius(photons[VOLUME_MAP], expected[VOLUME_MAP], extent),
     ]
     plans = [
-        MapPlan(p, r, settings.band * r, old.read, _point_area(measured.area, r, e))
+        MapPlan(p, r, settings.band * r, old.read, point_area(measured.area, r, e))
         for p, r, e, old in zip(every, radii, expected, world.maps, strict=True)
     ]
     words = caustics_in_words(caustics, pilot, settings.caustic_photons, caustic_paths)
@@ -253,9 +258,14 @@ def _gather_radius(median: float, stored: int, k: int, expected: float, extent: 
     return RADIUS_MARGIN * median * math.sqrt(k / PILOT_K / denser)
 
 
-def _point_area(area: float, radius: float, photons: float) -> float:
-    """The area that a surface point stands for, of a map of so many photons on a scene of that area."""
+def point_area(area: float, radius: float, photons: float) -> float:
+    """The area that a surface point stands for, of a map of so many photons on a scene of that area [m²].
+
+    Args:
+        area: of all surfaces [m²].
+        radius: of the widest gather [m].
+    """
     discs = max(1.0, area / (math.pi * radius**2))  # one that is larger than the scene holds all that there is
     least = min(POINTS_LEAST, POINTS_IN_DISC * discs)
-    wanted = max(POINTS_A_PHOTON * photons, POINTS_A_DISC * discs, least)
+    wanted = max(POINTS_A_PHOTON * photons, min(POINTS_A_DISC * discs, POINTS_FOR_DISCS), least)
     return area / min(wanted, POINTS_MOST)

@@ -13,7 +13,15 @@ import pytest
 from tests.helpers.effect_scenes import Builder, camera
 from wdpm.cluster.plan import map_worth
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.map_plans import POINTS_IN_DISC, MapPlans, map_plans, volume_unit
+from wdpm.cluster.plan.map_plans import (
+    POINTS_A_DISC,
+    POINTS_FOR_DISCS,
+    POINTS_IN_DISC,
+    MapPlans,
+    map_plans,
+    point_area,
+    volume_unit,
+)
 from wdpm.cluster.plan.map_worth import (
     BLUR_K,
     FAINTEST,
@@ -34,6 +42,7 @@ from wdpm.cluster.plan.photon_pilot import PILOT_PATHS, fly_pilot
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.inspection.inspect import inspect
 from wdpm.kernels.launch import Launcher
+from wdpm.kernels.limits import POINTS_A_PHOTON, POINTS_MOST
 from wdpm.kernels.photons.flight import BOUNCE_BITS
 from wdpm.scenes.flat.areas import triangle_areas
 from wdpm.scenes.flat.flatten import FlatScene, flatten
@@ -144,6 +153,17 @@ def test_gathers_that_reach_beyond_the_scene_count_enough_of_it() -> None:
     caustic = plans_for(flat, settings).maps[1]
     area = float(triangle_areas(flat.triangles.positions).sum())
     assert area / caustic.point_area == pytest.approx(POINTS_IN_DISC, rel=1e-3)
+
+
+def test_gathers_of_a_few_bright_spots_do_not_fill_memory_with_points() -> None:
+    area, photons = 24.0, 1e5
+    discs = 0.5 * POINTS_FOR_DISCS / POINTS_A_DISC
+    radius = np.sqrt(area / (np.pi * discs))
+    assert area / point_area(area, radius, photons) == pytest.approx(POINTS_A_DISC * discs)
+    assert area / point_area(area, radius / 10, photons) == pytest.approx(POINTS_FOR_DISCS)
+    many = 0.75 * POINTS_FOR_DISCS  # of so many photons there are as many points as ever
+    assert area / point_area(area, radius / 10, many) == pytest.approx(POINTS_A_PHOTON * many)
+    assert area / point_area(area, radius / 10, 10 * POINTS_MOST) == pytest.approx(POINTS_MOST)
 
 
 @pytest.mark.parametrize("photons", [1, 20, 1000])
