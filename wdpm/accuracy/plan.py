@@ -55,7 +55,7 @@ class CostModel:
     light_samples: int = 1
 
     @classmethod
-    def of(cls, point: Point, record: Record, light_samples: int) -> CostModel:
+    def fitted_to(cls, point: Point, record: Record, light_samples: int) -> CostModel:
         """From a render of this point.
 
         Args:

@@ -233,7 +233,7 @@ def _model(
         progress.start("trial")
         trial = Point(_small(base.settings), 0)
         record = renderer.render(trial, base.settings.seed)[1]
-        found = CostModel.of(trial, record, light_samples)
+        found = CostModel.fitted_to(trial, record, light_samples)
         write_bytes(json.dumps({"digest": digest, **asdict(found)}, indent=2).encode(), path)
     return found
 

@@ -124,17 +124,19 @@ class IndirectFigures:
     compiled: dict[str, float]
     found: tuple[Found, ...]
 
-    def of(self, way: Indirect) -> list[Found]:
+    def found_by(self, way: Indirect) -> list[Found]:
         """What came of one way."""
         return [each for each in self.found if each.choice.way is way]
 
     def best(self, way: Indirect) -> Found:
         """The least error of a way."""
-        return min(self.of(way), key=lambda each: each.rmse)
+        return min(self.found_by(way), key=lambda each: each.rmse)
 
     def least_to(self, way: Indirect, rmse: float) -> Found | None:
         """The least CPU time of a way to an error; None if it was not reached."""
-        return min((each for each in self.of(way) if each.rmse <= rmse), key=lambda each: each.cost.cpu_s, default=None)
+        return min(
+            (each for each in self.found_by(way) if each.rmse <= rmse), key=lambda each: each.cost.cpu_s, default=None
+        )
 
     def grids(self) -> list[Grid]:
         """Every choice, and the time of each way to the least errors of all ways."""

@@ -43,7 +43,7 @@ def _panel(figures: IndirectFigures) -> list[str]:
     parts += _frame(x, y)
     for way in WAYS:
         for photons, shape in zip(figures.sweep.photons, _shapes(figures), strict=True):
-            parts += _line(x, y, [each for each in figures.of(way) if each.choice.photons == photons], shape)
+            parts += _line(x, y, [each for each in figures.found_by(way) if each.choice.photons == photons], shape)
     return parts
 
 

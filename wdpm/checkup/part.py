@@ -30,7 +30,7 @@ class Part:
 
     @property
     def rows(self) -> slice:
-        return self.soup.of(self.number)
+        return self.soup.rows_of(self.number)
 
     @property
     def encloses(self) -> bool:

@@ -42,7 +42,7 @@ def check_size(scene: Scene, soup: Soup, cause: NDArray[np.int8]) -> Iterator[Fi
             detail=f"single precision leaves detail of {lost:.1g} of the scene's size there{stored}",
         )
     for number, mesh in enumerate(scene.meshes):
-        mine = soup.positions[soup.of(number)][cause[soup.of(number)] == 0]
+        mine = soup.positions[soup.rows_of(number)][cause[soup.rows_of(number)] == 0]
         if len(mine) and 0 < np.ptp(mine.reshape(-1, 3).astype(np.float64), axis=0).max() < SPECK * size:
             yield Finding(
                 Level.WARNING,

@@ -44,7 +44,7 @@ class Soup:
     def __len__(self) -> int:
         return len(self.mesh)
 
-    def of(self, mesh: int) -> slice:
+    def rows_of(self, mesh: int) -> slice:
         """The triangles of a mesh."""
         return slice(int(self.begin[mesh]), int(self.begin[mesh + 1]))
 

@@ -90,7 +90,7 @@ class Image:
         Raises:
             ImageError: there is no such exposure or transform.
         """
-        look = look_of(exposure, view_transform, self.look).of(self.pixels)
+        look = look_of(exposure, view_transform, self.look).resolved(self.pixels)
         return replace(self, metadata={**self.metadata, LOOK: look.to_dict()})
 
     def to_srgb8(

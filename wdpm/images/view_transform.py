@@ -62,7 +62,7 @@ class Look:
         """As metadata has it."""
         return {"exposure": self.exposure, "transform": self.transform.value}
 
-    def of(self, pixels: Array) -> Look:
+    def resolved(self, pixels: Array) -> Look:
         """The same with the exposure as a number, for a picture; linear RGB, shape [height, width, 3]."""
         return self if self.exposure is not None else Look(auto_exposure(pixels), self.transform)
 
@@ -125,7 +125,7 @@ def shown_pixels(pixels: NDArray[np.float32], look: Look) -> NDArray[np.uint8]:
     bad = int(np.isnan(pixels).any(axis=2).sum())
     if bad:
         raise ImageError(f"{bad} pixels are NaN and have no colour: save as .exr to find them")
-    look = look.of(pixels)
+    look = look.resolved(pixels)
     if look.exposure:
         with np.errstate(over="ignore"):  # beyond the largest number is white
             pixels = pixels * np.float32(2.0**look.exposure)

@@ -33,9 +33,9 @@ class SceneHeader:
     camera: dict[str, Any]
     exposure: float | None
 
-    def of(self, beauty: NDArray[np.float32]) -> dict[str, Any]:
+    def entries(self, beauty: NDArray[np.float32]) -> dict[str, Any]:
         """For an image; an exposure that the scene leaves open is found from its radiance."""
-        return {"camera": self.camera, LOOK: Look(self.exposure).of(beauty).to_dict()}
+        return {"camera": self.camera, LOOK: Look(self.exposure).resolved(beauty).to_dict()}
 
 
 def header_of(scene: Scene) -> SceneHeader:

@@ -35,7 +35,10 @@ def image_of(
 ) -> Image:
     """The image of a finished session, or of several passes together, with settings and report."""
     report = report_of(prepared, result, passes, error)
-    header = prepared.header.of(result.layers["beauty"]) | {"settings": report.settings, "report": report.to_dict()}
+    header = prepared.header.entries(result.layers["beauty"]) | {
+        "settings": report.settings,
+        "report": report.to_dict(),
+    }
     if report.left_out:
         header["left_out"] = list(report.left_out)
     return Image(result.layers, header)

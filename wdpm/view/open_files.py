@@ -23,7 +23,7 @@ class FileView:
 
     def __init__(self, address: ViewAddress, title: str, image: Image, other: Image | None = None) -> None:
         self._pictures = {"a": Picture(image.layers), **({} if other is None else {"b": Picture(other.layers)})}
-        self._look = image.look.of(image.pixels)
+        self._look = image.look.resolved(image.pixels)
         self._status = Status(title, passes=False)
         self._stopped = threading.Event()
         self._server = ViewServer(address, self._pictures, self._state, self._act)

@@ -160,7 +160,7 @@ class PeerFigures:
         if each.wdpm is not None:
             done = each.wdpm
             chose = f" ({done.chose})" if done.chose else ""
-            ours = (done.member.name + chose, f"{each.target.of(done.errors):.3g}", *_times(done.cost))
+            ours = (done.member.name + chose, f"{each.target.error_in(done.errors):.3g}", *_times(done.cost))
         elif law is not None:
             ours = (f"{each.way}, {law.spp:,.0f} samples*", "-", *_times(law.cost, "*"))
         mark = "*" if theirs.extrapolated else ""
@@ -195,8 +195,8 @@ class PeerFigures:
         for each in missed.values():
             tries = [done for done in self.tries if done.member.family in families[each.way]]
             if tries:
-                best = min(tries, key=lambda done: each.target.of(done.errors))
-                found = f"the best has {each.target.of(best.errors):.3g} ({best.member.name})"
+                best = min(tries, key=lambda done: each.target.error_in(done.errors))
+                found = f"the best has {each.target.error_in(best.errors):.3g} ({best.member.name})"
                 yield f"-: of {each.way} nothing tried reaches it; {found}."
 
 

@@ -48,7 +48,7 @@ def _guess(misses: Try | None, reaches: Try, target: Target) -> Guess:
     enough = reaches.member.spp
     if misses is None:
         return Guess(reaches.member, reaches.cost.cpu_s, enough)
-    missed, least = target.of(misses.errors), max(target.of(reaches.errors), 1e-300)
+    missed, least = target.error_in(misses.errors), max(target.error_in(reaches.errors), 1e-300)
     share = math.log(missed / max(target.error, 1e-300)) / math.log(missed / least)
     spp = math.ceil(MARGIN * _between(misses.member.spp, enough, share))
     if spp >= enough:

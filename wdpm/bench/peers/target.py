@@ -101,17 +101,17 @@ class Target:
     spp: int | None = None
     by_law: bool = False
 
-    def of(self, errors: RelMse) -> float:
+    def error_in(self, errors: RelMse) -> float:
         """The error that counts."""
         return errors.trimmed if self.trimmed else errors.whole
 
     def reached_by(self, errors: RelMse) -> bool:
         """Whether an image is good enough."""
-        return self.of(errors) <= self.error
+        return self.error_in(errors) <= self.error
 
     def law(self, points: Sequence[Point[RelMse]]) -> ErrorLaw:
         """How this kind of error falls with samples."""
-        return ErrorLaw(tuple(Point(point.spp, self.of(point.error), point.cost) for point in points))
+        return ErrorLaw(tuple(Point(point.spp, self.error_in(point.error), point.cost) for point in points))
 
     @property
     def name(self) -> str:
@@ -128,6 +128,6 @@ def targets_of(bounds: Bounds, points: Sequence[Point[RelMse]]) -> tuple[Target,
         for spp in bounds.samples:
             some = [point.error for point in points if point.spp == spp]
             kind = Target(math.inf, trimmed, spp, by_law=not some)
-            error = kind.of(mean_of(some)) if some else kind.law(points).constant / spp
+            error = kind.error_in(mean_of(some)) if some else kind.law(points).constant / spp
             targets.append(Target(error, trimmed, spp, by_law=not some))
     return tuple(targets)
