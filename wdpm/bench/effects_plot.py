@@ -1,6 +1,6 @@
 """The plot of `wdpm bench effects`: a bar for each effect, as an SVG file that needs nothing else.
 
-By hand for the reasons that wdpm/report/svg.py gives: docs/pictures/effects.svg is four kB of text.
+By hand for the reasons that wdpm/report/svg.py gives: it is four kB of text.
 """
 
 from __future__ import annotations
