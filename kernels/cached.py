@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import warp as wp
 
 from wdpm.kernels.module_hashes import CPU_BLOCK, forget, hashes
+from wdpm.scenes.errors import SettingsError
 
 
 def is_compiled(module: wp.Module) -> bool:
@@ -60,6 +63,23 @@ def cache_folder() -> Path:
     """Where Warp keeps what it has compiled; a folder of its version."""
     wp.init()
     return Path(wp.config.kernel_cache_dir)
+
+
+@contextmanager
+def told_of_cache() -> Iterator[None]:
+    """Have a cache that takes no kernels (it is read-only, or full) be an error in one line that says what helps.
+
+    Raises:
+        SettingsError: in place of OSError.
+    """
+    try:
+        yield
+    except OSError as error:
+        where = error.filename or "Warp's cache folder"
+        raise SettingsError(
+            f"compiled kernels cannot be kept in {where}: {error.strerror or error}; set WARP_CACHE_PATH to a folder "
+            "that you can write to"
+        ) from None
 
 
 def use_cache_folder(folder: Path) -> None:

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 
 import warp as wp
 
-from wdpm.kernels.cached import is_compiled, is_loaded
+from wdpm.kernels.cached import is_compiled, is_loaded, told_of_cache
 from wdpm.kernels.camera import add_samples, filter_weights, guide_pilot, rays, shadow_rays
 from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance import (
@@ -127,7 +127,8 @@ def compile_for_cpu(modules: Sequence[wp.Module], told: Told | None = None, thre
 
 
 def _load_one(module: wp.Module) -> None:
-    wp.force_load("cpu", [module])
+    with told_of_cache():
+        wp.force_load("cpu", [module])
 
 
 def _shared_modules(features: Features) -> list[wp.Module]:
@@ -144,4 +145,5 @@ def _load(device: str, modules: Sequence[wp.Module], told: Told | None) -> None:
         rest[device] = list(modules)
     for place, missing in rest.items():
         if missing:
-            wp.force_load(place, missing, max_workers=os.cpu_count())
+            with told_of_cache():
+                wp.force_load(place, missing, max_workers=os.cpu_count())

@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
+from typing import IO
+
+from wdpm.scenes.errors import SettingsError
 
 _NO_GPU = "Could not find or load the NVIDIA CUDA driver"
 
@@ -14,12 +17,17 @@ def quiet_warp() -> None:
 
     Warp has no module option for this, so its global setting is used. That there is no CUDA driver is written by
     compiled code straight to standard error: it is caught there, and everything else is passed on.
+
+    Raises:
+        SettingsError: there is no folder for temporary files, or none for compiled kernels.
     """
     import warp as wp
 
+    from wdpm.kernels.cached import told_of_cache
+
     wp.config.log_level = wp.LOG_WARNING
     sys.stderr.flush()
-    with tempfile.TemporaryFile() as caught:
+    with _temporary_file() as caught, told_of_cache():
         kept = os.dup(2)
         os.dup2(caught.fileno(), 2)
         try:
@@ -30,3 +38,13 @@ def quiet_warp() -> None:
             caught.seek(0)
             said = caught.read().decode(errors="replace")
             print("\n".join(line for line in said.splitlines() if _NO_GPU not in line), end="", file=sys.stderr)
+
+
+def _temporary_file() -> IO[bytes]:
+    try:
+        return tempfile.TemporaryFile()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise SettingsError(
+            f"no temporary file can be written ({reason}); set TMPDIR to a folder that you can write to"
+        ) from None

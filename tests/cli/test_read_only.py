@@ -1,0 +1,64 @@
+"""Machines that let a command write nowhere but where its image goes: a read-only disk, or a full one."""
+
+from __future__ import annotations
+
+import errno
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+import warp as wp
+
+from wdpm.cli.main import main
+from wdpm.kernels import compile as module
+from wdpm.kernels.camera import filter_weights
+from wdpm.scenes.errors import SettingsError
+
+RENDER = ["render", "cornell-box", "--size", "8x8", "--spp", "1", "--integrator", "path", "--threads", "1", "-q"]
+
+
+def refusing(number: int, path: Path | None = None) -> Any:
+    """What the system does."""
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise OSError(number, os.strerror(number), *([] if path is None else [str(path)]))
+
+    return refuse
+
+
+@pytest.mark.parametrize(
+    ("owner", "name", "number", "words"),
+    [
+        (
+            tempfile,
+            "TemporaryFile",
+            errno.ENOENT,
+            "no temporary file can be written (No such file or directory); set TMPDIR",
+        ),
+        (wp, "init", errno.EROFS, "compiled kernels cannot be kept in .: Read-only file system; set WARP_CACHE_PATH"),
+    ],
+    ids=["temporary files", "kernel cache"],
+)
+def test_nowhere_to_write_is_one_line(
+    owner: Any,
+    name: str,
+    number: int,
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(owner, name, refusing(number, Path() if name == "init" else None))
+        assert main([*RENDER, "-o", str(tmp_path / "a.exr")]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert words in line
+
+
+def test_a_cache_that_takes_no_kernel_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(module, "is_compiled", lambda _: False)
+    monkeypatch.setattr(wp, "force_load", refusing(errno.ENOSPC, tmp_path))
+    with pytest.raises(SettingsError, match=r"cannot be kept in .*: No space left on device; set WARP_CACHE_PATH"):
+        module.compile_for_cpu([wp.get_module(filter_weights.__name__)])
