@@ -76,6 +76,7 @@ class AmongPhotons:
             shading_normal=facing,
             k=k,
             r_max=extent,
+            r_least=0.0,
             run=RUN,
             irradiance_out=irradiance,
             count_out=wp.empty(count, dtype=wp.int32, device=device),

@@ -34,7 +34,7 @@ from wdpm.cluster.world import TopTree, View, World
 from wdpm.kernels.camera.outlines import outlined_pixels
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
-from wdpm.kernels.photons.gather import check_settings
+from wdpm.kernels.photons.gather_settings import check_settings
 from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.flatten import FlatScene
 

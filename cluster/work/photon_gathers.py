@@ -22,7 +22,7 @@ from wdpm.kernels.camera.vertices import Coats, Queries
 from wdpm.kernels.constants import MIN_GATHER_RADIUS
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP
 from wdpm.kernels.photons.gather import gather_kernel
-from wdpm.kernels.photons.surface_points import reflect_gathered
+from wdpm.kernels.photons.surface_points import least_radius, reflect_gathered
 from wdpm.kernels.rays import cells
 
 COINCIDENT_WITHIN = 2.0**-20
@@ -153,6 +153,9 @@ class PhotonGathering:
         runs = -(-columns.length(queries, "weight") // GATHER_RUN)
         depth = 0 if view is None else view.max_depth or 0
         search = {"photons": built.tree, "k": k, "r_max": plan.radius, "run": GATHER_RUN, **outputs}
+        # A caustic stays as sharp as its photons lie densely.
+        sharp = plan is replica.world.caustic_map
+        search["r_least"] = 0.0 if sharp else least_radius(plan.point_area, plan.radius)
         if kernel is not None and (features.coated or depth):
             replica.launcher(
                 kernel,
@@ -190,6 +193,7 @@ class PhotonGathering:
             **places,
             k=k,
             r_max=max(plan.radius * COINCIDENT_WITHIN, MIN_GATHER_RADIUS),
+            r_least=0.0,
             run=1,
             irradiance_out=made["irradiance"],
             count_out=made["count"],

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.world import MapPlan
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photons.gather import gather_kernel
-from wdpm.kernels.photons.surface_points import reflect_gathered
+from wdpm.kernels.photons.surface_points import least_radius, reflect_gathered
 
 GATHER_RUN = 32
 """Gathers that one Warp thread makes one after another: enough to profit from its last radius, and to share out."""
@@ -59,6 +59,7 @@ def of_white(
         shading_normal=places.normal,
         k=k,
         r_max=plan.radius,
+        r_least=least_radius(plan.point_area, plan.radius),
         run=GATHER_RUN,
         irradiance_out=irradiance,
         count_out=wp.empty(count, dtype=wp.int32, device=device),

@@ -18,7 +18,8 @@ from wdpm.kernels.materials.bsdf import make_bsdf
 from wdpm.kernels.materials.frames import bump_shadowing
 from wdpm.kernels.materials.types import DIFFUSE
 from wdpm.kernels.maths.exact_sum import dequantise, exponent, magnitude_bits, quantise
-from wdpm.kernels.photons.gather import INT_SCRATCH, KEY_SCRATCH, contribution, follow, key_place, nearest
+from wdpm.kernels.photons.gather import INT_SCRATCH, KEY_SCRATCH, contribution, key_place, nearest_or_within
+from wdpm.kernels.photons.gather_guess import follow
 from wdpm.kernels.photons.photon_map import LEAF_ROWS, PhotonMap
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -74,6 +75,7 @@ def make_gather(features: Features) -> wp.Kernel:
         coats: Coats,
         k: wp.int32,
         r_max: wp.float32,
+        r_least: wp.float32,
         max_depth: wp.int32,
         offset: wp.int32,
         run: wp.int32,
@@ -98,7 +100,7 @@ def make_gather(features: Features) -> wp.Kernel:
             x = queries.position[q]
             if q > begin:
                 guess = follow(guess, wp.length(x - before))
-            found = nearest(photons, x, queries.normal[q], k, r_max, guess, candidates, ints)
+            found = nearest_or_within(photons, x, queries.normal[q], k, r_max, r_least, guess, candidates, ints)
             largest = wp.int32(0)
             for i in range(found.count):
                 flux = term(photons, photon_edges, queries, coats, q, key_place(candidates[i]), max_depth)

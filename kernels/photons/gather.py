@@ -13,7 +13,8 @@ The estimate. With k + 1 photons or more within r_max, r is the distance of the 
 summed over pi r². For a Poisson process of density D, the area to the (k + 1)-th point has a gamma distribution of
 shape k + 1, so E[k / area] = D: unbiased. The textbook's k / (pi r_k²), with the k-th on its own circle, has mean
 D k / (k - 1), since its area has shape k: at k = 50 it is 2 % too bright. With k photons or fewer the estimate is that
-of a fixed radius, r_max, and the gather is called truncated.
+of a fixed radius, r_max, and the gather is called truncated. Where k + 1 photons lie within a least radius, r_least, it
+is that of this radius: of smaller discs it cannot be told how much is surface (surface_points.py).
 
 Coincident photons. If the (k + 1)-th photon is nearer than 2^-40 r_max (constants.py), no density can be told: the k
 nearest are summed over the disc of r_max.
@@ -34,15 +35,13 @@ from wdpm.kernels.constants import (
     COINCIDENT_SHARE2,
     FLATTENING,
     LEAST_SQUARE,
-    MAX_GATHER_RADIUS,
     MIN_ARRIVAL_COS,
-    MIN_GATHER_RADIUS,
     NORMAL_COS,
 )
 from wdpm.kernels.limits import MAX_K
 from wdpm.kernels.maths.exact_sum import dequantise, exponent, magnitude_bits, quantise
+from wdpm.kernels.photons.gather_guess import follow
 from wdpm.kernels.photons.photon_map import LEAF_ROWS, NODE_ROWS, PhotonMap, first_child, vec8
-from wdpm.scenes.errors import SettingsError
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -65,8 +64,6 @@ _MIN_ARRIVAL_COS = wp.constant(wp.float32(MIN_ARRIVAL_COS))
 _PI = wp.constant(wp.float64(math.pi))
 
 # How tight the first radius of a search is; has a say in time only.
-_FOLLOW = wp.constant(0.2)  # of the distance to the query before
-_SLACK = wp.constant(1.04)
 _SPREAD = wp.constant(2.0)  # standard deviations of a Poisson count, on top of the density's k + 1
 
 
@@ -75,7 +72,7 @@ class Gathered:
     """What a gather found."""
 
     irradiance: wp.vec3  # sum of flux * weight / (pi r²): not divided by the number of paths
-    count: wp.int32  # photons in the sum, at most k
+    count: wp.int32  # photons in the sum
     radius: wp.float32  # r [scene units]
     truncated: wp.bool  # fewer than k + 1 photons within r_max
 
@@ -412,6 +409,26 @@ def nearest(
 
 
 @wp.func
+def nearest_or_within(
+    photons: wp.ref[PhotonMap],
+    x: wp.vec3,
+    n: wp.vec3,
+    k: wp.int32,
+    r_max: wp.float32,
+    r_least: wp.float32,
+    guess: wp.float32,
+    candidates: wp.array[wp.uint64],
+    ints: wp.array[wp.int32],
+) -> Nearest:
+    """As `nearest`; but where the (k + 1)-th lies within r_least, all photons there, or MAX_K. See `gather`."""
+    found = nearest(photons, x, n, k, r_max, guess, candidates, ints)
+    if found.radius < r_least:
+        found = nearest(photons, x, n, MAX_K, r_least, r_least, candidates, ints)
+        found.truncated = False
+    return found
+
+
+@wp.func
 def gather(
     photons: wp.ref[PhotonMap],
     x: wp.vec3,
@@ -419,6 +436,7 @@ def gather(
     s: wp.vec3,
     k: wp.int32,
     r_max: wp.float32,
+    r_least: wp.float32,
     guess: wp.float32,
     candidates: wp.array[wp.uint64],
     ints: wp.array[wp.int32],
@@ -432,11 +450,12 @@ def gather(
         s: unit shading normal; equal to n where the surface has none.
         k: most photons to use, 1 .. MAX_K (`check_settings`).
         r_max: most distant photon to use [scene units] (`check_settings`).
+        r_least: where k + 1 photons lie nearer, all within it are used, or the nearest MAX_K [scene units].
         guess: radius that holds slightly more than k photons, or 0; has no effect on the result.
         candidates: scratch, wp.zeros(shape=(KEY_SCRATCH,), dtype=wp.uint64) of the kernel.
         ints: scratch, wp.zeros(shape=(INT_SCRATCH,), dtype=wp.int32) of the kernel.
     """
-    found = nearest(photons, x, n, k, r_max, guess, candidates, ints)
+    found = nearest_or_within(photons, x, n, k, r_max, r_least, guess, candidates, ints)
     result = Gathered()
     result.truncated = found.truncated
     result.count = found.count
@@ -453,6 +472,7 @@ def gather_kernel(
     shading_normal: wp.array[wp.vec3],
     k: wp.int32,
     r_max: wp.float32,
+    r_least: wp.float32,
     offset: wp.int32,
     run: wp.int32,
     irradiance_out: wp.array[wp.vec3],
@@ -471,30 +491,10 @@ def gather_kernel(
         x = position[q]
         if q > begin:
             guess = follow(guess, wp.length(x - before))
-        found = gather(photons, x, normal[q], shading_normal[q], k, r_max, guess, candidates, ints)
+        found = gather(photons, x, normal[q], shading_normal[q], k, r_max, r_least, guess, candidates, ints)
         irradiance_out[q] = found.irradiance
         count_out[q] = found.count
         radius_out[q] = found.radius
         truncated_out[q] = found.truncated
         guess = found.radius
         before = x
-
-
-@wp.func
-def follow(radius: wp.float32, step: wp.float32) -> wp.float32:
-    """Guess for a query a step away from one that had this radius; 0, for no guess, if it is too far to tell."""
-    guess = _SLACK * radius + _FOLLOW * step
-    if step > 2.0 * radius:
-        guess = 0.0
-    return guess
-
-
-def check_settings(k: int, r_max: float) -> None:
-    """Raises SettingsError unless a gather can run with them."""
-    if not 1 <= k <= MAX_K:
-        raise SettingsError(f"k is {k}, expected 1 to {MAX_K} photons per gather: use more photons, not a larger k")
-    if not MIN_GATHER_RADIUS <= r_max <= MAX_GATHER_RADIUS:
-        raise SettingsError(
-            f"the gather radius is {r_max:g} of half the scene's longest side; expected {MIN_GATHER_RADIUS:g} to "
-            f"{MAX_GATHER_RADIUS:g}, whose squares float32 holds"
-        )

@@ -8,11 +8,6 @@ within reach of it on average. That the nearest is at a distance d tells that no
 of d holds on average, v, the estimate at that site misses as many, and v is distributed as exp(-v), v < m. So of the
 one photon that the site is, 1 - E[v] = m / (exp(m) - 1) are in excess: nothing where sites are dense, all of it where
 hardly one is within reach. That part of the photon itself is left out of the sum.
-
-Where photons lie so densely that k of them fill a disc too small to tell how much of it is surface (surface_points.py),
-all within a least radius are used: in the cup of a lamp k of them, on a larger disc's share of
-surface, told 16 % too much. With more than k photons within r, n / (pi r²) for all n; else k / area of the (k + 1)-th:
-for a Poisson process that is unbiased as each of the two is, since its process stops at whichever comes last.
 """
 
 from __future__ import annotations
@@ -20,9 +15,16 @@ from __future__ import annotations
 import warp as wp
 
 from wdpm.kernels.constants import PI
-from wdpm.kernels.limits import MAX_K
 from wdpm.kernels.maths.elementary import expm1_of
-from wdpm.kernels.photons.gather import INT_SCRATCH, KEY_SCRATCH, contribution, estimate, follow, key_place, nearest
+from wdpm.kernels.photons.gather import (
+    INT_SCRATCH,
+    KEY_SCRATCH,
+    contribution,
+    estimate,
+    key_place,
+    nearest_or_within,
+)
+from wdpm.kernels.photons.gather_guess import follow
 from wdpm.kernels.photons.photon_map import PhotonMap
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -74,7 +76,7 @@ def gather_at_photons(
         position, normal: its own.
         k: most photons to use, 1 .. MAX_K.
         r_max: most distant photon to use [scene units].
-        r_least: where k photons lie nearer, all within it are used, or the nearest MAX_K of them [scene units].
+        r_least: where k + 1 photons lie nearer, all within it are used, or the nearest MAX_K [scene units].
         share: of the map's photons, that are sites.
         reach: how far from a place the site may lie that it reads [scene units].
         irradiance_out: on the plane of the normal, not divided by the number of paths.
@@ -91,10 +93,7 @@ def gather_at_photons(
         n = normal[q]
         if q > begin:
             guess = follow(guess, wp.length(x - before))
-        found = nearest(photons, x, n, k, r_max, guess, candidates, ints)
-        guess = found.radius
-        if found.radius < r_least:
-            found = nearest(photons, x, n, MAX_K, r_least, r_least, candidates, ints)
+        found = nearest_or_within(photons, x, n, k, r_max, r_least, guess, candidates, ints)
         others = _self_last(photons, rank[q], found.count, candidates)
         irradiance = estimate(photons, candidates, others, n, n, found.area_radius2)
         if others < found.count:
@@ -103,4 +102,5 @@ def gather_at_photons(
             irradiance += own * ((1.0 - excess_of_self(sites)) / (PI * found.area_radius2))
         irradiance_out[q] = irradiance
         radius_out[q] = found.radius
+        guess = found.radius
         before = x

@@ -14,8 +14,8 @@ points, where photons lie densest and most of the light is. With a variance v, 1
 second order. The variance goes as the root of the count, as the disc's rim does (COUNT_VARIANCE).
 
 Where photons lie so densely that their disc has fewer than LEAST_POINTS, a larger one is counted, and its share of
-surface is taken for the gather's. Where edges are near that is too small a share. So what is worked out ahead at
-photons is gathered from all that lie within the larger disc (least_radius; gather_at_photons.py).
+surface is taken for the gather's. Where edges are near that is too small a share. So gathers use all photons within
+that larger disc (least_radius; gather.py), but for caustics that the camera sees, which are to stay sharp.
 """
 
 from __future__ import annotations

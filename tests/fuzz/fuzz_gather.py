@@ -26,7 +26,8 @@ from wdpm.kernels.constants import (
     NORMAL_COS,
 )
 from wdpm.kernels.photons import photon_map
-from wdpm.kernels.photons.gather import INT_SCRATCH, KEY_SCRATCH, MAX_K, follow, gather_kernel, key_place, nearest
+from wdpm.kernels.photons.gather import INT_SCRATCH, KEY_SCRATCH, MAX_K, gather_kernel, key_place, nearest
+from wdpm.kernels.photons.gather_guess import follow
 from wdpm.kernels.photons.photon_map import PhotonMap
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -153,7 +154,7 @@ def gather_all(case: Case) -> Result:
     queries = [wp.array(np.ascontiguousarray(column), dtype=wp.vec3, device="cpu") for column in columns]
     outputs = [wp.zeros(count, dtype=t, device="cpu") for t in (wp.vec3, wp.int32, wp.float32, wp.bool)]
     threads = -(-count // RUN)
-    scalars = [case.k, case.r_max, 0, RUN]
+    scalars = [case.k, case.r_max, 0.0, 0, RUN]
     wp.launch(gather_kernel, threads, inputs=[photons, *queries, *scalars], outputs=outputs, device="cpu")
     used = wp.zeros(count, dtype=wp.int32, device="cpu")
     ranks = wp.zeros((count, case.k), dtype=wp.int32, device="cpu")

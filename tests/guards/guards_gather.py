@@ -192,7 +192,7 @@ GUARDS = (
     ),
     Guard(
         name="radii whose squares float32 holds",
-        file="kernels/photons/gather.py",
+        file="kernels/photons/gather_settings.py",
         prevents="an area of zero, or of infinity",
         changes=(("if not MIN_GATHER_RADIUS <= r_max <= MAX_GATHER_RADIUS:", "if False:"),),
         tests=(GATHER + "test_bad_settings_are_errors",),

@@ -108,6 +108,7 @@ def gathered(places: Array, queries: Array, k: int, radius: float) -> tuple[Arra
         shading_normal=facing,
         k=k,
         r_max=radius,
+        r_least=0.0,
         run=1,
         irradiance_out=irradiance,
         count_out=used,

@@ -19,6 +19,7 @@ import warp as wp
 
 from wdpm.kernels.irradiance import at_photons
 from wdpm.kernels.photons import gather, photon_map
+from wdpm.kernels.photons.gather_settings import check_settings
 from wdpm.scenes.errors import WdpmError
 
 Array = npt.NDArray[np.float32]
@@ -68,7 +69,7 @@ def measure(
         WdpmError: scipy is not installed.
     """
     spatial = _scipy_spatial()
-    gather.check_settings(k, 1.0)
+    check_settings(k, 1.0)
     rng = np.random.default_rng(seed)
     position, normal = _on_faces(rng, photon_count)
     flux = rng.random((photon_count, 3), dtype=np.float32)
@@ -130,7 +131,7 @@ def _gathers(photons: Any, x: Array, n: Array, k: int, run: int) -> Callable[[],
     count = len(x)
     position, normal = (wp.array(column, dtype=wp.vec3, device="cpu") for column in (x, n))
     outputs = [wp.zeros(count, dtype=kind, device="cpu") for kind in (wp.vec3, wp.int32, wp.float32, wp.bool)]
-    inputs = [photons, position, normal, normal, k, 1.0, 0, run, *outputs]
+    inputs = [photons, position, normal, normal, k, 1.0, 0.0, 0, run, *outputs]
     return lambda: wp.launch(gather.gather_kernel, dim=-(-count // run), inputs=inputs, device="cpu")
 
 

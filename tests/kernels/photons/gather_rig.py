@@ -10,6 +10,7 @@ import numpy.typing as npt
 import warp as wp
 
 from wdpm.kernels.photons import gather, photon_map
+from wdpm.kernels.photons.gather_settings import check_settings
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -58,7 +59,7 @@ class Results:
 
 def gather_all(photons: Any, queries: Queries, k: int, r_max: float, run: int = 16, chunks: int = 1) -> Results:
     """Runs gather_kernel, in so many launches, the last first."""
-    gather.check_settings(k, r_max)
+    check_settings(k, r_max)
     count = len(queries.position)
     inputs = [wp.array(column, dtype=wp.vec3, device="cpu") for column in vars(queries).values()]
     outputs = [
@@ -70,7 +71,7 @@ def gather_all(photons: Any, queries: Queries, k: int, r_max: float, run: int = 
     threads = -(-count // run)
     step = max(-(-threads // chunks), 1)
     for offset in reversed(range(0, threads, step)):
-        scalars = [k, r_max, offset, run]
+        scalars = [k, r_max, 0.0, offset, run]
         dim = min(step, threads - offset)
         wp.launch(gather.gather_kernel, dim=dim, inputs=[photons, *inputs, *scalars, *outputs], device="cpu")
     return Results(*(out.numpy() for out in outputs))

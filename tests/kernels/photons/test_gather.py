@@ -25,6 +25,7 @@ from wdpm.kernels.constants import (
 )
 from wdpm.kernels.maths import exact_sum
 from wdpm.kernels.photons import gather, photon_map
+from wdpm.kernels.photons.gather_settings import check_settings
 from wdpm.scenes.errors import SettingsError, WdpmError
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -277,7 +278,7 @@ def test_bad_photons_are_errors(change: dict[str, Array], message: str) -> None:
 )
 def test_bad_settings_are_errors(k: int, r_max: float) -> None:
     with pytest.raises(SettingsError, match="expected"):
-        gather.check_settings(k, r_max)
+        check_settings(k, r_max)
 
 
 @wp.kernel
