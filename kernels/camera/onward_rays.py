@@ -30,7 +30,7 @@ from wdpm.kernels.constants import (
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials.bsdf import cosine_direction, make_bsdf
 from wdpm.kernels.materials.resolve import medium_beyond
-from wdpm.kernels.materials.surface import Surface, bump_shading, leave, to_world
+from wdpm.kernels.materials.surface import Surface, bump_shading, goes_through, leave, to_world
 from wdpm.kernels.materials.types import BLACK, DIFFUSE, NULL, RADIANCE
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -99,7 +99,10 @@ def make_go_on(features: Features) -> wp.Function:
                         rest = 1.0 - diffuse_share
                         u_lobe = wp.min((u_lobe - diffuse_share) / rest, _BELOW_ONE)
                 sampled = sample_glossy(s.bsdf, w_from, u_lobe, u, RADIANCE)
-                if sampled.crosses == 1:
+                crosses = sampled.crosses
+                if wp.static(features.dielectric):
+                    crosses = goes_through(s, sampled)
+                if crosses == 1:
                     leaves = -s.normal
                     onward.medium = medium_beyond(scene.materials, s.material, s.front, onward.medium)
                 if sampled.straight == 1:

@@ -9,10 +9,11 @@ import warp as wp
 
 from wdpm.kernels.constants import OFFSET_SHARE
 from wdpm.kernels.features import Features
-from wdpm.kernels.materials.frames import bump_shadowing
+from wdpm.kernels.materials.dielectric import DIELECTRIC, is_smooth_dielectric
+from wdpm.kernels.materials.frames import bump_shadowing, plain_frame
 from wdpm.kernels.materials.resolve import Materials, make_materials
 from wdpm.kernels.materials.texture import Textures
-from wdpm.kernels.materials.types import Bsdf
+from wdpm.kernels.materials.types import Bsdf, BsdfSample
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.standing_triangles import make_triangles
 
@@ -68,6 +69,19 @@ def to_local(s: Surface, direction: wp.vec3) -> wp.vec3:
 def to_world(s: Surface, local: wp.vec3) -> wp.vec3:
     """A direction of the frame of the surface's material in the world."""
     return s.s * local[0] + s.t * local[1] + s.n * local[2]
+
+
+@wp.func
+def goes_through(s: Surface, sampled: BsdfSample) -> wp.int32:
+    """1 where a sampled direction leads to the other side of the surface.
+
+    Smooth glass takes none of the light that comes to it. Where the interpolated normal of a coarse mesh sends light to
+    the side that it was not meant for, it goes on from there, as in Mitsuba and pbrt: what is lost is seen as black.
+    """
+    crosses = sampled.crosses
+    if s.bsdf.kind == DIELECTRIC and sampled.delta == 1:
+        crosses = wp.int32(wp.dot(s.normal, to_world(s, sampled.to)) < 0.0)
+    return crosses
 
 
 @wp.func
@@ -142,6 +156,7 @@ def make_surface(features: Features) -> SurfaceCode:
             if wp.dot(blend, front_normal) > 0.0:
                 shading = wp.normalize(blend)
         front = wp.dot(front_normal, towards) > 0.0
+        interpolated = shading
         if (wp.dot(shading, towards) > 0.0) != front:
             shading = front_normal  # an interpolated normal that says that the other side is seen says too much
         s = Surface()
@@ -167,6 +182,14 @@ def make_surface(features: Features) -> SurfaceCode:
             dp_du = edge1 * m[0, 0] + edge2 * m[0, 1]
             dp_dv = edge1 * m[1, 0] + edge2 * m[1, 1]
         r = resolve(materials, textures, s.material, s.uv, s.color, dp_du, dp_dv, shading, front, u_choice, towards)
+        if wp.static(features.dielectric):
+            # Which index is ahead is told by the same normal as directions, or light would be trapped (goes_through).
+            if r.bsdf.kind == DIELECTRIC and r.bumps2 == 0.0 and is_smooth_dielectric(r.bsdf):
+                r.n = interpolated
+                r.unbent = interpolated
+                plain = plain_frame(interpolated)
+                r.s = plain.s
+                r.t = plain.t
         s.bsdf = r.bsdf
         s.s = r.s
         s.t = r.t

@@ -33,6 +33,7 @@ from wdpm.kernels.materials.resolve import Materials, medium_beyond
 from wdpm.kernels.materials.surface import (
     Surface,
     bump_shading,
+    goes_through,
     leave,
     make_surface,
     to_local,
@@ -351,7 +352,10 @@ def make_arrive(features: Features) -> wp.Function:
         a.leaves = s.normal
         a.state = p.state
         a.medium = p.medium
-        if sampled.crosses == 1:
+        crosses = sampled.crosses
+        if wp.static(features.dielectric):
+            crosses = goes_through(s, sampled)
+        if crosses == 1:
             a.leaves = -s.normal
             a.medium = medium_beyond(scene.materials, s.material, s.front, p.medium)
         a.scattered = wp.cw_mul(arriving, sampled.weight)
