@@ -14,6 +14,9 @@ from wdpm.scenes.errors import ImageError, SceneError
 from wdpm.scenes.images.hdr import decode_hdr
 from wdpm.scenes.images.pfm import decode_pfm
 
+_EXR = b"\x76\x2f\x31\x01"
+"""What EXR files begin with."""
+
 _FLOAT_FORMATS = {".hdr": decode_hdr, ".rgbe": decode_hdr, ".pfm": decode_pfm}
 
 
@@ -74,8 +77,14 @@ def _read_any(data: bytes, name: str, suffix: str | None) -> NDArray[Any]:
             imageio.imread(io.BytesIO(data), index=0, **({} if suffix is None else {"extension": suffix}))
         )
     except Exception as error:  # imageio and its plugins promise no exception types
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise SceneError(f"cannot be read as an image: {reason}", name) from error
+        raise SceneError(f"cannot be read as an image: {_reason(error)}", name) from error
+
+
+def _reason(error: Exception) -> str:
+    """What a library says of a file, if it is of the file and not of the library's own objects."""
+    first = str(error).partition("\n")[0]
+    of_a_file = isinstance(error, (OSError, SyntaxError, ValueError)) and "<_io." not in first
+    return first if first and of_a_file else "it is broken, or of another kind than its name says"
 
 
 def _decode(pixels: NDArray[Any], name: str, *, raw: bool) -> NDArray[np.float32]:
@@ -144,13 +153,16 @@ def _checked(pixels: NDArray[np.float32], name: str | Path) -> NDArray[np.float3
 def _read_exr(file: Path) -> NDArray[np.float32]:
     import OpenEXR  # few scenes have such files
 
+    with file.open("rb") as start:
+        if start.read(len(_EXR)) != _EXR:
+            raise SceneError("not an EXR file: it begins otherwise", file)
     try:
         with OpenEXR.File(str(file), separate_channels=True) as image:
             channels = {
                 name: np.asarray(channel.pixels, dtype=np.float32) for name, channel in image.channels().items()
             }
-    except Exception as error:  # OpenEXR raises RuntimeError and others
-        raise SceneError(f"cannot be read as EXR: {str(error).splitlines()[0]}", file) from error
+    except Exception as error:  # OpenEXR raises RuntimeError and others, of files that are there and cannot be opened
+        raise SceneError("cannot be read as EXR: the file is broken", file) from error
     for names in (("R", "G", "B"), ("Y", "Y", "Y")):
         if all(name in channels for name in names):
             return np.stack([channels[name] for name in names], axis=2)
@@ -161,4 +173,4 @@ def _read_float(file: Path) -> NDArray[np.float32]:
     try:
         return _FLOAT_FORMATS[file.suffix.lower()](file.read_bytes(), file.name)
     except ImageError as error:
-        raise SceneError(str(error), file) from error
+        raise SceneError(str(error).removeprefix(f"{file.name}: "), file) from error

@@ -217,6 +217,8 @@ class _SceneReader:
         ]
         chosen = 0 if wanted is None else named_camera(wanted, names, self.file)
         if not self.sensors:
+            if not self.meshes:
+                raise SceneError("the scene is empty: it has no triangles", self.file)
             return added_camera(self.meshes, size, frame, self.warnings, "no sensor in the file"), None, 0.0
         refuse_frame(frame, self.file)
         if wanted is not None:

@@ -105,7 +105,7 @@ def _transformed(mesh: MeshData, matrix: Matrix, plugin: Plugin) -> MeshData:
     try:
         moved = mesh.transformed(matrix)
     except ValueError as error:
-        raise plugin.value_error("to_world", str(error)) from error
+        raise plugin.at("to_world").error(f'{plugin}: "to_world": {error}') from error
     # Mitsuba turns a mirrored sphere inside out, and no other shape
     return moved.flipped() if plugin.type == "sphere" and transforms.mirrors(matrix) else moved
 
