@@ -280,6 +280,24 @@ def test_quiet_is_quiet(renderer: Renderer, capsys: pytest.CaptureFixture[str]) 
 
 
 @pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["rendr", "a.xml"], "there is no command 'rendr'; did you mean \"render\"? (see wdpm --help)"),
+        (["xyzzy"], "there is no command 'xyzzy' (see wdpm --help)"),
+        (["render", "a.xml", "--sps=4"], 'arguments: --sps=4; did you mean "--spp"? (see wdpm render --help)'),
+        (["render", "a.xml", "b.xml"], "unrecognized arguments: b.xml (see wdpm render --help)"),
+        (["bench", "peers", "a.xml", "--sample", "3"], 'did you mean "--samples"? (see wdpm bench peers --help)'),
+    ],
+)
+def test_what_is_misspelt_is_named_with_what_was_meant(
+    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(words) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.endswith(message)
+
+
+@pytest.mark.parametrize(
     ("options", "message"),
     [
         (["-o", "a.bmp"], "unknown extension '.bmp'"),

@@ -120,4 +120,4 @@ def _add_benchmark(benches: Any, benchmark: Benchmark) -> None:
     parser.add_argument("--json", type=Path, metavar="FILE.json", help="also write all figures as JSON")
     parser.add_argument("--markdown", type=Path, metavar="FILE.md", help="also write the tables as Markdown")
     benchmark.add_arguments(parser)
-    parser.set_defaults(benchmark=benchmark)
+    parser.set_defaults(benchmark=benchmark, parser=parser)

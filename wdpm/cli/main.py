@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import re
 import sys
 import textwrap
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ from typing import Any, NoReturn
 
 from wdpm.cli.interrupts import Terminated, interrupts_raise, no_lost_interrupts, termination_raises
 from wdpm.exit_codes import EXIT_BAD_INPUT, EXIT_INTERRUPTED, EXIT_TERMINATED, exit_code_of
-from wdpm.scenes.errors import WdpmError
+from wdpm.scenes.errors import WdpmError, did_you_mean
 from wdpm.scenes.scene_root import files_within
 from wdpm.startup import let_collector_go
 
@@ -67,7 +68,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not arguments:
         parser.print_help(sys.stderr)
         return EXIT_BAD_INPUT
-    args = parser.parse_args(arguments)
+    command = arguments[0]
+    if not command.startswith("-") and command not in COMMANDS:
+        parser.error(f"there is no command '{command}'{did_you_mean(command, COMMANDS)}")
+    args, unknown = parser.parse_known_args(arguments)
+    if unknown:
+        _refuse(args.parser, unknown)
     let_collector_go()  # a command that imports what computes holds it off again
     try:
         with interrupts_raise(), termination_raises(), no_lost_interrupts():
@@ -90,6 +96,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     finally:
         let_collector_go()
     return code
+
+
+def _refuse(parser: argparse.ArgumentParser, unknown: Sequence[str]) -> NoReturn:
+    """End with an error that names what a command does not know, and the option that was perhaps meant."""
+    option = unknown[0].partition("=")[0]
+    known = re.findall(r"--[\w-]+", parser.format_usage()) if option.startswith("-") else []
+    parser.error(f"unrecognized arguments: {' '.join(unknown)}{did_you_mean(option, known)}")
 
 
 def _complete(parser: argparse.ArgumentParser) -> None:
@@ -116,7 +129,7 @@ def make_parser(called: str | None = None) -> argparse.ArgumentParser:
         command = importlib.import_module(f"wdpm.cli.{COMMANDS[name]}")
         subparser = command.add_parser(subparsers)
         subparser.formatter_class = _Help
-        subparser.set_defaults(run=command.run)
+        subparser.set_defaults(run=command.run, parser=subparser)
     return parser
 
 
