@@ -37,8 +37,6 @@ CROSSING = 1.0
 """What it costs that a ray goes to another slave, as a share of what is computed of it where it stays: packing it, and
 handling it and what comes home in small batches (docs/scaling.md)."""
 
-MAX_LEVELS = 8
-
 
 @dataclass(frozen=True, eq=False)
 class _Part:

@@ -87,17 +87,6 @@ def masking(distribution: wp.int32, alpha: wp.vec2, w: wp.vec3) -> wp.float32:
 
 
 @wp.func
-def pdf_visible_normal(distribution: wp.int32, alpha: wp.vec2, w: wp.vec3, m: wp.vec3) -> wp.float32:
-    """pdf_solid_angle with which `sample_visible_normal` makes m: G1(w) D(m) max(0, w · m) / w.z.
-
-    Args:
-        w: where the path came from, w.z > 0.
-    """
-    d = normal_density(distribution, alpha, m)
-    return masking_over_cos(distribution, alpha, w) * d * wp.max(0.0, wp.dot(w, m))
-
-
-@wp.func
 def _visible_slope(s: wp.float32, c: wp.float32, u: wp.float32) -> wp.float32:
     """Slope along x of Beckmann facets (alpha = 1) as seen from (s, 0, c).
 

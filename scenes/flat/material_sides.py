@@ -12,7 +12,6 @@ from wdpm.scenes.flat.material_table import MaterialTable
 
 FRONT: Final = 1
 BACK: Final = 2
-BOTH: Final = FRONT | BACK
 
 
 def gathering_sides(table: MaterialTable) -> NDArray[np.int32]:
