@@ -184,6 +184,14 @@ def length(text: str) -> float:
         raise ArgumentTypeError(f"'{text}' is not a number") from None
 
 
+def error_bound(text: str) -> float:
+    """A positive number."""
+    number = length(text)
+    if not 0.0 < number < math.inf:
+        raise ArgumentTypeError(f"'{text}' is not an error: expected a positive number, like 0.02")
+    return number
+
+
 def memory(text: str) -> int:
     """`8G` or `512M` to bytes, in powers of 1024."""
     match = re.fullmatch(r"(\d+)([kKmMgGtT])", text)

@@ -27,7 +27,7 @@ def add_until_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("asking for an error or a time, in place of settings (docs/accuracy.md)")
     group.add_argument(
         "--until-error",
-        type=values.length,
+        type=values.error_bound,
         metavar="E",
         help="measure the scene in a short pilot, pick settings, and render until the estimated error is E, or less, "
         f"in 9 of 10 cases; settings given are kept. Exit code {EXIT_NOT_REACHED} if it is not reached",
