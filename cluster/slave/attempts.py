@@ -23,7 +23,7 @@ class Attempts:
         self._rejoin = patience if rejoin is None else rejoin
         self._limits = limits
         self._wait = limits.join_first_s
-        self._give_up_at = self._retry_at = 0.0
+        self._give_up_at = self._retry_at = self._answer_until = 0.0
 
     def begin(self, now: float, *, again: bool = False) -> None:
         """The first of them is made now."""
@@ -31,6 +31,18 @@ class Attempts:
             self.again, self.patience = True, self._rejoin
         self._wait = self._limits.join_first_s
         self._give_up_at, self._retry_at = now + self.patience, now + self._wait
+        self.wait_for_nobody()
+
+    def wait_for_answer(self, now: float) -> None:
+        """The master has taken the connection: its answer is under way, however slow the link or laden the machine.
+
+        Another Hello over another connection would be taken for a slave that was lost and came back.
+        """
+        self._answer_until = now + self._limits.join_longest_s
+
+    def wait_for_nobody(self) -> None:
+        """The connection is gone, or the answer has come and was no."""
+        self._answer_until = 0.0
 
     def over(self, now: float) -> bool:
         """Whether it is time to give up."""
@@ -38,8 +50,9 @@ class Attempts:
 
     def due(self, now: float) -> float | None:
         """Whether it is time for another one: how long its answer is waited for, or None."""
-        if now < self._retry_at:
+        if now < max(self._retry_at, self._answer_until):
             return None
+        self.wait_for_nobody()
         longest = self._limits.rejoin_longest_s if self.again else self._limits.join_longest_s
         self._wait = min(2 * self._wait, longest)
         self._retry_at = now + self._wait

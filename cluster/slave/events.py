@@ -88,6 +88,11 @@ class MasterLost:
 
 
 @dataclass(frozen=True)
+class MasterReached:
+    """Somebody at the master's address has taken the connection; what was sent arrives, unless it breaks."""
+
+
+@dataclass(frozen=True)
 class MasterRefused:
     """Somebody is at the master's address, but keys do not fit."""
 
@@ -111,6 +116,7 @@ Event = (
     | ComputeFailed
     | PeerLost
     | MasterLost
+    | MasterReached
     | MasterRefused
     | Leave
 )

@@ -95,6 +95,8 @@ class SlaveShell:
 
     def find_broken_connections(self) -> None:
         """Tell the state machine who is lost."""
+        if self._master.reached():
+            self.handle(s.MasterReached())
         if self._master.broke():
             # Its last words come before the news that it hung up.
             self._receive_from_master()

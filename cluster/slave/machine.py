@@ -30,6 +30,7 @@ from wdpm.cluster.slave.events import (
     Leave,
     Look,
     MasterLost,
+    MasterReached,
     MasterRefused,
     MasterSaid,
     PeerAnswered,
@@ -170,8 +171,12 @@ class Slave:
                 return [ToMaster(protocol.PeerGone(number))]
             case MasterLost():
                 if self._welcome is None:
+                    self._attempts.wait_for_nobody()
                     return []  # it does not listen yet
                 return self._join_again("the connection broke", now)
+            case MasterReached():
+                self._attempts.wait_for_answer(now)
+                return []
             case MasterRefused():
                 self._refused = True
                 return []
@@ -282,7 +287,9 @@ class Slave:
             case protocol.Welcome():
                 return self._join(message, now)
             case protocol.Refuse(reason):
-                if self._attempts.again:  # the master may not have missed it yet, and have no room for it until it does
+                if self._attempts.again:
+                    self._attempts.wait_for_nobody()
+                    # The master may not have missed it yet, and have no room for it until it does.
                     return [Tell(f"the master at {self._endpoint} refuses this slave so far: {reason}")]
                 return self._exit(f"the master at {self._endpoint} refused: {reason}")
             case protocol.Stop(reason, completed):

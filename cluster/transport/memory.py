@@ -144,6 +144,7 @@ class MemoryConnection:
         self._listener = listener
         self._identity = identity
         self._told = listener is None
+        self._reached = listener is not None
         if listener is not None:
             listener.connections[identity] = self
 
@@ -167,6 +168,11 @@ class MemoryConnection:
             return False
         self._told = True
         return True
+
+    def reached(self) -> bool:
+        """At once, if anybody listened when it was made; asked for the first time."""
+        reached, self._reached = self._reached, False
+        return reached
 
     def refused(self) -> bool:
         """Never: there are no keys."""

@@ -79,6 +79,9 @@ class Connection(Protocol):
     def broke(self) -> bool:
         """Whether the other end has closed the connection, as `wait` has heard since this was last asked."""
 
+    def reached(self) -> bool:
+        """Whether the other end has taken the connection, as `wait` has heard since this was last asked."""
+
     def refused(self) -> bool:
         """Whether somebody is there, who does not know this end: keys do not fit. Asked after `broke`."""
 

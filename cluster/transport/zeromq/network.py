@@ -145,8 +145,10 @@ class ZeroMQConnection:
         self._open_lane = open_lane
         self._network = network
         self._accepted = accepted
-        self.monitor: Socket = socket.get_monitor_socket(zmq.EVENT_DISCONNECTED | HANDSHAKE_FAILED)
-        self._refused = self._broke = self._told = False
+        self.monitor: Socket = socket.get_monitor_socket(
+            zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED | HANDSHAKE_FAILED
+        )
+        self._reached = self._refused = self._broke = self._told = False
 
     def send(self, message: Message) -> bool:
         """A DEALER without a connection has no queue to put a message in."""
@@ -175,6 +177,7 @@ class ZeroMQConnection:
         """Read what ZeroMQ has told of the connection."""
         while self.monitor.poll(0):
             happened = recv_monitor_message(self.monitor)["event"]
+            self._reached = self._reached or happened == zmq.EVENT_HANDSHAKE_SUCCEEDED
             self._refused = self._refused or bool(happened & HANDSHAKE_FAILED)
             self._broke = self._broke or happened == zmq.EVENT_DISCONNECTED
 
@@ -183,6 +186,11 @@ class ZeroMQConnection:
         broke, self._broke = self._broke, False
         self._told = self._told or broke
         return broke
+
+    def reached(self) -> bool:
+        """Whether ZeroMQ has told that the ends have agreed on who they are."""
+        reached, self._reached = self._reached, False
+        return reached
 
     def refused(self) -> bool:
         """Whether ZeroMQ has told that the ends did not agree on who they are."""

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 from slave_driver import EPOCH, HELLO, Driver, error_of, jobs, part, setup, to_master
 
+from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.slave import events as s
 from wdpm.cluster.slave import jobs as c
@@ -80,3 +81,43 @@ def test_a_slave_that_was_taken_for_lost_joins_again() -> None:
     out = Driver().ready().told(p.Dismissed("Heartbeat before Hello"))
     assert s.Reconnect(fresh=True) in out
     assert to_master(out) == [HELLO]
+
+
+def started(patience: float) -> Driver:
+    driver = Driver(patience=patience)
+    driver(s.Start())
+    return driver
+
+
+def tries_until(driver: Driver, end: int) -> list[int]:
+    """Seconds at which it connects again."""
+    times = range(int(driver.now) + 1, end)
+    return [second for second in times if s.Reconnect() in driver.slave.handle(s.Tick(), float(second))]
+
+
+def test_a_master_that_has_taken_the_connection_is_not_asked_again() -> None:
+    """It may be slow, or far: it would take a second Hello for one of a slave that it has lost."""
+    asked = tries_until(started(60.0), 20)
+    assert asked
+    driver = started(60.0)
+    driver(s.MasterReached())
+    assert not tries_until(driver, 20)
+    driver = started(60.0)
+    driver(s.MasterReached())
+    driver(s.MasterLost())
+    assert tries_until(driver, 20) == asked
+
+
+def test_a_master_that_takes_connections_and_never_answers_is_asked_again() -> None:
+    driver = started(120.0)
+    driver(s.MasterReached())
+    longest = int(ClusterLimits().join_longest_s)
+    assert tries_until(driver, longest + 2) == [longest + 1]
+
+
+def test_a_slave_that_has_no_room_yet_asks_again_though_it_is_connected() -> None:
+    driver = Driver(patience=60.0).ready()
+    driver(s.MasterLost())
+    driver(s.MasterReached())
+    driver.told(p.Refuse("all 2 slaves have joined"))
+    assert tries_until(driver, int(driver.now) + 10)

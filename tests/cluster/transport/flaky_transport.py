@@ -97,6 +97,9 @@ class FlakyConnection:
         news, self._news = self._news, False
         return news or self._inner.broke()
 
+    def reached(self) -> bool:
+        return self._inner.reached()
+
     def refused(self) -> bool:
         return self._inner.refused()
 

@@ -19,6 +19,8 @@ from slow_slaves import AGREED
 
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.limits import ClusterLimits
+from wdpm.cluster.master import events
+from wdpm.cluster.master.loop import MasterShell
 from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.messages import packing, protocol
 from wdpm.cluster.transport import registry
@@ -291,6 +293,26 @@ def test_a_slave_whose_link_is_slower_than_its_peers_joins_like_others(flaky: Fl
         check_picture(session, master.render(session).layers)
     own.close()
     assert [first.end(), second.end()] == [None, None]
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:0", "memory://a-busy-master"])
+def test_a_master_that_is_slow_to_answer_loses_no_slave(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A slave that asked again over another connection was taken for one that was lost and came back."""
+    handle = MasterShell.handle
+
+    def slow(shell: MasterShell, event: events.Event) -> None:
+        if isinstance(event, events.SlaveSaid) and isinstance(event.message, protocol.Hello):
+            time.sleep(0.5)
+        handle(shell, event)
+
+    monkeypatch.setattr(MasterShell, "handle", slow)
+    with MasterServer(address, 2, limits=SMALL, agreed=AGREED) as master:
+        slaves = [SlaveThread(master.endpoint, limits=ClusterLimits(join_first_s=0.05)) for _ in range(2)]
+        session = make_session(2, 2)
+        result = master.render(session)
+        check_picture(session, result.layers)
+        assert (result.lost, result.dropped) == ((), {})
+    assert [slave.end() for slave in slaves] == [None, None]
 
 
 def test_slaves_that_cannot_reach_each_other_end_the_render(flaky: FlakyTransport) -> None:
