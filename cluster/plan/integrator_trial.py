@@ -95,6 +95,9 @@ error is not, and ten times less of it is not either."""
 MOST_TOLERANCE = 1.0
 """Beyond that records get no more gather rays than one a stratum, whatever the noise."""
 
+MOST_NOISE = 4.0
+"""Of a pixel's relative squared error, where samples go by it (allotment): a rare bright sample may draw no more."""
+
 HIDDEN_MOST = 1e-3
 """Of all light of an image, what path tracing may leave out: less than photons are off by."""
 
@@ -108,12 +111,14 @@ class IntegratorChoice:
         words: for people.
         pilot: that was flown for photons.
         learnt: how shadow rays choose among lights, in the trial as in the render.
+        noise: squared error of a sample of each pixel of the trial, with what was chosen, shape [height, width].
     """
 
     settings: RenderSettings
     words: str
     pilot: PhotonPilot
     learnt: Learnt
+    noise: Values
 
 
 def trial_features(flat: FlatScene, settings: RenderSettings) -> Features:
@@ -156,7 +161,7 @@ def choose_integrator(
     photons, plans, fewer = _with_photons_of_worth(flat, plans, trial, photons)
     if trial.caustics.hidden > HIDDEN_MOST:
         words = f"photons, since no path finds {trial.caustics.hidden:.1%} of the light: caustics of lamps without size"
-        return IntegratorChoice(photons, words + fewer, pilot, learnt)
+        return IntegratorChoice(photons, words + fewer, pilot, learnt, trial.noises_by(photons))
     # Of one pass: with more of the same kind errors fall and prices rise alike, and what goes on must choose alike.
     spp, of_caustics = -(-settings.spp // settings.passes), trial.caustics.noise
     prices = Prices(flat, plans, spp)
@@ -167,7 +172,7 @@ def choose_integrator(
     of_photons, of_paths = Way(photons_error, photons_cost), Way(path_error, path_cost, of_caustics / spp)
     chosen = by_path.settings if of_paths.is_better_than(of_photons) else photons
     words = words_for(of_paths, of_photons) + (fewer if chosen is photons else "")
-    return IntegratorChoice(chosen, words, pilot, learnt)
+    return IntegratorChoice(chosen, words, pilot, learnt, trial.noises_by(chosen))
 
 
 @dataclass(frozen=True)
@@ -278,6 +283,8 @@ class Trial:
         caustics: what paths make of those, where smooth surfaces make any.
         lambertian: the share of the diffuse surfaces that camera paths meet that records serve.
         map_errors: what gathers of the global and the caustic map get wrong; None where too little is known.
+        noises: of a sample of each pixel: by photons, by paths, and the part of these that indirect light makes, shape
+            [height, width].
     """
 
     by_photons: Figures
@@ -285,13 +292,24 @@ class Trial:
     caustics: PathCaustics
     lambertian: float
     map_errors: Sequence[MapError | None]
+    noises: tuple[Values, Values, Values]
 
     def noise_by(self, settings: RenderSettings) -> float:
         """Of one sample of every pixel by photon mapping: with that of gather rays, where each sample has one."""
-        gathered = 0.0
-        if settings.final_gathers:
-            gathered = 1.0 - self.lambertian if settings.algorithm.has_irradiance_cache(settings) else 1.0
-        return self.by_photons.noise + gathered * GATHERED * self.by_paths[0].of_indirect
+        return self.by_photons.noise + self._gathered(settings) * GATHERED * self.by_paths[0].of_indirect
+
+    def noises_by(self, settings: RenderSettings) -> Values:
+        """Of one sample of each pixel, at most MOST_NOISE, shape [height, width]."""
+        by_photons, by_path, of_indirect = self.noises
+        if settings.algorithm.shoots_photons:
+            by_path = by_photons + self._gathered(settings) * GATHERED * of_indirect
+        return np.minimum(by_path, MOST_NOISE)
+
+    def _gathered(self, settings: RenderSettings) -> float:
+        """The share of samples that have a gather ray, by photon mapping."""
+        if not settings.final_gathers:
+            return 0.0
+        return 1.0 - self.lambertian if settings.algorithm.has_irradiance_cache(settings) else 1.0
 
 
 class Prices:
@@ -402,7 +420,12 @@ def _try_both(
     of_global, of_caustics = _map_errors(flat, pilot, photons, places, truth, dark)
     if of_global is not None:
         of_global = of_global.of_light(by_path.indirect)
-    return Trial(by_photons, ways, caustics, places.lambertian, (of_global, of_caustics))
+    noises = (
+        photon_halves.noise(weight).mean(axis=2),
+        path_halves.noise(weight).mean(axis=2),
+        path_halves.noise(weight, "indirect").mean(axis=2),
+    )
+    return Trial(by_photons, ways, caustics, places.lambertian, (of_global, of_caustics), noises)
 
 
 def _map_errors(

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from wdpm.cluster.allotment import (
     BLOCK,
+    MOST_BY_NOISE,
     OUTLINE_SHARE,
     OUTLINE_TIMES,
     Allotment,
     Piece,
+    allotment_by_noise,
     blocks_of,
     lamp_outlines_of,
     sample_groups,
@@ -89,3 +92,58 @@ def test_a_pixel_of_a_crop_takes_as_many_samples_as_that_of_the_image() -> None:
     crop = lamp_outlines_of(whole, width, height, (10, 4, 12, 3))
     assert crop.times == lamp_outlines_of(whole, width, height, (0, 0, width, height)).times
     assert crop.pixels.tolist() == [1 * 12 + 1]
+
+
+def test_samples_go_where_a_trial_saw_noise() -> None:
+    noise = np.full((10, 20), 0.01)
+    noise[:, 10:] = 1.0
+    allotment = allotment_by_noise(noise, 8, 20 * BLOCK, 10 * BLOCK)
+    assert allotment.count.shape == (10, 20)
+    assert not allotment.first.any()
+    assert allotment.count.mean() <= 8
+    assert allotment.count.min() == 4
+    assert (allotment.count[:, 11:] > allotment.count[:, :9].max()).all()
+    foretold = (noise[:, 12] / allotment.count[:, 12]).mean() / (1.0 / 8.0)
+    assert foretold < 0.8
+
+
+def test_as_many_samples_are_taken_as_were_asked_for() -> None:
+    noise = np.random.default_rng(3).exponential(size=(18, 31)) * np.geomspace(0.01, 100.0, 31)
+    for spp in (3, 7, 64):
+        width, height = 31 * BLOCK - 3, 18 * BLOCK - 5
+        allotment = allotment_by_noise(noise, spp, width, height)
+        pixels = spread(allotment.count, width, height)
+        assert 0.9 * spp <= pixels.mean() <= spp
+        assert pixels.min() >= max(1, round(0.5 * spp))
+        assert pixels.max() <= MOST_BY_NOISE * spp
+
+
+@pytest.mark.parametrize(
+    ("noise", "spp"),
+    [
+        (np.ones((9, 9)), 8),
+        (np.zeros((9, 9)), 8),
+        (np.linspace(1.0, 1.3, 81).reshape(9, 9), 8),
+        (np.geomspace(1e-6, 1e-3, 81).reshape(9, 9), 8),
+        (np.random.default_rng(5).exponential(size=(30, 30)) ** 3, 8),
+    ],
+    ids=["even", "none", "hardly uneven", "hardly any", "by chance"],
+)
+def test_samples_are_as_many_everywhere_where_nothing_is_gained(noise: NDArray[np.float64], spp: int) -> None:
+    assert not len(allotment_by_noise(noise, spp, 80, 80))
+
+
+def test_one_sample_and_two_cannot_be_shared_out() -> None:
+    noise = np.repeat(10.0 ** np.arange(-5, 4)[:, None], 9, axis=1)
+    assert not len(allotment_by_noise(noise, 1, 80, 80))
+    assert not len(allotment_by_noise(noise, 2, 80, 80))
+    assert allotment_by_noise(noise, 4, 80, 80).count.min() == 2
+
+
+def test_a_trial_with_more_pixels_than_blocks_and_one_with_fewer_cover_the_image() -> None:
+    for side in (6, 40):
+        noise = np.full((side, side), 0.01)
+        noise[: side // 3] = 1.0
+        count = allotment_by_noise(noise, 16, 12 * BLOCK, 12 * BLOCK).count
+        assert (count[0] > count[-1]).all()
+        assert (count == count[:, :1]).all()

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from wdpm.cluster.plan.cache_worth import MOST_UNREAD, unread_share
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.integrator_trial import choose_integrator, trial_features, without_a_trial
@@ -25,12 +28,14 @@ class ChosenSettings:
         chose: what was chosen, and why, one line each.
         pilot: that was flown to choose.
         learnt: how shadow rays choose among lights, where a choice asked for it.
+        noise: of a sample of each pixel of a small picture, where a choice told, shape [height, width].
     """
 
     settings: RenderSettings
     chose: tuple[str, ...]
     pilot: PhotonPilot | None = None
     learnt: Learnt | None = None
+    noise: NDArray[np.float64] | None = None
 
 
 def choose_settings(
@@ -54,7 +59,7 @@ def choose_settings(
     choice = choose_integrator(flat, settings, by_photons.settings, launcher, by_photons.pilot)
     others = by_photons.chose if choice.settings.algorithm.shoots_photons else ()
     chosen = _with_light_samples(flat, choice.settings)
-    return ChosenSettings(chosen, (f"integrator: {choice.words}", *others), choice.pilot, choice.learnt)
+    return ChosenSettings(chosen, (f"integrator: {choice.words}", *others), choice.pilot, choice.learnt, choice.noise)
 
 
 def _settled(

@@ -207,7 +207,7 @@ def render_in_passes(
 def _render_one(renderer: PassRenderer, plan: PassPlan, cache: CacheFiles) -> Image:
     """Render the only pass, and keep its irradiance records."""
     prepared = renderer.prepared
-    result = renderer.render(plan).result
+    result = renderer.render(plan, prepared.session.view.allotment).result
     image = image_of(prepared, result)
     if cache.save is not None:
         try:
@@ -241,7 +241,8 @@ def _render_all(
     kept = True
     try:
         for plan in left:
-            average.add(renderer.render(plan, average.allotment(plan)))
+            alone = prepared.session.view.allotment if len(plans) == 1 else average.allotment(plan)
+            average.add(renderer.render(plan, alone))
             if journal is not None:
                 kept = _keep(journal, average, renderer, told=not kept)
             renderer.show(average)

@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from wdpm.cluster.allotment import NO_ALLOTMENT, Allotment, allotment_by_noise
 from wdpm.cluster.host_memory import return_free_memory
 from wdpm.cluster.layers import layers_of
 from wdpm.cluster.plan.copies import SceneMemory, Sharing, largest_team, scene_memory
@@ -155,7 +156,7 @@ def prepare(
     plan = _planned(flat, settled, largest_team(shared.slaves, shared.least), launcher, cells)
     lit_scene = _lit_scene(plan.world, flat.triangles)
     alone = shared.slaves == 1 and plan.pilot is not None
-    session = _session(flat, settings, plan, shared, processes, lit_scene, alone)
+    session = _session(flat, settled, plan, shared, processes, lit_scene, alone)
     return Prepared(
         pilot=plan.pilot if alone else None,
         session=session,
@@ -163,7 +164,7 @@ def prepare(
         triangles=flat.triangles.total,
         dropped=sum(flat.dropped.values()),
         kernels=kernels,
-        chose=(*settled.chose, *plan.chose, *plan.learnt.words),
+        chose=(*settled.chose, *plan.chose, *plan.learnt.words, *_allotment_in_words(session.view.allotment)),
         left_out=_left_out(scene, flat, plan.world, features, settings),
         approximated=approximations(scene, plan.world, settings),
         warnings=(*scene.warnings, *_lost(flat, plan.world, settings), *unused),
@@ -178,7 +179,7 @@ def prepare(
 
 def _session(
     flat: FlatScene,
-    settings: RenderSettings,
+    settled: ChosenSettings,
     plan: RenderPlan,
     shared: Sharing,
     processes: int,
@@ -193,11 +194,12 @@ def _session(
         lit_scene: names what light depends on.
         alone: whether the pilot's own worker goes on, so that triangles are sent to nobody.
     """
+    settings = settled.settings
     world = replace(plan.world, strict=settings.strict)
     view = plan.learnt_view(view_of(flat, settings, max(shared.slaves, processes), alone=shared.least == 1))
     return Session(
         world=world,
-        view=view,
+        view=replace(view, allotment=_allotment(settled, view)),
         partition=_partition(flat.triangles if alone else spooled(flat.triangles), plan),
         burdens=plan.burdens,
         digest=digest(replace(world.with_photons(NO_PHOTONS), textures=()), lit_scene, shared.least),
@@ -212,6 +214,30 @@ def _session(
 def _planned(flat: FlatScene, settled: ChosenSettings, team: int, launcher: Launcher, cells: int | None) -> RenderPlan:
     """The plan of a team, by what was found out to choose its settings."""
     return make_render_plan(flat, settled.settings, team, launcher, cells, settled.pilot, settled.learnt)
+
+
+def _allotment(settled: ChosenSettings, view: View) -> Allotment:
+    """The samples of each part of an image in one pass; in several, those of each are as many everywhere.
+
+    Pixels on outlines of lamps take as many as they need anyway: what is noisy there tells nothing of those about them.
+    """
+    if settled.noise is None or settled.settings.passes > 1:
+        return NO_ALLOTMENT
+    camera, (rows, columns) = view.camera, settled.noise.shape
+    row = (np.arange(rows) * 2 + 1) * camera.height // (2 * rows)
+    column = (np.arange(columns) * 2 + 1) * camera.width // (2 * columns)
+    times = view.outlines.times_of((row[:, None] * camera.width + column).reshape(-1)).reshape(rows, columns)
+    if (times > 1).all():
+        return NO_ALLOTMENT
+    noise = np.where(times > 1, settled.noise[times == 1].mean(), settled.noise)
+    return allotment_by_noise(noise, settled.settings.spp, camera.width, camera.height)
+
+
+def _allotment_in_words(allotment: Allotment) -> tuple[str, ...]:
+    if not len(allotment):
+        return ()
+    least, most = int(allotment.count.min()), int(allotment.count.max())
+    return (f"{least:,} to {most:,} samples a pixel, by the noise that the trial saw in parts of the image",)
 
 
 def forget_pilot(prepared: Prepared) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from wdpm.cluster.allotment import OUTLINE_TIMES
+from wdpm.cluster.allotment import MOST_BY_NOISE, OUTLINE_TIMES
 from wdpm.cluster.batch import TO_HOME, Batch
 from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.cluster.task import BucketTask, PhotonTask
@@ -64,13 +64,14 @@ def replay_sample(
     """
     scene = scene_of(source)
     settings = settings or settings_for(scene, **chosen)
-    most = settings.spp * OUTLINE_TIMES  # which pixels take more than others is known when the scene is prepared
+    # Which pixels take more than others is known when the scene is prepared.
+    most = settings.spp * OUTLINE_TIMES * MOST_BY_NOISE
     check_place(scene.camera, most if sample < most else settings.spp, x, y, sample)
 
     def plan(view: View) -> PassPlan:
-        times = _times(view, x, y)
-        check_place(view.camera, settings.spp * times, x, y, sample)
-        return pass_of(settings, sample, times)
+        _, stop = _samples(view, x, y)
+        check_place(view.camera, stop, x, y, sample)
+        return pass_of(settings, sample, -(-stop // settings.spp))
 
     return Replayer(scene, backend, settings, plan, progress=progress).sample(x, y, sample)
 
@@ -103,15 +104,14 @@ class Replayer:
         self._names = Names(scene, prepared.triangles)
         if callable(plan):
             plan = plan(prepared.session.view)
-        session = session_of(prepared.session, plan or pass_of(settings, 0))
+        session = session_of(prepared.session, plan or pass_of(settings, 0), prepared.session.view.allotment)
         self._view = session.view
         self._worker = _with_photons(prepared, session.world, progress)
 
     def sample(self, x: int, y: int, sample: int) -> Replay:
         """One sample of a pixel; SettingsError if there is none such."""
         worker, view = self._worker, self._view
-        times = _times(view, x, y)
-        first, stop = times * view.first_sample, times * (view.first_sample + view.spp)
+        first, stop = _samples(view, x, y)
         check_place(view.camera, stop, x, y, sample, first)
         worker.set_view(view)
         cell, guards = worker.cells[0], Guards(worker.replica)
@@ -149,9 +149,13 @@ def pass_of(settings: RenderSettings, sample: int, times: int = 1) -> PassPlan:
     return next(plan for plan in plans_for(settings) if sample < times * (plan.first_sample + plan.spp))
 
 
-def _times(view: View, x: int, y: int) -> int:
-    """As many times the samples of others a pixel takes; 1 outside the image."""
-    return int(view.outlines.times_of(np.array([y * view.camera.width + x]))[0])
+def _samples(view: View, x: int, y: int) -> tuple[int, int]:
+    """Number of the first sample that a pixel takes, and of the first that it does not; of any outside the image."""
+    camera, first, count = view.camera, view.first_sample, view.spp
+    if len(view.allotment) and 0 <= x < camera.width and 0 <= y < camera.height:
+        first, count = (int(each[0, 0]) for each in view.allotment.of_pixels(x, y, x + 1, y + 1))
+    times = int(view.outlines.times_of(np.array([y * camera.width + x]))[0])
+    return times * first, times * (first + count)
 
 
 def check_place(camera: Camera, spp: int, x: int, y: int, sample: int, first: int = 0) -> None:

@@ -157,7 +157,8 @@ def price(indirect: Indirect, lambertian: float, caustic_k: int, photons: float)
     """What a small image of 8 samples would cost, with and without caustics to gather."""
     settings = RenderSettings(integrator=Integrator.PHOTONS, indirect=indirect)
     figures = Figures(settings, noise=0.01, of_indirect=0.0, vertices=0.0, light_samples=1, indirect=1.0)
-    trial = Trial(figures, [figures], NO_CAUSTICS, lambertian, (None, None))
+    noises = (np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
+    trial = Trial(figures, [figures], NO_CAUSTICS, lambertian, (None, None), noises)
     plans = MapPlans((MapPlan(1000), MapPlan(1000), MapPlan()), caustic_k, (), (photons, 0.0, 0.0))
     return Prices(flatten(SMALL), plans, 8).of_photons(trial, settings)
 
