@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
+import time
 import traceback
 
 from wdpm.cluster.slave import events as s
@@ -65,7 +66,9 @@ class ComputeThread:
 
     def _outcome(self, job: Job) -> s.Computed | s.ComputeFailed | s.Leave:
         try:
-            return s.Computed(self._compute.run(job))
+            began = time.thread_time()
+            outcome = self._compute.run(job)
+            return s.Computed(outcome, time.thread_time() - began)
         except WdpmError as error:
             return s.ComputeFailed(str(error))
         except MemoryError:  # others may have more of it

@@ -63,9 +63,14 @@ class Unreadable:
 
 @dataclass(frozen=True)
 class Computed:
-    """The job that ran is done."""
+    """The job that ran is done.
+
+    Attributes:
+        ran_s: processor time of the thread that ran it [s].
+    """
 
     outcome: Outcome
+    ran_s: float = 0.0
 
 
 @dataclass(frozen=True)

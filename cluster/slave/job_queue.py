@@ -30,15 +30,15 @@ HOLD_S: Final = 0.002
 between two slaves of one machine, so that what several send comes together."""
 
 MOST_HOLD_S: Final = 0.05
-"""How long they wait at most, however slow turns are [s]."""
+"""How long they wait at most, however few cores there are [s]."""
 
 TURNS_HELD: Final = 2.0
-"""How many turns of few rows they wait for, if that is longer. Peers are as fast as this slave, so what is on its way
-comes within a turn or two. Where slaves share cores a turn takes many times as long as there is to compute, and what
-waits leaves the cores to those that have more to do."""
+"""How many times as long they wait as turns of few rows have waited for a core, if that is longer. Where slaves share
+cores, what is on its way to this one comes that much later, and what waits leaves the cores to those that have more
+to do. Where each has a core of its own, all would wait for what is held."""
 
 _LOOKS_BACK: Final = 8
-"""Turns over which their time is averaged, about."""
+"""Turns over which that is averaged, about."""
 
 
 class JobQueue:
@@ -55,21 +55,21 @@ class JobQueue:
         self._batches = Queues()
         self._hold_s = hold_s
         self._held_since: float | None = None
-        self._turn_s = 0.0  # what a turn of few rows takes
+        self._waited_s = 0.0  # for a core, in a turn of few rows
 
-    def ended(self, job: Job, seconds: float) -> None:
+    def ended(self, job: Job, waited_s: float) -> None:
         """A job has ended.
 
         Args:
-            seconds: from when it was handed out until its outcome was here [s].
+            waited_s: of the time from when it was handed out until its outcome was here, how long nobody computed [s].
         """
         if isinstance(job, jobs.HandleBatches) and sum(map(len, job.batches)) < FEW_ROWS:
-            self._turn_s += (seconds - self._turn_s) / _LOOKS_BACK
+            self._waited_s += (waited_s - self._waited_s) / _LOOKS_BACK
 
     @property
     def _hold(self) -> float:
         """How long few rows wait now [s]."""
-        return max(self._hold_s, min(TURNS_HELD * self._turn_s, MOST_HOLD_S)) if self._hold_s > 0.0 else 0.0
+        return max(self._hold_s, min(TURNS_HELD * self._waited_s, MOST_HOLD_S)) if self._hold_s > 0.0 else 0.0
 
     def add(self, batch: Batch) -> None:
         """Let a batch wait."""

@@ -149,8 +149,9 @@ class Slave:
                 return self._peer_said(identity, message)
             case PeerAnswered(number, message):
                 return self._peers.answered(number, message)
-            case Computed(outcome):
-                return self._computed(outcome, now)
+            case Computed(outcome, ran_s):
+                self._work.ended(outcome.job, now - self._running_since - ran_s)
+                return self._computed(outcome)
             case Tick():
                 return self._tick(now)
             case Look():
@@ -440,9 +441,8 @@ class Slave:
         """Whether the scene is one cell, which this slave holds."""
         return self._setup is not None and len(self._setup.holders) == 1
 
-    def _computed(self, outcome: Outcome, now: float) -> list[Instruction]:
+    def _computed(self, outcome: Outcome) -> list[Instruction]:
         job, epoch = self._end_job(outcome.job)
-        self._work.ended(job, now - self._running_since)
         if isinstance(job, jobs.Build):
             self._had = frozenset(cell for cell, holder in enumerate(job.holders) if holder == job.number)
         if epoch != self._epoch:

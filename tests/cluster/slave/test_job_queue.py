@@ -139,13 +139,13 @@ def test_few_rows_wait_until_the_shell_tells_the_time() -> None:
     assert driver.slave.look_at is None
 
 
-def test_few_rows_wait_as_long_as_turns_take() -> None:
+def test_few_rows_wait_longer_where_turns_wait_for_cores() -> None:
     work = at_hand(rays())
     for _ in range(100):
         work.ended(jobs.HandleBatches((rays(),)), HOLD_S)
-        work.ended(jobs.HandleBatches((rays(FEW_ROWS),)), 100 * HOLD_S)  # many rows say nothing of a turn of few
+        work.ended(jobs.HandleBatches((rays(FEW_ROWS),)), 100 * HOLD_S)  # many rows may be computed by several threads
     assert work.next_job(10.0) is None
-    assert work.look_at == 10.0 + HOLD_S, "no longer than that, however slow turns are"
+    assert work.look_at == 10.0 + HOLD_S, "no longer than that, however few cores there are"
     quick = at_hand(rays(), hold_s=0.001)
     assert quick.next_job(10.0) is None
     assert quick.look_at == 10.0 + 0.001, "no less than what is asked for"
@@ -158,7 +158,7 @@ def test_few_rows_wait_as_long_as_turns_take() -> None:
     assert quick.look_at == 10.0 + MOST_HOLD_S
 
 
-def test_who_does_not_hold_waits_for_no_turns() -> None:
+def test_who_does_not_hold_waits_for_no_core() -> None:
     work = at_hand(rays(), hold_s=0.0)
     work.ended(jobs.HandleBatches((rays(),)), 1.0)
     assert rows_of(work.next_job(10.0)) == [1]

@@ -246,7 +246,7 @@ class SimulatedCluster:
             outcome = compute.run(job)
             seconds = time.thread_time() - began
             self.recorder.job(JobRecord.of(self.clock.now, number, job, outcome, seconds))
-            return seconds, lambda: self._have(process, lambda: shell.handle(s.Computed(outcome)))
+            return seconds, lambda: self._have(process, lambda: shell.handle(s.Computed(outcome, seconds)))
 
         self._decided.append(lambda: process.compute.submit(work))
 
