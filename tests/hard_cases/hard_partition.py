@@ -68,9 +68,10 @@ def through_photons(run: Run) -> None:
 
     render_plan.build_top_tree = listen  # type: ignore[assignment]
     try:
-        reference = run.render(what, settings=chosen, cells=1)
+        run.render(what, settings=chosen, cells=2)  # where there is one cell nobody looks for planes
     finally:
         render_plan.build_top_tree = own
+    reference = run.render(what, settings=chosen, cells=1)
     photons = found[0]
     rng = np.random.default_rng(4)
     for number in range(8 if run.full else 3):

@@ -16,6 +16,7 @@ from patience import WAIT_S, wait_until
 
 import wdpm
 from wdpm.cli.main import main
+from wdpm.cluster.master.events import NotComing
 from wdpm.images.image import load
 from wdpm.placing import own_address, ssh_slaves
 from wdpm.placing.hosts import Host
@@ -134,19 +135,33 @@ def test_a_slave_that_does_not_start_is_an_error(host: str, text: str, said: str
 
 
 @pytest.mark.sockets
-def test_a_slave_that_does_not_start_is_not_waited_for(
-    ssh: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    """And is tried again once the others render."""
-    monkeypatch.setattr(ssh_slaves, "FIRST_WAIT_S", 0.0)
-    monkeypatch.setattr(ssh_slaves, "MOST_TRIES", 1)
+@pytest.mark.usefixtures("ssh")
+def test_a_slave_that_does_not_start_is_not_waited_for(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     image = tmp_path / "box.exr"
     words = ["cornell-box", "--size", "48x40", "--photons", "5k", "--spp", "2", "--k", "20", "-o", str(image)]
     words += ["--hosts", "deaf,bert", "--remote-wdpm", make_wdpm(tmp_path / "wdpm there"), "--threads", "1"]
     assert main(["render", *words]) == 0
     assert re.search("no slave runs on deaf: .*Connection refused; 1 others are", capfd.readouterr().err)
     assert same_bits(load(image), wdpm.render(wdpm.load("cornell-box", size=(48, 40)), **SETTINGS))
-    assert len([call for call in calls(ssh) if call[-2:-1] == ["deaf"] and call[0] != "-G"]) == 2
+
+
+def test_a_slave_that_did_not_start_is_tried_again_once_the_others_render(
+    ssh: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def calls_of_deaf() -> int:
+        return len([call for call in calls(ssh) if call[-2:-1] == ["deaf"] and call[0] != "-G"])
+
+    monkeypatch.setattr(ssh_slaves, "FIRST_WAIT_S", 0.0)
+    slaves = SshSlaves([Host("deaf"), Host("bert")], script(tmp_path, "cat"))
+    slaves.start(ENDPOINT, bytes)
+    not_coming: list[NotComing] = []
+    wait_until(lambda: not_coming.extend(slaves.ended()) or not_coming, "the end of the slave on deaf")
+    assert [event.left for event in not_coming] == [1]
+    assert not list(slaves.ended())
+    assert calls_of_deaf() == 1  # not while others are waited for
+    slaves.all_joined()
+    wait_until(lambda: slaves.ended() or calls_of_deaf() == 2, "another try")
+    slaves.stop()
 
 
 @pytest.mark.usefixtures("ssh")

@@ -5,11 +5,11 @@ from __future__ import annotations
 from fake_worker import arrays
 from slave_driver import EPOCH, Driver
 from slave_driver import jobs as jobs_of
-from wdpm.cluster.slave.work_at_hand import FEW_ROWS, HOLD_S
 
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.slave import events as s
+from wdpm.cluster.slave.job_queue import FEW_ROWS, HOLD_S
 from wdpm.cluster.slave.loop import FROM_PEER, SlaveShell
 from wdpm.cluster.transport.memory import MemoryTransport
 from wdpm.cluster.transport.transport import Role
