@@ -9,11 +9,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from rich.console import Console
 
-from wdpm.bench import caustic, indirect, kernels, mitsuba, paper, photons
+from wdpm.bench import kernels, paper, photons
 from wdpm.bench.commands import arguments
 from wdpm.bench.rows import Rows
 from wdpm.cli import main
@@ -23,45 +22,13 @@ from wdpm.images.image import Image
 from wdpm.local_backend import backend_here
 from wdpm.progress import SilentProgress
 from wdpm.rendering.backend import Backend, Backends
-from wdpm.rendering.in_process import InProcess, render_in_process
+from wdpm.rendering.in_process import render_in_process
 from wdpm.report.grid import Grid
-from wdpm.scenes.errors import ImageError, WdpmError
-from wdpm.scenes.load import load
 from wdpm.scenes.model.scene import Scene
 
 LIGHT_LOAD = kernels.Load(
     rays=64, seconds=0.0, photons=500, neighbours=((5, 4), (50, 4)), rounds=1, photon_rounds=1, photon_task_paths=1000
 )
-
-SCENE_XML = """\
-<scene version="3.0.0">
-  <sensor type="perspective">
-    <float name="fov" value="40"/>
-    <transform name="to_world"><lookat origin="0,0,5" target="0,0,0" up="0,1,0"/></transform>
-    <film type="hdrfilm"><rfilter type="box"/></film>
-  </sensor>
-  <shape type="rectangle">
-    <transform name="to_world"><scale value="3"/><translate z="-1"/></transform>
-    <bsdf type="twosided"><bsdf type="diffuse"><rgb name="reflectance" value="0.5"/></bsdf></bsdf>
-  </shape>
-  <shape type="rectangle">
-    <transform name="to_world"><scale value="0.4"/></transform>
-    <emitter type="area"><rgb name="radiance" value="3"/></emitter>
-  </shape>
-  <shape type="rectangle">
-    <transform name="to_world"><rotate y="1" angle="180"/><scale value="0.4"/><translate x="1.2" z="1"/></transform>
-    <emitter type="area"><rgb name="radiance" value="9"/></emitter>
-  </shape>
-</scene>
-"""
-
-
-@pytest.fixture
-def scene_file(tmp_path: Path) -> Path:
-    """A wall, a lamp that is seen in the middle of the image, and one that shines on the wall."""
-    file = tmp_path / "scene.xml"
-    file.write_text(SCENE_XML)
-    return file
 
 
 def hide(monkeypatch: pytest.MonkeyPatch, module: Any, *missing: str) -> None:
@@ -139,10 +106,10 @@ def test_a_scene_that_is_not_there_is_found_before_anything_is_timed(
     def timed(*_: Any, **__: Any) -> Any:
         raise AssertionError("too late")
 
-    for module, name in ((kernels, "_compile"), (paper, "measure"), (indirect, "measure")):
+    for module, name in ((kernels, "_compile"), (paper, "measure")):
         monkeypatch.setattr(module, name, timed)
     monkeypatch.chdir(tmp_path)
-    for what in ("kernels", "paper", "indirect"):
+    for what in ("kernels", "paper"):
         assert main.main(["bench", what, "cornell-box", "nope.xml"]) == 2
         assert "nope.xml: no such file" in capsys.readouterr().err
 
@@ -248,150 +215,6 @@ def test_the_papers_table_over_sockets() -> None:
     assert max(run.photons) < 1.0  # the scene is cut between them, as in the paper
 
 
-# ---- caustic ------------------------------------------------------------------------------------------------------
-
-
-def caustic_figures(scene_file: Path, error: float = 0.01) -> caustic.CausticFigures:
-    rounds = tuple(caustic.Round(seconds, error, 10.0, 0.1) for seconds in (1.0, 2.0, 30.0))
-    bound = caustic.Bound(Path("reference.exr"), (0, 0, 4, 4), 0.02)
-    return caustic.CausticFigures(mitsuba.Setup(scene_file, mitsuba_spp=64), bound, "3", rounds)
-
-
-def test_mitsubas_time_follows_from_its_error(scene_file: Path) -> None:
-    figures = caustic_figures(scene_file)
-    assert figures.mitsuba_seconds == pytest.approx(50.0)  # five times the error wants five times the samples
-    assert figures.ratio == pytest.approx(2.0 / 50.0)
-    grid = figures.grid()
-    assert [row[0].partition(",")[0] for row in grid.rows] == ["wdpm", "Mitsuba 3 path", "the same", "wdpm / Mitsuba"]
-    assert grid.rows[2] == ("the same, 320 samples (1 / samples)", "50.0 s", "0.02")
-    assert len(grid.notes) == 1
-    assert json.loads(json.dumps(figures.to_dict()))["ratio"] == figures.ratio
-
-
-def test_a_bound_that_is_missed_is_told(scene_file: Path) -> None:
-    figures = caustic_figures(scene_file, error=0.03)
-    assert not figures.reached
-    assert "the ratio says nothing" in figures.grid().notes[1]
-
-
-def test_caustic_bench_by_turns(scene_file: Path, tmp_path: Path) -> None:
-    pytest.importorskip("mitsuba")
-    reference = tmp_path / "reference.npy"
-    np.save(reference, np.full((12, 16, 3), 0.1, np.float32))
-    bound = caustic.Bound(reference, (2, 2, 14, 10), 1e9)
-    settings = RenderSettings(spp=4, photons=500, k=5)
-    try:
-        figures = caustic.measure(scene_file, bound, settings, 4, InProcess(), SilentProgress(), rounds=1)
-    except WdpmError as error:
-        if "llvm" not in str(error).lower():
-            raise
-        pytest.skip(f"Mitsuba has no LLVM here: {error}")
-    assert figures.reached
-    assert figures.rounds[0].wdpm_error == pytest.approx(figures.rounds[0].mitsuba_error, rel=0.3)
-
-
-def test_caustic_bench_says_what_is_wrong(scene_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    def error_of(*arguments: str) -> str:
-        assert main.main(["bench", "caustic", *arguments]) == 2
-        return [line for line in capsys.readouterr().err.splitlines() if line.startswith("wdpm: error: ")][-1]
-
-    reference = tmp_path / "reference.npy"
-    np.save(reference, np.zeros((4, 6, 3), np.float32))
-    assert "expected a Mitsuba scene" in error_of("cornell-box", "--reference", str(reference))
-    here = [str(scene_file), "--reference", str(reference)]
-    assert "expected a positive relMSE" in error_of(*here, "--error", "0")
-    pytest.importorskip("mitsuba")
-    assert "region 0,0,9,9 is empty or not within the image of 6x4" in error_of(*here, "--region", "0,0,9,9")
-
-
-# ---- mitsuba ------------------------------------------------------------------------------------------------------
-
-
-def test_the_edges_of_emitters_are_left_out(scene_file: Path) -> None:
-    scene = load(scene_file, size=(24, 24))
-    edges = mitsuba.emitter_edges(scene, InProcess(), RenderSettings())
-    assert edges.shape == (24, 24)
-    assert not edges[0].any()  # wall
-    assert not edges[12, 12]  # within the lamp
-    row = np.flatnonzero(edges[12])
-    assert set(np.diff(row)) - {1}  # an edge on either side of the lamp, and a gap between them
-    clean, dirty = np.zeros((24, 24, 3), np.float32), np.zeros((24, 24, 3), np.float32)
-    dirty[edges] = 1.0
-    dirty[0, 0, 0] = 2.0
-    errors = mitsuba.errors_of([clean, dirty], clean, edges)
-    kept = 3 * (~edges).sum()
-    assert errors.rmse_no_edges == pytest.approx(np.sqrt(4.0 / kept / 2))
-    assert errors.rmse == pytest.approx(np.sqrt((4.0 + 3 * edges.sum()) / (3 * 24 * 24) / 2))
-
-
-def test_mitsuba_and_wdpm_by_turns(scene_file: Path, tmp_path: Path) -> None:
-    pytest.importorskip("mitsuba")
-    settings = RenderSettings(spp=4, photons=500, k=5)
-    setup = mitsuba.Setup(scene_file, 16, 12, settings, mitsuba_spp=4, rounds=2)
-    reference = tmp_path / "reference.npy"
-    np.save(reference, np.full((12, 16, 3), 0.1, np.float32))
-    try:
-        figures = mitsuba.measure(setup, reference, InProcess(), SilentProgress())
-    except WdpmError as error:
-        if "llvm" not in str(error).lower():
-            raise
-        pytest.skip(f"Mitsuba has no LLVM here: {error}")
-    assert len(figures.rounds) == 2
-    assert figures.ratio == pytest.approx(np.mean([each.wdpm_s / each.mitsuba_s for each in figures.rounds]))
-    assert figures.wdpm is not None
-    assert figures.mitsuba is not None
-    # The same scene through the same camera: the wall and the lamp are where they should be for both.
-    assert figures.wdpm.rmse == pytest.approx(figures.mitsuba.rmse, rel=0.1)
-    assert figures.edge_pixels is not None
-    assert 0 < figures.edge_pixels < 1
-    grid = figures.grid()
-    assert [row[0].partition(" ")[0] for row in grid.rows] == ["wdpm,", "Mitsuba", "wdpm"]
-    assert json.loads(json.dumps(figures.to_dict()))["setup"]["settings"]["photons"] == 500
-
-
-def test_without_a_reference_there_are_no_errors(scene_file: Path) -> None:
-    rounds = (mitsuba.Round(3.0, 2.0), mitsuba.Round(1.0, 2.0), mitsuba.Round(2.0, 2.0))
-    figures = mitsuba.MitsubaFigures(mitsuba.Setup(scene_file), "3", rounds, None, None, None)
-    assert figures.ratio == 1.0
-    assert figures.grid().rows[-1] == ("wdpm / Mitsuba", "1.00", "-", "-")
-    assert "round by round: 1.50 0.50 1.00" in figures.grid().notes[0]
-    assert "--reference" in figures.grid().notes[1]
-
-
-def test_mitsuba_bench_says_what_is_wrong(
-    scene_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def error_of(*arguments: str) -> str:
-        assert main.main(["bench", "mitsuba", *arguments]) == 2
-        return [line for line in capsys.readouterr().err.splitlines() if line.startswith("wdpm: error: ")][-1]
-
-    assert "'cornell-box' cannot be rendered by both: expected a Mitsuba scene" in error_of("cornell-box")
-    hide(monkeypatch, mitsuba, "mitsuba")
-    assert error_of(str(scene_file)).endswith("Mitsuba 3 is not installed: pip install 'wdpm[peers]'")
-    monkeypatch.setattr(mitsuba, "find_spec", lambda name: name)
-    reference = tmp_path / "reference.npy"
-    np.save(reference, np.zeros((4, 6, 3), np.float32))
-    said = error_of(str(scene_file), "--reference", str(reference))
-    assert "is 6x4, and the render 512x512: use --size 6x4" in said
-
-
-def test_a_mitsuba_process_that_dies_is_one_line(
-    scene_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    program = tmp_path / "peer.py"
-    monkeypatch.setattr(mitsuba.mitsuba_peer, "__file__", str(program))
-    setup = mitsuba.Setup(scene_file)
-    program.write_text("import sys; sys.exit('out of luck')\n")
-    with pytest.raises(WdpmError, match="Mitsuba's process ended: out of luck"), mitsuba.MitsubaProcess(setup):
-        pass
-    program.write_text('input(); print(\'{"error": "no LLVM"}\', flush=True)\n')
-    with (
-        pytest.raises(WdpmError, match=r"Mitsuba says: no LLVM \(DRJIT_LIBLLVM_PATH names"),
-        mitsuba.MitsubaProcess(setup),
-    ):
-        pass
-
-
 # ---- command line -------------------------------------------------------------------------------------------------
 
 
@@ -443,9 +266,8 @@ def test_options_of_the_papers_table_reach_the_renders(
         ["bench", "paper", "--slaves", "2,x"],
         ["bench", "paper", "--slaves", ""],
         ["bench", "paper", "--routing", "scenic"],
-        ["bench", "mitsuba"],
-        ["bench", "mitsuba", "a.xml", "--rounds", "0"],
-        ["bench", "caustic", "a.xml"],
+        ["bench", "peers"],
+        ["bench", "peers", "a.xml", "--rounds", "0"],
         ["bench", "effects", "--plot", "figures.png"],
         ["bench", "kernels", "--json", "figures.txt"],
         ["bench", "kernels", "--markdown", "no/such/folder/table.md"],
@@ -461,12 +283,6 @@ def test_a_mistyped_line_is_one_line(arguments: list[str], capsys: pytest.Captur
     assert out == ""
     assert err.startswith("wdpm: error: ")
     assert err.count("\n") == 1
-
-
-def test_an_edge_everywhere_is_an_error() -> None:
-    black = np.zeros((1, 1, 3), np.float32)
-    with pytest.raises(ImageError, match="every pixel lies at an emitter's edge"):
-        mitsuba.errors_of([black], black, np.ones((1, 1), np.bool_))
 
 
 def test_slave_counts_are_taken_once() -> None:

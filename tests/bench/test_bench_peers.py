@@ -11,12 +11,13 @@ import pytest
 
 from wdpm.bench.commands import arguments
 from wdpm.bench.commands import peers as peers_command
-from wdpm.bench.mitsuba import Cost
 from wdpm.bench.peers import measure as peers
+from wdpm.bench.peers import mitsuba_program
 from wdpm.bench.peers.figures import PeerFigures, Reached, Try
 from wdpm.bench.peers.grid import DEFAULTS, FAMILIES, FEW_PATHS, WAYS, Family, Member, Way
 from wdpm.bench.peers.guess import guesses
 from wdpm.bench.peers.law import Point
+from wdpm.bench.peers.mitsuba import Cost, MitsubaProcess, Setup
 from wdpm.bench.peers.target import Bounds, RelMse, Target
 from wdpm.bench.rows import Rows
 from wdpm.cli import main
@@ -80,11 +81,7 @@ class FakeMitsuba:
     def __exit__(self, *_: object) -> None:
         pass
 
-    def render(self, spp: int, seed: int) -> tuple[np.ndarray, float]:
-        pixels, cost = self.render_with_cost(spp, seed)
-        return pixels, cost.wall_s
-
-    def render_with_cost(self, spp: int, seed: int) -> tuple[np.ndarray, Cost]:
+    def render(self, spp: int, seed: int) -> tuple[np.ndarray, Cost]:
         FakeMitsuba.asked.append(seed)
         return off_by(1 / spp), Cost(spp / 4, spp / 2)
 
@@ -281,7 +278,7 @@ def test_the_table_and_the_json(scene_file: Path) -> None:
         (),
         {},
         points,
-        (Way("grid", (FEW,)), *WAYS[1:]),
+        (Way("grid", (FEW,)), *WAYS[1:3]),
         (
             Reached(loose, "grid", chosen, None, law.to(0.05)),
             Reached(tight, "grid", None, None, law.to(0.005)),
@@ -320,7 +317,7 @@ def test_defaults_and_paths_go_for_the_errors_that_mitsuba_has(
     scene_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fakes = Fakes(monkeypatch)
-    figures = fakes.measure_ways(scene_file, Bounds((), samples=(32, 512), limit_s=100.0, rounds=1), *WAYS[1:])
+    figures = fakes.measure_ways(scene_file, Bounds((), samples=(32, 512), limit_s=100.0, rounds=1), *WAYS[1:3])
     assert [(each.target.spp, each.target.by_law, each.way) for each in figures.reached] == [
         (32, False, "defaults"),
         (32, False, "path"),
@@ -381,6 +378,18 @@ def test_both_for_real(scene_file: Path, tmp_path: Path) -> None:
     assert chosen.errors.whole == pytest.approx(figures.points[-1].error.whole, rel=0.2)
 
 
+def test_a_mitsuba_process_that_dies_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program = tmp_path / "peer.py"
+    monkeypatch.setattr(mitsuba_program, "__file__", str(program))
+    process = MitsubaProcess(Setup(tmp_path / "scene.xml", 4, 4))
+    program.write_text("import sys; sys.exit('out of luck')\n")
+    with pytest.raises(WdpmError, match="Mitsuba's process ended: out of luck"), process:
+        pass
+    program.write_text('input(); print(\'{"error": "no LLVM"}\', flush=True)\n')
+    with pytest.raises(WdpmError, match=r"Mitsuba says: no LLVM \(DRJIT_LIBLLVM_PATH names"), process:
+        pass
+
+
 # ---- command line -------------------------------------------------------------------------------------------------
 
 
@@ -391,10 +400,9 @@ def test_errors_are_a_list() -> None:
 
 def test_ways_are_a_list(capsys: pytest.CaptureFixture[str]) -> None:
     assert peers_command._ways("path,defaults,path") == ("path", "defaults")
-    assert tuple(way.name for way in WAYS) == peers_command._WAYS
     with pytest.raises(SystemExit):
         main.main(["bench", "peers", "scene.xml", "--ways", "fast"])
-    assert "'fast' is no way; expected some of grid,defaults,path" in capsys.readouterr().err
+    assert "'fast' is no way; expected some of grid,defaults,path,map,gather,cache" in capsys.readouterr().err
 
 
 def test_peers_bench_says_what_is_wrong(

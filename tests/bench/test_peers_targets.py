@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from wdpm.bench import mitsuba_peer
-from wdpm.bench.mitsuba import Cost
+from wdpm.bench.peers import mitsuba_program
 from wdpm.bench.peers.law import ErrorLaw, Point
+from wdpm.bench.peers.mitsuba import Cost
 from wdpm.bench.peers.target import Bounds, RelMse, rel_mse_of, targets_of
 from wdpm.images.image import Image
 
@@ -54,9 +54,9 @@ def test_time_beyond_what_was_rendered_is_a_line_through_the_ends() -> None:
 
 
 def test_an_image_of_many_samples_is_rendered_in_equal_parts() -> None:
-    pixels = mitsuba_peer.MOST_SAMPLES // 256
-    assert [mitsuba_peer.parts_of(spp, pixels) for spp in (1, 256, 1024, 1025, 263)] == [1, 1, 4, 5, 263]
-    assert mitsuba_peer.parts_of(2, 3 * mitsuba_peer.MOST_SAMPLES) == 2
+    pixels = mitsuba_program.MOST_SAMPLES // 256
+    assert [mitsuba_program.parts_of(spp, pixels) for spp in (1, 256, 1024, 1025, 263)] == [1, 1, 4, 5, 263]
+    assert mitsuba_program.parts_of(2, 3 * mitsuba_program.MOST_SAMPLES) == 2
 
 
 def test_a_law_of_one_over_samples() -> None:

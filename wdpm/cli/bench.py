@@ -11,14 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from wdpm.bench.commands import (
-    caustic,
     cuda,
     device,
     effects,
     hard_cases,
-    indirect,
     kernels,
-    mitsuba,
     paper,
     peers,
     predict,
@@ -33,10 +30,7 @@ BENCHMARKS = (
     paper.BENCHMARK,
     scaling.BENCHMARK,
     effects.BENCHMARK,
-    mitsuba.BENCHMARK,
-    caustic.BENCHMARK,
     peers.BENCHMARK,
-    indirect.BENCHMARK,
     hard_cases.BENCHMARK,
     predict.BENCHMARK,
     cuda.BENCHMARK,
@@ -49,11 +43,10 @@ examples:
   wdpm bench paper scene.xml --slaves 0,2,4 --routing both --markdown table.md
   wdpm bench scaling scene.xml --slaves 1,4,8 --copies auto
   wdpm bench effects --plot effects.svg
-  wdpm bench mitsuba scene.xml --reference reference.exr
-  wdpm bench caustic glass.xml --reference reference.exr --region 136,222,226,250
-  wdpm bench indirect cbox/scene.xml --plot indirect.svg
   wdpm bench hard-cases --only furnace -o out/hard-cases
   wdpm bench peers sibenik/scene.xml sponza/scene.xml --errors 0.05,0.02,0.01,0.005
+  wdpm bench peers glass.xml --reference reference.exr --region 136,222,226,250 --errors 0.02
+  wdpm bench peers cbox/scene.xml --ways map,gather,cache
   wdpm bench peers */scene.xml --samples 64,1024 --trim 0.001 --ways defaults,path --rows peers.jsonl
 
 wdpm bench WHAT --help says more. The libraries compared with come with: pip install 'wdpm[peers,test]'"""

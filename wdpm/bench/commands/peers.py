@@ -16,19 +16,22 @@ from wdpm.bench.commands.arguments import (
     rows_of,
 )
 from wdpm.bench.commands.benchmark import Benchmark, Measured
+from wdpm.bench.peers.grid import DEFAULT_WAYS, WAYS
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backends
 
 _DESCRIPTION = """\
 Time that wdpm and Mitsuba 3's path tracer take to errors of the whole image, both
 warm, at the size of each scene's reference. wdpm, by several ways: the fastest of
-a fixed grid of settings, the same for all scenes; what it does by default; and
-its own path tracer. Mitsuba: measured at some numbers of samples, and error =
-a / samples between and beyond. LLVM's library: see wdpm bench mitsuba --help.
+a fixed grid of settings, the same for all scenes; what it does by default; its
+own path tracer; a part of the grid: map, gather or cache. Mitsuba: measured at some numbers of samples, and error =
+a / samples between and beyond. Mitsuba finds LLVM's library by the environment
+variable DRJIT_LIBLLVM_PATH where it does not itself.
 CPU time is that of all threads and processes: what else runs hardly changes it."""
 
 
-_WAYS = ("grid", "defaults", "path")
+_WAYS = tuple(way.name for way in WAYS)
+_DEFAULT_WAYS = tuple(way.name for way in DEFAULT_WAYS)
 
 
 def _ways(text: str) -> tuple[str, ...]:
@@ -70,9 +73,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--ways",
         type=_ways,
-        default=_WAYS,
+        default=_DEFAULT_WAYS,
         metavar="WAY,...",
-        help=f"of wdpm: some of {','.join(_WAYS)} (default: all of them)",
+        help=f"of wdpm: some of {','.join(_WAYS)} (default: {','.join(_DEFAULT_WAYS)})",
     )
     parser.add_argument(
         "--region", type=values.region, metavar="L,T,R,B", help="pixels that count (default: the whole image)"
@@ -92,7 +95,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Measured:
     """Time to errors of the whole image, next to Mitsuba's."""
     from wdpm.bench.peers import measure as bench_peers
-    from wdpm.bench.peers.grid import WAYS
     from wdpm.bench.peers.target import DEFAULT_ERRORS, Bounds
 
     check_one_reference(args.reference, args.scenes)

@@ -8,9 +8,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from wdpm.bench.mitsuba import Cost
 from wdpm.bench.peers.grid import PATH, Member, Way
 from wdpm.bench.peers.law import Answer, Point
+from wdpm.bench.peers.mitsuba import Cost
 from wdpm.bench.peers.target import Bounds, RelMse, Target, mean_of
 from wdpm.images.comparison import RELATIVE_FLOOR
 from wdpm.report.grid import Grid

@@ -89,13 +89,13 @@ DEFAULTS = Family(
 )
 """What a person gets who says no more than how many samples."""
 
-FAMILIES = (
+MAPS = (
     Family("map", (20_000, 100_000, 500_000), (2, 8, 32)),
     Family("map in 8 passes", (20_000, 100_000), (8, 32, 128), passes=8),
-    Family("gather", (20_000, 100_000), (2, 8, 32, 128), indirect=Indirect.GATHER),
-    Family("cache", (20_000, 100_000), (2, 8, 32, 128), indirect=Indirect.CACHE),
-    PATH,
 )
+GATHER = Family("gather", (20_000, 100_000), (2, 8, 32, 128), indirect=Indirect.GATHER)
+CACHE = Family("cache", (20_000, 100_000), (2, 8, 32, 128), indirect=Indirect.CACHE)
+FAMILIES = (*MAPS, GATHER, CACHE, PATH)
 
 
 @dataclass(frozen=True)
@@ -110,4 +110,12 @@ class Way:
     families: tuple[Family, ...]
 
 
-WAYS = (Way("grid", FAMILIES), Way("defaults", (DEFAULTS,)), Way("path", (FEW_PATHS,)))
+WAYS = (
+    Way("grid", FAMILIES),
+    Way("defaults", (DEFAULTS,)),
+    Way("path", (FEW_PATHS,)),
+    Way("map", MAPS),
+    Way("gather", (GATHER,)),
+    Way("cache", (CACHE,)),
+)
+DEFAULT_WAYS = WAYS[:3]

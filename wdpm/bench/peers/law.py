@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from wdpm.bench.mitsuba import Cost
+from wdpm.bench.peers.mitsuba import Cost
 
 E = TypeVar("E")
 

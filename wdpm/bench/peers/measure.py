@@ -17,14 +17,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from wdpm.bench.mitsuba import WARM_SEED, Cost, MitsubaProcess, Setup
 from wdpm.bench.peers.figures import Confirmed, PeerFigures, Reached, Try, mean_try
-from wdpm.bench.peers.grid import FEW_PATHS, WAYS, Member, Way
+from wdpm.bench.peers.grid import DEFAULT_WAYS, FEW_PATHS, Member, Way
 from wdpm.bench.peers.guess import guesses
 from wdpm.bench.peers.law import ErrorLaw, Point
+from wdpm.bench.peers.mitsuba import Cost, MitsubaProcess, Setup
 from wdpm.bench.peers.target import Bounds, RelMse, Target, rel_mse_of, targets_of
 from wdpm.bench.rows import Rows
-from wdpm.cluster.render_settings import Integrator, RenderSettings
+from wdpm.cluster.render_settings import Integrator
 from wdpm.goal.clock import cpu_seconds
 from wdpm.images.comparison import compare
 from wdpm.images.image import Image
@@ -47,6 +47,9 @@ render had; then the next best guess is tried."""
 
 MITSUBA = "Mitsuba"
 """Its name among the rows."""
+
+WARM_SEED = 2**20
+"""Seed of the images that only warm up."""
 
 TURN_SEED, SAMPLES_SEED = 2**16, 2**18
 """Seeds of the renders by turns, and of those whose errors are to be reached, are above these: none is used twice."""
@@ -81,7 +84,7 @@ def measure(
     backend: Backend,
     progress: Progress,
     *,
-    ways: Sequence[Way] = WAYS,
+    ways: Sequence[Way] = DEFAULT_WAYS,
     rows: Rows | None = None,
 ) -> PeerFigures:
     """Time to errors on a scene, at the size of its reference.
@@ -99,7 +102,7 @@ def measure(
     height, width = reference.shape
     progress.start(f"load {scene_file.parent.name}")
     scene = load(scene_file, size=(width, height))
-    setup = Setup(scene_file, width, height, RenderSettings(max_depth=scene.max_depth), threads=backend.threads)
+    setup = Setup(scene_file, width, height, scene.max_depth, backend.threads)
     of = {
         "scene": str(scene_file),
         "reference": str(reference_file),
@@ -273,7 +276,7 @@ class _Renders:
         if MITSUBA not in self._warm:
             self._mitsuba.render(MITSUBA_SPP, WARM_SEED)
             self._warm.add(MITSUBA)
-        pixels, cost = self._mitsuba.render_with_cost(spp, seed)
+        pixels, cost = self._mitsuba.render(spp, seed)
         return _Measured(rel_mse_of(Image({"beauty": pixels}), self._reference, self._bounds), cost)
 
 

@@ -1,4 +1,4 @@
-"""The process that `wdpm bench mitsuba` talks to: Mitsuba 3, alone with its threads, its compiler and its warnings.
+"""The process that `wdpm bench peers` talks to: Mitsuba 3, alone with its threads, its compiler and its warnings.
 
 A program to be run, which imports nothing of wdpm. It reads one order a line from standard input and writes one
 answer a line to standard output, all as JSON: {"load": ...} once, then {"render": ...} any number of times.
