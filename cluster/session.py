@@ -30,7 +30,7 @@ class Session:
         burdens: what each cell weighs, to share cells out among slaves.
         digest: names triangles, cells and the world but for its photon plan; equal digests mean that cells can be
             used again, and photons too where the plan is equal.
-        least: slaves that have room for the whole scene among them: so many make a team (master.teams) ...
+        team_size: slaves that have room for the whole scene among them: so many make a team (master.teams) ...
         room: ... of those that have room for so much, besides their process [bytes].
         retrace: trace the photons again even if the cluster has them.
         layers: name of layer -> channels.
@@ -46,7 +46,7 @@ class Session:
     partition: Callable[[int], Triangles]
     burdens: tuple[float, ...]
     digest: str
-    least: int = 1
+    team_size: int = 1
     room: float = -math.inf
     retrace: bool = False
     layers: Mapping[str, int] = field(default_factory=lambda: LAYERS)

@@ -42,7 +42,7 @@ def cell_of_bucket(session: Session, task: BucketTask) -> int:
     return int(np.bincount(seen).argmax()) if len(seen) else ANYWHERE
 
 
-def shared_out(seen: NDArray[np.int32], homes: int) -> NDArray[np.int32]:
+def home_cells(seen: NDArray[np.int32], homes: int) -> NDArray[np.int32]:
     """The cell whose holder is each candidate's home: the one that it sees, if that is among those most are about.
 
     What sees another cell, or nothing, goes cell by cell to whichever home has the fewest.

@@ -24,7 +24,7 @@ from wdpm.cluster.master.map_regions import regions_of
 from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.master.observing import bucket_done, frame_begun, shown_again, worth_keeping
 from wdpm.cluster.master.records import RecordRounds
-from wdpm.cluster.master.roster import Roster, least_of
+from wdpm.cluster.master.roster import Roster, team_size_of
 from wdpm.cluster.master.statistics import check_statistics, of_nobody
 from wdpm.cluster.master.task_sizes import (
     at_once,
@@ -385,9 +385,9 @@ class Phases:
     def _use_spare(self, session: Session, now: float) -> list[Instruction]:
         """Make teams of slaves that are in none, or have them help out where that is worth a new beginning."""
         out: list[Instruction] = self.roster.words_of_small_ones()
-        least = least_of(session)
-        while self.roster.able_spare >= least:
-            self.roster.teams.append(Team(self.roster.take_spare(least), least))
+        team_size = team_size_of(session)
+        while self.roster.able_spare >= team_size:
+            self.roster.teams.append(Team(self.roster.take_spare(team_size), team_size))
             out += self._lead(self.roster.teams[-1], session, now)
         early = self.phase in (Phase.IDLE, Phase.SETUP, Phase.PHOTONS, Phase.RECORDS)
         early = early or (self.phase is Phase.BUCKETS and self._tasks.begun <= WORTH_REGROUPING)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.kept import RecordsKept
 from wdpm.cluster.limits import ClusterLimits
-from wdpm.cluster.master.homes import cells_of_pixels, shared_out
+from wdpm.cluster.master.homes import cells_of_pixels, home_cells
 from wdpm.cluster.records import (
     Records,
     candidate_count,
@@ -137,7 +137,7 @@ class RecordRounds:
         places = np.flatnonzero(self._open(self._candidates(self._round))).astype(np.int32)
         camera = self._view.camera
         pixels = candidates_at(camera.width, camera.height, self._view.cache, self._round, places)
-        about = shared_out(cells_of_pixels(session, pixels), homes)
+        about = home_cells(cells_of_pixels(session, pixels), homes)
         most = max(-(-len(places) // homes), 1)
         out: list[RecordTask] = []
         cell_of: dict[int, int] = {}

@@ -45,7 +45,7 @@ class Roster:
         self._room, self._aside = session.room, set()
         everyone = list(self._members)
         able = self._able(everyone) or everyone  # rather than wait for others
-        self.teams, spare = formed(able, least_of(session), len(session.burdens))
+        self.teams, spare = formed(able, team_size_of(session), len(session.burdens))
         self.spare = spare + [member for member in everyone if member not in able]
         return self.words_of_small_ones()
 
@@ -135,6 +135,6 @@ class Roster:
         return self.next_cells()
 
 
-def least_of(session: Session) -> int:
+def team_size_of(session: Session) -> int:
     """Slaves that a team needs: no more than there are cells."""
-    return min(session.least, len(session.burdens))
+    return min(session.team_size, len(session.burdens))

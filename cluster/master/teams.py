@@ -129,16 +129,16 @@ class Team:
             self.take_step()
 
 
-def formed(members: Sequence[Member], least: int, cells: int) -> tuple[list[Team], list[Member]]:
+def formed(members: Sequence[Member], team_size: int, cells: int) -> tuple[list[Team], list[Member]]:
     """Teams of at least so many slaves, as many and as equal as can be, and the slaves that are left over.
 
     Args:
-        least: slaves that a team needs to hold all cells; with fewer in all there is one team.
+        team_size: slaves that a team needs to hold all cells; with fewer in all there is one team.
         cells: no team can have more slaves than there are cells.
     """
     if not members:
         return [], []
-    count = max(1, len(members) // least)
+    count = max(1, len(members) // team_size)
     dealt = [list(members[index::count]) for index in range(count)]
     teams = [Team(each[:cells], min(len(each), cells)) for each in dealt]
     return teams, [member for each in dealt for member in each[cells:]]

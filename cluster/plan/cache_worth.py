@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.plan.map_plans import irradiance_plan, map_plans
 from wdpm.cluster.plan.photon_pilot import PhotonPilot
 from wdpm.cluster.plan.pilot_gathers import PILOT_K
-from wdpm.cluster.plan.small_view import small, without_photons
+from wdpm.cluster.plan.small_view import small_camera, without_photons
 from wdpm.cluster.plan.view import view_of
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.task import BucketTask
@@ -79,7 +79,7 @@ def unread_share(flat: FlatScene, pilot: PhotonPilot, settings: RenderSettings) 
 
 def _seen(flat: FlatScene, pilot: PhotonPilot, settings: RenderSettings) -> _Places:
     """Places that a few camera paths ask for photons at."""
-    looking = replace(flat, camera=small(flat.camera, LOOKS))
+    looking = replace(flat, camera=small_camera(flat.camera, LOOKS))
     plain = replace(settings, indirect=Indirect.MAP, spp=1, passes=1, light_samples=1)
     places = _Places()
     with without_photons(pilot) as worker:

@@ -103,12 +103,12 @@ class Sharing:
 
     Attributes:
         slaves: that take part: those that have room for their share; 1 if nobody is there yet.
-        least: of them, slaves that have room for the whole scene among them.
+        team_size: of them, slaves that have room for the whole scene among them.
         room: what a slave must have room for to take part, besides its process [bytes].
     """
 
     slaves: int
-    least: int
+    team_size: int
     room: float = -math.inf
 
 
@@ -147,7 +147,7 @@ def _gib(size: float) -> str:
     return f"{size / 2**30:.1f} GiB"
 
 
-def largest_team(slaves: int, least: int) -> int:
+def largest_team(slaves: int, team_size: int) -> int:
     """Slaves of the largest team, where so many slaves make as many teams of at least so many as can be."""
-    teams = max(1, slaves // least)
+    teams = max(1, slaves // team_size)
     return -(-max(slaves, 1) // teams)

@@ -26,7 +26,15 @@ from wdpm.cluster.plan.map_plans import IRRADIANCE_SHARE, MapPlans, map_plans, w
 from wdpm.cluster.plan.map_worth import ALIKE, LEAST_GAIN, MapError, fewer_shares, irradiance_by, map_error
 from wdpm.cluster.plan.path_caustics import PathCaustics, SeenPlaces, caustics_by_paths
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
-from wdpm.cluster.plan.small_view import Figures, Halves, Values, around, dark_of, small, without_photons
+from wdpm.cluster.plan.small_view import (
+    Figures,
+    Halves,
+    Values,
+    box_blurred,
+    relmse_epsilon,
+    small_camera,
+    without_photons,
+)
 from wdpm.cluster.plan.view import CACHE_PLAN, SAMPLES_OF_PLAN, share_of_rays, view_of
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.kernels.camera.camera import tangent
@@ -126,7 +134,7 @@ def trial_features(flat: FlatScene, settings: RenderSettings) -> Features:
     return features_of(flat, replace(settings, integrator=Integrator.PATH, without=()))
 
 
-def without_a_trial(flat: FlatScene, settings: RenderSettings) -> str | None:
+def reason_for_photons(flat: FlatScene, settings: RenderSettings) -> str | None:
     """Why it is photons whatever a trial would find; None if a trial is to decide."""
     if asked := _asked_of_photons(settings):
         return f"photons, since they were asked for: {', '.join(asked)}"
@@ -409,8 +417,8 @@ def _try_both(
     images = [half["beauty"] for half in path_halves.layers] + [
         half["beauty"] + indirect for half in photon_halves.layers
     ]
-    truth = around(np.mean(images, axis=0))
-    dark = dark_of(truth)
+    truth = box_blurred(np.mean(images, axis=0))
+    dark = relmse_epsilon(truth)
     weight = 1.0 / (truth**2 + dark)
     by_photons, by_path = photon_halves.figures(weight), path_halves.figures(weight)
     ways = [by_path]
@@ -482,5 +490,5 @@ def _pixel_areas(camera: Camera, position: NDArray[np.float32], normal: NDArray[
 
 def _few_pixels(camera: Camera) -> Camera:
     """CHOICE_PIXELS pixels of the image, spread over it: each as small as it is there, or all would lie on edges."""
-    few = small(camera, CHOICE_PIXELS)
+    few = small_camera(camera, CHOICE_PIXELS)
     return replace(few, filter=PixelFilter(radius=PixelFilter().radius * few.width / camera.width))

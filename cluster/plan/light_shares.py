@@ -40,7 +40,7 @@ def pilot_emission(flat: FlatScene, *, aimed: bool) -> Emission:
     return Emission(share, share, center, radius)
 
 
-def shared_out(world: World, flux: NDArray[np.float64]) -> Emission:
+def measured_emission(world: World, flux: NDArray[np.float64]) -> Emission:
     """The final shares.
 
     Args:

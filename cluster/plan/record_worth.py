@@ -16,7 +16,7 @@ import numpy as np
 from wdpm.cluster.plan.integrator_trial import TRIAL_PIXELS, tolerance_for
 from wdpm.cluster.plan.light_guide import Learnt
 from wdpm.cluster.plan.photon_pilot import PhotonPilot
-from wdpm.cluster.plan.small_view import Halves, Values, around, dark_of, small, without_photons
+from wdpm.cluster.plan.small_view import Halves, Values, box_blurred, relmse_epsilon, small_camera, without_photons
 from wdpm.cluster.plan.view import SAMPLES_OF_PLAN
 from wdpm.cluster.records import CachePlan
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
@@ -38,13 +38,13 @@ def tolerance_of_records(
     """
     if not cache.extra:
         return cache.tolerance
-    looking = replace(flat, camera=small(flat.camera, TRIAL_PIXELS))
+    looking = replace(flat, camera=small_camera(flat.camera, TRIAL_PIXELS))
     whole = replace(settings, integrator=Integrator.PATH, indirect=Indirect.MAP, light_samples=1)
     with without_photons(pilot) as worker:
         without_indirect = Halves(looking, worker, replace(settings, indirect=Indirect.MAP), learnt)
         by_path = Halves(looking, worker, whole, learnt)
-    seen = around(np.mean([half["beauty"] for half in by_path.layers], axis=0))
-    weight = 1.0 / (seen**2 + dark_of(seen))
+    seen = box_blurred(np.mean([half["beauty"] for half in by_path.layers], axis=0))
+    weight = 1.0 / (seen**2 + relmse_epsilon(seen))
     indirect = by_path.figures(weight).indirect
     noise = _but_the_noisiest(without_indirect.noise(weight)) / SAMPLES_OF_PLAN
     return max(cache.tolerance, tolerance_for(noise, indirect))

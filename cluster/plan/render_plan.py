@@ -19,7 +19,7 @@ from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.forecast.sight import NO_SIGHT, Sight, sight_of
 from wdpm.cluster.plan.forecast.work import work_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide, with_guide
-from wdpm.cluster.plan.light_shares import shared_out
+from wdpm.cluster.plan.light_shares import measured_emission
 from wdpm.cluster.plan.lit_places import lit_places
 from wdpm.cluster.plan.map_plans import irradiance_plan, map_plans, volume_unit
 from wdpm.cluster.plan.partition import instances_of_cells, outlines_of, places_to_cut, rows_of_cells
@@ -134,7 +134,7 @@ def make_render_plan(
         global_map=maps[0],
         caustic_map=maps[1],
         volume_map=maps[2],
-        emission=shared_out(pilot.world, pilot.flux_by_light()),
+        emission=measured_emission(pilot.world, pilot.flux_by_light()),
         volume_unit=volume_unit(pilot.photons, maps[VOLUME_MAP], flat),
         irradiance=irradiance,
     )

@@ -28,7 +28,7 @@ TRIAL_SAMPLES = 2
 BY_CHANCE = 0.01
 """Share of a trial's pixels whose noise counts for no more than that of the noisiest others."""
 
-DARK = 0.01
+RELMSE_EPSILON = 0.01
 """Added to squared radiance, as in relMSE: noise in the dark is not worth as much."""
 
 DIMMEST, BRIGHTEST = 0.03, 2.0
@@ -48,7 +48,7 @@ def without_photons(pilot: PhotonPilot) -> Iterator[CellWorker]:
         worker.adopt(world)
 
 
-def small(camera: Camera, pixels: int) -> Camera:
+def small_camera(camera: Camera, pixels: int) -> Camera:
     """The same view in some `pixels` pixels, each with samples of its own; as it is if it has no more."""
     whole = math.sqrt(pixels / (camera.width * camera.height))
     if whole >= 1.0:
@@ -128,7 +128,7 @@ class Halves:
         return noise
 
 
-def dark_of(image: Values) -> float:
+def relmse_epsilon(image: Values) -> float:
     """What is added to squared radiance for an image to be weighed as it is looked at, shape [height, width, 3].
 
     So lamps that are all a thousand times weaker lead to the same decisions, and to the same picture but for that.
@@ -136,9 +136,9 @@ def dark_of(image: Values) -> float:
     radiance = image.mean(axis=2)
     lit = radiance[radiance > 1e-6 * radiance.max()]
     if not lit.size:
-        return DARK
+        return RELMSE_EPSILON
     middle = math.exp(float(np.log(lit).mean()))
-    return float(DARK * (middle / min(max(middle, DIMMEST), BRIGHTEST)) ** 2)
+    return float(RELMSE_EPSILON * (middle / min(max(middle, DIMMEST), BRIGHTEST)) ** 2)
 
 
 def _mean_but_for_chance(noise: Values) -> float:
@@ -161,7 +161,7 @@ def _halves(worker: CellWorker, view: View) -> tuple[list[dict[str, Values]], in
     return images, worker.cells[0].vertices
 
 
-def around(image: Values) -> Values:
+def box_blurred(image: Values) -> Values:
     """Mean of each pixel and the eight about it, shape [height, width, 3]."""
     height, width = image.shape[:2]
     padded = np.pad(image, ((1, 1), (1, 1), (0, 0)), mode="edge")

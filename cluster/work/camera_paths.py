@@ -23,7 +23,7 @@ from wdpm.cluster.work.replica import Replica, orders_of
 from wdpm.cluster.work.shadows import Shadows
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
-from wdpm.kernels.camera import vertices as sh
+from wdpm.kernels.camera import vertices
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.camera.paths import Paths
 from wdpm.kernels.camera.rays import Rays, first_path_cells
@@ -146,7 +146,7 @@ class CameraLight:
         actions = self._decide(paths, {**batch.arrays, "diffuse": np.zeros(len(batch), np.int32)})
         ends = np.zeros(len(batch), np.bool_)
         if actions is not None and kernels.shade_camera_hits is not None:
-            ends = actions.codes == int(sh.CACHED)
+            ends = actions.codes == int(vertices.CACHED)
         if not ends.any():
             yield from self._shade_hits(batch, kernels.shade_vertices, paths, actions)
             return
@@ -306,7 +306,7 @@ class CameraLight:
             "paths": 0 if ends else count,
             "stretches": count if outputs.media else 0,
         }
-        shaded = columns.empty_nested(sh.Shaded, counts, device)
+        shaded = columns.empty_nested(vertices.Shaded, counts, device)
         if ends:
             orders = orders_of(view, shots, DiffuseLight.PHOTON_MAP, asks=self._asks(actions))
             replica.launcher(kernel, count, scene=self._scene, rays=rays, orders=orders, shaded_out=shaded)

@@ -28,7 +28,7 @@ from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
-from wdpm.kernels.camera import vertices as sh
+from wdpm.kernels.camera import vertices
 from wdpm.kernels.constants import INV_PI
 from wdpm.kernels.irradiance.arrivals import ARRIVALS, read_arrivals
 from wdpm.kernels.irradiance.at_photons import read_irradiance
@@ -84,7 +84,7 @@ class Actions:
             weight: of the vertices' queries.
             among: the vertices that this is asked of.
         """
-        reads = among & (self.codes != int(sh.TRACE_ON))
+        reads = among & (self.codes != int(vertices.TRACE_ON))
         return np.where(reads[:, None], weight * self.radiance, np.float32(0.0)).astype(np.float32)
 
     def take(self, rows: NDArray[np.intp]) -> Actions:
@@ -132,7 +132,7 @@ class FinalGather:
             return self._arrive(self._store.irradiance, paths, arrays)
         places = self._places(paths, count)
         actions = Actions(
-            np.full(count, int(sh.TRACE_ON), np.int32),
+            np.full(count, int(vertices.TRACE_ON), np.int32),
             np.zeros(count, np.bool_),
             self._is_too_long(arrays, 0),
             np.zeros((count, 3), np.float32),
@@ -165,7 +165,7 @@ class FinalGather:
         )
         self.counters.read_s += time.perf_counter() - began
         told = columns.to_host(made)
-        reads = told["code"] == np.int32(sh.CACHED)
+        reads = told["code"] == np.int32(vertices.CACHED)
         near = int(np.count_nonzero(told["found"]))
         self.counters.rays += count
         self.counters.unread += count - near
@@ -238,7 +238,7 @@ class FinalGather:
         self.counters.unread += int(np.count_nonzero(~near))
         self.counters.short += int(np.count_nonzero(near & ~long))
         reads = near & long
-        actions.codes[rays[reads]] = int(sh.CACHED)
+        actions.codes[rays[reads]] = int(vertices.CACHED)
         actions.by_photons[rays[reads]] = True
         actions.radiance[rays[reads]] = value[reads]
 
@@ -253,7 +253,7 @@ class FinalGather:
         covered = weight > 0
         self.counters.interpolated += int(np.count_nonzero(covered))
         self.counters.uncovered += int(np.count_nonzero(~covered))
-        actions.codes[rows[covered]] = int(sh.CACHED)
+        actions.codes[rows[covered]] = int(vertices.CACHED)
         actions.radiance[rows[covered]] = irradiance[covered] * np.float32(INV_PI)
 
     def _from_cache(self, places: Any, rows: NDArray[np.intp]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

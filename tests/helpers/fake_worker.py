@@ -331,6 +331,6 @@ def make_session(slaves: int, cells: int, digest: str = "a", paths: int = 1000, 
         partition=lambda cell: triangles(5 + cell, 10 * cell),
         burdens=(1.0,) * cells,
         digest=digest,
-        least=others.pop("least", slaves),
+        team_size=others.pop("team_size", slaves),
         **others,
     )

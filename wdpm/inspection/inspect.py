@@ -95,19 +95,19 @@ def inspect(
     flat = flatten(leave_out(scene, settings.without), settings.instances, room) if settings.without else as_it_is
     unused = settings_without_effect(settings)
     launcher = Launcher("cpu")
-    settled = choose_settings(flat, settings, launcher, partial(compile_kernels, "cpu"))
-    settings = settled.settings
+    automatic = choose_settings(flat, settings, launcher, partial(compile_kernels, "cpu"))
+    settings = automatic.settings
     features = with_camera(features_of(flat, settings), flat.camera)
     compile_kernels("cpu", features)
     photons = settings.photons + settings.caustic_photons + settings.volume_photons
-    least = slaves
+    team_size = slaves
     if memory is not None:
         each = SlaveMemory("", 0, memory)
         standing = len(flat.triangles.instances)
         needed = scene_memory(flat.triangles.held, photons, flat.textures, flat.media.grids.voxels, standing)
-        least = sharing(copies, [each] * slaves, needed).least
-    team = largest_team(slaves, least)
-    plan = make_render_plan(flat, settings, team, launcher, pilot=settled.pilot, learnt=settled.learnt)
+        team_size = sharing(copies, [each] * slaves, needed).team_size
+    team = largest_team(slaves, team_size)
+    plan = make_render_plan(flat, settings, team, launcher, pilot=automatic.pilot, learnt=automatic.learnt)
     world = plan.world
     made = _by_map(plan, (settings.photons, settings.caustic_photons, settings.volume_photons))
     effects = effects_of(as_it_is, flat, [medium.name for medium in scene.media], world, features, settings)
@@ -131,8 +131,8 @@ def inspect(
         lights=uses_of_lights(
             world, [mesh.name for mesh in scene.meshes if mesh.emission is not None and mesh.name not in shining]
         ),
-        slaves=shares_of(plan, flat, slaves, least, sum(made)),
-        chose=(*settled.chose, *plan.chose),
+        slaves=shares_of(plan, flat, slaves, team_size, sum(made)),
+        chose=(*automatic.chose, *plan.chose),
         left_out=missing_effects(effects, settings),
         approximated=approximations(scene, world, settings),
         dropped=flat.dropped,

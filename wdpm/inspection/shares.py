@@ -40,11 +40,11 @@ class Share:
     received: int
 
 
-def shares_of(plan: RenderPlan, flat: FlatScene, slaves: int, least: int, photons: int) -> tuple[Share, ...]:
+def shares_of(plan: RenderPlan, flat: FlatScene, slaves: int, team_size: int, photons: int) -> tuple[Share, ...]:
     """What each slave would hold, the photons foretold from the pilot's.
 
     Args:
-        least: slaves that a team has at least.
+        team_size: slaves that a team has at least.
         photons: that will be stored in all.
     """
     position = plan.pilot_photons  # of all maps
@@ -57,7 +57,7 @@ def shares_of(plan: RenderPlan, flat: FlatScene, slaves: int, least: int, photon
     held = np.array([plan.share_of(cell, flat.triangles) for cell in range(len(low))])
     shapes, standing = flat.triangles.held - len(flat.triangles), len(flat.triangles.instances)
     own, ghosts = np.array(inside) / max(len(position), 1), (np.array(near) - inside) / max(len(position), 1)
-    teams = max(1, slaves // least)
+    teams = max(1, slaves // team_size)
     texels = sum(each.pixels.nbytes for each in flat.textures if isinstance(each, Bitmap))
     everywhere = texels + flat.media.grids.values.nbytes
     photon_bytes = BARE_PHOTON_BYTES if teams == 1 and not plan.world.irradiance.share else PHOTON_BYTES

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.plan.cache_worth import MOST_UNREAD, unread_share
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.integrator_trial import choose_integrator, trial_features, without_a_trial
+from wdpm.cluster.plan.integrator_trial import choose_integrator, reason_for_photons, trial_features
 from wdpm.cluster.plan.light_guide import Learnt
 from wdpm.cluster.plan.light_samples import light_samples_of
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, fly_pilot
@@ -53,7 +53,7 @@ def choose_settings(
     if not settings.algorithm.stands_for_others:
         return _settled(flat, settings, launcher, compile_for)
     by_photons = _settled(flat, replace(settings, integrator=Integrator.PHOTONS), launcher, compile_for)
-    if why := without_a_trial(flat, settings):
+    if why := reason_for_photons(flat, settings):
         return replace(by_photons, chose=(f"integrator: {why}", *by_photons.chose))
     compile_for(trial_features(flat, settings))
     choice = choose_integrator(flat, settings, by_photons.settings, launcher, by_photons.pilot)

@@ -145,18 +145,18 @@ def prepare(
 
     progress.start("compile")
     compiling = _Stopwatch(partial(_compile, settings=settings, launcher=launcher, progress=progress))
-    settled = choose_settings(flat, settings, launcher, compiling)
-    settings = settled.settings
+    automatic = choose_settings(flat, settings, launcher, compiling)
+    settings = automatic.settings
     features = with_camera(features_of(flat, settings), flat.camera)
     kernels = compiling(features)
     let_collector_go()
 
     progress.start("plan")
     shared = Sharing(workers, workers) if team is None else team(_memory_of(flat, settings))
-    plan = _planned(flat, settled, largest_team(shared.slaves, shared.least), launcher, cells)
+    plan = _planned(flat, automatic, largest_team(shared.slaves, shared.team_size), launcher, cells)
     lit_scene = _lit_scene(plan.world, flat.triangles)
     alone = shared.slaves == 1 and plan.pilot is not None
-    session = _session(flat, settled, plan, shared, processes, lit_scene, alone)
+    session = _session(flat, automatic, plan, shared, processes, lit_scene, alone)
     return Prepared(
         pilot=plan.pilot if alone else None,
         session=session,
@@ -164,7 +164,7 @@ def prepare(
         triangles=flat.triangles.total,
         dropped=sum(flat.dropped.values()),
         kernels=kernels,
-        chose=(*settled.chose, *plan.chose, *plan.learnt.words, *_allotment_in_words(session.view.allotment)),
+        chose=(*automatic.chose, *plan.chose, *plan.learnt.words, *_allotment_in_words(session.view.allotment)),
         left_out=_left_out(scene, flat, plan.world, features, settings),
         approximated=approximations(scene, plan.world, settings),
         warnings=(*scene.warnings, *_lost(flat, plan.world, settings), *unused),
@@ -179,7 +179,7 @@ def prepare(
 
 def _session(
     flat: FlatScene,
-    settled: ChosenSettings,
+    automatic: ChosenSettings,
     plan: RenderPlan,
     shared: Sharing,
     processes: int,
@@ -194,16 +194,16 @@ def _session(
         lit_scene: names what light depends on.
         alone: whether the pilot's own worker goes on, so that triangles are sent to nobody.
     """
-    settings = settled.settings
+    settings = automatic.settings
     world = replace(plan.world, strict=settings.strict)
-    view = plan.learnt_view(view_of(flat, settings, max(shared.slaves, processes), alone=shared.least == 1))
+    view = plan.learnt_view(view_of(flat, settings, max(shared.slaves, processes), alone=shared.team_size == 1))
     return Session(
         world=world,
-        view=replace(view, allotment=_allotment(settled, view)),
+        view=replace(view, allotment=_allotment(automatic, view)),
         partition=_partition(flat.triangles if alone else spooled(flat.triangles), plan),
         burdens=plan.burdens,
-        digest=digest(replace(world.with_photons(NO_PHOTONS), textures=()), lit_scene, shared.least),
-        least=shared.least,
+        digest=digest(replace(world.with_photons(NO_PHOTONS), textures=()), lit_scene, shared.team_size),
+        team_size=shared.team_size,
         room=shared.room,
         layers=layers_of(plan.world, view),
         places=plan.some_places(),
@@ -211,26 +211,28 @@ def _session(
     )
 
 
-def _planned(flat: FlatScene, settled: ChosenSettings, team: int, launcher: Launcher, cells: int | None) -> RenderPlan:
+def _planned(
+    flat: FlatScene, automatic: ChosenSettings, team: int, launcher: Launcher, cells: int | None
+) -> RenderPlan:
     """The plan of a team, by what was found out to choose its settings."""
-    return make_render_plan(flat, settled.settings, team, launcher, cells, settled.pilot, settled.learnt)
+    return make_render_plan(flat, automatic.settings, team, launcher, cells, automatic.pilot, automatic.learnt)
 
 
-def _allotment(settled: ChosenSettings, view: View) -> Allotment:
+def _allotment(automatic: ChosenSettings, view: View) -> Allotment:
     """The samples of each part of an image in one pass; in several, those of each are as many everywhere.
 
     Pixels on outlines of lamps take as many as they need anyway: what is noisy there tells nothing of those about them.
     """
-    if settled.noise is None or settled.settings.passes > 1:
+    if automatic.noise is None or automatic.settings.passes > 1:
         return NO_ALLOTMENT
-    camera, (rows, columns) = view.camera, settled.noise.shape
+    camera, (rows, columns) = view.camera, automatic.noise.shape
     row = (np.arange(rows) * 2 + 1) * camera.height // (2 * rows)
     column = (np.arange(columns) * 2 + 1) * camera.width // (2 * columns)
     times = view.outlines.times_of((row[:, None] * camera.width + column).reshape(-1)).reshape(rows, columns)
     if (times > 1).all():
         return NO_ALLOTMENT
-    noise = np.where(times > 1, settled.noise[times == 1].mean(), settled.noise)
-    return allotment_by_noise(noise, settled.settings.spp, camera.width, camera.height)
+    noise = np.where(times > 1, automatic.noise[times == 1].mean(), automatic.noise)
+    return allotment_by_noise(noise, automatic.settings.spp, camera.width, camera.height)
 
 
 def _allotment_in_words(allotment: Allotment) -> tuple[str, ...]:

@@ -82,7 +82,7 @@ def render_with_lost_masters(
 )
 def test_a_picture_survives_its_masters(seed: int, lives: list[int], team: int, cells: int, faults: int) -> None:
     view = make_view()
-    session = make_session(4, cells, least=team, view=view)
+    session = make_session(4, cells, team_size=team, view=view)
     result, notebook = render_with_lost_masters(FakeWorker, session, seed, lives, faults)
     for name, layer in picture(view).layers.items():
         np.testing.assert_array_equal(result.layers[name], layer)

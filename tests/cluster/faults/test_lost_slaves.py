@@ -37,7 +37,7 @@ from wdpm.scenes.flat.arrays import Triangles
 )
 def test_a_picture_survives_any_faults(seed: int, slaves: int, team: int, cells: int, every: int, faults: int) -> None:
     view = make_view()
-    session = make_session(slaves, cells, least=min(team, slaves), view=view)
+    session = make_session(slaves, cells, team_size=min(team, slaves), view=view)
     cluster = FaultyCluster(FakeWorker, slaves, seed, every=every, faults=faults, most=slaves + faults)
     for again in (session, replace(session, retrace=True), session):
         result = cluster.render(again)

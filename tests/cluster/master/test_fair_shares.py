@@ -26,7 +26,7 @@ from wdpm.cluster.task import PhotonsTraced, PhotonTask
 def test_slaves_alone_are_handed_their_shares_with_the_view(buckets: int, first: int) -> None:
     """Nobody waits for them to say that they have set it, and nothing follows from that."""
     driver = Driver().join()
-    driver(m.Begin(make_session(2, 1, paths=0, least=1, view=make_view(16 * buckets, 16, 16))))
+    driver(m.Begin(make_session(2, 1, paths=0, team_size=1, view=make_view(16 * buckets, 16, 16))))
     for identity in (A, B):
         driver(m.PartitionMade(0, triangles(3)))
         driver.says(identity, p.PartitionReceived(driver.master.epoch(identity), 0))
@@ -92,6 +92,6 @@ def test_more_is_in_flight_where_slaves_hold_parts_of_the_scene() -> None:
 
 def test_slaves_that_cut_a_scene_have_one_large_task_of_records_each() -> None:
     rounds = RecordRounds(replace(make_view(512, 512), cache=CachePlan(1, 2, 16, 50)), NO_RECORDS)
-    cut, whole = (for_records(make_session(2, cells, least=cells), ClusterLimits()) for cells in (2, 1))
+    cut, whole = (for_records(make_session(2, cells, team_size=cells), ClusterLimits()) for cells in (2, 1))
     assert len(rounds.tasks(2, cut, 0)) == 2
     assert len(rounds.tasks(2, whole, 0)) > 4

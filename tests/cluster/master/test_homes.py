@@ -10,7 +10,7 @@ from fake_worker import make_session, make_view
 
 from wdpm.cluster.kept import RecordsKept
 from wdpm.cluster.limits import ClusterLimits
-from wdpm.cluster.master.homes import ANYWHERE, cell_of_bucket, cells_of_pixels, shared_out
+from wdpm.cluster.master.homes import ANYWHERE, cell_of_bucket, cells_of_pixels, home_cells
 from wdpm.cluster.master.members import Member
 from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.master.task_sizes import Place
@@ -125,15 +125,15 @@ def test_where_nothing_is_seen_one_task_has_all_candidates() -> None:
 
 def test_few_homes_are_those_of_the_cells_that_most_see_and_share_the_others() -> None:
     seen = np.repeat(np.array([0, 1, 2, 3, ANYWHERE], np.int32), [5, 40, 30, 20, 9])
-    about = shared_out(seen, 2)
+    about = home_cells(seen, 2)
     assert (about[seen == 1] == 1).all()
     assert (about[seen == 2] == 2).all()
     assert (about[seen == 3] == 2).all(), "the fewer of the two"
     assert (about[seen == 0] == 1).all()
     assert (about[seen == ANYWHERE] == 1).all()
-    assert (shared_out(seen, 9)[seen >= 0] == seen[seen >= 0]).all(), "each has its own where there are enough homes"
-    assert (shared_out(np.full(3, ANYWHERE, np.int32), 2) == ANYWHERE).all()
-    assert not len(shared_out(np.empty(0, np.int32), 2))
+    assert (home_cells(seen, 9)[seen >= 0] == seen[seen >= 0]).all(), "each has its own where there are enough homes"
+    assert (home_cells(np.full(3, ANYWHERE, np.int32), 2) == ANYWHERE).all()
+    assert not len(home_cells(np.empty(0, np.int32), 2))
 
 
 @pytest.mark.parametrize("by_cell", [True, False])

@@ -389,7 +389,7 @@ def test_a_broken_connection_between_live_slaves_is_mended() -> None:
 
 def test_a_task_that_takes_very_long_is_given_to_another_slave() -> None:
     driver = Driver().join()
-    driver(m.Begin(make_session(2, 1, paths=0, least=1, view=make_view(64, 32, 16))))
+    driver(m.Begin(make_session(2, 1, paths=0, team_size=1, view=make_view(64, 32, 16))))
     for identity in (A, B):
         driver(m.PartitionMade(0, triangles(3)))
         driver.says(identity, p.PartitionReceived(driver.master.epoch(identity), 0))
@@ -413,7 +413,7 @@ def test_a_task_that_takes_very_long_is_given_to_another_slave() -> None:
 def test_a_team_that_sets_the_view_when_all_is_rendered_is_asked_what_it_counted() -> None:
     driver = Driver().join()
     view = make_view(16, 16, 16)
-    driver(m.Begin(make_session(2, 1, paths=0, least=1, view=view)))
+    driver(m.Begin(make_session(2, 1, paths=0, team_size=1, view=view)))
     for identity in (A, B):
         driver(m.PartitionMade(0, triangles(3)))
         driver.says(identity, p.PartitionReceived(driver.master.epoch(identity), 0))

@@ -21,9 +21,9 @@ def of_memory(process: int, own: int) -> p.Hello:
     return replace(hello(process), own_memory=own)
 
 
-def session(least: int = 1, cells: int = 1) -> Session:
+def session(team_size: int = 1, cells: int = 1) -> Session:
     """Of a scene of which each slave needs room for a gibibyte."""
-    return make_session(least, cells, least=least, room=float(GIB), paths=0)
+    return make_session(team_size, cells, team_size=team_size, room=float(GIB), paths=0)
 
 
 def ready(driver: Driver, identity: bytes, epoch: int) -> list[m.Instruction]:
@@ -71,7 +71,7 @@ def test_where_nobody_has_room_all_are_used() -> None:
     driver = Driver()
     driver.says(A, of_memory(0, SMALL))
     driver.says(B, of_memory(1, SMALL))
-    out = driver(m.Begin(session(least=2, cells=2)))
+    out = driver(m.Begin(session(team_size=2, cells=2)))
     assert [message.holders for message in sent(out, A)] == [(0, 1)]
     assert [message.holders for message in sent(out, B)] == [(0, 1)]
 
@@ -80,7 +80,7 @@ def test_a_team_that_lost_a_slave_takes_no_small_one() -> None:
     driver = Driver(3)
     for process, (identity, own) in enumerate([(A, LARGE), (B, LARGE), (C, SMALL)]):
         driver.says(identity, of_memory(process, own))
-    out = driver(m.Begin(session(least=2, cells=2)))
+    out = driver(m.Begin(session(team_size=2, cells=2)))
     assert [message.holders for message in sent(out, A)] == [(0, 1)]
     assert sent(out, C) == []
     out = driver(m.SlaveLost(B, "killed"))

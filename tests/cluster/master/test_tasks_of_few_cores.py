@@ -96,7 +96,7 @@ def test_photon_tasks_are_as_many_as_cores_are_worth(slaves: int, cores: int, bu
 def test_buckets_are_cut_for_cores_that_there_are(cores: dict[str, int], cut_for: int) -> None:
     view, driver = make_view(512, 512, 128), Driver()
     driver.master = Master(2, VERSIONS, LIMITS, cores=cores)
-    driver.join()(m.Begin(make_session(2, 1, paths=0, least=1, view=view)))
+    driver.join()(m.Begin(make_session(2, 1, paths=0, team_size=1, view=view)))
     for identity in (A, B):
         driver(m.PartitionMade(0, triangles(3)))
         driver.says(identity, p.PartitionReceived(driver.master.epoch(identity), 0))

@@ -28,19 +28,19 @@ def slave(room: float) -> SlaveMemory:
     return SlaveMemory("here", 0, round(room) + PROCESS_BYTES)
 
 
-@pytest.mark.parametrize(("room", "least"), [(4, 1), (2, 2), (1.5, 3), (1, 4)])
-def test_as_few_as_have_room(room: float, least: int) -> None:
+@pytest.mark.parametrize(("room", "team_size"), [(4, 1), (2, 2), (1.5, 3), (1, 4)])
+def test_as_few_as_have_room(room: float, team_size: int) -> None:
     slaves = [slave(room * GIB)] * 4
-    assert sharing(Copies.AUTO, slaves, SceneMemory(4 * GIB)).least == least
-    assert sharing(Copies.NONE, slaves, SceneMemory(4 * GIB)).least == 4
+    assert sharing(Copies.AUTO, slaves, SceneMemory(4 * GIB)).team_size == team_size
+    assert sharing(Copies.NONE, slaves, SceneMemory(4 * GIB)).team_size == 4
 
 
 def test_slaves_of_one_machine_share_its_memory() -> None:
     machine = round((8 * GIB + 4 * PROCESS_BYTES) / SHARE_OF_MEMORY)
     together = [SlaveMemory("one", machine)] * 4
     apart = [SlaveMemory(f"machine {index}", machine) for index in range(4)]
-    assert sharing(Copies.AUTO, together, SceneMemory(4 * GIB)).least == 2
-    assert sharing(Copies.AUTO, apart, SceneMemory(4 * GIB)).least == 1
+    assert sharing(Copies.AUTO, together, SceneMemory(4 * GIB)).team_size == 2
+    assert sharing(Copies.AUTO, apart, SceneMemory(4 * GIB)).team_size == 1
 
 
 def test_textures_lie_with_every_slave() -> None:
@@ -49,8 +49,8 @@ def test_textures_lie_with_every_slave() -> None:
     needed = scene_memory(1000, 0, [texture, texture])
     assert needed.everywhere == 24 * (2 << 19)
     slaves = [slave(3 * GIB)] * 3
-    assert sharing(Copies.AUTO, slaves, SceneMemory(3 * GIB)).least == 1
-    assert sharing(Copies.AUTO, slaves, SceneMemory(3 * GIB, 1 * GIB)).least == 2
+    assert sharing(Copies.AUTO, slaves, SceneMemory(3 * GIB)).team_size == 1
+    assert sharing(Copies.AUTO, slaves, SceneMemory(3 * GIB, 1 * GIB)).team_size == 2
     with pytest.raises(
         SettingsError, match=r"take about 3.0 GiB, textures and grids of 2.5 GiB in each; 3 slaves have room for"
     ):
@@ -77,7 +77,7 @@ def test_too_little_memory_in_all() -> None:
 )
 def test_slaves_of_unequal_memory(rooms: list[float], needed: float, expected: Sharing) -> None:
     found = sharing(Copies.AUTO, [slave(room * GIB) for room in rooms], SceneMemory(needed * GIB))
-    assert Sharing(found.slaves, found.least, found.room / GIB) == expected
+    assert Sharing(found.slaves, found.team_size, found.room / GIB) == expected
 
 
 def test_the_scene_is_cut_among_those_that_have_room_for_a_part() -> None:

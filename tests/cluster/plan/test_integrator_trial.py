@@ -17,7 +17,7 @@ from wdpm.cluster.plan.map_plans import IRRADIANCE_SHARE, MapPlans
 from wdpm.cluster.plan.map_worth import FEWEST, MapError, irradiance_by, map_error
 from wdpm.cluster.plan.path_caustics import NO_CAUSTICS
 from wdpm.cluster.plan.render_plan import make_render_plan
-from wdpm.cluster.plan.small_view import Figures, small
+from wdpm.cluster.plan.small_view import Figures, small_camera
 from wdpm.cluster.render_settings import MOST_SHADOW_RAYS, Indirect, Integrator, RenderSettings
 from wdpm.cluster.world import MapPlan
 from wdpm.inspection.inspect import inspect
@@ -244,14 +244,14 @@ def test_shadow_rays_that_were_asked_for_are_kept() -> None:
 def test_a_trial_looks_at_the_same_picture_in_fewer_pixels(crop: tuple[int, int, int, int] | None) -> None:
     width, height = (512, 384) if crop is None else crop[2:]
     whole = replace(LARGE.camera, width=width, height=height, crop=crop, full_size=crop and (512, 384))
-    looks = small(whole, TRIAL_PIXELS)
+    looks = small_camera(whole, TRIAL_PIXELS)
     assert looks.width * looks.height == pytest.approx(TRIAL_PIXELS, rel=0.05)
     assert looks.width / looks.height == pytest.approx(width / height, rel=0.05)
     if crop is not None:
         assert looks.crop is not None
         assert looks.full_size is not None
         assert looks.crop[0] / looks.full_size[0] == pytest.approx(crop[0] / 512, abs=0.03)
-    assert small(replace(LARGE.camera, width=20, height=10), TRIAL_PIXELS).width == 20
+    assert small_camera(replace(LARGE.camera, width=20, height=10), TRIAL_PIXELS).width == 20
 
 
 @pytest.mark.parametrize("spp", [2, 64])

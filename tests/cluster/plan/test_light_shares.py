@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from light_rig import square, table_of
 
-from wdpm.cluster.plan.light_shares import EVEN, MEASURED, pilot_emission, shared_out
+from wdpm.cluster.plan.light_shares import EVEN, MEASURED, measured_emission, pilot_emission
 from wdpm.kernels.limits import MAPS
 from wdpm.scenes.flat.light_table import LightTable
 from wdpm.scenes.model.lights import PointLight
@@ -24,7 +24,7 @@ def pilot(table: LightTable) -> Any:
 
 
 def shared(table: LightTable, flux: list[list[float]]) -> Any:
-    return shared_out(SimpleNamespace(lights=table, emission=pilot(table)), np.array(flux))  # type: ignore[arg-type]
+    return measured_emission(SimpleNamespace(lights=table, emission=pilot(table)), np.array(flux))  # type: ignore[arg-type]
 
 
 def test_the_pilot_asks_every_light_that_shines() -> None:

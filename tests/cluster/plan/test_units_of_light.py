@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from wdpm.cluster.plan.small_view import BRIGHTEST, DARK, DIMMEST, dark_of
+from wdpm.cluster.plan.small_view import BRIGHTEST, DIMMEST, RELMSE_EPSILON, relmse_epsilon
 from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.kernels.compile import compile_kernels
 from wdpm.kernels.launch import Launcher
@@ -28,7 +28,7 @@ def lit(scene: Scene, times: float) -> Scene:
 
 @pytest.mark.parametrize("radiance", [DIMMEST, 0.2, BRIGHTEST])
 def test_a_picture_that_can_be_looked_at_is_weighed_as_relative_errors_are(radiance: float) -> None:
-    assert dark_of(np.full((4, 6, 3), radiance)) == pytest.approx(DARK)
+    assert relmse_epsilon(np.full((4, 6, 3), radiance)) == pytest.approx(RELMSE_EPSILON)
 
 
 @pytest.mark.parametrize("radiance", [1e-9, DIMMEST / 10, 10 * BRIGHTEST, 1e9])
@@ -36,13 +36,13 @@ def test_others_are_weighed_as_with_their_exposure(radiance: float) -> None:
     image = radiance * np.array([0.25, 1.0, 4.0])[None, :, None] * np.ones((5, 3, 3))
     image[0, 1] = 0.0
     further = 1024.0 if radiance > BRIGHTEST else 1.0 / 1024.0
-    assert dark_of(further * image) == pytest.approx(dark_of(image) * further**2)
+    assert relmse_epsilon(further * image) == pytest.approx(relmse_epsilon(image) * further**2)
     shown = BRIGHTEST if radiance > BRIGHTEST else DIMMEST
-    assert dark_of(image) == pytest.approx(DARK * (radiance / shown) ** 2)
+    assert relmse_epsilon(image) == pytest.approx(RELMSE_EPSILON * (radiance / shown) ** 2)
 
 
 def test_black_is_weighed_as_ever() -> None:
-    assert dark_of(np.zeros((2, 2, 3))) == DARK
+    assert relmse_epsilon(np.zeros((2, 2, 3))) == RELMSE_EPSILON
 
 
 def test_weak_lamps_of_any_unit_lead_to_the_same_decisions() -> None:

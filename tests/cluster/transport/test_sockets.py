@@ -291,7 +291,7 @@ def test_a_slave_that_has_not_enough_memory_is_done_without(team: int, error: Ex
 
     with make_master(2) as master:
         slaves = [SlaveThread(master.endpoint, worker) for worker in (Small, FakeWorker)]
-        session = make_session(2, 2, least=team)
+        session = make_session(2, 2, team_size=team)
         result = master.render(session)
         check_picture(session, result.layers)
         assert len(result.lost) == 1
@@ -326,7 +326,7 @@ def test_a_render_survives_killed_slaves(team: int, phase: str) -> None:
             for victim in processes[:2]:
                 os.kill(victim, signal.SIGKILL)
 
-        session = make_session(3, 4, view=make_view(160, 160), least=team)
+        session = make_session(3, 4, view=make_view(160, 160), team_size=team)
         result = master.render(session, At(phase, kill))
         check_picture(session, result.layers)
         assert result.paths == 1000
@@ -363,7 +363,7 @@ def test_a_slave_joins_a_render_that_runs() -> None:
 
     with make_master(1, most=2) as master:
         slaves = [SlaveThread(master.endpoint, First)]
-        session = make_session(1, 2, view=make_view(320, 160), least=1)
+        session = make_session(1, 2, view=make_view(320, 160), team_size=1)
         result = master.render(session, At("render", lambda: slaves.append(SlaveThread(master.endpoint, Late))))
         check_picture(session, result.layers)
         assert {each["slave"] for each in result.statistics} == {0, 1}
@@ -393,7 +393,7 @@ def test_a_render_begins_without_slaves_that_were_killed_before_they_joined(team
         master = stack.enter_context(make_master(3, watch=slaves.ended))
         slaves.start(2, lambda _: [sys.executable, "-c", DYING], master.endpoint)
         slaves.start(1, slow_slave(0.0, "life-line"), master.endpoint)
-        session = make_session(3, 4, view=make_view(64, 64), least=team)
+        session = make_session(3, 4, view=make_view(64, 64), team_size=team)
         result = master.render(session)
         check_picture(session, result.layers)
         assert len(result.statistics) == 1
@@ -416,7 +416,7 @@ def test_a_render_survives_slaves_that_are_killed_while_the_scene_is_sent(team: 
         stack.callback(slaves.stop)
         master = stack.enter_context(make_master(3, watch=slaves.ended, observers=[watch]))
         slaves.start(3, slow_slave(0.0, "life-line"), master.endpoint)
-        session = make_session(3, 4, view=make_view(64, 64), least=team)
+        session = make_session(3, 4, view=make_view(64, 64), team_size=team)
         result = master.render(session)
         check_picture(session, result.layers)
         assert len(result.lost) == 1

@@ -12,7 +12,7 @@ import pytest
 from wdpm.cluster.batch import Arrays
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.work.final_gather import Actions, FinalGather, FinalGatherCounters
-from wdpm.kernels.camera import vertices as sh
+from wdpm.kernels.camera import vertices
 from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import cornell_box
 
@@ -24,7 +24,7 @@ def step_by_step(gather: FinalGather, paths: Any, arrays: Arrays) -> Actions:
     count = len(arrays["slot"])
     places = gather._places(paths, count)
     actions = Actions(
-        np.full(count, int(sh.TRACE_ON), np.int32),
+        np.full(count, int(vertices.TRACE_ON), np.int32),
         np.zeros(count, np.bool_),
         gather._is_too_long(arrays, 0),
         np.zeros((count, 3), np.float32),
@@ -56,5 +56,5 @@ def test_one_kernel_decides_as_three_steps_do(indirect: Indirect) -> None:
     plain = render_in_process(SCENE, settings, workers=1, threads=1)
     with mock.patch.object(FinalGather, "_arrive", both):
         checked = render_in_process(SCENE, settings, workers=1, threads=1)
-    assert codes.keys() == {int(sh.TRACE_ON), int(sh.CACHED)}
+    assert codes.keys() == {int(vertices.TRACE_ON), int(vertices.CACHED)}
     assert checked.digest() == plain.digest()
