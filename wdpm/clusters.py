@@ -1,8 +1,8 @@
-"""Clusters for people: `wdpm.Cluster`, and what `wdpm master` runs."""
+"""Clusters for people: `wdpm.Cluster`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -10,7 +10,6 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from wdpm.cluster.cluster_events import ClusterObserver
-from wdpm.cluster.display import Display
 from wdpm.cluster.host_memory import SlaveMemory
 from wdpm.cluster.limits import MOST_SLAVES, ClusterLimits
 from wdpm.cluster.master.local_slaves import LocalSlaves, slave_command
@@ -37,7 +36,6 @@ from wdpm.rendering.compiling import Compiling
 from wdpm.rendering.kernels_beside import KernelsBeside
 from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.prepare import Prepared, Source, forget_pilot, prepare
-from wdpm.rendering.session_journal import SessionJournal
 from wdpm.scenes.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -323,7 +321,6 @@ class Cluster(Backend):
         journal: Path | None = None,
         resume: bool = False,
         keep: bool = False,
-        log: SessionJournal | None = None,
         save_cache: Path | None = None,
         load_cache: Path | None = None,
         **chosen: Any,
@@ -335,7 +332,6 @@ class Cluster(Backend):
             settings: all settings; or give single ones by name, see RenderSettings.
             live: show it in the notebook that this runs in, see `wdpm.render`.
             journal, resume, keep: of a render that may be interrupted, see `wdpm.render`.
-            log: keeps what is finished of the pass that is rendered; its maker removes it.
             save_cache, load_cache: files of irradiance records, see `wdpm.render`.
 
         Raises:
@@ -353,7 +349,6 @@ class Cluster(Backend):
                     journal=journal,
                     resume=resume,
                     keep=keep,
-                    log=log,
                     cache=CacheFiles(save_cache, load_cache),
                     **chosen,
                 )
@@ -404,25 +399,3 @@ def check_listening(bind: str, keys: Path | None, insecure: bool) -> None:
         network.listen(bind, Role.MASTER, {})
     finally:
         network.close()
-
-
-def render_as_master(
-    source: Source,
-    settings: RenderSettings,
-    *,
-    bind: str,
-    slaves: int,
-    terms: Mapping[str, Any],
-    display: Display | None = None,
-    **how: Any,
-) -> Image:
-    """What `wdpm master` does: one render with slaves that people start.
-
-    Args:
-        terms: most, copies, keys, insecure, join_timeout and observers, see Cluster.listen.
-        display: is shown the image while it is rendered.
-        how: progress, journal and files of irradiance records, see Cluster.render.
-    """
-    with Cluster.listen(bind, slaves, **terms) as cluster:
-        cluster.display = display
-        return cluster.render(source, settings, **how)

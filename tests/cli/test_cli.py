@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import shutil
 import subprocess
 import sys
@@ -14,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import PIL.Image
 import pytest
 
 from wdpm.cli import compare, main
@@ -22,7 +20,9 @@ from wdpm.cli import options as cli_options
 from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.images.image import Image, load
+from wdpm.rendering.backend import Backend
 from wdpm.rendering.compiling import Compiling
+from wdpm.rendering.in_process import InProcess
 from wdpm.report.report import Report, from_json
 from wdpm.scenes.errors import ClusterEndedError, ClusterError, MasterLostError, SceneError
 from wdpm.scenes.model.scene import Camera, FilterKind, PixelFilter, Scene
@@ -43,26 +43,41 @@ def scene(samples: int | None = None, max_depth: int | None = None) -> Scene:
 
 
 class Renderer:
-    """Stands for the loader and for wdpm.api: remembers what it was asked for and gives a small image."""
+    """Stands for the loader and for all that renders: remembers what it was asked for and gives a small image.
+
+    Attributes:
+        loaded, rendered: arguments of the loader and of render_in_passes.
+        backend: arguments of what makes a backend.
+    """
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         from wdpm import clusters, local_backend
         from wdpm.cli import scene as loading
+        from wdpm.rendering import passes
 
         self.scene = scene()
         self.pixels = np.full((2, 3, 3), 0.5, dtype=np.float32)
         self.loaded: dict[str, Any] = {}
         self.rendered: dict[str, Any] = {}
+        self.backend: dict[str, Any] = {}
         monkeypatch.setattr(loading, "load", self.load)
-        monkeypatch.setattr(local_backend, "render_here", self.render)
-        monkeypatch.setattr(clusters, "render_as_master", self.render)
+        monkeypatch.setattr(passes, "render_in_passes", self.render)
+        monkeypatch.setattr(local_backend, "backend_here", self.make_backend)
+        monkeypatch.setattr(clusters.Cluster, "listen", self.listen)
         monkeypatch.setattr(clusters, "check_listening", lambda *_: None)
 
     def load(self, name: str, **options: Any) -> Scene:
         self.loaded = {"scene": name, **options}
         return self.scene
 
-    def render(self, source: Callable[[], Scene], settings: RenderSettings, **options: Any) -> Image:
+    def make_backend(self, **options: Any) -> InProcess:
+        self.backend = options
+        return InProcess()
+
+    def listen(self, bind: str, slaves: int, **options: Any) -> InProcess:
+        return self.make_backend(bind=bind, slaves=slaves, **options)
+
+    def render(self, source: Callable[[], Scene], _: Backend, settings: RenderSettings, **options: Any) -> Image:
         self.rendered = {"scene": source(), "settings": settings, **options}
         return self.image()
 
@@ -176,11 +191,10 @@ def test_every_setting_has_an_option_and_none_is_unknown() -> None:
 def test_defaults_are_those_of_the_settings(renderer: Renderer) -> None:
     assert run(["render", "cornell-box", "--quiet"]) == 0
     assert renderer.rendered["settings"] == RenderSettings()
-    options = renderer.rendered["options"]
-    assert options["slaves"] == 0
-    assert options["device"] == "cpu"
-    assert options["threads"] is None, "all there are"
-    assert options["compiling"] is Compiling.BESIDE
+    assert renderer.backend["slaves"] == 0
+    assert renderer.backend["device"] == "cpu"
+    assert renderer.backend["threads"] is None, "all there are"
+    assert renderer.backend["compiling"] is Compiling.BESIDE
     assert renderer.loaded == {
         "scene": "cornell-box",
         "defines": {},
@@ -213,7 +227,7 @@ def test_every_option_arrives(renderer: Renderer) -> None:
         band=0.5,
         inexact=True,
     )
-    assert {name: renderer.rendered["options"][name] for name in ("slaves", "threads", "device", "compiling")} == {
+    assert {name: renderer.backend[name] for name in ("slaves", "threads", "device", "compiling")} == {
         "slaves": 4,
         "threads": 3,
         "device": "cuda:0",
@@ -335,7 +349,7 @@ def test_a_picture_that_cannot_be_written_does_not_cost_the_others(
 def test_an_image_whose_place_is_gone_is_kept_elsewhere(
     renderer: Renderer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from wdpm import local_backend
+    from wdpm.rendering import passes
 
     def render(*arguments: Any, **options: Any) -> Image:
         Path("out").rmdir()
@@ -344,7 +358,7 @@ def test_an_image_whose_place_is_gone_is_kept_elsewhere(
     Path("out").mkdir()
     Path("kept").mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(Path("kept").resolve()))
-    monkeypatch.setattr(local_backend, "render_here", render)
+    monkeypatch.setattr(passes, "render_in_passes", render)
     assert run(["render", "a.xml", "-q", "-o", "out/a.png"]) == 2
     err = capsys.readouterr().err
     [kept] = Path("kept").glob("*/a.exr")
@@ -366,13 +380,13 @@ def test_a_full_disk_is_found_before_the_render(
 def test_records_that_cannot_be_written_cost_neither_image_nor_report(
     renderer: Renderer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from wdpm import local_backend
+    from wdpm.rendering import passes
     from wdpm.rendering.cache_file import CacheNotWrittenError
 
     def failing(*_: Any, **__: Any) -> Image:
         raise CacheNotWrittenError("a.rec: cannot be written", renderer.image())
 
-    monkeypatch.setattr(local_backend, "render_here", failing)
+    monkeypatch.setattr(passes, "render_in_passes", failing)
     assert run(["render", "a.xml", "-q", "-o", "a.exr", "--report", "a.json", "--save-cache", "a.rec"]) == 2
     assert capsys.readouterr().err == "wdpm: error: a.rec: cannot be written\n"
     assert load("a.exr").shape == (2, 3)
@@ -395,10 +409,9 @@ def test_the_master_gets_its_options(renderer: Renderer) -> None:
         "master a.xml -q --slaves 3..5 --copies none --bind tcp://10.0.0.1:7000 --keys folder --spp 2 --join-timeout 2m"
     )
     assert run(line.split()) == 0
-    terms = {"keys": Path("folder"), "insecure": False, "join_timeout": 120.0, "observers": ()}
-    terms |= {"most": 5, "copies": Copies.NONE}
-    asked = {name: renderer.rendered[name] for name in ("bind", "slaves", "terms")}
-    assert asked == {"bind": "tcp://10.0.0.1:7000", "slaves": 3, "terms": terms}
+    expected = {"keys": Path("folder"), "insecure": False, "join_timeout": 120.0, "observers": ()}
+    expected |= {"bind": "tcp://10.0.0.1:7000", "slaves": 3, "most": 5, "copies": Copies.NONE}
+    assert renderer.backend == expected
     assert renderer.rendered["settings"].spp == 2
 
 
@@ -438,61 +451,3 @@ def test_the_default_output(name: str, output: str) -> None:
     from wdpm.cli.result import default_output
 
     assert default_output(name) == Path(output)
-
-
-# ---- compare ------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def two_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    for name, value in (("a.exr", 1.0), ("b.exr", 2.0)):
-        Image({"beauty": np.full((4, 5, 3), value, dtype=np.float32)}).save(name)
-
-
-@pytest.mark.usefixtures("two_images")
-def test_compare_prints_and_draws(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["compare", "a.exr", "b.exr", "-o", "d.png"]) == 0
-    assert "differ in 20 pixels" in capsys.readouterr().out
-    with PIL.Image.open("d.png") as picture:
-        assert picture.size == (256, 38)
-    assert run(["compare", "a.exr", "b.exr", "--json", "--region", "0,0,2,2"]) == 0
-    assert json.loads(capsys.readouterr().out)["differing_pixels"] == 4
-
-
-@pytest.mark.usefixtures("two_images")
-def test_compare_equal_is_for_scripts() -> None:
-    assert run(["compare", "a.exr", "b.exr", "--equal"]) == 1
-    assert run(["compare", "a.exr", "a.exr", "--equal"]) == 0
-
-
-@pytest.mark.usefixtures("two_images")
-def test_compare_reports_bad_input(capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments, message in (
-        (["a.exr", "c.exr"], "c.exr: no such file"),
-        (["a.exr", "b.exr", "-o", "d.jpg"], "must be one of .png"),
-        (["a.exr", "b.exr", "--region", "0,0,9,9"], "not within the image of 5x4"),
-    ):
-        assert run(["compare", *arguments]) == 2
-        out, err = capsys.readouterr()
-        assert out == ""
-        assert message in err
-        assert err.count("\n") == 1
-
-
-@pytest.mark.usefixtures("two_images")
-def test_compare_takes_no_option_that_it_would_ignore(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["compare", "a.exr", "b.exr", "--signed"]) == 2
-    assert "give -o FILE.png, too" in capsys.readouterr().err
-    assert run(["compare", "a.exr", "b.exr", "--signed", "-o", "d.png"]) == 0
-
-
-@pytest.mark.usefixtures("two_images")
-def test_a_reader_that_leaves_is_no_error() -> None:
-    command = [sys.executable, "-m", "wdpm", "compare", "a.exr", "b.exr"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        process.stdout.close()
-        assert process.stderr.read() == b""
-    assert process.returncode == 1

@@ -7,11 +7,8 @@ from typing import Any
 
 from wdpm import values
 from wdpm.cli import options
-from wdpm.cli.goal import add_until_options, asks_for_a_goal, render_to_goal
-from wdpm.cli.journals import add_journal_options, journals
-from wdpm.cli.live import add_view_options, shown
 from wdpm.cli.monitoring import add_monitoring_options, observers
-from wdpm.cli.output.frames import add_frame_options, asks_for_frames, render_frames
+from wdpm.cli.output.image import add_image_options, chosen_way
 
 _EXAMPLES = """\
 examples:
@@ -32,15 +29,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "no light.",
         epilog=_EXAMPLES,
     )
-    options.add_scene_options(parser)
-    options.add_view_options(parser)
-    options.add_output_options(parser)
-    options.add_setting_options(parser)
-    add_journal_options(parser)
-    add_until_options(parser)
-    options.add_cache_options(parser)
-    add_view_options(parser)
-    add_frame_options(parser)
+    add_image_options(parser)
     cluster = parser.add_argument_group("cluster")
     cluster.add_argument(
         "--bind",
@@ -72,37 +61,22 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
 
 def run(args: argparse.Namespace) -> int:
     """Serve, render and write; returns the exit code."""
-    from wdpm.cli.result import first_output, render_and_write
-    from wdpm.clusters import Cluster, check_listening, render_as_master
+    from wdpm.clusters import Cluster, check_listening
 
+    way = chosen_way(args)
+    first, most = args.slaves
     with observers(args) as cluster_observers:
         check_listening(args.bind, args.keys, args.insecure)
-        terms = {
-            "most": args.slaves[1],
-            "copies": args.copies,
-            "keys": args.keys,
-            "insecure": args.insecure,
-            "join_timeout": args.join_timeout,
-            "observers": cluster_observers,
-        }
-        if asks_for_frames(args):
-            return render_frames(args, lambda: Cluster.listen(args.bind, args.slaves[0], **terms))
-        if asks_for_a_goal(args):
-            return render_to_goal(args, lambda: Cluster.listen(args.bind, args.slaves[0], **terms))
-        with shown(args) as view, journals(args, first_output(args)) as kept:
-            return render_and_write(
-                args,
-                lambda source, settings, progress: render_as_master(
-                    source,
-                    settings,
-                    bind=args.bind,
-                    slaves=args.slaves[0],
-                    terms=terms,
-                    display=view,
-                    progress=progress,
-                    save_cache=args.save_cache,
-                    load_cache=args.load_cache,
-                    **kept,
-                ),
-                view,
-            )
+        return way(
+            args,
+            lambda: Cluster.listen(
+                args.bind,
+                first,
+                most=most,
+                copies=args.copies,
+                keys=args.keys,
+                insecure=args.insecure,
+                join_timeout=args.join_timeout,
+                observers=cluster_observers,
+            ),
+        )

@@ -7,11 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from wdpm import values
 from wdpm.cli import options
-from wdpm.cli.goal import add_until_options, asks_for_a_goal, render_to_goal
-from wdpm.cli.journals import add_journal_options, journals
-from wdpm.cli.live import add_view_options, shown
 from wdpm.cli.monitoring import add_monitoring_options, observers
-from wdpm.cli.output.frames import add_frame_options, asks_for_frames, render_frames
+from wdpm.cli.output.image import add_image_options, chosen_way
 from wdpm.cli.placing.options import add_placing_options, is_placed
 from wdpm.cli.placing.running import render_placed
 from wdpm.scenes.errors import SettingsError
@@ -51,15 +48,7 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
         "The image is the same, bit for bit.",
         epilog=_EXAMPLES,
     )
-    options.add_scene_options(parser)
-    options.add_view_options(parser)
-    options.add_output_options(parser)
-    options.add_setting_options(parser)
-    add_journal_options(parser)
-    add_until_options(parser)
-    options.add_cache_options(parser)
-    add_view_options(parser)
-    add_frame_options(parser)
+    add_image_options(parser)
     options.add_compile_option(options.add_machine_options(parser))
     add_monitoring_options(parser)
     debugging = parser.add_argument_group("debugging")
@@ -95,12 +84,7 @@ def run(args: argparse.Namespace) -> int:
     _keep_memory(args)
     if is_placed(args):
         return render_placed(args)
-    if asks_for_frames(args):
-        with observers(args) as cluster_observers:
-            return render_frames(args, lambda: _backend(args, cluster_observers))
-    if asks_for_a_goal(args):
-        with observers(args) as cluster_observers:
-            return render_to_goal(args, lambda: _backend(args, cluster_observers))
+    way = chosen_way(args)
     if args.replay is not None:
         if args.view or args.tev is not None:
             option = "--view" if args.view else "--tev"
@@ -108,24 +92,8 @@ def run(args: argparse.Namespace) -> int:
         from wdpm.cli.replay import replay_and_print
 
         return replay_and_print(args)
-    from wdpm.cli.result import first_output, render_and_write
-    from wdpm.local_backend import render_here
-
-    with observers(args) as cluster_observers, shown(args) as view, journals(args, first_output(args)) as journal_files:
-        return render_and_write(
-            args,
-            lambda source, settings, progress: render_here(
-                source,
-                settings,
-                options=_backend_options(args, cluster_observers),
-                progress=progress,
-                display=view,
-                save_cache=args.save_cache,
-                load_cache=args.load_cache,
-                **journal_files,
-            ),
-            view,
-        )
+    with observers(args) as cluster_observers:
+        return way(args, lambda: _backend(args, cluster_observers))
 
 
 def _keep_memory(args: argparse.Namespace) -> None:
@@ -140,10 +108,5 @@ def _keep_memory(args: argparse.Namespace) -> None:
 def _backend(args: argparse.Namespace, cluster_observers: Sequence[ClusterObserver]) -> Backend:
     from wdpm.local_backend import backend_here
 
-    return backend_here(**_backend_options(args, cluster_observers))
-
-
-def _backend_options(args: argparse.Namespace, cluster_observers: Sequence[ClusterObserver]) -> dict[str, Any]:
-    """Arguments of backend_here."""
     chosen = {name: getattr(args, name) for name in ("slaves", "threads", "device", "copies", "memory")}
-    return {**chosen, "observers": cluster_observers, "compiling": args.compile}
+    return backend_here(**chosen, observers=cluster_observers, compiling=args.compile)

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
-from wdpm.cli.goal import asks_for_a_goal, render_to_goal
-from wdpm.cli.journals import journals
-from wdpm.cli.live import shown
 from wdpm.cli.monitoring import observers
-from wdpm.cli.output.frames import asks_for_frames, render_frames
+from wdpm.cli.output.image import chosen_way
 from wdpm.cluster.cluster_events import ClusterObserver
 from wdpm.scenes.errors import ClusterError, SettingsError
 
@@ -23,13 +20,13 @@ Observers = Sequence[ClusterObserver]
 
 def render_placed(args: argparse.Namespace) -> int:
     """Render and write, or be a slave; returns the exit code."""
-    way = _way(args)
+    way = chosen_way(args)
     if not args.slurm:
         with (
             observers(args) as cluster_observers,
             _on_dask(args, cluster_observers) if args.dask else _over_ssh(args, cluster_observers) as cluster,
         ):
-            return way(cluster, args)
+            return way(args, lambda: cluster)
     from wdpm.placing.slurm import this_allocation
 
     allocation = this_allocation()
@@ -42,16 +39,7 @@ def render_placed(args: argparse.Namespace) -> int:
         observers(args) as cluster_observers,
         Cluster.in_slurm(allocation, args.shared, copies=args.copies, observers=cluster_observers) as cluster,
     ):
-        return way(cluster, args)
-
-
-def _way(args: argparse.Namespace) -> Callable[[Cluster, argparse.Namespace], int]:
-    """What is done with a cluster: asked before there is one, so that options that contradict each other start none."""
-    if asks_for_frames(args):
-        return lambda cluster, args: render_frames(args, lambda: cluster)
-    if asks_for_a_goal(args):
-        return lambda cluster, args: render_to_goal(args, lambda: cluster)
-    return _render_on
+        return way(args, lambda: cluster)
 
 
 def _serve_in_slurm(args: argparse.Namespace, allocation: Any) -> int:
@@ -94,16 +82,3 @@ def _over_ssh(args: argparse.Namespace, cluster_observers: Observers) -> Cluster
         remote_wdpm=args.remote_wdpm,
         observers=cluster_observers,
     )
-
-
-def _render_on(cluster: Cluster, args: argparse.Namespace) -> int:
-    from wdpm.cli.result import first_output, render_and_write
-
-    with shown(args) as view, journals(args, first_output(args)) as kept:
-        cluster.display = view
-        caches = {"save_cache": args.save_cache, "load_cache": args.load_cache}
-        return render_and_write(
-            args,
-            lambda source, settings, progress: cluster.render(source, settings, progress=progress, **caches, **kept),
-            view,
-        )
