@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -28,49 +27,21 @@ if TYPE_CHECKING:
     from wdpm.scenes.flat.arrays import Triangles
 
 
-def serve_as_slave(
-    master: str,
-    *,
-    threads: int | None = None,
-    device: str = "cpu",
-    memory: int | None = None,
-    keys: Path | None = None,
-    insecure: bool = False,
-    patience: float = PATIENCE_S,
-    rejoin: float | None = None,
-    wait_for_kernels: bool = True,
-    life_line: bool = False,
-) -> None:
-    """What `wdpm slave` does: compute for a master until it says stop.
+def security_of(master: str, keys: Path | None, insecure: bool) -> Keys | None:
+    """This slave's keys; None for none.
 
     Args:
-        master: tcp://HOST:PORT, or ipc://FOLDER/NAME of one that this user runs on this machine.
-        keys: this slave's folder of keys, or "-" for those that the process that started it writes to standard input.
+        master: address, see serve.
+        keys: folder of keys, or "-" for those that the process that started this one writes to standard input.
         insecure: there are no keys.
 
-    Others as in `serve`.
-
     Raises:
-        SettingsError: the keys cannot be read, or the device is not there.
-        ClusterError: no master answered, it refused, or something failed.
+        SettingsError: they cannot be read, there are none where there must be, or the address is no safe one.
     """
-    _check(device)
     resolved = transport_of(master).resolve(master)
     if keys == Path(FROM_STANDARD_INPUT):
-        security: Keys | None = slave_keys(sys.stdin.buffer.readline())
-    else:
-        security = keys_for(resolved, keys, insecure, Role.SLAVE)
-    serve(
-        master,
-        security,
-        threads=threads,
-        device=device,
-        memory=memory,
-        patience=patience,
-        rejoin=rejoin,
-        wait_for_kernels=wait_for_kernels,
-        life_line=life_line,
-    )
+        return slave_keys(sys.stdin.buffer.readline())
+    return keys_for(resolved, keys, insecure, Role.SLAVE)
 
 
 def serve(
@@ -89,7 +60,7 @@ def serve(
 
     Args:
         master: tcp://HOST:PORT, or ipc://FOLDER/NAME of one that this user runs on this machine.
-        security: this slave's keys; None for none.
+        security: this slave's keys, see security_of.
         memory: most memory to use [bytes]; None for no limit.
         patience: how long to wait for the master's first answer [s].
         rejoin: how long to wait for a master that was lost [s]; None for as long.
@@ -100,7 +71,9 @@ def serve(
         SettingsError: the device is not there.
         ClusterError: no master answered, it refused, or something failed.
     """
-    _check(device)
+    if device != "cpu":
+        quiet_warp()
+        check_device(device)
     if memory is not None:
         limit_memory(memory)
 
@@ -140,13 +113,6 @@ def serve(
     finally:
         if line is not None and local_sockets.is_local(master) and has_ended(line):
             local_sockets.leave_orphaned(master)
-
-
-@functools.cache
-def _check(device: str) -> None:
-    if device != "cpu":
-        quiet_warp()
-        check_device(device)
 
 
 def limit_memory(limit: int) -> None:

@@ -420,17 +420,16 @@ def test_the_slave_gets_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
     from wdpm.cluster.slave.process import PATIENCE_S
 
     asked: dict[str, Any] = {}
-    monkeypatch.setattr(serving, "serve_as_slave", lambda address, **options: asked.update(address=address, **options))
+    monkeypatch.setattr(serving, "security_of", lambda *security: security)
+    monkeypatch.setattr(serving, "serve", lambda *where, **options: asked.update(where=where, **options))
     assert (
         run(["slave", "tcp://10.0.0.1:7000", "--threads", "2", "--memory", "8G", "--insecure", "--rejoin", "1.5h"]) == 0
     )
     assert asked == {
-        "address": "tcp://10.0.0.1:7000",
+        "where": ("tcp://10.0.0.1:7000", ("tcp://10.0.0.1:7000", None, True)),
         "threads": 2,
         "device": "cpu",
         "memory": 8 * 2**30,
-        "keys": None,
-        "insecure": True,
         "patience": PATIENCE_S,
         "rejoin": 5400.0,
         "wait_for_kernels": True,

@@ -69,19 +69,18 @@ def run(args: argparse.Namespace) -> int:
     """Work until the master is done; returns the exit code."""
     from wdpm.cluster.host_memory import keep_free_memory
     from wdpm.devices import available_cores, check_memory
-    from wdpm.serving import serve_as_slave
+    from wdpm.serving import security_of, serve
     from wdpm.startup import hold_off_collector
 
     hold_off_collector()
     keep_free_memory()
     check_memory(args.memory)
-    serve_as_slave(
+    serve(
         args.address,
+        security_of(args.address, args.keys, args.insecure),
         threads=args.threads or max(1, available_cores() // args.share),
         device=args.device,
         memory=args.memory,
-        keys=args.keys,
-        insecure=args.insecure,
         patience=args.timeout,
         rejoin=args.rejoin,
         wait_for_kernels=args.compile == "first",
