@@ -14,13 +14,12 @@ from given_tree import give_tree
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_scenes import scenes_with_effects
+from watched_batches import watch_batches
 
 import wdpm
-from wdpm.cluster.batch import Batch
 from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.render_settings import RenderSettings, Routing
-from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.replica import with_camera
 from wdpm.images.image import Image
 from wdpm.kernels.features import ALL
@@ -148,16 +147,7 @@ def test_small_waves_and_full_photon_regions_change_no_bit(monkeypatch: pytest.M
 
 
 def test_every_batch_carries_credit_and_none_is_lost_or_made(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What has no credit may come home after its task has ended, when nobody waits for it any more."""
-    advance = Cell.advance
-
-    def checked(cell: Cell, batch: Batch) -> list[Batch]:
-        follows = list(advance(cell, batch))
-        assert all(following.credit > 0 for following in follows), batch.kind
-        assert sum(following.credit for following in follows) == batch.credit, batch.kind
-        return follows
-
-    monkeypatch.setattr(Cell, "advance", checked)
+    watch_batches(monkeypatch)
     for routing in Routing:
         render_in_process(CASES[name].scene, replace(FEW, spp=1, routing=routing), workers=2, cells=4)
 

@@ -14,17 +14,16 @@ from digests import alone, same_bits
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_scenes import scenes, scenes_with_effects
+from watched_batches import watch_batches
 
 import wdpm
-from wdpm.cluster.batch import Batch, Kind
+from wdpm.cluster.batch import Kind
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import machine
-from wdpm.cluster.messages.checks import check_batch
 from wdpm.cluster.plan import view as view_plan
 from wdpm.cluster.plan.copies import Copies
 from wdpm.cluster.records import CachePlan, Records, equal
 from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
-from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.images.image import Image
 from wdpm.rendering.in_process import render_in_process
@@ -240,20 +239,8 @@ def test_a_second_picture_on_the_same_slaves_begins_without_records() -> None:
 def test_every_batch_is_valid_and_no_credit_is_lost_or_made(
     name: str, way: Indirect, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    advance = Cell.advance
     kinds: set[Kind] = set()
-
-    def checked(cell: Cell, batch: Batch) -> list[Batch]:
-        follows = list(advance(cell, batch))
-        assert all(following.credit > 0 for following in follows), batch.kind
-        assert sum(following.credit for following in follows) == batch.credit, batch.kind
-        for following in follows:
-            following.check()
-            check_batch(following, cell.replica.world)
-            kinds.add(following.kind)
-        return follows
-
-    monkeypatch.setattr(Cell, "advance", checked)
+    watch_batches(monkeypatch, lambda batch: kinds.add(batch.kind))
     for routing in Routing:
         chosen = replace(FEW, indirect=way, spp=1, routing=routing)
         render_in_process(SCENES[name], chosen, workers=2, cells=4)
