@@ -43,7 +43,8 @@ from wdpm.scenes.errors import ProtocolError
 __all__ = ["Master", "Phase"]
 
 MOST_MISHAPS = 16
-"""Losses and separations of slaves in a row, without a task that is done, that a render survives."""
+"""Losses and separations of slaves in a row, without a task that is done, that a render survives. Slaves that had joined
+before the first of them do not count: however many are lost at once, each is lost but once."""
 
 
 class Master:
@@ -74,9 +75,11 @@ class Master:
         self._beat_at = 0.0
         self._status = RenderStatus()
         self._awaited = False
-        self._apart: dict[tuple[int, int], tuple[float, str]] = {}  # slaves that miss each other: until when, and why
+        # Slaves that miss each other, and in which epoch: until when, and why.
+        self._apart: dict[tuple[int, int, int], tuple[float, str]] = {}
         self._alone: tuple[float, str] | None = None  # since when no slave is there, and why
-        self._mishaps = (0, 0)  # tasks that were done when slaves were last lost or separated, and how often since then
+        # Tasks that were done and slaves that had ever joined when the first of some mishaps came, and their number.
+        self._mishaps = (-1, 0, 0)
 
     @property
     def phase(self) -> Phase:
@@ -199,8 +202,8 @@ class Master:
             out += self._wait(now)
         if self._alone is not None and now >= self._alone[0] + self._limits.rejoin_s:
             return self._break(f"{self._alone[1]}; no slave is left, and none came within {self._limits.rejoin_s:g} s")
-        for pair in [pair for pair, (until, _) in self._apart.items() if now >= until]:
-            out += self._separated(*pair, self._apart.pop(pair)[1], now)
+        for case in [case for case, (until, _) in self._apart.items() if now >= until]:
+            out += self._separated(*case, self._apart.pop(case)[1], now)
         out += self._phases.tick(now)
         if now < self._beat_at or self.phase is Phase.ENDED:
             return out
@@ -261,7 +264,7 @@ class Master:
         self._members.lose(member)
         left = f"{len(self._members)} of {self._members.expected} left"
         out: list[Instruction] = [Noted(f"{member} is lost: {reason}; {left}")]
-        hopeless = self._again_and_again(f"{member} is lost: {reason}")
+        hopeless = self._again_and_again(f"{member} is lost: {reason}", member)
         if hopeless:
             return out + hopeless
         out += self._phases.lost(member, now)
@@ -345,11 +348,12 @@ class Master:
         """A slave misses another one. That one may have died, which is known better in a moment."""
         if not 0 <= number < len(self._members.ever):
             return self._break(f"{member} broke the protocol: it knows no slave {number}")
-        self._apart.setdefault((member.number, number), (now + self._limits.peer_gone_s, unreachable))
+        case = (member.number, number, self._phases.epoch_of(member))
+        self._apart.setdefault(case, (now + self._limits.peer_gone_s, unreachable))
         return []
 
-    def _separated(self, number: int, other: int, unreachable: str, now: float) -> list[Instruction]:
-        """Two slaves missed each other a moment ago."""
+    def _separated(self, number: int, other: int, epoch: int, unreachable: str, now: float) -> list[Instruction]:
+        """Two slaves missed each other a moment ago, in an epoch of their team."""
         member, peer = self._members.ever[number], self._members.ever[other]
         if member.left or peer.left:
             return []
@@ -359,17 +363,21 @@ class Master:
                 f"{member} cannot reach {peer} at {endpoint}: {unreachable}; check that a firewall lets slaves "
                 "connect to each other at any port, and that both machines are in one network"
             )
+        if self._phases.epoch_of(member) != epoch:
+            return []  # many connections break together: for the first of them all have begun anew, and connected again
         text = f"the connection from {member} to {peer} broke"
         return self._again_and_again(text) or [
             Noted(f"{text}; they connect again"),
             *self._phases.separated(member, peer, now),
         ]
 
-    def _again_and_again(self, mishap: str) -> list[Instruction]:
+    def _again_and_again(self, mishap: str, lost: Member | None = None) -> list[Instruction]:
         """End a cluster that begins anew all the time and gets nothing done."""
-        done, times = self._mishaps
-        self._mishaps = (self._phases.tasks_done, 1 if self._phases.tasks_done > done else times + 1)
-        if self._mishaps[1] <= MOST_MISHAPS:
+        done, ever, times = self._mishaps
+        if self._phases.tasks_done > done:
+            done, ever, times = self._phases.tasks_done, len(self._members.ever), 0
+        self._mishaps = (done, ever, times + (lost is None or lost.number >= ever))
+        if self._mishaps[2] <= MOST_MISHAPS:
             return []
         times_in_words = f"slaves were lost or separated {MOST_MISHAPS} times"
         return self._break(f"{times_in_words}, and no task was done since then: {mishap}")
