@@ -3,6 +3,7 @@
     WdpmError
     ├── SceneError      something in a scene or model file; names file and line where known
     ├── SettingsError   a setting or an argument of the command line
+    │   └── JournalInUseError      another process renders the same image
     ├── ImageError      an image that cannot be read, written or compared
     │   ├── NotWrittenError        a file that cannot be written where it was to go
     │   └── CacheNotWrittenError   a render whose irradiance records cannot be written; has the image (cache_file.py)
@@ -45,6 +46,10 @@ class SceneError(WdpmError):
 
 class SettingsError(WdpmError):
     """A setting is out of range or contradicts another."""
+
+
+class JournalInUseError(SettingsError):
+    """Another process renders the same image, and keeps what is finished in the same file."""
 
 
 class ImageError(WdpmError):

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,7 +30,7 @@ from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.prepare import Prepared
 from wdpm.rendering.record_file import RecordWriter, read_records
 from wdpm.rendering.session_journal import SessionJournal
-from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.errors import JournalInUseError, SettingsError
 from wdpm.scenes.model.scene import Scene
 
 CHOSEN = RenderSettings(photons=1000, spp=2, k=20, indirect=Indirect.CACHE, bucket=8)
@@ -223,6 +226,49 @@ def test_what_is_left_is_not_overwritten(interrupted: Interrupted, tmp_path: Pat
         SessionJournal(path, resume=True)
 
 
+def owner_of(path: Path) -> subprocess.Popen[bytes]:
+    """A process that writes to a journal, and forks another that outlives it; it ends when its input does."""
+    code = (
+        "import os, signal, sys; from pathlib import Path; from wdpm.rendering.record_file import FileLock\n"
+        "lock = FileLock(Path(sys.argv[1]))\n"
+        "child = os.fork()\n"
+        "if not child:\n    signal.pause()\n"
+        "print(child, flush=True)\n"
+        "sys.stdin.read()"
+    )
+    pipe = subprocess.PIPE
+    return subprocess.Popen([sys.executable, "-c", code, str(path)], stdin=pipe, stdout=pipe)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="there is no flock")
+def test_another_process_that_renders_the_same_image_keeps_its_journal(
+    interrupted: Interrupted, tmp_path: Path
+) -> None:
+    path = tmp_path / "journal"
+    early = SessionJournal(path, resume=True, at_once=True)  # both began before either had anything to keep
+    path.write_bytes(interrupted.journal)
+    owner = owner_of(path)
+    assert owner.stdout is not None
+    child = int(owner.stdout.readline())
+    try:
+        for resume in (True, False):
+            with pytest.raises(JournalInUseError, match="another process that renders this image writes it; wait for"):
+                SessionJournal(path, resume=resume)
+        notes: list[str] = []
+        early.begin(interrupted.prepared, interrupted.session, PLAN, notes.append)
+        early.keep(interrupted.kept.buckets[0])
+        assert "cannot be written any more (another render writes it); the render goes on without" in notes[0]
+        early.remove()
+        assert path.read_bytes() == interrupted.journal
+    finally:
+        owner.kill()
+        owner.wait()
+    # What the owner has forked may live on for a moment, and keeps nobody from going on.
+    begun(path, interrupted.prepared, interrupted.session)
+    os.kill(child, signal.SIGKILL)
+    owner.communicate()
+
+
 def test_a_full_disk_ends_the_journal_and_not_the_render(
     interrupted: Interrupted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -247,6 +293,7 @@ def test_a_full_disk_ends_the_journal_and_not_the_render(
         image = render_in_passes(interrupted.scene, backend, CHOSEN, log=log, progress=Notes())
     assert image.digest() == interrupted.digest
     assert [note for note in notes if "No space left on device); the render goes on without" in note]
+    log.close()
     again = SessionJournal(path, resume=True)
     assert render(interrupted.scene, again).digest() == interrupted.digest
     again.close()

@@ -1,14 +1,19 @@
 """Files that only grow, a record at a time, and lose no more than the last ones however their writer ends.
 
+One process writes to such a file at a time: a lock (flock(2)) that the system lets go of when its owner ends, however
+it ends, tells others so.
+
 A record is some frames of bytes with their lengths and a sum over all. A reader takes records up to the first that is
 cut off or changed: nothing after it is looked at. What frames mean is the reader's business, and is checked there.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import struct
 import time
+import weakref
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -138,3 +143,60 @@ def _sync_folder(folder: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+class FileLock:
+    """The right to write to a file, as long as others ask for it, too.
+
+    Where the system or the disk has no such locks, everybody gets it.
+
+    Args:
+        path: of the file; it is created where there is none.
+
+    Raises:
+        BlockingIOError: somebody else has it.
+        OSError: the file cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._file = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o666)
+        try:
+            _lock(self._file)
+        except OSError:
+            self.release()
+            raise
+        _HELD.add(self)
+
+    def release(self) -> None:
+        """Let others have it; may be called again."""
+        _HELD.discard(self)
+        file, self._file = self._file, -1
+        if file >= 0:
+            os.close(file)
+
+
+_HELD: weakref.WeakSet[FileLock] = weakref.WeakSet()
+
+
+def _lock(file: int) -> None:
+    try:
+        import fcntl
+    except ModuleNotFoundError:  # Windows
+        return
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError:  # a disk without locks, over the network say
+        return
+
+
+def _let_go_in_child() -> None:
+    """All processes with the file open have the lock: those that are forked must not keep it when this one ends."""
+    for lock in list(_HELD):
+        with contextlib.suppress(OSError):
+            lock.release()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_let_go_in_child)

@@ -26,8 +26,8 @@ from wdpm.images.image import Image
 from wdpm.rendering.journal_head import JournalHead, differences, head_of, is_of_later_pass
 from wdpm.rendering.pass_plan import PassPlan
 from wdpm.rendering.prepare import Prepared
-from wdpm.rendering.record_file import Frame, RecordWriter, read_records
-from wdpm.scenes.errors import ProtocolError, SettingsError
+from wdpm.rendering.record_file import FileLock, Frame, RecordWriter, read_records
+from wdpm.scenes.errors import JournalInUseError, ProtocolError, SettingsError
 
 WORTH_S = 10.0
 """A render that takes no longer leaves no journal [s], unless one was asked for."""
@@ -57,6 +57,7 @@ class SessionJournal:
         mean: of the passes that were complete when the render was interrupted, if there were some.
 
     Raises:
+        JournalInUseError: another process renders the same image, and writes it.
         SettingsError: there is a journal, and it is not to be gone on with; or it cannot be.
     """
 
@@ -70,12 +71,23 @@ class SessionJournal:
         self._waiting: list[list[Frame]] = []
         self._note: Callable[[str], object] = lambda _: None
         self._failed = False
+        self._lock: FileLock | None = None
         self.mean: Image | None = None
-        if path.exists() and not resume:
-            raise SettingsError(
-                f"{path}: keeps what an interrupted render has done; give --resume to go on with it, or delete it"
-            )
-        self._left = _read_head(path) if path.exists() else None
+        self._left = self._found(resume) if path.exists() else None
+
+    def _found(self, resume: bool) -> _Left | None:
+        """What there is, which nobody else may write from now on."""
+        self._lock = _locked(self.path)
+        try:
+            if resume:
+                return _read_head(self.path)
+        except SettingsError:
+            self.close()
+            raise
+        self.close()
+        raise SettingsError(
+            f"{self.path}: keeps what an interrupted render has done; give --resume to go on with it, or delete it"
+        )
 
     def begin(self, prepared: Prepared, session: Session, plan: PassPlan, note: Callable[[str], object]) -> Session:
         """A pass begins. Returns its session, with what is done of it already.
@@ -87,7 +99,7 @@ class SessionJournal:
             SettingsError: the journal is of another render.
         """
         self._note = note
-        self.close()
+        self._close_writer()
         head = head_of(prepared, session, plan)
         left, self._left = self._left, None
         if left is not None and is_of_later_pass(left.head, head):
@@ -98,6 +110,7 @@ class SessionJournal:
             return session
         found = differences(left.head, head)
         if found:
+            self.close()
             raise SettingsError(
                 f"{self.path}: is of {', and '.join(found)}; give the same as before, or delete it to begin anew"
             )
@@ -137,14 +150,21 @@ class SessionJournal:
 
     def close(self) -> None:
         """Let go of the file; may be called again."""
+        self._close_writer()
+        if self._lock is not None:
+            self._lock.release()
+        self._lock = None
+
+    def remove(self) -> None:
+        """All is done: the file goes, if it is this render's."""
+        if self._lock is not None:
+            self.path.unlink(missing_ok=True)
+        self.close()
+
+    def _close_writer(self) -> None:
         if self._writer is not None:
             self._writer.close()
         self._writer, self._waiting = None, []
-
-    def remove(self) -> None:
-        """All is done."""
-        self.close()
-        self.path.unlink(missing_ok=True)
 
     def _kept(self, session: Session, left: _Left) -> tuple[Kept, int]:
         """What the file holds of a session, and where that ends."""
@@ -174,6 +194,8 @@ class SessionJournal:
             self._waiting = []
 
     def _open(self, end: int) -> None:
+        if self._lock is None:
+            self._lock = FileLock(self.path)
         self._writer = RecordWriter(self.path, end, self._clock)
 
     def _try(self, write: Callable[[], None]) -> None:
@@ -181,10 +203,21 @@ class SessionJournal:
             write()
         except OSError as error:
             self._failed = True
-            self.close()
-            self._note(
-                f"{self.path}: cannot be written any more ({error.strerror or error}); the render goes on without"
-            )
+            self._close_writer()
+            why = "another render writes it" if isinstance(error, BlockingIOError) else error.strerror or error
+            self._note(f"{self.path}: cannot be written any more ({why}); the render goes on without")
+
+
+def _locked(path: Path) -> FileLock | None:
+    """The right to write a journal that is there; None if this process may not write it anyway."""
+    try:
+        return FileLock(path)
+    except BlockingIOError:
+        raise JournalInUseError(
+            f"{path}: another process that renders this image writes it; wait for that one, or name another image"
+        ) from None
+    except OSError:  # found and told where it is read or written
+        return None
 
 
 def _read_head(path: Path) -> _Left | None:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wdpm import values
-from wdpm.scenes.errors import GuardError, ImageError, SceneError, SettingsError, WdpmError
+from wdpm.scenes.errors import GuardError, ImageError, JournalInUseError, SceneError, SettingsError, WdpmError
 from wdpm.scenes.load import GLTF, find
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def render_frames(args: argparse.Namespace, make_backend: Callable[[], Backend])
             _tell(args, f"frame {number} ({place} of {len(frames)})")
             try:
                 _render(frame, backend, view, exposure)
-            except (GuardError, ImageError, SceneError) as error:  # others are no better with the next frame
+            except (GuardError, ImageError, JournalInUseError, SceneError) as error:  # others end all
                 failed.append(str(number))
                 print(f"wdpm: error: frame {number}: {error}", file=sys.stderr)
     if failed:
