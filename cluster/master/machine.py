@@ -43,8 +43,8 @@ from wdpm.scenes.errors import ProtocolError
 __all__ = ["Master", "Phase"]
 
 MOST_MISHAPS = 16
-"""Losses and separations of slaves in a row, without a task that is done, that a render survives. Slaves that had joined
-before the first of them do not count: however many are lost at once, each is lost but once."""
+"""Losses and separations of slaves in a row, without a task that is done, that a render survives. Slaves that had
+joined before the first of them do not count: however many are lost at once, each is lost but once."""
 
 
 class Master:

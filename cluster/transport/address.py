@@ -30,6 +30,8 @@ def resolve(address: str) -> str:
         found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     except OSError as error:
         raise SettingsError(f"cannot find the machine '{host}' of {address}: {error.strerror}") from None
+    except UnicodeError:  # a part between two dots that is empty, or too long
+        raise SettingsError(f"cannot find the machine '{host}' of {address}: that can be no name") from None
     # Names often have both; what binds to the one kind is not reached by the other, so master and slave prefer alike.
     number = min(found, key=lambda entry: entry[0] != socket.AF_INET)[4][0]
     return join(str(number), port)

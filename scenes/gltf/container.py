@@ -212,6 +212,8 @@ class GltfFile:
         if "://" in uri:
             raise self.error(f'"{uri[:60]}": only files beside the scene are read, nothing is fetched')
         file = self.file.parent / unquote(uri)
+        if "\0" in str(file):
+            raise self.error(f"{uri!r} can be no name of a file")
         check_within(file, self.file)
         check_not_a_pointer(file, self.file)
         try:

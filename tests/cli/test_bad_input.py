@@ -122,6 +122,9 @@ def test_a_wrong_scene(body: str, expected: list[str], here: Path, capsys: pytes
         (["cornell-bax"], "cornell-box"),
         (["cornell-box", "-o", "image.bmp"], "image.bmp"),
         (["cornell-box", "-o", "nowhere/image.exr"], "nowhere"),
+        (["cornell-box", "-o", "x" * 300 + ".exr"], "name too long"),
+        (["x" * 300 + ".xml"], "name too long"),
+        (["x" * 300 + ".xml", "-o", "image.exr"], "xxx.xml: file name too long"),
         (["cornell-box", "--band", "0.5"], "--inexact"),
         (["cornell-box", "--k", "0"], "--k"),
         (["cornell-box", "--radius", "0"], "radius"),
@@ -296,3 +299,8 @@ def test_an_unreachable_master(capsys: pytest.CaptureFixture[str]) -> None:
     port = free_port()
     line = said(["slave", f"tcp://127.0.0.1:{port}", "--timeout", "1"], capsys, code=1)
     assert str(port) in line
+
+
+@pytest.mark.parametrize("host", ["two..dots", "long" * 20])
+def test_what_can_be_no_name_of_a_machine(host: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "that can be no name" in said(["slave", f"tcp://{host}:7117"], capsys)

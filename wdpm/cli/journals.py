@@ -77,9 +77,13 @@ def journals(args: argparse.Namespace, output: Path) -> Iterator[dict[str, Any]]
         output: the first of the images to write.
 
     Raises:
+        ImageError: the image cannot be written there: journals could not either.
         SettingsError: there is a journal of an interrupted render, which `args` do not ask to go on with; or it is of
             another one.
     """
+    from wdpm.images.files import check_place
+
+    check_place(output)
     places = places_of(output, args.journal)
     if args.journal is not None:
         _make_folder(args.journal)

@@ -7,6 +7,7 @@ called, only its own file is imported.
 from __future__ import annotations
 
 import argparse
+import errno
 import importlib
 import os
 import re
@@ -93,6 +94,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         # The reader of a pipe has left, as `| head` does. Python would complain once more when it flushes at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except OSError as error:
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        print(f"wdpm: error: {error.filename}: {str(error.strerror).lower()}", file=sys.stderr)  # whatever it was to be
+        return EXIT_BAD_INPUT
     finally:
         let_collector_go()
     return code

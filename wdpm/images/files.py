@@ -136,6 +136,13 @@ def check_output_path(path: str | Path, extensions: tuple[str, ...] | None = Non
 
 def check_place(path: Path) -> None:
     """Find out whether a file of any name can be written; raises ImageError as `check_output_path` does."""
+    try:
+        _check_place(path)
+    except OSError as error:
+        raise ImageError(f"{path}: cannot be written: {_reason(error)}") from None
+
+
+def _check_place(path: Path) -> None:
     if path.is_dir():
         raise ImageError(f"{path}: is a folder, not a file")
     if not path.parent.is_dir():
@@ -143,12 +150,9 @@ def check_place(path: Path) -> None:
     if path.exists() and not os.access(path, os.W_OK):
         raise ImageError(f"{path}: is there already and write-protected")
     probe = _temporary(path)
-    try:
-        _remove_left_over(path)
-        probe.touch(exist_ok=False)  # asking for rights is not enough: a full or read-only file system says yes
-        probe.unlink()
-    except OSError as error:
-        raise ImageError(f"{path}: cannot be written: {_reason(error)}") from None
+    _remove_left_over(path)
+    probe.touch(exist_ok=False)  # asking for rights is not enough: a full or read-only file system says yes
+    probe.unlink()
 
 
 def check_apart(uses: Iterable[tuple[str, Path | None]]) -> None:

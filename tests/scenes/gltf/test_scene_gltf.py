@@ -173,6 +173,7 @@ def test_primitive_modes(tmp_path: Path, mode: int, expected: list[list[int]] | 
         ({"buffers": [{"byteLength": 1000, "uri": "data:;base64,AAAA"}]}, "truncated"),
         ({"buffers": [{"byteLength": 92, "uri": "http://example.org/a.bin"}]}, "nothing is fetched"),
         ({"buffers": [{"byteLength": 92, "uri": "none.bin"}]}, '"none.bin" cannot be read'),
+        ({"buffers": [{"byteLength": 92, "uri": "a%00.bin"}]}, "'a%00.bin' can be no name of a file"),
         ({"bufferViews": [{"buffer": 0, "byteLength": 9999}]}, "beyond the end"),
         ({"nodes": [{"mesh": 0, "scale": [1, 0, 1]}]}, "flattens space"),
         ({"nodes": [{"mesh": 0, "scale": "big"}]}, '"scale" is "big"'),
