@@ -11,7 +11,7 @@ from pathlib import Path
 import warp as wp
 
 from wdpm.kernels.module_hashes import CPU_BLOCK, forget, hashes
-from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.errors import MachineError
 
 
 def is_compiled(module: wp.Module) -> bool:
@@ -70,13 +70,13 @@ def told_of_cache() -> Iterator[None]:
     """Have a cache that takes no kernels (it is read-only, or full) be an error in one line that says what helps.
 
     Raises:
-        SettingsError: in place of OSError.
+        MachineError: in place of OSError.
     """
     try:
         yield
     except OSError as error:
         where = error.filename or "Warp's cache folder"
-        raise SettingsError(
+        raise MachineError(
             f"compiled kernels cannot be kept in {where}: {error.strerror or error}; set WARP_CACHE_PATH to a folder "
             "that you can write to"
         ) from None

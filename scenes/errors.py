@@ -3,7 +3,8 @@
     WdpmError
     ├── SceneError      something in a scene or model file; names file and line where known
     ├── SettingsError   a setting or an argument of the command line
-    │   └── JournalInUseError      another process renders the same image
+    │   ├── JournalInUseError      another process renders the same image
+    │   └── MachineError           this machine cannot compute as it is
     ├── ImageError      an image that cannot be read, written or compared
     │   ├── NotWrittenError        a file that cannot be written where it was to go
     │   └── CacheNotWrittenError   a render whose irradiance records cannot be written; has the image (cache_file.py)
@@ -50,6 +51,10 @@ class SettingsError(WdpmError):
 
 class JournalInUseError(SettingsError):
     """Another process renders the same image, and keeps what is finished in the same file."""
+
+
+class MachineError(SettingsError):
+    """This machine cannot compute as it is: no kernel can be kept or loaded. Others may be fit."""
 
 
 class ImageError(WdpmError):

@@ -18,7 +18,7 @@ from wdpm.cluster.transport.zeromq.key_files import keys_for
 from wdpm.cluster.transport.zeromq.run_keys import FROM_STANDARD_INPUT, slave_keys
 from wdpm.devices import available_cores, check_device
 from wdpm.quiet import quiet_warp
-from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.errors import MachineError, SettingsError
 from wdpm.startup import let_collector_go
 
 if TYPE_CHECKING:
@@ -87,11 +87,9 @@ def serve(
     def make_worker(number: int, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]) -> Worker:
         from wdpm.cluster.host_cache import HostCache
         from wdpm.cluster.work.worker import CellWorker
-        from wdpm.kernels.compile import compile_kernels
         from wdpm.kernels.launch import Launcher
 
-        quiet_warp()
-        compile_kernels(device)
+        _prepare(device)
         let_collector_go()
         launcher = Launcher(device, threads, wait_for_kernels=wait_for_kernels)
         made = HostCache(neighbours, scene, in_main_memory=device == "cpu")
@@ -113,6 +111,17 @@ def serve(
     finally:
         if line is not None and local_sockets.is_local(master) and has_ended(line):
             local_sockets.leave_orphaned(master)
+
+
+def _prepare(device: str) -> None:
+    """Load Warp and the kernels of all scenes; MachineError if that cannot be, whatever is rendered."""
+    from wdpm.kernels.compile import compile_kernels
+
+    try:
+        quiet_warp()
+        compile_kernels(device)
+    except (OSError, RuntimeError, SettingsError) as error:
+        raise MachineError(f"it is not fit to compute: {error}") from None
 
 
 def limit_memory(limit: int) -> None:

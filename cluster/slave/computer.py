@@ -10,7 +10,7 @@ import traceback
 from wdpm.cluster.slave import events as s
 from wdpm.cluster.slave.jobs import Compute, Job
 from wdpm.cluster.transport.mailbox import Mailbox
-from wdpm.scenes.errors import WdpmError
+from wdpm.scenes.errors import MachineError, WdpmError
 
 LEAVE_S = 1.0
 """How long a slave that ends waits for the worker's last job."""
@@ -69,6 +69,8 @@ class ComputeThread:
             began = time.thread_time()
             outcome = self._compute.run(job)
             return s.Computed(outcome, time.thread_time() - began)
+        except MachineError as error:  # others may be fit
+            return s.Leave(str(error))
         except WdpmError as error:
             return s.ComputeFailed(str(error))
         except MemoryError:  # others may have more of it

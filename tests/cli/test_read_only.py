@@ -11,10 +11,11 @@ from typing import Any
 import pytest
 import warp as wp
 
+from wdpm import serving
 from wdpm.cli.main import main
 from wdpm.kernels import compile as module
 from wdpm.kernels.camera import filter_weights
-from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.errors import MachineError, SettingsError
 
 RENDER = ["render", "cornell-box", "--size", "8x8", "--spp", "1", "--integrator", "path", "--threads", "1", "-q"]
 
@@ -62,3 +63,19 @@ def test_a_cache_that_takes_no_kernel_is_one_line(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(wp, "force_load", refusing(errno.ENOSPC, tmp_path))
     with pytest.raises(SettingsError, match=r"cannot be kept in .*: No space left on device; set WARP_CACHE_PATH"):
         module.compile_for_cpu([wp.get_module(filter_weights.__name__)])
+
+
+@pytest.mark.parametrize(
+    "error",
+    [RuntimeError("Failed to load the shared library"), SettingsError("no temporary file can be written")],
+    ids=["libraries", "temporary files"],
+)
+def test_a_slave_that_cannot_load_what_computes_is_not_fit(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It leaves, and others go on: a fault of what is rendered would end the render."""
+
+    def fails() -> None:
+        raise error
+
+    monkeypatch.setattr(serving, "quiet_warp", fails)
+    with pytest.raises(MachineError, match=f"it is not fit to compute: {error}"):
+        serving._prepare("cpu")

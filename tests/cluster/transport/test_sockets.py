@@ -39,7 +39,7 @@ from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.slave.process import run_slave
 from wdpm.cluster.task import PhotonTask, Task
 from wdpm.cluster.transport.zeromq.sockets import connect, make_socket, send
-from wdpm.scenes.errors import ClusterEndedError, ClusterError, SettingsError
+from wdpm.scenes.errors import ClusterEndedError, ClusterError, MachineError, SettingsError
 
 pytestmark = [pytest.mark.sockets, pytest.mark.processes]
 
@@ -282,9 +282,16 @@ def test_a_failing_worker_ends_the_render(error: Exception, capsys: pytest.Captu
 OF_WARP = RuntimeError("Failed to allocate 4096 bytes on device 'cpu'")
 
 
-@pytest.mark.parametrize("error", [MemoryError(), OF_WARP], ids=["numpy", "warp"])
+UNFIT = MachineError("compiled kernels cannot be kept")
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [(MemoryError(), "not enough memory"), (OF_WARP, "not enough memory"), (UNFIT, "kernels cannot be kept")],
+    ids=["numpy", "warp", "kernels"],
+)
 @pytest.mark.parametrize("team", [1, 2])
-def test_a_slave_that_has_not_enough_memory_is_done_without(team: int, error: Exception) -> None:
+def test_a_slave_whose_machine_is_not_fit_is_done_without(team: int, error: Exception, said: str) -> None:
     class Small(FakeWorker):
         def finish_maps(self) -> None:
             raise error
@@ -295,7 +302,7 @@ def test_a_slave_that_has_not_enough_memory_is_done_without(team: int, error: Ex
         result = master.render(session)
         check_picture(session, result.layers)
         assert len(result.lost) == 1
-    assert "not enough memory" in str(slaves[0].end())
+    assert said in str(slaves[0].end())
     assert slaves[1].end() is None
 
 
