@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import queue
 import threading
 import time
@@ -18,8 +19,8 @@ LEAVE_S = 1.0
 NO_MEMORY = "it has not enough memory; use more slaves, or fewer photons or triangles"
 """Why a slave leaves."""
 
-WARP_NO_MEMORY = "Failed to allocate"
-"""How Warp's error begins that says the same of its own arrays."""
+NO_MEMORY_WORDS = ("Failed to allocate", "can't start new thread")
+"""How errors begin that say the same: of Warp's arrays, and of the room for a thread's stack."""
 
 
 class ComputeThread:
@@ -73,11 +74,18 @@ class ComputeThread:
             return s.Leave(str(error))
         except WdpmError as error:
             return s.ComputeFailed(str(error))
-        except MemoryError:  # others may have more of it
-            return s.Leave(NO_MEMORY)
         except Exception as error:
-            if isinstance(error, RuntimeError) and str(error).startswith(WARP_NO_MEMORY):
+            if _is_of_memory(error):  # others may have more of it
                 return s.Leave(NO_MEMORY)
             # A fault of the program: its place goes to the log here, one line to the master.
             traceback.print_exc()
             return s.ComputeFailed(f"{type(error).__name__} in {type(job).__name__}: {error}")
+
+
+def _is_of_memory(error: Exception) -> bool:
+    """Whether a job has failed for want of memory: numpy, the system and Warp each say it in another way."""
+    if isinstance(error, OSError):
+        return error.errno == errno.ENOMEM
+    return isinstance(error, MemoryError) or (
+        isinstance(error, RuntimeError) and str(error).startswith(NO_MEMORY_WORDS)
+    )

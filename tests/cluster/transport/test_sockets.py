@@ -6,6 +6,7 @@ Slaves are threads where nothing has to die, and processes where something has.
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import signal
 import socket
@@ -287,8 +288,14 @@ UNFIT = MachineError("compiled kernels cannot be kept")
 
 @pytest.mark.parametrize(
     ("error", "said"),
-    [(MemoryError(), "not enough memory"), (OF_WARP, "not enough memory"), (UNFIT, "kernels cannot be kept")],
-    ids=["numpy", "warp", "kernels"],
+    [
+        (MemoryError(), "not enough memory"),
+        (OF_WARP, "not enough memory"),
+        (OSError(errno.ENOMEM, "Cannot allocate memory"), "not enough memory"),
+        (RuntimeError("can't start new thread"), "not enough memory"),
+        (UNFIT, "kernels cannot be kept"),
+    ],
+    ids=["numpy", "warp", "system", "thread", "kernels"],
 )
 @pytest.mark.parametrize("team", [1, 2])
 def test_a_slave_whose_machine_is_not_fit_is_done_without(team: int, error: Exception, said: str) -> None:
