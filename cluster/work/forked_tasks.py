@@ -106,7 +106,7 @@ class ForkedTasks:
         for process in self._processes:
             self._hand_next(process)
         if self._waiting and len(self._processes) < self._count:
-            self._hand_next(self._fork())
+            self._add()
 
     def wait(self, seconds: float | None = None) -> list[TaskResult]:
         """Results that have come; waits for one, for so long at most.
@@ -115,6 +115,8 @@ class ForkedTasks:
             WdpmError: what a task raised.
             ClusterError: processes were killed, again and again.
         """
+        if not self._processes and self._waiting:
+            return list(self._worker.start(self._waiting.popleft()).results)
         results: list[TaskResult] = []
         for key, _ in self._selector.select(seconds):
             process: _Process = key.data
@@ -155,6 +157,18 @@ class ForkedTasks:
 
     # The parent's side.
 
+    def _add(self) -> None:
+        """Give what waits to another process, or to those that there are where the system allows no more of them.
+
+        A container may have a limit of processes, or be short of memory. Where there is none, `wait` does the tasks.
+        """
+        try:
+            self._hand_next(self._fork())
+        except OSError:
+            self._count = len(self._processes)
+            for process in self._processes:
+                self._hand_next(process)
+
     def _fork(self) -> _Process:
         if not self._processes:
             _end([], self._ending, os.getpid())
@@ -174,7 +188,12 @@ class ForkedTasks:
             # touched on the other side.
             warnings.simplefilter("ignore", DeprecationWarning)
             parent = os.getpid()
-            pid = os.fork()
+            try:
+                pid = os.fork()
+            except OSError:
+                ours.close()
+                theirs.close()
+                raise
         if pid == 0:
             ours.close()
             for process in self._processes:
@@ -222,7 +241,7 @@ class ForkedTasks:
             )
         if lost.task is not None:
             self._waiting.appendleft(lost.task)
-        self._hand_next(self._fork())
+        self._add()
 
 
 def _send(process: _Process, frames: list[Frame]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import os
 import signal
@@ -215,6 +216,28 @@ def test_processes_that_are_killed_again_and_again_end_the_render(forked: Forked
 
     with pytest.raises(ClusterError, match=r"end again and again \(killed by signal 9\)"):
         kill_all()
+
+
+@pytest.mark.parametrize("allowed", [0, 1, 2])
+def test_a_system_that_allows_few_processes_or_none(
+    allowed: int, worker: CellWorker, forked: ForkedTasks, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    expected = [worker.start(task).results[0] for task in BUCKETS]
+    left, fork = [allowed], os.fork
+
+    def fork_some() -> int:
+        if not left[0]:
+            raise BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
+        left[0] -= 1
+        return fork()
+
+    monkeypatch.setattr(os, "fork", fork_some)
+    for task in BUCKETS:
+        forked.start(task)
+    assert len(processes_of(forked)) == allowed
+    if allowed == 2:  # and no other can take the place of one that is lost
+        os.kill(processes_of(forked)[0], signal.SIGKILL)
+    assert same_pixels(finish(forked), expected)
 
 
 def test_what_a_task_raises_is_raised(worker: CellWorker) -> None:
