@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, by_destination, joined, take, take_in_order
-from wdpm.cluster.rows import any_of, largest_of, take_rows
+from wdpm.cluster.rows import any_of, take_rows
 from wdpm.cluster.runs import Runs
 from wdpm.cluster.work import guards, parts
 from wdpm.cluster.work.beams import Beams, start_beams
@@ -26,7 +26,7 @@ from wdpm.kernels import columns
 from wdpm.kernels.camera import vertices
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.camera.paths import Paths
-from wdpm.kernels.camera.rays import Rays, first_path_cells
+from wdpm.kernels.camera.rays import Rays
 from wdpm.kernels.materials.types import DIFFUSE
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
 from wdpm.kernels.ray_fields import HIT
@@ -204,9 +204,18 @@ class CameraLight:
         numbers, are shaded one after another: what they read (the triangle, irradiance near by, texels, the way to the
         lamps) is then in the processor's caches still.
         """
-        replica, count = self._replica, len(batch)
-        rays = columns.upload(Paths, batch.arrays, replica.launcher.device, HIT)
-        array = self._integers(count)
+        rays = columns.upload(Paths, batch.arrays, self._replica.launcher.device, HIT)
+        onward = self._visit(rays, len(batch), sets_out=False)
+        yield from self._sort_out(batch.runs, columns.download(rays, SCHEMAS[Kind.PATH]), onward)
+
+    def _visit(self, rays: Any, count: int, *, sets_out: bool) -> NDArray[np.int32]:
+        """The cell that each ray of a path visits next; -1 where its hit, if any, is final; or PATH_ENDED.
+
+        Args:
+            rays: kernels.camera.paths.Paths; best hits are refined in place.
+            sets_out: whether they have been nowhere yet: then this cell is asked only where it is the first.
+        """
+        replica, onward = self._replica, self._integers(count)
         replica.launcher(
             replica.kernels.visit_paths,
             count,
@@ -215,16 +224,25 @@ class CameraLight:
             cells=replica.cells,
             paths=rays,
             own_cell=self._cell,
-            next_cell_out=array,
+            sets_out=int(sets_out),
+            next_cell_out=onward,
         )
-        onward, paths = array.numpy(), columns.download(rays, SCHEMAS[Kind.PATH])
-        hit = paths["prim"] >= 0
-        yield from self._send_paths(batch.runs, Kind.PATH, paths, onward, onward >= 0)
-        yield from self._send_vertices(batch.runs, paths, (onward < 0) & hit)
-        missed = np.flatnonzero((onward < 0) & ~hit)
+        told: NDArray[np.int32] = onward.numpy()
+        return told
+
+    def _sort_out(self, runs: Runs, paths: Arrays, onward: NDArray[np.int32]) -> Iterator[Batch]:
+        """Send rays that this cell has been asked about where they are to go.
+
+        Args:
+            onward: as _visit tells it.
+        """
+        final, hit = onward == _FINAL, paths["prim"] >= 0
+        yield from self._send_paths(runs, paths, onward)
+        yield from self._send_vertices(runs, paths, final & hit)
+        missed = np.flatnonzero(final & ~hit)
         if len(missed):
-            runs = self._with_credit(batch.runs.among(missed), paths["bounce"][missed])
-            yield from missed_light(replica, self.guards, runs, self._cell, paths, missed)
+            left = self._with_credit(runs.among(missed), paths["bounce"][missed])
+            yield from missed_light(self._replica, self.guards, left, self._cell, paths, missed)
 
     def shade_vertices(self, batch: Batch) -> Iterator[Batch]:
         """Light final hits of paths in this cell."""
@@ -345,33 +363,25 @@ class CameraLight:
             yield from start_beams(self._replica, cause.runs, shaded.stretches)
 
     def _start_paths(self, cause: Batch, going_on: Any) -> Iterator[Batch]:
-        replica = self._replica
-        paths = columns.download(going_on, SCHEMAS[Kind.PATH])
-        paths["throughput"] = self.guards.blacken(paths["throughput"], guards.THROUGHPUT, cause.arrays)
+        """Send rays of paths on their way: most begin where they are, so this cell is asked at once."""
+        told = columns.download(going_on, ("throughput", "bounce"))
+        throughput = self.guards.blacken(told["throughput"], guards.THROUGHPUT, cause.arrays)
+        if throughput is not told["throughput"]:
+            going_on.throughput = columns.array_over(throughput, wp.vec3, self._replica.launcher.device)
         # The kernel ends them all there; hardly any has not been ended by Russian roulette long before.
-        self.guards.act(guards.PATHS_CUT, np.flatnonzero(paths["bounce"] >= parts.LAST_BOUNCE), cause.arrays)
-        carries = largest_of(paths["throughput"]) > 0.0
-        if replica.world.top_tree.cells == 1:
-            yield from self._send_paths(cause.runs, Kind.PATH, paths, np.zeros(len(carries), np.int32), carries)
+        self.guards.act(guards.PATHS_CUT, np.flatnonzero(told["bounce"] >= parts.LAST_BOUNCE), cause.arrays)
+        if not throughput.any():
             return
-        carrying = np.flatnonzero(carries)
-        if not len(carrying):
-            return
-        paths = take(paths, carrying)
-        first = self._integers(len(paths["slot"]))
-        rays = columns.upload(Paths, paths, replica.launcher.device)
-        replica.launcher(first_path_cells, len(paths["slot"]), cells=replica.cells, paths=rays, next_cell_out=first)
-        destination = first.numpy()
-        runs = cause.runs.among(carrying)
-        yield from self._send_paths(runs, Kind.PATH, paths, destination, destination >= 0)
+        onward = self._visit(going_on, len(cause), sets_out=True)
+        for batch in self._sort_out(cause.runs, columns.download(going_on, SCHEMAS[Kind.PATH]), onward):
+            if batch.kind is not Kind.ENDED:  # credit that never sets out goes home with the vertex's own light
+                yield batch
 
-    def _send_paths(
-        self, runs: Runs, kind: Kind, paths: Arrays, destination: NDArray[np.int32], chosen: NDArray[np.bool_]
-    ) -> Iterator[Batch]:
-        """Send the chosen paths where they are to go."""
-        for cell, rows in by_destination(destination, chosen):
+    def _send_paths(self, runs: Runs, paths: Arrays, destination: NDArray[np.int32]) -> Iterator[Batch]:
+        """Send paths to the cells where they are to go, none where that is negative."""
+        for cell, rows in by_destination(destination, destination >= 0):
             sent = take(paths, rows)
-            yield Batch(kind, cell, self._with_credit(runs.among(rows), sent["bounce"]), sent)
+            yield Batch(Kind.PATH, cell, self._with_credit(runs.among(rows), sent["bounce"]), sent)
 
     def _send_vertices(self, runs: Runs, paths: Arrays, chosen: NDArray[np.bool_]) -> Iterator[Batch]:
         """Send the chosen paths to the cells of their hits: those of a task in the order of the triangles."""
@@ -395,6 +405,9 @@ class CameraLight:
     def _integers(self, count: int) -> Any:
         return columns.integers(count, self._replica.launcher.device)
 
+
+_FINAL: Final = -1
+"""In place of the next cell: a ray need not be asked about in any other."""
 
 _CAUSE = {
     parts.EMISSION: guards.EMISSION,

@@ -42,7 +42,10 @@ class Shadows:
         self._scene = scene
 
     def start(self, cause: Batch, shots: Any) -> Iterator[Batch]:
-        """Send shadow segments to the first cell on their way; those that carry nothing or meet nothing end here."""
+        """Send shadow segments on their way; those that carry nothing, and those that this cell settles, end here.
+
+        Most begin where they are: so this cell looks for blockers at once, and has but those to send that go on.
+        """
         replica = self._replica
         arrays = columns.download(shots, SCHEMAS[Kind.SHADOW])
         each = len(arrays["slot"]) // len(cause)
@@ -50,43 +53,50 @@ class Shadows:
         radiance = self._guards.blacken(arrays["radiance"], guards.DIRECT, cause.arrays, each)
         blackened = radiance is not arrays["radiance"]
         arrays["radiance"] = radiance
-        count = len(arrays["slot"])
-        if replica.world.top_tree.cells == 1 and not replica.world.features.walks:
-            yield Batch(Kind.SHADOW, self._cell, runs.with_unit(), arrays)
-            return
         segments = columns.part_of(sr.Segments, shots)
         if blackened:
             segments.radiance = columns.array_over(radiance, wp.vec3, replica.launcher.device)
+        if not replica.world.features.walks:
+            onward = self._look_for_blockers(segments, len(radiance), sets_out=True)
+            yield from self._send(runs, Kind.SHADOW, arrays, onward)
+            yield from self._arrive(runs, arrays, onward)
+            return
+        count = len(radiance)
         first = self._integers(count)
         replica.launcher(sr.first_shadow_cells, count, cells=replica.cells, segments=segments, next_cell_out=first)
-        if replica.world.features.walks:
-            medium = columns.column(shots, "medium") if replica.world.features.media else np.full(count, -1, np.int32)
-            arrays = {**arrays, "medium": medium, **_no_blockers(count)}
-            destination = first.numpy()
-            # What meets nothing still passes its medium, which is looked after where it starts.
-            destination = np.where(destination == sr.SHADOW_CLEAR, np.int32(self._cell), destination)
-            yield from self._send(runs, Kind.SHADOW_WALK, arrays, destination)
-        else:
-            yield from self._send(runs, Kind.SHADOW, arrays, first.numpy())
-            yield from self._arrive(runs, arrays, first.numpy())
+        medium = columns.column(shots, "medium") if replica.world.features.media else np.full(count, -1, np.int32)
+        arrays = {**arrays, "medium": medium, **_no_blockers(count)}
+        destination = first.numpy()
+        # What meets nothing still passes its medium, which is looked after where it starts.
+        destination = np.where(destination == sr.SHADOW_CLEAR, np.int32(self._cell), destination)
+        yield from self._send(runs, Kind.SHADOW_WALK, arrays, destination)
 
     def visit(self, batch: Batch) -> Iterator[Batch]:
         """Look for blockers."""
-        replica = self._replica
-        segments = columns.upload(sr.Segments, batch.arrays, replica.launcher.device, written=())
-        array = self._integers(len(batch))
+        segments = columns.upload(sr.Segments, batch.arrays, self._replica.launcher.device, written=())
+        onward = self._look_for_blockers(segments, len(batch), sets_out=False)
+        yield from self._send(batch.runs, Kind.SHADOW, batch.arrays, onward)
+        yield from self._end(batch.runs, batch.arrays, onward)
+
+    def _look_for_blockers(self, segments: sr.Segments, count: int, *, sets_out: bool) -> NDArray[np.int32]:
+        """The cell that each segment visits next, SHADOW_BLOCKED or SHADOW_CLEAR, shape [count].
+
+        Args:
+            sets_out: whether they have been nowhere yet: then this cell is asked only where it is the first.
+        """
+        replica, onward = self._replica, self._integers(count)
         replica.launcher(
             replica.kernels.visit_shadow_segments,
-            len(batch),
+            count,
             trees=self._trees,
             cells=replica.cells,
             segments=segments,
             own_cell=self._cell,
-            next_cell_out=array,
+            sets_out=int(sets_out),
+            next_cell_out=onward,
         )
-        onward = array.numpy()
-        yield from self._send(batch.runs, Kind.SHADOW, batch.arrays, onward)
-        yield from self._end(batch.runs, batch.arrays, onward)
+        told: NDArray[np.int32] = onward.numpy()
+        return told
 
     def visit_walks(self, batch: Batch) -> Iterator[Batch]:
         """Look for the next surface on the way of segments that may pass through some."""

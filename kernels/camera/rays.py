@@ -23,6 +23,10 @@ from wdpm.kernels.rays.two_level import Trees, closest_function
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
+PATH_ENDED = wp.constant(-2)
+"""In place of the next cell: a ray that carries nothing. One whose hit is final has -1 there."""
+
+
 @columns_of(CAMERA_RAY)
 class Rays(FromFields):
     """Camera rays, one an item, with their best hits so far."""
@@ -152,16 +156,30 @@ def make_visit_paths(features: Features) -> wp.Kernel:
         cells: Cells,
         paths: Paths,
         own_cell: wp.int32,
+        sets_out: wp.int32,
         offset: wp.int32,
         next_cell_out: wp.array[wp.int32],
     ) -> None:
-        """As visit_camera_rays, for rays that carry where they come from."""
+        """As visit_camera_rays, for rays that carry where they come from.
+
+        Args:
+            sets_out: 1 for rays that have been nowhere yet: those are intersected only if this cell is the first on
+                their way, and those that carry nothing are PATH_ENDED. Else 0.
+        """
         i = offset + wp.tid()
-        hit = load_hit(paths, i)
-        found = closest_hit(trees, paths.origin[i], paths.direction[i], hit)
-        if found.prim != hit.prim:
-            store_hit(found, i, paths)
-            paths.owner[i] = owner_of(cells, surfaces, found)
-        next_cell_out[i] = next_cell(cells, paths.origin[i], paths.direction[i], found.t, own_cell)
+        origin, direction = paths.origin[i], paths.direction[i]
+        onward = own_cell
+        if sets_out != 0:
+            onward = PATH_ENDED
+            if wp.max(paths.throughput[i]) > 0.0:
+                onward = next_cell(cells, origin, direction, paths.t[i], -1)
+        if onward == own_cell:
+            hit = load_hit(paths, i)
+            found = closest_hit(trees, origin, direction, hit)
+            if found.prim != hit.prim:
+                store_hit(found, i, paths)
+                paths.owner[i] = owner_of(cells, surfaces, found)
+            onward = next_cell(cells, origin, direction, found.t, own_cell)
+        next_cell_out[i] = onward
 
     return visit_paths

@@ -79,7 +79,6 @@ class Recorder:
         self._vertices: list[_Vertex] = []
         self._lit: dict[tuple[int, int], tuple[float, float, float]] = {}
         self._passes: dict[tuple[int, int], int] = {}
-        self._ray: dict[str, Any] = {}
 
     # What happens
 
@@ -123,9 +122,7 @@ class Recorder:
 
     def saw(self, batch: Batch) -> None:
         """A batch is about to be worked off."""
-        if batch.kind is Kind.PATH:
-            self._ray = {name: column[0].copy() for name, column in batch.arrays.items()}
-        elif batch.kind is Kind.SHADOW_WALK_HIT:
+        if batch.kind is Kind.SHADOW_WALK_HIT:
             for part in self._parts(batch):
                 self._passes[part] = self._passes.get(part, 0) + 1
         elif batch.kind is Kind.SAMPLES:
@@ -170,12 +167,13 @@ class Recorder:
     def _beyond(self, bounce: int, names: Names) -> ReplayVertex:
         """Where the path ends without a hit."""
         camera = self._view.camera
-        medium = int(self._ray["medium"]) if bounce else -1 if camera.medium is None else camera.medium
+        ray = self._vertices[-1].onward if self._vertices else None
+        medium = -1 if camera.medium is None else camera.medium
         return ReplayVertex(
             bounce,
-            int(self._ray["edges"]) if bounce else 1,
-            names.medium(medium),
-            _rgb(self._ray["throughput"]) if bounce else (1.0, 1.0, 1.0),
+            1 if ray is None else int(ray["edges"]),
+            names.medium(medium if ray is None else int(ray["medium"])),
+            (1.0, 1.0, 1.0) if ray is None else _rgb(ray["throughput"]),
             None,
             None,
             self._lit.get((bounce, parts.EMISSION), BLACK),
