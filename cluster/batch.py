@@ -277,16 +277,29 @@ def zeros(kind: Kind, count: int = 0) -> dict[str, NDArray[Any]]:
 
 
 def by_destination(destination: NDArray[np.int32], chosen: NDArray[np.bool_]) -> Iterator[tuple[int, NDArray[np.intp]]]:
-    """The chosen rows, grouped by destination, in ascending order of both."""
+    """The chosen rows, grouped by destination, in ascending order of both.
+
+    Raises:
+        ProtocolError: a chosen one is negative, as a ray's may be that somebody sent.
+    """
     rows = chosen.nonzero()[0]
     if not len(rows):
         return
     targets = destination.take(rows)
-    if np.count_nonzero(targets != targets[0]) == 0:
-        yield int(targets[0]), rows
+    least, most = int(np.minimum.reduce(targets)), int(np.maximum.reduce(targets))
+    if least < 0:
+        raise ProtocolError(f"something is on its way to cell {least}")
+    if least == most:
+        yield most, rows
         return
-    for target in np.unique(targets):
-        yield int(target), rows.take((targets == target).nonzero()[0])
+    counts = np.bincount(targets)
+    # NumPy sorts numbers of 8 or 16 bits by their digits: in a third of the time that np.unique takes for its part.
+    digits = np.uint8 if most < 1 << 8 else np.uint16 if most < 1 << 16 else np.int32
+    ordered = rows.take(targets.astype(digits).argsort(kind="stable"))
+    there = counts.nonzero()[0]
+    ends = counts.take(there).cumsum().tolist()
+    for target, start, end in zip(there.tolist(), [0, *ends], ends, strict=False):
+        yield target, ordered[start:end]
 
 
 def by_home(batches: Iterable[Batch]) -> Iterator[Batch]:

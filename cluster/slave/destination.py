@@ -20,7 +20,12 @@ def destination_of(batch: Batch, setup: Setup | None, source: str) -> int:
     holders = () if setup is None else setup.holders
     slaves = 0 if setup is None else len(setup.peers)
     homes = batch.runs.home
-    known = batch.kind in OF_MAPS or (homes.min() >= 0 and homes.max() < slaves)
+    if batch.kind in OF_MAPS:
+        known = True
+    elif len(homes) == 1:
+        known = 0 <= homes.item(0) < slaves
+    else:
+        known = homes.min() >= 0 and homes.max() < slaves
     if not (0 <= batch.cell < len(holders) and known):
         named = ", ".join(str(home) for home in sorted(set(homes.tolist())))
         raise ProtocolError(

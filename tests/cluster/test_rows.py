@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from wdpm.cluster.batch import by_destination, take_in_order
 from wdpm.cluster.rows import any_of, in_order, largest_of, put_rows, summed, take_rows
 from wdpm.cluster.runs import Runs
+from wdpm.scenes.errors import ProtocolError
 
 RNG = np.random.default_rng(3)
 VECTORS = RNG.normal(size=(50, 3)).astype(np.float32) * RNG.integers(0, 2, (50, 3)).astype(np.float32)
@@ -72,7 +73,10 @@ def test_rows_of_each_run_stay_together() -> None:
     assert take_in_order(arrays, np.array([0, 1, 2, 4]), "prim", runs)["prim"].tolist() == [2, 5, 0, 9]
 
 
-@given(st.lists(st.tuples(st.integers(-1, 3), st.booleans()), max_size=30))
+CELLS = st.integers(0, 3) | st.sampled_from([255, 256, 65_535, 65_536])
+
+
+@given(st.lists(st.tuples(CELLS, st.booleans()) | st.tuples(st.just(-1), st.just(False)), max_size=30))
 def test_chosen_rows_go_to_their_destinations_in_order(rows: list[tuple[int, bool]]) -> None:
     destination = np.array([where for where, _ in rows], np.int32)
     chosen = np.array([is_chosen for _, is_chosen in rows], np.bool_)
@@ -83,3 +87,9 @@ def test_chosen_rows_go_to_their_destinations_in_order(rows: list[tuple[int, boo
             expected.setdefault(where, []).append(row)
     assert found == expected
     assert list(found) == sorted(found)
+
+
+def test_no_chosen_row_goes_nowhere() -> None:
+    for chosen in ([True, True], [False, True]):
+        with pytest.raises(ProtocolError, match="on its way to cell -1"):
+            list(by_destination(np.array([3, -1], np.int32), np.array(chosen)))
