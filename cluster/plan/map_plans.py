@@ -68,6 +68,12 @@ many a disc's area is told to a tenth there."""
 POINTS_IN_DISC = 1 << 11
 """Surface points in the largest gather that are enough, of few photons: more would cost more than the gather itself."""
 
+CAUSTIC_POINTS_IN_DISC = 1 << 9
+"""The same of the caustic map, which every camera sample asks: they are counted anew each time, and 512 tell a disc's
+area to a hundredth."""
+
+_POINTS_IN_DISC = (POINTS_IN_DISC, CAUSTIC_POINTS_IN_DISC, POINTS_IN_DISC)
+
 VOLUME_PHOTONS_MOST = 1 << 22
 """Photons that media may scatter for the sake of the global map, if fewer are asked for. In white fog without end
 hardly a path comes to a surface: its map has few photons."""
@@ -113,8 +119,8 @@ def map_plans(pilot: PhotonPilot, settings: RenderSettings, flat: FlatScene) -> 
         _given(settings.volume_radius, unit) or _beam_radius(photons[VOLUME_MAP], expected[VOLUME_MAP], extent),
     ]
     plans = [
-        MapPlan(p, r, settings.band * r, old.read, point_area(measured.area, r, e))
-        for p, r, e, old in zip(every, radii, expected, world.maps, strict=True)
+        MapPlan(p, r, settings.band * r, old.read, point_area(measured.area, r, e, most))
+        for p, r, e, old, most in zip(every, radii, expected, world.maps, _POINTS_IN_DISC, strict=True)
     ]
     words = caustics_in_words(caustics, pilot, settings.caustic_photons, caustic_paths)
     chose = () if words is None else (words,)
@@ -258,14 +264,15 @@ def _gather_radius(median: float, stored: int, k: int, expected: float, extent: 
     return RADIUS_MARGIN * median * math.sqrt(k / PILOT_K / denser)
 
 
-def point_area(area: float, radius: float, photons: float) -> float:
+def point_area(area: float, radius: float, photons: float, in_disc: int = POINTS_IN_DISC) -> float:
     """The area that a surface point stands for, of a map of so many photons on a scene of that area [m²].
 
     Args:
         area: of all surfaces [m²].
         radius: of the widest gather [m].
+        in_disc: points in that gather that are enough, of few photons.
     """
     discs = max(1.0, area / (math.pi * radius**2))  # one that is larger than the scene holds all that there is
-    least = min(POINTS_LEAST, POINTS_IN_DISC * discs)
+    least = min(POINTS_LEAST, in_disc * discs)
     wanted = max(POINTS_A_PHOTON * photons, min(POINTS_A_DISC * discs, POINTS_FOR_DISCS), least)
     return area / min(wanted, POINTS_MOST)

@@ -255,7 +255,8 @@ def reflect_gathered(
     i = offset + wp.tid()
     stack = wp.zeros(shape=(_STACK,), dtype=wp.int32)
     incoming = irradiance[i]
-    if radius[i] > clearance[i]:
+    # Around most places that ask a map of few photons there are none: of nothing no share need be known.
+    if radius[i] > clearance[i] and wp.max(incoming) > 0.0:
         # Where photons lie denser than points, the share of a disc that is surface is that of a somewhat larger disc.
         r = wp.max(radius[i], wp.min(wp.sqrt(LEAST_POINTS * point_area / _PI), r_max))
         larger2 = wp.min(r * r / wp.max(radius[i] * radius[i], _LEAST_SQUARE), _LARGER2_MOST)

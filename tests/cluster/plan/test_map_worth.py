@@ -14,9 +14,9 @@ from tests.helpers.effect_scenes import Builder, camera
 from wdpm.cluster.plan import map_worth
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.map_plans import (
+    CAUSTIC_POINTS_IN_DISC,
     POINTS_A_DISC,
     POINTS_FOR_DISCS,
-    POINTS_IN_DISC,
     MapPlans,
     map_plans,
     point_area,
@@ -144,7 +144,7 @@ def test_wide_gathers_of_few_photons_count_no_more_surface_than_they_need() -> N
     caustic = map_plans(pilot, settings, flat).maps[1]
     area = float(triangle_areas(flat.triangles.positions).sum())
     discs = area / (3.14159 * caustic.radius**2)
-    assert area / caustic.point_area == pytest.approx(POINTS_IN_DISC * discs, rel=1e-3)
+    assert area / caustic.point_area == pytest.approx(CAUSTIC_POINTS_IN_DISC * discs, rel=1e-3)
 
 
 def test_gathers_that_reach_beyond_the_scene_count_enough_of_it() -> None:
@@ -152,7 +152,7 @@ def test_gathers_that_reach_beyond_the_scene_count_enough_of_it() -> None:
     settings = replace(SETTINGS, caustic_photons=1, caustic_radius=1e6)
     caustic = plans_for(flat, settings).maps[1]
     area = float(triangle_areas(flat.triangles.positions).sum())
-    assert area / caustic.point_area == pytest.approx(POINTS_IN_DISC, rel=1e-3)
+    assert area / caustic.point_area == pytest.approx(CAUSTIC_POINTS_IN_DISC, rel=1e-3)
 
 
 def test_gathers_of_a_few_bright_spots_do_not_fill_memory_with_points() -> None:
