@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from wdpm.cluster.kept import RecordsKept
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.homes import cells_of_pixels, home_cells
 from wdpm.cluster.records import (
+    GOLDEN,
     Records,
     candidate_count,
     candidates_at,
@@ -39,6 +40,19 @@ READ_FURTHER = 1.5
 the last round leaves out would trace one gather ray a sample, and be a pearl among what is interpolated; and where more
 records tell of a place, more of their noise averages out. Only as far as they agree: beside the lamp of cbox light ends
 at once."""
+
+
+def _dealt(places: NDArray[np.int32], count: int) -> list[NDArray[np.int32]]:
+    """Candidates, dealt out to so many tasks: one of each `count` to each, each time beginning with another task.
+
+    The pixels of a round lie in a grid, as do those that earlier rounds have taken: always dealt alike, a task would
+    have those of some columns.
+    """
+    turn, place = np.divmod(np.arange(len(places)), count)
+    begins = np.where(turn < len(places) // count, turn * GOLDEN % 1.0 * count, 0.0)  # who has more comes first
+    task = (place + begins.astype(np.intp)) % count
+    by_task = places[np.argsort(task.astype(np.uint16), kind="stable")]
+    return np.split(by_task, np.cumsum(np.bincount(task))[:-1])
 
 
 class RecordRounds:
@@ -95,32 +109,45 @@ class RecordRounds:
 
         They come in batches, of one task of equal size for each slave, and each batch is the same part of what is left
         (factoring, Hummel, Schonberg & Flynn 1992): what tasks cost is nearly in proportion to their candidates, so
-        slaves that begin together end together.
+        slaves that begin together end together. A batch's candidates are dealt out one by one: whether one becomes a
+        record, and how many gather rays that gets, is much the same for its neighbours, which come one after another.
 
         Args:
             slaves: tasks that are done at once.
             alike: whether those who do them are processes of one machine: then batches are larger.
         """
-        count = self._candidates(self._round)
+        places = np.flatnonzero(self._open(self._candidates(self._round))).astype(np.int32)
         out: list[RecordTask] = []
+        alike = alike and slaves > 1
         parts = math.ceil(limits.record_parts * slaves) if slaves > 1 else 1
-        worth = min(-(-count * limits.record_task_rays // max(self.rays_expected, 1)), -(-count // slaves))
-        least = max(limits.record_task_least, -(-count // (parts * limits.record_task_spread)), worth)
-        size, alike = count, alike and slaves > 1
-        for start, end in self._gaps(count):
-            while start < end:
-                if len(out) % slaves == 0:
-                    left = count - start
-                    equal = math.ceil(left * limits.record_even / slaves) if alike else -(-left // parts)
-                    size = max(equal, least)
-                    # No batch of some slaves alone at the end; on one machine none that is not worth it for all.
-                    if left - slaves * size < slaves * least * (1.0 if alike else 0.5):
-                        size = -(-left // slaves)
-                    size = min(size, limits.record_task_most)
-                stop = min(start + size, end)
-                out.append(RecordTask(first_number + len(out), self._round, start, stop))
-                start = stop
+        least = self._least(len(places), slaves, parts, limits)
+        start = 0
+        while start < len(places):
+            left = len(places) - start
+            equal = math.ceil(left * limits.record_even / slaves) if alike else -(-left // parts)
+            size = max(equal, least)
+            # No batch of some slaves alone at the end; on one machine none that is not worth it for all.
+            if left - slaves * size < slaves * least * (1.0 if alike else 0.5):
+                size = -(-left // slaves)
+            size = min(size, limits.record_task_most)
+            batch = places[start : start + slaves * size]
+            count = -(-len(batch) // size)
+            out += [
+                self._task(first_number + len(out) + place, dealt) for place, dealt in enumerate(_dealt(batch, count))
+            ]
+            start += len(batch)
         return out
+
+    def _least(self, count: int, slaves: int, parts: int, limits: ClusterLimits) -> int:
+        """Candidates of a task, at least."""
+        worth = min(-(-count * limits.record_task_rays // max(self.rays_expected, 1)), -(-count // slaves))
+        return max(limits.record_task_least, -(-count // (parts * limits.record_task_spread)), worth)
+
+    def _task(self, number: int, places: NDArray[np.int32]) -> RecordTask:
+        """The task of some candidates of the round that is next."""
+        start, stop = int(places[0]), int(places[-1]) + 1
+        whole = stop - start == len(places)
+        return RecordTask(number, self._round, start, stop, np.zeros(0, np.int32) if whole else places)
 
     def tasks_by_cell(self, session: Session, homes: int, first_number: int) -> tuple[list[RecordTask], dict[int, int]]:
         """The tasks of the round that is next where cells of a divided scene have different holders.
@@ -144,9 +171,8 @@ class RecordRounds:
         for cell in np.unique(about):
             own = places[about == cell]
             for some in np.array_split(own, max(round(len(own) / most), 1)):
-                task = RecordTask(first_number + len(out), self._round, int(some[0]), int(some[-1]) + 1, some)
-                out.append(task)
-                cell_of[task.number] = int(cell)
+                out.append(self._task(first_number + len(out), some))
+                cell_of[out[-1].number] = int(cell)
         return out, cell_of
 
     def _open(self, count: int) -> NDArray[np.bool_]:
@@ -155,12 +181,6 @@ class RecordRounds:
         for task in (each.task for each in self._kept if each.task.round == self._round):
             left[task.candidates] = False
         return left
-
-    def _gaps(self, count: int) -> Iterator[tuple[int, int]]:
-        """The candidates of the round that is next which nobody has done, as ranges."""
-        left = np.diff(np.concatenate([[False], self._open(count), [False]]).astype(np.int8))
-        starts, stops = np.flatnonzero(left == 1), np.flatnonzero(left == -1)
-        yield from zip(starts.tolist(), stops.tolist(), strict=True)
 
     def put(self, task: RecordTask, result: RecordsMade) -> None:
         """Keep a task's records."""

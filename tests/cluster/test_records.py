@@ -32,6 +32,7 @@ from wdpm.cluster.master.records import READ_FURTHER, RecordRounds
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.records import (
+    NEIGHBOURS,
     NO_RECORDS,
     ROUND_BITS,
     CachePlan,
@@ -60,7 +61,7 @@ def cached(view: View | None = None) -> View:
 
 def made(task: RecordTask) -> RecordsMade:
     """Every third candidate has a record, which is a function of its number alone."""
-    number = np.arange(task.start, task.stop, dtype=np.int64)
+    number = task.candidates.astype(np.int64)
     number = (np.int64(task.round) << ROUND_BITS) + number[number % 3 == 0]
     rng = [np.random.default_rng(int(n)) for n in number]
     position = np.array([r.random(3) for r in rng], np.float32).reshape(-1, 3)
@@ -124,9 +125,8 @@ def test_tasks_grow_smaller_and_cover_a_round(slaves: int) -> None:
     count = len(candidates(512, 512, plan, 0))
     tasks = rounds.tasks(slaves, ClusterLimits(), 10)
     assert [task.number for task in tasks] == list(range(10, 10 + len(tasks)))
-    assert [task.start for task in tasks] == [0, *(task.stop for task in tasks[:-1])]
-    assert tasks[-1].stop == count
-    sizes = [task.stop - task.start for task in tasks]
+    assert np.sort(np.concatenate([task.candidates for task in tasks])).tolist() == list(range(count))
+    sizes = [task.count for task in tasks]
     assert sizes[:-slaves] == sorted(sizes[:-slaves], reverse=True)
     assert max(sizes[-slaves:]) - min(sizes[-slaves:]) < slaves  # each has one of the last
     assert all(len(set(sizes[batch : batch + slaves])) == 1 for batch in range(0, len(sizes) - slaves, slaves))
@@ -139,12 +139,25 @@ def test_tasks_grow_smaller_and_cover_a_round(slaves: int) -> None:
         assert len(tasks) >= min(2 * slaves, count // ClusterLimits().record_task_least)
 
 
+@pytest.mark.parametrize("slaves", [2, 4, 8, 16])
+def test_tasks_of_a_batch_have_like_candidates(slaves: int) -> None:
+    """Of each neighbourhood, and of each place within the grid of a round: none has more of some columns."""
+    rounds = RecordRounds(replace(make_view(512, 512, 16), cache=replace(PLAN, rows=16, columns=50)), NO_RECORDS)
+    first = rounds.tasks(slaves, ClusterLimits(), 0)[:slaves]
+    every = np.sort(np.concatenate([task.candidates for task in first]))
+    for task in first:
+        rank = np.searchsorted(every, task.candidates)
+        assert np.diff(rank).max() < 2 * slaves  # one of so many each time
+        of_run = np.bincount(task.candidates % NEIGHBOURS, minlength=NEIGHBOURS)
+        assert of_run.max() - of_run.min() <= 0.1 * len(rank) + 2
+
+
 @pytest.mark.parametrize("processes", [2, 5])
 def test_processes_of_one_machine_get_equal_tasks_first_and_small_ones_last(processes: int) -> None:
     plan = replace(PLAN, rows=16, columns=50)
     rounds = RecordRounds(replace(make_view(512, 512, 16), cache=plan), NO_RECORDS)
     count = len(candidates(512, 512, plan, 0))
-    sizes = [task.stop - task.start for task in rounds.tasks(processes, ClusterLimits(), 0, alike=True)]
+    sizes = [task.count for task in rounds.tasks(processes, ClusterLimits(), 0, alike=True)]
     assert sum(sizes) == count
     assert sizes[:processes] == [math.ceil(count * ClusterLimits().record_even / processes)] * processes
     assert sizes == sorted(sizes, reverse=True)
@@ -156,7 +169,7 @@ def test_processes_of_one_machine_get_a_small_round_in_equal_parts() -> None:
     rounds = RecordRounds(replace(make_view(512, 512, 16), cache=PLAN), NO_RECORDS)
     count = len(candidates(512, 512, PLAN, 0))
     limits = replace(ClusterLimits(), record_task_rays=count * math.prod(PLAN.strata(0)) // 3)
-    assert [task.stop - task.start for task in rounds.tasks(2, limits, 0, alike=True)] == [-(-count // 2), count // 2]
+    assert [task.count for task in rounds.tasks(2, limits, 0, alike=True)] == [-(-count // 2), count // 2]
 
 
 def test_a_round_of_few_rays_is_one_small_task_for_each_slave() -> None:
@@ -184,9 +197,10 @@ def test_every_candidate_of_a_round_is_in_one_task() -> None:
         identity, task = waiting.pop(0)
         seen.append(task)
         out = driver.says(identity, p.TaskDone(EPOCH, made(task)))
-        assert m.Advanced(task.stop - task.start) in out
+        assert m.Advanced(task.count) in out
         waiting += [(other, task) for other in (A, B) for task in tasks_of(out, other)]
-    assert [(task.start, task.stop) for task in seen] == [(0, 4), (4, 8)]
+    assert [task.count for task in seen] == [4, 4]
+    assert sorted(place for task in seen for place in task.candidates) == list(range(8))
     assert {task.round for task in seen} == {0}
     assert driver.master.phase is Phase.RECORDS
 
@@ -345,16 +359,16 @@ def _wrong(records: Records, name: str, value: Any) -> Records:
         ("position", np.nan, "position is not finite"),
         ("irradiance", np.inf, "irradiance is not finite"),
         ("rotation", np.nan, "rotation is not finite"),
-        ("radius", 0.0, "are not those of candidates 0 to 3"),
-        ("number", -1, "are not those of candidates 0 to 3"),
-        ("number", 3, "are not those of candidates 0 to 3"),  # twice
-        ("number", 4, "are not those of candidates 0 to 3"),  # not ascending
+        ("radius", 0.0, "are not those of candidates 0 to 7"),
+        ("number", -1, "are not those of candidates 0 to 7"),
+        ("number", 3, "are not those of candidates 0 to 7"),  # twice
+        ("number", 4, "are not those of candidates 0 to 7"),  # not ascending
     ],
 )
 def test_records_that_cannot_be_end_the_render(name: str, value: float, error: str) -> None:
     driver = Rounds()
     task = tasks_of(driver.to_records(), A)[0]
-    assert (task.start, task.stop) == (0, 4)
+    assert (task.start, task.stop) == (0, 8)
     good = made(task)
     assert len(good.records) == 2
     wrong = replace(good, records=_wrong(good.records, name, value))
