@@ -236,8 +236,8 @@ class Phases:
         """Enter the next phase if all that this one waits for is done."""
         teams = self.roster.teams
         match self.phase:
-            case Phase.SETUP if teams and all(self._traces(team) for team in teams):
-                return self._start_photons(session, now)
+            case Phase.SETUP if any(self._traces(team) for team in teams):
+                return self._start_photons(session, now)  # with whoever is ready, while others are sent their cells
             case Phase.PHOTONS if self._tasks.finished and teams and all(self._traces(team) for team in teams):
                 return self._start_maps(session, now)
             case Phase.MAPS if not any(team.awaits is protocol.MapsBuilt for team in teams):

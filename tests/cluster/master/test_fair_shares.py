@@ -12,6 +12,7 @@ from master_driver import LIMITS, A, B, Driver, broken, sent, tasks_of
 
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
+from wdpm.cluster.master.machine import Phase
 from wdpm.cluster.master.members import Member
 from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.master.task_sizes import Place, for_records
@@ -40,6 +41,27 @@ def test_slaves_alone_are_handed_their_shares_with_the_view(buckets: int, first:
     assert len(tasks_of(out, A)) == first
     assert tasks_of(out, B)
     assert "not expected from it" in broken(driver.says(A, p.ViewSet(driver.master.epoch(A))))
+
+
+def test_who_is_ready_traces_photons_while_others_are_sent_the_scene() -> None:
+    driver = Driver().join()
+    driver(m.Begin(make_session(2, 1, paths=450, least=1)))
+    driver(m.PartitionMade(0, triangles(3)))
+    of_a, of_b = (driver.master.epoch(identity) for identity in (A, B))
+    driver.says(A, p.PartitionReceived(of_a, 0))
+    waiting = tasks_of(driver.says(A, p.Ready(of_a)), A)
+    assert waiting
+    done: list[PhotonTask] = []
+    while waiting:  # slave 1 does not come
+        done.append(waiting.pop(0))
+        result = PhotonsTraced(done[-1].number, done[-1].stop - done[-1].start, 0.5)
+        waiting += tasks_of(driver.says(A, p.TaskDone(of_a, result)), A)
+    assert (done[0].start, done[-1].stop) == (0, 450)
+    assert driver.master.phase is Phase.PHOTONS  # photons of all teams go to all, so maps wait for it
+    driver(m.PartitionMade(0, triangles(3)))
+    driver.says(B, p.PartitionReceived(of_b, 0))
+    out = driver.says(B, p.Ready(of_b))
+    assert [type(message) for message in sent(out)] == [p.BuildMaps, p.BuildMaps]
 
 
 def tasks_of_sizes(*sizes: int) -> Tasks:
