@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide
 from wdpm.cluster.plan.map_plans import IRRADIANCE_SHARE, MapPlans, map_plans, with_fewer_paths
-from wdpm.cluster.plan.map_worth import ALIKE, LEAST_GAIN, MapError, fewer_shares, irradiance_by, map_error
+from wdpm.cluster.plan.map_worth import MapError, best_shares, fewer_shares, irradiance_by, map_error
 from wdpm.cluster.plan.path_caustics import PathCaustics, SeenPlaces, caustics_by_paths
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
 from wdpm.cluster.plan.small_view import (
@@ -254,10 +254,7 @@ def _with_photons_of_worth(
         for number in maps
     ]
     worths = {shares: worth(shares) for shares in itertools.product(*every)}
-    all_of_them, least = (1, 1), min(worths.values())
-    best = min(shares for shares in worths if worths[shares] <= ALIKE * least)
-    if worths[best] > LEAST_GAIN * worths[all_of_them]:
-        best = all_of_them
+    best = best_shares(worths, [gathered[number] for number in maps])
     fewer = [
         f"{asked[number] // share:,} {name}photons"
         for number, share, name in zip(maps, best, ("", "caustic "), strict=True)
@@ -374,7 +371,11 @@ class Prices:
         count = min(RECORDS, self._pixels / RECORD_PIXELS) * trial.lambertian
         of_each = CACHE_PLAN.rows * CACHE_PLAN.columns * share_of_rays(self._spp)
         error = tolerance_for(trial.by_photons.noise / SAMPLES_OF_PLAN, trial.by_paths[0].indirect)
-        return count * of_each * (1.0 + min(1.0, CACHE_PLAN.tolerance / error))
+        # What records may err falls as noise does, their strata only down to share_of_rays.
+        extra = min(1.0, CACHE_PLAN.tolerance / error) * min(
+            1.0, self._spp / SAMPLES_OF_PLAN / share_of_rays(self._spp)
+        )
+        return count * of_each * (1.0 + extra)
 
 
 def tolerance_for(noise: float, indirect: float) -> float:

@@ -34,6 +34,7 @@ from wdpm.cluster.plan.map_worth import (
     PLAIN_SHARE,
     MapError,
     MapWorth,
+    best_shares,
     fewer_neighbours,
     fewer_shares,
     map_error,
@@ -313,3 +314,21 @@ def test_light_that_is_faint_beside_the_noise_of_samples_may_have_the_fewest_pho
     assert fewer_shares(error, 3200.0, 16, 1.0, gathered=False)[-1] == 16
     assert fewer_shares(replace(error, blur=1e4), many, 16, 1.0, gathered=False) == usual
     assert fewer_shares(replace(error, blur=1e4), many, 16, 2.0, gathered=True)[-1] == FAINTEST
+
+
+@pytest.mark.parametrize(
+    ("worths", "gathered", "best"),
+    [
+        ({(1,): 1.0, (2,): 0.85, (4,): 0.8}, [True], (4,)),
+        ({(1,): 1.0, (2,): 0.85, (4,): 0.8}, [False], (1,)),
+        ({(1,): 1.0, (2,): 0.65, (4,): 0.6}, [False], (4,)),
+        ({(1,): 1.0, (2,): 0.61, (4,): 0.6}, [False], (2,)),
+        ({(1,): 1.0, (2,): 0.95, (4,): 0.92}, [True], (1,)),
+        ({(1, 1): 1.0, (1, 4): 0.75, (4, 1): 0.8, (4, 4): 0.71}, [True, False], (4, 1)),
+    ],
+)
+def test_a_map_that_only_gather_rays_read_has_fewer_photons_for_less_gain(
+    worths: dict[tuple[int, ...], float], gathered: list[bool], best: tuple[int, ...]
+) -> None:
+    """Nobody sees its patches; and more are taken where they bring about as much."""
+    assert best_shares(worths, gathered) == best
