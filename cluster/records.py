@@ -50,7 +50,8 @@ class CachePlan:
         clearance: how far at most, as a share of the distance of the nearest thing that they see.
         least, most: bounds of a record's radius [pixels].
         left, top: where the grid of candidates begins [pixels]; another place in each pass.
-        tolerance: relative standard error of a record's irradiance that extra gather rays are to bring it to.
+        tolerance: relative standard error of a record's irradiance that extra gather rays are to bring it to, where
+            candidates lie STRATA_SPACING pixels apart or further.
         extra: most of them, in rays of one a stratum; 0 for none.
         wanted: weight of the records around a candidate that makes another one superfluous.
     """
@@ -78,6 +79,15 @@ class CachePlan:
         spacing = max(1, self.spacing >> number)
         finer = math.sqrt(min(max(spacing / STRATA_SPACING, FEWEST_STRATA), MOST_STRATA))
         return max(1, round(self.rows * finer)), max(3, round(self.columns * finer))
+
+    def tolerance_in(self, number: int) -> float:
+        """Relative standard error that extra gather rays are to bring records of a round to.
+
+        An error is seen by how wide it is. Where candidates lie close, records reach a few pixels and many of them tell
+        of each: the fewer pixels a candidate stands for, the more its record may err, as with its strata.
+        """
+        spacing = max(1, self.spacing >> number)
+        return self.tolerance * math.sqrt(max(STRATA_SPACING / spacing, 1.0))
 
 
 NO_CACHE = CachePlan()

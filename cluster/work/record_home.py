@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Iterator
 
@@ -141,10 +142,10 @@ class RecordHome:
         plan, shape = self._view.cache, (len(self._site["slot"]), *self._strata)
         if not plan.extra:
             return np.zeros(len(distance), np.int64)
-        most = round(plan.extra * self._strata[0] * self._strata[1])
+        most, tolerance = round(plan.extra * math.prod(self._strata)), plan.tolerance_in(self.task.round)
         grey = ((radiance[:, 0] + radiance[:, 1] + radiance[:, 2]) / 3.0).reshape(shape)
         promised = self._promised().reshape(shape)
-        return extra_rays(grey, promised, distance.reshape(shape) >= 0, plan.tolerance, most).reshape(-1)
+        return extra_rays(grey, promised, distance.reshape(shape) >= 0, tolerance, most).reshape(-1)
 
     def _promised(self) -> NDArray[np.float32]:
         """Radiance through each stratum if nothing stood before lit places, shape [sites, strata] [W/(m² sr)]."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.allotment import NO_ALLOTMENT, Allotment
-from wdpm.cluster.plan.view import SAMPLES_OF_PLAN
+from wdpm.cluster.plan.view import MOST_RAYS, SAMPLES_OF_PLAN
 from wdpm.cluster.plan.view import share_of_rays as share_of_rays
 from wdpm.cluster.records import CachePlan
 from wdpm.cluster.render_settings import RenderSettings
@@ -133,6 +133,7 @@ def worth(plan: CachePlan, spp: int) -> CachePlan:
 
     What records get wrong is as much a part of the image as the noise of the samples, and takes as long to get rid of.
     With records that are always alike, few samples would wait for them, and many would end in their noise and blur.
+    Radii and gradients ask for some rays, however few the samples; an error asks for none.
 
     Args:
         plan: for SAMPLES_OF_PLAN samples a pixel.
@@ -143,7 +144,7 @@ def worth(plan: CachePlan, spp: int) -> CachePlan:
         rows=max(1, round(plan.rows * finer)),
         columns=max(3, round(plan.columns * finer)),
         clearance=min(max(plan.clearance * share**-0.25, LEAST_CLEARANCE), 1.0),
-        tolerance=plan.tolerance / finer,
+        tolerance=plan.tolerance / math.sqrt(min(share, MOST_RAYS)),
     )
 
 
