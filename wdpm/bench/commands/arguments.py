@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 from wdpm import values
 from wdpm.devices import available_cores
-from wdpm.scenes.errors import SettingsError
 
 if TYPE_CHECKING:
     from wdpm.bench.rows import Rows
@@ -73,11 +72,3 @@ def find_all(scenes: Iterable[str | Path]) -> None:
 
     for scene in scenes:
         find(scene)
-
-
-def check_one_reference(reference: Path | None, scenes: list[str | Path]) -> None:
-    """Raise SettingsError where one reference is given for several scenes."""
-    if reference is not None and len(scenes) > 1:
-        raise SettingsError(
-            f"--reference is of one scene, and there are {len(scenes)}: put a reference.exr beside each"
-        )

@@ -10,7 +10,6 @@ from wdpm.bench.commands.arguments import (
     add_counts,
     add_rows,
     add_threads,
-    check_one_reference,
     counts,
     relative_errors,
     rows_of,
@@ -19,6 +18,7 @@ from wdpm.bench.commands.benchmark import Benchmark, Measured
 from wdpm.bench.peers.grid import DEFAULT_WAYS, WAYS
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backends
+from wdpm.scenes.errors import SettingsError
 
 _DESCRIPTION = """\
 Time that wdpm and Mitsuba 3's path tracer take to errors of the whole image, both
@@ -97,7 +97,10 @@ def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Mea
     from wdpm.bench.peers import measure as bench_peers
     from wdpm.bench.peers.target import DEFAULT_ERRORS, Bounds
 
-    check_one_reference(args.reference, args.scenes)
+    if args.reference is not None and len(args.scenes) > 1:
+        raise SettingsError(
+            f"--reference is of one scene, and there are {len(args.scenes)}: put a reference.exr beside each"
+        )
     errors = args.errors or (() if args.samples else DEFAULT_ERRORS)
     bounds = Bounds(errors, args.region, args.rounds, args.limit, args.samples, args.trim)
     ways = [way for way in WAYS if way.name in args.ways]
