@@ -21,13 +21,13 @@ from wdpm.rendering.backend import Backends
 from wdpm.scenes.errors import SettingsError
 
 _DESCRIPTION = """\
-Time that wdpm and Mitsuba 3's path tracer take to errors of the whole image, both
-warm, at the size of each scene's reference. wdpm, by several ways: the fastest of
-a fixed grid of settings, the same for all scenes; what it does by default; its
-own path tracer; a part of the grid: map, gather or cache. Mitsuba: measured at some numbers of samples, and error =
-a / samples between and beyond. Mitsuba finds LLVM's library by the environment
-variable DRJIT_LIBLLVM_PATH where it does not itself.
-CPU time is that of all threads and processes: what else runs hardly changes it."""
+Time that wdpm and Mitsuba 3's path tracer take to errors, both warm, at the size
+of each scene's reference. wdpm, by several ways: the fastest of a fixed grid of
+settings, the same for all scenes, or of a part of it (map, gather, cache); what
+it does by default; and its own path tracer. Mitsuba: measured at some numbers of
+samples, and error = a / samples between and beyond. It finds LLVM's library by
+the environment variable DRJIT_LIBLLVM_PATH where it does not itself. CPU time is
+that of all threads and processes: what else runs hardly changes it."""
 
 
 _WAYS = tuple(way.name for way in WAYS)
