@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from wdpm.images.image import Image
 from wdpm.progress import SilentProgress
 from wdpm.rendering.backend import Backend
 from wdpm.rendering.in_process import InProcess
-from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.errors import ClusterError, SettingsError
 
 SMALL: dict[str, Any] = {"size": (8, 8), "photons": 200, "spp": 1, "indirect": Indirect.MAP}
 
@@ -150,6 +151,21 @@ def test_scaling_gives_slaves_so_much_memory(tmp_path: Path) -> None:
     assert len(made) == 2
     assert run(None).grid().rows[1][1] == "auto"
     assert made[2:] == [(0, None), (2, None)]  # the image to compare with is needed once more
+
+
+def test_a_slave_that_is_lost_makes_no_figure() -> None:
+    """Its CPU time would be missing, and what is left would stand in the row of as many slaves."""
+
+    class Lossy(InProcess):
+        left = 3
+
+        @property
+        def processes(self) -> tuple[int, ...]:
+            self.left = max(self.left - 1, 1)
+            return (os.getpid(),) * self.left
+
+    with pytest.raises(ClusterError, match="1 of 2 slaves were lost, and their CPU time with them; measure again"):
+        scaling.measure("cornell-box", (2,), (Copies.AUTO,), lambda *_: Lossy(threads=1), SilentProgress(), **SMALL)
 
 
 def test_mistakes_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

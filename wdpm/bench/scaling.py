@@ -27,7 +27,7 @@ from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.scene_settings import settings_for
 from wdpm.report.grid import Grid
 from wdpm.report.tables import format_bytes, format_seconds
-from wdpm.scenes.errors import SettingsError
+from wdpm.scenes.errors import ClusterError, SettingsError
 from wdpm.scenes.load import load
 from wdpm.scenes.model.scene import Scene
 
@@ -121,6 +121,7 @@ def measure(
     Raises:
         SettingsError: this system does not tell other processes' CPU time, or all slaves together have not room for
             the scene.
+        ClusterError: a slave was lost.
     """
     if not Path("/proc/self/stat").is_file():
         raise SettingsError("CPU seconds of other processes are read from /proc, which this system has not")
@@ -165,10 +166,13 @@ def _run(
     scene: Scene, settings: RenderSettings, backend: Backend, copies: Copies | None, alone: Image | None
 ) -> tuple[Run, Image]:
     with backend:
+        there = backend.processes
         warm_render(scene, settings, backend)
         began, master, others = time.perf_counter(), _cpu_of(os.getpid()), sum(map(_cpu_of, backend.processes))
         image = render_in_passes(scene, backend, settings)
         wall, master = time.perf_counter() - began, _cpu_of(os.getpid()) - master
+        if (lost := len(there) - len(backend.processes)) > 0:
+            raise ClusterError(f"{lost} of {len(there)} slaves were lost, and their CPU time with them; measure again")
         others = sum(map(_cpu_of, backend.processes)) - others
     report = image.metadata["report"]
     held = [slave["photons"] + slave["copies"] + slave["ghosts"] for slave in report["slaves"]]
