@@ -237,7 +237,7 @@ def array_over(array: NDArray[Any], dtype: Any, device: str) -> Any:
         dtype: Warp's type of its items.
     """
     if blocks.shares_memory(device):
-        return HostArray(np.ascontiguousarray(array, host_arrays.NUMPY[dtype][0]), dtype)
+        return HostArray(np.ascontiguousarray(array, host_arrays.known_by_numpy(dtype)[0]), dtype)
     return wp.array(array, dtype=dtype, device=device)
 
 
@@ -260,19 +260,11 @@ def rows_of(arrays: Mapping[str, Any], rows: NDArray[np.intp], device: str) -> d
     return some
 
 
-def member(structs: Any, name: str) -> Any:
-    """One member of an array of structs, as an array of its own: nothing is copied."""
-    struct = structs.dtype
-    place = getattr(struct.ctype, name).offset
-    part = wp.array(
-        ptr=structs.ptr + place,
-        dtype=struct.vars[name].type,
-        shape=structs.shape,
-        strides=structs.strides,
-        device=structs.device,
-    )
-    part.whole = structs  # which stays as long as its part
-    return part
+def member(columns: Any, name: str, of_struct: str) -> NDArray[Any]:
+    """One member of a column of structs, as a numpy array: on the CPU nothing is copied."""
+    structs = column(columns, name)
+    array: NDArray[Any] = structs[of_struct]
+    return array
 
 
 def to_host(arrays: Mapping[str, Any]) -> dict[str, NDArray[Any]]:

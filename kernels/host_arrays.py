@@ -8,6 +8,7 @@ descriptor.
 from __future__ import annotations
 
 import ctypes
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
@@ -26,6 +27,26 @@ NUMPY: Final[dict[Any, tuple[np.dtype[Any], tuple[int, ...]]]] = {
     wp.vec3: (np.dtype(np.float32), (3,)),
 }
 """What numpy calls items of Warp's types, and their shape."""
+
+
+@functools.cache
+def numpy_of(dtype: Any) -> tuple[np.dtype[Any], tuple[int, ...]] | None:
+    """What numpy calls items of a type of Warp's or of a struct of such, and their shape; None of any other."""
+    members = getattr(dtype, "vars", None)
+    if members is None:
+        return NUMPY.get(dtype)
+    if not all(var.type in NUMPY for var in members.values()):
+        return None
+    return np.dtype(dtype.numpy_dtype()), ()
+
+
+def known_by_numpy(dtype: Any) -> tuple[np.dtype[Any], tuple[int, ...]]:
+    """As numpy_of; KeyError where it has no name for it."""
+    found = numpy_of(dtype)
+    if found is None:
+        raise KeyError(dtype)
+    return found
+
 
 ALIGNMENT: Final = 64
 """Bytes: a line of a processor's cache, at which each array of a block begins."""
@@ -51,7 +72,7 @@ class HostArray:
 
     Args:
         array: contiguous, of the numpy type and shape that belong to `dtype`.
-        dtype: Warp's type of its items: one of NUMPY.
+        dtype: Warp's type of its items: one of which numpy_of knows.
     """
 
     __slots__ = ("_array", "_descriptor", "dtype")
@@ -115,7 +136,7 @@ def room(dtypes: Sequence[Any], count: int) -> list[HostArray]:
         dtypes: of each one's items.
     """
     places, size = [], ALIGNMENT
-    for number, shape in map(NUMPY.__getitem__, dtypes):
+    for number, shape in map(known_by_numpy, dtypes):
         places.append((size, number, (count, *shape)))
         size += -(-number.itemsize * (shape[0] if shape else 1) * count // ALIGNMENT) * ALIGNMENT
     block = np.empty(size, np.uint8)

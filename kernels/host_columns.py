@@ -18,7 +18,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.kernels.host_arrays import ALIGNMENT, NUMPY, HostArray, place_of
+from wdpm.kernels.host_arrays import ALIGNMENT, HostArray, known_by_numpy, numpy_of, place_of
 
 Bytes = NDArray[np.uint8]
 
@@ -38,8 +38,8 @@ class Layout:
     def __init__(self, struct: wp.Struct) -> None:
         self.struct = struct
         self.types = {name: var.type.dtype for name, var in struct.vars.items()}
-        self.numbers = {name: np.dtype(NUMPY[dtype][0]) for name, dtype in self.types.items()}
-        self.shapes = {name: NUMPY[dtype][1] for name, dtype in self.types.items()}
+        self.numbers = {name: known_by_numpy(dtype)[0] for name, dtype in self.types.items()}
+        self.shapes = {name: known_by_numpy(dtype)[1] for name, dtype in self.types.items()}
         self.items = [(name, number, self.shapes[name]) for name, number in self.numbers.items()]
         self._sizes = [wp.types.type_size_in_bytes(dtype) for dtype in self.types.values()]
         template, starts = struct.ctype(), []
@@ -70,7 +70,7 @@ class Layout:
 def layout_of(struct: wp.Struct) -> Layout | None:
     """The layout of a struct, or None where it holds more than arrays whose items numpy knows."""
     for var in struct.vars.values():
-        if getattr(var.type, "dtype", None) not in NUMPY or getattr(var.type, "ndim", 0) != 1:
+        if getattr(var.type, "ndim", 0) != 1 or numpy_of(var.type.dtype) is None:
             return None
     return Layout(struct)
 

@@ -79,7 +79,7 @@ class SeenPlaces:
         found = {name: getattr(queries, name).numpy()[asks] for name in ("position", "normal", "weight")}
         found["plain"] = np.ones(len(found["weight"]), np.bool_)
         if columns.are_there(shaded.coats):
-            kind, color = (columns.member(shaded.coats.bsdf, name).numpy()[asks] for name in ("kind", "color"))
+            kind, color = (columns.member(shaded.coats, "bsdf", name)[asks] for name in ("kind", "color"))
             found["plain"] = kind == int(DIFFUSE)
             found["weight"] = np.where(found["plain"][:, None], found["weight"], found["weight"] * color)
         self._found.append(found | {"pixel": rays.pixel.numpy()[asks]})

@@ -293,7 +293,7 @@ class CameraLight:
         """Which vertices reflect by a diffuse part alone, shape [N]."""
         if not self._replica.world.features.coated:
             return np.ones(len(actions.codes), np.bool_)
-        lambertian: NDArray[np.bool_] = columns.member(shaded.coats.bsdf, "kind").numpy() == int(DIFFUSE)
+        lambertian: NDArray[np.bool_] = columns.member(shaded.coats, "bsdf", "kind") == int(DIFFUSE)
         return lambertian
 
     def _part(self, runs: Runs, arrays: Arrays, part: int, radiance: NDArray[np.float32]) -> Batch:

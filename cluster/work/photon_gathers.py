@@ -12,6 +12,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays, take
+from wdpm.cluster.rows import largest_of
 from wdpm.cluster.work.guards import COINCIDENT, Guards
 from wdpm.cluster.work.photon_store import BuiltMap, PhotonStore
 from wdpm.cluster.work.reflected_light import GATHER_GRAIN, GATHER_RUN
@@ -97,7 +98,7 @@ class PhotonGathering:
         if self._store.built(number) is None or replica.view is None:
             return radiance
         k = replica.view.caustic_k if number == CAUSTIC_MAP else replica.view.k
-        wants = columns.column(queries, "weight").max(axis=1) > 0  # glass and mirrors gather nothing
+        wants = largest_of(columns.column(queries, "weight")) > 0  # glass and mirrors gather nothing
         if among is not None:
             wants &= among
         ends = rays["diffuse"] > 0 if "diffuse" in rays else np.zeros(count, np.bool_)
@@ -212,7 +213,7 @@ class PhotonGathering:
         truncated: NDArray[np.bool_],
         rays: Arrays,
     ) -> None:
-        wanted = columns.column(queries, "weight").max(axis=1) > 0
+        wanted = largest_of(columns.column(queries, "weight")) > 0
         self.counters.gathers += int(np.count_nonzero(wanted))
         self.counters.truncated += int(np.count_nonzero(truncated & wanted))
         # A gather of more than k that yet reports the largest radius has no radius of its own (gather.nearest).

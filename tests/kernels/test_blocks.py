@@ -11,7 +11,7 @@ import pytest
 import warp as wp
 
 from wdpm.kernels import blocks, columns
-from wdpm.kernels.materials.types import Bsdf
+from wdpm.kernels.camera.vertices import Coats
 from wdpm.kernels.photons.deposits import StoredPhotons
 
 ITEMS = 7
@@ -114,10 +114,13 @@ def test_some_rows(shared: bool) -> None:
         np.testing.assert_array_equal(part[name], array[2:5])
 
 
-def test_a_member_of_structs_is_a_view() -> None:
-    materials = wp.zeros(ITEMS, dtype=Bsdf, device="cpu")
-    kinds = columns.member(materials, "kind")
-    materials.numpy()["kind"][...] = np.arange(ITEMS)
-    del materials
+@pytest.mark.parametrize("shared", [True, False])
+def test_a_member_of_a_column_of_structs(shared: bool) -> None:
+    with mock.patch.object(blocks, "shares_memory", return_value=shared):
+        coats = columns.empty(Coats, ITEMS, "cpu")
+        whole = columns.column(coats, "bsdf")
+        kinds = columns.member(coats, "bsdf", "kind")
+    whole["kind"][...] = np.arange(ITEMS)
+    del coats, whole
     gc.collect()
-    assert kinds.numpy().tolist() == list(range(ITEMS))
+    assert kinds.tolist() == list(range(ITEMS))

@@ -19,6 +19,28 @@ from wdpm.kernels.photons.deposits import Deposits, StoredPhotons
 ITEMS = 5
 
 
+@wp.struct
+class Turned:
+    """Columns of what numpy is not told the name of."""
+
+    frame: wp.array[wp.mat33]
+
+
+@wp.struct
+class Nest:
+    """Columns of both kinds."""
+
+    turned: Turned
+    photons: StoredPhotons
+
+
+@wp.kernel
+def darken(coats: Coats) -> None:
+    """Colours by the number of their kind."""
+    i = wp.tid()
+    coats.bsdf[i].color = coats.bsdf[i].color * 0.5 * float(coats.bsdf[i].kind)
+
+
 @wp.kernel
 def double(photons: StoredPhotons, photons_out: StoredPhotons) -> None:
     """Twice the flux, and numbers that follow."""
@@ -125,14 +147,27 @@ def test_structs_within_a_struct() -> None:
     assert shaded.__ctype__().paths.slot.data == 0
 
 
-def test_structs_whose_items_numpy_does_not_know_are_warps_own() -> None:
-    assert host_columns.layout_of(Coats) is None
+def test_columns_of_structs() -> None:
     counts = {"seen": ITEMS, "queries": ITEMS, "coats": ITEMS, "shots": ITEMS, "paths": ITEMS, "stretches": 0}
-    shaded = columns.empty_nested(Shaded, counts, "cpu")
-    assert isinstance(shaded.paths, HostColumns)
-    assert shaded.__ctype__().coats.bsdf.data == shaded.coats.bsdf.ptr
-    assert columns.are_there(shaded.coats)
-    assert not columns.are_there(columns.empty_nested(Shaded, {**counts, "coats": 0}, "cpu").coats)
+    coats = columns.empty_nested(Shaded, counts, "cpu").coats
+    assert isinstance(coats, HostColumns)
+    columns.column(coats, "bsdf")["kind"][...] = np.arange(ITEMS)
+    columns.column(coats, "bsdf")["color"][...] = 0.5
+    assert coats.bsdf.numpy()["kind"].tolist() == list(range(ITEMS))
+    wp.launch(darken, ITEMS, inputs=[coats], device="cpu")
+    assert columns.member(coats, "bsdf", "color").tolist() == [[0.25 * i] * 3 for i in range(ITEMS)]
+    some = columns.chosen(Coats, coats, np.array([3, 1]), "cpu")
+    assert columns.member(some, "bsdf", "kind").tolist() == [3, 1]
+
+
+def test_structs_whose_items_numpy_does_not_know_are_warps_own() -> None:
+    assert host_columns.layout_of(Turned) is None
+    counts = {"turned": ITEMS, "photons": ITEMS}
+    nest = columns.empty_nested(Nest, counts, "cpu")
+    assert isinstance(nest.photons, HostColumns)
+    assert nest.__ctype__().turned.frame.data == nest.turned.frame.ptr
+    assert columns.are_there(nest.turned)
+    assert not columns.are_there(columns.empty_nested(Nest, {**counts, "turned": 0}, "cpu").turned)
     deposits = columns.empty_nested(Deposits, {"photons": ITEMS}, "cpu")
     assert len(deposits.photons.id) == ITEMS
 
