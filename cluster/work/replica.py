@@ -66,7 +66,6 @@ class Replica:
     Attributes:
         worker: its number.
         paths_by_light: photon paths that its homes have started, by pass (global, caustic) and light.
-        scene: kernels.camera.scene.Scene seen through the view, without surfaces, which each cell has its own of.
         tiled_sky: the environment as guides divide it.
         outputs: features of which its kernels that shade write the arrays; no fewer than the view's.
         made: what is made once for all workers on this machine.
@@ -91,7 +90,7 @@ class Replica:
     resolve: Any = field(init=False)
     textures: Any = field(init=False)
     media: Any = field(init=False)
-    scene: Any = field(init=False, default=None)
+    _bare_scene: Any = field(init=False, default=None)
     tiled_sky: guide.TiledSky = field(init=False)
     records: Records = field(init=False)
     _cache: Any = field(init=False, default=None)
@@ -174,7 +173,17 @@ class Replica:
         self._choose_kernels(features)
         self._view_lights = self._guided(view.guide)
         self.camera = camera.upload(view.camera, view.seed, self.launcher.device)
-        self.scene = self._scene()
+        self._bare_scene = None
+
+    @property
+    def scene(self) -> Any:
+        """kernels.camera.scene.Scene seen through the view, without surfaces, which each cell has its own of.
+
+        It is made for who asks first: nobody does where nothing lies beyond the scene.
+        """
+        if self._bare_scene is None:
+            self._bare_scene = self._scene()
+        return self._bare_scene
 
     def scene_of(self, surfaces: Surfaces) -> Any:
         """The scene of the view (kernels.camera.scene.Scene) in a cell with these surfaces."""

@@ -93,12 +93,13 @@ class CellWorker:
     def adopt(self, world: World) -> None:
         """Go on with the same scene: under another photon plan, other materials or features, without photons."""
         self.forget_photons()
-        others = world.materials is not self.replica.world.materials
-        other_features = world.features != self.replica.world.features
+        before = self.replica.world
+        others = world.materials is not before.materials
         self.replica.world = world
-        if other_features:
+        if world.features != before.features:
             self.replica.take_features()
-        self.replica.share_out()
+        if world.emission is not before.emission:
+            self.replica.share_out()
         if others:
             self.replica.take_materials()
             for cell in self.cells.values():
