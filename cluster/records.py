@@ -182,6 +182,7 @@ class Records:
         irradiance: [W/m²], float32, shape [N, 3].
         rotation, translation: its gradients, one row a channel, float32, shape [N, 3, 3].
         radius: how far the record reaches, float32, shape [N]. Places and lengths are in the renderer's space.
+        error: standard error of the irradiance, as its own rays tell it, mean of RGB [W/m²], float32, shape [N].
     """
 
     number: NDArray[np.int64]
@@ -191,6 +192,7 @@ class Records:
     rotation: NDArray[np.float32]
     translation: NDArray[np.float32]
     radius: NDArray[np.float32]
+    error: NDArray[np.float32]
 
     def __len__(self) -> int:
         return len(self.number)
@@ -207,6 +209,7 @@ NO_RECORDS = Records(
     np.empty((0, 3), np.float32),
     np.empty((0, 3, 3), np.float32),
     np.empty((0, 3, 3), np.float32),
+    np.empty(0, np.float32),
     np.empty(0, np.float32),
 )
 """Of a view without a cache, or before its first round."""
@@ -253,7 +256,7 @@ def check_records(records: Records, number: int, start: int, stop: int, some: ND
         column = getattr(records, field.name)
         if len(column) != count or not np.isfinite(column).all():
             raise ProtocolError(f"irradiance records: {field.name} is not finite, or not one for each of {count}")
-    wrong = (np.diff(records.number) <= 0).any() or (records.radius <= 0).any()
+    wrong = (np.diff(records.number) <= 0).any() or (records.radius <= 0).any() or (records.error < 0).any()
     if wrong or (count and not first + start <= records.number[0] <= records.number[-1] < first + stop):
         raise ProtocolError(f"irradiance records are not those of candidates {start} to {stop - 1} of round {number}")
     if some is not None and len(some) and not np.isin(records.number - first, some).all():

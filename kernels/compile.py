@@ -20,6 +20,7 @@ from wdpm.kernels.irradiance import (
     record_agreement,
     record_clamp,
     record_rays,
+    record_smoothing,
     records,
 )
 from wdpm.kernels.lights import pieces
@@ -48,6 +49,7 @@ COMMON = (
     record_agreement,
     record_clamp,
     record_rays,
+    record_smoothing,
     add_samples,
     filter_weights,
     shadow_rays,

@@ -27,6 +27,7 @@ from wdpm.cluster.task import RecordsMade, RecordTask
 from wdpm.cluster.world import View
 from wdpm.kernels.irradiance.record_agreement import agreeing
 from wdpm.kernels.irradiance.record_clamp import clamped
+from wdpm.kernels.irradiance.record_smoothing import smoothed
 
 DISAGREEMENT = 3.0
 """Standard errors of a record (CachePlan.tolerance) by which it may differ from what another expects of it: two
@@ -200,10 +201,10 @@ class RecordRounds:
     def shared(self) -> Records:
         """The records as slaves use them, worked out once for all."""
         if self._shared is None:
-            radius = clamped(self.records.position, self._agreeing())
+            self._shared = replace(self.records, radius=clamped(self.records.position, self._agreeing()))
             if self.finished:
-                radius = self._further(radius)
-            self._shared = replace(self.records, radius=radius)
+                smooth = replace(self._shared, **smoothed(vars(self._shared)))
+                self._shared = replace(smooth, radius=self._further(smooth))
         return self._shared
 
     def _agreeing(self) -> NDArray[np.float32]:
@@ -220,14 +221,14 @@ class RecordRounds:
         radius[rows] = self._agreed[1]
         return radius
 
-    def _further(self, radius: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _further(self, records: Records) -> NDArray[np.float32]:
         """How far records are read, by the reach that they were placed by: further, as far as they agree.
 
         Here those of the last round have a say as well: nothing is cut below what they left covered.
         """
-        further = radius * np.float32(READ_FURTHER)
-        agreed = agreeing({**vars(self.records), "radius": further}, DISAGREEMENT * self._view.cache.tolerance)
-        return np.maximum(radius, agreed)
+        further = records.radius * np.float32(READ_FURTHER)
+        agreed = agreeing({**vars(records), "radius": further}, DISAGREEMENT * self._view.cache.tolerance)
+        return np.maximum(records.radius, agreed)
 
     def _candidates(self, number: int) -> int:
         camera = self._view.camera

@@ -116,6 +116,7 @@ SHAPES: dict[type, dict[str, Shape]] = {
         "rotation": ("records", 3, 3),
         "translation": ("records", 3, 3),
         "radius": ("records",),
+        "error": ("records",),
     },
     Triangles: {
         "ids": ("triangles",),
@@ -353,6 +354,7 @@ def _bucket_rendered(result: BucketRendered, where: str) -> None:
 def _records(records: Records, where: str) -> None:
     finite = all(bool(np.isfinite(column).all()) for column in vars(records).values())
     _require(finite and bool((records.radius > 0).all()), where, "records that are not finite, or reach nowhere")
+    _require(bool((records.error >= 0).all()), where, "records with an error below 0")
 
 
 def _record_task(task: RecordTask, where: str) -> None:

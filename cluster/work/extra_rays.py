@@ -15,6 +15,8 @@ between: where that is more than the rays around have met, the stratum gets rays
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -64,6 +66,20 @@ def extra_rays(
     asked = np.minimum(wanted, float(most + strata)) * share - 1.0  # each has one ray already
     rounding = (np.arange(1, strata + 1) * GOLDEN % 1.0).reshape(radiance.shape[1:])
     return np.where(shot, np.floor(np.maximum(asked, for_promise) + rounding), 0.0).astype(np.int64)
+
+
+def standard_errors(radiance: Values, counts: Counts) -> Values:
+    """Of the irradiance of records, as the spread of their strata tells it, shape [N].
+
+    It is an upper bound, about: neighbours differ by how light changes from stratum to stratum, too.
+
+    Args:
+        radiance: mean of each stratum's rays, mean of RGB, shape [N, rows, columns].
+        counts: extra rays of each, the same shape.
+    """
+    variance = (neighbours_spread(radiance) ** 2 / (counts + 1.0)).reshape(len(radiance), -1).cumsum(axis=1)[:, -1]
+    errors: Values = np.sqrt(variance) * (math.pi / radiance[0].size)
+    return errors
 
 
 def _total(values: Values) -> Values:

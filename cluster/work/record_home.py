@@ -14,7 +14,7 @@ from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, concatenate,
 from wdpm.cluster.records import NO_RECORDS, ROUND_BITS, Records, candidates_at, joined
 from wdpm.cluster.rows import take_rows
 from wdpm.cluster.task import RecordsMade, RecordTask
-from wdpm.cluster.work.extra_rays import Counts, Values, extra_rays, means
+from wdpm.cluster.work.extra_rays import Counts, Values, extra_rays, means, standard_errors
 from wdpm.cluster.work.misses import no_hits
 from wdpm.cluster.work.record_wave import GatherRays, RecordWave, first_rays, further_rays
 from wdpm.cluster.work.replica import Replica
@@ -131,7 +131,7 @@ class RecordHome:
         if self._light:
             radiance = means(radiance, counts, np.concatenate(self._light))
         self._first, self._light = None, []
-        self._made.append(self._records(radiance.astype(np.float32), distance))
+        self._made.append(self._records(radiance, distance, counts))
 
     def _counts(self, radiance: Values, distance: NDArray[np.float32]) -> Counts:
         """Rays that each stratum gets more, shape [sites * strata].
@@ -143,9 +143,9 @@ class RecordHome:
         if not plan.extra:
             return np.zeros(len(distance), np.int64)
         most, tolerance = round(plan.extra * math.prod(self._strata)), plan.tolerance_in(self.task.round)
-        grey = ((radiance[:, 0] + radiance[:, 1] + radiance[:, 2]) / 3.0).reshape(shape)
         promised = self._promised().reshape(shape)
-        return extra_rays(grey, promised, distance.reshape(shape) >= 0, tolerance, most).reshape(-1)
+        grey, shot = _grey(radiance).reshape(shape), distance.reshape(shape) >= 0
+        return extra_rays(grey, promised, shot, tolerance, most).reshape(-1)
 
     def _promised(self) -> NDArray[np.float32]:
         """Radiance through each stratum if nothing stood before lit places, shape [sites, strata] [W/(m² sr)]."""
@@ -188,11 +188,12 @@ class RecordHome:
             return None
         return RecordsMade(self.task.number, self.task.round, joined([NO_RECORDS, *self._made]), self._rays)
 
-    def _records(self, radiance: NDArray[np.float32], distance: NDArray[np.float32]) -> Records:
+    def _records(self, radiance: Values, distance: NDArray[np.float32], counts: Counts) -> Records:
         """What the gather rays tell, once all are back.
 
         Args:
-            radiance, distance: of each stratum.
+            radiance, distance, counts: of each stratum: the mean of its rays, how far the first went, and how many
+                more there were.
         """
         count, device, plan = len(self._site["slot"]), self._replica.launcher.device, self._view.cache
         footprint = self._site["footprint"]
@@ -206,14 +207,21 @@ class RecordHome:
             count,
             grain=_GRAIN,
             strata=make_strata(*self._strata, device),
-            radiance=wp.array(radiance, dtype=wp.vec3, device=device),
+            radiance=wp.array(radiance.astype(np.float32), dtype=wp.vec3, device=device),
             distance=wp.array(distance, dtype=wp.float32, device=device),
             shading_normal=wp.array(self._site["shading_normal"], dtype=wp.vec3, device=device),
             bounds=bounds,
             made_out=made,
         )
         told = columns.download(made, ("irradiance", "rotation", "translation", "radius"))
-        return Records(self._numbers(), self._site["position"], self._site["shading_normal"], **told)
+        shape = (count, *self._strata)
+        error = standard_errors(_grey(radiance).reshape(shape), counts.reshape(shape)).astype(np.float32)
+        return Records(self._numbers(), self._site["position"], self._site["shading_normal"], **told, error=error)
 
     def _batch(self, kind: Kind, cell: int, credit: int, arrays: Arrays) -> Batch:
         return Batch.of_task(kind, self.task.number, self._number, cell, credit, arrays)
+
+
+def _grey(radiance: Values) -> Values:
+    """Mean of RGB, shape [rays]."""
+    return (radiance[:, 0] + radiance[:, 1] + radiance[:, 2]) / 3.0

@@ -44,7 +44,7 @@ CAPACITY = wp.constant(64)
 STACK_CAPACITY = wp.constant(64)  # 7 siblings a level and 8 children, 7 levels of inner nodes
 _MASK = wp.constant(63)  # tells the compiler that an index is not negative, as in gather.py
 
-_TURN = wp.constant(wp.float32(0.5 / (1.0 - math.cos(math.radians(10.0)))))
+TURN = wp.constant(wp.float32(0.5 / (1.0 - math.cos(math.radians(10.0)))))
 _FLATTENING = wp.constant(wp.float32(FLATTENING * FLATTENING - 1.0))
 _ZERO8 = wp.constant(vec8(0.0))
 
@@ -69,7 +69,7 @@ def _reach(leaves: wp.array[vec8], row: wp.int32, x: wp.vec3, n: wp.vec3) -> vec
     height2 = wp.cw_mul(height2, height2)
     turn2 = wp.cw_mul(tx, tx) + wp.cw_mul(ty, ty) + wp.cw_mul(tz, tz)
     share = wp.cw_mul(distance2 + (0.25 * _FLATTENING) * height2, leaves[row + 6])
-    return vec8(1.0) - share - _TURN * turn2
+    return vec8(1.0) - share - TURN * turn2
 
 
 @wp.func

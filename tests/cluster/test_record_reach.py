@@ -28,6 +28,7 @@ def test_records_of_the_last_round_shorten_no_reach() -> None:
         np.zeros((6, 3, 3), np.float32),
         np.zeros((6, 3, 3), np.float32),
         np.ones(6, np.float32),
+        np.zeros(6, np.float32),
     )
     plan = replace(PLAN, tolerance=0.05)
     last = RecordRounds(replace(VIEW, cache=plan), every).shared().radius
@@ -53,6 +54,7 @@ def test_records_are_read_further_than_they_were_placed_by_where_they_agree(ligh
         none,
         none,
         np.ones(2, np.float32),
+        np.zeros(2, np.float32),
     )
     view = replace(VIEW, cache=replace(PLAN, tolerance=0.02))
     np.testing.assert_array_equal(RecordRounds(view, two).shared().radius, np.float32(further))

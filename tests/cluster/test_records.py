@@ -48,6 +48,7 @@ from wdpm.cluster.slave import jobs as c
 from wdpm.cluster.task import PhotonsTraced, RecordsMade, RecordTask
 from wdpm.cluster.world import View
 from wdpm.kernels.irradiance.record_clamp import clamped
+from wdpm.kernels.irradiance.record_smoothing import smoothed
 from wdpm.scenes.errors import ProtocolError
 
 PLAN = CachePlan(rounds=3, spacing=16, rows=2, columns=6, error=0.3, least=1.0, most=9.0, wanted=0.3)
@@ -67,7 +68,7 @@ def made(task: RecordTask) -> RecordsMade:
     position = np.array([r.random(3) for r in rng], np.float32).reshape(-1, 3)
     radius = np.array([0.01 + r.random() for r in rng], np.float32)
     gradient = np.repeat(position[:, None, :], 3, axis=1)
-    records = Records(number, position, position, position, gradient, -gradient, radius)
+    records = Records(number, position, position, position, gradient, -gradient, radius, 0.1 * radius)
     return RecordsMade(task.number, task.round, records, math.prod(PLAN.strata(task.round)) * len(number))
 
 
@@ -215,9 +216,11 @@ def test_rounds_follow_each_other_and_are_published_whole(order: int | None) -> 
         assert {task.round for identity in (A, B) for task in tasks_of(out, identity)} == {number}
         out = driver.to_sharing(out, shuffle)
         expected = all_records(number + 1)
-        # Once all are there they are read further than they were placed by.
-        further = np.float32(READ_FURTHER if number == PLAN.rounds - 1 else 1.0)
-        expected = replace(expected, radius=clamped(expected.position, expected.radius) * further)
+        expected = replace(expected, radius=clamped(expected.position, expected.radius))
+        if number == PLAN.rounds - 1:
+            # Once all are there they are smoothed, and read further than they were placed by.
+            further = expected.radius * np.float32(READ_FURTHER)
+            expected = replace(expected, **smoothed(vars(expected)), radius=further)
         for identity in (A, B):
             assert equal(shared_with(out, identity), expected)
             assert tasks_of(out, identity) == []  # nothing of the next round before all have this one

@@ -237,9 +237,8 @@ def irradiance_records(count: int, first: int = 0) -> Records:
     flat = np.tile(np.array([0.0, 0.0, 1.0], np.float32), (count, 1))
     gradient = np.zeros((count, 3, 3), np.float32)
     place = whole[:, None].astype(np.float32) * np.ones(3, np.float32)
-    return Records(
-        first + whole.astype(np.int64), place, flat, np.abs(place), gradient, gradient, np.ones(count, np.float32)
-    )
+    ones = np.ones(count, np.float32)
+    return Records(first + whole.astype(np.int64), place, flat, np.abs(place), gradient, gradient, ones, 0.1 * ones)
 
 
 def record_task(number: int, round_number: int, some: set[int], every: bool) -> RecordTask:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wdpm.cluster.work.extra_rays import PROMISE_MOST, extra_rays, means, neighbours_spread
+from wdpm.cluster.work.extra_rays import PROMISE_MOST, extra_rays, means, neighbours_spread, standard_errors
 from wdpm.cluster.work.record_wave import further_rays
 
 Values = NDArray[np.float64]
@@ -170,3 +170,17 @@ def test_further_rays_are_numbered_after_the_first_ones_of_their_record() -> Non
     assert rays.record.tolist() == [0, 0, 0, 2, 2]
     assert rays.stratum.tolist() == [1, 1, 2, 0, 2]
     assert rays.ray.tolist() == [3, 4, 5, 3, 4]
+
+
+def test_records_know_about_how_much_they_err() -> None:
+    """With one ray and with two through each stratum; what neighbours differ by in fact is counted as well."""
+    rng = np.random.default_rng(5)
+    every = np.indices((ROWS, COLUMNS)).reshape(2, 1, -1)
+    rows, columns = np.repeat(every[0], 4000, axis=0), np.repeat(every[1], 4000, axis=0)
+    one = rays_through(rng, rows, columns).reshape(-1, ROWS, COLUMNS)
+    two = (one + rays_through(rng, rows, columns).reshape(-1, ROWS, COLUMNS)) / 2.0
+    for more, radiance in enumerate((one, two)):
+        told = standard_errors(radiance, np.full(radiance.shape, more, np.int64))
+        irradiance = np.pi * radiance.mean(axis=(1, 2))
+        assert np.std(irradiance) < np.sqrt(np.mean(told**2)) < 2.5 * np.std(irradiance)
+    assert standard_errors(np.ones((1, ROWS, COLUMNS)), np.zeros((1, ROWS, COLUMNS), np.int64)) == 0.0
