@@ -146,6 +146,35 @@ NO_REGIONS: NDArray[np.float32] = np.empty((0, 2, 3), np.float32)
 """Of maps that are built of all photons."""
 
 
+START_NUMBERS = 5
+"""Numbers that a photon sets out by (kernels.lights.steering)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Steering:
+    """How photons of the global map are steered: a tree that halves the cube of these numbers. The root is node 0.
+
+    Attributes:
+        axis: along which a node is halved, int32, shape [nodes].
+        lower: number of the node of the lower half, greater than its own, and the upper half's is one more; 0 of a
+            leaf; int32, shape [nodes].
+        split: where a node is cut, as a part of its width, float64, shape [nodes].
+        chance: of the lower half, float64, shape [nodes].
+    """
+
+    axis: NDArray[np.int32]
+    lower: NDArray[np.int32]
+    split: NDArray[np.float64]
+    chance: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.axis)
+
+
+NO_STEERING = Steering(np.empty(0, np.int32), np.empty(0, np.int32), np.empty(0, np.float64), np.empty(0, np.float64))
+"""Of photons that leave lights in proportion to what these shine."""
+
+
 @dataclass(frozen=True, eq=False)
 class Emission:
     """How photons are shared out and aimed.
@@ -155,12 +184,14 @@ class Emission:
         caustic_share: the same in the caustic pass.
         target_center: spheres that hold all surfaces with a glossy part, float32, shape [S, 3].
         target_radius: float32, shape [S].
+        steering: of photons of the global pass.
     """
 
     share: NDArray[np.float64]
     caustic_share: NDArray[np.float64]
     target_center: NDArray[np.float32]
     target_radius: NDArray[np.float32]
+    steering: Steering = NO_STEERING
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ from wdpm.kernels.irradiance import (
 )
 from wdpm.kernels.lights import pieces
 from wdpm.kernels.module_hashes import hashes
-from wdpm.kernels.photons import departure, gather, gather_at_photons, kd_order, photon_map, surface_points
+from wdpm.kernels.photons import departure, gather, gather_at_photons, kd_order, neighbours, photon_map, surface_points
 from wdpm.kernels.rays import bvh, bvh_build, overlap, standing_areas
 from wdpm.kernels.stand_ins import Chosen, compiled_kernels, own_kernels, stand_ins
 from wdpm.kernels.variants import make_variants
@@ -36,6 +36,7 @@ COMMON = (
     rays,
     gather,
     gather_at_photons,
+    neighbours,
     gather_places,
     promised_light,
     cache,

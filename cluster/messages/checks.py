@@ -22,6 +22,7 @@ from wdpm.cluster.messages.batch_checks import check_runs, check_whole
 from wdpm.cluster.messages.demands import Shape
 from wdpm.cluster.messages.demands import indices as _indices
 from wdpm.cluster.messages.demands import require as _require
+from wdpm.cluster.messages.emission_checks import SHAPES_OF_EMISSION, check_steering
 from wdpm.cluster.messages.instance_checks import SHAPES_OF_INSTANCES, check_instances, check_shapes
 from wdpm.cluster.messages.short_bitmaps import ShortBitmap
 from wdpm.cluster.messages.top_tree_checks import SHAPES_OF_CELLS, check_outlines, check_top_tree
@@ -29,7 +30,7 @@ from wdpm.cluster.messages.view_checks import check_allotment, check_lamp_outlin
 from wdpm.cluster.records import CachePlan, Records
 from wdpm.cluster.runs import Runs
 from wdpm.cluster.task import BucketRendered, BucketTask, PhotonsTraced, PhotonTask, RecordTask
-from wdpm.cluster.world import Emission, IrradiancePlan, MapPlan, Outlines, PhotonPlan, TopTree, View, World
+from wdpm.cluster.world import IrradiancePlan, MapPlan, Outlines, PhotonPlan, Steering, TopTree, View, World
 from wdpm.kernels.fields import Many
 from wdpm.kernels.limits import MAX_K
 from wdpm.scenes.errors import ProtocolError
@@ -91,12 +92,7 @@ SHAPES: dict[type, dict[str, Shape]] = {
         "channels": ("grids",),
         "values": ("values",),
     },
-    Emission: {
-        "share": ("elements",),
-        "caustic_share": ("elements",),
-        "target_center": ("targets", 3),
-        "target_radius": ("targets",),
-    },
+    **SHAPES_OF_EMISSION,
     Checkerboard: {"to_uv": (3, 3)},
     Bitmap: {"pixels": ("height", "width", 3), "to_uv": (3, 3)},
     ShortBitmap: {"palette": ("colours",), "pixels": ("height", "width", 3)},
@@ -466,6 +462,7 @@ _RANGES: dict[type, Callable[[Any, str], None]] = {
     Grids: _grids,
     MapPlan: _map_plan,
     World: _world,
+    Steering: check_steering,
     IrradiancePlan: _irradiance_plan,
     PhotonPlan: _photon_plan,
     View: check_view,

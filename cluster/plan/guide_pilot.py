@@ -17,6 +17,7 @@ from wdpm.cluster.guide import LightGuide
 from wdpm.cluster.plan.regions import Regions
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.misses import no_hits, start_paths
+from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera import guide_pilot
@@ -108,7 +109,9 @@ class GuidePilot:
         sky = cell.replica.tiled_sky
         self.mass = sky.mass if sky.pixels.size else np.zeros((0, 0))
         self._scene = pilot_scene(flat, cell)
-        self.position, self.normal = self._places(view)
+        places = places_of_paths(self._scene, cell.replica, view)
+        self.position = np.concatenate([position[found] for position, _, found in places])
+        self.normal = np.concatenate([normal[found] for _, normal, found in places])
 
     @property
     def _device(self) -> str:
@@ -120,36 +123,6 @@ class GuidePilot:
             "position": wp.array(np.ascontiguousarray(self.position[::step]), dtype=wp.vec3, device=self._device),
             "normal": wp.array(np.ascontiguousarray(self.normal[::step]), dtype=wp.vec3, device=self._device),
         }
-
-    def _places(self, view: View) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Where paths from evenly spread pixels come to, by bounce."""
-        pixels = view.camera.width * view.camera.height
-        count = min(MOST_PATHS, max(LEAST_PATHS, pixels // PIXELS_A_PATH))
-        arrays = {
-            "slot": np.arange(count, dtype=np.int32),
-            "pixel": ((2 * np.arange(count, dtype=np.int64) + 1) * pixels // (2 * count)).astype(np.int32),
-            "sample": np.arange(count, dtype=np.int32),  # of small images pixels have several
-            **no_hits(count, view),
-        }
-        paths = start_paths(self._replica, columns.upload(Rays, arrays, self._device), count)
-        positions, normals = [], []
-        for bounce in range(BOUNCES):
-            position, normal = (wp.empty(count, dtype=wp.vec3, device=self._device) for _ in range(2))
-            self._replica.launcher(
-                guide_pilot.walk_on,
-                count,
-                scene=self._scene,
-                bounce=bounce,
-                seed=self._seed,
-                origin=paths.origin,
-                direction=paths.direction,
-                position_out=position,
-                normal_out=normal,
-            )
-            found = normal.numpy().any(axis=1)
-            positions.append(position.numpy()[found])
-            normals.append(normal.numpy()[found])
-        return np.concatenate(positions), np.concatenate(normals)
 
     def look(self, number: int, known: LightGuide) -> Looks:
         """A round of rays to the environment from every place, chosen by what is known."""
@@ -198,6 +171,45 @@ class GuidePilot:
         shape = (-1, rays, choices)
         square = (cosine.numpy().astype(np.float64) ** 2).reshape(shape).mean(axis=1)
         return LightLooks(square, chance.numpy().astype(np.float64).reshape(shape)[:, 0], lights.tree.head_count)
+
+
+Places = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]
+
+
+def places_of_paths(scene: Any, replica: Replica, view: View) -> list[Places]:
+    """Where paths from evenly spread pixels come to, by bounce: position, normal, shape [paths, 3], and whether there
+    is a place, shape [paths].
+
+    Args:
+        scene: pilot_scene's.
+        replica: which has the view.
+    """
+    pixels, device = view.camera.width * view.camera.height, replica.launcher.device
+    count = min(MOST_PATHS, max(LEAST_PATHS, pixels // PIXELS_A_PATH))
+    arrays = {
+        "slot": np.arange(count, dtype=np.int32),
+        "pixel": ((2 * np.arange(count, dtype=np.int64) + 1) * pixels // (2 * count)).astype(np.int32),
+        "sample": np.arange(count, dtype=np.int32),  # of small images pixels have several
+        **no_hits(count, view),
+    }
+    paths = start_paths(replica, columns.upload(Rays, arrays, device), count)
+    found = []
+    for bounce in range(BOUNCES):
+        position, normal = (wp.empty(count, dtype=wp.vec3, device=device) for _ in range(2))
+        replica.launcher(
+            guide_pilot.walk_on,
+            count,
+            scene=scene,
+            bounce=bounce,
+            seed=wp.uint32(view.seed),
+            origin=paths.origin,
+            direction=paths.direction,
+            position_out=position,
+            normal_out=normal,
+        )
+        here = normal.numpy()
+        found.append((position.numpy(), here, here.any(axis=1)))
+    return found
 
 
 def pilot_scene(flat: FlatScene, cell: Cell) -> Any:

@@ -35,6 +35,7 @@ from wdpm.cluster.plan.small_view import (
     small_camera,
     without_photons,
 )
+from wdpm.cluster.plan.steering.pilot import steered_pilot
 from wdpm.cluster.plan.view import CACHE_PLAN, SAMPLES_OF_PLAN, share_of_rays, view_of
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.kernels.camera.camera import tangent
@@ -159,10 +160,9 @@ def choose_integrator(
         photons: the same with photon mapping, and what that chose for itself.
         flown: a pilot that was flown before, perhaps for other settings.
     """
-    pilot = pilot_for(flat, trial_features(flat, settings), photons, launcher, flown)
-    plans = map_plans(pilot, photons, flat)
     view = view_of(flat, photons, 1)
-    pilot.worker.set_view(view)
+    pilot = steered_pilot(flat, pilot_for(flat, trial_features(flat, settings), photons, launcher, flown), view)
+    plans = map_plans(pilot, photons, flat)
     learnt = learn_guide(flat, pilot.cell, view)
     paths = replace(settings, integrator=Integrator.PATH, indirect=Indirect.MAP)
     trial = _try_both(flat, pilot, photons, paths, learnt)

@@ -56,12 +56,15 @@ class PhotonPilot:
         paths: of each pass, if any were.
         worker: of one cell that is the whole scene.
         photons: of each map, by the numbers of kernels.photons.deposits, in the order of the photons' own.
+        left: second moment of its paths' use, of that unsteered (plan.steering); 1 where photons are not to be steered,
+            None where that is not known yet.
     """
 
     settings: RenderSettings
     paths: int
     worker: CellWorker
     photons: list[Arrays]
+    left: float | None = None
     _trees: dict[int, AmongPhotons] = field(default_factory=dict, init=False, repr=False)
 
     def among(self, number: int) -> AmongPhotons:
@@ -79,6 +82,12 @@ class PhotonPilot:
     def cell(self) -> Cell:
         """The whole scene."""
         return self.worker.cells[0]
+
+    def as_it_is(self) -> PhotonPilot:
+        """The same, once it is known that its photons are not to be steered."""
+        known = replace(self, left=1.0)
+        known._trees.update(self._trees)
+        return known
 
     def light_of_path(self) -> NDArray[np.int32]:
         """Which light each path comes from, shape [paths of all passes]."""
@@ -124,6 +133,14 @@ def fly_pilot(
     photons = _by_map(_photons_of(worker, world.paths))
     flat.triangles.let_go()
     return PhotonPilot(settings, of_each, worker, photons)
+
+
+def flown_again(flat: FlatScene, world: World, pilot: PhotonPilot, left: float) -> PhotonPilot:
+    """The pilot in a world in which photons are shared out and steered as they are to be, which leaves so much."""
+    pilot.worker.adopt(world)
+    photons = _by_map(_photons_of(pilot.worker, world.paths))
+    flat.triangles.let_go()
+    return PhotonPilot(pilot.settings, pilot.paths, pilot.worker, photons, left)
 
 
 def _affordable_paths(worker: CellWorker, world: World) -> int:
@@ -173,15 +190,24 @@ def _flies_by(settings: RenderSettings) -> tuple[object, ...]:
 def direct_photons(pilot: PhotonPilot) -> tuple[Arrays, int]:
     """Photons straight from the lights, of which no map has any, and how many paths they are of."""
     paths = min(DIRECT_PATHS, pilot.world.global_map.paths or pilot.paths)
+    return photons_with_direct(pilot.world, pilot, paths, 1), paths
+
+
+def photons_with_direct(world: World, pilot: PhotonPilot, paths: int, bounces: int) -> Arrays:
+    """Photons of some paths of the global pass in a world, those straight from the lights too.
+
+    Args:
+        bounces: places that a path comes to, at most.
+    """
     straight = replace(
-        pilot.world,
-        max_depth=2,
+        world,
+        max_depth=1 + bounces,
         global_map=MapPlan(paths),
         caustic_map=MapPlan(0),
         volume_map=MapPlan(0),
         stores_direct=True,
     )
-    return _flown_in(straight, pilot)[0][GLOBAL_MAP], paths
+    return _flown_in(straight, pilot)[0][GLOBAL_MAP]
 
 
 def caustic_photons_among(materials: MaterialTable, pilot: PhotonPilot) -> tuple[Arrays, NDArray[np.int32]]:

@@ -11,6 +11,7 @@ from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.overlap_band import along
 from wdpm.kernels.photons import photon_map
 from wdpm.kernels.photons.gather import gather_kernel
+from wdpm.kernels.photons.neighbours import find_neighbours
 
 PILOT_K = 16
 """Neighbours that tell the density at a place: few enough to stay local, enough to be within a quarter."""
@@ -85,6 +86,33 @@ class AmongPhotons:
         )
         found = np.empty((count, 3), np.float32), np.empty(count, np.float32)
         found[0][order], found[1][order] = irradiance.numpy(), radius.numpy()
+        return found
+
+    def neighbours(
+        self, position: NDArray[np.float32], normal: NDArray[np.float32], extent: float, k: int = PILOT_K
+    ) -> NDArray[np.int32]:
+        """Which photons the gathers of some places ask: their numbers, or -1 for none, shape [P, k].
+
+        Args:
+            As of gather_each.
+        """
+        device, count = self._launcher.device, len(position)
+        order = self._order(position, normal, k)
+        rank = wp.empty((count, k), dtype=wp.int32, device=device)
+        self._launcher(
+            find_neighbours,
+            -(-count // RUN),
+            grain=GRAIN,
+            photons=self._built,
+            position=wp.array(position[order], dtype=wp.vec3, device=device),
+            normal=wp.array(normal[order], dtype=wp.vec3, device=device),
+            k=k,
+            r_max=extent,
+            run=RUN,
+            rank_out=rank,
+        )
+        found = np.empty((count, k), np.int32)
+        found[order] = rank.numpy()
         return found
 
     def _order(self, position: NDArray[np.float32], normal: NDArray[np.float32], k: int) -> NDArray[np.intp]:

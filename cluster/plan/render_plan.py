@@ -7,6 +7,7 @@ and the image does not depend on them.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,12 +20,12 @@ from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.forecast.sight import NO_SIGHT, Sight, sight_of
 from wdpm.cluster.plan.forecast.work import work_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide, with_guide
-from wdpm.cluster.plan.light_shares import measured_emission
 from wdpm.cluster.plan.lit_places import lit_places
 from wdpm.cluster.plan.map_plans import irradiance_plan, map_plans, volume_unit
 from wdpm.cluster.plan.partition import instances_of_cells, outlines_of, places_to_cut, rows_of_cells
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
 from wdpm.cluster.plan.record_worth import records_in_words, tolerance_of_records, with_tolerance
+from wdpm.cluster.plan.steering.pilot import emission_of, steered_pilot, steering_in_words
 from wdpm.cluster.plan.top_tree import build_top_tree, cells_seen, photons_in_cells
 from wdpm.cluster.plan.view import view_of
 from wdpm.cluster.render_settings import RenderSettings
@@ -108,7 +109,8 @@ def make_render_plan(
         pilot: that was flown to decide on settings.
         learnt: how shadow rays choose among lights, if that was learnt to decide on settings.
     """
-    pilot = pilot_for(flat, features_of(flat, settings), settings, launcher, pilot)
+    view = view_of(flat, settings, workers)
+    pilot = steered_pilot(flat, pilot_for(flat, features_of(flat, settings), settings, launcher, pilot), view)
     planned = map_plans(pilot, settings, flat)
     maps = planned.maps
     for each in maps:
@@ -121,8 +123,6 @@ def make_render_plan(
     levels = (wanted - 1).bit_length()
     places = np.concatenate([part["position"] for part in pilot.photons])
     band = max((each.band for each in maps if each.paths), default=maps[0].band)
-    view = view_of(flat, settings, workers)
-    pilot.worker.set_view(view)
     sight = sight_of(flat, pilot.cell, view) if levels else NO_SIGHT
     tree = _top_tree(flat, settings, pilot, sight, view, band, levels, wanted)
     rows = rows_of_cells(flat.triangles.positions, tree, flat.extent, launcher)
@@ -134,7 +134,7 @@ def make_render_plan(
         global_map=maps[0],
         caustic_map=maps[1],
         volume_map=maps[2],
-        emission=measured_emission(pilot.world, pilot.flux_by_light()),
+        emission=emission_of(pilot),
         volume_unit=volume_unit(pilot.photons, maps[VOLUME_MAP], flat),
         irradiance=irradiance,
     )
@@ -149,7 +149,7 @@ def make_render_plan(
     lit = lit_places(pilot, view.cache)
     outlines = lamp_outlines(flat, pilot.cell)
     tolerance = tolerance_of_records(flat, pilot, settings, learnt, view.cache)
-    chose = (*planned.chose, *records_in_words(tolerance, view.cache), *_outlines_in_words(outlines))
+    words = (steering_in_words(pilot), records_in_words(tolerance, view.cache), _outlines_in_words(outlines))
     worker = pilot.worker if tree.cells == 1 else None
     flat.triangles.let_go()
     return RenderPlan(
@@ -165,7 +165,7 @@ def make_render_plan(
         lit,
         outlines,
         cells_seen(sight.position, sight.seen, tree),
-        chose,
+        (*planned.chose, *itertools.chain(*words)),
     )
 
 

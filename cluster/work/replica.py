@@ -24,7 +24,7 @@ from wdpm.kernels.features import ALL, Features
 from wdpm.kernels.irradiance import record_tree
 from wdpm.kernels.irradiance.record_tree import IrradianceCache
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.lights import environment, guide, lights
+from wdpm.kernels.lights import environment, guide, lights, steering
 from wdpm.kernels.materials import medium, resolve, texture
 from wdpm.kernels.materials.texture import Textures
 from wdpm.kernels.photons.departure import EmitScene
@@ -125,6 +125,7 @@ class Replica:
         scene = EmitScene()
         scene.lights, scene.textures, scene.media, scene.cells = self.lights, self.textures, self.media, self.cells
         scene.targets = lights.upload_targets(emission.target_center, emission.target_radius, device)
+        scene.steering = steering.upload(**vars(emission.steering), device=device)
         scene.cumulative = lights.upload_shares(emission.share, device)
         scene.caustic_cumulative = lights.upload_shares(emission.caustic_share, device)
         self.emit_scene = scene

@@ -8,10 +8,11 @@ import warp as wp
 
 from wdpm.kernels.features import Features
 from wdpm.kernels.lights.lights import Lights, Targets, make_lights
+from wdpm.kernels.lights.steering import StartNumbers, Steering, steered
 from wdpm.kernels.made_for import made_for
 from wdpm.kernels.materials.medium import Media
 from wdpm.kernels.materials.texture import Textures
-from wdpm.kernels.maths.random import PURPOSE_CAUSTIC, PURPOSE_EMISSION, sample_1d, sample_2d
+from wdpm.kernels.maths.random import PURPOSE_CAUSTIC, PURPOSE_EMISSION, rounded_down, sample_1d, sample_2d
 from wdpm.kernels.photons.flight import (
     Flight,
     dimension_of,
@@ -32,6 +33,7 @@ class EmitScene:
 
     Attributes:
         targets: what the caustic pass aims at.
+        steering: of the global pass.
         cumulative, caustic_cumulative: shares of the light elements up to and with each, by pass.
     """
 
@@ -40,6 +42,7 @@ class EmitScene:
     media: Media
     cells: Cells
     targets: Targets
+    steering: Steering
     cumulative: wp.array[wp.float64]
     caustic_cumulative: wp.array[wp.float64]
 
@@ -67,6 +70,35 @@ def first_cells(cells: Cells, flight: Flight, offset: wp.int32, next_cell_out: w
         next_cell_out[i] = next_cell(cells, flight.origin[i], flight.direction[i], flight.t[i], -1)
 
 
+@wp.func
+def start_numbers(steering: wp.ref[Steering], index: wp.uint32, streams: wp.uint32, aimed: wp.int32) -> StartNumbers:
+    """The numbers that a path sets out by; the caustic pass is aimed by other means, and not steered."""
+    s = StartNumbers()
+    s.element = sample_1d(index, dimension_of(streams, 0))
+    s.point = wp.vec2d(sample_2d(index, dimension_of(streams, 1)))
+    s.direction = wp.vec2d(sample_2d(index, dimension_of(streams, 2)))
+    s.weight = 1.0
+    if aimed == 0 and steering.count > 0:
+        s = steered(steering, s)
+    return s
+
+
+@wp.kernel
+def numbers_of_paths(
+    steering: Steering,
+    seed: wp.uint32,
+    offset: wp.int32,
+    numbers_out: wp.array2d[wp.float64],
+) -> None:
+    """What the first paths of the global pass set out by."""
+    i = offset + wp.tid()
+    s = start_numbers(steering, wp.uint32(i), path_streams(seed, PURPOSE_EMISSION, wp.int64(i)), 0)
+    numbers_out[i, 0] = s.element
+    for axis in range(2):
+        numbers_out[i, 1 + axis] = s.point[axis]
+        numbers_out[i, 3 + axis] = s.direction[axis]
+
+
 @functools.cache
 def make_emit_photons(features: Features) -> wp.Kernel:
     """The kernel that starts photon paths."""
@@ -89,15 +121,16 @@ def make_emit_photons(features: Features) -> wp.Kernel:
             aimed = 1
         index = wp.uint32(number)
         streams = path_streams(orders.seed, purpose, number)
+        start = start_numbers(scene.steering, index, streams, aimed)
         e = emit(
             scene.lights,
             scene.textures,
             shares,
             scene.targets,
             aimed,
-            sample_1d(index, dimension_of(streams, 0)),
-            sample_2d(index, dimension_of(streams, 1)),
-            sample_2d(index, dimension_of(streams, 2)),
+            start.element,
+            wp.vec2(rounded_down(start.point[0]), rounded_down(start.point[1])),
+            wp.vec2(rounded_down(start.direction[0]), rounded_down(start.direction[1])),
             wp.float32(sample_1d(index, dimension_of(streams, 3))),
         )
         p = without_hit(new_photon(path, orders.seed))
@@ -106,7 +139,7 @@ def make_emit_photons(features: Features) -> wp.Kernel:
         p.light = e.light
         p.origin = e.origin
         p.direction = e.direction
-        p.flux = e.flux
+        p.flux = e.flux * start.weight
         if wp.static(features.media):
             if e.medium >= 0:
                 p = into_medium(p, scene.media, scene.cells, scene.lights.offset_min)

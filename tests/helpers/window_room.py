@@ -1,4 +1,4 @@
-"""A room that the sky lights through a small window: nearly all of it is hidden from nearly everywhere inside."""
+"""A room that the sky lights through a small window, nearly all of it hidden; and a hut that the sun looks into."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from furnaces import quad, scene, view
 
-from wdpm.scenes.model.lights import Environment
+from wdpm.scenes.model.lights import DirectionalLight, Environment
 from wdpm.scenes.model.scene import Mesh, Scene
 
 ALBEDO = (0.6, 0.5, 0.4)
@@ -57,3 +57,28 @@ def _wall_with_window() -> list[Mesh]:
     """The wall at x = -1 around an opening: y from 0 to 0.5, z from -1 to -0.5."""
     strips = (((-1, 1), (-2, -1)), ((-1, 1), (-0.5, 2)), ((-1, 0), (-1, -0.5)), ((0.5, 1), (-1, -0.5)))
     return [quad((-1, y0, z0), (0, y1 - y0, 0), (0, 0, z1 - z0)) for (y0, y1), (z0, z1) in strips]
+
+
+FIELD = 20.0
+"""Half its width [m]; the hut's is 1."""
+
+SUN = DirectionalLight("sun", (0.1, -0.5, -0.86), (10.0, 9.0, 8.0))
+
+
+def _both(corner: tuple[float, ...], u: tuple[float, ...], v: tuple[float, ...]) -> list[Mesh]:
+    """A thin wall, which faces both ways."""
+    return [quad(corner, u, v), quad(corner, v, u)]
+
+
+def hut_on_a_field(size: tuple[int, int] = (32, 24)) -> Scene:
+    """Seen from within, away from the open front."""
+    camera = replace(view((0.0, 0.9, 0.95), (0.0, 0.8, -1.0), 80, up=(0, 1, 0)), width=size[0], height=size[1])
+    walls = [
+        quad((-FIELD, -0.01, -FIELD), (0, 0, 2 * FIELD), (2 * FIELD, 0, 0)),
+        quad((-1, 0, -1), (0, 0, 2), (2, 0, 0)),
+        *_both((-1, 2, -1), (0, 0, 2), (2, 0, 0)),
+        *_both((-1, 0, -1), (2, 0, 0), (0, 2, 0)),
+        *_both((-1, 0, -1), (0, 0, 2), (0, 2, 0)),
+        *_both((1, 0, -1), (0, 0, 2), (0, 2, 0)),
+    ]
+    return replace(scene(walls, camera, (0.5, 0.5, 0.5)), lights=(SUN,))

@@ -68,6 +68,7 @@ def test_messages_are_as_described(heading: str, union: object) -> None:
         world.PhotonPlan,
         world.IrradiancePlan,
         world.Emission,
+        world.Steering,
         MaterialTable,
         Media,
     ],

@@ -1,0 +1,108 @@
+"""Photons steered towards what is seen: where that pays, and nowhere else; the same mean, and the same bits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from window_room import hut_on_a_field
+
+from wdpm.cluster.plan.effects import features_of
+from wdpm.cluster.plan.photon_pilot import PhotonPilot, fly_pilot
+from wdpm.cluster.plan.render_plan import make_render_plan
+from wdpm.cluster.plan.steering.pilot import WORTH, emission_of, steered_pilot, steering_in_words
+from wdpm.cluster.plan.steering.tree import UNSTEERED, Known, Sample, learn, weights
+from wdpm.cluster.plan.view import view_of
+from wdpm.cluster.render_settings import Integrator, RenderSettings
+from wdpm.cluster.world import NO_STEERING, START_NUMBERS
+from wdpm.kernels.launch import Launcher
+from wdpm.kernels.photons.deposits import GLOBAL_MAP
+from wdpm.scenes import cornell_box
+from wdpm.scenes.flat.flatten import flatten
+from wdpm.scenes.model.scene import Scene
+
+PHOTONS = RenderSettings(integrator=Integrator.PHOTONS, spp=4, photons=20_000)
+
+
+def flown(what: Scene, threads: int = 1) -> PhotonPilot:
+    flat = flatten(what)
+    pilot = fly_pilot(flat, features_of(flat, PHOTONS), PHOTONS, Launcher("cpu", threads))
+    return steered_pilot(flat, pilot, view_of(flat, PHOTONS, 1))
+
+
+def sample_of(count: int, seed: int = 1) -> Sample:
+    """Paths of use where two of their numbers lie about the middle, as those of a car on a field do."""
+    numbers = np.random.default_rng(seed).random((count, START_NUMBERS))
+    return Sample(numbers, (np.abs(numbers[:, 1:3] - 0.5) < 0.05).all(axis=1) / count)
+
+
+def test_a_tree_finds_what_is_of_use_and_leaves_nothing_out() -> None:
+    tree, others = learn(sample_of(1 << 15)), sample_of(1 << 15, seed=2)
+    assert others.moment(tree) < 0.05 * others.moment(NO_STEERING)
+    least, most = (float(bound(weights(tree, others.numbers))) for bound in (np.min, np.max))
+    assert least < 0.05
+    assert 1.0 < most <= 1.0 / UNSTEERED + 1e-9
+
+
+def test_chances_of_a_trees_leaves_are_one_in_all() -> None:
+    """The volume of each leaf over its weight is its chance."""
+    tree = learn(sample_of(1 << 15))
+    numbers = np.random.default_rng(3).random((1 << 16, START_NUMBERS))
+    chance = 1.0 / weights(tree, numbers)
+    assert chance.mean() == pytest.approx(1.0, abs=4.0 * chance.std() / 2**8)
+
+
+@pytest.mark.parametrize("square", [np.zeros(4096), np.ones(4096), np.eye(1, 4096)[0]])
+def test_a_sample_that_tells_nothing_teaches_nothing(square: np.ndarray) -> None:
+    sample = Sample(np.random.default_rng(4).random((4096, START_NUMBERS)), square)
+    assert not len(learn(sample))
+    known = Known()
+    known.add(NO_STEERING, sample.numbers, square)
+    assert not known.learn(1.0)
+    assert (known.tree, known.left) == (NO_STEERING, 1.0)
+
+
+def test_rounds_of_paths_tell_the_same_as_unsteered_ones() -> None:
+    """What steered paths tell of the whole is what others tell, by the density that all rounds have together."""
+    known, rng = Known(), np.random.default_rng(5)
+    for _ in range(3):
+        numbers = rng.random((1 << 15, START_NUMBERS))
+        chance = 1.0 / weights(known.tree, numbers)
+        numbers = numbers[rng.random(len(numbers)) < chance / chance.max()]  # as many as the tree would send there
+        of_use = (np.abs(numbers[:, 1:3] - 0.5) < 0.05).all(axis=1)
+        known.add(known.tree, numbers, of_use * weights(known.tree, numbers))
+        known.learn(1.0)
+    assert known._sample().square.sum() == pytest.approx(0.01, rel=0.05)
+    assert known.left < 0.05
+
+
+def test_on_a_field_photons_are_steered_into_the_hut_and_carry_the_same_light() -> None:
+    what = hut_on_a_field()
+    flat, steered = flatten(what), flown(what)
+    plain = fly_pilot(flat, features_of(flat, PHOTONS), PHOTONS, Launcher("cpu", 1))
+    assert steered.left is not None
+    assert steered.left < WORTH
+    assert "second moment" in steering_in_words(steered)[0]
+    within = []
+    for pilot in (plain, steered):
+        photons = pilot.photons[GLOBAL_MAP]
+        inside = (np.abs(photons["position"] * flat.unit - (0, 1, 0)).max(axis=1)) <= 1.01
+        within.append((inside.sum(), photons["flux"][inside].sum() / pilot.paths))
+    assert within[1][0] > 10 * within[0][0]
+    noise = 1.0 / np.sqrt(within[0][0])
+    assert within[1][1] == pytest.approx(within[0][1], rel=4.0 * noise)
+
+
+def test_in_a_closed_room_photons_stay_as_they_are() -> None:
+    pilot = flown(cornell_box((32, 32)))
+    assert pilot.left == 1.0
+    assert not len(emission_of(pilot).steering)
+    assert steering_in_words(pilot) == ()
+
+
+def test_a_tree_is_the_same_on_any_number_of_threads_and_cells() -> None:
+    one, two = (emission_of(flown(hut_on_a_field(), threads)) for threads in (1, 2))
+    planned = make_render_plan(flatten(hut_on_a_field()), PHOTONS, 4, Launcher("cpu", 1)).world.emission
+    for other in (two, planned):
+        np.testing.assert_array_equal(one.share, other.share)
+        for name, column in vars(one.steering).items():
+            np.testing.assert_array_equal(column, getattr(other.steering, name))
