@@ -31,6 +31,9 @@ PILOT_GATHERS = 4096
 """Pilot photons at which the pilot asks for its own density."""
 
 RADIUS_QUANTILE = 0.5
+NEAR = 0.125
+"""Of the scene's extent: how far is looked first for the neighbours of a median photon."""
+
 RADIUS_MARGIN = 2.5
 """The gather radius is 2.5 times the one in which the median photon finds k others: gathers in light that is a sixth as
 dense still find their k; dimmer places are averaged over the fixed radius, and counted in the report. Wider, the
@@ -247,8 +250,15 @@ def _median_radius(pilot: PhotonPilot, number: int, flat: FlatScene) -> float:
     if len(position) <= PILOT_K:
         return 0.0
     queries = np.linspace(0, len(position) - 1, min(PILOT_GATHERS, len(position))).astype(np.intp)
-    _, found = pilot.among(number).gather(position[queries], normal[queries], flat.extent)
-    return float(np.quantile(found, RADIUS_QUANTILE))
+    # A photon with no others that face alike would look through the whole scene: the median need not know how far.
+    for furthest in (NEAR * flat.extent, flat.extent):
+        _, found = pilot.among(number).gather(position[queries], normal[queries], furthest)
+        median, next_to_it = (
+            float(np.quantile(found, RADIUS_QUANTILE, method=which)) for which in ("linear", "higher")
+        )
+        if next_to_it < furthest:
+            break
+    return median
 
 
 def _gather_radius(median: float, stored: int, k: int, expected: float, extent: float) -> float:
