@@ -29,6 +29,11 @@ ALPHA = 2.0 / 3.0
 LEAST_CLEARANCE = 0.35
 """Records in corners reach no less far than this share of the way to the nearest thing, however many the samples."""
 
+SAMPLES_OF_REACH = 16
+"""Samples a pixel below which records reach further: what they blur is less than what fewer of them, each of which
+reaches others, get wrong. With 2 samples (256x256) relMSE fell by 2 to 4 % in sibenik, sponza and among bunnies, for 10
+to 13 % fewer gather rays."""
+
 LEAST_K = 4
 """Photons that a gather looks for, at least: from there on, the largest radius alone goes on shrinking."""
 
@@ -139,8 +144,13 @@ def worth(plan: CachePlan, spp: int) -> CachePlan:
         plan: for SAMPLES_OF_PLAN samples a pixel.
     """
     share, finer = spp / SAMPLES_OF_PLAN, math.sqrt(share_of_rays(spp))
+    further = max((SAMPLES_OF_REACH / spp) ** 0.25, 1.0)
+    least = plan.least * further
     return replace(
         plan,
+        error=plan.error * further,
+        least=least,
+        most=max(plan.most, least),
         rows=max(1, round(plan.rows * finer)),
         columns=max(3, round(plan.columns * finer)),
         clearance=min(max(plan.clearance * share**-0.25, LEAST_CLEARANCE), 1.0),

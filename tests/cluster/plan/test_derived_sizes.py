@@ -67,12 +67,16 @@ def test_records_have_rays_by_samples_and_spacing() -> None:
     assert replace(CACHE_PLAN, rows=1, columns=1).strata(5) == (1, 3)
 
 
-def test_records_may_err_as_samples_do_and_more_where_they_serve_few_pixels() -> None:
+def test_records_may_err_as_samples_do_and_reach_further_beside_few() -> None:
     """As the root of the samples down to one, where gradients ask for more rays than errors do."""
     tolerances = {spp: worth(CACHE_PLAN, spp).tolerance for spp in (1, 2, 4, 32, 128)}
     for spp, tolerance in tolerances.items():
         assert tolerance == pytest.approx(CACHE_PLAN.tolerance * math.sqrt(32 / spp))
     assert worth(CACHE_PLAN, 1024).tolerance == tolerances[128]
+    plans = [worth(replace(CACHE_PLAN, least=3.0, most=4.0), spp) for spp in (1, 4, 16, 64)]
+    assert [plan.least for plan in plans] == pytest.approx([6.0, 3.0 * math.sqrt(2.0), 3.0, 3.0])
+    assert [plan.most for plan in plans] == pytest.approx([6.0, 3.0 * math.sqrt(2.0), 4.0, 4.0])
+    assert [plan.error / CACHE_PLAN.error for plan in plans] == pytest.approx([2.0, math.sqrt(2.0), 1.0, 1.0])
     spacings = [CACHE_PLAN.spacing >> number for number in range(CACHE_PLAN.rounds)]
     assert spacings == [32, 16, 8, 4, 2, 1]
     times = [CACHE_PLAN.tolerance_in(number) / CACHE_PLAN.tolerance for number in range(CACHE_PLAN.rounds)]
