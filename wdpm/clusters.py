@@ -162,9 +162,14 @@ class Cluster(Backend):
             observers: are told what happens to the cluster, on a thread of its own.
 
         Raises:
-            SettingsError: neither keys nor insecure where one is needed, or the keys cannot be read.
+            SettingsError: no slave, fewer at most than are waited for, neither keys nor insecure where one is needed,
+                or the keys cannot be read.
             ClusterError: it cannot listen there.
         """
+        if slaves < 1:
+            raise SettingsError(f"slaves is {slaves}; expected at least 1")
+        if most is not None and most < slaves:
+            raise SettingsError(f"most is {most}; expected at least as many as slaves, which is {slaves}")
         security = _keys_for(bind, keys, insecure)
         with ExitStack() as stack:
             limits = ClusterLimits(join_timeout_s=join_timeout)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from free_ports import free_port
 
+import wdpm
 from wdpm import devices
 from wdpm.cli.main import main
 from wdpm.cluster.render_settings import RenderSettings
@@ -304,3 +305,11 @@ def test_an_unreachable_master(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize("host", ["two..dots", "long" * 20])
 def test_what_can_be_no_name_of_a_machine(host: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert "that can be no name" in said(["slave", f"tcp://{host}:7117"], capsys)
+
+
+@pytest.mark.parametrize(
+    ("slaves", "most", "words"), [(0, None, "slaves is 0"), (4, 2, "most is 2; expected at least as many as slaves")]
+)
+def test_a_cluster_of_no_slaves(slaves: int, most: int | None, words: str) -> None:
+    with pytest.raises(SettingsError, match=words):
+        wdpm.Cluster.listen("tcp://127.0.0.1:0", slaves, most=most)
