@@ -264,7 +264,8 @@ class Master:
         self._members.lose(member)
         left = f"{len(self._members)} of {self._members.expected} left"
         out: list[Instruction] = [Noted(f"{member} is lost: {reason}; {left}")]
-        hopeless = self._again_and_again(f"{member} is lost: {reason}", member)
+        in_team = self._phases.roster.team_of(member) is not None  # or nobody begins anew for it
+        hopeless = self._again_and_again(f"{member} is lost: {reason}", member) if in_team else []
         if hopeless:
             return out + hopeless
         out += self._phases.lost(member, now)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from fake_worker import make_session
-from master_driver import LIMITS, Driver, hello, noted, sent
+from master_driver import LIMITS, VERSIONS, Driver, hello, noted, sent
 
 from wdpm.cluster.master import events as m
-from wdpm.cluster.master.machine import MOST_MISHAPS
+from wdpm.cluster.master.machine import MOST_MISHAPS, Master
 from wdpm.cluster.messages import protocol as p
 
 MANY = 2 * MOST_MISHAPS
@@ -16,9 +16,10 @@ def name(number: int) -> bytes:
     return f"slave {number}".encode()
 
 
-def rendering(slaves: int, **session: int) -> Driver:
+def rendering(slaves: int, most: int | None = None, **session: int) -> Driver:
     """A cluster that has begun a session, and built no cell of it."""
     driver = Driver(slaves)
+    driver.master = Master(slaves, VERSIONS, LIMITS, most)
     for number in range(slaves):
         driver.says(name(number), hello(number))
     driver(m.Begin(make_session(slaves, slaves, **session)))
@@ -60,3 +61,11 @@ def test_slaves_that_come_and_are_lost_again_and_again_end_the_render() -> None:
         driver.says(name(number), hello(number))
     [reason] = broken(driver(m.SlaveLost(name(number), "killed")))
     assert reason.startswith(f"slaves were lost or separated {MOST_MISHAPS} times, and no task was done since then: ")
+
+
+def test_slaves_that_nobody_works_with_may_come_and_go_as_they_like() -> None:
+    """They have joined late, and wait for a team to begin anew; no task is done while maps are built, say."""
+    driver = rendering(2, most=3)
+    for number in range(2, 2 + MANY):
+        assert isinstance(sent(driver.says(name(number), hello(number)))[0], p.Welcome)
+        assert not broken(driver(m.SlaveLost(name(number), "killed")))
