@@ -65,8 +65,8 @@ def test_a_report_is_what_the_terminal_shows() -> None:
     report = Report(
         phases={"load": 0.5, "render": 1.5},
         triangles=1_000,
-        photons=PhotonCounts(5, 10, 5, (light,)),
-        slaves=(slave,),
+        photons=PhotonCounts(5, 10, 5, (light, replace(light, name="lamp"))),
+        slaves=(slave, replace(slave, slave="bert")),
         warnings=(EVIL,),
     )
     text = notebook_report(report.to_dict())._repr_html_()
@@ -80,7 +80,7 @@ def test_a_report_is_what_the_terminal_shows() -> None:
 def test_an_image_has_its_report() -> None:
     image = wdpm.render(wdpm.load("cornell-box", size=(8, 8)), photons=500, spp=1, indirect=Indirect.MAP)
     assert image.report.to_dict() == json.loads(json.dumps(image.metadata["report"]))
-    assert "global map" in image.report._repr_html_()
+    assert "photons: 500 asked for" in image.report._repr_html_()
     bare = wdpm.Image({"beauty": np.zeros((1, 1, 3), np.float32)})
     with pytest.raises(wdpm.WdpmError, match="the image has no report"):
         _ = bare.report

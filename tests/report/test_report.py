@@ -100,7 +100,6 @@ def test_the_tables_fit_a_terminal_and_say_what_they_must(report: Report) -> Non
         assert words in text
     assert "0 gathers left the band" in text
     assert "samples that were not finite: 0" in text
-    assert "lamp [1]" in text  # a name is no markup
     assert "warning: mesh [x]: 3 triangles" in text
     assert "the ledger closes to 0.0e+00" in text
 
@@ -118,7 +117,7 @@ def test_phases_are_in_their_order_with_the_total(report: Report) -> None:
 
 def test_a_long_name_of_a_slave_gives_way_to_the_numbers(report: Report) -> None:
     long = replace(report.slaves[0], slave="render-node-0123456789.example.org:41234")
-    text = printed(replace(report, slaves=(long,)))
+    text = printed(replace(report, slaves=(long, *report.slaves[1:])))
     assert max(map(len, text.splitlines())) <= 80
     for number in ("20,000", "25.0%", "60,000", "300.0 MB"):
         assert number in text
@@ -145,6 +144,13 @@ def test_idle_time_and_batches_are_told_of_slaves_that_counted_them(report: Repo
     assert "slave-1 0 0 - - - -" in rows
 
 
+def test_a_render_without_slaves_has_no_tables_of_them_and_one_light_has_no_shares(report: Report) -> None:
+    text = printed(replace(report, slaves=report.slaves[:1]))
+    assert "Slaves" not in text
+    assert "by light" not in text
+    assert "memory: 300.0 MB at most, 80,000 triangles" in text
+
+
 def test_what_is_empty_is_left_out() -> None:
     text = printed(Report())
     assert "Slaves" not in text
@@ -157,12 +163,13 @@ def test_broken_samples_are_told_by_cause(report: Report) -> None:
 
 
 def test_maps_that_a_scene_has_are_told_by_light(report: Report) -> None:
-    lights = (LightPhotons("strong", 900, 10, 90.0, 0.01), LightPhotons("weak", 100, 990, 10.0, 0.99))
+    lights = (LightPhotons("strong [1]", 900, 10, 90.0, 0.01), LightPhotons("weak", 100, 990, 10.0, 0.99))
     text = printed(replace(report, caustics=PhotonCounts(1000, 1000, 1000, lights)))
     assert "Photons by light: caustic map" in text
     assert "Photons by light: volume map" not in text
     rows = [line.split() for line in text.splitlines()]
     assert ["weak", "10", "100", "990", "99.0%", "99.0%"] in rows
+    assert ["strong", "[1]", "90", "900", "10", "1.0%", "1.0%"] in rows  # a name is no markup
     assert "caustic photons: 1,000 asked for, 1,000 paths shot, 1,000 stored" in text
     # 60,000 and 5,000 ghosts of 251,412 photons in both maps
     assert ["slave-0", "2", "20,000", "25.0%", "60,000", "5,000", "25.9%"] in rows

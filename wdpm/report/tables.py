@@ -38,10 +38,10 @@ def print_report(report: Report, console: Console) -> None:
 
 
 def report_tables(report: Report) -> list[Table]:
-    """Times, photons by light, and what slaves held and did, where there are any."""
+    """Times, photons by light where there are several, and what slaves held and did, where there are any."""
     tables = [_times(report)]
-    tables += [_lights(words, counts) for words, counts in _maps(report) if counts.lights and counts.paths]
-    if report.slaves:
+    tables += [_lights(words, counts) for words, counts in _maps(report) if len(counts.lights) > 1 and counts.paths]
+    if report.slaves and _alone(report) is None:
         tables += [_held(report), _did(report)]
     if any(slave.spent_s for slave in report.slaves):
         tables.append(_spent(report.slaves))
@@ -120,6 +120,12 @@ def _light_cells(lights: Sequence[LightPhotons], counts: PhotonCounts) -> tuple[
         _percent(stored, counts.stored),
         f"{sum(uses):.1%}" if uses else "-",
     )
+
+
+def _alone(report: Report) -> SlaveReport | None:
+    """What computed all in the process that was asked; None where slaves did."""
+    only = report.slaves[0] if len(report.slaves) == 1 else None
+    return None if only is None or only.spent_s else only
 
 
 def _held(report: Report) -> Table:
@@ -232,6 +238,8 @@ def _counts(report: Report) -> list[str]:
             )
         )
         lines.append(f"energy of the photons: {shares}; the ledger closes to {energy.imbalance:.1e}")
+    if (alone := _alone(report)) is not None:
+        lines.append(f"memory: {format_bytes(alone.peak_memory_bytes)} at most, {report.triangles:,} triangles")
     causes = ", ".join(f"{count:,} {escape(cause)}" for cause, count in report.nonfinite.items() if count)
     lines.append(f"[red]samples that were not finite: {causes}[/]" if causes else "samples that were not finite: 0")
     acted = ", ".join(f"{count:,} {escape(cause)}" for cause, count in report.guards.items() if count)
