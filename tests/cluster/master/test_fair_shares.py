@@ -45,7 +45,7 @@ def test_slaves_alone_are_handed_their_shares_with_the_view(buckets: int, first:
 
 def test_who_is_ready_traces_photons_while_others_are_sent_the_scene() -> None:
     driver = Driver().join()
-    driver(m.Begin(make_session(2, 1, paths=450, least=1)))
+    driver(m.Begin(make_session(2, 1, paths=450, team_size=1)))
     driver(m.PartitionMade(0, triangles(3)))
     of_a, of_b = (driver.master.epoch(identity) for identity in (A, B))
     driver.says(A, p.PartitionReceived(of_a, 0))

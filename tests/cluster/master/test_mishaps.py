@@ -55,7 +55,7 @@ def test_connections_that_break_together_are_one_new_beginning() -> None:
 
 
 def test_slaves_that_come_and_are_lost_again_and_again_end_the_render() -> None:
-    driver = rendering(2, least=1)
+    driver = rendering(2, team_size=1)
     for number in range(2, 2 + MOST_MISHAPS + 1):
         assert not broken(driver(m.SlaveLost(name(number - 1), "killed")))
         driver.says(name(number), hello(number))
