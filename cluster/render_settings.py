@@ -11,7 +11,7 @@ from wdpm.cluster.integrators.algorithm import Algorithm
 from wdpm.cluster.integrators.indirect import Indirect as Indirect
 from wdpm.cluster.integrators.registry import Integrator as Integrator
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
-from wdpm.kernels.limits import MAX_K
+from wdpm.kernels.limits import MAX_K, MAX_PHOTONS, MAX_VOLUME_PHOTONS
 from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.flat.shapes import Instancing as Instancing
 
@@ -131,8 +131,15 @@ class RenderSettings:
         shadow_rays = self.spp * (self.light_samples or MOST_SHADOW_RAYS)
         if shadow_rays >= 2**31:
             raise SettingsError(f"spp x light_samples is {shadow_rays}; expected less than 2^31")
-        if max(self.photons, self.caustic_photons, self.volume_photons) >= 2**31:
-            raise SettingsError(f"photons is {self.photons}; a map holds fewer than 2^31: use several passes")
+        for name, most in (
+            ("photons", MAX_PHOTONS),
+            ("caustic_photons", MAX_PHOTONS),
+            ("volume_photons", MAX_VOLUME_PHOTONS),
+        ):
+            if getattr(self, name) > most:
+                raise SettingsError(
+                    f"{name} is {getattr(self, name)}; a map holds at most {most:,}: use several passes"
+                )
         for name in ("radius", "caustic_radius", "volume_radius"):
             length = getattr(self, name)
             if length is not None and not (math.isfinite(length) and length > 0):

@@ -49,9 +49,6 @@ _ONE = wp.constant(wp.float64(1.0))
 _ZERO = wp.constant(wp.float64(0.0))
 _LARGEST_QUANTA = wp.constant(wp.float64(2.0**EXACT_SUM_BITS))
 
-MAX_VOLUME_PHOTONS = 2 ** (63 - EXACT_SUM_BITS) - 1
-"""Volume photons of one image at most: so many contributions of 2^40 units each fit an int64."""
-
 _BOX_PAD = wp.constant(2.0**-20)
 """Growth of boxes beyond the radius, as a share of S = |origin| + |photon| + radius, in largest coordinates.
 

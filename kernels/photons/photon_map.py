@@ -51,7 +51,6 @@ class PhotonMap:
 
     count: wp.int32  # photons in the map
     fan_out: wp.int32  # children of the root: 1, 2, 4 or 8
-    level_count: wp.int32  # levels of inner nodes
     inner_count: wp.int32  # inner nodes, had all of them eight children
     nodes: wp.array[
         vec8
@@ -384,7 +383,7 @@ class _Tree:
             end_child, there = begin[level + 1] + there, -(-there // (8 if level else fan_out))
             inputs = [fan_out, 8 if level else fan_out, begin[level], end_child]
             self._run(_fit_boxes, there, inputs, [nodes])
-        photons.fan_out, photons.level_count = fan_out, levels
+        photons.fan_out = fan_out
         photons.inner_count, photons.nodes = begin[levels], nodes
 
     def _moved(self, name: str) -> Pages:

@@ -149,7 +149,8 @@ def test_a_band_needs_slaves_and_says_that_it_is_inexact() -> None:
         (["k=20,900"], "^--sweep k=20,900: k is 900; expected at most 500"),
         (["k=1..100000"], r"^--sweep k=1\.\.100000: k is 100000; expected at most 500"),
         (["passes=1,32"], "^--sweep passes=1,32: passes is 32, more than spp, which is 16"),
-        (["photons=3G"], "fewer than 2\\^31"),
+        (["volume-photons=5M"], "at most 4,194,304"),
+        (["photons=3G"], "at most 2,147,483,647"),
     ],
 )
 def test_points_that_no_render_can_have(sweeps: list[str], complaint: str) -> None:

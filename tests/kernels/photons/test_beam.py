@@ -23,6 +23,8 @@ from beam_rig import (
 )
 from numpy.typing import NDArray
 
+from wdpm.kernels.constants import EXACT_SUM_BITS
+from wdpm.kernels.limits import MAX_VOLUME_PHOTONS
 from wdpm.kernels.photons.beam import sum_unit
 from wdpm.kernels.rays import cells
 from wdpm.scenes.errors import SettingsError
@@ -110,6 +112,11 @@ def test_parts_of_four_cells_add_up_to_the_whole() -> None:
     np.testing.assert_array_equal(sums(parts), sums(whole))
     # The ghosts are what makes them equal: without, some beams are short of photons.
     assert (sums(without_ghosts) < sums(whole)).any()
+
+
+def test_no_sum_of_all_photons_that_may_be_asked_for_exceeds_64_bits() -> None:
+    """Each contributes at most 2^EXACT_SUM_BITS units; somewhat more are stored than were asked for."""
+    assert 2 * MAX_VOLUME_PHOTONS * 2**EXACT_SUM_BITS <= 2**63
 
 
 def test_order_of_photons_does_not_matter() -> None:

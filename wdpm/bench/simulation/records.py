@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from wdpm.cluster.slave import jobs
 from wdpm.cluster.slave.jobs import Job, Outcome
@@ -136,14 +135,3 @@ class Recorder:
         """A message was sent."""
         self.messages[name] += 1
         self.sizes[name] += size
-
-    def by_job(self) -> dict[str, dict[str, Any]]:
-        """Of every kind of job: how many, their items, their seconds, and bytes of batches that followed."""
-        kinds: dict[str, dict[str, Any]] = {}
-        for each in self.jobs:
-            kind = kinds.setdefault(each.what, {"jobs": 0, "items": 0, "seconds": 0.0, "bytes": 0})
-            kind["jobs"] += 1
-            kind["items"] += each.items
-            kind["seconds"] += each.seconds
-            kind["bytes"] += each.size
-        return kinds
