@@ -25,5 +25,5 @@ MAX_PHOTONS = 2**31 - 1
 """Photons of the global or caustic map that may be asked for: their numbers are an int32."""
 
 MAX_VOLUME_PHOTONS = 2**22
-"""Volume photons of one image that may be asked for. An int64 holds the sum of twice as many contributions to a beam, of
-which none exceeds 2^EXACT_SUM_BITS units (kernels.photons.beam), and a few more are stored than were asked for."""
+"""Volume photons of one image that may be asked for. An int64 holds the sum of twice as many contributions to a beam,
+of which none exceeds 2^EXACT_SUM_BITS units (kernels.photons.beam), and a few more are stored than were asked for."""
