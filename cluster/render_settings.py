@@ -69,6 +69,7 @@ class RenderSettings:
         band: width of the overlap band as a share of the gather radius. Below 1 the image is approximate,
             and `inexact` must say so.
         inexact: permits band < 1 (the paper's approximation).
+        unsteered: photons set out alike whatever the camera sees, also where few of them are of use to it.
     """
 
     photons: int = 250_000
@@ -96,6 +97,7 @@ class RenderSettings:
     without: tuple[str, ...] = ()
     band: float = 1.0
     inexact: bool = False
+    unsteered: bool = False
 
     @property
     def algorithm(self) -> Algorithm:

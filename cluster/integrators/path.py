@@ -43,6 +43,7 @@ class PathTracing(Algorithm):
         "indirect",
         "band",
         "inexact",
+        "unsteered",
     )
     why_ignored = "has no photons"
     cannot_leave_out = frozenset({"indirect", "caustics"})  # they come by photon maps alone

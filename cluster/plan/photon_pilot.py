@@ -184,7 +184,7 @@ def pilot_for(
 def _flies_by(settings: RenderSettings) -> tuple[object, ...]:
     """What photons of a pilot depend on besides the scene."""
     algorithm = settings.algorithm
-    return settings.seed, settings.max_depth, algorithm.maps(settings), algorithm.shoots_photons
+    return settings.seed, settings.max_depth, settings.unsteered, algorithm.maps(settings), algorithm.shoots_photons
 
 
 def direct_photons(pilot: PhotonPilot) -> tuple[Arrays, int]:

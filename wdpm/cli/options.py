@@ -160,6 +160,12 @@ SETTING_OPTIONS = (
     SettingOption(
         "inexact", _APPROXIMATION, "accept gathers that miss photons beyond the band; they are counted", None
     ),
+    SettingOption(
+        "unsteered",
+        _QUALITY,
+        "photons set out alike whatever the camera sees, as in all frames of a sequence, though few be of use",
+        None,
+    ),
 )
 
 

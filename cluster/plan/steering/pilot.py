@@ -72,7 +72,7 @@ def steered_pilot(flat: FlatScene, pilot: PhotonPilot, view: View) -> PhotonPilo
     world = pilot.world
     if pilot.left is not None or not world.global_map.paths or calls_for_media(flat):
         return pilot
-    if len(pilot.photons[GLOBAL_MAP]["id"]) > INDOORS * pilot.paths:
+    if pilot.settings.unsteered or len(pilot.photons[GLOBAL_MAP]["id"]) > INDOORS * pilot.paths:
         return pilot.as_it_is()
     places = _lighting_places(flat, pilot, view)
     emission = measured_emission(world, pilot.flux_by_light())

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from window_room import hut_on_a_field
@@ -90,6 +92,12 @@ def test_on_a_field_photons_are_steered_into_the_hut_and_carry_the_same_light() 
     assert within[1][0] > 10 * within[0][0]
     noise = 1.0 / np.sqrt(within[0][0])
     assert within[1][1] == pytest.approx(within[0][1], rel=4.0 * noise)
+
+
+def test_who_asks_for_no_steering_has_none() -> None:
+    plan = make_render_plan(flatten(hut_on_a_field()), replace(PHOTONS, unsteered=True), 1, Launcher("cpu", 1))
+    assert not len(plan.world.emission.steering)
+    assert not any("steered" in words for words in plan.chose)
 
 
 def test_in_a_closed_room_photons_stay_as_they_are() -> None:

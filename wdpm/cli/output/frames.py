@@ -161,6 +161,8 @@ def _frame(args: argparse.Namespace, number: int) -> argparse.Namespace:
     from wdpm.cli.result import default_output
 
     frame = argparse.Namespace(**vars(args))
+    if args.integrator is None or args.integrator.algorithm.shoots_photons:
+        frame.unsteered = True  # or photons would be others with each frame's camera, and flicker
     frame.output = [_numbered(path, number) for path in args.output or [default_output(args.scene)]]
     frame.report = None if args.report is None else _numbered(args.report, number)
     if _is_numbered(args):
