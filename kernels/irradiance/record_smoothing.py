@@ -41,10 +41,11 @@ REACH = 2.0
 """How far neighbours lie, at most, as a share of the reach of either. With 3, walls of uplight-room are smoother by a
 tenth, and where light bends they are off by as much again as with 2."""
 
-APART = wp.constant(wp.float32(3.0))
+APART = wp.constant(wp.float64(3.0))
 """Standard deviations of the difference of two records from which on they have nothing to say to each other."""
 
-_TINY = wp.constant(wp.float32(1e-30))
+_TINY = wp.constant(wp.float64(1e-100))
+"""Variances are of twice as many digits as records: lamps in whatever unit are as many times as bright squared."""
 
 
 @wp.func
@@ -68,7 +69,7 @@ def typical_variances(
     reach: wp.array[wp.float32],
     error: wp.array[wp.float32],
     offset: wp.int32,
-    variance_out: wp.array[wp.float32],
+    variance_out: wp.array[wp.float64],
 ) -> None:
     """The larger of a record's own variance and the mean of those around it, one thread a record.
 
@@ -81,16 +82,16 @@ def typical_variances(
     stack = wp.zeros(shape=(STACK_CAPACITY,), dtype=wp.int32)
     found = wp.zeros(shape=(CAPACITY,), dtype=wp.uint64)
     count = find(cache, cache.position[i], cache.normal[i], stack, found)
-    own = error[i] * error[i]
-    total = wp.float32(0.0)
-    weight = wp.float32(0.0)
+    own = wp.float64(error[i]) * wp.float64(error[i])
+    total = wp.float64(0.0)
+    weight = wp.float64(0.0)
     for k in range(count):
         j = key_rank(found[k])
-        w = _nearness(cache, reach, i, j)
-        total += w * (error[j] * error[j])
+        w = wp.float64(_nearness(cache, reach, i, j))
+        total += w * (wp.float64(error[j]) * wp.float64(error[j]))
         weight += w
     variance_out[i] = own
-    if weight > 0.0:
+    if weight > wp.float64(0.0):
         variance_out[i] = wp.max(own, total / weight)
 
 
@@ -98,7 +99,7 @@ def typical_variances(
 def smooth(
     cache: IrradianceCache,
     reach: wp.array[wp.float32],
-    variance: wp.array[wp.float32],
+    variance: wp.array[wp.float64],
     offset: wp.int32,
     irradiance_out: wp.array[wp.vec3],
     rotation_out: wp.array[wp.mat33],
@@ -129,8 +130,8 @@ def smooth(
             turned = (cache.rotation[i] + cache.rotation[j]) * (0.5 * (n - cache.normal[j]))
             moved = (cache.translation[i] + cache.translation[j]) * (0.5 * (x - cache.position[j]))
             expected = cache.irradiance[j] + turned + moved
-            apart = _grey(expected - cache.irradiance[i])
-            alike = 1.0 - apart * apart / (APART * APART * (variance[i] + variance[j]) + _TINY)
+            apart = wp.float64(_grey(expected - cache.irradiance[i]))
+            alike = wp.float32(wp.float64(1.0) - apart * apart / (APART * APART * (variance[i] + variance[j]) + _TINY))
             if alike > 0.0:
                 w = w * (alike * alike)
                 total += w * expected
@@ -163,7 +164,7 @@ def smoothed(records: Arrays) -> dict[str, NDArray[Any]]:
     cache = build({**{name: records[name] for name in records if name != "error"}, "radius": far})
     reach = wp.array(far, dtype=wp.float32, device="cpu")
     error = wp.array(np.ascontiguousarray(records["error"], np.float32), dtype=wp.float32, device="cpu")
-    variance = wp.empty(count, dtype=wp.float32, device="cpu")
+    variance = wp.empty(count, dtype=wp.float64, device="cpu")
     launch(typical_variances, count, [cache, reach, error, 0, variance], "cpu")
     made = {
         "irradiance": wp.empty(count, dtype=wp.vec3, device="cpu"),

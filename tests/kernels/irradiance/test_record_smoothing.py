@@ -84,6 +84,18 @@ def test_the_edge_of_a_shadow_stays_where_it_is() -> None:
     assert np.abs(unsure - light).max() > 0.1
 
 
+@pytest.mark.parametrize("power", [-70, -50, 50, 70])
+def test_lamps_of_any_unit_are_smoothed_alike(power: int) -> None:
+    x = places()
+    noise = NOISE * np.random.default_rng(2).normal(size=len(x))
+    given = records(x, np.where(x[:, 0] < 0.5, 1.0, 2.0) + noise, 0 * noise, NOISE)
+    times = np.float32(2.0**power)
+    other = {**given, **{name: given[name] * times for name in ("irradiance", "rotation", "translation", "error")}}
+    after = smoothed(other)
+    for name, expected in smoothed(given).items():
+        np.testing.assert_array_equal(after[name], expected * times)
+
+
 def test_a_record_that_is_sure_by_chance_is_smoothed_as_well() -> None:
     x = places()
     noise = NOISE * np.random.default_rng(3).normal(size=len(x))
