@@ -149,6 +149,9 @@ NO_REGIONS: NDArray[np.float32] = np.empty((0, 2, 3), np.float32)
 START_NUMBERS = 5
 """Numbers that a photon sets out by (kernels.lights.steering)."""
 
+STEERING_LEVELS = 20
+"""Of a tree, at most. A car on a large field is a millionth of what parallel light of all directions falls on."""
+
 
 @dataclass(frozen=True, eq=False)
 class Steering:

@@ -12,15 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.cluster.world import NO_STEERING, START_NUMBERS, Steering
+from wdpm.cluster.world import NO_STEERING, START_NUMBERS, STEERING_LEVELS, Steering
 
 Array = NDArray[np.float64]
 
 SLABS = 8
 """Of a node along each axis: it is cut between two of them."""
-
-MOST_LEVELS = 20
-"""A car on a large field is a millionth of what parallel light of all directions falls on."""
 
 LEAST_PATHS = 8.0
 """Paths of use, by their effective number, that a node is halved for."""
@@ -88,7 +85,7 @@ class Known:
         even = np.arange(len(sample.square)) % 2 == 0
         judges, taught = sample.some(~even), learn(sample.some(even))
         before, left, plain = (judges.moment(tree) for tree in (self.tree, taught, NO_STEERING))
-        if not len(taught) or not len(tree) or left > least * before:
+        if not len(taught) or not len(tree) or not plain or left > least * before:  # no judge may be of use
             return False
         self.tree, self.left = tree, left / plain
         return True
@@ -158,7 +155,7 @@ def _grow(sample: Sample) -> _Grown:
     inside, square = sample.numbers[useful].copy(), sample.square[useful]
     place = np.zeros(len(useful), np.int64)  # among the nodes of the level
     first, count = 0, 1
-    for _ in range(MOST_LEVELS):
+    for _ in range(STEERING_LEVELS):
         effective = _effective(place, square, count)
         axis, cut, above = _best_cuts(inside, place, square, effective)
         halved = cut > 0
