@@ -63,6 +63,14 @@ def test_a_sample_that_tells_nothing_teaches_nothing(square: np.ndarray) -> None
     assert (known.tree, known.left) == (NO_STEERING, 1.0)
 
 
+def test_nothing_is_learnt_that_no_judge_can_tell() -> None:
+    """Half of the paths judge what the others teach; perhaps none of theirs is of use."""
+    sample, known = sample_of(1 << 12), Known()
+    known.add(NO_STEERING, sample.numbers, np.where(np.arange(1 << 12) % 2 == 0, sample.square, 0.0))
+    assert not known.learn(1.0)
+    assert (known.tree, known.left) == (NO_STEERING, 1.0)
+
+
 def test_rounds_of_paths_tell_the_same_as_unsteered_ones() -> None:
     """What steered paths tell of the whole is what others tell, by the density that all rounds have together."""
     known, rng = Known(), np.random.default_rng(5)
