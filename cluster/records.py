@@ -245,6 +245,15 @@ def take_near(records: Records, boxes: Sequence[tuple[NDArray[np.float32], NDArr
     return records.take(reaches)
 
 
+LARGEST = 1e35
+"""Of a record's numbers, as it is made: what becomes of it among others, and how far it is read, stays finite."""
+
+
+def moderate(records: Records) -> bool:
+    """Whether records, from the wire or a file, may be smoothed and read further: no number is too large."""
+    return all(bool((np.abs(column) <= LARGEST).all()) for name, column in vars(records).items() if name != "number")
+
+
 def check_records(records: Records, number: int, start: int, stop: int, some: NDArray[np.int32] | None = None) -> None:
     """Raise ProtocolError unless records may be those of the candidates start to stop - 1 of a round.
 
@@ -256,6 +265,8 @@ def check_records(records: Records, number: int, start: int, stop: int, some: ND
         column = getattr(records, field.name)
         if len(column) != count or not np.isfinite(column).all():
             raise ProtocolError(f"irradiance records: {field.name} is not finite, or not one for each of {count}")
+    if not moderate(records):
+        raise ProtocolError(f"irradiance records with numbers above {LARGEST:g}")
     wrong = (np.diff(records.number) <= 0).any() or (records.radius <= 0).any() or (records.error < 0).any()
     if wrong or (count and not first + start <= records.number[0] <= records.number[-1] < first + stop):
         raise ProtocolError(f"irradiance records are not those of candidates {start} to {stop - 1} of round {number}")

@@ -362,6 +362,8 @@ def _wrong(records: Records, name: str, value: Any) -> Records:
         ("position", np.nan, "position is not finite"),
         ("irradiance", np.inf, "irradiance is not finite"),
         ("rotation", np.nan, "rotation is not finite"),
+        ("radius", 3e38, "with numbers above 1e+35"),
+        ("irradiance", 3e38, "with numbers above 1e+35"),
         ("radius", 0.0, "are not those of candidates 0 to 7"),
         ("number", -1, "are not those of candidates 0 to 7"),
         ("number", 3, "are not those of candidates 0 to 7"),  # twice

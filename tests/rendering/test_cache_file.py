@@ -123,7 +123,7 @@ def test_objects_are_not_unpickled_nor_is_it_advised(tmp_path: Path) -> None:
     assert "allow_pickle" not in str(caught.value)
 
 
-@pytest.mark.parametrize("damage", ["missing", "text", "truncated", "pickle", "array missing", "not finite"])
+@pytest.mark.parametrize("damage", ["missing", "text", "truncated", "pickle", "array missing", "not finite", "too far"])
 def test_a_broken_file_is_an_error(saved: tuple[Path, Image], tmp_path: Path, damage: str) -> None:
     path, whole = tmp_path / "broken", saved[0].read_bytes()
     with np.load(saved[0], allow_pickle=False) as file:
@@ -138,7 +138,9 @@ def test_a_broken_file_is_an_error(saved: tuple[Path, Image], tmp_path: Path, da
         del arrays["radius"]
     elif damage == "not finite":
         arrays["radius"][0] = np.nan
-    if damage in ("pickle", "array missing", "not finite"):
+    elif damage == "too far":
+        arrays["radius"][0] = 3e38
+    if damage in ("pickle", "array missing", "not finite", "too far"):
         with path.open("wb") as stream:
             np.savez(stream, **arrays)
     import json

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from wdpm.cluster.messages.checks import check
-from wdpm.cluster.records import Records
+from wdpm.cluster.records import LARGEST, Records, moderate
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.images.files import check_place
 from wdpm.images.image import Image
@@ -131,4 +131,6 @@ def _records(path: Path, arrays: dict[str, Any]) -> Records:
         check(records, str(path))
     except ProtocolError as error:
         raise ImageError(str(error)) from None
+    if not moderate(records):
+        raise ImageError(f"{path}: irradiance records with numbers above {LARGEST:g}")
     return records
