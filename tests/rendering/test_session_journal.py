@@ -17,6 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import wdpm
+from wdpm.cli.journals import journals, places_of
+from wdpm.cli.main import make_parser
 from wdpm.cluster.kept import Kept, TaskKept
 from wdpm.cluster.messages import packing
 from wdpm.cluster.render_settings import Indirect, RenderSettings
@@ -28,9 +30,9 @@ from wdpm.rendering.journal_head import head_of
 from wdpm.rendering.pass_plan import PassPlan, session_of
 from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.prepare import Prepared
-from wdpm.rendering.record_file import RecordWriter, read_records
+from wdpm.rendering.record_file import FileLock, RecordWriter, read_records
 from wdpm.rendering.session_journal import SessionJournal
-from wdpm.scenes.errors import JournalInUseError, SettingsError
+from wdpm.scenes.errors import GuardError, JournalInUseError, SettingsError
 from wdpm.scenes.model.scene import Scene
 
 CHOSEN = RenderSettings(photons=1000, spp=2, k=20, indirect=Indirect.CACHE, bucket=8)
@@ -267,6 +269,78 @@ def test_another_process_that_renders_the_same_image_keeps_its_journal(
     begun(path, interrupted.prepared, interrupted.session)
     os.kill(child, signal.SIGKILL)
     owner.communicate()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="there is no flock")
+def test_a_lock_is_of_the_file_that_has_the_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The one before may end, and remove its journal, between our opening it and our locking it."""
+    import fcntl
+
+    path, flock, left = tmp_path / "journal", fcntl.flock, [False, True]
+
+    def late(file: int, how: int) -> None:
+        if left.pop():
+            path.unlink()
+        flock(file, how)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(fcntl, "flock", late)
+        lock = FileLock(path)
+    assert left == []
+    with pytest.raises(BlockingIOError):
+        FileLock(path)
+    lock.release()
+    FileLock(path).release()
+
+
+def test_where_there_are_no_locks_no_file_stays_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows removes none that somebody has open."""
+    opened: list[int] = []
+    closed: list[int] = []
+    really_open, really_close = os.open, os.close
+    monkeypatch.setitem(sys.modules, "fcntl", None)
+    with monkeypatch.context() as patched:
+        patched.setattr("os.open", lambda *how: opened.append(really_open(*how)) or opened[-1])
+        patched.setattr("os.close", lambda file: closed.append(file) or really_close(file))
+        locks = FileLock(tmp_path / "journal"), FileLock(tmp_path / "journal")
+    assert len(opened) == 2
+    assert closed == opened
+    for lock in locks:
+        lock.release()
+
+
+def test_a_writer_that_got_no_further_than_to_its_lock_keeps_nothing(interrupted: Interrupted, tmp_path: Path) -> None:
+    path = tmp_path / "journal"
+    path.touch()
+    log = SessionJournal(path, resume=False)
+    assert render(interrupted.scene, log).digest() == interrupted.digest
+    log.remove()
+    assert not path.exists()
+
+
+def test_journals_of_python_go_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("wdpm.rendering.session_journal.WORTH_S", 0.0)
+    scene = wdpm.load("cornell-box", size=(8, 8))
+    wdpm.render(scene, replace(CHOSEN, passes=2), threads=1, journal=tmp_path / "passes")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_guard_ends_is_not_kept(interrupted: Interrupted, tmp_path: Path) -> None:
+    """It would end there again."""
+    output = tmp_path / "box.exr"
+    args = make_parser("render").parse_args(["render", "cornell-box", "-o", str(output), "--journal", str(tmp_path)])
+
+    def strict() -> None:
+        with journals(args, output) as told:
+            log = told["log"]
+            log.begin(interrupted.prepared, interrupted.session, PLAN, print)
+            log.keep(interrupted.kept.buckets[0])
+            assert places_of(output).log.exists()
+            raise GuardError("light was lost")
+
+    with pytest.raises(GuardError):
+        strict()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_full_disk_ends_the_journal_and_not_the_render(

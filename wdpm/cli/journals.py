@@ -122,9 +122,9 @@ def _end_early(
     picture = None
     if log is not None:
         picture = log.picture() if isinstance(error, KeyboardInterrupt | ClusterError) else None
-        log.close()
         if isinstance(error, GuardError):  # it would come again
             log.remove()
+        log.close()
     if picture is not None:
         _write_partial(args, picture)
     kept = _written_at(places)

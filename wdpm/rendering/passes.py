@@ -195,12 +195,12 @@ def render_in_passes(
         else:
             average = PassAverage(renderer.prepared) if saved is None else saved.average(renderer.prepared)
             image = _render_all(renderer, plans, average, journal, keep, log)
+        if own is not None:
+            own.remove()
     finally:
         backend.keeper = None
         if own is not None:
             own.close()
-    if own is not None:
-        own.remove()
     return image
 
 

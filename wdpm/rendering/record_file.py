@@ -145,6 +145,10 @@ def _sync_folder(folder: Path) -> None:
             os.close(descriptor)
 
 
+_TRIES = 8
+"""To lock a file that others remove meanwhile; a disk on which a file is never the same again has no locks."""
+
+
 class FileLock:
     """The right to write to a file, as long as others ask for it, too.
 
@@ -159,13 +163,26 @@ class FileLock:
     """
 
     def __init__(self, path: Path) -> None:
+        self._file = -1
+        for _ in range(_TRIES):
+            if self._take(path):
+                break
+            self.release()
+        _HELD.add(self)
+
+    def _take(self, path: Path) -> bool:
+        """Whether it is had of the file that has the name: the one before may have removed what we opened."""
         self._file = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_CLOEXEC", 0), 0o666)
         try:
-            _lock(self._file)
+            if not _lock(self._file):
+                self.release()  # Windows takes no name from a file that is open
+                return True
+            return os.path.samestat(os.fstat(self._file), path.stat())
+        except FileNotFoundError:
+            return False
         except OSError:
             self.release()
             raise
-        _HELD.add(self)
 
     def release(self) -> None:
         """Let others have it; may be called again."""
@@ -178,17 +195,19 @@ class FileLock:
 _HELD: weakref.WeakSet[FileLock] = weakref.WeakSet()
 
 
-def _lock(file: int) -> None:
+def _lock(file: int) -> bool:
+    """Whether there are such locks: it is locked then. Raises BlockingIOError if somebody else has locked it."""
     try:
         import fcntl
     except ModuleNotFoundError:  # Windows
-        return
+        return False
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         raise
     except OSError:  # a disk without locks, over the network say
-        return
+        return False
+    return True
 
 
 def _let_go_in_child() -> None:

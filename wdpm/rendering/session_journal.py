@@ -79,9 +79,9 @@ class SessionJournal:
         """What there is, which nobody else may write from now on."""
         self._lock = _locked(self.path)
         try:
-            if resume:
+            if resume or not self.path.stat().st_size:  # a writer that got no further than to its lock keeps nothing
                 return _read_head(self.path)
-        except SettingsError:
+        except (OSError, SettingsError):
             self.close()
             raise
         self.close()
@@ -156,7 +156,8 @@ class SessionJournal:
         self._lock = None
 
     def remove(self) -> None:
-        """All is done: the file goes, if it is this render's."""
+        """All is done: the file goes, if it is this render's, as one that was let go of is no more."""
+        self._close_writer()  # Windows takes no name from a file that is open
         if self._lock is not None:
             self.path.unlink(missing_ok=True)
         self.close()
