@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import operator
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
 from wdpm.cluster.integrators.algorithm import Algorithm
 from wdpm.cluster.integrators.indirect import Indirect as Indirect
@@ -174,13 +176,20 @@ class RenderSettings:
         for name in (*whole, "bucket", "light_samples", "max_depth"):
             value = getattr(self, name)
             if value is not None:
-                object.__setattr__(self, name, operator.index(value))
-        object.__setattr__(self, "band", float(self.band))
+                self._set_plain(name, operator.index, "a whole number")
+        self._set_plain("band", _number, "a number")
         object.__setattr__(self, "adaptive", bool(self.adaptive))
         for name in ("radius", "caustic_radius", "volume_radius"):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, float(getattr(self, name)))
-        object.__setattr__(self, "without", tuple(self.without))
+                self._set_plain(name, _number, "a number")
+        self._set_plain("without", _names, f"names of effects, some of {', '.join(EFFECTS_TO_LEAVE_OUT)}")
+
+    def _set_plain(self, name: str, made: Callable[[Any], object], expected: str) -> None:
+        value = getattr(self, name)
+        try:
+            object.__setattr__(self, name, made(value))
+        except TypeError:
+            raise SettingsError(f"{name} is {value!r}; expected {expected}") from None
 
     def _make_members(self) -> None:
         """Choices may be given by name, as on the command line: integrator="path"."""
@@ -199,6 +208,18 @@ class RenderSettings:
                 names = ", ".join(f'"{member}"' for member in named)
                 raise SettingsError(f"{name} is {value!r}; expected one of {names}, or a member of {kind.__name__}")
             object.__setattr__(self, name, named[value])
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, str):
+        raise TypeError
+    return float(value)
+
+
+def _names(value: Any) -> tuple[str, ...]:
+    if isinstance(value, str):  # its letters are no names
+        raise TypeError
+    return tuple(value)
 
 
 def _at_least(name: str, value: int, least: int) -> None:

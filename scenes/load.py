@@ -5,9 +5,11 @@ Readers are imported for the files that they are for: a process that reads no gl
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from numbers import Integral
 from pathlib import Path
+from typing import Any
 
 from wdpm.scenes.builtin.names import BUILT_IN_NAMES, load_built_in
 from wdpm.scenes.errors import SceneError, did_you_mean
@@ -55,8 +57,11 @@ def load(
     Raises:
         SceneError: with file and line where known.
     """
+    if size is not None and not _is_pair(size):
+        raise SceneError(f"the image size is {size!r}; expected width and height in pixels, like (512, 384)")
     if size is not None and min(size) < 1:
         raise SceneError(f"the image size is {size[0]}x{size[1]}; both must be at least 1")
+    size = None if size is None else (int(size[0]), int(size[1]))  # numpy's, too, which no report takes
     asked = _Asked(defines or {}, size, lenient, camera, frame_of(frame), time)
     if is_of_trimesh(source):
         from wdpm.scenes.meshes.from_trimesh import read_trimesh  # only for those who have imported trimesh
@@ -142,6 +147,11 @@ def find(source: str | Path) -> Path | None:
     if not file.is_file() or file.suffix.lower() not in _EXTENSIONS:
         raise SceneError(f"not a scene: expected a file with one of the extensions {' '.join(_EXTENSIONS)}", file)
     return file
+
+
+def _is_pair(size: Any) -> bool:
+    """Whether it is what a size is to be."""
+    return isinstance(size, Iterable) and [isinstance(side, Integral) for side in size] == [True, True]
 
 
 def _refuse_defines(defines: Mapping[str, str] | None, source: str | Path) -> None:

@@ -21,7 +21,7 @@ from wdpm.inspection.plan import Plan, plan_of
 from wdpm.local_backend import backend_here
 from wdpm.notebook import shown_live
 from wdpm.progress import Progress
-from wdpm.rendering.cache_file import CacheFiles
+from wdpm.rendering.cache_file import CacheFiles, path_named
 from wdpm.rendering.in_process import InProcess
 from wdpm.rendering.passes import render_in_passes
 from wdpm.rendering.prepare import Source
@@ -39,11 +39,11 @@ def render(
     progress: Progress | None = None,
     display: Display | None = None,
     live: bool = False,
-    journal: Path | None = None,
+    journal: str | Path | None = None,
     resume: bool = False,
     keep: bool = False,
-    save_cache: Path | None = None,
-    load_cache: Path | None = None,
+    save_cache: str | Path | None = None,
+    load_cache: str | Path | None = None,
     until_error: float | None = None,
     metric: str | None = None,
     time_budget: float | None = None,
@@ -95,10 +95,10 @@ def render(
             backend,
             settings,
             progress=live_progress,
-            journal=journal,
+            journal=path_named(journal),
             resume=resume,
             keep=keep,
-            cache=CacheFiles(save_cache, load_cache),
+            cache=CacheFiles.named(save_cache, load_cache),
             **chosen,
         )
 

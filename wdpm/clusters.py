@@ -31,7 +31,7 @@ from wdpm.placing.slurm import Allocation, other_nodes
 from wdpm.placing.ssh_slaves import SshSlaves
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backend
-from wdpm.rendering.cache_file import CacheFiles
+from wdpm.rendering.cache_file import CacheFiles, path_named
 from wdpm.rendering.compiling import Compiling
 from wdpm.rendering.kernels_beside import KernelsBeside
 from wdpm.rendering.passes import render_in_passes
@@ -323,11 +323,11 @@ class Cluster(Backend):
         *,
         progress: Progress | None = None,
         live: bool = False,
-        journal: Path | None = None,
+        journal: str | Path | None = None,
         resume: bool = False,
         keep: bool = False,
-        save_cache: Path | None = None,
-        load_cache: Path | None = None,
+        save_cache: str | Path | None = None,
+        load_cache: str | Path | None = None,
         **chosen: Any,
     ) -> Image:
         """Render a scene: the same bits as `wdpm.render`.
@@ -351,10 +351,10 @@ class Cluster(Backend):
                     self,
                     settings,
                     progress=live_progress,
-                    journal=journal,
+                    journal=path_named(journal),
                     resume=resume,
                     keep=keep,
-                    cache=CacheFiles(save_cache, load_cache),
+                    cache=CacheFiles.named(save_cache, load_cache),
                     **chosen,
                 )
             finally:

@@ -182,6 +182,10 @@ def test_slaves_with_too_little_memory(memory: str, expected: str, capsys: pytes
     assert expected in line
 
 
+def test_memory_of_slaves_where_there_are_none(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "give --slaves N, too" in said(["render", "cornell-box", "--memory", "2G", "-q"], capsys)
+
+
 def test_a_slave_with_too_little_memory_does_not_join(capsys: pytest.CaptureFixture[str]) -> None:
     """It was killed by its own limit, without a line that says why."""
     assert "takes 600 MiB before" in said(["slave", "tcp://127.0.0.1:1", "--memory", "50M"], capsys)

@@ -85,6 +85,8 @@ def run(args: argparse.Namespace) -> int:
     if is_placed(args):
         return render_placed(args)
     way = chosen_way(args)
+    if args.memory is not None and not args.slaves:
+        raise SettingsError("--memory is of each slave, and there are none: give --slaves N, too, or leave it out")
     if args.replay is not None:
         if args.view or args.tev is not None:
             option = "--view" if args.view else "--tev"

@@ -31,6 +31,16 @@ class CacheFiles:
     save: Path | None = None
     load: Path | None = None
 
+    @classmethod
+    def named(cls, save: str | Path | None, load: str | Path | None) -> CacheFiles:
+        """Those of these names, as people give them."""
+        return cls(path_named(save), path_named(load))
+
+
+def path_named(given: str | Path | None) -> Path | None:
+    """A path as people give it."""
+    return None if given is None else Path(given)
+
 
 NO_CACHE_FILES = CacheFiles()
 

@@ -39,7 +39,7 @@ from wdpm.rendering.pass_plan import PassPlan, PassResult, plans_for, session_of
 from wdpm.rendering.pass_progress import PassProgress
 from wdpm.rendering.prepare import Source, scene_of
 from wdpm.rendering.results import image_of
-from wdpm.rendering.scene_settings import settings_for
+from wdpm.rendering.scene_settings import settings_given
 from wdpm.rendering.session_journal import SessionJournal
 from wdpm.scenes.errors import ClusterError, ImageError, SettingsError
 from wdpm.scenes.model.scene import Scene
@@ -89,7 +89,7 @@ class PassRenderer:
         self._log = log
         scene = scene_of(source)
         check_memory(scene.camera)
-        settings = settings or settings_for(scene, **chosen)
+        settings = settings_given(scene, settings, chosen)
         handed_over = [scene]
         del scene  # whoever holds it no longer lets its triangles go
         self.prepared = backend.prepare(handed_over.pop, settings, self.progress)
@@ -175,7 +175,7 @@ def render_in_passes(
     if journal is None and (resume or keep):
         raise SettingsError("there is no journal to resume from or to keep; give its path")
     scene = [scene_of(source)]
-    settings = settings or settings_for(scene[0], **chosen)
+    settings = settings_given(scene[0], settings, chosen)
     if settings.adaptive and settings.passes <= FIRST:
         progress.note(
             f"adaptive sampling begins with pass {FIRST + 1}: give --passes, more than that, or it has no effect"

@@ -1,0 +1,53 @@
+"""What people get wrong in Python: each is an error of wdpm's own that says what was expected."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import wdpm
+from wdpm.scenes.errors import SceneError, SettingsError
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({"settings": {"spp": 3}}, r"settings is {'spp': 3}; expected wdpm.RenderSettings\(spp=16\), or single"),
+        ({"settings": wdpm.RenderSettings(spp=1), "spp": 2}, "spp is given beside settings, which say all"),
+        ({"size": "8x8"}, "size is no setting of a render but of its scene: give it to wdpm.load"),
+        ({"photon": 3}, """there is no setting 'photon'; did you mean "photons"?"""),
+        ({"spp": "3"}, "spp is '3'; expected a whole number"),
+        ({"spp": 2.5}, "spp is 2.5; expected a whole number"),
+        ({"radius": "wide"}, "radius is 'wide'; expected a number"),
+        ({"without": "lens"}, "without is 'lens'; expected names of effects, some of indirect, "),
+        ({"until_error": 0.5, "size": "8x8"}, "give it to wdpm.load"),
+    ],
+)
+def test_wrong_settings(given: dict[str, Any], expected: str) -> None:
+    with pytest.raises(SettingsError, match=expected.replace("?", r"\?")):
+        wdpm.render("cornell-box", **given)
+
+
+def test_wrong_settings_of_a_replay_and_of_a_plan() -> None:
+    wrong: Any = {"spp": 3}
+    with pytest.raises(SettingsError, match=r"expected wdpm.RenderSettings"):
+        wdpm.replay("cornell-box", 0, 0, 0, wrong)
+    with pytest.raises(SettingsError, match=r"give it to wdpm.load"):
+        wdpm.inspect("cornell-box", size=(8, 8))
+
+
+@pytest.mark.parametrize("size", ["8x8", 8, (8,), (8, 8, 8), (8.5, 8)])
+def test_wrong_sizes(size: Any) -> None:
+    with pytest.raises(SceneError, match=r"expected width and height in pixels, like \(512, 384\)"):
+        wdpm.load("cornell-box", size=size)
+
+
+def test_files_may_be_named_by_strings(tmp_path: Path) -> None:
+    scene = wdpm.load("cornell-box", size=tuple(np.array([8, 8])))
+    chosen: dict[str, Any] = {"integrator": "photons", "indirect": "cache", "photons": 500, "spp": 1, "threads": 1}
+    wdpm.render(scene, **chosen, save_cache=str(tmp_path / "cache"), journal=str(tmp_path / "passes"))
+    wdpm.render(scene, **chosen, load_cache=str(tmp_path / "cache"))
+    assert [path.name for path in tmp_path.iterdir()] == ["cache"]
