@@ -292,9 +292,13 @@ def by_destination(destination: NDArray[np.int32], chosen: NDArray[np.bool_]) ->
     if least == most:
         yield most, rows
         return
+    if most >= 1 << 16:  # more than a scene has cells, unless somebody sent nonsense, which no memory may be kept for
+        for target in np.unique(targets):
+            yield int(target), rows.take((targets == target).nonzero()[0])
+        return
     counts = np.bincount(targets)
     # NumPy sorts numbers of 8 or 16 bits by their digits: in a third of the time that np.unique takes for its part.
-    digits = np.uint8 if most < 1 << 8 else np.uint16 if most < 1 << 16 else np.int32
+    digits = np.uint8 if most < 1 << 8 else np.uint16
     ordered = rows.take(targets.astype(digits).argsort(kind="stable"))
     there = counts.nonzero()[0]
     ends = counts.take(there).cumsum().tolist()

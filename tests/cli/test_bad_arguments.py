@@ -48,6 +48,12 @@ def test_wrong_sizes(size: Any) -> None:
 def test_files_may_be_named_by_strings(tmp_path: Path) -> None:
     scene = wdpm.load("cornell-box", size=tuple(np.array([8, 8])))
     chosen: dict[str, Any] = {"integrator": "photons", "indirect": "cache", "photons": 500, "spp": 1, "threads": 1}
-    wdpm.render(scene, **chosen, save_cache=str(tmp_path / "cache"), journal=str(tmp_path / "passes"))
-    wdpm.render(scene, **chosen, load_cache=str(tmp_path / "cache"))
+    wdpm.render(scene, **chosen, save_cache=str(tmp_path / "cache"))
+    wdpm.render(scene, **chosen, load_cache=str(tmp_path / "cache"), journal=str(tmp_path / "passes"))
     assert [path.name for path in tmp_path.iterdir()] == ["cache"]
+
+
+def test_kept_passes_have_no_irradiance_records(tmp_path: Path) -> None:
+    """They went nowhere, and nobody was told."""
+    with pytest.raises(SettingsError, match="--save-cache: passes that are kept have no irradiance records"):
+        wdpm.render("cornell-box", save_cache=tmp_path / "cache", journal=tmp_path / "passes")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -87,6 +89,16 @@ def test_chosen_rows_go_to_their_destinations_in_order(rows: list[tuple[int, boo
             expected.setdefault(where, []).append(row)
     assert found == expected
     assert list(found) == sorted(found)
+
+
+def test_where_rows_go_takes_no_memory_whatever_somebody_sends() -> None:
+    far = np.array([0, 2**31 - 1, 0], np.int32)
+    tracemalloc.start()
+    found = [(cell, list(rows)) for cell, rows in by_destination(far, np.ones(3, np.bool_))]
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found == [(0, [0, 2]), (2**31 - 1, [1])]
+    assert most < 1 << 20
 
 
 def test_no_chosen_row_goes_nowhere() -> None:

@@ -57,10 +57,24 @@ class CacheNotWrittenError(ImageError):
         self.image = image
 
 
-def check_can_save(files: CacheFiles) -> None:
-    """Raise ImageError if records are to be written where they cannot be: hours before they are there."""
-    if files.save is not None:
-        check_place(files.save)
+def check_can_save(files: CacheFiles, *, in_journal: bool) -> None:
+    """Find out whether records can be written, hours before they are there.
+
+    Args:
+        in_journal: whether passes are kept, to go on from. That has no records, which may be all that is left to do.
+
+    Raises:
+        ImageError: not where they are to go.
+        SettingsError: passes are kept.
+    """
+    if files.save is None:
+        return
+    if in_journal:
+        raise SettingsError(
+            "--save-cache: passes that are kept have no irradiance records; leave --save-cache out, or --keep-passes "
+            "and the journal of passes"
+        )
+    check_place(files.save)
 
 
 def check_wanted(files: CacheFiles, settings: RenderSettings) -> None:

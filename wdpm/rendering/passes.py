@@ -171,7 +171,7 @@ def render_in_passes(
         CacheNotWrittenError: an ImageError that has the image.
     """
     progress = progress or SilentProgress()
-    check_can_save(cache)
+    check_can_save(cache, in_journal=journal is not None)
     if journal is None and (resume or keep):
         raise SettingsError("there is no journal to resume from or to keep; give its path")
     scene = [scene_of(source)]
