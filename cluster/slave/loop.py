@@ -90,7 +90,8 @@ class SlaveShell:
         """Take in messages that have come; whether there were any of peers."""
         self._receive_from_master()
         came = self._receive_from_peers()
-        self._receive_answers()
+        if self._network.stirred:
+            self._receive_answers()
         return came
 
     def find_broken_connections(self) -> None:
@@ -103,6 +104,8 @@ class SlaveShell:
             self.handle(s.MasterLost())
         if self._master.refused():
             self.handle(s.MasterRefused())
+        if not self._network.stirred:
+            return
         for number, connection in list(self._peers.items()):
             if connection.broke():
                 self._lose_peer(number)

@@ -135,6 +135,14 @@ class Network(Protocol):
     def address_for_peers(self, master: str) -> str:
         """Where a slave of the master at a resolved address listens for the other slaves: a free one, near to them."""
 
+    @property
+    def stirred(self) -> bool:
+        """Whether there may be answers, or news, of connections without an identity since `wait` was called last.
+
+        A slave has one to each of the others, and asking them all takes its time; they say something at their beginning
+        and end.
+        """
+
     def watch(self, descriptor: int) -> None:
         """Have `wait` end when a file descriptor can be read, too: a mailbox's, or the pipe of a life line."""
 

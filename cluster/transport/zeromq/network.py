@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
+from typing import Final
 
 import zmq
 from zmq.utils.monitor import recv_monitor_message
@@ -28,9 +29,9 @@ from wdpm.cluster.transport.zeromq.sockets import (
     connect,
     make_socket,
     read,
+    receive_all,
     receive_first,
     receive_frames,
-    receive_rest,
     send,
     sender,
     size_of,
@@ -45,6 +46,10 @@ HANDSHAKE_FAILED = (
 
 ONLY_READERS: Accepted = {FromReader.__name__: FromReader}
 """What may come from somebody whose key is no slave's."""
+
+
+LOOKS: Final = 8
+"""So many waits may end without a look at all, since messages are there: so long may other news wait."""
 
 
 NOT_MORE = ProtocolError("these are keys of a reader, who may only ask how far a render is; give those of a slave")
@@ -96,10 +101,10 @@ class ZeroMQListener:
         first = self._network.first_of(self._socket)
         if first is None:
             return None
-        identity = bytes(first)
+        identity = first.bytes
         beating = owner(identity)
         stranger = beating is not None or identity not in self._admitted
-        whole = receive_frames(self._socket, packing.most_frames(stranger))
+        whole = receive_frames(first, self._socket, packing.most_frames(stranger))
         frames = [frame.buffer for frame in whole]
         self._carried.received += size_of(frames)
         if stranger and self._members is not None and not self._members.admits(sender(whole)):
@@ -164,12 +169,12 @@ class ZeroMQConnection:
     def receive(self) -> Received | None:
         """The next answer; heartbeats first."""
         if self.lane is not None and (beat := self._network.first_of(self.lane.socket)) is not None:
-            return read([beat, *receive_rest(self.lane.socket, 1)], ONLY_HEARTBEATS, stranger=True)
+            return read(receive_all(beat, self.lane.socket, 1), ONLY_HEARTBEATS, stranger=True)
         # Last words may have come after the wait that ended before the news that this broke.
         first = receive_first(self.socket) if self._told else self._network.first_of(self.socket)
         if first is None:
             return None
-        frames = [first, *receive_rest(self.socket, packing.most_frames(stranger=False))]
+        frames = receive_all(first, self.socket, packing.most_frames(stranger=False))
         self._network.carried.received += size_of(frames)
         return read(frames, self._accepted)
 
@@ -218,9 +223,13 @@ class ZeroMQNetwork:
         self._keys = keys
         self._poller = zmq.Poller()
         self._watching = zmq.Poller()  # what is watched alone
+        self._often = zmq.Poller()  # all but connections to peers, of which there is news at their beginning and end
+        self._rested, self._unlooked = False, 0  # since the last wait; waits since all was looked at
         self._watched: set[int] = set()
         self._ready: set[Socket | int] | None = None
         self._connections: list[ZeroMQConnection] = []
+        self._monitors: dict[Socket | int, ZeroMQConnection] = {}
+        self._seldom: set[Socket | int] = set()  # what is not among the places that are looked at often
         self._peers = KnownKeys()
         with ExitStack() as stack:
             self._context: zmq.Context[Socket] = stack.enter_context(zmq.Context())
@@ -244,7 +253,7 @@ class ZeroMQNetwork:
             self._stack.callback(local_sockets.remove, endpoint)
         if self._keys is not None and role is Role.SLAVE:
             endpoint = curve.with_key(endpoint, self._keys.own.public)
-        self._poller.register(router, zmq.POLLIN)
+        self._look_at(router, often=True)
         members = self._keys.guests if self._keys is not None and role is Role.MASTER else None
         return ZeroMQListener(self, router, endpoint, accepted, members)
 
@@ -259,14 +268,15 @@ class ZeroMQNetwork:
                 curve.connect(socket, self._keys.own, server)
             connect(socket, address)
             if accepted:
-                self._poller.register(socket, zmq.POLLIN)
+                self._look_at(socket, often=identity is not None)
 
         lane = None
         if role is Role.MASTER and identity is not None:
             lane = partial(HeartbeatLane, identity, self._dealer, attach)
         connection = ZeroMQConnection(self, self._dealer(), accepted, lane)
         self._connections.append(connection)
-        self._poller.register(connection.monitor, zmq.POLLIN)
+        self._monitors[connection.monitor] = connection
+        self._look_at(connection.monitor, often=identity is not None)
         if identity is not None:
             connection.socket.routing_id = identity
         attach(connection.socket)
@@ -285,7 +295,7 @@ class ZeroMQNetwork:
             return reads or keys.guests.admits(public) or self._peers.admits(public)
 
         door = curve.Doorkeeper(self._context, admits, 0.0 if is_master else curve.WAIT_FOR_NEWS_S)
-        self._poller.register(door.socket, zmq.POLLIN)
+        self._look_at(door.socket, often=True)
         return door
 
     def _who_is_at(self, endpoint: str, role: Role) -> tuple[str, bytes]:
@@ -318,23 +328,46 @@ class ZeroMQNetwork:
         """Have `wait` end when a file descriptor can be read, too."""
         self._watched.add(descriptor)
         self._watching.register(descriptor, zmq.POLLIN)
-        self._poller.register(descriptor, zmq.POLLIN)
+        self._look_at(descriptor, often=True)
+
+    def _look_at(self, place: Socket | int, *, often: bool) -> None:
+        """Have `wait` end when a place can be read, and look there each time, or now and then while others can be."""
+        self._poller.register(place, zmq.POLLIN)
+        if often:
+            self._often.register(place, zmq.POLLIN)
+        else:
+            self._seldom.add(place)
 
     def rest(self, seconds: float) -> None:
         """Poll what is watched alone; ZeroMQ's own thread takes messages in meanwhile."""
+        self._rested = True
         self._watching.poll(math.ceil(seconds * 1000))
 
     def wait(self, seconds: float) -> set[int]:
-        """Poll all sockets that are read from, what is watched, and ZeroMQ's news of connections that broke."""
-        self._ready = {place for place, _ in self._poller.poll(math.ceil(seconds * 1000))}
+        """Poll all sockets that are read from, what is watched, and ZeroMQ's news of connections that broke.
+
+        Polling takes some microseconds for each socket, of which a slave has two for each of the others.
+        """
+        # After a rest something is there most times.
+        ready = self._often.poll(0) if self._rested and self._unlooked < LOOKS else []
+        self._rested, self._unlooked = False, self._unlooked + 1
+        if not ready:
+            self._unlooked = 0
+            ready = self._poller.poll(math.ceil(seconds * 1000))
+        self._ready = {place for place, _ in ready}
         if self._door is not None:
             self._door.answer()
-        for connection in self._connections:
-            if connection.monitor in self._ready:
+        for place in self._ready:
+            if (connection := self._monitors.get(place)) is not None:
                 connection.read_news()
-        return {place for place in self._watched if place in self._ready}
+        return self._watched & self._ready
 
-    def first_of(self, socket: Socket) -> memoryview | None:
+    @property
+    def stirred(self) -> bool:
+        """Whether any connection but those with an identity may have news."""
+        return self._ready is None or not self._seldom.isdisjoint(self._ready)
+
+    def first_of(self, socket: Socket) -> zmq.Frame | None:
         """The first frame of a socket's next message; None if there was none when `wait` ended.
 
         Asking a socket that has nothing takes as long as a small message does, and a slave has one for each of the
@@ -358,9 +391,13 @@ class ZeroMQNetwork:
         """A connection closes."""
         if connection in self._connections:
             self._connections.remove(connection)
+            del self._monitors[connection.monitor]
         for socket in (connection.socket, connection.monitor, connection.lane and connection.lane.socket):
             if socket is not None and socket in self._poller:
                 self._poller.unregister(socket)
+                if socket in self._often:
+                    self._often.unregister(socket)
+                self._seldom.discard(socket)
 
 
 def _check_resolved(address: str) -> None:

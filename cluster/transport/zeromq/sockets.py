@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import zmq
 
 from wdpm.cluster.limits import DEAD_S
 from wdpm.cluster.messages import packing
-from wdpm.cluster.messages.frames import FRAME_BYTES
+from wdpm.cluster.messages.frames import FRAME_BYTES, Frame
 from wdpm.scenes.errors import ProtocolError
 
 Socket = zmq.Socket[bytes]
@@ -26,6 +26,12 @@ _PROBE_S = 10
 
 STOP_CONNECTING = -1
 """Value of RECONNECT_IVL. ZeroMQ would mend a broken connection without a word, and messages would be missing."""
+
+# As plain numbers: pyzmq's own types run Python code whenever two are joined, or one is looked up.
+_LAST: Final = int(zmq.NOBLOCK)
+_MORE: Final = int(zmq.NOBLOCK | zmq.SNDMORE)
+_EVENTS: Final = int(zmq.EVENTS)
+_READABLE: Final = int(zmq.POLLIN)
 
 
 def make_socket(context: zmq.Context[Socket], kind: int) -> Socket:
@@ -80,32 +86,40 @@ def send(socket: Socket, message: Any, identity: bytes | None = None) -> int:
     size = size_of(frames)
     if identity is not None:
         frames.insert(0, identity)
-    socket.send_multipart(frames, flags=zmq.NOBLOCK, copy=False)
+    *others, last = frames
+    for frame in others:
+        socket.send(frame, _MORE, copy=False)
+    socket.send(last, _LAST, copy=False)
     return size
 
 
-def size_of(frames: Sequence[bytes | bytearray | memoryview]) -> int:
+def size_of(frames: Sequence[Frame]) -> int:
     """Bytes of all of them."""
-    return sum(frame.nbytes if isinstance(frame, memoryview) else len(frame) for frame in frames)
+    return sum(map(len, frames))
 
 
-def receive_first(socket: Socket) -> memoryview | None:
+def receive_first(socket: Socket) -> zmq.Frame | None:
     """The first frame of the next message, a ROUTER's identity; None if there is no message."""
+    # Most sockets that are asked have none: that is found out in a third of the time that an error takes.
+    if not int(socket.get(_EVENTS)) & _READABLE:
+        return None
     try:
-        return socket.recv(flags=zmq.NOBLOCK, copy=False).buffer
+        return socket.recv(_LAST, copy=False)
     except zmq.Again:
         return None
 
 
-def receive_rest(socket: Socket, most: int) -> list[memoryview]:
-    """The frames that follow. No more than one beyond `most` is kept, which says that there were more."""
-    return [frame.buffer for frame in receive_frames(socket, most)]
+def receive_all(first: zmq.Frame, socket: Socket, most: int) -> list[memoryview]:
+    """A message whose first frame is there. No more than one frame beyond `most` is kept behind it, which says that
+    there were more."""
+    return [first.buffer, *(frame.buffer for frame in receive_frames(first, socket, most))]
 
 
-def receive_frames(socket: Socket, most: int) -> list[zmq.Frame]:
-    """The same, as ZeroMQ has them: they know who sent them."""
+def receive_frames(first: zmq.Frame, socket: Socket, most: int) -> list[zmq.Frame]:
+    """The frames that follow the first, as ZeroMQ has them: they know who sent them."""
     frames: list[zmq.Frame] = []
-    while socket.get(zmq.RCVMORE):  # not `rcvmore`, which is looked up by name, at ten times the price
+    frame = first
+    while frame.more:  # asking the socket takes as long as a frame does
         frame = socket.recv(copy=False)
         if len(frames) <= most:
             frames.append(frame)

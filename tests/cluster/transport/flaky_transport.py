@@ -116,6 +116,10 @@ class FlakyNetwork:
     def carried(self) -> Carried:
         return self._inner.carried
 
+    @property
+    def stirred(self) -> bool:
+        return True  # a link may be cut at any time
+
     def listen(self, address: str, role: Role, accepted: Accepted) -> FlakyListener:
         return FlakyListener(self._inner.listen(inside(address), role, accepted))
 
