@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from fake_worker import arrays, make_session
 from flaky_transport import FlakyTransport
-from patience import WAIT_S
+from patience import WAIT_S, wait_until
 from slave_threads import SMALL, SlaveThread, check_picture
 from slow_slaves import AGREED
 
@@ -23,7 +23,7 @@ from wdpm.cluster.master import events
 from wdpm.cluster.master.loop import MasterShell
 from wdpm.cluster.master.server import MasterServer
 from wdpm.cluster.messages import packing, protocol
-from wdpm.cluster.transport import registry
+from wdpm.cluster.transport import registry, stream
 from wdpm.cluster.transport.local_sockets import address_for_master
 from wdpm.cluster.transport.mailbox import Mailbox
 from wdpm.cluster.transport.memory import MemoryTransport
@@ -125,6 +125,29 @@ def test_a_connection_that_breaks_says_so_once(ends: tuple[Network, Any, Network
     assert soon(connection.broke, there)
     assert not connection.broke()
     soon(lambda: not connection.send(protocol.Heartbeat()), there)
+
+
+def test_a_broken_connection_is_heard_of_though_something_else_is_there_each_time(place: tuple[Transport, str]) -> None:
+    transport, address = place
+    here, there = transport.open(None), transport.open(None)
+    listener = here.listen(address, Role.MASTER, FROM_SLAVE)
+    connection = there.connect(listener.endpoint, Role.MASTER, FROM_MASTER)
+    assert connection.send(protocol.Hello({}, "host", 1, 1, 1, "nowhere"))
+    soon(listener.receive, here)
+    ear, bell = stream.pair()
+    bell.sendall(b".")
+    there.watch(ear.fileno())
+    here.close()
+
+    def heard() -> bool:
+        there.rest(0.0)
+        assert there.wait(0.0) == {ear.fileno()}
+        return there.stirred and connection.broke()
+
+    wait_until(heard)
+    there.close()
+    ear.close()
+    bell.close()
 
 
 def test_the_same_identity_again_takes_the_place_of_the_first(
