@@ -50,3 +50,15 @@ def test_cells_threads_and_routings_change_no_bit(
 def test_slaves_over_sockets_give_the_same_bits(reference: Image) -> None:
     with wdpm.Cluster.local(slaves=2) as cluster:
         assert same_bits(cluster.render(HUT, STEERED), reference)
+
+
+@pytest.mark.sockets
+def test_photons_of_another_camera_are_not_kept(reference: Image) -> None:
+    """They are steered by what each camera sees: a frame of a sequence has the bits that it has alone."""
+    camera = replace(HUT.camera, to_world=HUT.camera.to_world + np.eye(4, 4, 3) * [[0.2], [0.0], [0.0], [0.0]])
+    moved = replace(HUT, camera=camera)
+    with wdpm.Cluster.local(slaves=2) as cluster:
+        frames = [cluster.render(each, STEERED) for each in (HUT, moved, HUT)]
+    for frame, expected in zip(frames, (reference, alone(moved, STEERED), reference), strict=True):
+        assert same_bits(frame, expected)
+        assert any("photons steered" in line for line in frame.metadata["report"]["chose"])
