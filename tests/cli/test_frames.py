@@ -145,6 +145,7 @@ def test_numbered_scenes_go_on_where_one_is_bad_and_resume_renders_what_is_missi
         (["s.%03d.xml", "--frames", "1..2", "--fps", "3"], "numbered scenes have no time"),
         (["cornell-box", "--fps", "3"], "give --frames A..B, too"),
         (["a.glb", "--frames", "1..2", "--until-error", "0.1"], "--until-error is for one image"),
+        (["a.glb", "--frames", "1..2", "--metric", "rmse"], "--metric is for one image"),
         (["a.glb", "--frames", "1..2", "--replay", "1,1,1"], "--replay is for one image"),
         (["a.glb", "--frames", "2..1"], "are no frames"),
         (["a.glb", "--frames", "1..2", "--fps", "0"], "must be above 0"),

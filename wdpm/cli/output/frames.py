@@ -55,7 +55,7 @@ def asks_for_frames(args: argparse.Namespace) -> bool:
         if _NUMBER.search(args.scene) and not Path(args.scene).exists():
             raise SettingsError(f"{args.scene} names numbered scenes: give --frames A..B, too")
         return False
-    for name in ("until_error", "time_budget", "replay", "save_cache", "journal"):
+    for name in ("until_error", "metric", "time_budget", "replay", "save_cache", "journal"):
         if getattr(args, name, None) is not None:
             raise SettingsError(f"--{name.replace('_', '-')} is for one image; leave it or --frames out")
     numbered = _is_numbered(args)
