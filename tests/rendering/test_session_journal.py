@@ -233,9 +233,9 @@ def owner_of(path: Path) -> subprocess.Popen[bytes]:
     code = (
         "import os, signal, sys; from pathlib import Path; from wdpm.rendering.record_file import FileLock\n"
         "lock = FileLock(Path(sys.argv[1]))\n"
-        "child = os.fork()\n"
-        "if not child:\n    signal.pause()\n"
-        "print(child, flush=True)\n"
+        "if not os.fork():\n"
+        "    print(os.getpid(), flush=True)\n"  # by now it has let go of what it was forked with
+        "    signal.pause()\n"
         "sys.stdin.read()"
     )
     pipe = subprocess.PIPE
