@@ -26,7 +26,7 @@ from wdpm.kernels.irradiance import (
 from wdpm.kernels.lights import pieces
 from wdpm.kernels.module_hashes import hashes
 from wdpm.kernels.photons import departure, gather, gather_at_photons, kd_order, neighbours, photon_map, surface_points
-from wdpm.kernels.rays import bvh, bvh_build, overlap, standing_areas
+from wdpm.kernels.rays import bvh, bvh_build, instance_areas, overlap
 from wdpm.kernels.stand_ins import Chosen, compiled_kernels, own_kernels, stand_ins
 from wdpm.kernels.variants import make_variants
 
@@ -59,7 +59,7 @@ COMMON = (
 )
 """Every file with kernels that do not depend on a scene's effects."""
 
-WITH_INSTANCES = (standing_areas,)
+WITH_INSTANCES = (instance_areas,)
 """For scenes in which shapes stand in several places."""
 
 WITH_GLOSS = (pieces,)

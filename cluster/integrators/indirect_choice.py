@@ -54,11 +54,11 @@ def _choice(flat: FlatScene, settings: Wishes, wanted: bool) -> tuple[Indirect, 
 def _lambertian_share(flat: FlatScene) -> float:
     """Of the area on which photons are stored, that which irradiance records serve."""
     from wdpm.kernels.launch import Launcher  # needs Warp, which a command that is only asked for help does not import
-    from wdpm.kernels.rays import placing
-    from wdpm.kernels.rays.standing_areas import StandingAreas
+    from wdpm.kernels.rays.instance_areas import InstanceAreas
+    from wdpm.kernels.rays.instances import upload_instances
 
     instances = flat.triangles.instances
-    areas = StandingAreas(instances, placing.upload(instances, "cpu"), Launcher())
+    areas = InstanceAreas(instances, upload_instances(instances, "cpu"), Launcher())
     area = area_by_material(flat.triangles, len(flat.materials), areas.of)
     diffuse = area[gathering_sides(flat.materials) != 0].sum()
     served = area[lambertian_sides(flat.materials) != 0].sum()

@@ -165,7 +165,7 @@ def _measured(pilot: PhotonPilot, flat: FlatScene) -> _Measured:
     if pilot not in _MEASURED:
         _MEASURED[pilot] = _Measured(
             worth_of_caustics(pilot),
-            total_area(flat.triangles, pilot.cell.store.standing_areas.of) if pilot.world.paths else 1.0,
+            total_area(flat.triangles, pilot.cell.store.instance_areas.of) if pilot.world.paths else 1.0,
             (_median_radius(pilot, GLOBAL_MAP, flat), _median_radius(pilot, CAUSTIC_MAP, flat)),
         )
     return _MEASURED[pilot]

@@ -27,7 +27,8 @@ from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.photons import flight as pf
 from wdpm.kernels.photons.paths import Fates, TraceOrders, TraceScene
 from wdpm.kernels.rays import cell_triangles as of_triangles
-from wdpm.kernels.rays import placing, two_level
+from wdpm.kernels.rays import two_level
+from wdpm.kernels.rays.instances import upload_instances
 from wdpm.kernels.rays.triangle import NO_HIT
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.arrays import Triangles
@@ -61,10 +62,10 @@ class Cell:
 
         def make() -> list[Any]:
             device = replica.launcher.device
-            standing = placing.upload(triangles.instances, device)
-            trees = two_level.build(triangles, standing, replica.pad, device)
+            instances = upload_instances(triangles.instances, device)
+            trees = two_level.build(triangles, instances, replica.pad, device)
             triangles.let_go()
-            return [trees, of_triangles.upload(triangles, replica.world.extent, device, standing)]
+            return [trees, of_triangles.upload(triangles, replica.world.extent, device, instances)]
 
         kinds = (two_level.Trees, of_triangles.Surfaces)
         self._trees, self._surfaces = replica.made.get(Wanted(f"cell {number}", kinds, make))

@@ -32,7 +32,7 @@ from wdpm.kernels.photons.kd_order import over
 from wdpm.kernels.photons.surface_points import even_runs, least_radius, point_counts, spread
 from wdpm.kernels.rays import cells
 from wdpm.kernels.rays.cell_triangles import Surfaces
-from wdpm.kernels.rays.standing_areas import StandingAreas
+from wdpm.kernels.rays.instance_areas import InstanceAreas
 from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.areas import triangle_areas
 from wdpm.scenes.flat.instances import Instances
@@ -67,7 +67,7 @@ class BuiltMap:
 
 
 Rows = Callable[[NDArray[np.intp]], NDArray[np.int32]]
-"""Rows of chosen triangles, as kernels.rays.standing_triangles has them, shape [N, 2]."""
+"""Rows of chosen triangles, as kernels.rays.instanced_triangles has them, shape [N, 2]."""
 
 
 def _plain_rows(chosen: NDArray[np.intp]) -> NDArray[np.int32]:
@@ -88,7 +88,7 @@ class PhotonStore:
         self._surfaces = surfaces
         self._instances = instances
         self._replica = replica
-        self.standing_areas = StandingAreas(instances, surfaces.standing, replica.launcher)
+        self.instance_areas = InstanceAreas(instances, surfaces.instances, replica.launcher)
         self._own = Piles(Kind.GHOST_PHOTONS)
         self._copies = Piles(Kind.GHOST_PHOTONS)
         self._ghosts = Piles(Kind.GHOST_PHOTONS)
@@ -241,11 +241,11 @@ class PhotonStore:
         """Of the cell's triangles, some at a time: the rows of chosen ones, and the numbers and areas of all."""
         ids = self._surfaces.ids.numpy()
         yield _plain_rows, ids, triangle_areas(self._surfaces.corners.numpy())
-        for begin, end in self.standing_areas.blocks():
+        for begin, end in self.instance_areas.blocks():
             numbers = np.arange(begin, end, dtype=np.int32)
-            yield functools.partial(self._standing_rows, begin), numbers, self.standing_areas.of(begin, end)
+            yield functools.partial(self._instance_rows, begin), numbers, self.instance_areas.of(begin, end)
 
-    def _standing_rows(self, begin: int, chosen: NDArray[np.intp]) -> NDArray[np.int32]:
+    def _instance_rows(self, begin: int, chosen: NDArray[np.intp]) -> NDArray[np.int32]:
         """Rows of triangles by how many numbers come before theirs from `begin` on, shape [N, 2]."""
         instances, prims = self._instances, chosen + begin
         which = instances.base.searchsorted(prims, side="right") - 1

@@ -19,7 +19,7 @@ from wdpm.kernels.materials.surface import leave
 from wdpm.kernels.maths.directions import around
 from wdpm.kernels.maths.random import PURPOSE_GUIDE, rounded_down, sample_2d, sample_2d_fine, stream_of
 from wdpm.kernels.rays.cell_triangles import Surfaces
-from wdpm.kernels.rays.standing_triangles import front_of_all, position_at_all, row_of_all, table_row_of_all
+from wdpm.kernels.rays.instanced_triangles import front_of_all, position_at_all, row_of_all, table_row_of_all
 from wdpm.kernels.rays.triangle import no_hit
 from wdpm.kernels.rays.two_level import Trees, any_of_all, closest_of_all
 

@@ -13,7 +13,7 @@ from wdpm.kernels.materials.bsdf import make_bsdf
 from wdpm.kernels.materials.surface import Surface
 from wdpm.kernels.materials.types import DIFFUSE, NULL
 from wdpm.kernels.rays.cell_triangles import Surfaces
-from wdpm.kernels.rays.standing_triangles import make_triangles
+from wdpm.kernels.rays.instanced_triangles import make_triangles
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -6,7 +6,7 @@ import warp as wp
 
 from wdpm.kernels.camera.paths import Paths
 from wdpm.kernels.rays.cell_triangles import Surfaces
-from wdpm.kernels.rays.standing_triangles import (
+from wdpm.kernels.rays.instanced_triangles import (
     front_of_all,
     normal_at_all,
     position_at_all,

@@ -15,7 +15,7 @@ from wdpm.kernels.materials.resolve import Materials, make_materials
 from wdpm.kernels.materials.texture import Textures
 from wdpm.kernels.materials.types import Bsdf, BsdfSample
 from wdpm.kernels.rays.cell_triangles import Surfaces
-from wdpm.kernels.rays.standing_triangles import make_triangles
+from wdpm.kernels.rays.instanced_triangles import make_triangles
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 

@@ -33,7 +33,7 @@ from wdpm.kernels.photons.gather import box_distance2, dot8, next_above
 from wdpm.kernels.photons.photon_map import NODE_ROWS, POINT_ROWS, PhotonMap, first_child, vec8
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.cells import Cells, cell_of
-from wdpm.kernels.rays.standing_triangles import front_of_all, position_at_all
+from wdpm.kernels.rays.instanced_triangles import front_of_all, position_at_all
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -142,7 +142,7 @@ def spread(
     """The points of a cell on some triangles: those that lie in it.
 
     Args:
-        rows: of the triangles, as rays.standing_triangles has them, shape [T, 2].
+        rows: of the triangles, as rays.instanced_triangles has them, shape [T, 2].
         ids: their numbers, shape [T].
         counts: how many points each gets (point_counts), shape [T].
         point_set: which of many sets; each goes on in a triangle where the one before ended. The error of a count is

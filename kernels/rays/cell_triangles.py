@@ -9,8 +9,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.kernels.constants import OFFSET_MIN_SHARE
-from wdpm.kernels.rays import placing
-from wdpm.kernels.rays.placing import Standing
+from wdpm.kernels.rays.instances import DeviceInstances, upload_instances
 from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.room import let_go
 
@@ -29,7 +28,7 @@ class Surfaces:
         normals: zero where flat.
         colored: 1 where there are vertex colours.
         offset_min: least distance at which rays leave a surface.
-        standing: instances of the shapes.
+        instances: instances of the shapes.
     """
 
     count: wp.int32
@@ -44,14 +43,14 @@ class Surfaces:
     material: wp.array[wp.int32]
     emitter: wp.array[wp.int32]
     offset_min: wp.float32
-    standing: Standing
+    instances: DeviceInstances
 
 
-def upload(triangles: Triangles, extent: float, device: str, standing: Any = None) -> Surfaces:
+def upload(triangles: Triangles, extent: float, device: str, instances: Any = None) -> Surfaces:
     """A cell's triangles on a device.
 
     Args:
-        standing: its instances (rays.placing.Standing), if they are there already.
+        instances: its instances (rays.instances.DeviceInstances), if they are there already.
     """
     shapes = triangles.instances.shapes
     surfaces = Surfaces()
@@ -72,7 +71,7 @@ def upload(triangles: Triangles, extent: float, device: str, standing: Any = Non
     emitter = _joined(triangles.emitter, np.full(len(shapes.material), -1, np.int32))
     surfaces.emitter = shared(emitter, wp.int32, device)
     surfaces.offset_min = float(extent) * OFFSET_MIN_SHARE
-    surfaces.standing = placing.upload(triangles.instances, device) if standing is None else standing
+    surfaces.instances = upload_instances(triangles.instances, device) if instances is None else instances
     return surfaces
 
 
@@ -120,7 +119,7 @@ def _front_normals(positions: NDArray[np.float32], normals: NDArray[np.float32])
     normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     sums = normals.sum(axis=1, dtype=np.float64)
-    # In a fixed order, as rays.placing.front_of_corners does for instances.
+    # In a fixed order, as rays.instances.front_of_corners does for instances.
     against = normal[:, 0] * sums[:, 0] + normal[:, 1] * sums[:, 1] + normal[:, 2] * sums[:, 2] < 0
     normal[against] *= -1.0
     return normal

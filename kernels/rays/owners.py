@@ -8,7 +8,7 @@ import warp as wp
 
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.cells import Cells, cell_of
-from wdpm.kernels.rays.standing_triangles import make_triangles
+from wdpm.kernels.rays.instanced_triangles import make_triangles
 from wdpm.kernels.rays.triangle import Hit
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})

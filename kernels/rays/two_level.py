@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from wdpm.kernels.rays import bvh, bvh_build
 from wdpm.kernels.rays.bvh import Bvh, leaf_first
 from wdpm.kernels.rays.bvh_build import CHILD_STACK, WIDTH
+from wdpm.kernels.rays.instances import DeviceInstances, instance_corner
 from wdpm.kernels.rays.lanes import (
     child_code,
     children_enter,
@@ -41,7 +42,6 @@ from wdpm.kernels.rays.lanes import (
     vec8,
     vec8i,
 )
-from wdpm.kernels.rays.placing import Standing, standing_corner
 from wdpm.kernels.rays.triangle import NO_HIT, Hit, Ray, intersect_triangle, make_ray
 from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.instances import Instances
@@ -74,7 +74,7 @@ class Trees:
         plain: of the triangles with arrays of their own.
         places: of boxes of instances, each a triangle from corner to corner; its ids are instances.
         shapes: of all shapes, one after another, in their own spaces about `middle`; its ids are rows of shapes.
-        standing: the instances.
+        instances: of the shapes.
         root: node of the root of each instance's shape, shape [I].
         inverse: rows of the matrix from the renderer's space to the shape's about its middle, shape [I, 3].
         spread: how far what is moved by one in any way is moved in the shape's space, shape [I].
@@ -86,7 +86,7 @@ class Trees:
     plain: Bvh
     places: Bvh
     shapes: Bvh
-    standing: Standing
+    instances: DeviceInstances
     root: wp.array[wp.int32]
     inverse: wp.array2d[wp.vec4d]
     spread: wp.array[wp.vec3]
@@ -94,11 +94,11 @@ class Trees:
     edge: wp.array[wp.float32]
 
 
-def build(triangles: Triangles, standing: Any, pad: float, device: str) -> Any:
+def build(triangles: Triangles, uploaded: Any, pad: float, device: str) -> Any:
     """Trees over a cell's triangles and instances: Trees.
 
     Args:
-        standing: its instances on the device (placing.Standing).
+        uploaded: its instances on the device (rays.instances.DeviceInstances).
         pad: as for bvh.build.
     """
     instances = triangles.instances
@@ -107,7 +107,7 @@ def build(triangles: Triangles, standing: Any, pad: float, device: str) -> Any:
     low, high = instance_boxes(instances)
     boxes = np.stack([low - PADS * pad, high + PADS * pad, low - PADS * pad], axis=1).astype(np.float32)
     trees.places = bvh.build(boxes, np.arange(len(instances), dtype=np.int32), pad, device)
-    trees.standing = standing
+    trees.instances = uploaded
     middle = _middles(instances)
     trees.shapes, roots = _shapes(instances, middle, pad, device)
     inverse = np.linalg.inv(instances.matrix[:, :, :3]).astype(np.float64)
@@ -212,15 +212,15 @@ def towards(inverse: wp.vec3, grow: wp.vec3) -> wp.vec3:
 def nearer(trees: wp.ref[Trees], instance: wp.int32, row: wp.int32, ray: Ray, best: Hit) -> Hit:
     """The smaller of `best` and the hit with an instance's triangle where it stands."""
     hit = intersect_triangle(
-        standing_corner(trees.standing, instance, row, 0),
-        standing_corner(trees.standing, instance, row, 1),
-        standing_corner(trees.standing, instance, row, 2),
+        instance_corner(trees.instances, instance, row, 0),
+        instance_corner(trees.instances, instance, row, 1),
+        instance_corner(trees.instances, instance, row, 2),
         ray,
         trees.plain.pad,
     )
     nearest = best
     if hit[0] <= best.t and hit[0] < NO_HIT:
-        prim = trees.standing.base[instance] + row - trees.standing.first[instance]
+        prim = trees.instances.base[instance] + row - trees.instances.first[instance]
         if hit[0] < best.t or prim < best.prim:
             nearest.t = hit[0]
             nearest.prim = prim
@@ -403,7 +403,7 @@ _descend_to_any = _make_descent(True)
 def closest_of_all(trees: wp.ref[Trees], origin: wp.vec3, direction: wp.vec3, best: Hit) -> Hit:
     """As bvh.closest_hit, instances included."""
     nearest = bvh.closest_hit(trees.plain, origin, direction, best)
-    if trees.standing.count > 0:
+    if trees.instances.count > 0:
         nearest = _descend_to_nearest(trees, make_ray(origin, direction), nearest)
     return nearest
 
@@ -413,7 +413,7 @@ def any_of_all(trees: wp.ref[Trees], origin: wp.vec3, direction: wp.vec3, t_max:
     """As bvh.any_hit, instances included."""
     if bvh.any_hit(trees.plain, origin, direction, t_max):
         return True
-    if trees.standing.count == 0:
+    if trees.instances.count == 0:
         return False
     end = Hit()
     end.t = t_max

@@ -2,7 +2,7 @@
 
 An instance is nothing but its triangles. Each has the number that it would have in a scene of copies, and its corners
 are the very floats that a copy would be made of: whether it is held as a copy or computed when a ray comes near it
-(kernels.rays.placing), it is the same triangle, bit for bit.
+(kernels.rays.instances), it is the same triangle, bit for bit.
 """
 
 from __future__ import annotations
@@ -131,7 +131,7 @@ class Instances:
 
 
 def placed_corners(matrix: NDArray[np.float64], mirrored: bool, corners: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Corners of triangles where they stand, shape [F, 3, 3]; kernels.rays.placing computes the same floats."""
+    """Corners of triangles where they stand, shape [F, 3, 3]; kernels.rays.instances computes the same floats."""
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is dropped as such
         moved = placed(matrix, corners)
         moved[np.abs(moved) <= NOTHING] = 0.0

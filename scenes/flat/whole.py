@@ -24,7 +24,7 @@ def total_area(triangles: Triangles, of_instances: AreasOf) -> float:
     """The sum that NumPy makes of the areas of all triangles, in the order of their numbers.
 
     Args:
-        of_instances: kernels.rays.standing_areas has it.
+        of_instances: kernels.rays.instance_areas has it.
     """
     if not len(triangles.instances):
         return float(triangle_areas(triangles.positions).sum())

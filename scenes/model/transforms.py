@@ -93,7 +93,7 @@ def placed(matrix: Matrix, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Maps points, shape [..., 3], by the first three rows of an affine matrix, shape [3 or 4, 4].
 
     Products are added in a fixed order, one rounding each: what kernels compute of the same numbers has the same bits
-    (kernels.rays.placing). A matrix product of NumPy has whatever order its library takes.
+    (kernels.rays.instances). A matrix product of NumPy has whatever order its library takes.
     """
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     rows = [matrix[a, 0] * x + matrix[a, 1] * y + matrix[a, 2] * z + matrix[a, 3] for a in range(3)]

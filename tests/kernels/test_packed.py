@@ -14,7 +14,8 @@ from wdpm.kernels.irradiance.record_tree import IrradianceCache
 from wdpm.kernels.packed import NotAsExpectedError
 from wdpm.kernels.photons import photon_map
 from wdpm.kernels.photons.photon_map import PhotonMap
-from wdpm.kernels.rays import placing, two_level
+from wdpm.kernels.rays import two_level
+from wdpm.kernels.rays.instances import upload_instances
 from wdpm.kernels.rays.two_level import Trees
 
 RNG = np.random.default_rng(7)
@@ -56,7 +57,7 @@ def test_photons_and_arrays_come_back() -> None:
 
 def test_trees_within_trees_come_back() -> None:
     corners = triangles(9)
-    trees = two_level.build(corners, placing.upload(corners.instances, "cpu"), 0.25, "cpu")
+    trees = two_level.build(corners, upload_instances(corners.instances, "cpu"), 0.25, "cpu")
     [found] = packed.unpack("cell", (Trees,), memory_of("cell", [trees]))
     equal(trees, found)
 

@@ -7,7 +7,8 @@ import pytest
 import warp as wp
 
 from wdpm.kernels.constants import PAD_SHARE
-from wdpm.kernels.rays import placing, two_level
+from wdpm.kernels.rays import two_level
+from wdpm.kernels.rays.instances import upload_instances
 from wdpm.kernels.rays.triangle import no_hit
 from wdpm.kernels.rays.two_level import Trees, any_of_all, closest_of_all
 from wdpm.scenes.flat.flatten import FlatScene, flatten
@@ -46,8 +47,8 @@ def look(
 
 
 def hits(flat: FlatScene, origin: np.ndarray, direction: np.ndarray, t_max: float) -> list[np.ndarray]:
-    standing = placing.upload(flat.triangles.instances, "cpu")
-    trees = two_level.build(flat.triangles, standing, flat.extent * PAD_SHARE, "cpu")
+    instances = upload_instances(flat.triangles.instances, "cpu")
+    trees = two_level.build(flat.triangles, instances, flat.extent * PAD_SHARE, "cpu")
     count = len(origin)
     outputs = [wp.empty(count, dtype=kind) for kind in (wp.float32, wp.int32, wp.float32, wp.float32, wp.bool)]
     rays = [wp.array(values, dtype=wp.vec3) for values in (origin, direction)]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.rays import placing
-from wdpm.kernels.rays.standing_areas import StandingAreas
+from wdpm.kernels.rays.instance_areas import InstanceAreas
+from wdpm.kernels.rays.instances import upload_instances
 from wdpm.scenes.flat import whole
 from wdpm.scenes.flat.areas import triangle_areas
 from wdpm.scenes.flat.flatten import FlatScene, flatten
@@ -41,9 +41,9 @@ def both() -> tuple[FlatScene, FlatScene]:
     return flatten(scene, Instancing.KEEP), flatten(scene, Instancing.EXPAND)
 
 
-def areas_of(flat: FlatScene) -> StandingAreas:
+def areas_of(flat: FlatScene) -> InstanceAreas:
     instances = flat.triangles.instances
-    return StandingAreas(instances, placing.upload(instances, "cpu"), Launcher(threads=2))
+    return InstanceAreas(instances, upload_instances(instances, "cpu"), Launcher(threads=2))
 
 
 @pytest.mark.parametrize("block", [128, 1000, 1 << 20])

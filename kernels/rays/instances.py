@@ -22,7 +22,7 @@ _NOTHING = wp.constant(wp.float64(NOTHING))
 
 
 @wp.struct
-class Standing:
+class DeviceInstances:
     """Instances of a cell, in the order of their triangles' numbers, and the corners of their shapes.
 
     Attributes:
@@ -46,22 +46,22 @@ class Standing:
     normals: wp.array2d[wp.vec3d]
 
 
-def upload(instances: Instances, device: str) -> Any:
-    """Instances on a device: Standing."""
+def upload_instances(instances: Instances, device: str) -> Any:
+    """Instances on a device: DeviceInstances."""
 
     def integers(values: NDArray[np.int32]) -> wp.array:
         return wp.array(values.astype(np.int32), dtype=wp.int32, device=device)
 
     shapes = instances.shapes
-    standing = Standing()
-    standing.count = len(instances)
-    standing.base, standing.size = integers(instances.base), integers(instances.sizes)
-    standing.first, standing.mirrored = integers(shapes.first[instances.shape]), integers(instances.mirrored)
-    standing.matrix = wp.array(instances.matrix, dtype=wp.vec4d, device=device)
-    standing.normal_matrix = wp.array(instances.normal_matrix, dtype=wp.vec3d, device=device)
-    standing.corners = wp.array(shapes.corners, dtype=wp.vec3d, device=device)
-    standing.normals = wp.array(shapes.normals, dtype=wp.vec3d, device=device)
-    return standing
+    uploaded = DeviceInstances()
+    uploaded.count = len(instances)
+    uploaded.base, uploaded.size = integers(instances.base), integers(instances.sizes)
+    uploaded.first, uploaded.mirrored = integers(shapes.first[instances.shape]), integers(instances.mirrored)
+    uploaded.matrix = wp.array(instances.matrix, dtype=wp.vec4d, device=device)
+    uploaded.normal_matrix = wp.array(instances.normal_matrix, dtype=wp.vec3d, device=device)
+    uploaded.corners = wp.array(shapes.corners, dtype=wp.vec3d, device=device)
+    uploaded.normals = wp.array(shapes.normals, dtype=wp.vec3d, device=device)
+    return uploaded
 
 
 @wp.func
@@ -74,36 +74,36 @@ def coordinate(row: wp.vec4d, point: wp.vec3d) -> wp.float32:
 
 
 @wp.func
-def own_corner(standing: wp.ref[Standing], instance: wp.int32, corner: wp.int32) -> wp.int32:
+def shape_corner(instances: wp.ref[DeviceInstances], instance: wp.int32, corner: wp.int32) -> wp.int32:
     """Which corner of the shape's triangle is this corner of the instance's."""
     own = corner
-    if standing.mirrored[instance] == 1:
+    if instances.mirrored[instance] == 1:
         own = 2 - corner
     return own
 
 
 @wp.func
-def standing_corner(standing: wp.ref[Standing], instance: wp.int32, row: wp.int32, corner: wp.int32) -> wp.vec3:
+def instance_corner(instances: wp.ref[DeviceInstances], instance: wp.int32, row: wp.int32, corner: wp.int32) -> wp.vec3:
     """A corner of an instance's triangle.
 
     Args:
         row: of the triangle among those of all shapes.
     """
-    p = standing.corners[row, own_corner(standing, instance, corner)]
+    p = instances.corners[row, shape_corner(instances, instance, corner)]
     return wp.vec3(
-        coordinate(standing.matrix[instance, 0], p),
-        coordinate(standing.matrix[instance, 1], p),
-        coordinate(standing.matrix[instance, 2], p),
+        coordinate(instances.matrix[instance, 0], p),
+        coordinate(instances.matrix[instance, 1], p),
+        coordinate(instances.matrix[instance, 2], p),
     )
 
 
 @wp.func
-def standing_normal(standing: wp.ref[Standing], instance: wp.int32, row: wp.int32, corner: wp.int32) -> wp.vec3:
+def instance_normal(instances: wp.ref[DeviceInstances], instance: wp.int32, row: wp.int32, corner: wp.int32) -> wp.vec3:
     """The unit normal at a corner of an instance's triangle; zero where the mesh is flat."""
-    n = standing.normals[row, own_corner(standing, instance, corner)]
+    n = instances.normals[row, shape_corner(instances, instance, corner)]
     turned = wp.vec3d()
     for axis in range(3):
-        m = standing.normal_matrix[instance, axis]
+        m = instances.normal_matrix[instance, axis]
         turned[axis] = m[0] * n[0] + m[1] * n[1] + m[2] * n[2]
     length = wp.sqrt(turned[0] * turned[0] + turned[1] * turned[1] + turned[2] * turned[2])
     unit = wp.vec3(0.0)
@@ -131,37 +131,37 @@ def front_of_corners(a: wp.vec3, b: wp.vec3, c: wp.vec3, normals: wp.vec3d) -> w
 
 
 @wp.func
-def standing_front(standing: wp.ref[Standing], instance: wp.int32, row: wp.int32) -> wp.vec3:
+def instance_front(instances: wp.ref[DeviceInstances], instance: wp.int32, row: wp.int32) -> wp.vec3:
     """Unit geometric normal of the front of an instance's triangle."""
-    a = standing_corner(standing, instance, row, 0)
-    b = standing_corner(standing, instance, row, 1)
-    c = standing_corner(standing, instance, row, 2)
-    normals = wp.vec3d(standing_normal(standing, instance, row, 0))
-    normals += wp.vec3d(standing_normal(standing, instance, row, 1))
-    normals += wp.vec3d(standing_normal(standing, instance, row, 2))
+    a = instance_corner(instances, instance, row, 0)
+    b = instance_corner(instances, instance, row, 1)
+    c = instance_corner(instances, instance, row, 2)
+    normals = wp.vec3d(instance_normal(instances, instance, row, 0))
+    normals += wp.vec3d(instance_normal(instances, instance, row, 1))
+    normals += wp.vec3d(instance_normal(instances, instance, row, 2))
     return front_of_corners(a, b, c, normals)
 
 
 @wp.func
-def instance_among(standing: wp.ref[Standing], prim: wp.int32, first: wp.int32, last: wp.int32) -> wp.int32:
+def instance_among(instances: wp.ref[DeviceInstances], prim: wp.int32, first: wp.int32, last: wp.int32) -> wp.int32:
     """Which of the instances first to last - 1 a triangle is of, by its global number; -1 for none of them."""
     low = first  # instances before `low` begin at prim or before
     high = last
     while low < high:
         middle = (low + high) // 2
-        if standing.base[middle] <= prim:
+        if instances.base[middle] <= prim:
             low = middle + 1
         else:
             high = middle
     found = low - 1
     if found < first:
         return -1
-    if prim - standing.base[found] >= standing.size[found]:
+    if prim - instances.base[found] >= instances.size[found]:
         return -1
     return found
 
 
 @wp.func
-def instance_of(standing: wp.ref[Standing], prim: wp.int32) -> wp.int32:
+def instance_of(instances: wp.ref[DeviceInstances], prim: wp.int32) -> wp.int32:
     """Which instance a triangle is of, by its global number; -1 for none."""
-    return instance_among(standing, prim, 0, standing.count)
+    return instance_among(instances, prim, 0, instances.count)

@@ -1,6 +1,6 @@
 """The triangles of a cell with instances: the same questions as of those with arrays of their own (cell_triangles.py).
 
-A row is then two numbers: of the triangle among all that are held, and of the instance that it stands in, or -1.
+A row is then two numbers: of the triangle among all that are stored, and of the instance that it belongs to, or -1.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import warp as wp
 
 from wdpm.kernels.rays import cell_triangles as triangles
 from wdpm.kernels.rays.cell_triangles import Surfaces, combined, distance_to_line
-from wdpm.kernels.rays.placing import instance_of, own_corner, standing_corner, standing_front, standing_normal
+from wdpm.kernels.rays.instances import instance_corner, instance_front, instance_normal, instance_of, shape_corner
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -19,10 +19,10 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 @wp.func
 def row_of_all(surfaces: wp.ref[Surfaces], prim: wp.int32) -> wp.vec2i:
     """The row of a global triangle number; the triangle must be in the cell."""
-    instance = instance_of(surfaces.standing, prim)
+    instance = instance_of(surfaces.instances, prim)
     row = wp.int32(0)
     if instance >= 0:
-        own = surfaces.standing.first[instance] + prim - surfaces.standing.base[instance]
+        own = surfaces.instances.first[instance] + prim - surfaces.instances.base[instance]
         row = surfaces.count + own
     else:
         row = triangles.row_of(surfaces, prim)
@@ -40,7 +40,7 @@ def corner_at_all(surfaces: wp.ref[Surfaces], row: wp.vec2i, corner: wp.int32) -
     """A corner of a triangle."""
     if row[1] < 0:
         return surfaces.corners[row[0], corner]
-    return standing_corner(surfaces.standing, row[1], row[0] - surfaces.count, corner)
+    return instance_corner(surfaces.instances, row[1], row[0] - surfaces.count, corner)
 
 
 @wp.func
@@ -48,7 +48,7 @@ def normal_at_all(surfaces: wp.ref[Surfaces], row: wp.vec2i, corner: wp.int32) -
     """The normal at a corner of a triangle; zero where it is flat."""
     if row[1] < 0:
         return surfaces.normals[row[0], corner]
-    return standing_normal(surfaces.standing, row[1], row[0] - surfaces.count, corner)
+    return instance_normal(surfaces.instances, row[1], row[0] - surfaces.count, corner)
 
 
 @wp.func
@@ -56,28 +56,28 @@ def front_of_all(surfaces: wp.ref[Surfaces], row: wp.vec2i) -> wp.vec3:
     """Unit geometric normal of a triangle's front."""
     if row[1] < 0:
         return surfaces.front[row[0]]
-    return standing_front(surfaces.standing, row[1], row[0] - surfaces.count)
+    return instance_front(surfaces.instances, row[1], row[0] - surfaces.count)
 
 
 @wp.func
-def held_corner(surfaces: wp.ref[Surfaces], row: wp.vec2i, corner: wp.int32) -> wp.int32:
-    """Where what is held of a corner is."""
-    held = corner
+def stored_corner(surfaces: wp.ref[Surfaces], row: wp.vec2i, corner: wp.int32) -> wp.int32:
+    """Under which corner of its row the texture coordinates and the colour of a corner are stored."""
+    stored = corner
     if row[1] >= 0:
-        held = own_corner(surfaces.standing, row[1], corner)
-    return held
+        stored = shape_corner(surfaces.instances, row[1], corner)
+    return stored
 
 
 @wp.func
 def uv_at_all(surfaces: wp.ref[Surfaces], row: wp.vec2i, corner: wp.int32) -> wp.vec2:
     """Texture coordinates at a corner of a triangle."""
-    return surfaces.uvs[row[0], held_corner(surfaces, row, corner)]
+    return surfaces.uvs[row[0], stored_corner(surfaces, row, corner)]
 
 
 @wp.func
 def color_at_all(surfaces: wp.ref[Surfaces], row: wp.vec2i, corner: wp.int32) -> wp.vec3:
     """The colour at a corner of a triangle, where there are any."""
-    return surfaces.colors[row[0], held_corner(surfaces, row, corner)]
+    return surfaces.colors[row[0], stored_corner(surfaces, row, corner)]
 
 
 @wp.func

@@ -13,7 +13,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.kernels.launch import Launcher
-from wdpm.kernels.rays.placing import Standing, instance_among, standing_corner
+from wdpm.kernels.rays.instances import DeviceInstances, instance_among, instance_corner
 from wdpm.scenes.flat.instances import Instances
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
@@ -23,12 +23,12 @@ BLOCK = 1 << 20
 
 
 @wp.func
-def standing_area(standing: wp.ref[Standing], instance: wp.int32, prim: wp.int32) -> wp.float64:
+def instance_area(instances: wp.ref[DeviceInstances], instance: wp.int32, prim: wp.int32) -> wp.float64:
     """Area of an instance's triangle, operation by operation as scenes.flat.areas has it."""
-    row = standing.first[instance] + prim - standing.base[instance]
-    p = wp.vec3d(standing_corner(standing, instance, row, 0))
-    e = wp.vec3d(standing_corner(standing, instance, row, 1)) - p
-    f = wp.vec3d(standing_corner(standing, instance, row, 2)) - p
+    row = instances.first[instance] + prim - instances.base[instance]
+    p = wp.vec3d(instance_corner(instances, instance, row, 0))
+    e = wp.vec3d(instance_corner(instances, instance, row, 1)) - p
+    f = wp.vec3d(instance_corner(instances, instance, row, 2)) - p
     x = e[1] * f[2] - e[2] * f[1]
     y = e[2] * f[0] - e[0] * f[2]
     z = e[0] * f[1] - e[1] * f[0]
@@ -37,7 +37,7 @@ def standing_area(standing: wp.ref[Standing], instance: wp.int32, prim: wp.int32
 
 @wp.kernel
 def _measure(
-    standing: Standing,
+    instances: DeviceInstances,
     begin: wp.int32,
     first: wp.int32,
     last: wp.int32,
@@ -45,24 +45,24 @@ def _measure(
     area_out: wp.array[wp.float64],
 ) -> None:
     i = offset + wp.tid()
-    instance = instance_among(standing, begin + i, first, last)
+    instance = instance_among(instances, begin + i, first, last)
     area = wp.float64(0.0)
     if instance >= 0:
-        area = standing_area(standing, instance, begin + i)
+        area = instance_area(instances, instance, begin + i)
     area_out[i] = area
 
 
-class StandingAreas:
+class InstanceAreas:
     """Areas of the triangles of some instances.
 
     Args:
-        standing: the instances on the launcher's device.
+        uploaded: the instances on the launcher's device (rays.instances.DeviceInstances).
     """
 
-    def __init__(self, instances: Instances, standing: Any, launcher: Launcher) -> None:
+    def __init__(self, instances: Instances, uploaded: Any, launcher: Launcher) -> None:
         self._base = instances.base.astype(np.int64)
         self._ends = self._base + instances.sizes
-        self._standing, self._launcher = standing, launcher
+        self._uploaded, self._launcher = uploaded, launcher
 
     def of(self, begin: int, end: int) -> NDArray[np.float64]:
         """Areas of the triangles with the global numbers begin to end - 1, 0 for those of no instance."""
@@ -70,7 +70,7 @@ class StandingAreas:
         first = int(self._ends.searchsorted(begin, side="right"))
         last = int(self._base.searchsorted(end))
         self._launcher(
-            _measure, end - begin, standing=self._standing, begin=begin, first=first, last=last, area_out=area
+            _measure, end - begin, instances=self._uploaded, begin=begin, first=first, last=last, area_out=area
         )
         areas: NDArray[np.float64] = area.numpy()
         return areas
