@@ -17,7 +17,7 @@ from wdpm.cluster.host_cache import Wanted
 from wdpm.cluster.work import tree_orders
 from wdpm.cluster.work.guards import PHOTON, Guards
 from wdpm.cluster.work.overlap_band import Region, along, rows_in_bands, rows_near
-from wdpm.cluster.work.photon_pile import Numbered, Pile, Piles, PositionsOf
+from wdpm.cluster.work.photon_buffers import ColumnBuffer, MapBuffers, Numbered, PositionsOf
 from wdpm.cluster.work.reflected_light import GATHER_GRAIN, GATHER_RUN, Places, by_white, of_white
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.tally import no_photons
@@ -89,15 +89,15 @@ class PhotonStore:
         self._instances = instances
         self._replica = replica
         self.instance_areas = InstanceAreas(instances, surfaces.instances, replica.launcher)
-        self._own = Piles(Kind.GHOST_PHOTONS)
-        self._copies = Piles(Kind.GHOST_PHOTONS)
-        self._ghosts = Piles(Kind.GHOST_PHOTONS)
+        self._own = MapBuffers(Kind.GHOST_PHOTONS)
+        self._copies = MapBuffers(Kind.GHOST_PHOTONS)
+        self._ghosts = MapBuffers(Kind.GHOST_PHOTONS)
         self._lent: Any = None
         self._some_missing = False
         self._numbered: dict[int, Numbered] = {}
         self._deposits: Any = None
-        self._own_points = Piles(Kind.GHOST_POINTS)
-        self._ghost_points = Piles(Kind.GHOST_POINTS)
+        self._own_points = MapBuffers(Kind.GHOST_POINTS)
+        self._ghost_points = MapBuffers(Kind.GHOST_POINTS)
         self.maps: list[BuiltMap | None] = [None] * MAPS
         self.points: list[Any] = [None] * MAPS
         self.irradiance: Any = None
@@ -219,11 +219,11 @@ class PhotonStore:
         for cell in range(len(low)):
             if cell != self._cell:
                 near = functools.partial(rows_in_bands, low[cell], high[cell], bands)
-                for kind, piles in copied:
-                    yield Batch.of_task(kind, -1, replica.worker, cell, 0, piles.chosen(near))
+                for kind, buffers in copied:
+                    yield Batch.of_task(kind, -1, replica.worker, cell, 0, buffers.chosen(near))
 
     def _spread_points(self, of_maps: Sequence[int]) -> None:
-        """Pile up the surface points that lie in this cell: for each of these maps as many as suit it."""
+        """Spread surface points over this cell and keep them: for each of these maps as many as suit it."""
         replica, surfaces = self._replica, self._surfaces
         plans = {number: replica.world.maps[number] for number in of_maps}
         used = {number: plan for number, plan in plans.items() if plan.paths and plan.read}
@@ -368,22 +368,22 @@ class PhotonStore:
         for number in of_maps:
             if number in self._numbered:
                 continue
-            pile = self._own[number]
-            photon_map.check(pile)
+            buffer = self._own[number]
+            photon_map.check(buffer)
             carries = number == GLOBAL_MAP and self._replica.world.irradiance.share
-            chosen = self._carriers_among(pile) if carries else None
-            self._numbered[number] = numbered = Numbered(pile)
+            chosen = self._carriers_among(buffer) if carries else None
+            self._numbered[number] = numbered = Numbered(buffer)
             if chosen is not None:
                 ranks = [rank[rows] for rank, (rows, _) in zip(numbered.ranks, chosen, strict=True)]
-                self._sites = {name: pile.joined(name, [each[name] for _, each in chosen]) for name in CARRIED}
+                self._sites = {name: buffer.joined(name, [each[name] for _, each in chosen]) for name in CARRIED}
                 self._sites["rank"] = np.concatenate([np.empty(0, np.int32), *ranks])
 
-    def _carriers_among(self, pile: Pile) -> list[tuple[NDArray[np.intp], Arrays]]:
+    def _carriers_among(self, buffer: ColumnBuffer) -> list[tuple[NDArray[np.intp], Arrays]]:
         """Of each chunk, those that carry irradiance which gather rays of this cell may read: rows and columns."""
         world, pad = self._replica.world, self._replica.pad
         low, high = cells.cell_boxes(world.top_tree.axis, world.top_tree.split)
         found: list[tuple[NDArray[np.intp], Arrays]] = []
-        for chunk in pile.peek():
+        for chunk in buffer.peek():
             position = chunk["position"]
             if self._region is None:
                 rows = rows_near(position, low[self._cell], high[self._cell], world.irradiance.reach + pad)
@@ -483,8 +483,8 @@ class PhotonStore:
 
     def forget(self) -> None:
         """Let go of all photons and what was counted about them."""
-        for piles in (self._own, self._copies, self._ghosts, self._own_points, self._ghost_points):
-            piles.clear()
+        for buffers in (self._own, self._copies, self._ghosts, self._own_points, self._ghost_points):
+            buffers.clear()
         self._lent, self._some_missing = None, False
         self._numbered, self._sites, self.points = {}, {}, [None] * MAPS
         self.maps = [None] * MAPS

@@ -13,7 +13,7 @@ import wdpm
 from wdpm.cluster.batch import Arrays
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.work import tree_orders
-from wdpm.cluster.work.photon_pile import PositionsOf
+from wdpm.cluster.work.photon_buffers import PositionsOf
 from wdpm.cluster.work.photon_store import PhotonStore
 from wdpm.kernels.photons import kd_order, photon_map
 from wdpm.kernels.ray_fields import PLACES_A_RUN

@@ -1,6 +1,6 @@
-"""Photons of one map, piled up as they come, in 61 bytes each; and surface points, in 24.
+"""Stored photons of one map, in chunks of columns, 61 bytes each; and surface points, in 24.
 
-Columns lie in chunks, so that a pile grows without being copied, and is let go of column by column and chunk by chunk
+Columns lie in chunks, so that a buffer grows without being copied, and is let go of column by column and chunk by chunk
 while a tree is built of it: what is stored and what is built of it are never in memory both.
 """
 
@@ -45,8 +45,8 @@ class _Column(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class _Lent:
-    """A column in memory that another process lends: it is read where it lies."""
+class _Borrowed:
+    """A column in memory that another process lends; it is read there, and never copied."""
 
     array: NDArray[Any]
 
@@ -70,8 +70,12 @@ class _Chunk:
         self.count += len(chosen)
 
 
-class Pile:
-    """Items in chunks: kernels.photons.photon_map.Parts."""
+class ColumnBuffer:
+    """Photons or surface points in chunks, which it grows by: kernels.photons.photon_map.Parts.
+
+    Args:
+        columns: type and width of each.
+    """
 
     def __init__(self, columns: Columns) -> None:
         self._columns = columns
@@ -86,10 +90,10 @@ class Pile:
         return sum(chunk.column(name).nbytes for chunk in self._chunks for name in chunk.pages)
 
     def add(self, arrays: Arrays, rows: NDArray[np.intp] | None = None) -> None:
-        """Pile up items.
+        """Add items.
 
         Args:
-            arrays: with this pile's columns; others are left out.
+            arrays: with this buffer's columns; others are left out.
             rows: of them; None for all.
         """
         count = len(arrays["position"]) if rows is None else len(rows)
@@ -102,15 +106,15 @@ class Pile:
             begin = end
 
     def borrow(self, arrays: Arrays) -> None:
-        """Have items in this pile that lie elsewhere. ValueError if they are not like this pile's."""
+        """Add items in memory that another process lends, without a copy; ValueError if columns differ from these."""
         count = len(next(iter(arrays.values()), ()))
         expected = {name: (np.dtype(dtype), _shape(count, width)) for name, (dtype, width) in self._columns.items()}
         if {name: (array.dtype, array.shape) for name, array in arrays.items()} != expected:
             raise ValueError(f"columns {sorted(arrays)} of {count} items; expected {expected}")
-        self._chunks.append(_Chunk({name: _Lent(array) for name, array in arrays.items()}, count, count))
+        self._chunks.append(_Chunk({name: _Borrowed(array) for name, array in arrays.items()}, count, count))
 
-    def join(self, other: Pile) -> None:
-        """Take over another pile's items, which are not copied."""
+    def join(self, other: ColumnBuffer) -> None:
+        """Take over another buffer's items, which are not copied."""
         self._chunks = other._chunks + self._chunks  # so that the last one, which grows, stays the last
         other._chunks = []
 
@@ -144,8 +148,8 @@ def _shape(count: int, width: int) -> tuple[int, ...]:
     return (count,) if width == 1 else (count, width)
 
 
-class Piles:
-    """A pile for each map, of what batches of a kind bring, with the number of the map in a column.
+class MapBuffers:
+    """A buffer for each photon map, filled with batches that say in a column of which map each row is.
 
     Args:
         kind: of photons or of points.
@@ -159,18 +163,18 @@ class Piles:
 
     def clear(self) -> None:
         """Let go of everything."""
-        self._of_map = [Pile(self._columns) for _ in range(MAPS)]
+        self._of_map = [ColumnBuffer(self._columns) for _ in range(MAPS)]
 
-    def __getitem__(self, number: int) -> Pile:
+    def __getitem__(self, number: int) -> ColumnBuffer:
         return self._of_map[number]
 
     @property
     def nbytes(self) -> int:
         """Of all items."""
-        return sum(pile.nbytes for pile in self._of_map)
+        return sum(buffer.nbytes for buffer in self._of_map)
 
     def add(self, arrays: Arrays) -> None:
-        """Pile up what a batch brought."""
+        """Add what a batch brought."""
         numbers = arrays["map"]
         for number in range(MAPS):
             rows = np.flatnonzero(numbers == number)
@@ -180,14 +184,14 @@ class Piles:
     def columns(self) -> dict[str, NDArray[Any]]:
         """All columns of all items, by the number of their map and their names, as `borrow` takes them."""
         return {
-            f"{number} {name}": pile.whole(name)
-            for number, pile in enumerate(self._of_map)
-            if len(pile)
+            f"{number} {name}": buffer.whole(name)
+            for number, buffer in enumerate(self._of_map)
+            if len(buffer)
             for name in self._columns
         }
 
     def borrow(self, columns: Arrays) -> NDArray[np.int64]:
-        """Have items that lie elsewhere, as `columns` gives them. Returns how many, by map.
+        """Add items in memory that another process lends, as `columns` gives them. Returns how many, by map.
 
         Raises:
             ValueError: they are not what `columns` gives.
@@ -204,7 +208,7 @@ class Piles:
             counts[map_number] = len(arrays["id"])
         return counts
 
-    def join(self, other: Piles) -> None:
+    def join(self, other: MapBuffers) -> None:
         """Take over what others hold."""
         for own, others in zip(self._of_map, other._of_map, strict=True):
             own.join(others)
@@ -217,14 +221,16 @@ class Piles:
         """
         parts = [
             self._as_batch(number, take(columns, rows_of(number, columns)))
-            for number, pile in enumerate(self._of_map)
-            for columns in pile.peek()
+            for number, buffer in enumerate(self._of_map)
+            for columns in buffer.peek()
         ]
         return concatenate(parts, self._kind)
 
     def whole(self) -> Arrays:
         """All items as a batch brings them."""
-        parts = [self._as_batch(number, columns) for number, pile in enumerate(self._of_map) for columns in pile.peek()]
+        parts = [
+            self._as_batch(number, columns) for number, buffer in enumerate(self._of_map) for columns in buffer.peek()
+        ]
         return concatenate(parts, self._kind)
 
     def _as_batch(self, number: int, columns: Arrays) -> Arrays:
@@ -238,40 +244,40 @@ class Piles:
 
 
 class Numbered:
-    """The photons of a pile in the order of their ids, which are taken, as is all that no tree has.
+    """The photons of a buffer in the order of their ids. Columns that no tree has (edges, front) are taken out of it.
 
     Attributes:
         ranks: of each chunk's photons: places in that order.
         edges: of the photons' paths, in that order.
     """
 
-    def __init__(self, pile: Pile) -> None:
-        self.ranks = photon_map.ranks_of(pile)
-        self.edges = np.empty(len(pile), np.int32)
-        for edges, rank in zip(pile.take("edges"), self.ranks, strict=True):
+    def __init__(self, buffer: ColumnBuffer) -> None:
+        self.ranks = photon_map.ranks_of(buffer)
+        self.edges = np.empty(len(buffer), np.int32)
+        for edges, rank in zip(buffer.take("edges"), self.ranks, strict=True):
             self.edges[rank] = edges
-        for _ in pile.take("front"):
+        for _ in buffer.take("front"):
             pass  # no tree has it
 
 
 @dataclass(frozen=True, eq=False)
 class PositionsOf:
-    """Positions of a pile's items as cluster.work.tree_orders wants them, made when they are asked for.
+    """Positions of a buffer's items as cluster.work.tree_orders wants them, made when they are asked for.
 
     Attributes:
-        numbered: the order in which they are wanted; None for that of the pile.
+        numbered: the order in which they are wanted; None for that of the buffer.
     """
 
-    pile: Pile
+    buffer: ColumnBuffer
     numbered: Numbered | None = None
 
     def __len__(self) -> int:
-        return len(self.pile)
+        return len(self.buffer)
 
     def __array__(self, *, copy: bool | None = None) -> NDArray[np.float32]:
         if self.numbered is None:
-            return self.pile.whole("position")
-        position = np.empty((len(self.pile), 3), np.float32)
-        for columns, rank in zip(self.pile.peek(), self.numbered.ranks, strict=True):
+            return self.buffer.whole("position")
+        position = np.empty((len(self.buffer), 3), np.float32)
+        for columns, rank in zip(self.buffer.peek(), self.numbered.ranks, strict=True):
             position[rank] = columns["position"]
         return position

@@ -1,4 +1,4 @@
-"""Piles of photons: they grow without copies, and a tree is built of one in little more memory than it takes."""
+"""Buffers of photons: they grow without copies, and a tree is built of one in little more memory than it takes."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from wdpm.cluster.batch import Arrays, Kind
-from wdpm.cluster.work import photon_pile
-from wdpm.cluster.work.photon_pile import PHOTON_COLUMNS, Numbered, Pile, Piles, PositionsOf
+from wdpm.cluster.work import photon_buffers
+from wdpm.cluster.work.photon_buffers import PHOTON_COLUMNS, ColumnBuffer, MapBuffers, Numbered, PositionsOf
 from wdpm.kernels import pages
 from wdpm.kernels.limits import MAPS
 from wdpm.kernels.photons import kd_order, photon_map
@@ -34,15 +34,15 @@ def by_id(arrays: Arrays) -> dict[str, np.ndarray]:
     return {name: column[order] for name, column in arrays.items()}
 
 
-@pytest.fixture(params=[7, 64, photon_pile.CHUNK])
+@pytest.fixture(params=[7, 64, photon_buffers.CHUNK])
 def _chunks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Chunks of so many photons."""
-    monkeypatch.setattr(photon_pile, "CHUNK", request.param)
+    monkeypatch.setattr(photon_buffers, "CHUNK", request.param)
 
 
 @pytest.mark.usefixtures("_chunks")
-def test_what_was_piled_up_is_there() -> None:
-    own, others, every = Piles(Kind.GHOST_PHOTONS), Piles(Kind.GHOST_PHOTONS), photons(200)
+def test_what_was_added_is_there() -> None:
+    own, others, every = MapBuffers(Kind.GHOST_PHOTONS), MapBuffers(Kind.GHOST_PHOTONS), photons(200)
     for begin, end in ((0, 1), (1, 1), (1, 90), (90, 150)):
         own.add({name: column[begin:end] for name, column in every.items()})
     others.add({name: column[150:170] for name, column in every.items()})
@@ -60,8 +60,8 @@ def test_what_was_piled_up_is_there() -> None:
 
 
 @pytest.mark.usefixtures("_chunks")
-def test_what_others_lend_is_read_where_it_lies_among_what_is_piled_up() -> None:
-    every, lender, borrower = photons(200), Piles(Kind.GHOST_PHOTONS), Piles(Kind.GHOST_PHOTONS)
+def test_what_others_lend_is_read_where_it_lies_among_what_was_added() -> None:
+    every, lender, borrower = photons(200), MapBuffers(Kind.GHOST_PHOTONS), MapBuffers(Kind.GHOST_PHOTONS)
     lender.add({name: column[50:120] for name, column in every.items()})
     lent = lender.columns()
     for column in lent.values():
@@ -77,7 +77,7 @@ def test_what_others_lend_is_read_where_it_lies_among_what_is_piled_up() -> None
 
 @pytest.mark.parametrize("wrong", ["0 id", "0 flux", "9 id", "x id", "id"])
 def test_what_is_lent_must_be_like_photons(wrong: str) -> None:
-    lender, borrower = Piles(Kind.GHOST_PHOTONS), Piles(Kind.GHOST_PHOTONS)
+    lender, borrower = MapBuffers(Kind.GHOST_PHOTONS), MapBuffers(Kind.GHOST_PHOTONS)
     lender.add(photons(40))
     with pytest.raises(ValueError, match=r"map|columns|invalid literal"):
         borrower.borrow({**lender.columns(), wrong: np.zeros(3, np.uint8)})
@@ -85,36 +85,36 @@ def test_what_is_lent_must_be_like_photons(wrong: str) -> None:
 
 @pytest.mark.usefixtures("_chunks")
 def test_a_photon_that_is_stored_takes_61_bytes() -> None:
-    piles = Piles(Kind.GHOST_PHOTONS)
-    piles.add(photons(100))
-    assert piles.nbytes == 100 * 61
-    assert piles.nbytes == sum(piles[number].nbytes for number in range(MAPS))
-    piles.clear()
-    assert piles.nbytes == 0
+    buffers = MapBuffers(Kind.GHOST_PHOTONS)
+    buffers.add(photons(100))
+    assert buffers.nbytes == 100 * 61
+    assert buffers.nbytes == sum(buffers[number].nbytes for number in range(MAPS))
+    buffers.clear()
+    assert buffers.nbytes == 0
 
 
 @pytest.mark.usefixtures("_chunks")
 def test_photons_are_numbered_by_their_ids() -> None:
-    pile, every = Pile(PHOTON_COLUMNS), photons(150)
-    pile.add(every)
-    numbered = Numbered(pile)
+    buffer, every = ColumnBuffer(PHOTON_COLUMNS), photons(150)
+    buffer.add(every)
+    numbered = Numbered(buffer)
     expected = by_id(every)
     np.testing.assert_array_equal(numbered.edges, expected["edges"])
-    np.testing.assert_array_equal(np.asarray(PositionsOf(pile, numbered)), expected["position"])
-    np.testing.assert_array_equal(np.asarray(PositionsOf(pile)), every["position"])
-    pile = Pile(PHOTON_COLUMNS)
-    pile.add({**every, "id": np.where(every["id"] == every["id"].max(), every["id"].min(), every["id"])})
+    np.testing.assert_array_equal(np.asarray(PositionsOf(buffer, numbered)), expected["position"])
+    np.testing.assert_array_equal(np.asarray(PositionsOf(buffer)), every["position"])
+    buffer = ColumnBuffer(PHOTON_COLUMNS)
+    buffer.add({**every, "id": np.where(every["id"] == every["id"].max(), every["id"].min(), every["id"])})
     with pytest.raises(WdpmError, match=f"photon id {every['id'].min()} comes twice"):
-        Numbered(pile)
+        Numbered(buffer)
 
 
 @pytest.mark.usefixtures("_chunks")
 @pytest.mark.parametrize("count", [0, 1, 8, 65, 600, 5000])
 def test_a_tree_of_parts_is_that_of_the_whole(count: int) -> None:
-    pile, every = Pile(PHOTON_COLUMNS), photons(count)
-    pile.add(every)
-    numbered = Numbered(pile)
-    found = photon_map.build_of(pile, numbered.ranks)
+    buffer, every = ColumnBuffer(PHOTON_COLUMNS), photons(count)
+    buffer.add(every)
+    numbered = Numbered(buffer)
+    found = photon_map.build_of(buffer, numbered.ranks)
     expected = photon_map.build(**{name: every[name] for name in ("position", "flux", "normal", "direction", "id")})
     places = len(expected.rank)
     # Photons may stand in any order within a leaf: that depends on the order in which they come to the splits.
@@ -154,7 +154,7 @@ class Ledger:
             def __del__(self) -> None:
                 ledger.add(-self._held)
 
-        for module in (pages, photon_pile, photon_map, kd_order):
+        for module in (pages, photon_buffers, photon_map, kd_order):
             monkeypatch.setattr(module, "Pages", Counted)
 
     def add(self, size: int) -> None:
@@ -178,13 +178,13 @@ def test_a_photon_takes_at_most_64_bytes_with_its_tree(count: int) -> None:
 
 def test_a_tree_is_built_in_little_more_than_its_photons_take(monkeypatch: pytest.MonkeyPatch) -> None:
     count = 1 << 16
-    monkeypatch.setattr(photon_pile, "CHUNK", 1 << 10)
+    monkeypatch.setattr(photon_buffers, "CHUNK", 1 << 10)
     monkeypatch.setattr(photon_map, "PARENTS_A_PIECE", 1 << 4)
     ledger = Ledger(monkeypatch)
-    pile = Pile(PHOTON_COLUMNS)
-    pile.add(photons(count))
+    buffer = ColumnBuffer(PHOTON_COLUMNS)
+    buffer.add(photons(count))
     assert ledger.now == 61 * count
-    numbered = Numbered(pile)
+    numbered = Numbered(buffer)
     assert ledger.now == 48 * count  # 8 more for the ranks and the lengths of paths
     at_leaves = []
     original = photon_map._Tree._lay_out
@@ -195,6 +195,6 @@ def test_a_tree_is_built_in_little_more_than_its_photons_take(monkeypatch: pytes
         at_leaves.append(ledger.now)
 
     monkeypatch.setattr(photon_map._Tree, "_lay_out", watched)
-    photon_map.build_of(pile, numbered.ranks)
+    photon_map.build_of(buffer, numbered.ranks)
     assert ledger.most <= 64 * count
     assert at_leaves == [40 * count, 0]  # what leaves are written from, and that none of it is left then
