@@ -27,7 +27,7 @@ from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.final_gather import FinalGatherCounters
 from wdpm.cluster.work.guards import Guards, added
 from wdpm.cluster.work.photon_home import PhotonHome
-from wdpm.cluster.work.record_home import RecordHome
+from wdpm.cluster.work.records.record_home import RecordHome
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import NO_REGIONS, PhotonPlan, View, World
 from wdpm.kernels.launch import Launcher

@@ -42,7 +42,7 @@ CACHED = wp.constant(2)
 EMISSION_PART = wp.constant(0)
 BEAM_PART = wp.constant(3)
 REACH_PART = wp.constant(4)
-"""Not light: how far a gather ray of a record of the irradiance cache went (cluster.work.record_home)."""
+"""Not light: how far a gather ray of a record of the irradiance cache went (cluster.work.records.record_home)."""
 PARTS = wp.constant(5)
 BOUNCES = wp.constant(CHAIN_LIMIT + 1)
 """Vertices that a path may have, the one at which it is cut off included."""

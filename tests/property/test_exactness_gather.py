@@ -217,7 +217,7 @@ def test_processes_change_no_bit(way: Indirect, monkeypatch: pytest.MonkeyPatch)
 def test_small_waves_and_launches_change_no_bit(way: Indirect, monkeypatch: pytest.MonkeyPatch) -> None:
     expected = reference("everything", way)
     monkeypatch.setattr("wdpm.cluster.work.bucket_home.WAVE_SAMPLES", 50)
-    monkeypatch.setattr("wdpm.cluster.work.record_home._GRAIN", 1)
+    monkeypatch.setattr("wdpm.cluster.work.records.record_home._GRAIN", 1)
     monkeypatch.setattr("wdpm.cluster.work.photon_store.GATHER_GRAIN", 1)
     monkeypatch.setattr("wdpm.cluster.work.photon_store.GATHER_RUN", 3)
     chosen = replace(FEW, indirect=way)

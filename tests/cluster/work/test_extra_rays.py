@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wdpm.cluster.work.extra_rays import PROMISE_MOST, extra_rays, means, neighbours_spread, standard_errors
-from wdpm.cluster.work.record_wave import further_rays
+from wdpm.cluster.work.records.extra_rays import PROMISE_MOST, extra_rays, means, neighbours_spread, standard_errors
+from wdpm.cluster.work.records.record_wave import further_rays
 
 Values = NDArray[np.float64]
 ROWS, COLUMNS = 8, 25

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from wdpm.cluster.render_settings import Indirect, RenderSettings
-from wdpm.cluster.work import record_home
-from wdpm.cluster.work.record_wave import RecordWave, further_rays
+from wdpm.cluster.work.records import record_home
+from wdpm.cluster.work.records.record_wave import RecordWave, further_rays
 from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import cornell_box
 

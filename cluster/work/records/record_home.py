@@ -14,9 +14,9 @@ from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, concatenate,
 from wdpm.cluster.records import NO_RECORDS, ROUND_BITS, Records, candidates_at, joined
 from wdpm.cluster.rows import take_rows
 from wdpm.cluster.task import RecordsMade, RecordTask
-from wdpm.cluster.work.extra_rays import Counts, Values, extra_rays, means, standard_errors
 from wdpm.cluster.work.misses import no_hits
-from wdpm.cluster.work.record_wave import GatherRays, RecordWave, first_rays, further_rays
+from wdpm.cluster.work.records.extra_rays import Counts, Values, extra_rays, means, standard_errors
+from wdpm.cluster.work.records.record_wave import GatherRays, RecordWave, first_rays, further_rays
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
