@@ -38,8 +38,8 @@ SHOTS_LATER = 1
 """Shadow rays of vertices beyond the first: what is seen there is one of many samples already."""
 
 
-class CameraLight:
-    """Light along camera paths, in one cell.
+class CameraPaths:
+    """Traces camera paths through one cell, and finds the light along them.
 
     Args:
         cell: number of the cell.

@@ -37,13 +37,6 @@ from wdpm.scenes.errors import ProtocolError
 from wdpm.scenes.flat.areas import triangle_areas
 from wdpm.scenes.flat.instances import Instances
 
-DEPOSITS_A_PATH = 6
-"""Room for photons, a path, in one launch. What finds none waits for the next launch."""
-
-LEAST_DEPOSITS = 1 << 14
-"""Room for photons of each chunk of a launch, at least: a few paths that scatter ten thousand times each would wait
-thousands of times. A megabyte."""
-
 POINTS_AT_ONCE = 1 << 20
 """Surface points that are spread at once, about."""
 

@@ -110,17 +110,17 @@ class Replica:
         self.media = medium.upload(media, device)
         self.lights = lights.upload(world.lights, world.extent, device)
         self.tiled_sky = guide.TiledSky(world.lights.environment_pixels)
-        self.take_materials()
+        self.update_materials()
         self.records = NO_RECORDS
-        self.share_out()
+        self.update_emission()
 
-    def take_materials(self) -> None:
-        """Have the World's materials."""
+    def update_materials(self) -> None:
+        """Upload the materials of the World, which have changed."""
         self.materials = resolve.upload(self.world.materials, self.launcher.device)
         self.lambertian_sides = lambertian_sides(self.world.materials)
 
-    def share_out(self) -> None:
-        """How photons are shared out among the lights, and where the caustic pass aims, as the World says."""
+    def update_emission(self) -> None:
+        """Start photons as the World says: shares of the lights, steering, and what the caustic pass aims at."""
         emission, device = self.world.emission, self.launcher.device
         scene = EmitScene()
         scene.lights, scene.textures, scene.media, scene.cells = self.lights, self.textures, self.media, self.cells
@@ -130,8 +130,8 @@ class Replica:
         scene.caustic_cumulative = lights.upload_shares(emission.caustic_share, device)
         self.emit_scene = scene
 
-    def take_features(self) -> None:
-        """Have kernels for the World's features."""
+    def update_features(self) -> None:
+        """Choose kernels for the features of the World, which have changed."""
         self._choose_kernels(self.world.features)
 
     def _choose_kernels(self, features: Features) -> None:

@@ -97,13 +97,13 @@ class CellWorker:
         others = world.materials is not before.materials
         self.replica.world = world
         if world.features != before.features:
-            self.replica.take_features()
+            self.replica.update_features()
         if world.emission is not before.emission:
-            self.replica.share_out()
+            self.replica.update_emission()
         if others:
-            self.replica.take_materials()
+            self.replica.update_materials()
             for cell in self.cells.values():
-                cell.take_materials()
+                cell.update_materials()
 
     def regroup(self, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]) -> None:
         """Hold other cells of the same scene: those that stay are kept, the photons are not, and no task is known.

@@ -112,8 +112,8 @@ def test_every_setting_gives_the_same_bits(cornell_alone: Image, change: dict[st
 
 def test_waves_and_full_photon_regions_change_no_bit(monkeypatch: pytest.MonkeyPatch, cornell_alone: Image) -> None:
     monkeypatch.setattr("wdpm.cluster.work.bucket_home.WAVE_SAMPLES", 100)  # a bucket's samples in many waves of one
-    monkeypatch.setattr("wdpm.cluster.work.cell.DEPOSITS_A_PATH", 1)  # photons must wait for room
-    monkeypatch.setattr("wdpm.cluster.work.cell.LEAST_DEPOSITS", 1)
+    monkeypatch.setattr("wdpm.cluster.work.photon_paths.DEPOSITS_A_PATH", 1)  # photons must wait for room
+    monkeypatch.setattr("wdpm.cluster.work.photon_paths.LEAST_DEPOSITS", 1)
     monkeypatch.setattr("wdpm.cluster.work.photon_gathers.GATHER_GRAIN", 1)  # many chunks for many threads
     monkeypatch.setattr("wdpm.cluster.work.photon_gathers.GATHER_RUN", 3)
     assert same_bits(render_in_process(CORNELL, FEW, workers=2, cells=4, threads=3), cornell_alone)
@@ -124,8 +124,8 @@ def test_photons_that_wait_for_room_change_no_bit(monkeypatch: pytest.MonkeyPatc
 
     The pilot then finds its photons in another order, and more of them than it asks for their density.
     """
-    monkeypatch.setattr("wdpm.cluster.work.cell.DEPOSITS_A_PATH", 1)
-    monkeypatch.setattr("wdpm.cluster.work.cell.LEAST_DEPOSITS", 1)
+    monkeypatch.setattr("wdpm.cluster.work.photon_paths.DEPOSITS_A_PATH", 1)
+    monkeypatch.setattr("wdpm.cluster.work.photon_paths.LEAST_DEPOSITS", 1)
     bright = replace(CORNELL, materials=tuple(diffuse(m.name, (0.95, 0.9, 0.9), True) for m in CORNELL.materials))
     reference = alone(bright, FEW)
     for threads, worth_forking in ((2, 1 << 16), (3, 0), (4, 1 << 16)):

@@ -139,8 +139,8 @@ def test_small_waves_and_full_photon_regions_change_no_bit(monkeypatch: pytest.M
     scene = CASES["everything"].scene
     expected = alone(scene, FEW)
     monkeypatch.setattr("wdpm.cluster.work.bucket_home.WAVE_SAMPLES", 50)
-    monkeypatch.setattr("wdpm.cluster.work.cell.DEPOSITS_A_PATH", 1)
-    monkeypatch.setattr("wdpm.cluster.work.cell.LEAST_DEPOSITS", 1)
+    monkeypatch.setattr("wdpm.cluster.work.photon_paths.DEPOSITS_A_PATH", 1)
+    monkeypatch.setattr("wdpm.cluster.work.photon_paths.LEAST_DEPOSITS", 1)
     monkeypatch.setattr("wdpm.cluster.work.photon_gathers.GATHER_GRAIN", 1)
     monkeypatch.setattr("wdpm.cluster.work.photon_gathers.GATHER_RUN", 3)
     assert same_bits(render_in_process(scene, FEW, workers=2, cells=4, threads=3), expected)
