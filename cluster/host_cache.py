@@ -35,20 +35,20 @@ class Share(Protocol):
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """Something that is to be made, or mapped.
+class CacheEntry:
+    """Values that a worker needs, which it makes or maps.
 
     Attributes:
         name: what it is, in this scene.
         kinds: its structs, or `dict` for numpy arrays by name.
         make: gives values of these kinds.
-        alone: whether nobody else has use for it.
+        private: whether no other worker has use for it.
     """
 
     name: str
     kinds: tuple[Kind, ...]
     make: Callable[[], Sequence[Value]]
-    alone: bool = False
+    private: bool = False
 
 
 class HostCache:
@@ -60,7 +60,8 @@ class HostCache:
         in_main_memory: whether what is made here lies where others can map it, and they would have use for it.
 
     Attributes:
-        alone: things that were made here for nobody else, since the system or a process that stands still forbade it.
+        unshared: entries that were made here for this worker alone, since the system or a process that stands still
+            forbade more.
         found_some: whether something was mapped that another worker has made: so others can map what lies here.
     """
 
@@ -68,37 +69,37 @@ class HostCache:
         self._share = share if scene else None
         self._scene = scene
         self._in_main_memory = in_main_memory
-        self.alone = 0
+        self.unshared = 0
         self.found_some = False
 
     @property
-    def shares(self) -> bool:
+    def is_shared(self) -> bool:
         """Whether workers of this machine make things for each other: all of them say the same."""
         return self._share is not None
 
-    def get(self, wanted: Wanted) -> Sequence[Value]:
+    def get(self, entry: CacheEntry) -> Sequence[Value]:
         """Values that are made here or mapped."""
-        return self.all([wanted])[0]
+        return self.get_all([entry])[0]
 
-    def all(self, wanted: Sequence[Wanted], first: int = 0) -> list[Sequence[Value]]:
+    def get_all(self, entries: Sequence[CacheEntry], first: int = 0) -> list[Sequence[Value]]:
         """Values of several, in their order.
 
         Args:
             first: which one to make first. Where each worker begins with another one, they are made at the same time.
         """
         if self._share is None or not self._in_main_memory:
-            return [each.make() for each in wanted]
-        got: dict[int, Sequence[Value]] = {index: each.make() for index, each in enumerate(wanted) if each.alone}
-        order = [(first + index) % len(wanted) for index in range(len(wanted))]
+            return [each.make() for each in entries]
+        got: dict[int, Sequence[Value]] = {index: each.make() for index, each in enumerate(entries) if each.private}
+        order = [(first + index) % len(entries) for index in range(len(entries))]
         for wait in (False, True):  # what others are at comes last
             for index in order:
                 if index not in got:
-                    with self._share.claim(f"{self._scene} {wanted[index].name}", wait=wait) as claim:
+                    with self._share.claim(f"{self._scene} {entries[index].name}", wait=wait) as claim:
                         if claim is not None:
                             self.found_some |= claim.found is not None
-                            got[index], shared = _taken(claim, wanted[index])
-                            self.alone += not shared
-        return [got[index] for index in range(len(wanted))]
+                            got[index], shared = _values_of(claim, entries[index])
+                            self.unshared += not shared
+        return [got[index] for index in range(len(entries))]
 
     def lend(self, name: str, arrays: Callable[[], Mapping[str, NDArray[Any]]]) -> Any:
         """Have others map arrays that only this worker has, in place of what had this name before.
@@ -129,17 +130,17 @@ class HostCache:
             return found
 
 
-def _taken(claim: Claim, wanted: Wanted) -> tuple[Sequence[Value], bool]:
+def _values_of(claim: Claim, entry: CacheEntry) -> tuple[Sequence[Value], bool]:
     """Values, and whether others may have them too."""
     if claim.found is not None:
         try:
-            return packed.unpack(wanted.name, wanted.kinds, claim.found), True
+            return packed.unpack(entry.name, entry.kinds, claim.found), True
         except NotAsExpectedError:
             pass  # of a process that is not what it says it is: it is made here, as if nothing had been there
-    made = wanted.make()
-    memory = claim.publish(packed.pack(wanted.name, made))
+    made = entry.make()
+    memory = claim.publish(packed.pack(entry.name, made))
     # Of what was made here and what others map, one is enough.
-    return (made, False) if memory is None else (packed.unpack(wanted.name, wanted.kinds, memory), True)
+    return (made, False) if memory is None else (packed.unpack(entry.name, entry.kinds, memory), True)
 
 
 def name_of(arrays: Mapping[str, NDArray[Any]]) -> str:

@@ -16,7 +16,7 @@ from wdpm.cluster.runs import TASK, Runs
 Key = tuple[Kind, int]
 
 CREDIT_FLIES_WITH: Final = frozenset({Kind.PHOTON, Kind.LANDED})
-"""Kinds of which a cell keeps any credit beyond one for each row until it can go on with others: see PhotonPaths.trace."""
+"""Kinds of which a cell keeps any credit beyond one for each row until it can go on with others: see PhotonPaths."""
 
 
 class Queues:

@@ -92,8 +92,8 @@ def serve(
         _prepare(device)
         let_collector_go()
         launcher = Launcher(device, threads, wait_for_kernels=wait_for_kernels)
-        made = HostCache(neighbours, scene, in_main_memory=device == "cpu")
-        return CellWorker(number, world, partition, holders, launcher, made)
+        host_cache = HostCache(neighbours, scene, in_main_memory=device == "cpu")
+        return CellWorker(number, world, partition, holders, launcher, host_cache)
 
     line = line_to_watch(sys.stdin.buffer) if life_line else None
     try:

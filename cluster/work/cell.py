@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import GHOSTS, Batch, Kind
-from wdpm.cluster.host_cache import Wanted
+from wdpm.cluster.host_cache import CacheEntry
 from wdpm.cluster.work import tally
 from wdpm.cluster.work.camera_paths import CameraPaths
 from wdpm.cluster.work.final_gather import FinalGatherCounters
@@ -62,7 +62,7 @@ class Cell:
             return [trees, cell_triangles.upload(triangles, replica.world.extent, device, instances)]
 
         kinds = (two_level.Trees, cell_triangles.Surfaces)
-        self._trees, self._surfaces = replica.made.get(Wanted(f"cell {number}", kinds, make))
+        self._trees, self._surfaces = replica.host_cache.get(CacheEntry(f"cell {number}", kinds, make))
         self.store = PhotonStore(number, self._surfaces, triangles.instances, replica)
         self._camera_paths = CameraPaths(number, self._trees, self._surfaces, self.store, replica)
         self._photon_paths = PhotonPaths(number, self._trees, self._surfaces, self.store, replica)

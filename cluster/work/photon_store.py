@@ -13,7 +13,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import SCHEMAS, Arrays, Batch, Kind, concatenate, take, zeros
-from wdpm.cluster.host_cache import Wanted
+from wdpm.cluster.host_cache import CacheEntry
 from wdpm.cluster.work import tree_orders
 from wdpm.cluster.work.guards import PHOTON, Guards
 from wdpm.cluster.work.overlap_band import Region, along, rows_in_bands, rows_near
@@ -150,12 +150,12 @@ class PhotonStore:
             photons: none where they lie in memory that all share.
             lender: number of the worker that they come from.
         """
-        if len(photons["map"]) or not self._replica.made.shares:
+        if len(photons["map"]) or not self._replica.host_cache.is_shared:
             self._copies.add(photons)
             self.copy_count += np.bincount(photons["map"], minlength=MAPS)
             return
         try:
-            lent = self._replica.made.borrow(self._named(f"photons of {lender}"))
+            lent = self._replica.host_cache.borrow(self._cache_name(f"photons of {lender}"))
             self._some_missing |= lent is None
             self.copy_count += self._copies.borrow(lent or {})
         except ValueError:  # of a process that is not what it says it is
@@ -163,7 +163,8 @@ class PhotonStore:
 
     def lend(self) -> bool:
         """Have all workers of this machine read the photons that landed here where they lie, if that can be."""
-        self._lent = self._replica.made.lend(self._named(f"photons of {self._replica.worker}"), self._own.columns)
+        name = self._cache_name(f"photons of {self._replica.worker}")
+        self._lent = self._replica.host_cache.lend(name, self._own.columns)
         return self._lent is not None
 
     def so_far(self) -> Arrays:
@@ -201,7 +202,7 @@ class PhotonStore:
         replica, world = self._replica, self._replica.world
         low, high = cells.cell_boxes(world.top_tree.axis, world.top_tree.split)
         self._own.join(self._copies)
-        if replica.made.shares:
+        if replica.host_cache.is_shared:
             return  # there is no other cell, and points are spread by whoever makes their tree
         self._spread_points(SURFACE_MAPS)
         if len(low) == 1:
@@ -252,7 +253,8 @@ class PhotonStore:
         """
         of_photons, of_points = self._read_maps(), SURFACE_MAPS
         counts = [len(self._own[number]) for number in of_photons] + [len(self._own_points[n]) for n in of_points]
-        if self._replica.made.shares or self._region is not None or not tree_orders.worth_sharing(counts, parts):
+        shared = self._replica.host_cache.is_shared
+        if shared or self._region is not None or not tree_orders.worth_sharing(counts, parts):
             return None
         self._deposits = None
         self._number(of_photons)
@@ -280,15 +282,15 @@ class PhotonStore:
         if self._order_parts:
             orders = tree_orders.joined(self._order_parts, counts)
         self._order_parts = []
-        trees = [self._photons_wanted(*each) for each in zip(of_photons, orders, strict=False)]
-        others = [self._points_wanted(*each) for each in zip(of_points, orders[len(of_photons) :], strict=True)]
-        made = self._replica.made
-        if made.shares:
-            got = made.all([*trees, *others], part)
+        trees = [self._photon_tree(*each) for each in zip(of_photons, orders, strict=False)]
+        others = [self._point_tree(*each) for each in zip(of_points, orders[len(of_photons) :], strict=True)]
+        host_cache = self._replica.host_cache
+        if host_cache.is_shared:
+            got = host_cache.get_all([*trees, *others], part)
         else:
-            got = made.all(trees)
+            got = host_cache.get_all(trees)
             self._own.clear()  # no more is in memory than need be
-            got += made.all(others)
+            got += host_cache.get_all(others)
         self._own.clear()
         self._own_points.clear()
         sites: Arrays = {}
@@ -303,7 +305,7 @@ class PhotonStore:
         if self._region is not None:  # nothing else reads what is a part of a map
             self.maps[GLOBAL_MAP], self.points[GLOBAL_MAP] = None, None
 
-    def _photons_wanted(self, number: int, order: NDArray[np.int32] | None) -> Wanted:
+    def _photon_tree(self, number: int, order: NDArray[np.int32] | None) -> CacheEntry:
         """The tree of a map; the edges of its photons' paths, and those of them that carry irradiance, in order."""
 
         def make() -> list[Any]:
@@ -319,25 +321,26 @@ class PhotonStore:
             sites = self._sites if number == GLOBAL_MAP else {}
             return [tree, {"edges": numbered.edges, **self._in_order(sites)}]
 
-        return Wanted(self._named(f"map {number}"), (photon_map.PhotonMap, dict), make, self._is_of_region(number))
+        kinds = (photon_map.PhotonMap, dict)
+        return CacheEntry(self._cache_name(f"map {number}"), kinds, make, self._is_private(number))
 
-    def _points_wanted(self, number: int, order: NDArray[np.int32] | None) -> Wanted:
+    def _point_tree(self, number: int, order: NDArray[np.int32] | None) -> CacheEntry:
         """The tree of the surface points of a map."""
 
         def make() -> list[Any]:
             launcher = self._replica.launcher
-            if self._replica.made.shares:
+            if self._replica.host_cache.is_shared:
                 self._spread_points([number])
             run = launcher.build_launcher()
             return [photon_map.build_points(self._own_points[number], launcher.device, run, order)]
 
-        return Wanted(self._named(f"points {number}"), (photon_map.PhotonMap,), make, self._is_of_region(number))
+        return CacheEntry(self._cache_name(f"points {number}"), (photon_map.PhotonMap,), make, self._is_private(number))
 
-    def _is_of_region(self, number: int) -> bool:
+    def _is_private(self, number: int) -> bool:
         """Whether a map has but the photons near a part of space, and nobody else the same."""
         return number == GLOBAL_MAP and self._region is not None
 
-    def _named(self, what: str) -> str:
+    def _cache_name(self, what: str) -> str:
         """A name for what depends on the photons."""
         return f"{what} of {self._replica.world.photon_plan}"
 
@@ -411,8 +414,8 @@ class PhotonStore:
             others = points["radius"], points["id"], launcher.device, launcher.build_launcher()
             return [at_photons.build(position, radiance, normal, *others)]
 
-        tree = Wanted(self._named("irradiance"), (photon_map.PhotonMap,), make)
-        (self.irradiance,) = self._replica.made.get(tree)
+        tree = CacheEntry(self._cache_name("irradiance"), (photon_map.PhotonMap,), make)
+        (self.irradiance,) = self._replica.host_cache.get(tree)
         self.irradiance_s += time.perf_counter() - began
 
     def _compute_irradiance(self, photons: Arrays, part: int, parts: int) -> None:

@@ -11,7 +11,7 @@ import warp as wp
 from numpy.typing import NDArray
 
 from wdpm.cluster.guide import LightGuide
-from wdpm.cluster.host_cache import HostCache, Wanted, name_of
+from wdpm.cluster.host_cache import CacheEntry, HostCache, name_of
 from wdpm.cluster.records import NO_RECORDS, Records
 from wdpm.cluster.world import View, World
 from wdpm.kernels.camera import camera
@@ -68,7 +68,7 @@ class Replica:
         paths_by_light: photon paths that its homes have started, by pass (global, caustic) and light.
         tiled_sky: the environment as guides divide it.
         outputs: features of which its kernels that shade write the arrays; no fewer than the view's.
-        made: what is made once for all workers on this machine.
+        host_cache: what workers on this machine make once for all of them.
         trace_all: traces all photon paths into the only cell: who shares a scene does it where it must go on alone.
         observer: is shown what happens at the vertices of camera paths, for replays; None in a render.
     """
@@ -76,7 +76,7 @@ class Replica:
     world: World
     launcher: Launcher
     worker: int
-    made: HostCache = field(default_factory=HostCache)
+    host_cache: HostCache = field(default_factory=HostCache)
     view: View | None = None
     camera: Any = None
     trace_all: Callable[[], None] = lambda: None
@@ -105,8 +105,8 @@ class Replica:
         self.paths_by_light = np.zeros((2, len(world.lights.names)), np.int64)
         outlines = vars(tree.outlines) if len(tree.outlines.first) else None
         self.cells = cells.upload(tree.axis, tree.split, self.pad, device, outlines)
-        textures = Wanted("textures", (Textures,), lambda: [texture.upload(world.textures, device)])
-        (self.textures,) = self.made.get(textures)
+        textures = CacheEntry("textures", (Textures,), lambda: [texture.upload(world.textures, device)])
+        (self.textures,) = self.host_cache.get(textures)
         self.media = medium.upload(media, device)
         self.lights = lights.upload(world.lights, world.extent, device)
         self.tiled_sky = guide.TiledSky(world.lights.environment_pixels)
@@ -161,9 +161,9 @@ class Replica:
         """
         if self._cache is None and self.records is not NO_RECORDS:
             arrays = vars(self.records)
-            name = f"records {name_of(arrays)}" if self.made.shares else ""
-            tree = Wanted(name, (IrradianceCache,), lambda: [record_tree.build(arrays, self.launcher.device)])
-            (self._cache,) = self.made.get(tree)
+            name = f"records {name_of(arrays)}" if self.host_cache.is_shared else ""
+            tree = CacheEntry(name, (IrradianceCache,), lambda: [record_tree.build(arrays, self.launcher.device)])
+            (self._cache,) = self.host_cache.get(tree)
         return self._cache
 
     def set_view(self, view: View) -> None:

@@ -54,8 +54,8 @@ class CellWorker:
         number: the slave's number.
         partition: the triangles of each of its cells.
         holders: number of the worker that holds each cell.
-        made: what is made once for all workers on this machine; None where each makes its own. Where the scene is
-            divided, no two hold the same, and each does.
+        host_cache: what workers on this machine make once for all of them; None where each makes its own. Where the
+            scene is divided, no two hold the same, and each does.
     """
 
     def __init__(
@@ -65,11 +65,11 @@ class CellWorker:
         partition: Mapping[int, Triangles],
         holders: Sequence[int],
         launcher: Launcher,
-        made: HostCache | None = None,
+        host_cache: HostCache | None = None,
     ) -> None:
         self.number = number
         self.holders = tuple(holders)
-        shared = made if made is not None and len(self.holders) == 1 else HostCache()
+        shared = host_cache if host_cache is not None and len(self.holders) == 1 else HostCache()
         self.replica = Replica(world, launcher, number, shared, trace_all=self._trace_all)
         self.cells = {cell: Cell(cell, triangles, self.replica) for cell, triangles in sorted(partition.items())}
         self._guards = Guards(self.replica)  # of its homes
@@ -348,7 +348,7 @@ class CellWorker:
             "beams": sum(cell.beams for cell in cells),
             "guards": added([*(cell.guards for cell in cells), self._guards.counts]),
             "busy_s": self._busy,
-            "made_alone": self.replica.made.alone,
+            "made_alone": self.replica.host_cache.unshared,
             "peak_memory_bytes": peak_memory() + self._shares_bytes,
             **self._travelled(),
         }

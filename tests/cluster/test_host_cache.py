@@ -17,7 +17,7 @@ from shared_memory import memory_is_shared
 import wdpm
 from wdpm.cluster import host_cache
 from wdpm.cluster.batch import Batch
-from wdpm.cluster.host_cache import HostCache, Wanted, name_of
+from wdpm.cluster.host_cache import CacheEntry, HostCache, name_of
 from wdpm.cluster.master import phases
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.transport import host_share
@@ -34,16 +34,16 @@ if_shared = pytest.mark.skipif(not memory_is_shared(), reason="this system lets 
 def made(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
     """How often each thing was made, by its name."""
     counted: Counter[str] = Counter()
-    original = host_cache._taken
+    original = host_cache._values_of
 
-    def taken(claim: Any, wanted: Wanted) -> Any:
+    def values_of(claim: Any, entry: CacheEntry) -> Any:
         def make() -> Any:
-            counted[wanted.name] += 1
-            return wanted.make()
+            counted[entry.name] += 1
+            return entry.make()
 
-        return original(claim, Wanted(wanted.name, wanted.kinds, make))
+        return original(claim, CacheEntry(entry.name, entry.kinds, make))
 
-    monkeypatch.setattr(host_cache, "_taken", taken)
+    monkeypatch.setattr(host_cache, "_values_of", values_of)
     return counted
 
 
@@ -176,20 +176,20 @@ def test_who_computes_on_a_device_takes_part_in_nothing_but_the_rules(tmp_path: 
         HostCache(HostShare(tmp_path), "scene"),
         HostCache(HostShare(tmp_path), "scene", in_main_memory=False),
     )
-    assert here.shares
-    assert device.shares
+    assert here.is_shared
+    assert device.is_shared
     first = here.get(table(1.0))
     assert device.get(table(2.0))[0]["x"].tolist() == [2.0] * 3
     assert first[0]["x"].tolist() == [1.0] * 3
 
 
-def table(value: float) -> Wanted:
-    return Wanted("table", (dict,), lambda: [{"x": np.full(3, value)}])
+def table(value: float) -> CacheEntry:
+    return CacheEntry("table", (dict,), lambda: [{"x": np.full(3, value)}])
 
 
 def test_where_nobody_shares_each_makes_his_own() -> None:
     for own in (HostCache(), HostCache(None, "scene"), HostCache(HostShare(Path("/nowhere")), "")):
-        assert not own.shares
+        assert not own.is_shared
         assert own.get(table(2.0))[0]["x"].tolist() == [2.0] * 3
 
 
@@ -235,8 +235,8 @@ class Empty:
 
 def test_what_others_are_at_comes_last() -> None:
     share = Recorded()
-    wanted = [Wanted(str(i), (dict,), lambda i=i: [{"i": np.array([i])}]) for i in range(3)]
-    got = HostCache(share, "s").all(wanted, first=1)
+    entries = [CacheEntry(str(i), (dict,), lambda i=i: [{"i": np.array([i])}]) for i in range(3)]
+    got = HostCache(share, "s").get_all(entries, first=1)
     assert [int(value["i"][0]) for (value,) in got] == [0, 1, 2]
     assert share.asked == [("s 1", False), ("s 2", False), ("s 0", False), ("s 1", True)]
 

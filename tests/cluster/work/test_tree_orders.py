@@ -127,7 +127,7 @@ def test_an_order_is_of_photons_as_their_tree_is_built_of_them(
     sent: list[Arrays], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of photons in any other order it makes the same image, a hundred times as slowly."""
-    original, sizes = PhotonStore._photons_wanted, []
+    original, sizes = PhotonStore._photon_tree, []
 
     def checked(store: PhotonStore, number: int, order: np.ndarray | None) -> Any:
         if order is not None and len(order):
@@ -136,7 +136,7 @@ def test_an_order_is_of_photons_as_their_tree_is_built_of_them(
             sizes.append(len(position))
         return original(store, number, order)
 
-    monkeypatch.setattr(PhotonStore, "_photons_wanted", checked)
+    monkeypatch.setattr(PhotonStore, "_photon_tree", checked)
     scene = wdpm.load("cornell-box", size=(8, 8))
     chosen = RenderSettings(photons=12_000, spp=1, k=20, indirect=Indirect.MAP, bucket=8)
     with InProcess(threads=1, workers=3, cells=1, team=1, shuffle=random.Random(1)) as backend:
