@@ -275,7 +275,7 @@ class CellWorker:
             self.replica.world = self.replica.world.with_photons(plan)
 
     @property
-    def _shares(self) -> bool:
+    def _exchanges_rays(self) -> bool:
         """Whether others hold cells too, so that some of its rays travel and others' come."""
         return any(holder != self.number for holder in self.holders)
 
@@ -390,7 +390,7 @@ class CellWorker:
 
     def _puts_off(self, batch: Batch) -> bool:
         """Whether what a home starts for an own cell waits until what it starts for others is on its way."""
-        return self._shares and batch.kind in RAYS
+        return self._exchanges_rays and batch.kind in RAYS
 
     def _put_off(self, batch: Batch, outbox: Outbox) -> None:
         """Have rays come in again as if another worker had sent them, in pieces: between these those of others do.
