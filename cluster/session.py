@@ -55,6 +55,16 @@ class Session:
     places: NDArray[np.float32] = field(default_factory=lambda: np.empty((0, 3), np.float32))
     sight: NDArray[np.int32] = field(default_factory=lambda: np.empty((0, 0), np.int32))
 
+    @property
+    def cells(self) -> int:
+        """How many cells the scene is divided into."""
+        return self.world.top_tree.cells
+
+    @property
+    def is_divided(self) -> bool:
+        """Whether there are several, so that work in one may need slaves that hold others."""
+        return self.cells > 1
+
 
 @dataclass(frozen=True, eq=False)
 class SessionResult:

@@ -36,7 +36,7 @@ from wdpm.cluster.master.task_sizes import (
     worth_cutting_for,
 )
 from wdpm.cluster.master.tasks import Tasks, units
-from wdpm.cluster.master.teams import Team, lend, map_orders
+from wdpm.cluster.master.teams import Team, all_share_memory, map_orders
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.task import PhotonsTraced, PhotonTask, Task, TaskResult
@@ -104,8 +104,8 @@ class Phases:
         """Render a session, as soon as all slaves have joined."""
         if self.phase not in (Phase.JOINING, Phase.IDLE) or self.session is not None:
             raise AssertionError(f"a session began in phase {self.phase.value}")
-        if len(session.burdens) != session.world.top_tree.cells:
-            raise AssertionError(f"{len(session.burdens)} burdens for {session.world.top_tree.cells} cells")
+        if len(session.burdens) != session.cells:
+            raise AssertionError(f"{len(session.burdens)} burdens for {session.cells} cells")
         self.session = session
         return self._start_session(session, now) if self.phase is Phase.IDLE else []
 
@@ -267,7 +267,7 @@ class Phases:
         self.phase = Phase.MAPS
         for team in self.roster.teams:
             team.wait_for(protocol.MapsBuilt)
-        regions = NO_REGIONS if lend(self.roster.teams) else regions_of(session, len(self.roster.teams))
+        regions = NO_REGIONS if all_share_memory(self.roster.teams) else regions_of(session, len(self.roster.teams))
         orders = map_orders(self.roster.teams, regions)
         return [Started("map", len(orders)), *(Send(member.identity, order) for member, order in orders)]
 
@@ -384,7 +384,7 @@ class Phases:
 
     def _use_spare(self, session: Session, now: float) -> list[Instruction]:
         """Make teams of slaves that are in none, or have them help out where that is worth a new beginning."""
-        out: list[Instruction] = self.roster.words_of_small_ones()
+        out: list[Instruction] = self.roster.note_slaves_short_of_memory()
         team_size = team_size_of(session)
         while self.roster.able_spare >= team_size:
             self.roster.teams.append(Team(self.roster.take_spare(team_size), team_size))
@@ -392,11 +392,11 @@ class Phases:
         early = self.phase in (Phase.IDLE, Phase.SETUP, Phase.PHOTONS, Phase.RECORDS)
         early = early or (self.phase is Phase.BUCKETS and self._tasks.begun <= WORTH_REGROUPING)
         smallest = min(self.roster.teams, key=lambda team: len(team.members), default=None)
-        if smallest is None and (members := self.roster.take_spare(len(session.burdens), anyone=True)):
+        if smallest is None and (members := self.roster.take_spare(session.cells, anyone=True)):
             self.roster.teams.append(Team(members, len(members)))
             return out + self._lead(self.roster.teams[-1], session, now)
         early = early and self.roster.able_spare > 0
-        if smallest is not None and early and len(smallest.members) < len(session.burdens):
+        if smallest is not None and early and len(smallest.members) < session.cells:
             return out + self._broken(smallest, now, wanted=len(smallest.members) + 1)
         return out
 

@@ -43,11 +43,11 @@ records tell of a place, more of their noise averages out. Only as far as they a
 at once."""
 
 
-def _dealt(places: NDArray[np.int32], count: int) -> list[NDArray[np.int32]]:
-    """Candidates, dealt out to so many tasks: one of each `count` to each, each time beginning with another task.
+def _interleaved(places: NDArray[np.int32], count: int) -> list[NDArray[np.int32]]:
+    """Candidates of so many tasks: of each `count` in a row every task gets one, each time beginning with another task.
 
-    The pixels of a round lie in a grid, as do those that earlier rounds have taken: always dealt alike, a task would
-    have those of some columns.
+    The pixels of a round lie in a grid, as do those that earlier rounds have taken: always in the same order of tasks,
+    one of them would have those of some columns.
     """
     turn, place = np.divmod(np.arange(len(places)), count)
     begins = np.where(turn < len(places) // count, turn * GOLDEN % 1.0 * count, 0.0)  # who has more comes first
@@ -110,7 +110,7 @@ class RecordRounds:
 
         They come in batches, of one task of equal size for each slave, and each batch is the same part of what is left
         (factoring, Hummel, Schonberg & Flynn 1992): what tasks cost is nearly in proportion to their candidates, so
-        slaves that begin together end together. A batch's candidates are dealt out one by one: whether one becomes a
+        slaves that begin together end together. A batch's candidates go to its tasks one by one: whether one becomes a
         record, and how many gather rays that gets, is much the same for its neighbours, which come one after another.
 
         Args:
@@ -133,9 +133,8 @@ class RecordRounds:
             size = min(size, limits.record_task_most)
             batch = places[start : start + slaves * size]
             count = -(-len(batch) // size)
-            out += [
-                self._task(first_number + len(out) + place, dealt) for place, dealt in enumerate(_dealt(batch, count))
-            ]
+            number = first_number + len(out)
+            out += [self._task(number + index, some) for index, some in enumerate(_interleaved(batch, count))]
             start += len(batch)
         return out
 

@@ -34,7 +34,7 @@ class Roster:
         self._cells = CellQueue(limits.cells_in_flight)
         self._epoch = 0
         self._room = -math.inf
-        self._aside: set[int] = set()
+        self._noted_short: set[int] = set()
 
     def form(self, session: Session, tasks: Tasks) -> list[Instruction]:
         """Make teams for a scene that nobody knows."""
@@ -42,12 +42,12 @@ class Roster:
             self.dissolve(team, tasks)
         for member in self._members:
             member.cells = frozenset()
-        self._room, self._aside = session.room, set()
+        self._room, self._noted_short = session.room, set()
         everyone = list(self._members)
         able = self._able(everyone) or everyone  # rather than wait for others
-        self.teams, spare = formed(able, team_size_of(session), len(session.burdens))
+        self.teams, spare = formed(able, team_size_of(session), session.cells)
         self.spare = spare + [member for member in everyone if member not in able]
-        return self.words_of_small_ones()
+        return self.note_slaves_short_of_memory()
 
     def _able(self, slaves: Sequence[Member]) -> list[Member]:
         """Those that have room for their share of the scene."""
@@ -72,11 +72,11 @@ class Roster:
         """Slaves that are in no team, though they have room for a share of the scene."""
         return len(self._able(self.spare))
 
-    def words_of_small_ones(self) -> list[Instruction]:
-        """Tell people once of each slave that has not room enough."""
+    def note_slaves_short_of_memory(self) -> list[Instruction]:
+        """A line, once, for each spare slave that has not the memory for a share of the scene."""
         able = self._able(self.spare)
-        small = [each for each in self.spare if each not in able and each.number not in self._aside]
-        self._aside |= {member.number for member in small}
+        small = [each for each in self.spare if each not in able and each.number not in self._noted_short]
+        self._noted_short |= {member.number for member in small}
         text = "has not the memory for a share of the scene, and waits until nobody else is left; give it more --memory"
         return [Noted(f"{member} {text}") for member in small]
 
@@ -96,7 +96,7 @@ class Roster:
         team.dissolve()
 
     def set_up(self, team: Team, session: Session, trace: int) -> list[Instruction]:
-        """Begin an epoch: cells are dealt out among the slaves of a team, who keep what they have of them."""
+        """Begin an epoch: cells are assigned to the slaves of a team, who keep what they have of them."""
         self._epoch += 1
         team.begin(self._epoch, session.burdens)
         peers = [""] * len(self._members.ever)
@@ -137,4 +137,4 @@ class Roster:
 
 def team_size_of(session: Session) -> int:
     """Slaves that a team needs: no more than there are cells."""
-    return min(session.team_size, len(session.burdens))
+    return min(session.team_size, session.cells)

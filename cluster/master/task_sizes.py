@@ -18,12 +18,12 @@ PHOTON_TASK_LEAST = 4096
 
 def processes_of(session: Session, member: Member) -> int:
     """Most tasks that a slave does at once: several only where tasks need no other slave."""
-    return member.hello.processes if len(session.burdens) == 1 else 1
+    return 1 if session.is_divided else member.hello.processes
 
 
 def at_once(session: Session, members: Members, teams: int) -> int:
     """Tasks that are done at once without waiting for each other."""
-    if len(session.burdens) > 1:
+    if session.is_divided:
         return teams
     return sum(member.hello.processes for member in members)
 
@@ -33,7 +33,7 @@ def in_parallel(session: Session, members: Members, teams: int) -> int:
 
     More tasks than that bring nobody anything, and each takes what the interpreter does for a task however small.
     """
-    return max(len(members), teams) if len(session.burdens) > 1 else _at_cores(members)
+    return max(len(members), teams) if session.is_divided else _at_cores(members)
 
 
 def _at_cores(members: Members) -> int:
@@ -58,7 +58,7 @@ def homes_of_records(session: Session, members: Members, teams: int, rays: int, 
     """
     most = in_parallel(session, members, teams)
     have_cores = _at_cores(members) == sum(member.hello.processes for member in members)
-    if len(session.burdens) == 1 or have_cores:
+    if not session.is_divided or have_cores:
         return most
     worth = max(1, -(-rays // (teams * limits.record_home_rays)))
     return min(most, teams * worth)
@@ -73,7 +73,7 @@ def in_flight(session: Session, limits: ClusterLimits, *, photons: bool) -> int:
     """Most tasks that are with a slave, for each that it does at once."""
     if photons:
         return limits.photon_tasks_in_flight
-    return limits.buckets_in_flight if len(session.burdens) == 1 else limits.shared_in_flight
+    return limits.shared_in_flight if session.is_divided else limits.buckets_in_flight
 
 
 def for_records(session: Session, limits: ClusterLimits) -> ClusterLimits:
@@ -81,7 +81,7 @@ def for_records(session: Session, limits: ClusterLimits) -> ClusterLimits:
 
     All slaves of a team work at each task there, and the fewer there are the larger are the batches that they send.
     """
-    return limits if len(session.burdens) == 1 else replace(limits, record_parts=1.0)
+    return replace(limits, record_parts=1.0) if session.is_divided else limits
 
 
 @dataclass(frozen=True)

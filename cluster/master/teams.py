@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.cluster.master.deal import deal
+from wdpm.cluster.master.cell_holders import balanced_holders
 from wdpm.cluster.master.members import Member
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.task import PhotonTask
@@ -21,8 +21,8 @@ from wdpm.cluster.task import PhotonTask
 SHARING = "ipc://"
 """How the endpoints of slaves begin that share memory: cluster.transport.local_sockets."""
 
-TAKEN_IN = (protocol.ViewSet, protocol.RecordsSet)
-"""Answers that say that a slave has taken something in."""
+UNAWAITED = (protocol.ViewSet, protocol.RecordsSet)
+"""Answers that a slave alone is not waited for: that it has the view, or the records, that it was sent."""
 
 
 @dataclass(eq=False)
@@ -93,14 +93,14 @@ class Team:
         self.owed.clear()
 
     def begin(self, epoch: int, burdens: Sequence[float]) -> None:
-        """Begin an epoch: the cells are dealt out anew."""
+        """Begin an epoch: cells are assigned to slaves anew."""
         self.dissolve()
         self.epoch = epoch
-        self.holders = self._dealt(burdens)
+        self.holders = self._assigned(burdens)
 
-    def _dealt(self, burdens: Sequence[float]) -> tuple[int, ...]:
-        """As `deal` has it, but each slave goes on with the share of which it has most already."""
-        shares = deal(np.array(burdens), len(self.members))
+    def _assigned(self, burdens: Sequence[float]) -> tuple[int, ...]:
+        """Balanced holders of the cells, each slave with the share of which it has most already."""
+        shares = balanced_holders(np.array(burdens), len(self.members))
         left = list(range(len(self.members)))
         holders = [0] * len(burdens)
         for member in sorted(self.members, key=lambda member: -len(member.cells)):
@@ -123,7 +123,7 @@ class Team:
         """
         self.awaits, self.waiting = answer, {member.number for member in self.members}
         self.towards = towards
-        if len(self.members) == 1 and answer in TAKEN_IN:
+        if len(self.members) == 1 and answer in UNAWAITED:
             self.owed[answer] += 1
             self.waiting.clear()
             self.take_step()
@@ -139,12 +139,12 @@ def formed(members: Sequence[Member], team_size: int, cells: int) -> tuple[list[
     if not members:
         return [], []
     count = max(1, len(members) // team_size)
-    dealt = [list(members[index::count]) for index in range(count)]
-    teams = [Team(each[:cells], min(len(each), cells)) for each in dealt]
-    return teams, [member for each in dealt for member in each[cells:]]
+    groups = [list(members[index::count]) for index in range(count)]
+    teams = [Team(each[:cells], min(len(each), cells)) for each in groups]
+    return teams, [member for each in groups for member in each[cells:]]
 
 
-def lend(teams: Sequence[Team]) -> bool:
+def all_share_memory(teams: Sequence[Team]) -> bool:
     """Whether all slaves are on one machine and share memory: one makes what all then have (host_cache.py)."""
     return all(member.hello.peers.startswith(SHARING) for team in teams for member in team.members)
 

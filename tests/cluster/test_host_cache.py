@@ -94,7 +94,7 @@ class Photons:
         self.sent: list[int] = []
         self.borrowed: list[bool] = []
         sharing(monkeypatch, folder)
-        monkeypatch.setattr(phases, "lend", lambda _: True)  # as where endpoints say that all share memory
+        monkeypatch.setattr(phases, "all_share_memory", lambda _: True)  # as where endpoints say that all share memory
         copies, borrow = CellWorker.copies, HostCache.borrow
 
         def watched_copies(worker: CellWorker, *told: Any) -> list[Batch]:

@@ -247,7 +247,7 @@ GUARDS = (
     ),
     Guard(
         name="every worker gets a cell",
-        file="cluster/master/deal.py",
+        file="cluster/master/cell_holders.py",
         prevents="a slave without work, which the others wait for",
         changes=(
             ("worker = int(empty[0]) if len(empty) else int(np.argmin(load))", "worker = int(np.argmin(load[::-1]))"),

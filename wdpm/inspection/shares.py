@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wdpm.cluster.batch import SCHEMAS, Kind
-from wdpm.cluster.master.deal import deal
+from wdpm.cluster.master.cell_holders import balanced_holders
 from wdpm.cluster.plan.copies import AT_WORK_BYTES, BARE_PHOTON_BYTES, PHOTON_BYTES, points_of, scene_memory
 from wdpm.cluster.plan.render_plan import RenderPlan
 from wdpm.cluster.work.overlap_band import rows_near
@@ -65,7 +65,7 @@ def shares_of(plan: RenderPlan, flat: FlatScene, slaves: int, team_size: int, ph
     for slave in range(slaves):
         # As master.teams has it: slaves are dealt out to teams one by one.
         team, place, size = slave % teams, slave // teams, len(range(slave % teams, slaves, teams))
-        cells = [cell for cell, holder in enumerate(deal(np.array(plan.burdens), size)) if holder == place]
+        cells = [cell for cell, holder in enumerate(balanced_holders(np.array(plan.burdens), size)) if holder == place]
         triangles, stored, copied = (float(amount[cells].sum()) for amount in (held, own, ghosts))
         own_triangles, own_instances = round(triangles * len(flat.triangles)) + shapes, round(triangles * standing)
         within = stored + copied  # of photons, and of surface points, which lie where photons may

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from wdpm.cluster.master.deal import deal
+from wdpm.cluster.master.cell_holders import balanced_holders
 from wdpm.cluster.plan import partition
 from wdpm.cluster.plan.partition import places_to_cut, rows_of_cells
 from wdpm.cluster.world import TopTree
@@ -138,7 +138,7 @@ def test_a_small_triangle_is_held_by_few_cells() -> None:
 )
 def test_every_worker_gets_a_cell_and_none_too_much(burdens: list[float], workers: int) -> None:
     workers = min(workers, len(burdens))
-    holders = deal(np.array(burdens), workers)
+    holders = balanced_holders(np.array(burdens), workers)
     assert sorted(set(holders)) == list(range(workers))
     assert len(holders) == len(burdens)
     load = np.bincount(holders, burdens, minlength=workers)
@@ -151,12 +151,12 @@ def test_every_worker_gets_a_cell_and_none_too_much(burdens: list[float], worker
 
 @pytest.mark.parametrize(("workers", "heaviest"), [(1, 10.0), (2, 5.0), (3, 4.0), (4, 4.0)])
 def test_heavy_cells_are_dealt_first(workers: int, heaviest: float) -> None:
-    holders = deal(np.array([1.0, 4.0, 1.0, 1.0, 3.0]), workers)
+    holders = balanced_holders(np.array([1.0, 4.0, 1.0, 1.0, 3.0]), workers)
     assert np.bincount(holders, [1.0, 4.0, 1.0, 1.0, 3.0]).max() == heaviest
 
 
 def test_cells_without_any_burden_are_dealt_too() -> None:
-    holders = deal(np.zeros(8), 8)
+    holders = balanced_holders(np.zeros(8), 8)
     assert sorted(holders) == list(range(8))
 
 

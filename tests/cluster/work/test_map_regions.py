@@ -14,7 +14,7 @@ from fake_worker import make_session
 
 import wdpm
 from wdpm.cluster.master.map_regions import LEAST_PLACES, regions_of
-from wdpm.cluster.master.teams import SHARING, lend
+from wdpm.cluster.master.teams import SHARING, all_share_memory
 from wdpm.cluster.render_settings import Indirect, RenderSettings
 from wdpm.cluster.session import Session
 from wdpm.cluster.transport import local_sockets
@@ -108,7 +108,7 @@ def test_who_shares_memory_has_no_use_for_regions(endpoints: list[str], expected
     """One of them builds the whole map for all."""
     assert SHARING == local_sockets.SCHEME
     teams: Any = [SimpleNamespace(members=[SimpleNamespace(hello=SimpleNamespace(peers=peers))]) for peers in endpoints]
-    assert lend(teams) is expected
+    assert all_share_memory(teams) is expected
 
 
 @pytest.mark.parametrize(("workers", "indirect"), [(3, Indirect.CACHE), (5, Indirect.GATHER)])

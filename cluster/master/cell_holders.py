@@ -1,4 +1,4 @@
-"""Who holds what: cells shared out so that no load is heavy."""
+"""Who holds which cell: cells assigned to workers so that the heaviest load is light."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def deal(burdens: NDArray[np.float64], workers: int) -> list[int]:
-    """Hand cells to workers so that the heaviest load is light: heaviest cell first, to whoever has least.
+def balanced_holders(burdens: NDArray[np.float64], workers: int) -> list[int]:
+    """Assign cells to workers, heaviest cell first, each to whoever has least (longest processing time, Graham 1969).
 
     Args:
         burdens: what each cell weighs, shape [cells]; at least as many cells as workers.
