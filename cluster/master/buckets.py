@@ -8,7 +8,7 @@ from wdpm.cluster.master.film import spiral
 from wdpm.cluster.task import BucketTask
 from wdpm.cluster.world import View
 
-Place = tuple[int, int, int, int]
+Rectangle = tuple[int, int, int, int]
 """x0, y0, x1, y1 of a bucket."""
 
 LEAST = 32
@@ -18,41 +18,41 @@ SHARES = 1.5
 """Buckets are divided where each who renders would get fewer of them than this from what is left."""
 
 
-def place_of(task: BucketTask) -> Place:
+def rectangle_of(task: BucketTask) -> Rectangle:
     """Where a bucket lies."""
     return task.x0, task.y0, task.x1, task.y1
 
 
-def buckets(view: View, at_once: int, first_number: int, kept: Collection[Place] = ()) -> list[BucketTask]:
+def buckets(view: View, at_once: int, first_number: int, kept: Collection[Rectangle] = ()) -> list[BucketTask]:
     """The buckets of a view, ring by ring from the centre of the image.
 
     Args:
         at_once: buckets that are rendered at a time; 0 or 1 for none that are divided.
-        kept: places of buckets that are there: an image is divided into those again, as far as they belong to it.
+        kept: rectangles of buckets that are there: an image is divided into those again, as far as they belong to it.
     """
     whole = spiral(view.camera.width, view.camera.height, view.bucket)
-    places: list[Place] = []
+    rectangles: list[Rectangle] = []
     left = view.camera.width * view.camera.height
     for bucket in whole:
         side = view.bucket
         while at_once > 1 and side % 2 == 0 and side // 2 >= LEAST and side * side * at_once * SHARES > left:
             side //= 2
-        places += _pieces(place_of(bucket), view.bucket, side, kept)
+        rectangles += _pieces(rectangle_of(bucket), view.bucket, side, kept)
         left -= (bucket.x1 - bucket.x0) * (bucket.y1 - bucket.y0)
-    return [BucketTask(first_number + index, *place) for index, place in enumerate(places)]
+    return [BucketTask(first_number + index, *rectangle) for index, rectangle in enumerate(rectangles)]
 
 
-def _pieces(place: Place, side: int, wanted: int, kept: Collection[Place]) -> Iterator[Place]:
+def _pieces(rectangle: Rectangle, side: int, wanted: int, kept: Collection[Rectangle]) -> Iterator[Rectangle]:
     """What a bucket of a side is divided into, by halves: pieces of the side that is wanted, and kept ones.
 
     Args:
-        place: of the bucket, which ends where the image does.
+        rectangle: of the bucket, which ends where the image does.
     """
-    divided = side > wanted or any(_holds(place, each) for each in kept)
-    if place in kept or not divided or side % 2:
-        yield place
+    divided = side > wanted or any(_holds(rectangle, each) for each in kept)
+    if rectangle in kept or not divided or side % 2:
+        yield rectangle
         return
-    x0, y0, x1, y1 = place
+    x0, y0, x1, y1 = rectangle
     half = side // 2
     for y in (y0, y0 + half):
         for x in (x0, x0 + half):
@@ -60,6 +60,6 @@ def _pieces(place: Place, side: int, wanted: int, kept: Collection[Place]) -> It
                 yield from _pieces((x, y, min(x + half, x1), min(y + half, y1)), half, wanted, kept)
 
 
-def _holds(place: Place, other: Place) -> bool:
-    """Whether another place lies within one."""
-    return place[0] <= other[0] and place[1] <= other[1] and other[2] <= place[2] and other[3] <= place[3]
+def _holds(outer: Rectangle, inner: Rectangle) -> bool:
+    """Whether a rectangle lies within another."""
+    return outer[0] <= inner[0] and outer[1] <= inner[1] and inner[2] <= outer[2] and inner[3] <= outer[3]

@@ -27,13 +27,13 @@ from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.master.roster import Roster, team_size_of
 from wdpm.cluster.master.statistics import check_statistics, of_nobody
 from wdpm.cluster.master.task_sizes import (
-    at_once,
-    for_records,
-    homes_of_records,
-    in_flight,
+    capacity_of,
+    concurrent_tasks,
+    parallel_record_tasks,
+    parallel_tasks,
     photon_task_size,
-    place_of,
-    worth_cutting_for,
+    record_limits,
+    tasks_in_flight,
 )
 from wdpm.cluster.master.tasks import Tasks, units
 from wdpm.cluster.master.teams import Team, all_share_memory, map_orders
@@ -284,8 +284,8 @@ class Phases:
         return [Started("records", rounds.total), *([Advanced(rounds.kept)] if rounds.kept else [])]
 
     def _make_records(self, rounds: RecordRounds, session: Session) -> None:
-        limits, alike = for_records(session, self._limits), len(self._members) == 1
-        tasks = homes_of_records(session, self._members, len(self.roster.teams), rounds.rays_expected, limits)
+        limits, alike = record_limits(session, self._limits), len(self._members) == 1
+        tasks = parallel_record_tasks(session, self._members, len(self.roster.teams), rounds.rays_expected, limits)
         self._tasks.make_records(rounds, session, tasks, limits, alike=alike)
 
     def _end_round(self, rounds: RecordRounds, session: Session, now: float) -> list[Instruction]:
@@ -303,7 +303,7 @@ class Phases:
 
     def _start_buckets(self, session: Session) -> list[Instruction]:
         self.phase = Phase.BUCKETS
-        parts = worth_cutting_for(session, self._members, len(self.roster.teams))
+        parts = parallel_tasks(session, self._members, len(self.roster.teams))
         kept = self._tasks.render(session, parts)
         begun: list[Instruction] = [Started("render", self._tasks.total + len(kept))]
         begun += [Advanced(len(kept))] if kept else []
@@ -449,16 +449,16 @@ class Phases:
     def _hand_out(self, session: Session, now: float) -> list[Instruction]:
         """Hand out tasks, as far as the slaves' limits allow."""
         photons = self.phase is Phase.PHOTONS
-        limit = in_flight(session, self._limits, photons=photons)
+        limit = tasks_in_flight(session, self._limits, photons=photons)
         if photons:
             teams = [team for team in self.roster.teams if self._traces(team)]
         elif self.phase in (Phase.RECORDS, Phase.BUCKETS):
             teams = self._working()
         else:
             teams = []
-        tasks = at_once(session, self._members, len(self.roster.teams))
-        places = [place_of(session, member, limit, tasks) for team in teams for member in team.members]
-        return self._start_tasks(list(self._tasks.hand_out(places, now)))
+        tasks = concurrent_tasks(session, self._members, len(self.roster.teams))
+        capacities = [capacity_of(session, member, limit, tasks) for team in teams for member in team.members]
+        return self._start_tasks(list(self._tasks.hand_out(capacities, now)))
 
     def _hand_out_alone(self, team: Team) -> list[Instruction]:
         """Hand out tasks of a team's own trace."""

@@ -21,22 +21,22 @@ def processes_of(session: Session, member: Member) -> int:
     return 1 if session.is_divided else member.hello.processes
 
 
-def at_once(session: Session, members: Members, teams: int) -> int:
+def concurrent_tasks(session: Session, members: Members, teams: int) -> int:
     """Tasks that are done at once without waiting for each other."""
     if session.is_divided:
         return teams
     return sum(member.hello.processes for member in members)
 
 
-def in_parallel(session: Session, members: Members, teams: int) -> int:
+def tasks_with_cores(session: Session, members: Members, teams: int) -> int:
     """Tasks of records that are computed at a time: of slaves on a machine whose cores are known, no more than those.
 
     More tasks than that bring nobody anything, and each takes what the interpreter does for a task however small.
     """
-    return max(len(members), teams) if session.is_divided else _at_cores(members)
+    return max(len(members), teams) if session.is_divided else _processes_with_cores(members)
 
 
-def _at_cores(members: Members) -> int:
+def _processes_with_cores(members: Members) -> int:
     """Processes of slaves that have a core each: on a machine whose cores are known, no more than those."""
     processes: Counter[str] = Counter()
     for member in members:
@@ -44,7 +44,7 @@ def _at_cores(members: Members) -> int:
     return sum(min(count, members.cores.get(host, count)) for host, count in processes.items())
 
 
-def homes_of_records(session: Session, members: Members, teams: int, rays: int, limits: ClusterLimits) -> int:
+def parallel_record_tasks(session: Session, members: Members, teams: int, rays: int, limits: ClusterLimits) -> int:
     """Tasks of records that are made at a time.
 
     Where a team has cut the scene all its slaves work at each task, whoever is its home. Each home more is one that
@@ -56,28 +56,28 @@ def homes_of_records(session: Session, members: Members, teams: int, rays: int, 
     Args:
         rays: gather rays that are expected of the round.
     """
-    most = in_parallel(session, members, teams)
-    have_cores = _at_cores(members) == sum(member.hello.processes for member in members)
+    most = tasks_with_cores(session, members, teams)
+    have_cores = _processes_with_cores(members) == sum(member.hello.processes for member in members)
     if not session.is_divided or have_cores:
         return most
     worth = max(1, -(-rays // (teams * limits.record_home_rays)))
     return min(most, teams * worth)
 
 
-def worth_cutting_for(session: Session, members: Members, teams: int) -> int:
+def parallel_tasks(session: Session, members: Members, teams: int) -> int:
     """Tasks of photons and of pixels that are computed at a time without waiting for each other."""
-    return min(at_once(session, members, teams), in_parallel(session, members, teams))
+    return min(concurrent_tasks(session, members, teams), tasks_with_cores(session, members, teams))
 
 
-def in_flight(session: Session, limits: ClusterLimits, *, photons: bool) -> int:
+def tasks_in_flight(session: Session, limits: ClusterLimits, *, photons: bool) -> int:
     """Most tasks that are with a slave, for each that it does at once."""
     if photons:
         return limits.photon_tasks_in_flight
     return limits.shared_in_flight if session.is_divided else limits.buckets_in_flight
 
 
-def for_records(session: Session, limits: ClusterLimits) -> ClusterLimits:
-    """The limits that tasks of records keep: one large task for each home (`homes_of_records`) where the scene is cut.
+def record_limits(session: Session, limits: ClusterLimits) -> ClusterLimits:
+    """The limits that tasks of records keep: one large task for each home where the scene is divided.
 
     All slaves of a team work at each task there, and the fewer there are the larger are the batches that they send.
     """
@@ -85,19 +85,19 @@ def for_records(session: Session, limits: ClusterLimits) -> ClusterLimits:
 
 
 @dataclass(frozen=True)
-class Place:
-    """A slave that may be handed tasks.
+class Capacity:
+    """How many tasks a slave may be handed.
 
     Attributes:
         most: tasks that it may have.
-        here: how many of them it does at once; others wait there until one of these is done.
-        everywhere: tasks that all slaves do at once.
+        at_once: how many of them it does at once; others wait there until one of these is done.
+        all_at_once: tasks that all slaves do at once.
     """
 
     member: Member
     most: int
-    here: int = 1
-    everywhere: int = 1
+    at_once: int = 1
+    all_at_once: int = 1
 
     def takes(self, size: int, at_hand: int, left: int) -> bool:
         """Whether a task of some size may wait at the slave: no slave has more than its share of what is left to do.
@@ -109,24 +109,24 @@ class Place:
             at_hand: size of all tasks that it has.
             left: size of all tasks that are not done, wherever they are.
         """
-        return (at_hand + size) * self.everywhere <= left * self.here
+        return (at_hand + size) * self.all_at_once <= left * self.at_once
 
 
-def place_of(session: Session, member: Member, limit: int, tasks: int) -> Place:
-    """Where tasks of a session may go.
+def capacity_of(session: Session, member: Member, limit: int, tasks: int) -> Capacity:
+    """How many tasks of a session a slave may be handed.
 
     Args:
         limit: tasks for each that the slave does at once.
         tasks: that all slaves do at once.
     """
-    here = processes_of(session, member)
-    return Place(member, limit * here, here, max(tasks, here))
+    at_once = processes_of(session, member)
+    return Capacity(member, limit * at_once, at_once, max(tasks, at_once))
 
 
 def photon_task_size(session: Session, members: Members, teams: int, limits: ClusterLimits) -> int:
     """Photon paths a task: more slaves than their machines have cores get no smaller ones."""
     size = limits.photon_task_paths
-    tasks = worth_cutting_for(session, members, teams)
+    tasks = parallel_tasks(session, members, teams)
     if tasks > 1:
         size = min(size, max(-(-session.world.paths // (TASKS_A_PROCESS * tasks)), PHOTON_TASK_LEAST))
     return size

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 from wdpm.cluster.kept import BucketKept
 from wdpm.cluster.limits import ClusterLimits
-from wdpm.cluster.master.buckets import buckets, place_of
+from wdpm.cluster.master.buckets import buckets, rectangle_of
 from wdpm.cluster.master.film import Film
 from wdpm.cluster.master.homes import ANYWHERE, cell_of_bucket
 from wdpm.cluster.master.members import Member
 from wdpm.cluster.master.records import RecordRounds
-from wdpm.cluster.master.task_sizes import Place
+from wdpm.cluster.master.task_sizes import Capacity
 from wdpm.cluster.master.waiting import Waiting
 from wdpm.cluster.session import Session
 from wdpm.cluster.task import (
@@ -137,14 +137,14 @@ class Tasks:
         """
         view = session.view
         self.film = Film(view.camera.width, view.camera.height, session.layers)
-        there = {place_of(each.task): each for each in session.kept.buckets}
+        there = {rectangle_of(each.task): each for each in session.kept.buckets}
         tasks = buckets(view, at_once, self._next_number, there)
         self._next_number += len(tasks)
-        used = [there[place_of(task)] for task in tasks if place_of(task) in there]
+        used = [there[rectangle_of(task)] for task in tasks if rectangle_of(task) in there]
         for each in used:
             self.film.put(each.task, each.result)
         cells = {task.number: cell_of_bucket(session, task) for task in tasks}
-        self._begin([task for task in tasks if place_of(task) not in there], cells)
+        self._begin([task for task in tasks if rectangle_of(task) not in there], cells)
         return used
 
     def _begin(self, tasks: Sequence[Task], cells: Mapping[int, int] | None = None) -> None:
@@ -159,24 +159,25 @@ class Tasks:
         self._total = len(tasks)
         self._left = sum(map(size_of, tasks))
 
-    def hand_out(self, places: Sequence[Place], now: float) -> Iterator[tuple[Member, Task]]:
+    def hand_out(self, capacities: Sequence[Capacity], now: float) -> Iterator[tuple[Member, Task]]:
         """Tasks, one each in turn, as far as they go."""
-        for depth in range(max((place.most for place in places), default=0)):
-            for place in places:
-                member = place.member
-                if depth >= place.most or len(member.in_flight) != depth:
+        for depth in range(max((capacity.most for capacity in capacities), default=0)):
+            for capacity in capacities:
+                member = capacity.member
+                if depth >= capacity.most or len(member.in_flight) != depth:
                     continue
                 task = self._waiting.next_for(member.cells, idle=not depth)
-                if task is not None and self._goes_to(place, task):
+                if task is not None and self._goes_to(capacity, task):
                     self._waiting.take(task)
                     self._flying[task.number] = _Flying(task, now, {member.number})
                     member.in_flight[task.number] = task
                     yield member, task
 
-    def _goes_to(self, place: Place, task: Task) -> bool:
+    def _goes_to(self, capacity: Capacity, task: Task) -> bool:
         """Whether a task is for this slave: to begin with now, or to wait there."""
-        at_hand = place.member.in_flight
-        return len(at_hand) < place.here or place.takes(size_of(task), sum(map(size_of, at_hand.values())), self._left)
+        at_hand = capacity.member.in_flight
+        size = sum(map(size_of, at_hand.values()))
+        return len(at_hand) < capacity.at_once or capacity.takes(size_of(task), size, self._left)
 
     def hand_out_late(self, idle: Sequence[Member], now: float) -> Iterator[tuple[Member, Task]]:
         """For slaves that have nothing to do: tasks that others take very long for, each to one more slave."""

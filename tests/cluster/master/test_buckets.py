@@ -7,7 +7,7 @@ from fake_worker import make_view
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wdpm.cluster.master.buckets import LEAST, Place, buckets, place_of
+from wdpm.cluster.master.buckets import LEAST, Rectangle, buckets, rectangle_of
 from wdpm.cluster.task import BucketTask
 
 
@@ -41,11 +41,11 @@ def test_every_pixel_is_in_one_bucket(
     tasks = buckets(view, at_once, 5)
     assert (counted(tasks, width, height) == 1).all()
     assert [task.number for task in tasks] == list(range(5, 5 + len(tasks)))
-    others = [place_of(task) for task in buckets(view, before, 0)]
-    kept: list[Place] = [place for place in others if shuffle.random() < 0.5]  # type: ignore[attr-defined]
+    others = [rectangle_of(task) for task in buckets(view, before, 0)]
+    kept: list[Rectangle] = [rectangle for rectangle in others if shuffle.random() < 0.5]  # type: ignore[attr-defined]
     again = buckets(view, at_once, 0, kept)
     assert (counted(again, width, height) == 1).all()
-    assert set(kept) <= {place_of(task) for task in again}
+    assert set(kept) <= {rectangle_of(task) for task in again}
 
 
 def test_the_last_ones_are_small() -> None:
@@ -70,4 +70,4 @@ def test_kept_buckets_that_belong_to_no_division_are_left_out() -> None:
     strange = {(1, 1, 5, 5), (0, 0, 500, 500), (-3, 0, 61, 64)}
     tasks = buckets(make_view(128, 128, 64), 1, 0, strange)
     assert (counted(tasks, 128, 128) == 1).all()
-    assert not strange & {place_of(task) for task in tasks}
+    assert not strange & {rectangle_of(task) for task in tasks}

@@ -15,7 +15,7 @@ from wdpm.cluster.master import events as m
 from wdpm.cluster.master.machine import Phase
 from wdpm.cluster.master.members import Member
 from wdpm.cluster.master.records import RecordRounds
-from wdpm.cluster.master.task_sizes import Place, for_records
+from wdpm.cluster.master.task_sizes import Capacity, record_limits
 from wdpm.cluster.master.tasks import Tasks, size_of
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.messages.protocol import Hello
@@ -75,35 +75,36 @@ def members(count: int) -> list[Member]:
     return [Member(number, bytes([number]), Hello({}, "host", number, 1, 0, "", 1), 0.0) for number in range(count)]
 
 
-def handed(tasks: Tasks, places: Sequence[Place]) -> list[tuple[int, int]]:
+def handed(tasks: Tasks, capacities: Sequence[Capacity]) -> list[tuple[int, int]]:
     """Slaves, and the sizes of what they are handed."""
-    return [(member.number, size_of(task)) for member, task in tasks.hand_out(places, 0.0)]
+    return [(member.number, size_of(task)) for member, task in tasks.hand_out(capacities, 0.0)]
 
 
 def test_the_largest_tasks_go_to_as_many_slaves() -> None:
     """The first that is ready has one of them, not all that it has room for."""
     tasks, (first, second) = tasks_of_sizes(60, 60, 20, 20, 6, 6), members(2)
-    assert handed(tasks, [Place(first, 3, 1, 2)]) == [(0, 60)]
-    assert handed(tasks, [Place(first, 3, 1, 2), Place(second, 3, 1, 2)]) == [(1, 60), (0, 20), (1, 20), (0, 6), (1, 6)]
+    assert handed(tasks, [Capacity(first, 3, 1, 2)]) == [(0, 60)]
+    both = [Capacity(first, 3, 1, 2), Capacity(second, 3, 1, 2)]
+    assert handed(tasks, both) == [(1, 60), (0, 20), (1, 20), (0, 6), (1, 6)]
 
 
 def test_the_last_task_waits_for_whoever_is_done_first() -> None:
     tasks, (first, second) = tasks_of_sizes(5, 5, 5), members(2)
-    places = [Place(first, 3, 1, 2), Place(second, 3, 1, 2)]
-    assert handed(tasks, places) == [(0, 5), (1, 5)]
+    capacities = [Capacity(first, 3, 1, 2), Capacity(second, 3, 1, 2)]
+    assert handed(tasks, capacities) == [(0, 5), (1, 5)]
     assert tasks.take(second, PhotonsTraced(1, 5, 1.0), 1.0) is not None
-    assert handed(tasks, places) == [(1, 5)]
+    assert handed(tasks, capacities) == [(1, 5)]
 
 
 def test_a_lone_place_is_handed_as_many_as_the_limit_says() -> None:
     tasks, (lone,) = tasks_of_sizes(5, 5, 5, 5), members(1)
-    assert handed(tasks, [Place(lone, 3)]) == [(0, 5)] * 3
+    assert handed(tasks, [Capacity(lone, 3)]) == [(0, 5)] * 3
 
 
 def test_a_slave_of_several_processes_has_a_task_for_each() -> None:
     tasks, (wide, narrow) = tasks_of_sizes(5, 5, 5, 5, 2, 2, 2, 2), members(2)
-    assert handed(tasks, [Place(wide, 9, 3, 4)]) == [(0, 5)] * 3 + [(0, 5)]
-    assert handed(tasks, [Place(narrow, 3, 1, 4)]) == [(1, 2), (1, 2), (1, 2)]
+    assert handed(tasks, [Capacity(wide, 9, 3, 4)]) == [(0, 5)] * 3 + [(0, 5)]
+    assert handed(tasks, [Capacity(narrow, 3, 1, 4)]) == [(1, 2), (1, 2), (1, 2)]
 
 
 def test_more_is_in_flight_where_slaves_hold_parts_of_the_scene() -> None:
@@ -114,6 +115,6 @@ def test_more_is_in_flight_where_slaves_hold_parts_of_the_scene() -> None:
 
 def test_slaves_that_cut_a_scene_have_one_large_task_of_records_each() -> None:
     rounds = RecordRounds(replace(make_view(512, 512), cache=CachePlan(1, 2, 16, 50)), NO_RECORDS)
-    cut, whole = (for_records(make_session(2, cells, team_size=cells), ClusterLimits()) for cells in (2, 1))
+    cut, whole = (record_limits(make_session(2, cells, team_size=cells), ClusterLimits()) for cells in (2, 1))
     assert len(rounds.tasks(2, cut, 0)) == 2
     assert len(rounds.tasks(2, whole, 0)) > 4

@@ -13,7 +13,7 @@ from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.homes import ANYWHERE, cell_of_bucket, cells_of_pixels, home_cells
 from wdpm.cluster.master.members import Member
 from wdpm.cluster.master.records import RecordRounds
-from wdpm.cluster.master.task_sizes import Place
+from wdpm.cluster.master.task_sizes import Capacity
 from wdpm.cluster.master.tasks import Tasks, size_of
 from wdpm.cluster.master.waiting import Waiting
 from wdpm.cluster.messages.protocol import Hello
@@ -86,11 +86,11 @@ def test_what_is_given_back_waits_before_others_of_its_cell() -> None:
 def test_slaves_are_handed_the_buckets_that_see_their_cells() -> None:
     session, tasks = session_of(), Tasks()
     tasks.render(session)
-    places = [Place(member(0, 0), 6), Place(member(1, 1), 6)]
-    for given, bucket in tasks.hand_out(places, 0.0):
+    capacities = [Capacity(member(0, 0), 6), Capacity(member(1, 1), 6)]
+    for given, bucket in tasks.hand_out(capacities, 0.0):
         assert isinstance(bucket, BucketTask)
         assert cell_of_bucket(session, bucket) in (given.number, ANYWHERE)
-    assert [len(place.member.in_flight) for place in places] == [6, 6]
+    assert [len(capacity.member.in_flight) for capacity in capacities] == [6, 6]
 
 
 def test_tasks_of_records_see_one_cell_each_and_leave_out_no_candidate() -> None:

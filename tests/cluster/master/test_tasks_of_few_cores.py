@@ -16,9 +16,9 @@ from wdpm.cluster.master.members import Members
 from wdpm.cluster.master.task_sizes import (
     PHOTON_TASK_LEAST,
     TASKS_A_PROCESS,
-    homes_of_records,
-    in_parallel,
+    parallel_record_tasks,
     photon_task_size,
+    tasks_with_cores,
 )
 from wdpm.cluster.messages import protocol as p
 
@@ -47,13 +47,13 @@ def members_of(hosts: dict[str, int], cores: dict[str, int], processes: int = 1)
 )
 def test_no_more_than_cores(hosts: dict[str, int], cores: dict[str, int], processes: int, expected: int) -> None:
     members = members_of(hosts, cores, processes)
-    assert in_parallel(make_session(len(members), 1), members, len(members)) == expected
+    assert tasks_with_cores(make_session(len(members), 1), members, len(members)) == expected
 
 
 def test_a_team_of_several_computes_one_task_together() -> None:
     """However few cores: what one of them waits for, others compute."""
     members = members_of({"here": 4}, {"here": 1})
-    assert in_parallel(make_session(4, 4), members, 1) == 4
+    assert tasks_with_cores(make_session(4, 4), members, 1) == 4
 
 
 @pytest.mark.parametrize(
@@ -75,10 +75,10 @@ def test_rounds_of_few_rays_have_few_homes_where_the_scene_is_cut(
     session, limits = make_session(slaves, cells), ClusterLimits(record_home_rays=RAYS)
     sharing, alone = members_of({"here": slaves}, {"here": 1}), members_of({"here": slaves}, {"here": slaves})
     if cells > 1:
-        assert homes_of_records(session, sharing, teams, rays, limits) == homes
-        assert homes_of_records(session, alone, teams, rays, limits) == slaves, "no core is idle"
+        assert parallel_record_tasks(session, sharing, teams, rays, limits) == homes
+        assert parallel_record_tasks(session, alone, teams, rays, limits) == slaves, "no core is idle"
     else:
-        assert homes_of_records(session, alone, teams, rays, limits) == homes
+        assert parallel_record_tasks(session, alone, teams, rays, limits) == homes
 
 
 @pytest.mark.parametrize(
