@@ -32,7 +32,7 @@ class PeerSaid:
     """`identity` names the connection, not the slave: a PeerHello tells which that is.
 
     Attributes:
-        more: whether another event is told at once, so that no work need begin before it: another message, or Look.
+        more: whether another event is told at once, so that no work need begin before it: another message, or Wake.
     """
 
     identity: bytes
@@ -41,7 +41,7 @@ class PeerSaid:
 
 
 @dataclass(frozen=True)
-class Look:
+class Wake:
     """Nothing more is at hand, or time has passed: work may begin."""
 
 
@@ -112,7 +112,7 @@ class Leave:
 Event = (
     Start
     | Tick
-    | Look
+    | Wake
     | MasterSaid
     | PeerSaid
     | PeerAnswered

@@ -17,7 +17,7 @@ from wdpm.cluster.batch import OF_MAPS, Batch
 from wdpm.cluster.queues import Queues
 from wdpm.cluster.slave import jobs
 from wdpm.cluster.slave.jobs import Job
-from wdpm.cluster.slave.map_material import MapMaterial
+from wdpm.cluster.slave.map_inputs import MapInputs
 
 ROWS_A_TURN: Final = 1 << 14
 """Rows of the batches that are handled in one turn, unless the first has more."""
@@ -37,7 +37,7 @@ TURNS_HELD: Final = 2.0
 cores, what is on its way to this one comes that much later, and what waits leaves the cores to those that have more
 to do. Where each has a core of its own, all would wait for what is held."""
 
-_LOOKS_BACK: Final = 8
+_AVERAGED_TURNS: Final = 8
 """Turns over which that is averaged, about."""
 
 
@@ -50,7 +50,7 @@ class JobQueue:
 
     def __init__(self, hold_s: float) -> None:
         self.orders: deque[Job] = deque()
-        self.material = MapMaterial()
+        self.map_inputs = MapInputs()
         self.tasks: deque[jobs.StartTask] = deque()
         self._batches = Queues()
         self._hold_s = hold_s
@@ -64,7 +64,7 @@ class JobQueue:
             waited_s: of the time from when it was handed out until its outcome was here, how long nobody computed [s].
         """
         if isinstance(job, jobs.HandleBatches) and sum(map(len, job.batches)) < FEW_ROWS:
-            self._waited_s += (waited_s - self._waited_s) / _LOOKS_BACK
+            self._waited_s += (waited_s - self._waited_s) / _AVERAGED_TURNS
 
     @property
     def _hold(self) -> float:
@@ -74,20 +74,20 @@ class JobQueue:
     def add(self, batch: Batch) -> None:
         """Let a batch wait."""
         if batch.kind in OF_MAPS:
-            self.material.add(batch)
+            self.map_inputs.add(batch)
         else:
             self._batches.add(batch)
 
     def clear(self) -> None:
         """Nothing is to be done any more."""
         self.orders.clear()
-        self.material = MapMaterial()
+        self.map_inputs = MapInputs()
         self.tasks.clear()
         self._batches = Queues()
         self._held_since = None
 
     @property
-    def look_at(self) -> float | None:
+    def wake_at(self) -> float | None:
         """When few rows will have waited for long enough; None if none wait."""
         return None if self._held_since is None else self._held_since + self._hold
 
@@ -100,8 +100,8 @@ class JobQueue:
         held, self._held_since = self._held_since, None
         if self.orders:
             return self.orders.popleft()
-        if self.material:
-            return jobs.HandleBatches((self.material.pop(),))
+        if self.map_inputs:
+            return jobs.HandleBatches((self.map_inputs.pop(),))
         few = self._batches.rows < FEW_ROWS and self._hold_s > 0.0
         if self._batches and not few:
             return jobs.HandleBatches(self._batches.take(ROWS_A_TURN))

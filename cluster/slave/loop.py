@@ -112,8 +112,8 @@ class SlaveShell:
 
     def sleep_s(self) -> float:
         """How long it may sleep now, if nothing comes [s]."""
-        look_at = self.state.look_at
-        return self.turn_s if look_at is None else min(self.turn_s, max(0.0, look_at - self._clock()))
+        wake_at = self.state.wake_at
+        return self.turn_s if wake_at is None else min(self.turn_s, max(0.0, wake_at - self._clock()))
 
     def rest_s(self, came: bool) -> float:
         """How long messages may lie where they are, though there be some, since none is wanted before that [s].
@@ -124,15 +124,15 @@ class SlaveShell:
         Args:
             came: whether messages of peers have come in this turn.
         """
-        if self.state.look_at is not None:
-            return max(0.0, self.state.look_at - self._clock())
+        if self.state.wake_at is not None:
+            return max(0.0, self.state.wake_at - self._clock())
         return HOLD_S if came and self.state.computes else 0.0
 
-    def look(self) -> None:
-        """Tell the state machine the time, if it waits for that."""
-        look_at = self.state.look_at
-        if look_at is not None and self._clock() >= look_at:
-            self.handle(s.Look())
+    def wake(self) -> None:
+        """Wake the state machine, if it waits for this time."""
+        wake_at = self.state.wake_at
+        if wake_at is not None and self._clock() >= wake_at:
+            self.handle(s.Wake())
 
     def handle(self, event: s.Event) -> None:
         """Tell the state machine, and do what it says."""
@@ -181,7 +181,7 @@ class SlaveShell:
             else:
                 self.handle(s.PeerSaid(identity, message, more=True))
         if came:
-            self.handle(s.Look())
+            self.handle(s.Wake())
         return came
 
     def _next_of_peers(self) -> tuple[bytes, Received] | None:
@@ -315,7 +315,7 @@ class SlaveLoop:
                 shell.handle(event)
             came = shell.receive()
             shell.find_broken_connections()
-            shell.look()
+            shell.wake()
             now = time.monotonic()
             if now - ticked >= shell.turn_s:
                 ticked = now

@@ -28,7 +28,6 @@ from wdpm.cluster.slave.events import (
     Exit,
     Instruction,
     Leave,
-    Look,
     MasterLost,
     MasterReached,
     MasterRefused,
@@ -44,6 +43,7 @@ from wdpm.cluster.slave.events import (
     ToMaster,
     ToPeer,
     Unreadable,
+    Wake,
 )
 from wdpm.cluster.slave.job_queue import JobQueue
 from wdpm.cluster.slave.jobs import Job, Outcome
@@ -119,9 +119,9 @@ class Slave:
         return bool(self._running)
 
     @property
-    def look_at(self) -> float | None:
-        """When it wants to be told the time, by Look, since something waits till then; None if nothing does."""
-        return self._work.look_at
+    def wake_at(self) -> float | None:
+        """When it wants an event Wake, since something waits until then; None if nothing does."""
+        return self._work.wake_at
 
     def handle(self, event: Event, now: float) -> list[Instruction]:
         """What to do about an event.
@@ -154,7 +154,7 @@ class Slave:
                 return self._computed(outcome)
             case Tick():
                 return self._tick(now)
-            case Look():
+            case Wake():
                 return []  # what is held may begin
             case Start():
                 self._attempts.begin(now)
@@ -362,7 +362,7 @@ class Slave:
         for copy in order.copies:
             if not (copy.cell < len(self._setup.holders) and self._setup.holders[copy.cell] == self.number):
                 raise ProtocolError(f"BuildMaps asks for copies of cell {copy.cell}, which is not held here")
-        self._work.orders += self._work.material.ordered(order)
+        self._work.orders += self._work.map_inputs.ordered(order)
         others = {copy.slave: copy.endpoint for copy in order.copies}
         return self._connect({**self._peers.endpoints, **others}, self._welcome, now) if others else []
 
@@ -448,7 +448,7 @@ class Slave:
         if epoch != self._epoch:
             return self._drop("outcome of another epoch")  # a Setup came while the worker was busy
         if isinstance(job, jobs.SendCopies | jobs.SortTrees | jobs.BuildMaps):
-            self._work.orders += self._work.material.sent(job, len(outcome.batches))
+            self._work.orders += self._work.map_inputs.sent(job, len(outcome.batches))
             return [
                 ToPeer(copy.slave, protocol.PeerBatches(copy.epoch, (batch,)))
                 for copy, batch in zip(job.copies if outcome.batches else (), outcome.batches, strict=True)
@@ -493,7 +493,7 @@ class Slave:
                 values = {**(outcome.statistics or {}), "dropped": self.dropped}
                 return [ToMaster(protocol.Statistics(self._epoch, values))]
             case jobs.ExchangeGhosts():
-                self._work.orders += self._work.material.exchanged(outcome.ghosts_expected)
+                self._work.orders += self._work.map_inputs.exchanged(outcome.ghosts_expected)
             case jobs.HandleBatches(batches) if batches[0].kind in OF_MAPS:
-                self._work.orders += self._work.material.handled(batches[0])
+                self._work.orders += self._work.map_inputs.handled(batches[0])
         return []

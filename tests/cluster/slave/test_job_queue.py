@@ -40,13 +40,13 @@ def rows_of(job: jobs.Job | None) -> list[int]:
 
 def test_few_rows_wait_for_more_but_not_for_ever() -> None:
     work = at_hand(rays())
-    assert work.look_at is None
+    assert work.wake_at is None
     assert work.next_job(10.0) is None
-    assert work.look_at == 10.0 + HOLD_S
+    assert work.wake_at == 10.0 + HOLD_S
     work.add(rays())
     assert work.next_job(10.0 + HOLD_S / 2) is None
     assert rows_of(work.next_job(10.0 + HOLD_S)) == [2]
-    assert work.look_at is None
+    assert work.wake_at is None
     work.add(rays())
     assert work.next_job(20.0) is None, "the next ones wait anew"
 
@@ -60,7 +60,7 @@ def test_a_new_task_is_begun_before_few_rows_but_not_before_many() -> None:
     work = at_hand(rays())
     work.tasks.append(TASK)
     assert work.next_job(10.0) is TASK
-    assert work.look_at is None
+    assert work.wake_at is None
     work.tasks.append(TASK)
     work.add(rays(FEW_ROWS))
     assert rows_of(work.next_job(10.0)) == [FEW_ROWS + 1]
@@ -76,14 +76,14 @@ def test_orders_and_what_maps_are_built_of_wait_for_nothing() -> None:
     assert rows_of(work.next_job(10.0)) == [2], "they are counted, so they are handled one by one"
     assert rows_of(work.next_job(10.0)) == [3]
     assert work.next_job(10.0) is None
-    assert work.look_at == 10.0 + HOLD_S
+    assert work.wake_at == 10.0 + HOLD_S
 
 
 def test_what_is_held_is_forgotten_with_all_else() -> None:
     work = at_hand(rays())
     assert work.next_job(10.0) is None
     work.clear()
-    assert work.look_at is None
+    assert work.wake_at is None
     assert work.next_job(11.0) is None
 
 
@@ -129,14 +129,14 @@ def test_what_goes_to_a_peer_goes_as_one_message() -> None:
 
 def test_few_rows_wait_until_the_shell_tells_the_time() -> None:
     driver = Driver(hold_s=HOLD_S).ready()
-    assert driver.slave.look_at is None
+    assert driver.slave.wake_at is None
     assert driver.peer(p.PeerBatches(EPOCH, (batch(Kind.PHOTON),))) == []
-    assert driver.slave.look_at == driver.now + HOLD_S
-    assert driver(s.Look()) == []
+    assert driver.slave.wake_at == driver.now + HOLD_S
+    assert driver(s.Wake()) == []
     driver.now += HOLD_S
-    [job] = jobs_of(driver(s.Look()))
+    [job] = jobs_of(driver(s.Wake()))
     assert isinstance(job, jobs.HandleBatches)
-    assert driver.slave.look_at is None
+    assert driver.slave.wake_at is None
 
 
 def test_few_rows_wait_longer_where_turns_wait_for_cores() -> None:
@@ -145,17 +145,17 @@ def test_few_rows_wait_longer_where_turns_wait_for_cores() -> None:
         work.ended(jobs.HandleBatches((rays(),)), HOLD_S)
         work.ended(jobs.HandleBatches((rays(FEW_ROWS),)), 100 * HOLD_S)  # many rows may be computed by several threads
     assert work.next_job(10.0) is None
-    assert work.look_at == 10.0 + HOLD_S, "no longer than that, however few cores there are"
+    assert work.wake_at == 10.0 + HOLD_S, "no longer than that, however few cores there are"
     quick = at_hand(rays(), hold_s=0.001)
     assert quick.next_job(10.0) is None
-    assert quick.look_at == 10.0 + 0.001, "no less than what is asked for"
+    assert quick.wake_at == 10.0 + 0.001, "no less than what is asked for"
     for _ in range(100):
         quick.ended(jobs.HandleBatches((rays(),)), 0.005)
-    assert quick.look_at is not None
-    assert quick.look_at - 10.0 == pytest.approx(0.005 * TURNS_HELD, rel=1e-3)
+    assert quick.wake_at is not None
+    assert quick.wake_at - 10.0 == pytest.approx(0.005 * TURNS_HELD, rel=1e-3)
     for _ in range(100):
         quick.ended(jobs.HandleBatches((rays(),)), 1.0)
-    assert quick.look_at == 10.0 + MOST_HOLD_S
+    assert quick.wake_at == 10.0 + MOST_HOLD_S
 
 
 def test_who_does_not_hold_waits_for_no_core() -> None:

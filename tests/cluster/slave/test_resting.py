@@ -31,7 +31,7 @@ def test_messages_lie_while_none_is_wanted() -> None:
     assert shell.rest_s(came=True) == HOLD_S, "few rows wait for more"
     driver.now += HOLD_S
     assert shell.rest_s(came=True) == 0.0
-    [job] = jobs_of(driver(s.Look()))
+    [job] = jobs_of(driver(s.Wake()))
     assert shell.rest_s(came=True) == HOLD_S, "the worker computes"
     assert shell.rest_s(came=False) == 0.0, "the next message wakes the loop, if the one before is long ago"
     driver.computed(job)

@@ -75,7 +75,7 @@ class Process:
 
     Attributes:
         take_in: has it take in what has arrived.
-        look, look_at: has it look at the time, and when it wants to, if it does.
+        wake, wake_at: wakes it, and when it wants to be woken, if it does.
     """
 
     machine: Machine
@@ -83,8 +83,8 @@ class Process:
     carrier: Thread
     compute: Thread
     take_in: Callable[[], object] = lambda: None
-    look: Callable[[], None] = lambda: None
-    look_at: Callable[[], float | None] = lambda: None
+    wake: Callable[[], None] = lambda: None
+    wake_at: Callable[[], float | None] = lambda: None
     arrived: list[list[Frame]] = field(default_factory=list)
     awake: bool = False
 
@@ -140,8 +140,8 @@ class SimulatedCluster:
             self._submit(number, process, shell, compute, job)
 
         shell = SlaveShell(state, network, listener, MASTER, submit, tell=lambda _: None, clock=lambda: self.clock.now)
-        process.take_in, process.look = shell.receive, shell.look
-        process.look_at = lambda: state.look_at
+        process.take_in, process.wake = shell.receive, shell.wake
+        process.wake_at = lambda: state.wake_at
         self._slaves.append((process, shell))
         self._have(process, lambda: shell.handle(s.Start()))
 
@@ -202,14 +202,14 @@ class SimulatedCluster:
         self._send(process, leaving)
         for begin in decided:
             begin()
-        look_at = process.look_at()
-        if look_at is not None:
-            self.clock.after(look_at - self.clock.now, lambda: self._look(process, look_at))
+        wake_at = process.wake_at()
+        if wake_at is not None:
+            self.clock.after(wake_at - self.clock.now, lambda: self._wake(process, wake_at))
 
-    def _look(self, process: Process, at: float) -> None:
-        """Have a process look at the time, unless it waits for nothing any more, or for another one."""
-        if process.look_at() == at:
-            self._have(process, process.look)
+    def _wake(self, process: Process, at: float) -> None:
+        """Wake a process, unless it waits for nothing any more, or for another one."""
+        if process.wake_at() == at:
+            self._have(process, process.wake)
 
     def _send(self, process: Process, leaving: Sequence[Post]) -> None:
         for post in leaving:

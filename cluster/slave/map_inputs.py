@@ -1,4 +1,4 @@
-"""What photon maps are built of, as it comes from other slaves: counted by batches, so that nothing is missing.
+"""Inputs of photon maps that other slaves send, counted by batches, so that none is missing when maps are built.
 
 First come photons from slaves of other teams that hold the same cells, then ghosts from slaves of the same team, which
 may be of photons that were copied. Then come parts of the trees of both, where teams share the sorting. Last comes the
@@ -24,7 +24,7 @@ PHOTONS, GHOST, ORDER, IRRADIANCE = (
 _COPIED = {Kind.COPIED_PHOTONS: PHOTONS, Kind.COPIED_ORDER: ORDER, Kind.COPIED_IRRADIANCE: IRRADIANCE}
 
 
-class MapMaterial:
+class MapInputs:
     """Batches that wait to be taken in, and how many more are due before the next step.
 
     Batches may come before the order to build maps, since others may have had theirs earlier.
