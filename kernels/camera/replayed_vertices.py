@@ -1,4 +1,4 @@
-"""What vertices of camera paths meet, told in full: for replays of single samples, not for renders.
+"""What vertices of camera paths meet, written out in full: for replays of single samples, not for renders.
 
 Everything is found by the functions and the random numbers of shading.py, so it is what a render finds, too.
 """
@@ -24,14 +24,14 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @functools.cache
-def make_look(features: Features) -> wp.Kernel:
-    """The kernel `look_at_vertices` for a set of features."""
+def make_replay_vertices(features: Features) -> wp.Kernel:
+    """The kernel `replay_vertices` for a set of features."""
     surface_at = make_surface(features).surface_at
     sample_direct = make_lights(features).sample_direct
     flight_of = make_flight_of(features)
 
     @made_for(features)
-    def look_at_vertices(
+    def replay_vertices(
         scene: Scene,
         paths: Paths,
         orders: Orders,
@@ -74,4 +74,4 @@ def make_look(features: Features) -> wp.Kernel:
                     light = found.light
             light_out[i * orders.shots + j] = light
 
-    return look_at_vertices
+    return replay_vertices

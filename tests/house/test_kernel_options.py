@@ -16,7 +16,7 @@ import pytest
 import warp as wp
 
 import wdpm
-from wdpm.kernels.camera.replayed_vertices import make_look
+from wdpm.kernels.camera.replayed_vertices import make_replay_vertices
 from wdpm.kernels.features import ALL, Features
 from wdpm.kernels.variants import Variants, make_variants
 
@@ -24,7 +24,7 @@ FOLDER = Path(wdpm.__path__[0]) / "kernels"
 SOURCES = {".".join(path.relative_to(FOLDER).with_suffix("").parts): path for path in sorted(FOLDER.rglob("*.py"))}
 FILES = [name for name, path in SOURCES.items() if "@wp." in path.read_text()]
 
-FOR_REPLAYS = {"look_at_vertices": make_look}
+FOR_REPLAYS = {"replay_vertices": make_replay_vertices}
 """Kernels that no render needs, and the factories that make them."""
 
 KERNEL = re.compile(r"^( *)@wp\.kernel(.*)$", re.MULTILINE)

@@ -15,7 +15,7 @@ from wdpm.cluster.work.misses import start_paths
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
-from wdpm.kernels.camera.replayed_vertices import make_look
+from wdpm.kernels.camera.replayed_vertices import make_replay_vertices
 from wdpm.kernels.materials.medium import DistanceSample
 from wdpm.kernels.materials.surface import Surface
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
@@ -92,7 +92,7 @@ class Recorder:
         flight = wp.empty(1, dtype=DistanceSample, device=device)
         light = wp.empty(count, dtype=wp.int32, device=device)
         replica.launcher(
-            make_look(replica.world.features),
+            make_replay_vertices(replica.world.features),
             1,
             scene=scene,
             paths=arriving,
