@@ -419,14 +419,14 @@ def _try_both(
         half["beauty"] + indirect for half in photon_halves.layers
     ]
     truth = box_blurred(np.mean(images, axis=0))
-    dark = relmse_epsilon(truth)
-    weight = 1.0 / (truth**2 + dark)
+    epsilon = relmse_epsilon(truth)
+    weight = 1.0 / (truth**2 + epsilon)
     by_photons, by_path = photon_halves.figures(weight), path_halves.figures(weight)
     ways = [by_path]
     if paths.light_samples is None and by_photons.light_samples > by_path.light_samples:
         ways.append(_with_more_shadow_rays(by_path, by_photons))
-    caustics = caustics_by_paths(pilot, flat, places, truth, CHOICE_SAMPLES, dark)
-    of_global, of_caustics = _map_errors(flat, pilot, photons, places, truth, dark)
+    caustics = caustics_by_paths(pilot, flat, places, truth, CHOICE_SAMPLES, epsilon)
+    of_global, of_caustics = _map_errors(flat, pilot, photons, places, truth, epsilon)
     if of_global is not None:
         of_global = of_global.of_light(by_path.indirect)
     noises = (
@@ -438,14 +438,14 @@ def _try_both(
 
 
 def _map_errors(
-    flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, places: SeenPlaces, truth: Values, dark: float
+    flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, places: SeenPlaces, truth: Values, epsilon: float
 ) -> tuple[MapError | None, MapError | None]:
     """What gathers of the global and the caustic map get wrong, at some of the places that a trial has seen.
 
     Args:
         places: that an image of CHOICE_SAMPLES samples a pixel has seen.
         truth: that image, or about so, shape [height, width, 3]. Paths hardly ever find what caustics it has.
-        dark: added to squared radiance, as in relMSE.
+        epsilon: added to squared radiance, as in relMSE.
     """
     pixel = places.all("pixel")
     if not len(pixel):
@@ -461,7 +461,7 @@ def _map_errors(
     )
     # Paths may not have found what photons tell: what a map shows is no more than all light.
     factor, among_caustics = (
-        reflected * math.sqrt(of_sample) / np.sqrt(light**2 + dark)
+        reflected * math.sqrt(of_sample) / np.sqrt(light**2 + epsilon)
         for light in (np.maximum(radiance, of_global), radiance + of_caustics)
     )
     area, plans = _pixel_areas(flat.camera, position, normal), map_plans(pilot, photons, flat)

@@ -93,14 +93,14 @@ class SeenPlaces:
 
 
 def caustics_by_paths(
-    pilot: PhotonPilot, flat: FlatScene, places: SeenPlaces, truth: Values, samples: int, dark: float
+    pilot: PhotonPilot, flat: FlatScene, places: SeenPlaces, truth: Values, samples: int, epsilon: float
 ) -> PathCaustics:
     """What caustics cost path tracing.
 
     Args:
         places: that an image of `samples` samples a pixel has seen.
         truth: that image, or about so, shape [height, width, 3].
-        dark: added to squared radiance, as in relMSE.
+        epsilon: added to squared radiance, as in relMSE.
     """
     smooth = None if not len(pilot.photons[CAUSTIC_MAP]["id"]) else _smooth_alone(flat.materials)
     if smooth is None or not len(places.all("pixel")):
@@ -126,7 +126,7 @@ def caustics_by_paths(
     radiance = np.maximum(truth.mean(axis=2).reshape(-1), found + hidden)
     second = by_pixel(np.pi * weight**2 * irradiance(np.where(sized, bright, 0.0)))
     return PathCaustics(
-        float((second / (radiance**2 + dark)).mean()),
+        float((second / (radiance**2 + epsilon)).mean()),
         float(hidden.sum() / radiance.sum()) if radiance.any() else 0.0,
     )
 
