@@ -24,11 +24,12 @@ from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide
 from wdpm.cluster.plan.map_plans import IRRADIANCE_SHARE, MapPlans, map_plans, with_fewer_paths
 from wdpm.cluster.plan.map_worth import MapError, best_shares, fewer_shares, irradiance_by, map_error
-from wdpm.cluster.plan.path_caustics import PathCaustics, SeenPlaces, caustics_by_paths
+from wdpm.cluster.plan.path_caustics import PathCaustics, caustics_by_paths
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
 from wdpm.cluster.plan.small_view import (
     Figures,
     Halves,
+    SeenPlaces,
     Values,
     box_blurred,
     relmse_epsilon,

@@ -13,7 +13,6 @@ find the lamp, and trials see what comes of it: E is that of photons in the same
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,7 +22,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.batch import Arrays
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, caustic_photons_among
 from wdpm.cluster.plan.pilot_gathers import AmongPhotons
-from wdpm.kernels import columns
+from wdpm.cluster.plan.small_view import SeenPlaces
 from wdpm.kernels.constants import INV_PI
 from wdpm.kernels.materials.types import DIFFUSE
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP
@@ -52,44 +51,6 @@ GREY = 0.5
 """Photons are stored on it; what it reflects of them is no caustic any more."""
 
 NO_CAUSTICS = PathCaustics(0.0, 0.0)
-
-
-class SeenPlaces:
-    """Looks over a worker's shoulder, and keeps where camera paths ask for photons, and for which pixel.
-
-    Attributes:
-        lambertian: the share of these places at which nothing but a diffuse part reflects; 1 of none.
-    """
-
-    def __init__(self) -> None:
-        none: dict[str, NDArray[Any]]  # where the camera sees nothing but sky, nobody asks
-        none = {name: np.zeros((0, 3), np.float32) for name in ("position", "normal", "weight")}
-        none |= {"plain": np.zeros(0, np.bool_), "pixel": np.zeros(0, np.int32)}
-        self._found: list[Mapping[str, NDArray[Any]]] = [none]
-
-    @property
-    def lambertian(self) -> float:
-        plain = np.concatenate([found["plain"] for found in self._found])
-        return float(plain.mean()) if len(plain) else 1.0
-
-    def shaded(self, scene: Any, orders: Any, rays: Any, shaded: Any) -> None:  # noqa: ARG002
-        queries = shaded.queries
-        asks = queries.weight.numpy().max(axis=1) > 0
-        found: dict[str, NDArray[Any]]
-        found = {name: getattr(queries, name).numpy()[asks] for name in ("position", "normal", "weight")}
-        found["plain"] = np.ones(len(found["weight"]), np.bool_)
-        if columns.are_there(shaded.coats):
-            kind, color = (columns.member(shaded.coats, "bsdf", name)[asks] for name in ("kind", "color"))
-            found["plain"] = kind == int(DIFFUSE)
-            found["weight"] = np.where(found["plain"][:, None], found["weight"], found["weight"] * color)
-        self._found.append(found | {"pixel": rays.pixel.numpy()[asks]})
-
-    def gathered(self, number: int, queries: Any, count: Any, radius: Any, truncated: Any) -> None:
-        """There is no map to ask."""
-
-    def all(self, name: str) -> NDArray[Any]:
-        """Of all places: position, normal and weight, shape [places, 3], or the number of the pixel, shape [places]."""
-        return np.concatenate([found[name] for found in self._found])
 
 
 def caustics_by_paths(

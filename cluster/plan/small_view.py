@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,8 @@ from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.task import BucketRendered, BucketTask
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import IrradiancePlan, MapPlan, View
+from wdpm.kernels import columns
+from wdpm.kernels.materials.types import DIFFUSE
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.model.scene import Camera, PixelFilter
 
@@ -66,6 +69,44 @@ def small_camera(camera: Camera, pixels: int) -> Camera:
         size[1],
     )
     return replace(camera, width=size[0], height=size[1], crop=crop, full_size=full, filter=PixelFilter())
+
+
+class SeenPlaces:
+    """An observer of a worker (cluster.work.replica.Observer) that keeps where camera paths ask for photons.
+
+    Attributes:
+        lambertian: the share of these places at which nothing but a diffuse part reflects; 1 of none.
+    """
+
+    def __init__(self) -> None:
+        none: dict[str, NDArray[Any]]  # where the camera sees nothing but sky, nobody asks
+        none = {name: np.zeros((0, 3), np.float32) for name in ("position", "normal", "weight")}
+        none |= {"plain": np.zeros(0, np.bool_), "pixel": np.zeros(0, np.int32)}
+        self._found: list[Mapping[str, NDArray[Any]]] = [none]
+
+    @property
+    def lambertian(self) -> float:
+        plain = np.concatenate([found["plain"] for found in self._found])
+        return float(plain.mean()) if len(plain) else 1.0
+
+    def shaded(self, scene: Any, orders: Any, rays: Any, shaded: Any) -> None:  # noqa: ARG002
+        queries = shaded.queries
+        asks = queries.weight.numpy().max(axis=1) > 0
+        found: dict[str, NDArray[Any]]
+        found = {name: getattr(queries, name).numpy()[asks] for name in ("position", "normal", "weight")}
+        found["plain"] = np.ones(len(found["weight"]), np.bool_)
+        if columns.are_there(shaded.coats):
+            kind, color = (columns.member(shaded.coats, "bsdf", name)[asks] for name in ("kind", "color"))
+            found["plain"] = kind == int(DIFFUSE)
+            found["weight"] = np.where(found["plain"][:, None], found["weight"], found["weight"] * color)
+        self._found.append(found | {"pixel": rays.pixel.numpy()[asks]})
+
+    def gathered(self, number: int, queries: Any, count: Any, radius: Any, truncated: Any) -> None:
+        """Nothing: trials have no maps that could be asked."""
+
+    def all(self, name: str) -> NDArray[Any]:
+        """Of all places: position, normal and weight, shape [places, 3], or the number of the pixel, shape [places]."""
+        return np.concatenate([found[name] for found in self._found])
 
 
 @dataclass(frozen=True)
