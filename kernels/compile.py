@@ -25,7 +25,15 @@ from wdpm.kernels.irradiance import (
 )
 from wdpm.kernels.lights import pieces
 from wdpm.kernels.module_hashes import hashes
-from wdpm.kernels.photons import departure, gather, gather_at_photons, kd_order, neighbours, photon_map, surface_points
+from wdpm.kernels.photons import (
+    emit_photons,
+    gather,
+    gather_at_photons,
+    kd_order,
+    neighbours,
+    photon_map,
+    surface_points,
+)
 from wdpm.kernels.rays import bvh, bvh_build, instance_areas, overlap
 from wdpm.kernels.stand_ins import Chosen, compiled_kernels, own_kernels, stand_ins
 from wdpm.kernels.variants import make_variants
@@ -46,7 +54,7 @@ COMMON = (
     overlap,
     kd_order,
     photon_map,
-    departure,
+    emit_photons,
     record_agreement,
     record_clamp,
     record_rays,

@@ -14,7 +14,7 @@ from wdpm.kernels.camera.shading import make_shading
 from wdpm.kernels.camera.shadow_rays import make_pass_surfaces, make_visit_shadow_segments, make_visit_walks
 from wdpm.kernels.features import Features, Group
 from wdpm.kernels.photons.beam import make_add_beams
-from wdpm.kernels.photons.departure import make_emit_photons
+from wdpm.kernels.photons.emit_photons import make_emit_photons
 from wdpm.kernels.photons.paths import make_trace_photons
 
 

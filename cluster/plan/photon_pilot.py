@@ -17,7 +17,7 @@ from wdpm.cluster.plan.pilot_gathers import AmongPhotons
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.task import PhotonTask
 from wdpm.cluster.work.cell import Cell
-from wdpm.cluster.work.photon_home import set_out
+from wdpm.cluster.work.photon_home import emitted_photons
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import MapPlan, TopTree, World
 from wdpm.kernels.features import Features
@@ -230,7 +230,7 @@ def _flown_in(world: World, pilot: PhotonPilot) -> tuple[list[Arrays], NDArray[n
 
 def _light_of_path(worker: CellWorker, world: World) -> NDArray[np.int32]:
     """Which light each path comes from, in the world that the worker has."""
-    light: NDArray[np.int32] = set_out(worker.replica, 0, world.paths).light.numpy()
+    light: NDArray[np.int32] = emitted_photons(worker.replica, 0, world.paths).light.numpy()
     return light
 
 

@@ -12,12 +12,12 @@ from wdpm.cluster.batch import SCHEMAS, Batch, Kind, by_destination, take
 from wdpm.cluster.task import PhotonsTraced, PhotonTask
 from wdpm.cluster.work.replica import Replica
 from wdpm.kernels import columns
-from wdpm.kernels.photons.departure import EmitOrders, first_cells
+from wdpm.kernels.photons.emit_photons import EmitOrders, first_cells
 from wdpm.kernels.photons.flight import Flight
 from wdpm.scenes.errors import ProtocolError
 
 
-def set_out(replica: Replica, start: int, stop: int) -> Any:
+def emitted_photons(replica: Replica, start: int, stop: int) -> Any:
     """The photon paths start to stop - 1 as they leave the lights: kernels.photons.flight.Flight."""
     world, count = replica.world, stop - start
     flight = columns.empty(Flight, count, replica.launcher.device)
@@ -41,7 +41,7 @@ class PhotonHome:
     def begin(self) -> Iterator[Batch]:
         """The photons as they leave the lights, by the first cell on their way."""
         replica, world = self._replica, self._replica.world
-        flight = set_out(replica, self.task.start, self.task.stop)
+        flight = emitted_photons(replica, self.task.start, self.task.stop)
         count = self.task.stop - self.task.start
         first = wp.empty(count, dtype=wp.int32, device=replica.launcher.device)
         replica.launcher(first_cells, count, cells=replica.cells, flight=flight, next_cell_out=first)

@@ -27,7 +27,7 @@ from wdpm.kernels.launch import Launcher
 from wdpm.kernels.lights import environment, guide, lights, steering
 from wdpm.kernels.materials import medium, resolve, texture
 from wdpm.kernels.materials.texture import Textures
-from wdpm.kernels.photons.departure import EmitScene
+from wdpm.kernels.photons.emit_photons import EmitScene
 from wdpm.kernels.rays import cells
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.variants import Variants

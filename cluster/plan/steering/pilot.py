@@ -24,8 +24,8 @@ from wdpm.cluster.plan.pilot_gathers import PILOT_K, AmongPhotons
 from wdpm.cluster.plan.steering.tree import Array, Known
 from wdpm.cluster.world import NO_STEERING, START_NUMBERS, Emission, View, World
 from wdpm.kernels.lights import steering
-from wdpm.kernels.photons.departure import numbers_of_paths
 from wdpm.kernels.photons.deposits import GLOBAL_MAP
+from wdpm.kernels.photons.emit_photons import numbers_of_paths
 from wdpm.kernels.photons.flight import BOUNCE_BITS
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.used_media import calls_for_media

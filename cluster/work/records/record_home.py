@@ -172,7 +172,7 @@ class RecordHome:
         """Start a wave of rays."""
         self._rays += len(rays)
         self._wave = RecordWave(self._replica, self._view, self._site, self._numbers(), self._strata, rays)
-        going = list(self._wave.set_out())
+        going = list(self._wave.start())
         self._credit = sum(credit for _, credit, _ in going)
         for cell, credit, sent in going:
             yield self._batch(Kind.PATH, cell, credit, sent)

@@ -1,4 +1,4 @@
-"""Gather rays of some records that are under way at once: how they set out, and what comes back."""
+"""Gather rays of some records that are under way at once: how they start, and what comes back."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class RecordWave:
     def __len__(self) -> int:
         return len(self._rays)
 
-    def set_out(self) -> Iterator[tuple[int, int, Arrays]]:
+    def start(self) -> Iterator[tuple[int, int, Arrays]]:
         """Start all rays: cell, credit and Kind.PATH of each batch."""
         replica, view, count = self._replica, self._view, len(self._rays)
         device = replica.launcher.device

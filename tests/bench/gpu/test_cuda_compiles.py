@@ -27,7 +27,7 @@ MOST_LINES = 50_000
 """Of a module's PTX, some 3,000 of which NVIDIA's compiler makes in a second of one core: what unrolls too far takes it
 minutes. The longest, guide_pilot, has 38,500."""
 
-FEW = ("departure", "gather", "cache", "rays")
+FEW = ("emit_photons", "gather", "cache", "rays")
 """Modules whose kernels are compiled in `make test`."""
 
 
@@ -129,7 +129,7 @@ def test_the_assembler_s_refusal_is_told(tmp_path: Path) -> None:
 
 
 def test_the_command_prints_a_table_and_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    options = ["--no-variants", "--no-ptxas", "--only", "departure", "--arch", "80"]
+    options = ["--no-variants", "--no-ptxas", "--only", "emit_photons", "--arch", "80"]
     assert main.main(["bench", "cuda", *options, "--json", str(tmp_path / "cuda.json")]) == 0
     assert "first_cells" in capsys.readouterr().out
     (module,) = json.loads((tmp_path / "cuda.json").read_text())["cuda"]["modules"]

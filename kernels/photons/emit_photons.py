@@ -1,4 +1,4 @@
-"""Photons as they set out: from the lights, and into the first cell on their way."""
+"""Photon paths as they begin: emitted by the lights, and on their way to the first cell that they meet."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 @wp.struct
 class EmitScene:
-    """What photons need of a scene to set out.
+    """What emission needs of a scene.
 
     Attributes:
         targets: what the caustic pass aims at.
@@ -49,7 +49,7 @@ class EmitScene:
 
 @wp.struct
 class EmitOrders:
-    """Which paths set out.
+    """Which paths are emitted.
 
     Attributes:
         first: number of the launch's first path.
@@ -63,7 +63,7 @@ class EmitOrders:
 
 @wp.kernel
 def first_cells(cells: Cells, flight: Flight, offset: wp.int32, next_cell_out: wp.array[wp.int32]) -> None:
-    """The first cell on the way of each photon that just set out; -1 for one that carries nothing."""
+    """The first cell on the way of each photon that was just emitted; -1 for one that carries nothing."""
     i = offset + wp.tid()
     next_cell_out[i] = -1
     if wp.max(flight.flux[i]) > 0.0:
@@ -72,7 +72,7 @@ def first_cells(cells: Cells, flight: Flight, offset: wp.int32, next_cell_out: w
 
 @wp.func
 def start_numbers(steering: wp.ref[Steering], index: wp.uint32, streams: wp.uint32, aimed: wp.int32) -> StartNumbers:
-    """The numbers that a path sets out by; the caustic pass is aimed by other means, and not steered."""
+    """The numbers that a path begins with; the caustic pass is aimed by other means, and not steered."""
     s = StartNumbers()
     s.element = sample_1d(index, dimension_of(streams, 0))
     s.point = wp.vec2d(sample_2d(index, dimension_of(streams, 1)))
@@ -90,7 +90,7 @@ def numbers_of_paths(
     offset: wp.int32,
     numbers_out: wp.array2d[wp.float64],
 ) -> None:
-    """What the first paths of the global pass set out by."""
+    """The numbers that the first paths of the global pass begin with, shape [paths, 5]."""
     i = offset + wp.tid()
     s = start_numbers(steering, wp.uint32(i), path_streams(seed, PURPOSE_EMISSION, wp.int64(i)), 0)
     numbers_out[i, 0] = s.element
