@@ -205,15 +205,15 @@ class CameraPaths:
         lamps) is then in the processor's caches still.
         """
         rays = columns.upload(Paths, batch.arrays, self._replica.launcher.device, HIT)
-        onward = self._visit(rays, len(batch), sets_out=False)
+        onward = self._visit(rays, len(batch), fresh=False)
         yield from self._sort_out(batch.runs, columns.download(rays, SCHEMAS[Kind.PATH]), onward)
 
-    def _visit(self, rays: Any, count: int, *, sets_out: bool) -> NDArray[np.int32]:
+    def _visit(self, rays: Any, count: int, *, fresh: bool) -> NDArray[np.int32]:
         """The cell that each ray of a path visits next; -1 where its hit, if any, is final; or PATH_ENDED.
 
         Args:
             rays: kernels.camera.paths.Paths; best hits are refined in place.
-            sets_out: whether they have been nowhere yet: then this cell is asked only where it is the first.
+            fresh: whether they have been nowhere yet: then this cell is asked only where it is the first.
         """
         replica, onward = self._replica, self._integers(count)
         replica.launcher(
@@ -224,7 +224,7 @@ class CameraPaths:
             cells=replica.cells,
             paths=rays,
             own_cell=self._cell,
-            sets_out=int(sets_out),
+            fresh=int(fresh),
             next_cell_out=onward,
         )
         told: NDArray[np.int32] = onward.numpy()
@@ -372,7 +372,7 @@ class CameraPaths:
         self.guards.act(guards.PATHS_CUT, np.flatnonzero(told["bounce"] >= parts.LAST_BOUNCE), cause.arrays)
         if not throughput.any():
             return
-        onward = self._visit(going_on, len(cause), sets_out=True)
+        onward = self._visit(going_on, len(cause), fresh=True)
         for batch in self._sort_out(cause.runs, columns.download(going_on, SCHEMAS[Kind.PATH]), onward):
             if batch.kind is not Kind.ENDED:  # credit that never sets out goes home with the vertex's own light
                 yield batch

@@ -57,7 +57,7 @@ class Shadows:
         if blackened:
             segments.radiance = columns.array_over(radiance, wp.vec3, replica.launcher.device)
         if not replica.world.features.walks:
-            onward = self._look_for_blockers(segments, len(radiance), sets_out=True)
+            onward = self._look_for_blockers(segments, len(radiance), fresh=True)
             yield from self._send(runs, Kind.SHADOW, arrays, onward)
             yield from self._arrive(runs, arrays, onward)
             return
@@ -74,15 +74,15 @@ class Shadows:
     def visit(self, batch: Batch) -> Iterator[Batch]:
         """Look for blockers."""
         segments = columns.upload(sr.Segments, batch.arrays, self._replica.launcher.device, written=())
-        onward = self._look_for_blockers(segments, len(batch), sets_out=False)
+        onward = self._look_for_blockers(segments, len(batch), fresh=False)
         yield from self._send(batch.runs, Kind.SHADOW, batch.arrays, onward)
         yield from self._end(batch.runs, batch.arrays, onward)
 
-    def _look_for_blockers(self, segments: sr.Segments, count: int, *, sets_out: bool) -> NDArray[np.int32]:
+    def _look_for_blockers(self, segments: sr.Segments, count: int, *, fresh: bool) -> NDArray[np.int32]:
         """The cell that each segment visits next, SHADOW_BLOCKED or SHADOW_CLEAR, shape [count].
 
         Args:
-            sets_out: whether they have been nowhere yet: then this cell is asked only where it is the first.
+            fresh: whether they have been nowhere yet: then this cell is asked only where it is the first.
         """
         replica, onward = self._replica, self._integers(count)
         replica.launcher(
@@ -92,7 +92,7 @@ class Shadows:
             cells=replica.cells,
             segments=segments,
             own_cell=self._cell,
-            sets_out=int(sets_out),
+            fresh=int(fresh),
             next_cell_out=onward,
         )
         told: NDArray[np.int32] = onward.numpy()

@@ -156,20 +156,20 @@ def make_visit_paths(features: Features) -> wp.Kernel:
         cells: Cells,
         paths: Paths,
         own_cell: wp.int32,
-        sets_out: wp.int32,
+        fresh: wp.int32,
         offset: wp.int32,
         next_cell_out: wp.array[wp.int32],
     ) -> None:
         """As visit_camera_rays, for rays that carry where they come from.
 
         Args:
-            sets_out: 1 for rays that have been nowhere yet: those are intersected only if this cell is the first on
+            fresh: 1 for rays that have been nowhere yet: those are intersected only if this cell is the first on
                 their way, and those that carry nothing are PATH_ENDED. Else 0.
         """
         i = offset + wp.tid()
         origin, direction = paths.origin[i], paths.direction[i]
         onward = own_cell
-        if sets_out != 0:
+        if fresh != 0:
             onward = PATH_ENDED
             if wp.max(paths.throughput[i]) > 0.0:
                 onward = next_cell(cells, origin, direction, paths.t[i], -1)

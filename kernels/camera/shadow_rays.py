@@ -73,14 +73,14 @@ def make_visit_shadow_segments(features: Features) -> wp.Kernel:
         cells: Cells,
         segments: Segments,
         own_cell: wp.int32,
-        sets_out: wp.int32,
+        fresh: wp.int32,
         offset: wp.int32,
         next_cell_out: wp.array[wp.int32],
     ) -> None:
         """Look for a blocker in this cell: SHADOW_BLOCKED, SHADOW_CLEAR at the end of the way, or the next cell.
 
         Args:
-            sets_out: 1 for segments that have been nowhere yet: those are looked at only if this cell is the first on
+            fresh: 1 for segments that have been nowhere yet: those are looked at only if this cell is the first on
                 their way, and those that carry nothing are SHADOW_BLOCKED. Else 0.
         """
         i = offset + wp.tid()
@@ -88,7 +88,7 @@ def make_visit_shadow_segments(features: Features) -> wp.Kernel:
         onward = wp.int32(SHADOW_BLOCKED)
         if wp.max(segments.radiance[i]) > 0.0:
             onward = own_cell
-            if sets_out != 0 and cells.count > 1:
+            if fresh != 0 and cells.count > 1:
                 onward = cell_on_way(cells, origin, direction, SEGMENT_END, -1, True)
             if onward == own_cell:
                 if any_hit(trees, origin, direction, SEGMENT_END):
