@@ -11,6 +11,7 @@ from __future__ import annotations
 import uuid
 from collections import Counter
 from collections.abc import Mapping
+from typing import NamedTuple
 
 from wdpm.cluster.display import SlaveSeen
 from wdpm.cluster.limits import ClusterLimits
@@ -34,7 +35,7 @@ from wdpm.cluster.master.events import (
     WaitForSlaves,
 )
 from wdpm.cluster.master.joining import JoinWait
-from wdpm.cluster.master.members import Member, Members
+from wdpm.cluster.master.members import MOST_SETBACKS, Member, Members, Setbacks
 from wdpm.cluster.master.phases import Phase, Phases
 from wdpm.cluster.master.render_status import RenderStatus, seen
 from wdpm.cluster.messages import protocol
@@ -42,9 +43,13 @@ from wdpm.scenes.errors import ProtocolError
 
 __all__ = ["Master", "Phase"]
 
-MOST_MISHAPS = 16
-"""Losses and separations of slaves in a row, without a task that is done, that a render survives. Slaves that had
-joined before the first of them do not count: however many are lost at once, each is lost but once."""
+
+class _Separation(NamedTuple):
+    """A slave that misses another one, in an epoch of its team."""
+
+    slave: int
+    peer: int
+    epoch: int
 
 
 class Master:
@@ -75,11 +80,9 @@ class Master:
         self._beat_at = 0.0
         self._status = RenderStatus()
         self._awaited = False
-        # Slaves that miss each other, and in which epoch: until when, and why.
-        self._apart: dict[tuple[int, int, int], tuple[float, str]] = {}
+        self._separations: dict[_Separation, tuple[float, str]] = {}  # until when, and why if one cannot be reached
         self._alone: tuple[float, str] | None = None  # since when no slave is there, and why
-        # Tasks that were done and slaves that had ever joined when the first of some mishaps came, and their number.
-        self._mishaps = (-1, 0, 0)
+        self._setbacks = Setbacks()
 
     @property
     def phase(self) -> Phase:
@@ -202,8 +205,8 @@ class Master:
             out += self._wait(now)
         if self._alone is not None and now >= self._alone[0] + self._limits.rejoin_s:
             return self._break(f"{self._alone[1]}; no slave is left, and none came within {self._limits.rejoin_s:g} s")
-        for case in [case for case, (until, _) in self._apart.items() if now >= until]:
-            out += self._separated(*case, self._apart.pop(case)[1], now)
+        for separation in [each for each, (until, _) in self._separations.items() if now >= until]:
+            out += self._separated(separation, self._separations.pop(separation)[1], now)
         out += self._phases.tick(now)
         if now < self._beat_at or self.phase is Phase.ENDED:
             return out
@@ -265,9 +268,9 @@ class Master:
         left = f"{len(self._members)} of {self._members.expected} left"
         out: list[Instruction] = [Noted(f"{member} is lost: {reason}; {left}")]
         in_team = self._phases.roster.team_of(member) is not None  # or nobody begins anew for it
-        hopeless = self._again_and_again(f"{member} is lost: {reason}", member) if in_team else []
-        if hopeless:
-            return out + hopeless
+        too_many = self._count_setback(f"{member} is lost: {reason}", member) if in_team else []
+        if too_many:
+            return out + too_many
         out += self._phases.lost(member, now)
         if len(self._members) or self.phase is Phase.JOINING:
             return out
@@ -349,13 +352,13 @@ class Master:
         """A slave misses another one. That one may have died, which is known better in a moment."""
         if not 0 <= number < len(self._members.ever):
             return self._break(f"{member} broke the protocol: it knows no slave {number}")
-        case = (member.number, number, self._phases.epoch_of(member))
-        self._apart.setdefault(case, (now + self._limits.peer_gone_s, unreachable))
+        separation = _Separation(member.number, number, self._phases.epoch_of(member))
+        self._separations.setdefault(separation, (now + self._limits.peer_gone_s, unreachable))
         return []
 
-    def _separated(self, number: int, other: int, epoch: int, unreachable: str, now: float) -> list[Instruction]:
-        """Two slaves missed each other a moment ago, in an epoch of their team."""
-        member, peer = self._members.ever[number], self._members.ever[other]
+    def _separated(self, separation: _Separation, unreachable: str, now: float) -> list[Instruction]:
+        """Two slaves have missed each other for a moment, and both may be there still."""
+        member, peer = self._members.ever[separation.slave], self._members.ever[separation.peer]
         if member.left or peer.left:
             return []
         if unreachable:
@@ -364,24 +367,20 @@ class Master:
                 f"{member} cannot reach {peer} at {endpoint}: {unreachable}; check that a firewall lets slaves "
                 "connect to each other at any port, and that both machines are in one network"
             )
-        if self._phases.epoch_of(member) != epoch:
+        if self._phases.epoch_of(member) != separation.epoch:
             return []  # many connections break together: for the first of them all have begun anew, and connected again
         text = f"the connection from {member} to {peer} broke"
-        return self._again_and_again(text) or [
+        return self._count_setback(text) or [
             Noted(f"{text}; they connect again"),
             *self._phases.separated(member, peer, now),
         ]
 
-    def _again_and_again(self, mishap: str, lost: Member | None = None) -> list[Instruction]:
+    def _count_setback(self, setback: str, lost: Member | None = None) -> list[Instruction]:
         """End a cluster that begins anew all the time and gets nothing done."""
-        done, ever, times = self._mishaps
-        if self._phases.tasks_done > done:
-            done, ever, times = self._phases.tasks_done, len(self._members.ever), 0
-        self._mishaps = (done, ever, times + (lost is None or lost.number >= ever))
-        if self._mishaps[2] <= MOST_MISHAPS:
+        if not self._setbacks.add(self._phases.tasks_done, len(self._members.ever), lost):
             return []
-        times_in_words = f"slaves were lost or separated {MOST_MISHAPS} times"
-        return self._break(f"{times_in_words}, and no task was done since then: {mishap}")
+        times = f"slaves were lost or separated {MOST_SETBACKS} times"
+        return self._break(f"{times}, and no task was done since then: {setback}")
 
     def _unreadable(self, identity: bytes, reason: str) -> list[Instruction]:
         member = self._members.get(identity)

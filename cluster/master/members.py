@@ -10,6 +10,9 @@ from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.task import Task
 
+MOST_SETBACKS = 16
+"""Losses and separations of slaves in a row, without a task that is done, that a render survives."""
+
 
 @dataclass(eq=False)
 class Member:
@@ -132,3 +135,30 @@ class Members:
         if len(self) >= self.most:
             return f"all {self.most} slaves that this master waits for have joined"
         return None
+
+
+@dataclass
+class Setbacks:
+    """Losses and separations of slaves since a task was done.
+
+    Slaves that had joined before the first of them do not count: however many are lost at once, each is lost but once.
+
+    Attributes:
+        tasks_done, slaves_joined: how many there were when the first of them came.
+    """
+
+    tasks_done: int = -1
+    slaves_joined: int = 0
+    count: int = 0
+
+    def add(self, tasks_done: int, slaves_joined: int, lost: Member | None) -> bool:
+        """Count one more; whether these are more than a render survives.
+
+        Args:
+            tasks_done, slaves_joined: how many there have been so far.
+            lost: the slave, if it is not a separation of two.
+        """
+        if tasks_done > self.tasks_done:
+            self.tasks_done, self.slaves_joined, self.count = tasks_done, slaves_joined, 0
+        self.count += lost is None or lost.number >= self.slaves_joined
+        return self.count > MOST_SETBACKS

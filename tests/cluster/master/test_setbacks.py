@@ -6,10 +6,11 @@ from fake_worker import make_session
 from master_driver import LIMITS, VERSIONS, Driver, hello, noted, sent
 
 from wdpm.cluster.master import events as m
-from wdpm.cluster.master.machine import MOST_MISHAPS, Master
+from wdpm.cluster.master.machine import Master
+from wdpm.cluster.master.members import MOST_SETBACKS
 from wdpm.cluster.messages import protocol as p
 
-MANY = 2 * MOST_MISHAPS
+MANY = 2 * MOST_SETBACKS
 
 
 def name(number: int) -> bytes:
@@ -48,7 +49,7 @@ def test_connections_that_break_together_are_one_new_beginning() -> None:
     assert not broken(out)
     assert noted(out).count("they connect again") == 1
     assert len([setup for setup in sent(out, name(0)) if isinstance(setup, p.Setup)]) == 1
-    # What breaks after that is another mishap.
+    # What breaks after that is another setback.
     driver.says(name(0), p.PeerGone(1))
     driver.now += LIMITS.peer_gone_s
     assert noted(driver(m.Tick())).count("they connect again") == 1
@@ -56,11 +57,11 @@ def test_connections_that_break_together_are_one_new_beginning() -> None:
 
 def test_slaves_that_come_and_are_lost_again_and_again_end_the_render() -> None:
     driver = rendering(2, team_size=1)
-    for number in range(2, 2 + MOST_MISHAPS + 1):
+    for number in range(2, 2 + MOST_SETBACKS + 1):
         assert not broken(driver(m.SlaveLost(name(number - 1), "killed")))
         driver.says(name(number), hello(number))
     [reason] = broken(driver(m.SlaveLost(name(number), "killed")))
-    assert reason.startswith(f"slaves were lost or separated {MOST_MISHAPS} times, and no task was done since then: ")
+    assert reason.startswith(f"slaves were lost or separated {MOST_SETBACKS} times, and no task was done since then: ")
 
 
 def test_slaves_that_nobody_works_with_may_come_and_go_as_they_like() -> None:
