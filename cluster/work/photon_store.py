@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,7 @@ from wdpm.cluster.work.overlap_band import Region, along, rows_in_bands, rows_ne
 from wdpm.cluster.work.photon_buffers import ColumnBuffer, MapBuffers, Numbered, PositionsOf
 from wdpm.cluster.work.reflected_light import GATHER_GRAIN, GATHER_RUN, Places, by_white, of_white
 from wdpm.cluster.work.replica import Replica
+from wdpm.cluster.work.surface_points import PointSpreader
 from wdpm.cluster.work.tally import no_photons
 from wdpm.kernels import columns
 from wdpm.kernels.irradiance import at_photons
@@ -29,16 +30,12 @@ from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, Deposits
 from wdpm.kernels.photons.flight import BOUNCE_BITS
 from wdpm.kernels.photons.gather_at_photons import gather_at_photons
 from wdpm.kernels.photons.kd_order import over
-from wdpm.kernels.photons.surface_points import even_runs, least_radius, point_counts, spread
+from wdpm.kernels.photons.surface_points import least_radius
 from wdpm.kernels.rays import cells
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.instance_areas import InstanceAreas
 from wdpm.scenes.errors import ProtocolError
-from wdpm.scenes.flat.areas import triangle_areas
 from wdpm.scenes.flat.instances import Instances
-
-POINTS_AT_ONCE = 1 << 20
-"""Surface points that are spread at once, about."""
 
 CARRIED = ("id", "position", "normal", "front")
 """What is kept of photons that carry irradiance, until that is worked out."""
@@ -59,14 +56,6 @@ class BuiltMap:
     edges: Any
 
 
-Rows = Callable[[NDArray[np.intp]], NDArray[np.int32]]
-"""Rows of chosen triangles, as kernels.rays.instanced_triangles has them, shape [N, 2]."""
-
-
-def _plain_rows(chosen: NDArray[np.intp]) -> NDArray[np.int32]:
-    return np.stack([chosen, np.full(len(chosen), -1)], axis=1).astype(np.int32)
-
-
 class PhotonStore:
     """Photons of one cell.
 
@@ -78,10 +67,9 @@ class PhotonStore:
 
     def __init__(self, cell: int, surfaces: Surfaces, instances: Instances, replica: Replica) -> None:
         self._cell = cell
-        self._surfaces = surfaces
-        self._instances = instances
         self._replica = replica
         self.instance_areas = InstanceAreas(instances, surfaces.instances, replica.launcher)
+        self._spreader = PointSpreader(cell, surfaces, instances, self.instance_areas, replica)
         self._own = MapBuffers(Kind.GHOST_PHOTONS)
         self._copies = MapBuffers(Kind.GHOST_PHOTONS)
         self._ghosts = MapBuffers(Kind.GHOST_PHOTONS)
@@ -218,33 +206,12 @@ class PhotonStore:
 
     def _spread_points(self, of_maps: Sequence[int]) -> None:
         """Spread surface points over this cell and keep them: for each of these maps as many as suit it."""
-        replica, surfaces = self._replica, self._surfaces
-        plans = {number: replica.world.maps[number] for number in of_maps}
+        plans = {number: self._replica.world.maps[number] for number in of_maps}
         used = {number: plan for number, plan in plans.items() if plan.paths and plan.read}
-        for rows, ids, area in self._areas() if used else ():
-            for number, plan in used.items():
-                counts = point_counts(area, ids, plan.point_area, plan.point_set)
-                for some in even_runs(counts, POINTS_AT_ONCE):
-                    of_map = counts[some], replica.launcher, plan.point_set
-                    position, normal = spread(surfaces, replica.cells, self._cell, rows(some), ids[some], *of_map)
-                    region = self._region if number == GLOBAL_MAP else None
-                    near = None if region is None else region.near(position)
-                    self._own_points[number].add({"position": position, "normal": normal}, near)
-
-    def _areas(self) -> Iterator[tuple[Rows, NDArray[np.int32], NDArray[np.float64]]]:
-        """Of the cell's triangles, some at a time: the rows of chosen ones, and the numbers and areas of all."""
-        ids = self._surfaces.ids.numpy()
-        yield _plain_rows, ids, triangle_areas(self._surfaces.corners.numpy())
-        for begin, end in self.instance_areas.blocks():
-            numbers = np.arange(begin, end, dtype=np.int32)
-            yield functools.partial(self._instance_rows, begin), numbers, self.instance_areas.of(begin, end)
-
-    def _instance_rows(self, begin: int, chosen: NDArray[np.intp]) -> NDArray[np.int32]:
-        """Rows of triangles by how many numbers come before theirs from `begin` on, shape [N, 2]."""
-        instances, prims = self._instances, chosen + begin
-        which = instances.base.searchsorted(prims, side="right") - 1
-        row = instances.shapes.first[instances.shape[which]] + prims - instances.base[which]
-        return np.stack([row + len(self._surfaces.ids), which], axis=1).astype(np.int32)
+        for number, position, normal in self._spreader.spread(used):
+            region = self._region if number == GLOBAL_MAP else None
+            near = None if region is None else region.near(position)
+            self._own_points[number].add({"position": position, "normal": normal}, near)
 
     def sort(self, part: int, parts: int) -> Arrays | None:
         """Sort a part of the trees for all who hold this cell, and own it whole; None if that is not worth it.
