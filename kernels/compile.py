@@ -16,12 +16,12 @@ from wdpm.kernels.irradiance import (
     at_photons,
     cache,
     gather_places,
-    promised_light,
     record_agreement,
     record_clamp,
     record_rays,
     record_smoothing,
     records,
+    unoccluded_light,
 )
 from wdpm.kernels.lights import pieces
 from wdpm.kernels.module_hashes import hashes
@@ -46,7 +46,7 @@ COMMON = (
     gather_at_photons,
     neighbours,
     gather_places,
-    promised_light,
+    unoccluded_light,
     cache,
     at_photons,
     arrivals,

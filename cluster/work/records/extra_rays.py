@@ -31,18 +31,18 @@ sum."""
 PEAK = 2.0
 """Standard deviation of what one ray brings through a stratum, over its mean, if all comes from a fifth of it."""
 
-PROMISE_MOST = 16.0
-"""Most rays for a promise: what stands in between is not known, and rays for nothing cost as much as others."""
+MOST_FOR_UNSEEN = 16.0
+"""Most rays of a stratum for light that no ray has met: it may be occluded, and such rays cost as much as others."""
 
 
 def extra_rays(
-    radiance: Values, promised: NDArray[np.float32], shot: NDArray[np.bool_], tolerance: float, most: int
+    radiance: Values, unoccluded: NDArray[np.float32], shot: NDArray[np.bool_], tolerance: float, most: int
 ) -> Counts:
     """How many rays each stratum of some records gets more.
 
     Args:
         radiance: of each stratum's ray, mean of RGB, shape [N, rows, columns].
-        promised: radiance that lit places would send if nothing stood in between, mean of RGB, the same shape.
+        unoccluded: radiance that lit places would send if nothing stood in between, mean of RGB, the same shape.
         shot: strata whose rays were shot, the same shape; others get none.
         tolerance: relative standard error of the irradiance that is aimed at.
         most: extra rays of a record, about.
@@ -60,12 +60,12 @@ def extra_rays(
     with np.errstate(divide="ignore", invalid="ignore"):
         wanted = np.where(total > 0, spreads / (tolerance * total), 0.0) ** 2
         share = np.where(spreads > 0, spread / spreads, 0.0)
-        unseen = np.where(total > 0, np.maximum(promised - near / beside, 0.0) / total, 0.0)
-    for_promise = np.minimum((PEAK / tolerance * unseen) ** 2, PROMISE_MOST)
+        unseen = np.where(total > 0, np.maximum(unoccluded - near / beside, 0.0) / total, 0.0)
+    for_unseen = np.minimum((PEAK / tolerance * unseen) ** 2, MOST_FOR_UNSEEN)
     strata = radiance[0].size
     asked = np.minimum(wanted, float(most + strata)) * share - 1.0  # each has one ray already
     rounding = (np.arange(1, strata + 1) * GOLDEN % 1.0).reshape(radiance.shape[1:])
-    return np.where(shot, np.floor(np.maximum(asked, for_promise) + rounding), 0.0).astype(np.int64)
+    return np.where(shot, np.floor(np.maximum(asked, for_unseen) + rounding), 0.0).astype(np.int64)
 
 
 def standard_errors(radiance: Values, counts: Counts) -> Values:

@@ -21,8 +21,8 @@ from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera.rays import Rays
-from wdpm.kernels.irradiance.promised_light import promise_light, upload
 from wdpm.kernels.irradiance.records import Bounds, MadeRecords, make_records, make_strata
+from wdpm.kernels.irradiance.unoccluded_light import unoccluded_radiance, upload
 from wdpm.scenes.errors import ProtocolError
 
 _GRAIN = 8
@@ -143,30 +143,30 @@ class RecordHome:
         if not plan.extra:
             return np.zeros(len(distance), np.int64)
         most, tolerance = round(plan.extra * math.prod(self._strata)), plan.tolerance_in(self.task.round)
-        promised = self._promised().reshape(shape)
+        unoccluded = self._unoccluded().reshape(shape)
         grey, shot = _grey(radiance).reshape(shape), distance.reshape(shape) >= 0
-        return extra_rays(grey, promised, shot, tolerance, most).reshape(-1)
+        return extra_rays(grey, unoccluded, shot, tolerance, most).reshape(-1)
 
-    def _promised(self) -> NDArray[np.float32]:
+    def _unoccluded(self) -> NDArray[np.float32]:
         """Radiance through each stratum if nothing stood before lit places, shape [sites, strata] [W/(m² sr)]."""
         rows, columns = self._strata
         launcher, count = self._replica.launcher, len(self._site["slot"])
-        promised = wp.zeros((count, rows * columns), dtype=wp.float32, device=launcher.device)
+        unoccluded = wp.zeros((count, rows * columns), dtype=wp.float32, device=launcher.device)
         sites = {
             name: wp.array(self._site[name], dtype=wp.vec3, device=launcher.device)
             for name in ("position", "normal", "shading_normal")
         }
         launcher(
-            promise_light,
+            unoccluded_radiance,
             count,
             grain=_GRAIN,
             places=upload(**vars(self._view.lit_places), device=launcher.device),
             **sites,
             rows=rows,
             columns=columns,
-            radiance_out=promised,
+            radiance_out=unoccluded,
         )
-        return promised.numpy()
+        return unoccluded.numpy()
 
     def _shoot(self, rays: GatherRays) -> Iterator[Batch]:
         """Start a wave of rays."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wdpm.cluster.work.records.extra_rays import PROMISE_MOST, extra_rays, means, neighbours_spread, standard_errors
+from wdpm.cluster.work.records.extra_rays import MOST_FOR_UNSEEN, extra_rays, means, neighbours_spread, standard_errors
 from wdpm.cluster.work.records.record_wave import further_rays
 
 Values = NDArray[np.float64]
@@ -16,7 +16,7 @@ LAMP = (slice(2, 4), slice(10, 13))
 CHANCE = 0.4
 LIT, DARK = 40.0, 1.0
 NOTHING = np.zeros((1, 1, 1), np.float32)
-"""No light is promised."""
+"""No light from lit places."""
 
 
 def shot(shape: tuple[int, ...]) -> NDArray[np.bool_]:
@@ -115,15 +115,15 @@ def test_what_else_is_under_way_changes_nothing() -> None:
         np.testing.assert_array_equal(together[i : i + 1], alone)
 
 
-def test_promised_light_that_no_ray_around_has_met_calls_for_rays() -> None:
-    radiance, promised = np.ones((1, ROWS, COLUMNS)), np.zeros((1, ROWS, COLUMNS), np.float32)
-    promised[0, 4, 7] = 1.0  # no more than is there
-    assert not extra_rays(radiance, promised, shot(radiance.shape), 0.02, 400).any()
-    promised[0, 4, 7] = 3.0  # 1 % of all light is unseen: (2 * 0.01 / 0.005)² rays
-    assert extra_rays(radiance, promised, shot(radiance.shape), 0.005, 400).sum() == pytest.approx(16, abs=1)
-    promised[0, 4, 7] = 1e6
-    counts = extra_rays(radiance, promised, shot(radiance.shape), 0.005, 400)
-    assert PROMISE_MOST <= counts[0, 4, 7] == counts.sum() <= PROMISE_MOST + 1
+def test_unoccluded_light_that_no_ray_around_has_met_calls_for_rays() -> None:
+    radiance, unoccluded = np.ones((1, ROWS, COLUMNS)), np.zeros((1, ROWS, COLUMNS), np.float32)
+    unoccluded[0, 4, 7] = 1.0  # no more than is there
+    assert not extra_rays(radiance, unoccluded, shot(radiance.shape), 0.02, 400).any()
+    unoccluded[0, 4, 7] = 3.0  # 1 % of all light is unseen: (2 * 0.01 / 0.005)² rays
+    assert extra_rays(radiance, unoccluded, shot(radiance.shape), 0.005, 400).sum() == pytest.approx(16, abs=1)
+    unoccluded[0, 4, 7] = 1e6
+    counts = extra_rays(radiance, unoccluded, shot(radiance.shape), 0.005, 400)
+    assert MOST_FOR_UNSEEN <= counts[0, 4, 7] == counts.sum() <= MOST_FOR_UNSEEN + 1
 
 
 def test_a_bright_thing_that_rays_seldom_find_makes_no_blotches_where_it_is_known() -> None:
@@ -136,8 +136,8 @@ def test_a_bright_thing_that_rays_seldom_find_makes_no_blotches_where_it_is_know
     known = np.zeros((1, ROWS, COLUMNS), np.float32)
     known[0, 4, 7] = chance * bright
     found, rays = {}, {}
-    for name, promised in (("by chance", NOTHING), ("known", known)):
-        counts = extra_rays(first, promised, shot(shape), tolerance, 3 * ROWS * COLUMNS).reshape(records, -1)
+    for name, unoccluded in (("by chance", NOTHING), ("known", known)):
+        counts = extra_rays(first, unoccluded, shot(shape), tolerance, 3 * ROWS * COLUMNS).reshape(records, -1)
         place = 4 * COLUMNS + 7
         total = first.reshape(records, -1).copy()
         hits = 1.0 + bright * rng.binomial(counts[:, place], chance) / np.maximum(counts[:, place], 1)
@@ -147,22 +147,22 @@ def test_a_bright_thing_that_rays_seldom_find_makes_no_blotches_where_it_is_know
     for each in found.values():
         assert each.mean() == pytest.approx(truth, abs=4 * each.std() / np.sqrt(records))
     assert found["known"].std() < 0.3 * found["by chance"].std()
-    assert rays["known"] < rays["by chance"] + 2 * PROMISE_MOST
+    assert rays["known"] < rays["by chance"] + 2 * MOST_FOR_UNSEEN
 
 
-def test_rays_for_a_promise_do_not_depend_on_the_ray_of_their_stratum() -> None:
-    radiance, promised = np.ones((1, ROWS, COLUMNS)), np.zeros((1, ROWS, COLUMNS), np.float32)
-    promised[0, 4, 7] = 2.0
-    counts = extra_rays(radiance, promised, shot(radiance.shape), 0.005, 400)
+def test_rays_for_unseen_light_do_not_depend_on_the_ray_of_their_stratum() -> None:
+    radiance, unoccluded = np.ones((1, ROWS, COLUMNS)), np.zeros((1, ROWS, COLUMNS), np.float32)
+    unoccluded[0, 4, 7] = 2.0
+    counts = extra_rays(radiance, unoccluded, shot(radiance.shape), 0.005, 400)
     hit = radiance.copy()
     hit[0, 4, 7] = 1000.0
-    assert extra_rays(hit, promised, shot(radiance.shape), 0.005, 400)[0, 4, 7] == counts[0, 4, 7] > 1
+    assert extra_rays(hit, unoccluded, shot(radiance.shape), 0.005, 400)[0, 4, 7] == counts[0, 4, 7] > 1
 
 
-def test_dark_hemispheres_get_no_rays_for_promises() -> None:
+def test_dark_hemispheres_get_no_rays_for_unseen_light() -> None:
     """What light is relative to is not known there; and nothing divides by it."""
-    promised = np.ones((1, ROWS, COLUMNS), np.float32)
-    assert not extra_rays(np.zeros((1, ROWS, COLUMNS)), promised, shot((1, ROWS, COLUMNS)), 0.02, 400).any()
+    unoccluded = np.ones((1, ROWS, COLUMNS), np.float32)
+    assert not extra_rays(np.zeros((1, ROWS, COLUMNS)), unoccluded, shot((1, ROWS, COLUMNS)), 0.02, 400).any()
 
 
 def test_further_rays_are_numbered_after_the_first_ones_of_their_record() -> None:

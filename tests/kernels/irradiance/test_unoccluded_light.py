@@ -1,4 +1,4 @@
-"""Light that lit places promise to records: through the strata that ways to them lead through, by both cosines."""
+"""Light that lit places would send to records: through the strata that ways to them lead through, by both cosines."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 import warp as wp
 from numpy.typing import ArrayLike, NDArray
 
-from wdpm.kernels.irradiance.promised_light import REFLECTED, promise_light, stratum_of, upload
 from wdpm.kernels.irradiance.records import stratum_direction
+from wdpm.kernels.irradiance.unoccluded_light import REFLECTED, stratum_of, unoccluded_radiance, upload
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -32,7 +32,7 @@ def vectors(values: ArrayLike) -> Any:
     return wp.array(np.atleast_2d(np.asarray(values, np.float32)), dtype=wp.vec3, device="cpu")
 
 
-def promised(
+def unoccluded(
     places: ArrayLike,
     normal: ArrayLike,
     power: float = 1.0,
@@ -47,7 +47,7 @@ def promised(
     out = wp.zeros((1, ROWS * COLUMNS), dtype=wp.float32, device="cpu")
     site = [vectors((0.0, 0.0, 0.0)), vectors(of), vectors(of if shading is None else shading)]
     inputs = [upload(position, np.ascontiguousarray(facing), *each), *site, ROWS, COLUMNS, 0, out]
-    wp.launch(promise_light, 1, inputs=inputs, device="cpu")
+    wp.launch(unoccluded_radiance, 1, inputs=inputs, device="cpu")
     found: NDArray[np.float32] = out.numpy()[0]
     return found
 
@@ -62,17 +62,19 @@ def test_a_direction_lies_in_the_stratum_that_it_was_drawn_from() -> None:
     np.testing.assert_array_equal(out.numpy(), np.tile(np.arange(ROWS * COLUMNS), (200, 1)))
 
 
-def test_what_is_promised_is_the_radiance_that_brings_the_irradiance_of_the_place() -> None:
+def test_it_is_the_radiance_that_brings_the_irradiance_of_the_place() -> None:
     """E = power * share / pi * cos cos' / d², and a stratum of radiance L brings pi L / M."""
-    found = promised((3.0, 0.0, 4.0), DOWN, power=10.0)
+    found = unoccluded((3.0, 0.0, 4.0), DOWN, power=10.0)
     irradiance = 10.0 * float(REFLECTED) / np.pi * 0.8 * 0.8 / 25.0
     assert np.count_nonzero(found) == 1
     assert found.sum() * np.pi / (ROWS * COLUMNS) == pytest.approx(irradiance, rel=1e-5)
 
 
 def test_near_places_send_no_more_than_from_their_radius() -> None:
-    assert promised((0.0, 0.0, 0.01), DOWN).sum() == pytest.approx(promised((0.0, 0.0, 0.1), DOWN).sum())
-    assert promised((0.0, 0.0, 0.2), DOWN).sum() == pytest.approx(promised((0.0, 0.0, 0.1), DOWN).sum() / 4, rel=1e-5)
+    assert unoccluded((0.0, 0.0, 0.01), DOWN).sum() == pytest.approx(unoccluded((0.0, 0.0, 0.1), DOWN).sum())
+    assert unoccluded((0.0, 0.0, 0.2), DOWN).sum() == pytest.approx(
+        unoccluded((0.0, 0.0, 0.1), DOWN).sum() / 4, rel=1e-5
+    )
 
 
 @pytest.mark.parametrize(
@@ -84,13 +86,11 @@ def test_near_places_send_no_more_than_from_their_radius() -> None:
         ((0.0, 0.0, 0.0), DOWN, None),  # the very place
     ],
 )
-def test_places_that_see_nothing_of_the_record_promise_nothing(
-    place: ArrayLike, normal: ArrayLike, shading: Any
-) -> None:
-    assert not promised(place, normal, shading=shading).any()
+def test_places_that_see_nothing_of_the_record_send_nothing(place: ArrayLike, normal: ArrayLike, shading: Any) -> None:
+    assert not unoccluded(place, normal, shading=shading).any()
 
 
 def test_several_places_add_up() -> None:
     places = np.random.default_rng(2).uniform((-1.0, -1.0, 0.5), (1.0, 1.0, 2.5), (50, 3))
-    each = np.sum([promised(place, DOWN) for place in places], axis=0)
-    np.testing.assert_allclose(promised(places, DOWN), each, rtol=1e-5)
+    each = np.sum([unoccluded(place, DOWN) for place in places], axis=0)
+    np.testing.assert_allclose(unoccluded(places, DOWN), each, rtol=1e-5)

@@ -24,7 +24,7 @@ REFLECTED = wp.constant(wp.float32(0.5))
 
 
 @wp.struct
-class PlacesThatReflect:
+class VirtualLights:
     """Places that light comes to straight from the lights, as cluster.lit_places has them.
 
     Attributes:
@@ -47,8 +47,8 @@ def upload(
     radius: NDArray[np.float32],
     device: str = "cpu",
 ) -> Any:
-    """PlacesThatReflect on a device."""
-    places = PlacesThatReflect()
+    """VirtualLights on a device."""
+    places = VirtualLights()
     places.position, places.normal = (wp.array(a, dtype=wp.vec3, device=device) for a in (position, normal))
     places.power, places.radius = (wp.array(a, dtype=wp.float32, device=device) for a in (power, radius))
     return places
@@ -68,8 +68,8 @@ def stratum_of(direction: wp.vec3, normal: wp.vec3, rows: wp.int32, columns: wp.
 
 
 @wp.kernel
-def promise_light(
-    places: PlacesThatReflect,
+def unoccluded_radiance(
+    places: VirtualLights,
     position: wp.array[wp.vec3],
     normal: wp.array[wp.vec3],
     shading_normal: wp.array[wp.vec3],
