@@ -16,7 +16,7 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.materials.fresnel import fresnel_metal_channels, reflect
 from wdpm.kernels.materials.leaf import GlossyPart, LeafCode
 from wdpm.kernels.materials.microfacet import (
-    held_alpha,
+    clamped_alpha,
     is_smooth,
     masking,
     masking_over_cos,
@@ -65,7 +65,7 @@ def make_conductor(features: Features) -> LeafCode:
     def eval_glossy(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3, _mode: wp.int32) -> wp.vec3:
         if wp.static(features.rough):
             if w_from[2] > 0.0 and w_to[2] > 0.0 and not is_smooth(b.alpha):
-                alpha = held_alpha(b.alpha)
+                alpha = clamped_alpha(b.alpha)
                 m = wp.normalize(w_from + w_to)
                 value = normal_density(b.distribution, alpha, m)
                 if value > 0.0:
@@ -78,7 +78,7 @@ def make_conductor(features: Features) -> LeafCode:
     def pdf_glossy(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.float32:
         if wp.static(features.rough):
             if w_from[2] > 0.0 and w_to[2] > 0.0 and not is_smooth(b.alpha):
-                alpha = held_alpha(b.alpha)
+                alpha = clamped_alpha(b.alpha)
                 d = normal_density(b.distribution, alpha, wp.normalize(w_from + w_to))
                 return 0.25 * d * masking_over_cos(b.distribution, alpha, w_from)
         return 0.0
@@ -90,7 +90,7 @@ def make_conductor(features: Features) -> LeafCode:
             return s
         if wp.static(features.rough):
             if not is_smooth(b.alpha):
-                alpha = held_alpha(b.alpha)
+                alpha = clamped_alpha(b.alpha)
                 m = sample_visible_normal(b.distribution, alpha, w_from, u)
                 to = reflect(w_from, m)
                 if to[2] > 0.0:

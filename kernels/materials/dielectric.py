@@ -17,7 +17,7 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.materials.fresnel import fresnel_dielectric, reflect, refract
 from wdpm.kernels.materials.leaf import GlossyPart, LeafCode
 from wdpm.kernels.materials.microfacet import (
-    held_alpha,
+    clamped_alpha,
     is_smooth,
     masking,
     masking_over_cos,
@@ -133,7 +133,7 @@ def sample_smooth(b: Bsdf, w_from: wp.vec3, u_lobe: wp.float32, mode: wp.int32) 
 @wp.func
 def sample_rough(b: Bsdf, w_from: wp.vec3, u_lobe: wp.float32, u: wp.vec2, mode: wp.int32) -> BsdfSample:
     """Reflection or refraction at a visible microfacet. Light that it sends to the wrong side is lost."""
-    alpha = held_alpha(b.alpha)
+    alpha = clamped_alpha(b.alpha)
     side = wp.float32(1.0)
     if w_from[2] < 0.0:
         side = -1.0
@@ -189,7 +189,7 @@ def make_dielectric(features: Features) -> LeafCode:
     def eval_glossy(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3, mode: wp.int32) -> wp.vec3:
         if wp.static(features.rough):
             if not is_smooth_dielectric(b):
-                alpha = held_alpha(b.alpha)
+                alpha = clamped_alpha(b.alpha)
                 lobe = rough_lobe(b, alpha, w_from, w_to)
                 if lobe.pdf > 0.0:
                     value = lobe.pdf * masking(b.distribution, alpha, w_to)
@@ -205,7 +205,7 @@ def make_dielectric(features: Features) -> LeafCode:
     def pdf_glossy(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.float32:
         if wp.static(features.rough):
             if not is_smooth_dielectric(b):
-                return rough_lobe(b, held_alpha(b.alpha), w_from, w_to).pdf
+                return rough_lobe(b, clamped_alpha(b.alpha), w_from, w_to).pdf
         return 0.0
 
     @wp.func

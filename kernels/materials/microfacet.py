@@ -38,7 +38,7 @@ def is_smooth(alpha: wp.vec2) -> bool:
 
 
 @wp.func
-def held_alpha(alpha: wp.vec2) -> wp.vec2:
+def clamped_alpha(alpha: wp.vec2) -> wp.vec2:
     """Roughness that float32 can hold. All other functions here want one such."""
     return wp.vec2(wp.max(alpha[0], ALPHA_LEAST), wp.max(alpha[1], ALPHA_LEAST))
 

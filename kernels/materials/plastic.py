@@ -22,7 +22,7 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.materials.fresnel import fresnel_dielectric, reflect
 from wdpm.kernels.materials.leaf import DiffusePart, GlossyPart, LeafCode
 from wdpm.kernels.materials.microfacet import (
-    held_alpha,
+    clamped_alpha,
     is_smooth,
     masking,
     masking_over_cos,
@@ -61,7 +61,7 @@ def _step(x: wp.float32, width: wp.float32) -> wp.float32:
 def rough_transmittance(b: Bsdf, mu: wp.float32) -> wp.float32:
     """Share of light from outside at a cosine mu > 0 that a rough coat lets through: plastic_coat.py's fit."""
     eta = b.eta[0]
-    alpha = held_alpha(b.alpha)[0]
+    alpha = clamped_alpha(b.alpha)[0]
     c = b.transmittance
     d = b.k
     value = wp.float32(0.0)
@@ -144,7 +144,7 @@ def make_plastic(features: Features) -> LeafCode:
     def eval_glossy(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3, mode: wp.int32) -> wp.vec3:
         if wp.static(features.rough):
             if w_from[2] > 0.0 and w_to[2] > 0.0 and not is_smooth(b.alpha):
-                alpha = held_alpha(b.alpha)
+                alpha = clamped_alpha(b.alpha)
                 m = wp.normalize(w_from + w_to)
                 density = normal_density(b.distribution, alpha, m) * masking_over_cos(b.distribution, alpha, w_from)
                 reflectance = fresnel_dielectric(wp.dot(w_from, m), b.eta[0]).reflectance
@@ -155,7 +155,7 @@ def make_plastic(features: Features) -> LeafCode:
     def pdf_glossy(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> wp.float32:
         if wp.static(features.rough):
             if w_from[2] > 0.0 and w_to[2] > 0.0 and not is_smooth(b.alpha):
-                alpha = held_alpha(b.alpha)
+                alpha = clamped_alpha(b.alpha)
                 density = normal_density(b.distribution, alpha, wp.normalize(w_from + w_to))
                 return 0.25 * density * masking_over_cos(b.distribution, alpha, w_from)
         return 0.0
@@ -167,7 +167,7 @@ def make_plastic(features: Features) -> LeafCode:
             return s
         if wp.static(features.rough):
             if not is_smooth(b.alpha):
-                alpha = held_alpha(b.alpha)
+                alpha = clamped_alpha(b.alpha)
                 m = sample_visible_normal(b.distribution, alpha, w_from, u)
                 to = reflect(w_from, m)
                 if to[2] > 0.0:

@@ -28,7 +28,7 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.materials.fresnel import Interface, fresnel_dielectric, reflect, refract
 from wdpm.kernels.materials.leaf import DiffusePart, GlossyPart, LeafCode
 from wdpm.kernels.materials.microfacet import (
-    held_alpha,
+    clamped_alpha,
     masking,
     masking_over_cos,
     normal_density,
@@ -118,7 +118,7 @@ def bsdf_share(b: Bsdf) -> wp.float32:
 
 
 @wp.func
-def held_eta(b: Bsdf) -> wp.float32:
+def clamped_eta(b: Bsdf) -> wp.float32:
     """eta, kept away from 1 where light is transmitted."""
     eta = b.eta[0]
     if bsdf_share(b) > 0.0 and wp.abs(eta - 1.0) < INDEX_STEP_LEAST:
@@ -239,8 +239,8 @@ def reflected(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3, m: wp.vec3) -> Lobes:
     c = wp.dot(w_from, m)
     if c * w_from[2] <= 0.0 or wp.dot(w_to, m) * w_to[2] <= 0.0:
         return s
-    eta = held_eta(b)
-    alpha = held_alpha(b.alpha)
+    eta = clamped_eta(b)
+    alpha = clamped_alpha(b.alpha)
     at = fresnel_dielectric(c, eta)
     weight = schlick_weight(wp.abs(c))
     if eta <= 1.0:
@@ -267,7 +267,7 @@ def transmitted(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3, mode: wp.int32) -> Lobe
     if share <= 0.0:
         return s
     front = w_from[2] > 0.0
-    eta = held_eta(b)
+    eta = clamped_eta(b)
     index = wp.float32(eta)
     if not front:
         index = 1.0 / eta
@@ -278,7 +278,7 @@ def transmitted(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3, mode: wp.int32) -> Lobe
     c_to = wp.dot(w_to, m)
     if c_from * w_from[2] <= 0.0 or c_to * w_to[2] <= 0.0:
         return s
-    alpha = held_alpha(b.alpha)
+    alpha = clamped_alpha(b.alpha)
     reflectance = fresnel_dielectric(c_from, eta).reflectance
     root = c_from + index * c_to
     jacobian = index * index * wp.abs(c_from * c_to) / wp.max(root * root, _JACOBIAN_LEAST)
@@ -335,12 +335,12 @@ def sample_disney_glossy(b: Bsdf, w_from: wp.vec3, u_lobe: wp.float32, u: wp.vec
     coat = probability_coat(b, front)
     if u_lobe < coat:
         return sample_reflected(b, w_from, sample_coat_normal(coat_alpha(b), u))
-    alpha = held_alpha(b.alpha)
+    alpha = clamped_alpha(b.alpha)
     above = w_from
     if not front:
         above = -w_from
     m = sample_visible_normal(GGX, alpha, above, u)
-    eta = held_eta(b)
+    eta = clamped_eta(b)
     at = fresnel_dielectric(wp.dot(w_from, m), eta)
     transmission = probability_transmission(b, at.reflectance, front)
     if (u_lobe - coat) / (1.0 - coat) >= transmission:

@@ -13,7 +13,7 @@ from wdpm.kernels.materials import medium
 from wdpm.kernels.materials.frames import bend, plain_frame, uv_frame
 from wdpm.kernels.materials.fresnel import fresnel_metal
 from wdpm.kernels.materials.medium import Media, free_path
-from wdpm.kernels.materials.microfacet import held_alpha, sample_visible_normal
+from wdpm.kernels.materials.microfacet import clamped_alpha, sample_visible_normal
 from wdpm.kernels.maths.directions import cosine_hemisphere, uniform_cone, uniform_sphere
 from wdpm.scenes.model.textures import Bitmap, Interpolation
 
@@ -95,7 +95,7 @@ def facet_kernel(
     facet_out: wp.array[wp.vec3],
 ) -> None:
     i = wp.tid()
-    facet_out[i] = sample_visible_normal(distribution, held_alpha(alpha), seen_from[i], u[i])
+    facet_out[i] = sample_visible_normal(distribution, clamped_alpha(alpha), seen_from[i], u[i])
 
 
 @pytest.mark.parametrize("distribution", [0, 1])

@@ -15,7 +15,7 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.materials.fresnel import fresnel_dielectric, reflect
 from wdpm.kernels.materials.leaf import GlossyPart, LeafCode
 from wdpm.kernels.materials.microfacet import (
-    held_alpha,
+    clamped_alpha,
     masking,
     masking_over_cos,
     normal_density,
@@ -103,7 +103,7 @@ def pane_lobe(b: Bsdf, w_from: wp.vec3, w_to: wp.vec3) -> PaneLobe:
     m = wp.normalize(start + mirrored)
     if crosses and wp.dot(to, m) >= 0.0:
         return s
-    alpha = held_alpha(alpha)
+    alpha = clamped_alpha(alpha)
     c = wp.dot(start, m)
     color = pane_reflection(b, c)
     if crosses:
@@ -137,7 +137,7 @@ def sample_rough_pane(b: Bsdf, w_from: wp.vec3, u_lobe: wp.float32, u: wp.vec2, 
     if crosses:
         alpha = pane_alpha(b)
     start = turned(w_from, w_from)
-    to = reflect(start, sample_visible_normal(GGX, held_alpha(alpha), start, u))
+    to = reflect(start, sample_visible_normal(GGX, clamped_alpha(alpha), start, u))
     if to[2] > 0.0:
         if crosses:
             to = wp.vec3(to[0], to[1], -to[2])
