@@ -66,7 +66,7 @@ def cache_folder() -> Path:
 
 
 @contextmanager
-def told_of_cache() -> Iterator[None]:
+def cache_errors_in_words() -> Iterator[None]:
     """Have a cache that takes no kernels (it is read-only, or full) be an error in one line that says what helps.
 
     Raises:

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 
 import warp as wp
 
-from wdpm.kernels.cached import is_compiled, is_loaded, told_of_cache
+from wdpm.kernels.cached import cache_errors_in_words, is_compiled, is_loaded
 from wdpm.kernels.camera import add_samples, filter_weights, guide_pilot, rays, shadow_rays
 from wdpm.kernels.features import Features
 from wdpm.kernels.irradiance import (
@@ -76,8 +76,8 @@ WITH_GLOSS = (pieces,)
 MODULES = (*COMMON, *WITH_INSTANCES, *WITH_GLOSS)
 
 
-Told = Callable[[int], Callable[[], None]]
-"""Is told before a wait how many modules are to be compiled; gives what is called when one of them is."""
+OnCompile = Callable[[int], Callable[[], None]]
+"""Called before a wait with how many modules are to be compiled; returns what is called when one of them is."""
 
 SECONDS_A_MODULE = 1.0
 """Of one core, to compile a module: 19 s for the 22 that all scenes share, 11 s for the 11 of a diffuse room; with all
@@ -99,15 +99,15 @@ def compile_kernels(device: str, features: Features | None = None) -> None:
     _load(device, modules, None)
 
 
-def ready_kernels(device: str, features: Features, *, wait: bool = True, told: Told | None = None) -> Chosen:
+def ready_kernels(device: str, features: Features, *, wait: bool = True, on_compile: OnCompile | None = None) -> Chosen:
     """The kernels of a scene, ready to be launched.
 
     Args:
         wait: whether the scene's own are waited for, where a kernel with all effects could stand in (on the CPU).
-        told: hears of what has to be compiled first.
+        on_compile: hears of what has to be compiled first.
     """
     chosen = own_kernels(features) if wait or device != "cpu" else compiled_kernels(features)
-    _load(device, [*_shared_modules(features), *chosen.variants.modules()], told)
+    _load(device, [*_shared_modules(features), *chosen.variants.modules()], on_compile)
     return chosen
 
 
@@ -118,14 +118,16 @@ def kernels_for_all_scenes() -> list[wp.Module]:
     return list({id(module): module for module in [*shared, *of_features]}.values())
 
 
-def compile_for_cpu(modules: Sequence[wp.Module], told: Told | None = None, threads: int | None = None) -> int:
+def compile_for_cpu(
+    modules: Sequence[wp.Module], on_compile: OnCompile | None = None, threads: int | None = None
+) -> int:
     """Compile and load modules for the CPU; returns how many were not compiled.
 
     Args:
         threads: compilers at a time; None for one a core.
     """
     missing = [module for module in modules if not is_compiled(module)]
-    done = told(len(missing)) if told is not None and missing else None
+    done = on_compile(len(missing)) if on_compile is not None and missing else None
     with ThreadPoolExecutor(threads or os.cpu_count() or 1) as compilers:
         for made in as_completed([compilers.submit(_load_one, module) for module in missing]):
             made.result()
@@ -138,7 +140,7 @@ def compile_for_cpu(modules: Sequence[wp.Module], told: Told | None = None, thre
 
 
 def _load_one(module: wp.Module) -> None:
-    with told_of_cache():
+    with cache_errors_in_words():
         wp.force_load("cpu", [module])
 
 
@@ -148,13 +150,13 @@ def _shared_modules(features: Features) -> list[wp.Module]:
     return [wp.get_module(name) for name in sorted({each.__name__ for on, group in some if on for each in group})]
 
 
-def _load(device: str, modules: Sequence[wp.Module], told: Told | None) -> None:
+def _load(device: str, modules: Sequence[wp.Module], on_compile: OnCompile | None) -> None:
     """Trees are built on the CPU wherever they are used, so all modules are loaded there, too."""
-    compile_for_cpu(modules, told)
+    compile_for_cpu(modules, on_compile)
     rest = {"cpu": [module for module in modules if not is_loaded(module)]}
     if device != "cpu":
         rest[device] = list(modules)
     for place, missing in rest.items():
         if missing:
-            with told_of_cache():
+            with cache_errors_in_words():
                 wp.force_load(place, missing, max_workers=os.cpu_count())

@@ -26,7 +26,7 @@ LIST = "warp._src.builtins"
 CONTEXT = "warp._src.context"
 """The module of Warp that has `add_builtin`, which does that, and `builtin_functions`, where they are found by name."""
 
-Told = list[tuple[tuple[Any, ...], Mapping[str, Any]]]
+Calls = list[tuple[tuple[Any, ...], Mapping[str, Any]]]
 """Arguments of each call that registers a function of one name: it has as many overloads, or more."""
 
 _lock = threading.RLock()
@@ -55,18 +55,18 @@ def _put_off(context: Any) -> None:
     late = _late_class(context)
 
     @functools.wraps(make)
-    def add_builtin(key: str, *arguments: Any, **told: Any) -> None:
+    def add_builtin(key: str, *arguments: Any, **keywords: Any) -> None:
         known = context.builtin_functions.get(key)
         if known is None:
             function = late.__new__(late)
-            function.__dict__.update(key=key, func=None, _told=[(arguments, told)], _make=make)
+            function.__dict__.update(key=key, func=None, _calls=[(arguments, keywords)], _make=make)
             context.builtin_functions[key] = function
-            if told.get("export", True):
+            if keywords.get("export", True):
                 setattr(sys.modules["warp"], key, function)
         elif type(known) is late:
-            known.__dict__["_told"].append((arguments, told))
+            known.__dict__["_calls"].append((arguments, keywords))
         else:
-            make(key, *arguments, **told)
+            make(key, *arguments, **keywords)
 
     context.add_builtin = add_builtin
 
@@ -91,21 +91,21 @@ def _finish(function: Any, context: Any) -> None:
     """Make a function, unless another thread has meanwhile."""
     with _lock:
         state = vars(function)
-        if "_told" in state:
-            made = _made(context, state["key"], state["_told"], state["_make"])
+        if "_calls" in state:
+            made = _made(context, state["key"], state["_calls"], state["_make"])
             overloads = [function if each is made else each for each in made.overloads]
-            del state["_told"], state["_make"]
+            del state["_calls"], state["_make"]
             # In one step: another thread may look at any moment, and waits above for what is not there yet.
             state.update({**vars(made), "overloads": overloads})
             function.__class__ = context.Function
 
 
-def _made(context: Any, key: str, told: Told, make: Callable[..., None]) -> Any:
-    """What Warp makes of what it was told, by its own code, which puts it aside and not where others look."""
+def _made(context: Any, key: str, calls: Calls, make: Callable[..., None]) -> Any:
+    """What Warp makes of these calls, by its own code, in a scope where nobody else finds it."""
     scope = {**vars(context), "builtin_functions": {}, "warp": types.SimpleNamespace(_src=sys.modules["warp._src"])}
     # It calls itself for each mix of types.
     code: Any = make
     scope["add_builtin"] = again = types.FunctionType(code.__code__, scope, code.__name__, code.__defaults__)
-    for arguments, named in told:
+    for arguments, named in calls:
         again(key, *arguments, **named)
     return scope["builtin_functions"][key]

@@ -22,7 +22,7 @@ OF = "wdpm.kernels."
 """Functions of the modules whose names begin so are put off."""
 
 PLAIN = frozenset({"func", "key", "namespace", "module", "value_func", "scope_locals", "doc", "inline_hint"})
-"""What Warp's constructor is told of an ordinary function. Snippets of C++ and the like are made at once."""
+"""What Warp's constructor is given of an ordinary function. Snippets of C++ and the like are made at once."""
 
 AT_ONCE = ("func", "key", "namespace", "module")
 """What others ask a function for that is only mentioned."""
@@ -50,43 +50,43 @@ def _finish(function: wp.Function) -> None:
     with _lock:
         if type(function) is not _Late:
             return
-        told = function.__dict__["_told"]
+        keywords = function.__dict__["_keywords"]
         made = wp.Function.__new__(wp.Function)
-        _make(made, **{**told, "module": None})  # the module has had the function all the time
+        _make(made, **{**keywords, "module": None})  # the module has had the function all the time
         for overloads in (made.user_templates, made.user_overloads):
             overloads.update({types: function for types, each in overloads.items() if each is made})
         if made.adj.has_unresolved_static_expressions:
-            told["module"].has_unresolved_static_expressions = True
-        function.__dict__.update({**made.__dict__, "module": told["module"]})
+            keywords["module"].has_unresolved_static_expressions = True
+        function.__dict__.update({**made.__dict__, "module": keywords["module"]})
         function.__class__ = wp.Function
-        del function.__dict__["_told"]
+        del function.__dict__["_keywords"]
 
 
-def _begin(function: wp.Function, *arguments: Any, **told: Any) -> None:
+def _begin(function: wp.Function, *arguments: Any, **keywords: Any) -> None:
     """In place of the constructor."""
-    if arguments or not _can_wait(told):
-        _make(function, *arguments, **told)
+    if arguments or not _can_wait(keywords):
+        _make(function, *arguments, **keywords)
         return
-    module = told["module"]
+    module = keywords["module"]
     look_up_no_calls(module)
-    module.functions[told["key"]] = function
+    module.functions[keywords["key"]] = function
     module.mark_modified()
     function.__class__ = _Late
-    function.__dict__.update({name: told[name] for name in AT_ONCE}, _told={**told, "scope_locals": {}})
+    function.__dict__.update({name: keywords[name] for name in AT_ONCE}, _keywords={**keywords, "scope_locals": {}})
 
 
-def _begin_kernel(kernel: wp.Kernel, *arguments: Any, **told: Any) -> None:
+def _begin_kernel(kernel: wp.Kernel, *arguments: Any, **keywords: Any) -> None:
     """In place of the constructor of kernels, which are made at once: a launch wants their arguments."""
-    if told.get("module") is not None and _is_ours(told.get("func")):
-        look_up_no_calls(told["module"])
-    _make_kernel(kernel, *arguments, **told)
+    if keywords.get("module") is not None and _is_ours(keywords.get("func")):
+        look_up_no_calls(keywords["module"])
+    _make_kernel(kernel, *arguments, **keywords)
 
 
-def _can_wait(told: Mapping[str, Any]) -> bool:
+def _can_wait(keywords: Mapping[str, Any]) -> bool:
     """Whether a function is one of ours, and an ordinary one: another of the same name in its scope is overloaded."""
-    function: Any = told.get("func")
-    scope: Mapping[str, Any] = told.get("scope_locals") or {}
-    if told.get("module") is None or not _is_ours(function) or not told.keys() <= PLAIN:
+    function: Any = keywords.get("func")
+    scope: Mapping[str, Any] = keywords.get("scope_locals") or {}
+    if keywords.get("module") is None or not _is_ours(function) or not keywords.keys() <= PLAIN:
         return False
     return not isinstance(scope.get(function.__name__), wp.Function)
 

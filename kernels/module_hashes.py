@@ -103,7 +103,7 @@ class Hashes:
         if entry is not None and is_tried():
             with _lock, contextlib.suppress(*FAILS_LIKE):
                 if CPU_BLOCK not in module.hashers:
-                    _tell(module, entry)
+                    _set_hashes(module, entry)
 
     def add(self, module: wp.Module) -> None:
         """Remember the hash of a module of these sources, which Warp has worked out, if Warp can be told it again."""
@@ -184,18 +184,18 @@ def _digest_of(options: Mapping[str, Any]) -> str:
     return hashlib.sha256(repr(sorted(options.items())).encode()).hexdigest()
 
 
-def _tell(module: wp.Module, entry: Mapping[str, Any]) -> None:
+def _set_hashes(module: wp.Module, entry: Mapping[str, Any]) -> None:
     """Put an entry where Warp looks for what it has worked out; do nothing if it is of another module of that name."""
     options = _options_of(module)
     kernels = {kernel.key: kernel for kernel in module._get_live_kernels()}
-    told = entry["kernels"]
-    known = {kernel: bytes.fromhex(told[key]["hash"]) for key, kernel in kernels.items()}
-    if told.keys() != kernels.keys() or entry["options"] != _digest_of(options):
+    stored = entry["kernels"]
+    known = {kernel: bytes.fromhex(stored[key]["hash"]) for key, kernel in kernels.items()}
+    if stored.keys() != kernels.keys() or entry["options"] != _digest_of(options):
         return
     for key, kernel in kernels.items():
-        kernel.hash, kernel.grid_stride = known[kernel], told[key]["grid_stride"]
+        kernel.hash, kernel.grid_stride = known[kernel], stored[key]["grid_stride"]
         for name in SET_BY_HASHING:
-            setattr(kernel.adj, name, told[key]["adj"][name])
+            setattr(kernel.adj, name, stored[key]["adj"][name])
     module.hashers[CPU_BLOCK] = _Hasher(module, bytes.fromhex(entry["hash"]), known)
     module.resolved_options[CPU_BLOCK] = options
 
@@ -206,10 +206,10 @@ def _takes(module: wp.Module, entry: Mapping[str, Any]) -> bool:
     symbols = [kernel.get_mangled_name() for kernel in module._get_live_kernels()]
     worked_out = module.hashers[CPU_BLOCK]
     try:
-        _tell(module, entry)
-        told = isinstance(module.hashers.get(CPU_BLOCK), _Hasher)
+        _set_hashes(module, entry)
+        is_set = isinstance(module.hashers.get(CPU_BLOCK), _Hasher)
         alike = module.get_module_identifier(CPU_BLOCK) == name
-        return told and alike and [kernel.get_mangled_name() for kernel in module._get_live_kernels()] == symbols
+        return is_set and alike and [kernel.get_mangled_name() for kernel in module._get_live_kernels()] == symbols
     finally:
         module.hashers[CPU_BLOCK] = worked_out
 
@@ -217,10 +217,10 @@ def _takes(module: wp.Module, entry: Mapping[str, Any]) -> bool:
 def forget(module: wp.Module) -> bool:
     """Have Warp work a module's hash out, if it was told it; whether it was."""
     with _lock:
-        told = isinstance(module.hashers.get(CPU_BLOCK), _Hasher)
-        if told:
+        was_set = isinstance(module.hashers.get(CPU_BLOCK), _Hasher)
+        if was_set:
             del module.hashers[CPU_BLOCK]
-        return told
+        return was_set
 
 
 def hashes() -> Hashes:

@@ -23,11 +23,11 @@ def quiet_warp() -> None:
     """
     import warp as wp
 
-    from wdpm.kernels.cached import told_of_cache
+    from wdpm.kernels.cached import cache_errors_in_words
 
     wp.config.log_level = wp.LOG_WARNING
     sys.stderr.flush()
-    with _temporary_file() as caught, told_of_cache():
+    with _temporary_file() as caught, cache_errors_in_words():
         kept = os.dup(2)
         os.dup2(caught.fileno(), 2)
         try:

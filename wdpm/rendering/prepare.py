@@ -297,7 +297,8 @@ def _compile(
 ) -> KernelReport:
     """Compile what is needed, and tell what that was."""
     before = cached_modules()
-    chosen = ready_kernels(launcher.device, features, wait=launcher.wait_for_kernels, told=partial(_say, progress))
+    wait, on_compile = launcher.wait_for_kernels, partial(_say, progress)
+    chosen = ready_kernels(launcher.device, features, wait=wait, on_compile=on_compile)
     return KernelReport(
         features=features.names(),
         all_effects=settings.all_effects,
