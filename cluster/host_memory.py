@@ -125,12 +125,12 @@ def keep_free_memory() -> bool:
     Returns:
         Whether the allocator has been told.
     """
-    told = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None
-    if told is None:
+    set_option = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None
+    if set_option is None:
         return False
     # The heap of a thread of its own is made of parts, which go back to the system one by one whatever it is told.
     settings = {_M_ARENA_MAX: 1, _M_MMAP_THRESHOLD: LARGE_BLOCK, _M_TRIM_THRESHOLD: KEPT_AT_MOST}
-    return all(told(setting, value) for setting, value in settings.items())
+    return all(set_option(setting, value) for setting, value in settings.items())
 
 
 class PrivateMemory:

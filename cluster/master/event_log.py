@@ -40,7 +40,7 @@ class EventLog:
                 observer(happened)
 
     def _happened(self, event: m.Event, instructions: Iterable[m.Instruction], now: float) -> Iterator[ClusterEvent]:
-        yield from self._told(event, now)
+        yield from self._received(event, now)
         for instruction in instructions:
             match instruction:
                 case m.Send(identity, message):
@@ -56,7 +56,7 @@ class EventLog:
                 case m.Broken(reason):
                     yield ClusterEvent("broken", {"reason": reason})
 
-    def _told(self, event: m.Event, now: float) -> Iterator[ClusterEvent]:
+    def _received(self, event: m.Event, now: float) -> Iterator[ClusterEvent]:
         match event:
             case m.SlaveSaid(identity, message) if identity in self._numbers:
                 yield from self._said(self._numbers[identity], message, now)

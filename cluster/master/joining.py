@@ -14,7 +14,7 @@ class JoinWait:
         self._members = members
         self._ticked_at: float | None = None
         self._waited_s = 0.0
-        self._told_s = 0.0
+        self._noted_s = 0.0
 
     def tick(self, now: float) -> str | None:
         """Time has passed; returns who has come, and how long the others are waited for, now and then."""
@@ -22,9 +22,9 @@ class JoinWait:
         self._ticked_at = now
         # A longer step than any loop takes means that this process itself stood still (a laptop's lid).
         self._waited_s += min(passed, self._limits.slept_s)
-        if self._waited_s - self._told_s < self._limits.join_news_s:
+        if self._waited_s - self._noted_s < self._limits.join_news_s:
             return None
-        self._told_s = self._waited_s
+        self._noted_s = self._waited_s
         left = self._limits.join_timeout_s - self._waited_s
         return f"{self._who_has_come()}; the others are waited for {left:.0f} s more"
 

@@ -75,7 +75,7 @@ class MasterServer:
         if together > MOST_SLAVES:
             raise SettingsError(f"{together} slaves: at most {MOST_SLAVES} can be connected with each other")
         self._slaves = slaves
-        self._told_to_wait = False
+        self._noted_wait = False
         self._closed = False
         self._answers: queue.SimpleQueue[m.Instruction | BaseException] = queue.SimpleQueue()
         self._stack = ExitStack()
@@ -149,8 +149,8 @@ class MasterServer:
             raise
 
     def _tell_to_wait(self, progress: ProgressObserver | None) -> None:
-        if progress is not None and not self._told_to_wait:
-            self._told_to_wait = True
+        if progress is not None and not self._noted_wait:
+            self._noted_wait = True
             progress.note(f"waiting for {self._slaves} slaves at {self.endpoint}")
 
     def _follow(

@@ -57,8 +57,8 @@ def check_statistics(values: dict[str, Any], world: World) -> None:
         "energy": (float, (MAPS,)),
     }
     known = {"cells", *COUNTS, *SECONDS, *COUNTS_BY_NAME, *tables}
-    told = values.keys() - ACCOUNT
-    _require(told == known, f"wrong names: {sorted(known ^ told)!r:.200}")
+    names = values.keys() - ACCOUNT
+    _require(names == known, f"wrong names: {sorted(known ^ names)!r:.200}")
     _check_account(values)
     for name in COUNTS:
         _require(_is_count(values[name]), f"{name} is {values[name]!r:.80}; expected a count")

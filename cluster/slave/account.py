@@ -29,7 +29,7 @@ class Account:
             self.sent.take()
         self.idling.ended(now)
 
-    def told(self, message: protocol.FromSlave) -> protocol.FromSlave:
+    def attach_to(self, message: protocol.FromSlave) -> protocol.FromSlave:
         """A message to the master as it is to be sent: the account is added to Statistics, and begins anew."""
         self.sent.add(message)
         if not isinstance(message, protocol.Statistics):

@@ -147,7 +147,7 @@ class SlaveShell:
     def tell_master(self, message: protocol.FromSlave) -> None:
         """Send the master a message. If the connection is gone, `find_broken_connections` will hear of it."""
         if self._account is not None:
-            message = self._account.told(message)
+            message = self._account.attach_to(message)
         self._master.send(message)
 
     def close(self) -> None:

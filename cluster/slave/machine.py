@@ -94,7 +94,7 @@ class Slave:
         self._work = JobQueue(hold_s)
         self._running: list[tuple[int, Job]] = []  # with the epoch of each
         self._running_since = 0.0
-        self._slow_build_told = False
+        self._slow_build_noted = False
         self._dropped: Counter[str] = Counter()
         self._ended = False
 
@@ -202,8 +202,8 @@ class Slave:
             self._beat_at = now + self._welcome.heartbeat_s
             out.append(ToMaster(protocol.Heartbeat()))
         slow = now - self._running_since > SLOW_BUILD_S
-        if slow and any(isinstance(job, jobs.Build) for _, job in self._running) and not self._slow_build_told:
-            self._slow_build_told = True
+        if slow and any(isinstance(job, jobs.Build) for _, job in self._running) and not self._slow_build_noted:
+            self._slow_build_noted = True
             text = "builds its cells and compiles kernels; the first time that takes about half a minute"
             out += [ToMaster(protocol.Note(text)), Tell(text)]
         return out

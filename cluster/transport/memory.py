@@ -143,7 +143,7 @@ class MemoryConnection:
         self._memory = memory
         self._listener = listener
         self._identity = identity
-        self._told = listener is None
+        self._reported = listener is None
         self._reached = listener is not None
         if listener is not None:
             listener.connections[identity] = self
@@ -164,9 +164,9 @@ class MemoryConnection:
 
     def broke(self) -> bool:
         """Whether the listener has been closed since this was last asked."""
-        if self._told or self._listener is None or not self._listener.closed:
+        if self._reported or self._listener is None or not self._listener.closed:
             return False
-        self._told = True
+        self._reported = True
         return True
 
     def reached(self) -> bool:

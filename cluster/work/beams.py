@@ -68,10 +68,10 @@ class Beams:
                 radius=plan.radius,
                 unit=world.volume_unit,
             )
-        told = columns.download(beams, [*_SUMS, "clamped"])
-        clamped = told.pop("clamped")
-        arrays = {**batch.arrays, **told}
-        arrays["radiance"] = self._told_of(arrays["radiance"], clamped)
+        sums = columns.download(beams, [*_SUMS, "clamped"])
+        clamped = sums.pop("clamped")
+        arrays = {**batch.arrays, **sums}
+        arrays["radiance"] = self._mark_clamped(arrays["radiance"], clamped)
         onward = next_beam_cells(replica, arrays, self._cell)
         for cell, rows in by_destination(onward, onward >= 0):
             yield Batch(Kind.BEAM, cell, batch.runs.among(rows).with_unit(), take(arrays, rows))
@@ -80,7 +80,7 @@ class Beams:
             lit = self._end(take(arrays, ended))
             yield Batch(Kind.LIT, self._cell, batch.runs.among(ended).with_unit(), lit)
 
-    def _told_of(self, throughput: NDArray[np.float32], clamped: NDArray[np.int32]) -> NDArray[np.float32]:
+    def _mark_clamped(self, throughput: NDArray[np.float32], clamped: NDArray[np.int32]) -> NDArray[np.float32]:
         """Count what was clamped. Whose beam it is only the home knows: in a strict render a NaN tells it."""
         if not clamped.any():
             return throughput

@@ -227,8 +227,8 @@ class CameraPaths:
             fresh=int(fresh),
             next_cell_out=onward,
         )
-        told: NDArray[np.int32] = onward.numpy()
-        return told
+        next_cells: NDArray[np.int32] = onward.numpy()
+        return next_cells
 
     def _sort_out(self, runs: Runs, paths: Arrays, onward: NDArray[np.int32]) -> Iterator[Batch]:
         """Send rays that this cell has been asked about where they are to go.
@@ -259,9 +259,9 @@ class CameraPaths:
         }
         if self._replica.world.caustic_map.paths:
             seen[parts.CAUSTIC] = self._later_caustics(shaded, arrays, actions)
-        told = [self._part(batch.runs, arrays, part, light) for part, light in seen.items()]
-        told += [Batch(Kind.LIT, self._cell, batch.runs.among(rows), reach) for rows, reach in reaches]
-        lit = joined(told)
+        lit_parts = [self._part(batch.runs, arrays, part, light) for part, light in seen.items()]
+        lit_parts += [Batch(Kind.LIT, self._cell, batch.runs.among(rows), reach) for rows, reach in reaches]
+        lit = joined(lit_parts)
         yield replace(lit, runs=lit.runs.with_credit(rest_of(batch.runs, follows)))
         yield from follows
 
@@ -271,7 +271,7 @@ class CameraPaths:
         return self.final_gather.decide(paths, arrays) if by_rays else None
 
     def _indirect(self, shaded: Any, arrays: Arrays, actions: Actions | None) -> NDArray[np.float32]:
-        """Indirect light that is told at the vertices themselves, by photons or by what was computed from them."""
+        """Indirect light that is known at the vertices themselves, by photons or by what was computed from them."""
         if actions is None:
             return self.gathering.reflected(GLOBAL_MAP, shaded.queries, shaded.coats, arrays)
         lambertian = self._lambertian(shaded, actions)
@@ -364,12 +364,12 @@ class CameraPaths:
 
     def _start_paths(self, cause: Batch, going_on: Any) -> Iterator[Batch]:
         """Send rays of paths on their way: most begin where they are, so this cell is asked at once."""
-        told = columns.download(going_on, ("throughput", "bounce"))
-        throughput = self.guards.blacken(told["throughput"], guards.THROUGHPUT, cause.arrays)
-        if throughput is not told["throughput"]:
+        shaded = columns.download(going_on, ("throughput", "bounce"))
+        throughput = self.guards.blacken(shaded["throughput"], guards.THROUGHPUT, cause.arrays)
+        if throughput is not shaded["throughput"]:
             going_on.throughput = columns.array_over(throughput, wp.vec3, self._replica.launcher.device)
         # The kernel ends them all there; hardly any has not been ended by Russian roulette long before.
-        self.guards.act(guards.PATHS_CUT, np.flatnonzero(told["bounce"] >= parts.LAST_BOUNCE), cause.arrays)
+        self.guards.act(guards.PATHS_CUT, np.flatnonzero(shaded["bounce"] >= parts.LAST_BOUNCE), cause.arrays)
         if not throughput.any():
             return
         onward = self._visit(going_on, len(cause), fresh=True)

@@ -95,8 +95,8 @@ class Shadows:
             fresh=int(fresh),
             next_cell_out=onward,
         )
-        told: NDArray[np.int32] = onward.numpy()
-        return told
+        next_cells: NDArray[np.int32] = onward.numpy()
+        return next_cells
 
     def visit_walks(self, batch: Batch) -> Iterator[Batch]:
         """Look for the next surface on the way of segments that may pass through some."""

@@ -408,10 +408,10 @@ class CellWorker:
         What was put off comes in like what others sent, but for rays of a task that another worker was faster with,
         which may wait still when the image is done: so it is not known to the last ray what came of others then.
         """
-        told = dict(self._traffic)
+        counts = dict(self._traffic)
         for what in ("rays", "bytes"):
-            told[f"{what}_in"] = max(told[f"{what}_in"] - told.pop(f"{what}_put_off"), 0)
-        return told
+            counts[f"{what}_in"] = max(counts[f"{what}_in"] - counts.pop(f"{what}_put_off"), 0)
+        return counts
 
     def _receive(self, batch: Batch, outbox: Outbox) -> Iterator[Batch]:
         """Take in what came home, task by task."""

@@ -213,10 +213,10 @@ class RecordHome:
             bounds=bounds,
             made_out=made,
         )
-        told = columns.download(made, ("irradiance", "rotation", "translation", "radius"))
+        of_kernel = columns.download(made, ("irradiance", "rotation", "translation", "radius"))
         shape = (count, *self._strata)
         error = standard_errors(_grey(radiance).reshape(shape), counts.reshape(shape)).astype(np.float32)
-        return Records(self._numbers(), self._site["position"], self._site["shading_normal"], **told, error=error)
+        return Records(self._numbers(), self._site["position"], self._site["shading_normal"], **of_kernel, error=error)
 
     def _batch(self, kind: Kind, cell: int, credit: int, arrays: Arrays) -> Batch:
         return Batch.of_task(kind, self.task.number, self._number, cell, credit, arrays)

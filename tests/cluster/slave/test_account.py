@@ -25,7 +25,7 @@ BUILD = c.Build(0, make_world(2), {}, (0, 1))
 
 
 def spent(account: Account) -> dict[str, float]:
-    told = account.told(p.Statistics(1, {"photons": 5}))
+    told = account.attach_to(p.Statistics(1, {"photons": 5}))
     assert isinstance(told, p.Statistics)
     assert told.values["photons"] == 5
     seconds: dict[str, float] = told.values["spent_s"]
@@ -88,7 +88,7 @@ def test_time_between_sessions_is_nobodys() -> None:
 def test_nothing_is_counted_before_a_slave_is_built() -> None:
     account = Account()
     account.idling.sent(1.0)
-    account.told(p.Heartbeat())
+    account.attach_to(p.Heartbeat())
     assert sum(spent(account).values()) == 0.0
 
 
@@ -98,7 +98,7 @@ def test_the_account_begins_anew_where_the_workers_counts_do(job: c.Job) -> None
     account.sent.add(p.PeerBatches(1, (batch(Kind.PHOTON),)))
     do(account, TASK, 10.0, 11.0, 11.0)
     do(account, job, 12.0, 13.0, 13.0)
-    told = account.told(p.Statistics(1, {}))
+    told = account.attach_to(p.Statistics(1, {}))
     assert isinstance(told, p.Statistics)
     assert told.values == {
         "spent_s": dict.fromkeys(p.SPENT, 0.0),
