@@ -19,7 +19,6 @@ from wdpm.kernels.camera.vertices import (
     BY_FINAL_GATHER,
     BY_PATHS,
     CHOICE,
-    READ_MAP,
     TRACE_ON,
     Orders,
     Shaded,
@@ -74,7 +73,6 @@ def make_shade_surface(features: Features) -> wp.Function:
                 diffuse_share = probability_diffuse(s.bsdf, w_from)
             if orders.diffuse_light == BY_FINAL_GATHER and p.diffuse > 0:
                 shines = False
-                lit = lit and p.action != READ_MAP
 
         emission = wp.vec3(0.0)
         if shines and reached:

@@ -33,10 +33,8 @@ BY_FINAL_GATHER = wp.constant(int(DiffuseLight.FINAL_GATHER))
 # What the diffuse part of one vertex does in BY_FINAL_GATHER.
 TRACE_ON = wp.constant(0)
 """A ray goes on by it."""
-READ_MAP = wp.constant(1)
-"""All of its light is read from the photon map: it ends a gather ray."""
-CACHED = wp.constant(2)
-"""Its indirect light comes from the irradiance cache, its direct light from shadow rays."""
+CACHED = wp.constant(1)
+"""Its indirect light is read: from irradiance records, or as irradiance at photons. Direct light has shadow rays."""
 
 # Parts of a vertex, after its shadow rays: cluster.work.parts.
 EMISSION_PART = wp.constant(0)

@@ -213,29 +213,6 @@ def pass_weight_by(media: wp.ref[Media], medium: wp.int32, t: wp.float32, share:
 
 
 @wp.func
-def sample_distance(
-    media: wp.ref[Media], medium: wp.int32, t_max: wp.float32, u_channel: wp.float32, u_distance: wp.float32
-) -> DistanceSample:
-    """A collision before t_max, or none.
-
-    Args:
-        t_max: distance to the end of the medium or the next surface; may be infinite.
-        u_channel, u_distance: independent random numbers in [0, 1].
-    """
-    s = DistanceSample()
-    t = free_path(media, medium, u_channel, u_distance)
-    if t < t_max:
-        s.t = t
-        s.scatters = 1
-        s.weight = scatter_weight(media, medium, t)
-    else:
-        s.t = t_max
-        s.scatters = 0
-        s.weight = pass_weight(media, medium, t_max)
-    return s
-
-
-@wp.func
 def phase_value(g: wp.float32, cosine: wp.float32) -> wp.float32:
     """Henyey & Greenstein 1941: the phase function, which is its own pdf_solid_angle.
 

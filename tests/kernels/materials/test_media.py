@@ -9,7 +9,16 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from wdpm.kernels.materials import medium
-from wdpm.kernels.materials.medium import Media, phase_sample, phase_value, sample_distance, transmittance
+from wdpm.kernels.materials.medium import (
+    DistanceSample,
+    Media,
+    free_path,
+    pass_weight,
+    phase_sample,
+    phase_value,
+    scatter_weight,
+    transmittance,
+)
 
 wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
@@ -22,6 +31,29 @@ SIGMAS = np.array(
 """Extinction of the media under test: none, grey, coloured, and without any in some channels."""
 
 G = np.array([-0.99, -0.7, -0.2, -1e-4, 0.0, 1e-20, 1e-4, 0.3, 0.85, 0.99])
+
+
+@wp.func
+def sample_distance(
+    media: wp.ref[Media], medium: wp.int32, t_max: wp.float32, u_channel: wp.float32, u_distance: wp.float32
+) -> DistanceSample:
+    """A collision before t_max, or none.
+
+    Args:
+        t_max: distance to the end of the medium or the next surface; may be infinite.
+        u_channel, u_distance: independent random numbers in [0, 1].
+    """
+    s = DistanceSample()
+    t = free_path(media, medium, u_channel, u_distance)
+    if t < t_max:
+        s.t = t
+        s.scatters = 1
+        s.weight = scatter_weight(media, medium, t)
+    else:
+        s.t = t_max
+        s.scatters = 0
+        s.weight = pass_weight(media, medium, t_max)
+    return s
 
 
 @wp.kernel
