@@ -45,24 +45,24 @@ class Launcher:
         self.device = device
         self.wait_for_kernels = wait_for_kernels
         self.threads = max(1, threads or os.cpu_count() or 1) if device == "cpu" else 1
-        self._idle: ThreadPoolExecutor | None = None
+        self._executor: ThreadPoolExecutor | None = None
 
     @property
     def _pool(self) -> ThreadPoolExecutor | None:
-        """Threads, from the first launch that is cut until `rest`."""
-        if self._idle is None and self.threads > 1:
-            self._idle = ThreadPoolExecutor(self.threads)
-        return self._idle
+        """Threads, from the first launch that is cut until `stop_threads`."""
+        if self._executor is None and self.threads > 1:
+            self._executor = ThreadPoolExecutor(self.threads)
+        return self._executor
 
-    def rest(self) -> None:
+    def stop_threads(self) -> None:
         """End all threads, so that the process may fork; the next launch starts others."""
-        if self._idle is not None:
-            self._idle.shutdown()
-            self._idle = None
+        if self._executor is not None:
+            self._executor.shutdown()
+            self._executor = None
 
     def use_one_thread(self) -> None:
         """Launch on the calling thread alone from here on: in a forked process, which is one of several."""
-        self._idle = None
+        self._executor = None
         self.threads = 1
 
     def chunks(self, count: int, grain: int = GRAIN) -> list[tuple[int, int]]:

@@ -173,7 +173,7 @@ class ForkedTasks:
         if not self._processes:
             _end([], self._ending, os.getpid())
             return_free_memory()  # or each process would copy what lies in pages that are free as soon as it uses one
-        self._worker.replica.launcher.rest()
+        self._worker.replica.launcher.stop_threads()
         gc.freeze()  # so that the collector's marks do not copy the pages of all objects into each process
         try:
             return self._forked()
@@ -184,8 +184,8 @@ class ForkedTasks:
         ours, theirs = stream.pair()
         with warnings.catch_warnings():
             # Python warns of threads, which a fork leaves behind with whatever locks they hold. Those of this process
-            # compute (none does now, the launcher rests), draw a progress bar or wait for a network: none of that is
-            # touched on the other side.
+            # compute (none does now, the launcher has stopped its own), draw a progress bar or wait for a network: none
+            # of that is touched on the other side.
             warnings.simplefilter("ignore", DeprecationWarning)
             parent = os.getpid()
             try:
@@ -197,8 +197,8 @@ class ForkedTasks:
         if pid == 0:
             ours.close()
             for process in self._processes:
-                process.stream.close()  # or a brother would not see the parent's end of it close
-            _live(self._worker, theirs, parent)
+                process.stream.close()  # or a sibling would not see the parent's end of it close
+            _serve(self._worker, theirs, parent)
         theirs.close()
         process = _Process(pid, ours)
         self._processes.append(process)
@@ -293,7 +293,7 @@ def _error_of(failed: shares.TaskFailed) -> BaseException:
 # The forked process's side.
 
 
-def _live(worker: CellWorker, parent: stream.Stream, parent_pid: int) -> NoReturn:
+def _serve(worker: CellWorker, parent: stream.Stream, parent_pid: int) -> NoReturn:
     """Do tasks until the parent closes the stream, or ends. Never returns: the caller's stack is the parent's."""
     try:
         # Ctrl-C reaches all processes of a terminal; the parent decides what follows.
