@@ -63,7 +63,7 @@ def encode(message: Any) -> list[Frame]:
     """
     arrays: list[np.ndarray[Any, Any]] = []
     kind: Any = type(message)
-    values = _way(kind).pack(message, kind.__name__, arrays)
+    values = _codec_of(kind).pack(message, kind.__name__, arrays)
     header = msgpack.packb([MAGIC, PROTOCOL, kind.__name__, values], use_bin_type=True)
     return [header, *(frame for array in arrays for frame in split(array))]
 
@@ -87,7 +87,7 @@ def decode(frames: Sequence[Frame], expected: Mapping[str, type], *, stranger: b
     if name not in expected:
         raise ProtocolError(f"message {name!r} is not known here; expected one of {', '.join(sorted(expected))}")
     reader = Frames(frames[1:])
-    message = _way(expected[name]).unpack(values, name, reader)
+    message = _codec_of(expected[name]).unpack(values, name, reader)
     reader.finish()
     return message
 
@@ -208,7 +208,7 @@ def _members(hint: Any) -> tuple[Any, ...]:
     return typing.get_args(hint) if union else ()
 
 
-class Way(NamedTuple):
+class Codec(NamedTuple):
     """How values of a type hint are packed, and unpacked and checked; ProtocolError where one is something else."""
 
     pack: Packer
@@ -216,28 +216,28 @@ class Way(NamedTuple):
 
 
 @functools.cache
-def _way(hint: Any) -> Way:
-    """How values of a type hint go over the wire."""
+def _codec_of(hint: Any) -> Codec:
+    """How values of a type hint go over the wire, found out once."""
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if _is_array(hint):
-        return Way(_array_packer(hint), _array_unpacker(hint))
+        return Codec(_array_packer(hint), _array_unpacker(hint))
     if members := _members(hint):
-        return Way(_union_packer(members), _union_unpacker(members))
+        return Codec(_union_packer(members), _union_unpacker(members))
     if hint is Any:
-        return Way(both_ways := lambda value, where, _: _plain(value, where), both_ways)
+        return Codec(both_ways := lambda value, where, _: _plain(value, where), both_ways)
     if hint is Batch:
-        return Way(pack_batch, unpack_batch)
+        return Codec(pack_batch, unpack_batch)
     if hint is Bitmap:
-        return Way(_pack_bitmap, _unpack_bitmap)
+        return Codec(_pack_bitmap, _unpack_bitmap)
     if isinstance(hint, type) and is_dataclass(hint):
-        return Way(_dataclass_packer(hint), _dataclass_unpacker(hint))
+        return Codec(_dataclass_packer(hint), _dataclass_unpacker(hint))
     if isinstance(hint, type) and issubclass(hint, Enum):
-        return Way(_enum_packer(hint), _enum_unpacker(hint))
+        return Codec(_enum_packer(hint), _enum_unpacker(hint))
     if origin is tuple:
-        return Way(_tuple_packer(arguments), _tuple_unpacker(arguments))
+        return Codec(_tuple_packer(arguments), _tuple_unpacker(arguments))
     if origin in (dict, Mapping):
-        return Way(_map_packer(*arguments), _map_unpacker(*arguments))
-    return Way(
+        return Codec(_map_packer(*arguments), _map_unpacker(*arguments))
+    return Codec(
         lambda value, where, _: _pack_scalar(hint, value, where),
         lambda value, where, _: _unpack_scalar(hint, value, where),
     )
@@ -246,11 +246,11 @@ def _way(hint: Any) -> Way:
 def _pack_bitmap(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
     if type(value) is not Bitmap:
         raise ProtocolError(f"{where} is a {type(value).__name__}; expected Bitmap")
-    return _way(short_bitmaps.ShortBitmap).pack(short_bitmaps.shorten(value), where, arrays)
+    return _codec_of(short_bitmaps.ShortBitmap).pack(short_bitmaps.shorten(value), where, arrays)
 
 
 def _unpack_bitmap(value: Any, where: str, frames: Frames) -> Bitmap:
-    bitmap = short_bitmaps.lengthen(_way(short_bitmaps.ShortBitmap).unpack(value, where, frames), where)
+    bitmap = short_bitmaps.lengthen(_codec_of(short_bitmaps.ShortBitmap).unpack(value, where, frames), where)
     checks.check(bitmap, where)
     return bitmap
 
@@ -258,7 +258,7 @@ def _unpack_bitmap(value: Any, where: str, frames: Frames) -> Bitmap:
 def _dataclass_packer(hint: type) -> Packer:
     @functools.cache
     def members() -> tuple[tuple[str, Packer], ...]:  # asked for late: a class may be of its own kind somewhere within
-        return tuple((name, _way(inner).pack) for name, inner in _hints(hint).items())
+        return tuple((name, _codec_of(inner).pack) for name, inner in _hints(hint).items())
 
     def pack(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
         if type(value) is not hint:
@@ -279,7 +279,7 @@ def _enum_packer(hint: type[Enum]) -> Packer:
 
 def _tuple_packer(arguments: tuple[Any, ...]) -> Packer:
     if len(arguments) == 2 and arguments[1] is Ellipsis:
-        each = _way(arguments[0]).pack
+        each = _codec_of(arguments[0]).pack
 
         def pack_all(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
             return [each(item, f"{where}[{index}]", arrays) for index, item in enumerate(_sequence(value, where))]
@@ -288,13 +288,13 @@ def _tuple_packer(arguments: tuple[Any, ...]) -> Packer:
 
     def pack(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
         items = _tuple_hints(arguments, value, where)
-        return [_way(hint).pack(item, f"{where}[{index}]", arrays) for index, (hint, item) in enumerate(items)]
+        return [_codec_of(hint).pack(item, f"{where}[{index}]", arrays) for index, (hint, item) in enumerate(items)]
 
     return pack
 
 
 def _map_packer(key_hint: Any, item_hint: Any) -> Packer:
-    of_key, of_item = _way(key_hint).pack, _way(item_hint).pack
+    of_key, of_item = _codec_of(key_hint).pack, _codec_of(item_hint).pack
 
     def pack(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
         if not isinstance(value, Mapping):
@@ -308,7 +308,7 @@ def _union_packer(members: tuple[Any, ...]) -> Packer:
     others = [member for member in members if member is not type(None)]
     optional, names = len(others) < len(members), " or ".join(member.__name__ for member in others)
     if len(others) == 1:
-        only = _way(others[0]).pack
+        only = _codec_of(others[0]).pack
         return lambda value, where, arrays: None if value is None and optional else only(value, where, arrays)
 
     def pack(value: Any, where: str, arrays: list[np.ndarray[Any, Any]]) -> Any:
@@ -316,7 +316,7 @@ def _union_packer(members: tuple[Any, ...]) -> Packer:
             return None
         kind: Any = type(value)
         if kind in others:
-            return [kind.__name__, _way(kind).pack(value, where, arrays)]
+            return [kind.__name__, _codec_of(kind).pack(value, where, arrays)]
         raise ProtocolError(f"{where} is a {type(value).__name__}; expected {names}")
 
     return pack
@@ -359,7 +359,7 @@ def _tuple_hints(arguments: tuple[Any, ...], value: Any, where: str) -> Iterable
 def _dataclass_unpacker(hint: type) -> Unpacker:
     @functools.cache
     def members() -> tuple[tuple[str, Unpacker], ...]:
-        return tuple((name, _way(inner).unpack) for name, inner in _hints(hint).items())
+        return tuple((name, _codec_of(inner).unpack) for name, inner in _hints(hint).items())
 
     def unpack(value: Any, where: str, frames: Frames) -> Any:
         of_fields = members()
@@ -388,7 +388,7 @@ def _enum_unpacker(hint: type[Enum]) -> Unpacker:
 
 def _tuple_unpacker(arguments: tuple[Any, ...]) -> Unpacker:
     if len(arguments) == 2 and arguments[1] is Ellipsis:
-        each = _way(arguments[0]).unpack
+        each = _codec_of(arguments[0]).unpack
 
         def unpack_all(value: Any, where: str, frames: Frames) -> Any:
             items = _sequence(value, where)
@@ -398,13 +398,15 @@ def _tuple_unpacker(arguments: tuple[Any, ...]) -> Unpacker:
 
     def unpack(value: Any, where: str, frames: Frames) -> Any:
         items = _tuple_hints(arguments, value, where)
-        return tuple(_way(hint).unpack(item, f"{where}[{index}]", frames) for index, (hint, item) in enumerate(items))
+        return tuple(
+            _codec_of(hint).unpack(item, f"{where}[{index}]", frames) for index, (hint, item) in enumerate(items)
+        )
 
     return unpack
 
 
 def _map_unpacker(key_hint: Any, item_hint: Any) -> Unpacker:
-    of_key, of_item = _way(key_hint).unpack, _way(item_hint).unpack
+    of_key, of_item = _codec_of(key_hint).unpack, _codec_of(item_hint).unpack
 
     def unpack(value: Any, where: str, frames: Frames) -> Any:
         if not isinstance(value, dict):
@@ -418,7 +420,7 @@ def _union_unpacker(members: tuple[Any, ...]) -> Unpacker:
     others = {member.__name__: member for member in members if member is not type(None)}
     optional, names = len(others) < len(members), " or ".join(others)
     if len(others) == 1:
-        [only] = (_way(member).unpack for member in others.values())
+        [only] = (_codec_of(member).unpack for member in others.values())
         return lambda value, where, frames: None if value is None and optional else only(value, where, frames)
 
     def unpack(value: Any, where: str, frames: Frames) -> Any:
@@ -429,7 +431,7 @@ def _union_unpacker(members: tuple[Any, ...]) -> Unpacker:
         member = others.get(value[0]) if isinstance(value[0], str) else None
         if member is None:
             raise ProtocolError(f"{where} is a {value[0]!r}; expected {names}")
-        return _way(member).unpack(value[1], where, frames)
+        return _codec_of(member).unpack(value[1], where, frames)
 
     return unpack
 

@@ -36,7 +36,7 @@ def test_threads_may_meet_a_message_first_together() -> None:
 
     with ThreadPoolExecutor(THREADS) as pool:
         for _ in range(20):
-            packing._way.cache_clear()
+            packing._codec_of.cache_clear()
             gate = threading.Barrier(THREADS)
             for answer in [pool.submit(both_ways, gate) for _ in range(THREADS)]:
                 assert answer.result() == expected
