@@ -18,7 +18,7 @@ from wdpm.kernels.camera.diffuse_light import DiffuseLight
 
 if TYPE_CHECKING:
     from wdpm.cluster.integrators.indirect import Indirect
-    from wdpm.cluster.integrators.wishes import Wishes
+    from wdpm.cluster.integrators.integrator_settings import IntegratorSettings
     from wdpm.kernels.features import Features
     from wdpm.scenes.flat.flatten import FlatScene
     from wdpm.scenes.model.scene import Scene
@@ -61,11 +61,11 @@ class Algorithm(ABC):
     cannot_leave_out: ClassVar[frozenset[str]]
 
     @abstractmethod
-    def check(self, settings: Wishes) -> None:
+    def check(self, settings: IntegratorSettings) -> None:
         """Raise SettingsError for settings that are right by themselves, but not with this integrator."""
 
     @abstractmethod
-    def choose(self, flat: FlatScene, settings: Wishes) -> tuple[Indirect, str | None]:
+    def choose(self, flat: FlatScene, settings: IntegratorSettings) -> tuple[Indirect, str | None]:
         """Choose where indirect light comes from, where that was left to it.
 
         Args:
@@ -76,23 +76,23 @@ class Algorithm(ABC):
         """
 
     @abstractmethod
-    def maps(self, settings: Wishes) -> WantedMaps:
+    def maps(self, settings: IntegratorSettings) -> WantedMaps:
         """The photon maps that it gathers from, where the scene calls for them."""
 
     @abstractmethod
-    def diffuse_light(self, settings: Wishes) -> DiffuseLight:
+    def diffuse_light(self, settings: IntegratorSettings) -> DiffuseLight:
         """Where camera paths find the light of diffuse surfaces. What images have follows from it: cluster.layers."""
 
     @abstractmethod
-    def has_irradiance_cache(self, settings: Wishes) -> bool:
+    def has_irradiance_cache(self, settings: IntegratorSettings) -> bool:
         """Whether irradiance records are made."""
 
     @abstractmethod
-    def traced_by(self, settings: Wishes) -> tuple[str, ...]:
+    def traced_by(self, settings: IntegratorSettings) -> tuple[str, ...]:
         """The options of the command line for which camera paths go on by diffuse parts."""
 
     @abstractmethod
-    def in_words(self, settings: Wishes) -> str:
+    def in_words(self, settings: IntegratorSettings) -> str:
         """How light is found, for people."""
 
     @abstractmethod
@@ -104,5 +104,5 @@ class Algorithm(ABC):
         """
 
     @abstractmethod
-    def kinds_to_try(self, settings: Wishes) -> tuple[Indirect, ...]:
+    def kinds_to_try(self, settings: IntegratorSettings) -> tuple[Indirect, ...]:
         """What a search for the cheapest way to an error may set `indirect` to, the first to be tried first."""

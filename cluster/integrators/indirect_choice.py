@@ -16,7 +16,7 @@ from wdpm.scenes.flat.used_media import calls_for_media
 from wdpm.scenes.flat.whole import area_by_material
 
 if TYPE_CHECKING:
-    from wdpm.cluster.integrators.wishes import Wishes
+    from wdpm.cluster.integrators.integrator_settings import IntegratorSettings
 
 SAMPLES_TO_REPAY = 1 << 17
 """Camera samples of a pass: below, the some hundred thousand gather rays of records cost more than they save."""
@@ -25,7 +25,7 @@ LAMBERTIAN_SHARE = 0.5
 """Of the area that is diffuse at all."""
 
 
-def choose_indirect(flat: FlatScene, settings: Wishes, *, wanted: bool) -> tuple[Indirect, str | None]:
+def choose_indirect(flat: FlatScene, settings: IntegratorSettings, *, wanted: bool) -> tuple[Indirect, str | None]:
     """What is chosen, and in words what and why; None where there was no choice.
 
     Args:
@@ -37,7 +37,7 @@ def choose_indirect(flat: FlatScene, settings: Wishes, *, wanted: bool) -> tuple
     return how, None if why is None else f"indirect light: {how.value}, since {why}"
 
 
-def _choice(flat: FlatScene, settings: Wishes, wanted: bool) -> tuple[Indirect, str | None]:
+def _choice(flat: FlatScene, settings: IntegratorSettings, wanted: bool) -> tuple[Indirect, str | None]:
     if not wanted:
         return Indirect.MAP, None
     if calls_for_media(flat):

@@ -12,7 +12,7 @@ from wdpm.scenes.model.bsdfs import is_smooth_anywhere
 from wdpm.scenes.model.lights import DeltaLight
 
 if TYPE_CHECKING:
-    from wdpm.cluster.integrators.wishes import Wishes
+    from wdpm.cluster.integrators.integrator_settings import IntegratorSettings
     from wdpm.kernels.features import Features
     from wdpm.scenes.flat.flatten import FlatScene
     from wdpm.scenes.model.scene import Scene
@@ -48,35 +48,35 @@ class PathTracing(Algorithm):
     why_ignored = "has no photons"
     cannot_leave_out = frozenset({"indirect", "caustics"})  # they come by photon maps alone
 
-    def check(self, settings: Wishes) -> None:
+    def check(self, settings: IntegratorSettings) -> None:
         if maps := self.cannot_leave_out.intersection(settings.without):
             raise SettingsError(
                 f"without {', '.join(sorted(maps))} leaves out photon maps, and integrator {self.name} has none; "
                 "for direct light alone use max_depth 2"
             )
 
-    def choose(self, flat: FlatScene, settings: Wishes) -> tuple[Indirect, str | None]:
+    def choose(self, flat: FlatScene, settings: IntegratorSettings) -> tuple[Indirect, str | None]:
         return self.kinds_to_try(settings)[0], None
 
-    def maps(self, settings: Wishes) -> WantedMaps:
+    def maps(self, settings: IntegratorSettings) -> WantedMaps:
         return WantedMaps()
 
-    def diffuse_light(self, settings: Wishes) -> DiffuseLight:
+    def diffuse_light(self, settings: IntegratorSettings) -> DiffuseLight:
         return DiffuseLight.PATHS
 
-    def has_irradiance_cache(self, settings: Wishes) -> bool:
+    def has_irradiance_cache(self, settings: IntegratorSettings) -> bool:
         return False
 
-    def traced_by(self, settings: Wishes) -> tuple[str, ...]:
+    def traced_by(self, settings: IntegratorSettings) -> tuple[str, ...]:
         return (f"--integrator {self.name}",)
 
-    def in_words(self, settings: Wishes) -> str:
+    def in_words(self, settings: IntegratorSettings) -> str:
         return self.words
 
     def approximations(self, scene: Scene, features: Features) -> tuple[str, ...]:
         return (HIDDEN,) if _hides_light(scene) else ()
 
-    def kinds_to_try(self, settings: Wishes) -> tuple[Indirect, ...]:
+    def kinds_to_try(self, settings: IntegratorSettings) -> tuple[Indirect, ...]:
         return (Indirect.MAP if settings.indirect is Indirect.AUTO else settings.indirect,)
 
 

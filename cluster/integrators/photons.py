@@ -10,7 +10,7 @@ from wdpm.cluster.integrators.indirect_choice import choose_indirect
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 
 if TYPE_CHECKING:
-    from wdpm.cluster.integrators.wishes import Wishes
+    from wdpm.cluster.integrators.integrator_settings import IntegratorSettings
     from wdpm.kernels.features import Features
     from wdpm.scenes.flat.flatten import FlatScene
     from wdpm.scenes.model.scene import Scene
@@ -44,37 +44,37 @@ class PhotonMapping(Algorithm):
     why_ignored = ""
     cannot_leave_out = frozenset()
 
-    def check(self, settings: Wishes) -> None:
+    def check(self, settings: IntegratorSettings) -> None:
         """Whatever is right by itself goes with photons."""
 
-    def choose(self, flat: FlatScene, settings: Wishes) -> tuple[Indirect, str | None]:
+    def choose(self, flat: FlatScene, settings: IntegratorSettings) -> tuple[Indirect, str | None]:
         return choose_indirect(flat, settings, wanted=self.maps(settings).indirect)
 
-    def maps(self, settings: Wishes) -> WantedMaps:
+    def maps(self, settings: IntegratorSettings) -> WantedMaps:
         return WantedMaps(
             indirect=settings.photons > 0 and "indirect" not in settings.without,
             caustic=settings.caustic_photons > 0 and "caustics" not in settings.without,
             volume=settings.volume_photons > 0,
         )
 
-    def diffuse_light(self, settings: Wishes) -> DiffuseLight:
+    def diffuse_light(self, settings: IntegratorSettings) -> DiffuseLight:
         by_rays = self.maps(settings).indirect and settings.indirect in (Indirect.GATHER, Indirect.CACHE)
         return DiffuseLight.FINAL_GATHER if by_rays else DiffuseLight.PHOTON_MAP
 
-    def has_irradiance_cache(self, settings: Wishes) -> bool:
+    def has_irradiance_cache(self, settings: IntegratorSettings) -> bool:
         return self.maps(settings).indirect and settings.indirect is Indirect.CACHE
 
-    def traced_by(self, settings: Wishes) -> tuple[str, ...]:
+    def traced_by(self, settings: IntegratorSettings) -> tuple[str, ...]:
         gathers = self.diffuse_light(settings) is DiffuseLight.FINAL_GATHER
         return (f"--indirect {settings.indirect.value}",) if gathers else ()
 
-    def in_words(self, settings: Wishes) -> str:
+    def in_words(self, settings: IntegratorSettings) -> str:
         return _KINDS[settings.indirect]
 
     def approximations(self, scene: Scene, features: Features) -> tuple[str, ...]:
         return (RULE,) if features.goes_on else ()
 
-    def kinds_to_try(self, settings: Wishes) -> tuple[Indirect, ...]:
+    def kinds_to_try(self, settings: IntegratorSettings) -> tuple[Indirect, ...]:
         if settings.indirect is not Indirect.AUTO:
             return (settings.indirect,)
         return (Indirect.MAP, Indirect.CACHE, Indirect.GATHER) if settings.photons else (Indirect.MAP,)

@@ -7,7 +7,7 @@ from typing import Protocol
 from wdpm.cluster.integrators.indirect import Indirect
 
 
-class Wishes(Protocol):
+class IntegratorSettings(Protocol):
     """Some of the fields of RenderSettings, which name an integrator and so lie above."""
 
     @property
