@@ -46,7 +46,7 @@ class _Part:
         low, high: corners of the boxes of triangles, cut to the node.
         box: of the node.
         work: what is computed in it, and rays, cut to it.
-        seats: workers that share it.
+        workers: how many share it.
     """
 
     low: NDArray[np.float32]
@@ -54,7 +54,7 @@ class _Part:
     photons: NDArray[np.float32]
     box: tuple[NDArray[np.float64], NDArray[np.float64]]
     work: Work
-    seats: int
+    workers: int
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def build_top_tree(
     parts = {0: _Part(low, high, photons, box, work, every)}
     for node in range(inner):
         part = parts.pop(node)
-        if part.seats <= 1:
+        if part.workers <= 1:
             axis[node], split[node] = 0, _beyond(corners)
         else:
             axis[node], split[node] = _best_plane(part, whole)
@@ -116,16 +116,16 @@ def _divided(part: _Part, a: int, s: np.float32, band: float) -> tuple[_Part, _P
     left_high[:, a] = np.minimum(left_high[:, a], s)
     right_low[:, a] = np.maximum(right_low[:, a], s)
     left_work, right_work = part.work.divided(a, s)
-    seats = (part.seats + 1) // 2
+    workers = (part.workers + 1) // 2
     return (
-        _Part(low[left], left_high, photons[photons[:, a] < s + band], (box_low, left_box), left_work, seats),
+        _Part(low[left], left_high, photons[photons[:, a] < s + band], (box_low, left_box), left_work, workers),
         _Part(
             right_low,
             high[right],
             photons[photons[:, a] >= s - band],
             (right_box, box_high),
             right_work,
-            part.seats - seats,
+            part.workers - workers,
         ),
     )
 
@@ -171,22 +171,22 @@ def _best_plane(part: _Part, whole: _Whole) -> tuple[int, np.float32]:
 def _cost(part: _Part, whole: _Whole, a: int, planes: NDArray[np.float32]) -> NDArray[np.float64]:
     """Of planes across an axis, shape [planes]."""
     starts, ends, place = np.sort(part.low[:, a]), np.sort(part.high[:, a]), np.sort(part.photons[:, a])
-    seats = (part.seats + 1) // 2, part.seats // 2
+    workers = (part.workers + 1) // 2, part.workers // 2
     held = [(starts.searchsorted(planes), len(part.low) - ends.searchsorted(planes))]
     if len(place):
         left, right = place.searchsorted(planes + whole.band), len(place) - place.searchsorted(planes - whole.band)
         held.append((left, right))
     known = float(part.work.seconds.sum())
     if known <= 0.0:
-        burden = np.max([_burden(left, right, seats[0] / part.seats) for left, right in held], axis=0)
+        burden = np.max([_burden(left, right, workers[0] / part.workers) for left, right in held], axis=0)
         return burden + AREA_WEIGHT * _area_share(a, part.box[1] - part.box[0])
     weights = (part.work.triangle_bytes, part.work.photon_bytes)[: len(held)]
     needs = [
         sum(side * of_each for side, of_each in zip(sides, weights, strict=True)) for sides in zip(*held, strict=True)
     ]
-    full = np.maximum(needs[0] / seats[0], needs[1] / seats[1]) / max(whole.memory, 1.0)
+    full = np.maximum(needs[0] / workers[0], needs[1] / workers[1]) / max(whole.memory, 1.0)
     before = part.work.before(a, planes)
-    busy = np.maximum(before / seats[0], (known - before) / seats[1]) * part.seats / known
+    busy = np.maximum(before / workers[0], (known - before) / workers[1]) * part.workers / known
     crossing = part.work.crossing(a, planes) / known
     cost: NDArray[np.float64] = busy + CROSSING * crossing + BEYOND * np.maximum(full / UNEVEN - 1.0, 0.0)
     return cost
