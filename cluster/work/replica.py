@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -59,59 +59,66 @@ class Observer(Protocol):
         """
 
 
-@dataclass(eq=False)
 class Replica:
     """A worker's copy of the World, on its device, and the View of the moment.
 
-    Attributes:
+    Args:
         worker: its number.
-        paths_by_light: photon paths that its homes have started, by pass (global, caustic) and light.
-        tiled_sky: the environment as guides divide it.
-        outputs: features of which its kernels that shade write the arrays; no fewer than the view's.
         host_cache: what workers on this machine make once for all of them.
         trace_all: traces all photon paths into the only cell: who shares a scene does it where it must go on alone.
+
+    Attributes:
+        kernels: compiled for the features of the World and the view's camera.
+        outputs: features of which its kernels that shade write the arrays; no fewer than the view's.
+        cells, textures, media, materials, lights: structs of kernels.rays.cells, materials.texture, materials.medium,
+            materials.nodes and lights.elements, on the device.
+        lambertian_sides: of each material, as scenes.flat.material_sides has them.
+        emit_scene: what emission needs.
+        tiled_sky: the environment as guides divide it.
+        camera: kernels.camera.camera.CameraView of the view.
+        records: irradiance records of the view.
+        paths_by_light: photon paths that its homes have started, by pass (global, caustic) and light.
         observer: is shown what happens at the vertices of camera paths, for replays; None in a render.
     """
 
-    world: World
-    launcher: Launcher
-    worker: int
-    host_cache: HostCache = field(default_factory=HostCache)
-    view: View | None = None
-    camera: Any = None
-    trace_all: Callable[[], None] = lambda: None
-    observer: Observer | None = None
-    kernels: Variants = field(init=False)
-    outputs: Features = field(init=False)
-    paths_by_light: NDArray[np.int64] = field(init=False)
-    cells: Any = field(init=False)
-    lights: Any = field(init=False)
-    emit_scene: EmitScene = field(init=False)
-    resolve: Any = field(init=False)
-    textures: Any = field(init=False)
-    media: Any = field(init=False)
-    _bare_scene: Any = field(init=False, default=None)
-    tiled_sky: guide.TiledSky = field(init=False)
-    records: Records = field(init=False)
-    _cache: Any = field(init=False, default=None)
-    _view_lights: Any = field(init=False, default=None)
-    _around: Any = field(init=False, default=None)
-    lambertian_sides: NDArray[np.int32] = field(init=False)
+    kernels: Variants
+    outputs: Features
+    emit_scene: EmitScene
+    materials: Any
+    lambertian_sides: NDArray[np.int32]
 
-    def __post_init__(self) -> None:
-        world, device = self.world, self.launcher.device
-        tree, media = world.top_tree, world.media
+    def __init__(
+        self,
+        world: World,
+        launcher: Launcher,
+        worker: int,
+        host_cache: HostCache,
+        trace_all: Callable[[], None],
+    ) -> None:
+        self.world = world
+        self.launcher = launcher
+        self.worker = worker
+        self.host_cache = host_cache
+        self.trace_all = trace_all
+        self.view: View | None = None
+        self.camera: Any = None
+        self.observer: Observer | None = None
+        self.records = NO_RECORDS
+        self._record_tree: Any = None
+        self._view_lights: Any = None
+        self._bare_scene: Any = None
+        self._tiled_environment: Any = None
+        device, tree = launcher.device, world.top_tree
         self._choose_kernels(world.features)
         self.paths_by_light = np.zeros((2, len(world.lights.names)), np.int64)
         outlines = vars(tree.outlines) if len(tree.outlines.first) else None
         self.cells = cells.upload(tree.axis, tree.split, self.pad, device, outlines)
         textures = CacheEntry("textures", (Textures,), lambda: [texture.upload(world.textures, device)])
         (self.textures,) = self.host_cache.get(textures)
-        self.media = medium.upload(media, device)
+        self.media = medium.upload(world.media, device)
         self.lights = lights.upload(world.lights, world.extent, device)
         self.tiled_sky = guide.TiledSky(world.lights.environment_pixels)
         self.update_materials()
-        self.records = NO_RECORDS
         self.update_emission()
 
     def update_materials(self) -> None:
@@ -151,7 +158,7 @@ class Replica:
 
     def set_records(self, records: Records) -> None:
         """Have these irradiance records in place of those before."""
-        self.records, self._cache = records, None
+        self.records, self._record_tree = records, None
 
     @property
     def cache(self) -> Any:
@@ -159,17 +166,17 @@ class Replica:
 
         It is built by who asks for it first: a worker whose tasks other processes do never needs it.
         """
-        if self._cache is None and self.records is not NO_RECORDS:
+        if self._record_tree is None and self.records is not NO_RECORDS:
             arrays = vars(self.records)
             name = f"records {name_of(arrays)}" if self.host_cache.is_shared else ""
             tree = CacheEntry(name, (IrradianceCache,), lambda: [record_tree.build(arrays, self.launcher.device)])
-            (self._cache,) = self.host_cache.get(tree)
-        return self._cache
+            (self._record_tree,) = self.host_cache.get(tree)
+        return self._record_tree
 
     def set_view(self, view: View) -> None:
         """Look through another camera, without irradiance records at first."""
         self.view = view
-        self.records, self._cache = NO_RECORDS, None
+        self.records, self._record_tree = NO_RECORDS, None
         features = with_camera(self.world.features, view.camera)
         self._choose_kernels(features)
         self._view_lights = self._guided(view.guide)
@@ -216,10 +223,10 @@ class Replica:
 
     def tiled_environment(self) -> Any:
         """The environment as guides divide it (kernels.lights.environment.Environment): uploaded once."""
-        if self._around is None:
+        if self._tiled_environment is None:
             axes = self.world.lights.environment_axes
-            self._around = environment.upload(self.tiled_sky.pixels, axes, self.launcher.device)
-        return self._around
+            self._tiled_environment = environment.upload(self.tiled_sky.pixels, axes, self.launcher.device)
+        return self._tiled_environment
 
 
 def orders_of(view: View, shots: int, diffuse_light: DiffuseLight | None = None, *, asks: bool = True) -> Any:

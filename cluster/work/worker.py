@@ -70,7 +70,7 @@ class CellWorker:
         self.number = number
         self.holders = tuple(holders)
         shared = host_cache if host_cache is not None and len(self.holders) == 1 else HostCache()
-        self.replica = Replica(world, launcher, number, shared, trace_all=self._trace_all)
+        self.replica = Replica(world, launcher, number, shared, self._trace_all)
         self.cells = {cell: Cell(cell, triangles, self.replica) for cell, triangles in sorted(partition.items())}
         self._guards = Guards(self.replica)  # of its homes
         self._homes: dict[int, Home] = {}
