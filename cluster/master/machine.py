@@ -81,7 +81,7 @@ class Master:
         self._status = RenderStatus()
         self._awaited = False
         self._separations: dict[_Separation, tuple[float, str]] = {}  # until when, and why if one cannot be reached
-        self._alone: tuple[float, str] | None = None  # since when no slave is there, and why
+        self._deserted: tuple[float, str] | None = None  # since when no slave is there, and why
         self._setbacks = Setbacks()
 
     @property
@@ -203,8 +203,9 @@ class Master:
                 out.append(Noted(news))
         if self.phase is Phase.JOINING and (self._awaited or self._phases.session is not None):
             out += self._wait(now)
-        if self._alone is not None and now >= self._alone[0] + self._limits.rejoin_s:
-            return self._break(f"{self._alone[1]}; no slave is left, and none came within {self._limits.rejoin_s:g} s")
+        if self._deserted is not None and now >= self._deserted[0] + self._limits.rejoin_s:
+            none_came = f"no slave is left, and none came within {self._limits.rejoin_s:g} s"
+            return self._break(f"{self._deserted[1]}; {none_came}")
         for separation in [each for each, (until, _) in self._separations.items() if now >= until]:
             out += self._separated(separation, self._separations.pop(separation)[1], now)
         out += self._phases.tick(now)
@@ -240,7 +241,7 @@ class Master:
 
     def _process_ended(self, process: int, reason: str, left: int, now: float) -> list[Instruction]:
         """A slave will not come, or not come again: those that are left go on, or begin, without it."""
-        joined = [member for member in self._members.ever if member.hello.process == process]
+        joined = [member for member in self._members.ever_joined if member.hello.process == process]
         there = [member for member in self._members if member in joined]  # or its connection was lost before
         name = f"{joined[-1]} is lost" if joined else f"a slave (process {process}) ended before it joined"
         out: list[Instruction] = [] if joined else [Noted(f"{name}: {reason}")]
@@ -274,7 +275,7 @@ class Master:
         out += self._phases.lost(member, now)
         if len(self._members) or self.phase is Phase.JOINING:
             return out
-        self._alone = (now, f"{member} is lost: {reason}")
+        self._deserted = (now, f"{member} is lost: {reason}")
         return out
 
     def _join(self, identity: bytes, hello: protocol.Hello, now: float) -> list[Instruction]:
@@ -294,7 +295,7 @@ class Master:
                     Noted(f"refused {hello.host}, process {hello.process}: {reason}"),
                 ]
             member = self._members.add(identity, hello, now)
-            self._alone = None
+            self._deserted = None
             if self.phase is not Phase.JOINING:
                 joined = self._phases.joined(member, now)
         welcome = protocol.Welcome(member.number, self._cluster, self._limits.heartbeat_s, self._limits.dead_s)
@@ -350,7 +351,7 @@ class Master:
 
     def _miss(self, member: Member, number: int, unreachable: str, now: float) -> list[Instruction]:
         """A slave misses another one. That one may have died, which is known better in a moment."""
-        if not 0 <= number < len(self._members.ever):
+        if not 0 <= number < len(self._members.ever_joined):
             return self._break(f"{member} broke the protocol: it knows no slave {number}")
         separation = _Separation(member.number, number, self._phases.epoch_of(member))
         self._separations.setdefault(separation, (now + self._limits.peer_gone_s, unreachable))
@@ -358,7 +359,7 @@ class Master:
 
     def _separated(self, separation: _Separation, unreachable: str, now: float) -> list[Instruction]:
         """Two slaves have missed each other for a moment, and both may be there still."""
-        member, peer = self._members.ever[separation.slave], self._members.ever[separation.peer]
+        member, peer = self._members.ever_joined[separation.slave], self._members.ever_joined[separation.peer]
         if member.left or peer.left:
             return []
         if unreachable:
@@ -377,7 +378,7 @@ class Master:
 
     def _count_setback(self, setback: str, lost: Member | None = None) -> list[Instruction]:
         """End a cluster that begins anew all the time and gets nothing done."""
-        if not self._setbacks.add(self._phases.tasks_done, len(self._members.ever), lost):
+        if not self._setbacks.add(self._phases.tasks_done, len(self._members.ever_joined), lost):
             return []
         times = f"slaves were lost or separated {MOST_SETBACKS} times"
         return self._break(f"{times}, and no task was done since then: {setback}")

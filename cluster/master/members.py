@@ -91,7 +91,7 @@ class Members:
         return iter(sorted(self._by_identity.values(), key=lambda member: member.number))
 
     @property
-    def ever(self) -> Sequence[Member]:
+    def ever_joined(self) -> Sequence[Member]:
         """All that ever joined, by number."""
         return self._all
 

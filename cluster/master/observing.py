@@ -64,7 +64,7 @@ def shown_again(kept: Iterable[BucketKept]) -> list[m.Instruction]:
 def frame_begun(session: Session, holders: tuple[int, ...], members: Members) -> m.FrameBegun:
     """The image of a session begins."""
     view = session.view
-    slaves = tuple(member.name for member in members.ever)
+    slaves = tuple(member.name for member in members.ever_joined)
     camera = view.camera
     return m.FrameBegun(
         Frame(

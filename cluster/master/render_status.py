@@ -34,7 +34,7 @@ class RenderStatus:
         self, phase: str, members: Members, roster: Roster, *, refused: int, retried: int, now: float
     ) -> protocol.StatusReport:
         """The answer to AskStatus."""
-        lost = sum(member.left for member in members.ever)
+        lost = sum(member.left for member in members.ever_joined)
         return protocol.StatusReport(
             phase=phase,
             units=self._units,
@@ -43,7 +43,7 @@ class RenderStatus:
             images=self._images,
             expected=members.expected,
             most=members.most,
-            joined=len(members.ever),
+            joined=len(members.ever_joined),
             lost=lost,
             refused=refused,
             retried=retried,
@@ -73,7 +73,7 @@ def _status_of(member: Member, roster: Roster, now: float) -> protocol.SlaveStat
 
 def seen(members: Members, roster: Roster) -> tuple[SlaveSeen, ...]:
     """All that ever joined, for those who look at the image."""
-    return tuple(_seen(member, roster) for member in members.ever)
+    return tuple(_seen(member, roster) for member in members.ever_joined)
 
 
 def _seen(member: Member, roster: Roster) -> SlaveSeen:

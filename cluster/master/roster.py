@@ -99,7 +99,7 @@ class Roster:
         """Begin an epoch: cells are assigned to the slaves of a team, who keep what they have of them."""
         self._epoch += 1
         team.begin(self._epoch, session.burdens)
-        peers = [""] * len(self._members.ever)
+        peers = [""] * len(self._members.ever_joined)
         for member in team.members:
             peers[member.number] = member.hello.peers
         out: list[Instruction] = []
@@ -111,7 +111,7 @@ class Roster:
             setup = protocol.Setup(team.epoch, session.world, team.holders, tuple(peers), kept, session.digest)
             out.append(Send(member.identity, setup))
         for cell, holder in enumerate(team.holders):
-            if cell not in self._members.ever[holder].cells:
+            if cell not in self._members.ever_joined[holder].cells:
                 self._cells.add(Delivery(team.epoch, holder, cell))
         return out + self.next_cells()
 
@@ -124,7 +124,7 @@ class Roster:
         delivery = self._cells.made(cell)
         if delivery is None:
             return []
-        slave = self._members.ever[delivery.slave]
+        slave = self._members.ever_joined[delivery.slave]
         parts = parts_of(delivery.epoch, cell, triangles, self._part_triangles)
         return [Send(slave.identity, part) for part in parts]
 
