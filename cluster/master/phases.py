@@ -98,7 +98,7 @@ class Phases:
     @property
     def tasks_retried(self) -> int:
         """Of all sessions so far."""
-        return self._tasks.given_back
+        return self._tasks.retried
 
     def begin(self, session: Session, now: float) -> list[Instruction]:
         """Render a session, as soon as all slaves have joined."""
@@ -143,13 +143,13 @@ class Phases:
         if team is None:
             return []
         team.members.remove(member)
-        return self._broken(team, now)
+        return self._restart_team(team, now)
 
     def separated(self, one: Member, other: Member, now: float) -> list[Instruction]:
         """The connection between two slaves broke, and what travelled on it is lost; both live."""
         team = self.roster.team_of(one)
         if team is not None and (other in team.members or self.phase is Phase.MAPS):
-            return self._broken(team, now)
+            return self._restart_team(team, now)
         return []
 
     def tick(self, now: float) -> list[Instruction]:
@@ -230,7 +230,7 @@ class Phases:
         size = photon_task_size(session, self._members, len(self.roster.teams), self._limits)
         self._tasks.trace(session.world.paths, size)
         for team in self.roster.teams:
-            team.mapped, team.traced, team.alone = False, [], None
+            team.mapped, team.traced, team.own_trace = False, [], None
 
     def _go_on(self, session: Session, now: float) -> list[Instruction]:
         """Enter the next phase if all that this one waits for is done."""
@@ -357,7 +357,7 @@ class Phases:
             plan = protocol.ForgetPhotons(team.epoch, session.world.photon_plan)
             return self._order(team, protocol.PhotonsForgotten, plan, self._trace)
         if not team.mapped:
-            return self._trace_alone(team, session, now)
+            return self._trace_by_itself(team, session, now)
         if team.view != self._view:
             view = protocol.SetView(team.epoch, session.view)
             return self._order(team, protocol.ViewSet, view, self._view) + self._lead(team, session, now)
@@ -370,17 +370,17 @@ class Phases:
     def _lead_all(self, session: Session, now: float) -> list[Instruction]:
         return [instruction for team in list(self.roster.teams) for instruction in self._lead(team, session, now)]
 
-    def _trace_alone(self, team: Team, session: Session, now: float) -> list[Instruction]:
+    def _trace_by_itself(self, team: Team, session: Session, now: float) -> list[Instruction]:
         """A team that has no maps while others go on traces all photons for itself. Early it traces with the others."""
         if self.phase is Phase.PHOTONS:
             return self._hand_out(session, now)
         if self.phase in (Phase.SETUP, Phase.MAPS):
             return []
-        if team.alone is None:
-            team.alone = deque(self._tasks.trace_again())
-        if not team.alone:
+        if team.own_trace is None:
+            team.own_trace = deque(self._tasks.photon_tasks())
+        if not team.own_trace:
             return self._order(team, protocol.MapsBuilt, protocol.BuildMaps(team.epoch))
-        return self._hand_out_alone(team)
+        return self._hand_out_own_trace(team)
 
     def _use_spare(self, session: Session, now: float) -> list[Instruction]:
         """Make teams of slaves that are in none, or have them help out where that is worth a new beginning."""
@@ -397,10 +397,10 @@ class Phases:
             return out + self._lead(self.roster.teams[-1], session, now)
         early = early and self.roster.able_spare > 0
         if smallest is not None and early and len(smallest.members) < session.cells:
-            return out + self._broken(smallest, now, wanted=len(smallest.members) + 1)
+            return out + self._restart_team(smallest, now, wanted=len(smallest.members) + 1)
         return out
 
-    def _broken(self, team: Team, now: float, wanted: int = 0) -> list[Instruction]:
+    def _restart_team(self, team: Team, now: float, wanted: int = 0) -> list[Instruction]:
         """A team begins anew, with the slaves that it has left and spare ones.
 
         Args:
@@ -460,12 +460,12 @@ class Phases:
         capacities = [capacity_of(session, member, limit, tasks) for team in teams for member in team.members]
         return self._start_tasks(list(self._tasks.hand_out(capacities, now)))
 
-    def _hand_out_alone(self, team: Team) -> list[Instruction]:
+    def _hand_out_own_trace(self, team: Team) -> list[Instruction]:
         """Hand out tasks of a team's own trace."""
         handed_out: list[tuple[Member, Task]] = []
         for member in team.members:
-            while team.alone and len(member.in_flight) < self._limits.photon_tasks_in_flight:
-                task = team.alone.popleft()
+            while team.own_trace and len(member.in_flight) < self._limits.photon_tasks_in_flight:
+                task = team.own_trace.popleft()
                 member.in_flight[task.number] = task
                 handed_out.append((member, task))
         return self._start_tasks(handed_out)
@@ -479,9 +479,9 @@ class Phases:
             if member.in_flight.pop(result.number, None) is None:
                 raise ProtocolError(f"a result came for task {result.number} while nothing is rendered")
             return []
-        if team.alone is not None and isinstance(result, PhotonsTraced) and result.number in member.in_flight:
-            self._tasks.take_again(member, result)
-            out = self._hand_out_alone(team)
+        if team.own_trace is not None and isinstance(result, PhotonsTraced) and result.number in member.in_flight:
+            self._tasks.take_own_trace(member, result)
+            out = self._hand_out_own_trace(team)
             return out if team.at_work else out + self._lead(team, session, now)
         task = self._tasks.take(member, result, now)
         if task is None:

@@ -35,7 +35,7 @@ LATE_S = 10.0
 
 
 @dataclass
-class _Flying:
+class _InFlight:
     """A task that slaves are at.
 
     Attributes:
@@ -58,7 +58,7 @@ class Tasks:
         film: the image, from its first bucket until the session ends.
         rounds: of records, from the first until the session ends.
         ever_done: tasks that were done in all sessions.
-        given_back: tasks that had to be handed out again.
+        retried: tasks that had to be handed out again.
     """
 
     def __init__(self) -> None:
@@ -67,13 +67,13 @@ class Tasks:
         self._photons: dict[int, PhotonsTraced] = {}  # by first path
         self._paths: list[tuple[int, int]] = []
         self._waiting = Waiting()
-        self._flying: dict[int, _Flying] = {}
+        self._in_flight: dict[int, _InFlight] = {}
         self._done: dict[int, Task] = {}
         self._seconds: list[float] = []  # that each of those took
         self._next_number = 0
         self._total = 0
         self._left = 0  # size of the tasks that are not done
-        self.ever_done = self.given_back = 0
+        self.ever_done = self.retried = 0
 
     @property
     def waiting(self) -> bool:
@@ -88,7 +88,7 @@ class Tasks:
     @property
     def finished(self) -> bool:
         """Whether none waits, and slaves are at none."""
-        return not len(self._waiting) and not self._flying
+        return not len(self._waiting) and not self._in_flight
 
     @property
     def begun(self) -> float:
@@ -104,10 +104,10 @@ class Tasks:
         """Photon paths are to be traced, `size` a task."""
         self._photons = {}
         self._paths = [(start, min(start + size, paths)) for start in range(0, paths, size)]
-        self._begin(self.trace_again())
+        self._begin(self.photon_tasks())
 
-    def trace_again(self) -> list[PhotonTask]:
-        """The tasks of that trace once more, for slaves that have to do it by themselves."""
+    def photon_tasks(self) -> list[PhotonTask]:
+        """The tasks of that trace, under new numbers: for all teams together, or once more for one by itself."""
         tasks = [PhotonTask(self._next_number + index, *paths) for index, paths in enumerate(self._paths)]
         self._next_number += len(tasks)
         return tasks
@@ -154,7 +154,7 @@ class Tasks:
             cells: that they are about, by task; None if about none.
         """
         about = cells or {}
-        self._flying, self._done, self._seconds = {}, {}, []
+        self._in_flight, self._done, self._seconds = {}, {}, []
         self._waiting = Waiting(tasks, lambda task: about.get(task.number, ANYWHERE))
         self._total = len(tasks)
         self._left = sum(map(size_of, tasks))
@@ -169,7 +169,7 @@ class Tasks:
                 task = self._waiting.next_for(member.cells, idle=not depth)
                 if task is not None and self._goes_to(capacity, task):
                     self._waiting.take(task)
-                    self._flying[task.number] = _Flying(task, now, {member.number})
+                    self._in_flight[task.number] = _InFlight(task, now, {member.number})
                     member.in_flight[task.number] = task
                     yield member, task
 
@@ -186,26 +186,26 @@ class Tasks:
         limit = max(LATE_S, LATE * sum(self._seconds) / len(self._seconds))
         late = [
             each
-            for each in self._flying.values()
+            for each in self._in_flight.values()
             if now - each.since > limit and len(each.slaves) == 1 and not isinstance(each.task, PhotonTask)
         ]
-        for member, flying in zip(idle, sorted(late, key=lambda each: each.since), strict=False):
-            flying.slaves.add(member.number)
-            member.in_flight[flying.task.number] = flying.task
-            yield member, flying.task
+        for member, running in zip(idle, sorted(late, key=lambda each: each.since), strict=False):
+            running.slaves.add(member.number)
+            member.in_flight[running.task.number] = running.task
+            yield member, running.task
 
     def give_back(self, member: Member) -> None:
         """What a slave was at waits again, unless another one is at it, too."""
         again = []
         for number, task in member.in_flight.items():
-            flying = self._flying.get(number)
-            if flying is not None:
-                flying.slaves.discard(member.number)
-                if not flying.slaves:
-                    del self._flying[number]
+            running = self._in_flight.get(number)
+            if running is not None:
+                running.slaves.discard(member.number)
+                if not running.slaves:
+                    del self._in_flight[number]
                     again.append(task)
         self._waiting.put_back(again)
-        self.given_back += len(again)
+        self.retried += len(again)
         member.in_flight.clear()
 
     def lose_photons(self, traced: Sequence[PhotonTask]) -> None:
@@ -218,22 +218,22 @@ class Tasks:
     def take(self, member: Member, result: TaskResult, now: float) -> Task | None:
         """Keep what came of a task. Returns the task; None if its result is there, or is not wanted any more."""
         handed = member.in_flight.get(result.number)
-        flying = self._flying.get(result.number)
-        if handed is None or flying is None:
+        running = self._in_flight.get(result.number)
+        if handed is None or running is None:
             self._check_repeated(result, handed)
             member.in_flight.pop(result.number, None)
             return None
         self._keep(handed, result)
-        self._seconds.append(now - flying.since)
+        self._seconds.append(now - running.since)
         member.done += 1
-        member.busy_s += now - flying.since
-        del member.in_flight[handed.number], self._flying[handed.number]
+        member.busy_s += now - running.since
+        del member.in_flight[handed.number], self._in_flight[handed.number]
         self._done[handed.number] = handed
         self._left -= size_of(handed)
         self.ever_done += 1
         return handed
 
-    def take_again(self, member: Member, result: TaskResult) -> None:
+    def take_own_trace(self, member: Member, result: TaskResult) -> None:
         """A slave has done a task of a trace of its own: what it brings is known, or as good as that of the others."""
         task = member.in_flight.get(result.number)
         if not (isinstance(task, PhotonTask) and isinstance(result, PhotonsTraced)):

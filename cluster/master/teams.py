@@ -39,7 +39,7 @@ class Team:
         trace: number of the trace whose photons its slaves hold, or will.
         mapped: its maps are built.
         traced: tasks of a trace of all teams that this one has done.
-        alone: tasks of a trace of its own that are not handed out; None if it makes none.
+        own_trace: tasks of a trace of its own that are not handed out; None if it makes none.
         view, records: numbers of the view and of the irradiance records that its slaves have.
         owed: answers to orders that nobody waits for.
     """
@@ -55,7 +55,7 @@ class Team:
     trace: int = 0
     mapped: bool = False
     traced: list[PhotonTask] = field(default_factory=list)
-    alone: deque[PhotonTask] | None = None
+    own_trace: deque[PhotonTask] | None = None
     view: int = 0
     records: int = 0
     owed: Counter[type[protocol.FromSlave]] = field(default_factory=Counter)
@@ -77,7 +77,7 @@ class Team:
         if answer in (protocol.Ready, protocol.PhotonsForgotten):  # a world comes without photons
             self.ready, self.mapped, self.trace = True, False, self.towards
         elif answer is protocol.MapsBuilt:
-            self.mapped, self.alone = True, None
+            self.mapped, self.own_trace = True, None
         elif answer is protocol.ViewSet:
             self.view, self.records = self.towards, 0
         elif answer is protocol.RecordsSet:
@@ -88,7 +88,7 @@ class Team:
         self.epoch = -1
         self.awaits, self.waiting = None, set()
         self.ready = self.mapped = False
-        self.traced, self.alone = [], None
+        self.traced, self.own_trace = [], None
         self.trace = self.view = self.records = 0
         self.owed.clear()
 
