@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mitsuba_xml import read_body as read
 
 from wdpm.scenes import SceneError, load
-from wdpm.scenes.mitsuba.read import read_mitsuba
 from wdpm.scenes.model.bsdfs import Bsdf, Conductor, Diffuse, Principled
 from wdpm.scenes.model.scene import Scene
 
@@ -18,12 +18,6 @@ SMOKE = (
     '<volume name="{name}" type="gridvolume"><string name="filename" value="a.npy"/></volume></medium>'
     '<shape type="cube"><bsdf type="null"/><ref name="interior" id="smoke"/></shape>'
 )
-
-
-def read(folder: Path, body: str, *, lenient: bool = False) -> Scene:
-    file = folder / "s.xml"
-    file.write_text(f'<scene version="3.0.0">\n{body}\n</scene>')
-    return read_mitsuba(file, {}, lenient=lenient)
 
 
 def smoke(folder: Path, values: list[float], *, lenient: bool = False, **how: str) -> Scene:
@@ -70,7 +64,7 @@ def test_a_pointer_of_git_lfs_is_said_to_be_one(tmp_path: Path) -> None:
     with pytest.raises(SceneError) as caught:
         read(tmp_path, '<shape type="obj"><string name="filename" value="m.obj"/></shape>')
     assert str(caught.value) == (
-        f'{tmp_path / "s.xml"}:2: "m.obj" is a pointer of Git LFS, not the file itself; '
+        f'{tmp_path / "scene.xml"}:2: "m.obj" is a pointer of Git LFS, not the file itself; '
         "fetch it where it comes from: git lfs pull"
     )
     with pytest.raises(SceneError, match="pointer of Git LFS"):

@@ -2,30 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import imageio.v3 as imageio
 import numpy as np
 import pytest
 from light_rig import emitted, table_of
+from mitsuba_xml import emitter, number, read_body
 
-from wdpm.scenes.mitsuba.read import read_mitsuba
 from wdpm.scenes.model.lights import ProjectorLight, SpotLight
-from wdpm.scenes.model.scene import Scene
 
-
-def read(folder: Path, body: str) -> Scene:
-    file = folder / "scene.xml"
-    file.write_text(f'<scene version="3.0.0">{body}<shape type="rectangle"/></scene>')
-    return read_mitsuba(file, {})
-
-
-def emitter(kind: str, inside: str = "") -> str:
-    return f'<emitter type="{kind}">{inside}</emitter>'
-
-
-def number(name: str, value: float) -> str:
-    return f'<float name="{name}" value="{value}"/>'
+read = partial(read_body, after='<shape type="rectangle"/>')
 
 
 def test_projector(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,12 @@ import imageio.v3 as imageio
 import numpy as np
 import OpenEXR
 import pytest
+from mitsuba_xml import emitter, number, read_body
 from numpy.typing import NDArray
 
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.gltf.read import read_gltf
 from wdpm.scenes.mitsuba import sky
-from wdpm.scenes.mitsuba.read import read_mitsuba
 from wdpm.scenes.model.lights import DirectionalLight, Environment, PointLight, SpotLight
 from wdpm.scenes.model.scene import Scene
 from wdpm.scenes.model.textures import Bitmap, Checkerboard
@@ -26,19 +27,7 @@ FLOOR = '<shape type="rectangle"/>'
 SLIDE = '<texture type="checkerboard" name="irradiance"/>'
 WIDE = '<transform name="to_world"><scale x="2"/></transform>'
 
-
-def read(folder: Path, body: str, version: str = "3.0.0") -> Scene:
-    file = folder / "scene.xml"
-    file.write_text(f'<scene version="{version}">\n{body}\n{FLOOR}</scene>')
-    return read_mitsuba(file, {})
-
-
-def emitter(kind: str, inside: str = "") -> str:
-    return f'<emitter type="{kind}">{inside}</emitter>'
-
-
-def number(name: str, value: float) -> str:
-    return f'<float name="{name}" value="{value}"/>'
+read = partial(read_body, after=FLOOR)
 
 
 def write_exr(file: Path, pixels: NDArray[np.float32]) -> None:

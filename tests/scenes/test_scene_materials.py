@@ -8,6 +8,7 @@ from pathlib import Path
 import imageio.v3 as imageio
 import numpy as np
 import pytest
+from mitsuba_xml import number, rgb
 
 from wdpm.scenes import (
     Bitmap,
@@ -51,14 +52,6 @@ def write(folder: Path, bsdf: str) -> Path:
 def read(folder: Path, bsdf: str) -> Bsdf:
     """A material as read, without its name."""
     return load(write(folder, bsdf)).materials[0].bsdf
-
-
-def number(name: str, value: float) -> str:
-    return f'<float name="{name}" value="{value}"/>'
-
-
-def rgb(name: str, value: str) -> str:
-    return f'<rgb name="{name}" value="{value}"/>'
 
 
 def word(name: str, value: str) -> str:

@@ -4,28 +4,25 @@ from __future__ import annotations
 
 import math
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mitsuba_xml import read_body, rgb
 from numpy.typing import NDArray
 
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.meshes import primitives
 from wdpm.scenes.meshes.mesh_data import MeshData
 from wdpm.scenes.mitsuba.media import open_edges
-from wdpm.scenes.mitsuba.read import read_mitsuba
-from wdpm.scenes.model.scene import Mesh, Scene
+from wdpm.scenes.model.scene import Mesh
 
 LIGHT_AND_CAMERA = '<emitter type="constant"/><sensor type="perspective"/>'
 FOG = '<medium type="homogeneous" id="fog"/>'
 INSIDE = '<ref name="interior" id="fog"/>'
 
-
-def read(folder: Path, body: str) -> Scene:
-    file = folder / "scene.xml"
-    file.write_text(f'<scene version="3.0.0">\n{body}\n{LIGHT_AND_CAMERA}</scene>')
-    return read_mitsuba(file, {})
+read = partial(read_body, after=LIGHT_AND_CAMERA)
 
 
 def medium(inside: str) -> str:
@@ -35,10 +32,6 @@ def medium(inside: str) -> str:
 def cube_of(inside: str) -> str:
     """A cube filled with a medium of these parameters."""
     return f'<shape type="cube">{medium(inside)}</shape>'
-
-
-def rgb(name: str, value: str) -> str:
-    return f'<rgb name="{name}" value="{value}"/>'
 
 
 def test_defaults_are_mitsuba_s(tmp_path: Path) -> None:

@@ -8,23 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mitsuba_xml import read_body as read
 
 from wdpm.scenes import SceneError, load
-from wdpm.scenes.mitsuba.read import read_mitsuba
 from wdpm.scenes.mitsuba.serialized import read_serialized
 from wdpm.scenes.mitsuba.supported import KNOWN, supported
 from wdpm.scenes.model.bsdfs import Blend, Bsdf, BumpMap, Conductor, Diffuse, Distribution, Plastic
 from wdpm.scenes.model.lights import Environment
-from wdpm.scenes.model.scene import Scene
 
 CUBE = '<shape type="cube"/>'
 LAMP = '<emitter type="point"/>'
-
-
-def read(folder: Path, body: str, *, version: str = "3.0.0", lenient: bool = False) -> Scene:
-    file = folder / "s.xml"
-    file.write_text(f'<scene version="{version}">\n{body}\n</scene>')
-    return read_mitsuba(file, {}, lenient=lenient)
 
 
 def bsdf(folder: Path, text: str, *, lenient: bool = False) -> tuple[Bsdf, tuple[str, ...]]:

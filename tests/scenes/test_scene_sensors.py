@@ -5,28 +5,20 @@ from __future__ import annotations
 import json
 import math
 import re
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from mitsuba_xml import number, read_body
 
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.gltf.read import read_gltf
-from wdpm.scenes.mitsuba.read import read_mitsuba
-from wdpm.scenes.model.scene import Scene
 
 LIT_FLOOR = '<shape type="rectangle"/><emitter type="constant"/>'
 
-
-def read(folder: Path, body: str, **arguments: Any) -> Scene:
-    file = folder / "scene.xml"
-    file.write_text(f'<scene version="3.0.0">\n{body}\n{LIT_FLOOR}</scene>')
-    return read_mitsuba(file, {}, **arguments)
-
-
-def number(name: str, value: float) -> str:
-    return f'<float name="{name}" value="{value}"/>'
+read = partial(read_body, after=LIT_FLOOR)
 
 
 def film(inside: str) -> str:

@@ -5,23 +5,26 @@ from __future__ import annotations
 import re
 import struct
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mitsuba_xml import read_body
 from numpy.typing import ArrayLike, NDArray
 
 from wdpm.scenes.builtin.cornell_box import cornell_box
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.flat.flatten import flatten
-from wdpm.scenes.mitsuba.read import read_mitsuba
 from wdpm.scenes.model.checks import check_scene
-from wdpm.scenes.model.scene import Medium, Scene
+from wdpm.scenes.model.scene import Medium
 from wdpm.scenes.model.textures import Wrap
 from wdpm.scenes.model.volumes import Volume
 
 LIGHT_AND_CAMERA = '<emitter type="constant"/><sensor type="perspective"/>'
 RAMP = np.arange(24, dtype=np.float32).reshape(2, 3, 4)  # z, y, x
+
+read = partial(read_body, after=LIGHT_AND_CAMERA)
 
 
 def vol(
@@ -37,12 +40,6 @@ def vol(
     dtype = {1: "<f4", 2: "<f2", 3: "|u1"}.get(encoding, "<f4")
     data = head + struct.pack("<5i6f", encoding, x, y, z, channels, *box) + array.astype(dtype).tobytes()
     return data[: len(data) - cut]
-
-
-def read(folder: Path, body: str, version: str = "3.0.0") -> Scene:
-    file = folder / "scene.xml"
-    file.write_text(f'<scene version="{version}">\n{body}\n{LIGHT_AND_CAMERA}</scene>')
-    return read_mitsuba(file, {})
 
 
 def grid(name: str, file: str = "smoke.vol", inside: str = "") -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mitsuba_xml import number
 
 from wdpm.scenes import load
 from wdpm.scenes.mitsuba.metals import METALS
@@ -18,10 +19,6 @@ ANISOTROPIC = '<float name="alpha_u" value="0.2"/><float name="alpha_v" value="0
 
 def plugin(kind: str, inside: str = "") -> str:
     return f'<bsdf type="{kind}">{inside}</bsdf>'
-
-
-def number(name: str, value: float) -> str:
-    return f'<float name="{name}" value="{value}"/>'
 
 
 def word(name: str, value: str) -> str:
