@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import shutil
 import subprocess
 import sys
@@ -23,7 +24,7 @@ from wdpm.images.image import Image, load
 from wdpm.rendering.backend import Backend
 from wdpm.rendering.compiling import Compiling
 from wdpm.rendering.in_process import InProcess
-from wdpm.report.report import Report, from_json
+from wdpm.report.report import Report, from_dict
 from wdpm.scenes.errors import ClusterEndedError, ClusterError, MasterLostError, SceneError
 from wdpm.scenes.model.scene import Camera, FilterKind, PixelFilter, Scene
 
@@ -267,7 +268,7 @@ def test_several_outputs_and_the_report(renderer: Renderer, capsys: pytest.Captu
     assert run(["render", "a.xml", "-o", "a.exr", "-o", "a.png", "--report", "a.json"]) == 0
     assert np.array_equal(load("a.exr").pixels, renderer.pixels)
     assert load("a.png").shape == (2, 3)
-    report = from_json(Path("a.json").read_text())
+    report = from_dict(json.loads(Path("a.json").read_text()))
     assert list(report.phases) == ["load", "render"]
     assert load("a.exr").metadata["report"] == report.to_dict()
     out, err = capsys.readouterr()
@@ -390,7 +391,7 @@ def test_records_that_cannot_be_written_cost_neither_image_nor_report(
     assert run(["render", "a.xml", "-q", "-o", "a.exr", "--report", "a.json", "--save-cache", "a.rec"]) == 2
     assert capsys.readouterr().err == "wdpm: error: a.rec: cannot be written\n"
     assert load("a.exr").shape == (2, 3)
-    assert from_json(Path("a.json").read_text()).phases["render"] == 1.5
+    assert from_dict(json.loads(Path("a.json").read_text())).phases["render"] == 1.5
 
 
 def test_a_picture_that_cannot_be_written_does_not_cost_the_report(

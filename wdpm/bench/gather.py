@@ -17,7 +17,6 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from wdpm.kernels.irradiance import at_photons
 from wdpm.kernels.photons import gather, photon_map
 from wdpm.kernels.photons.gather_settings import check_settings
 from wdpm.scenes.errors import WdpmError
@@ -91,33 +90,6 @@ def measure(
     return rows
 
 
-def measure_nearest_point(
-    point_count: int = 60_000, reach: float = 0.05, resolution: int = 200, rounds: int = 5, seed: int = 0
-) -> list[Row]:
-    """Times the reading of irradiance at the nearest point (kernels/irradiance/at_photons.py) against scipy's cKDTree.
-
-    Ours also tests normals and reads what is stored at the point. Arguments as for `measure`, but
-
-    Args:
-        point_count: points that carry irradiance.
-        reach: most distant point to read; the box has sides of 1.
-
-    Raises:
-        WdpmError: scipy is not installed.
-    """
-    spatial = _scipy_spatial()
-    rng = np.random.default_rng(seed)
-    position, normal = _on_faces(rng, point_count)
-    value = rng.random((point_count, 3), dtype=np.float32)
-    points = at_photons.build(position, value, normal, np.full(point_count, reach), np.arange(point_count))
-    tree = spatial.cKDTree(position)
-    rows = []
-    for name, (x, n) in {"coherent": _camera(resolution), "incoherent": _on_faces(rng, resolution**2)}.items():
-        work = f"irradiance of the nearest of {point_count:,} points, {name}"
-        rows.append(_compare(work, _reads(points, x, n, reach), _peer_gathers(tree, x, 1), len(x), rounds))
-    return rows
-
-
 def _scipy_spatial() -> ModuleType:
     try:
         import scipy.spatial
@@ -133,14 +105,6 @@ def _gathers(photons: Any, x: Array, n: Array, k: int, run: int) -> Callable[[],
     outputs = [wp.zeros(count, dtype=kind, device="cpu") for kind in (wp.vec3, wp.int32, wp.float32, wp.bool)]
     inputs = [photons, position, normal, normal, k, 1.0, 0.0, 0, run, *outputs]
     return lambda: wp.launch(gather.gather_kernel, dim=-(-count // run), inputs=inputs, device="cpu")
-
-
-def _reads(points: Any, x: Array, n: Array, reach: float) -> Callable[[], None]:
-    count = len(x)
-    position, normal = (wp.array(column, dtype=wp.vec3, device="cpu") for column in (x, n))
-    outputs = [wp.zeros(count, dtype=kind, device="cpu") for kind in (wp.vec3, wp.float32, wp.bool)]
-    inputs = [points, position, normal, reach, 0, *outputs]
-    return lambda: wp.launch(at_photons.read_irradiance, dim=count, inputs=inputs, device="cpu")
 
 
 def _peer_gathers(tree: Any, x: Array, k: int) -> Callable[[], None]:

@@ -301,15 +301,6 @@ class Report:
         return json.dumps(asdict(self), allow_nan=False, indent=2)
 
 
-def from_json(text: str) -> Report:
-    """The report that `to_json` wrote. Raises ImageError when it is another thing."""
-    try:
-        data = json.loads(text)
-    except ValueError as error:
-        raise ImageError(f"not a report of wdpm: {error}") from None
-    return from_dict(data)
-
-
 def from_dict(data: object) -> Report:
     """The report that `to_dict` gave. Raises ImageError when it is another thing."""
     try:

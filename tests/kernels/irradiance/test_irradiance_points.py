@@ -12,7 +12,6 @@ import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wdpm.bench import gather
 from wdpm.kernels.constants import FLATTENING, NORMAL_COS
 from wdpm.kernels.irradiance import at_photons
 from wdpm.scenes.errors import SettingsError, WdpmError
@@ -234,12 +233,3 @@ def test_bad_points_are_errors() -> None:
         at_photons.build(ones, ones, ones, np.ones(3), np.array([5, 5, 6]))
     with pytest.raises(WdpmError, match=r"shape \(2, 3\), expected \(3, 3\)"):
         at_photons.build(ones, ones, ones, np.ones(2), np.array([4, 5, 6]))
-
-
-def test_bench_compares_reads() -> None:
-    rows = gather.measure_nearest_point(point_count=500, reach=1.0, resolution=8, rounds=1)
-    assert [row.work for row in rows] == [
-        "irradiance of the nearest of 500 points, coherent",
-        "irradiance of the nearest of 500 points, incoherent",
-    ]
-    assert all(row.seconds > 0 and row.ratio == row.peer_seconds / row.seconds for row in rows)
