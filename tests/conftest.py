@@ -63,6 +63,17 @@ def _process_as_it_was() -> Iterator[None]:
     sys.unraisablehook = hook
 
 
+@pytest.fixture(scope="module")
+def small_pilot() -> Iterator[None]:
+    """A shorter photon pilot and fewer surface points: the same for all renders of a file, and quicker."""
+    from wdpm.cluster.plan import map_plans, photon_pilot
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(photon_pilot, "PILOT_PATHS", 1 << 12)
+        patch.setattr(map_plans, "POINTS_LEAST", 1 << 12)
+        yield
+
+
 @pytest.fixture(scope="session")
 def scenes_dir() -> Path:
     """The folder of scenes with references; only for tests that are marked `shared`."""

@@ -181,7 +181,10 @@ GUARDS = (
         file="cluster/work/bucket_home.py",
         prevents="of surfaces in one place, the cell that answers first decides",
         changes=((' | ((found["t"] == t) & (found["prim"] < prim))', ""),),
-        tests=(EXACT + "test_random_scenes_have_the_same_bits_in_any_partition",),
+        tests=(
+            "tests/cluster/work/test_merged_hits.py::"
+            "test_the_nearest_hit_counts_and_of_equally_near_ones_the_least_triangle",
+        ),
     ),
     Guard(
         name="credit for all that follows",

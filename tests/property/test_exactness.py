@@ -11,10 +11,7 @@ import numpy as np
 import pytest
 from digests import alone, same_bits
 from given_tree import give_tree
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
-from random_scenes import scenes
 
 from wdpm.cluster.batch import Arrays, Kind, concatenate
 from wdpm.cluster.render_settings import RenderSettings, Routing
@@ -23,10 +20,9 @@ from wdpm.images.image import Image
 from wdpm.kernels.constants import PAD_SHARE
 from wdpm.kernels.rays.cells import cell_boxes
 from wdpm.rendering.in_process import render_in_process
-from wdpm.report.report import EnergyLedger
 from wdpm.scenes.builtin.cornell_box import cornell_box
 from wdpm.scenes.flat.flatten import flatten
-from wdpm.scenes.model.scene import Scene, diffuse
+from wdpm.scenes.model.scene import diffuse
 from wdpm.scenes.model.transforms import look_at
 
 pytestmark = pytest.mark.usefixtures("small_pilot")
@@ -136,52 +132,6 @@ def test_photons_that_wait_for_room_change_no_bit(monkeypatch: pytest.MonkeyPatc
         assert same_bits(image, reference)
 
 
-# Random scenes
-
-
-@given(
-    scene=scenes(),
-    seed=st.integers(0, 2**32 - 1),
-    cells=st.sampled_from([2, 4, 8]),
-    workers=st.sampled_from([1, 2, 3, 4]),
-    max_depth=st.sampled_from([None, None, None, 2, 3, 5]),
-    light_samples=st.sampled_from([1, 2]),
-    bucket=st.sampled_from([5, 8, 32]),
-    routing=st.sampled_from(Routing),
-)
-@settings(max_examples=40, deadline=None, derandomize=True)
-def test_random_scenes_have_the_same_bits_in_any_partition(
-    scene: Scene,
-    seed: int,
-    cells: int,
-    workers: int,
-    max_depth: int | None,
-    light_samples: int,
-    bucket: int,
-    routing: Routing,
-) -> None:
-    chosen = RenderSettings(
-        photons=400,
-        k=8,
-        spp=2,
-        seed=seed,
-        max_depth=max_depth,
-        light_samples=light_samples,
-        bucket=bucket,
-        routing=routing,
-    )
-    reference = alone(scene, chosen)
-    image = render_in_process(
-        scene, chosen, workers=min(workers, cells), cells=cells, threads=2, shuffle=random.Random(seed)
-    )
-    assert same_bits(image, reference)
-    reports = [i.metadata["report"] for i in (image, reference)]
-    assert reports[0]["photons"] == reports[1]["photons"]
-    for report in reports:
-        assert report["nonfinite"] == {}
-        assert EnergyLedger(**report["energy"]).imbalance < 1e-5
-
-
 # Split planes that go through everything
 
 
@@ -244,24 +194,6 @@ def test_slabs_thinner_than_the_gather_radius_change_no_bit(
 def test_64_cells_change_no_bit(cornell_alone: Image, routing: Routing) -> None:
     image = render_in_process(CORNELL, replace(FEW, routing=routing), workers=3, cells=64, shuffle=random.Random(7))
     assert same_bits(image, cornell_alone)
-
-
-@settings(max_examples=12, deadline=None, derandomize=True)
-@given(scene=scenes(), data=st.data())
-def test_planes_through_vertices_of_random_scenes_change_no_bit(scene: Scene, data: st.DataObject) -> None:
-    """Every plane goes through a vertex, a light or the camera: of lattice scenes that is through faces and edges."""
-    flat = flatten(scene)
-    lights = flat.lights.delta_position[: flat.lights.near]
-    places = np.concatenate([flat.triangles.positions.reshape(-1, 3), lights, flat.camera.to_world[None, :3, 3]])
-    axis = [data.draw(st.integers(0, 2)) for _ in range(7)]
-    split = [float(places[data.draw(st.integers(0, len(places) - 1)), a]) for a in axis]
-    chosen = RenderSettings(photons=400, k=8, spp=2)
-    reference = alone(scene, chosen)
-    with pytest.MonkeyPatch.context() as patch:
-        give_tree(patch, axis, split)
-        for routing in Routing:
-            image = render_in_process(scene, replace(chosen, routing=routing), workers=2, cells=8)
-            assert same_bits(image, reference)
 
 
 def test_a_camera_that_looks_along_a_wall_and_a_plane(monkeypatch: pytest.MonkeyPatch) -> None:

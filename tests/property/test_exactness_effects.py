@@ -10,10 +10,6 @@ import effect_scenes
 import numpy as np
 import pytest
 from digests import alone, same_bits
-from given_tree import give_tree
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from random_scenes import scenes_with_effects
 from watched_batches import watch_batches
 
 import wdpm
@@ -161,50 +157,3 @@ def test_two_slaves_over_sockets_give_the_same_bits() -> None:
             image = cluster.render(scene, replace(FEW, routing=routing))
             assert same_bits(image, expected)
         assert sum(slave["rays_in"] for slave in image.metadata["report"]["slaves"]) > 0
-
-
-# Random scenes, all under the kernels with all effects: nothing new is compiled
-
-
-@given(
-    scene=scenes_with_effects(),
-    seed=st.integers(0, 2**32 - 1),
-    cells=st.sampled_from([2, 4, 8]),
-    workers=st.sampled_from([1, 2, 3]),
-    max_depth=st.sampled_from([None, None, None, 2, 4]),
-    bucket=st.sampled_from([5, 32]),
-    routing=st.sampled_from(Routing),
-    data=st.data(),
-)
-@settings(max_examples=40, deadline=None)
-def test_random_scenes_have_the_same_bits_in_any_partition(
-    scene: Scene,
-    seed: int,
-    cells: int,
-    workers: int,
-    max_depth: int | None,
-    bucket: int,
-    routing: Routing,
-    data: st.DataObject,
-) -> None:
-    chosen = RenderSettings(
-        photons=300, caustic_photons=200, volume_photons=200, k=8, caustic_k=5, spp=2, all_effects=True,
-        seed=seed, max_depth=max_depth, bucket=bucket, routing=routing,
-    )  # fmt: skip
-    expected = alone(scene, chosen)
-    with pytest.MonkeyPatch.context() as patch:
-        if data.draw(st.booleans(), label="planes through vertices"):
-            flat = flatten(scene)
-            corners = flat.triangles.positions.reshape(-1, 3)
-            axis = [data.draw(st.integers(0, 2)) for _ in range(cells - 1)]
-            give_tree(patch, axis, [float(corners[data.draw(st.integers(0, len(corners) - 1)), a]) for a in axis])
-        image = render_in_process(
-            scene, chosen, workers=min(workers, cells), cells=cells, threads=2, shuffle=random.Random(seed)
-        )
-    assert same_bits(image, expected)
-    reports = [i.metadata["report"] for i in (image, expected)]
-    for of_map in ("photons", "caustics", "volume"):
-        assert reports[0][of_map] == reports[1][of_map]
-    for report in reports:
-        assert report["nonfinite"] == {}
-        assert EnergyLedger(**report["energy"]).imbalance < 1e-5

@@ -9,9 +9,6 @@ import effect_scenes
 import numpy as np
 import pytest
 from digests import alone, same_bits
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from random_scenes import scenes_with_effects
 from watched_batches import watch_batches
 
 import wdpm
@@ -131,25 +128,3 @@ def test_two_slaves_over_sockets_give_the_same_bits() -> None:
             image = cluster.render(scene, replace(PATH, routing=routing))
             assert same_bits(image, expected)
         assert sum(slave["rays_in"] for slave in image.metadata["report"]["slaves"]) > 0
-
-
-@given(
-    scene=scenes_with_effects(),
-    seed=st.integers(0, 2**32 - 1),
-    cells=st.sampled_from([2, 4, 8]),
-    workers=st.sampled_from([1, 2, 3]),
-    max_depth=st.sampled_from([None, None, 2, 4]),
-    bucket=st.sampled_from([5, 32]),
-    routing=st.sampled_from(Routing),
-)
-@settings(max_examples=25, deadline=None)
-def test_random_scenes_have_the_same_bits_in_any_partition(
-    scene: Scene, seed: int, cells: int, workers: int, max_depth: int | None, bucket: int, routing: Routing
-) -> None:
-    chosen = replace(PATH, seed=seed, max_depth=max_depth, bucket=bucket, routing=routing)
-    expected = alone(scene, chosen)
-    image = render_in_process(
-        scene, chosen, workers=min(workers, cells), cells=cells, threads=2, shuffle=random.Random(seed)
-    )
-    assert same_bits(image, expected)
-    assert expected.metadata["report"]["nonfinite"] == {}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from one_cell import FEW, one, ready
 import wdpm
 from wdpm.cli import main
 from wdpm.cluster.batch import Batch, Kind, zeros
-from wdpm.cluster.plan import map_plans, photon_pilot, render_plan
+from wdpm.cluster.plan import render_plan
 from wdpm.cluster.render_settings import Routing
 from wdpm.cluster.task import BucketTask
 from wdpm.cluster.work import guards
@@ -30,17 +29,10 @@ from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import ClusterError, GuardError
 from wdpm.scenes.model.scene import Camera, Medium, Mesh, Scene, diffuse
 
+pytestmark = pytest.mark.usefixtures("small_pilot")
+
 STRICT = replace(FEW, strict=True)
 PLACE = re.compile(r"pixel (\d+),(\d+), sample (\d+), vertex (\d+); .* --replay (\d+,\d+,\d+)")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _small_pilot() -> Iterator[None]:
-    """A shorter pilot and fewer surface points: quicker."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(photon_pilot, "PILOT_PATHS", 1 << 12)
-        patch.setattr(map_plans, "POINTS_LEAST", 1 << 12)
-        yield
 
 
 def square(height: float, facing: int, emission: tuple[float, float, float] | None = None) -> Mesh:

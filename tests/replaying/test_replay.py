@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 
 import wdpm
 from wdpm.cli import main
-from wdpm.cluster.plan import map_plans, photon_pilot
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.rendering.in_process import InProcess, render_in_process
 from wdpm.replaying.run import Replayer
@@ -25,19 +23,12 @@ from wdpm.scenes.model.bsdfs import Dielectric, Diffuse, Mask, Plastic, TwoSided
 from wdpm.scenes.model.lights import Environment
 from wdpm.scenes.model.scene import Material, Medium, Mesh, Scene
 
+pytestmark = pytest.mark.usefixtures("small_pilot")
+
 SIZE = (6, 5)
 FEW = RenderSettings(
     photons=1500, caustic_photons=800, volume_photons=1500, k=20, caustic_k=10, spp=3, light_samples=2, all_effects=True
 )
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _small_pilot() -> Iterator[None]:
-    """A shorter pilot and fewer surface points: quicker."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(photon_pilot, "PILOT_PATHS", 1 << 12)
-        patch.setattr(map_plans, "POINTS_LEAST", 1 << 12)
-        yield
 
 
 def hazy_box() -> Scene:
