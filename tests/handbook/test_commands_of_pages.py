@@ -77,6 +77,7 @@ def test_options_of_commands_exist(command: str) -> None:
         assert callable(make_parser().parse_args(words_of(command)).run)
 
 
+@pytest.mark.usefixtures("small_pilot")
 @pytest.mark.parametrize("page", WITH_COMMANDS, ids=name_of)
 def test_commands_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In their order, in one folder."""
