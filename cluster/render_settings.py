@@ -41,28 +41,28 @@ class RenderSettings:
     """Settings of a render.
 
     Attributes:
-        photons: photons to be stored in the map; a fixed pilot turns this into a number of paths. Where the integrator
-            is picked and nobody said how many, half or a quarter of them if more would bring little beside the samples.
-        k: photons that a gather looks for.
+        photons: photons to store in the global map; a fixed pilot turns this into a number of paths. With the default
+            and the integrator AUTO, half or a quarter of them where more would bring little beside the samples.
+        k: photons of a density estimate: the k nearest.
         radius: largest gather radius, in scene units; None derives it from the scene and the pilot.
         spp: samples a pixel.
-        light_samples: shadow rays from what a camera sample sees; None for as many as the lights are worth. Vertices
-            further on have one.
+        light_samples: shadow rays of a camera sample, from the first surface that it sees; None for as many as the
+            lights are worth. Later vertices of its path have one.
         max_depth: longest light path in edges (1: emitted light only, 2: direct light, ...); None for no limit.
-        passes: renders of the same scene, each with photons of its own and a part of the samples, and narrower than
-            the one before; the image is their mean. Photons are those of each pass.
-        adaptive: from the second pass on, samples go where the passes before tell that they are worth most; each pass
-            takes as many as without.
+        passes: renders of the same scene, each with its own photons, a share of the samples, and a smaller gather
+            radius than the one before; the image is their mean. Numbers of photons are those of each pass.
+        adaptive: from the third pass on, more samples where the passes before show more error, and fewer elsewhere;
+            spp stays the average.
         seed: of all random numbers.
         bucket: side of a bucket in pixels; None derives it from the image, spp and slaves. Changes no bit of the image.
-        caustic_photons: photons to be stored in the caustic map of a scene that calls for one; fewer as of photons.
-        caustic_k: photons that a gather of the caustic map looks for.
+        caustic_photons: photons to store in the caustic map of a scene that calls for one; fewer as of photons.
+        caustic_k: k of density estimates from the caustic map.
         caustic_radius: its largest gather radius, in scene units; None derives it from the pilot.
-        volume_photons: photons to be stored in the volume map of a scene with participating media.
-        volume_samples: samples a pixel, at most, that look for light in media on behalf of all.
-        volume_radius: of beams through media, in scene units; None derives it from the pilot.
+        volume_photons: photons to store in the volume map of a scene with participating media.
+        volume_samples: at most so many of a pixel's samples gather light in media, on behalf of all.
+        volume_radius: radius of the beam estimate in media, in scene units; None derives it from the pilot.
         integrator: how light is found.
-        indirect: where the indirect light of diffuse surfaces comes from.
+        indirect: how indirect light on diffuse surfaces is estimated.
         all_effects: compile all effects in, whatever the scene calls for. Changes no bit of the image.
         strict: the first guard that acts ends the render with an error (work/guards.py). Changes no bit of the image.
         without: effects that are left out knowingly, of EFFECTS_TO_LEAVE_OUT.
@@ -71,7 +71,7 @@ class RenderSettings:
         band: width of the overlap band as a share of the gather radius. Below 1 the image is approximate,
             and `inexact` must say so.
         inexact: permits band < 1 (the paper's approximation).
-        unsteered: photons set out alike whatever the camera sees, also where few of them are of use to it.
+        unsteered: photons are not steered towards what the camera sees; all frames of a sequence are rendered so.
     """
 
     photons: int = 250_000

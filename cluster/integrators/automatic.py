@@ -13,5 +13,5 @@ class Automatic(PhotonMapping):
 
     name = "auto"
     words = "photon mapping or path tracing"
-    option_help = "auto: the one that a trial of the scene finds to leave less error for its price"
+    option_help = "auto: the one of these with less error for the same time in a short trial of the scene"
     stands_for_others = True

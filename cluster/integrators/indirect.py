@@ -1,4 +1,4 @@
-"""Where the indirect light of diffuse surfaces comes from, with photons."""
+"""How indirect light on diffuse surfaces is estimated, with photons."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import Enum
 
 
 class Indirect(Enum):
-    """Where the indirect light of diffuse surfaces comes from, with photons."""
+    """How indirect light on diffuse surfaces is estimated, with photons."""
 
     AUTO = "auto"
     """One of the others, as it suits the scene and the number of samples; the report says which and why."""

@@ -27,11 +27,10 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """Add the command to the parser."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "accuracy",
-        help="what an error costs in time, on this scene and machine",
-        description="Turn one knob of a render at a time, with several seeds, and tell what each setting costs and how "
-        "far it is from a reference: noise and bias apart. Writes a page, index.html, with plots, images and the "
-        "command of every point, and points.csv and points.json. Settings given here are the base around which knobs "
-        "are turned.",
+        help="measure error against time, setting by setting",
+        description="Vary one setting of a render at a time, with several seeds, and measure the time and the error "
+        "against a reference, split into noise and bias. Writes index.html with plots, images and the command of every "
+        "point, points.csv and points.json. Settings given here are the base: a point changes one of them.",
         epilog=_EXAMPLES,
     )
     options.add_scene_options(parser)
@@ -51,11 +50,11 @@ def _add_sweep_options(parser: argparse.ArgumentParser) -> None:
         type=knobs.parse_sweep,
         action="append",
         default=[],
-        metavar="KNOB=VALUES",
-        help="values of one knob: a list (20,50,120), a range (50k..4M), or one with its number of steps (50k..4M:7); "
-        "radii also as factors (0.5x..2x). Knobs: "
+        metavar="SETTING=VALUES",
+        help="values of one setting: a list (20,50,120), a range (50k..4M), or one with its number of steps "
+        "(50k..4M:7); radii also as factors (0.5x..2x). Settings: "
         + ", ".join(knob.option for knob in knobs.KNOBS)
-        + " (default: within the budget, all that the scene has a use for, but for "
+        + " (default: within the budget, all that matter to the scene, except "
         + ", ".join(knob.option for knob in knobs.KNOBS if not knob.by_default)
         + ")",
     )
@@ -69,7 +68,7 @@ def _add_sweep_options(parser: argparse.ArgumentParser) -> None:
         "--budget",
         type=values.duration,
         metavar="TIME",
-        help="what the default sweep may take, like 90s or 5m; two fifths are for the reference (default: 5m)",
+        help="time for the default sweep, like 90s or 5m; two fifths of it are for the reference (default: 5m)",
     )
     sweep.add_argument(
         "--reference",
@@ -77,28 +76,28 @@ def _add_sweep_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="image to compare with; given twice, two independent ones, which tell their own noise (default: path "
-        "tracing of our own)",
+        help="image to compare with; given twice, two independent ones, from which the noise of the reference is known "
+        "(default: wdpm's own path tracer renders one)",
     )
     sweep.add_argument(
         "--reference-time",
         type=values.duration,
         metavar="TIME",
-        help="for the reference of our own (default: two fifths of the budget)",
+        help="time to render the reference, if none is given (default: two fifths of the budget)",
     )
     sweep.add_argument(
         "--clock",
         choices=knobs.CLOCKS,
         metavar="WHICH",
-        help="what counts as the time of a point: wall, or cpu (all cores together), which other work on the machine "
-        "disturbs less (default: wall)",
+        help="time of a point: wall, or cpu (of all cores together), which depends less on other work on the machine "
+        "(default: wall)",
     )
     sweep.add_argument(
         "--trim",
         type=values.length,
         metavar="SHARE",
-        help="leave this share of the pixels, those that make up the most of the errors of all points, out of them, "
-        "like 0.001 (default: 0)",
+        help="leave this share of the pixels, those with the largest errors over all points, out of the errors, like "
+        "0.001 (default: 0)",
     )
     sweep.add_argument(
         "-o", "--output", type=Path, metavar="FOLDER", help="folder of the results (default: accuracy-SCENE)"
@@ -106,7 +105,7 @@ def _add_sweep_options(parser: argparse.ArgumentParser) -> None:
     sweep.add_argument(
         "--predict",
         action="store_true",
-        help="no sweep: only tell, after a short pilot, what relMSE 0.1 to 0.005 would cost with --until-error",
+        help="no sweep: predict from a short pilot how long --until-error takes for relMSE 0.1 to 0.005",
     )
     sweep.add_argument("-q", "--quiet", action="store_true", help="show no progress")
 

@@ -1,4 +1,4 @@
-"""`wdpm bench`: how fast this machine is, as ratios in one run: kernels, the paper's table, effects, Mitsuba 3.
+"""`wdpm bench`: benchmarks of wdpm on this machine: kernels, clusters, effects, the time to an error beside Mitsuba 3.
 
 What each benchmark takes and does is in a file of its own in wdpm/bench/commands/.
 """
@@ -59,8 +59,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """Add the command to the parser."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "bench",
-        help="how fast this machine is",
-        description="Measure this machine, as ratios in one run.",
+        help="benchmarks: kernels, clusters, effects, comparison with Mitsuba 3",
+        description="Measure wdpm on this machine. What is compared is measured by turns in one run: ratios mean more "
+        "than times.",
         epilog=_EXAMPLES,
     )
     benches = parser.add_subparsers(title="benchmarks", metavar="WHAT", required=True)

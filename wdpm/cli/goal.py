@@ -29,17 +29,18 @@ def add_until_options(parser: argparse.ArgumentParser) -> None:
         "--until-error",
         type=values.error_bound,
         metavar="E",
-        help="measure the scene in a short pilot, pick settings, and render until the estimated error is E, or less, "
-        f"in 9 of 10 cases; settings given are kept. Exit code {EXIT_NOT_REACHED} if it is not reached",
+        help="pick settings by a short pilot, and render until the error is at most E with 90 %% confidence; settings "
+        f"that are given are kept. Exit code {EXIT_NOT_REACHED} if E is not reached",
     )
     group.add_argument(
-        "--metric", choices=METRICS, default=None, help="of the error, as `wdpm compare` has it (default: relmse)"
+        "--metric", choices=METRICS, help="error that --until-error bounds, see wdpm compare (default: relmse)"
     )
     group.add_argument(
         "--time-budget",
         type=values.duration,
         metavar="TIME",
-        help="be done, with an image on disk, after so long, like 90, 60s or 2m, counted from the start of wdpm",
+        help="pick settings and render so that the image is written after this time, like 90, 60s or 2m, counted from "
+        "the start of wdpm",
     )
 
 

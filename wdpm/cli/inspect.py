@@ -20,9 +20,9 @@ def add_parser(subparsers: Any) -> argparse.ArgumentParser:
     """Add the command to the parser."""
     parser: argparse.ArgumentParser = subparsers.add_parser(
         "inspect",
-        help="what is in a scene",
-        description="Load a scene as a render with these settings would, and show what is in it, what was mended, "
-        "which effects it calls for, because of what, and what that switches on, and what each slave would hold.",
+        help="show what is in a scene and what a render would do",
+        description="Load a scene without rendering it, and show its contents, what the loader repaired, the effects "
+        "that a render with these settings would compute and why, and what each slave would hold.",
         epilog=_EXAMPLES,
     )
     options.add_scene_options(parser)

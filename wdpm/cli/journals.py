@@ -30,21 +30,21 @@ def add_journal_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--resume",
         action="store_true",
-        help="go on with what an interrupted render of this image has done, to the same bits; begin where there is "
-        "nothing. --passes may be larger than before",
+        help="continue an interrupted render of this image, to the same bits; start from the beginning if nothing was "
+        "kept. --passes may be larger than before",
     )
     either = group.add_mutually_exclusive_group()
     either.add_argument(
         "--journal",
         type=Path,
         metavar="FOLDER",
-        help="where to keep what is finished, from the first moment (default: beside the image, after 10 s)",
+        help="where to keep finished work, from the start of the render (default: beside the image, after 10 s)",
     )
-    either.add_argument("--no-journal", action="store_true", help="keep nothing of a render but complete passes")
+    either.add_argument("--no-journal", action="store_true", help="keep no unfinished pass, only complete ones")
     group.add_argument(
         "--keep-passes",
         action="store_true",
-        help=f"leave IMAGE{PASSES} behind when all passes are done, to add more later with --resume",
+        help=f"do not remove IMAGE{PASSES} at the end, to add more passes later with --resume",
     )
 
 

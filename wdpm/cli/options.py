@@ -58,90 +58,104 @@ _INTEGRATORS = ", or ".join(each.option_help for each in _ALGORITHMS)
 
 SETTING_OPTIONS = (
     SettingOption("spp", _QUALITY, "samples a pixel", default="the scene's, or 16"),
-    SettingOption("photons", _QUALITY, "photons to be stored in the map", values.count),
-    SettingOption("k", _QUALITY, "photons that an estimate looks for"),
+    SettingOption("photons", _QUALITY, "photons to store in the global map", values.count),
+    SettingOption("k", _QUALITY, "photons of a density estimate: the k nearest"),
     SettingOption(
         "radius",
         _QUALITY,
-        "largest gather radius, in scene units",
+        "largest radius of a density estimate, in scene units",
         values.length,
         "LENGTH",
         default="from the scene",
     ),
-    SettingOption("caustic_photons", _MAPS, "photons to be stored in the caustic map", values.count),
-    SettingOption("caustic_k", _MAPS, "photons that an estimate from the caustic map looks for"),
+    SettingOption("caustic_photons", _MAPS, "photons to store in the caustic map", values.count),
+    SettingOption("caustic_k", _MAPS, "k of density estimates from the caustic map"),
     SettingOption(
         "caustic_radius",
         _MAPS,
-        "largest gather radius of the caustic map, in scene units",
+        "largest radius of density estimates from the caustic map, in scene units",
         values.length,
         "LENGTH",
         default="from the scene",
     ),
-    SettingOption("volume_photons", _MAPS, "photons to be stored in participating media", values.count),
+    SettingOption("volume_photons", _MAPS, "photons to store in participating media", values.count),
     SettingOption(
         "volume_radius",
         _MAPS,
-        "reach of camera rays for photons in media, in scene units",
+        "radius of the beam estimate in media: photons so near to a camera ray count, in scene units",
         values.length,
         "LENGTH",
         default="from the scene",
     ),
-    SettingOption("volume_samples", _MAPS, "samples a pixel, at most, that look for light in media"),
+    SettingOption("volume_samples", _MAPS, "at most so many of a pixel's samples gather light in media"),
     SettingOption("integrator", _QUALITY, _INTEGRATORS, Integrator, "HOW"),
     SettingOption(
         "indirect",
         _QUALITY,
-        "where diffuse surfaces get indirect light from: auto, map (photons there), gather (photons where one ray more "
-        "arrives) or cache (gathering at some places, interpolated)",
+        "how indirect light on diffuse surfaces is estimated: map (from the photon map where it is seen), gather "
+        "(final gathering: from the photon map one bounce later), cache (final gathering at some places, interpolated "
+        "in between) or auto",
         Indirect,
         "HOW",
     ),
     SettingOption(
         "light_samples",
         _QUALITY,
-        "shadow rays from what a sample sees",
+        "shadow rays of a camera sample, from the first surface that it sees",
         values.count,
         default=f"{MOST_SHADOW_RAYS}; 1 with one light that has no extent, and with {', '.join(_ONE_SHADOW_RAY)}",
     ),
     SettingOption(
         "passes",
         _QUALITY,
-        "passes that the samples are spread over; each has photons of its own, and a narrower radius than the last",
+        "render in so many passes and average them: each has its own photons, a share of the samples, and a smaller "
+        "gather radius than the one before",
     ),
     SettingOption(
         "adaptive",
         _QUALITY,
-        "from the third pass on, samples go to those parts of the image that are furthest off, as the passes before "
-        "tell; each pass takes as many as without",
+        "from the third pass on, take more samples where the passes before show more error, and fewer elsewhere; --spp "
+        "stays the average",
         None,
     ),
     SettingOption(
         "max_depth",
         _QUALITY,
-        "longest light path in edges: 1 emitted light, 2 direct light, ...",
+        "most edges of a light path: 1 is emitted light only, 2 direct light, ...",
         default="the scene's, or no limit",
     ),
     SettingOption("seed", _QUALITY, "seed of all random numbers", values.count),
     SettingOption(
         "bucket",
         _WORK,
-        "side of a bucket, the unit of work, in pixels",
+        "width and height of a bucket (the tile that is one task), in pixels",
         values.count,
         default="32 to 128, by samples and slaves",
     ),
-    SettingOption("all_effects", _WORK, "compile all effects in, whether the scene calls for them or not", None),
+    SettingOption("all_effects", _WORK, "use kernels with all effects compiled in, not just the scene's", None),
     SettingOption(
-        "strict", _WORK, "end with an error where light would be lost or an estimate made coarser: see --replay", None
+        "strict",
+        _WORK,
+        "end with an error, which names the sample for --replay, the first time that a numerical guard drops light or "
+        "makes an estimate coarser",
+        None,
     ),
     SettingOption(
         "instances",
         _WORK,
-        "shapes that stand in several places: keep (held once), expand (copied) or auto (kept where that saves much)",
+        "shapes that a scene uses several times: keep (stored once), expand (copied) or auto (keep where that saves "
+        "much memory)",
         Instancing,
         "HOW",
     ),
-    SettingOption("routing", _WORK, "how camera rays find their way among cells: forward or merge", Routing, "HOW"),
+    SettingOption(
+        "routing",
+        _WORK,
+        "how camera rays find their hit where the scene is cut into cells: forward (one cell hands a ray to the next) "
+        "or merge (all cells on its way at once; the nearest hit counts)",
+        Routing,
+        "HOW",
+    ),
     SettingOption(
         "without",
         _APPROXIMATION,
@@ -153,17 +167,17 @@ SETTING_OPTIONS = (
     SettingOption(
         "band",
         _APPROXIMATION,
-        "width of the overlap band as a share of the gather radius; below 1 needs --inexact",
+        "width of the overlap band between cells, as a share of the gather radius; below 1 needs --inexact",
         values.length,
         "SHARE",
     ),
     SettingOption(
-        "inexact", _APPROXIMATION, "accept gathers that miss photons beyond the band; they are counted", None
+        "inexact", _APPROXIMATION, "allow --band below 1; the report counts the gathers that then miss photons", None
     ),
     SettingOption(
         "unsteered",
         _QUALITY,
-        "photons set out alike whatever the camera sees, as in all frames of a sequence, though few be of use",
+        "do not steer photons towards what the camera sees; all frames of a sequence are rendered so",
         None,
     ),
 )
@@ -206,7 +220,7 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=VALUE",
-        help="value of $NAME in a Mitsuba file; may be given several times",
+        help="set $NAME of a Mitsuba file; may be given several times",
     )
     group.add_argument("--size", type=values.size, metavar="WxH", help="size of the image (default: the scene's)")
     group.add_argument(
@@ -218,8 +232,8 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--lenient",
         action="store_true",
-        help="in a Mitsuba file, take the nearest known thing for what is not supported, or leave it out; the report "
-        "lists each (default: an error)",
+        help="in a Mitsuba file, replace what is not supported by the nearest supported thing, or leave it out; the "
+        "report lists each case (default: an error)",
     )
 
 
@@ -230,22 +244,22 @@ def add_view_options(parser: argparse.ArgumentParser) -> None:
         "--camera",
         type=values.camera,
         metavar="NAME|FROM/AT[/UP][/FOV]",
-        help="one of the scene's cameras by its name, or another place: three points x,y,z (UP: 0,1,0) and the "
-        "horizontal field of view in degrees, like 0,1,5/0,1,0/40; write --camera=... where it begins with a minus "
+        help="a camera of the scene by its name; or position, target and up vector (default: 0,1,0) as x,y,z and the "
+        "horizontal field of view in degrees, like 0,1,5/0,1,0/40; write --camera=... if it begins with a minus "
         "(default: the scene's first)",
     )
     group.add_argument(
         "--frame",
         choices=[each.value for each in Frame],
         metavar="inside|outside",
-        help="from where a model without a camera is seen (default: from inside where it is a closed room)",
+        help="where to put the camera of a model that has none (default: inside if it is a closed room)",
     )
     parser.set_defaults(time=None)  # seconds of an animation: of a frame (frames.py)
     group.add_argument(
         "--crop",
         type=values.region,
         metavar="LEFT,TOP,RIGHT,BOTTOM",
-        help="render these pixels alone, the same bits as in the whole image (default: all, or the scene's)",
+        help="render only these pixels, with the same bits as in the whole image (default: all, or the scene's crop)",
     )
 
 
@@ -292,15 +306,15 @@ def add_look_options(group: argparse._ActionsContainer) -> None:
         "--exposure",
         type=values.exposure,
         metavar="EV|auto",
-        help="of PNG and of the page: stops, each doubles the brightness, or auto, from the image; EXR only names it "
-        "(default: the scene's, or else 0)",
+        help="exposure of PNG files and of the live view, in stops, or auto: from the image; EXR files keep radiance "
+        "and only name it (default: the scene's, or 0)",
     )
     group.add_argument(
         "--view-transform",
         choices=[each.value for each in ViewTransform],
         metavar="NAME",
-        help="of PNG and of the page: standard (sRGB, clipped), filmic, agx (as Blender shows pictures) or neutral "
-        "(Khronos') (default: standard)",
+        help="tone mapping of PNG files and of the live view: standard (sRGB, clipped), filmic, agx (Blender's "
+        "default) or neutral (Khronos PBR Neutral) (default: standard)",
     )
 
 
@@ -314,10 +328,10 @@ def add_cache_options(parser: argparse.ArgumentParser) -> None:
     """--save-cache and --load-cache."""
     group = parser.add_argument_group("irradiance cache (with --indirect cache)")
     group.add_argument(
-        "--save-cache", type=Path, metavar="FILE", help="write the view's irradiance records, for other views"
+        "--save-cache", type=Path, metavar="FILE", help="write the irradiance records of this view, for --load-cache"
     )
     group.add_argument(
-        "--load-cache", type=Path, metavar="FILE", help="use the irradiance records of another view; make none"
+        "--load-cache", type=Path, metavar="FILE", help="use the irradiance records of another view, and make none"
     )
 
 
@@ -344,9 +358,9 @@ def add_compile_option(group: argparse._ActionsContainer) -> None:
         type=_enum_parser(Compiling),
         default=Compiling.BESIDE,
         metavar="beside|first|no",
-        help="kernels for just the scene's effects, where they are not compiled: beside: begin with kernels for all "
-        "effects, which give the same bits, and compile meanwhile for later passes and renders; first: before the "
-        "render; no: not now (default: beside)",
+        help="when to compile kernels for just this scene's effects, if they are not in the cache. beside: render with "
+        "kernels for all effects, which give the same bits, and compile meanwhile for later passes and renders; first: "
+        "compile, then render; no: do not compile them (default: beside)",
     )
 
 
@@ -357,8 +371,8 @@ def add_copies_option(group: argparse._ActionsContainer) -> None:
         type=values.copies,
         default=Copies.AUTO,
         metavar="none|auto",
-        help="auto: slaves with room for it hold the whole scene, so that no ray travels; none: each holds its part of "
-        "the scene (default: auto)",
+        help="auto: a slave with enough memory holds the whole scene, and no ray travels; none: the scene is cut among "
+        "all slaves (default: auto)",
     )
 
 

@@ -73,8 +73,8 @@ class Outcome:
             e = self.estimate
             found.append(
                 f"{name} about {e.value:.3g}, in 9 of 10 cases below {e.high:.3g} "
-                f"(noise {self.noise:.2g}, squared bias {self.bias:.2g}, at most {self.most_bias:.2g}); it stops by "
-                "this figure, which has rare light in mind, not by what the spread of the passes alone tells"
+                f"(noise {self.noise:.2g}, squared bias {self.bias:.2g}, at most {self.most_bias:.2g}); the render "
+                "stops by this estimate, which allows for rare light that no pass may have met"
             )
         found.append(
             f"{self.passes} passes of {self.samples} samples in {self.seconds:.1f} s ({self.predicted_seconds:.1f} s "

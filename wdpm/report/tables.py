@@ -129,7 +129,7 @@ def _alone(report: Report) -> SlaveReport | None:
 
 
 def _held(report: Report) -> Table:
-    title = "Slaves: what they held (shares of the scene's triangles and of all stored photons)"
+    title = "Slaves: scene and photons held (shares of all triangles and of all stored photons)"
     records = ("records",) if any(slave.records for slave in report.slaves) else ()
     copies = ("copies",) if any(slave.copies for slave in report.slaves) else ()
     table = _table(title, "slave", "cells", "triangles", "share", "photons", *copies, "ghosts", "share", *records)
@@ -149,7 +149,9 @@ def _held(report: Report) -> Table:
 
 
 def _did(report: Report) -> Table:
-    table = _table("Slaves: what they did", "slave", "rays in", "rays out", "received", "sent", "busy", "peak memory")
+    table = _table(
+        "Slaves: work and traffic", "slave", "rays in", "rays out", "received", "sent", "busy", "peak memory"
+    )
     for slave in report.slaves:
         table.add_row(
             escape(slave.slave),
@@ -166,7 +168,7 @@ def _did(report: Report) -> Table:
 def _spent(slaves: Sequence[SlaveReport]) -> Table:
     """Shares of the wall-clock time of each slave."""
     what = list(dict.fromkeys(name for slave in slaves for name in slave.spent_s))
-    table = _table("Slaves: what their time went to (computing, or idle by cause)", "slave", "time", *map(escape, what))
+    table = _table("Slaves: time spent (computing, or waiting by cause)", "slave", "time", *map(escape, what))
     for slave in slaves:
         whole = sum(slave.spent_s.values())
         shares = [_percent(slave.spent_s.get(name, 0.0), whole) for name in what]
@@ -176,7 +178,7 @@ def _spent(slaves: Sequence[SlaveReport]) -> Table:
 
 def _sent(slaves: Sequence[SlaveReport]) -> Table:
     """How many messages and batches, and the powers of two that half of the batches, and all, are below."""
-    title = "Slaves: what they sent (half of the batches, and all, have fewer rays and bytes than)"
+    title = "Slaves: messages sent (half of the batches, and all, have fewer rays and bytes than)"
     table = _table(title, "slave", "messages", "batches", "rays: half", "all", "bytes: half", "all")
     for slave in slaves:
         table.add_row(

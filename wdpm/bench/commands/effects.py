@@ -13,15 +13,15 @@ from wdpm.progress import Progress
 from wdpm.rendering.backend import Backends
 
 _DESCRIPTION = """\
-Render the Cornell box with one effect after the other, and with all, each by
-kernels for just what the scene calls for and by kernels that have all effects
-compiled in: time, compile time, kernel modules, and whether the bits are equal."""
+Render the Cornell box with one effect more at a time, and with all of them. Each
+scene is rendered by kernels compiled for its effects and by kernels with all
+effects: time, compile time, kernel modules, and whether the bits are equal."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add its options."""
     parser.add_argument(
-        "scenes", nargs="*", metavar="SCENE", help="of these, such as mirror or everything (default: all)"
+        "scenes", nargs="*", metavar="SCENE", help="only these, such as mirror or everything (default: all)"
     )
     parser.add_argument("--plot", type=Path, metavar="FILE.svg", help="also draw a bar for each effect")
     parser.add_argument(
@@ -33,8 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_counts(
         parser,
         ("--spp", 4, "samples a pixel"),
-        ("--photons", 100_000, "photons to be stored in each map"),
-        ("--rounds", 3, "images of each scene with either kernels"),
+        ("--photons", 100_000, "photons to store in each map"),
+        ("--rounds", 3, "images of each scene by each kind of kernels"),
     )
     add_threads(parser, "threads to render with")
 
@@ -64,5 +64,5 @@ def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Mea
 
 
 BENCHMARK = Benchmark(
-    "effects", "what each effect costs, where it is called for and where not", _DESCRIPTION, add_arguments, run
+    "effects", "what each effect costs a scene that uses it, and one that does not", _DESCRIPTION, add_arguments, run
 )

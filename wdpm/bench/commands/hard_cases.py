@@ -10,10 +10,10 @@ from wdpm.progress import Progress
 from wdpm.rendering.backend import Backends
 
 _DESCRIPTION = """\
-Run the suite of hard cases in full: scenes where renderers break, each against an
-expectation that does not come from wdpm. Writes a page with a row a case: picture,
-expected, measured, tolerance, verdict, time. Exit code 1 if one fails. The suite
-is in the repository, and not in an installed package."""
+Run the suite of hard cases in full: scenes on which renderers fail, each against
+a value that does not come from wdpm. Writes a page with a row for each case:
+picture, expected, measured, tolerance, verdict, time. Exit code 1 if one fails.
+The suite is in the repository only, not in an installed package."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,5 +35,5 @@ def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Mea
 
 
 BENCHMARK = Benchmark(
-    "hard-cases", "scenes where renderers break, against what is right", _DESCRIPTION, add_arguments, run
+    "hard-cases", "scenes on which renderers fail, against known values", _DESCRIPTION, add_arguments, run
 )

@@ -69,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=[kind.value for kind in Indirect],
         default=Indirect.MAP.value,
         metavar="HOW",
-        help="where indirect light comes from, see wdpm render --help (default: map, as in the paper)",
+        help="how indirect light is estimated, see wdpm render --help (default: map, as in the paper)",
     )
     add_threads(parser, "cores to use in all, shared out among slaves")
     add_rows(parser)
@@ -124,4 +124,4 @@ def _simulate(args: argparse.Namespace, progress: Progress) -> Measured:
     return Measured([paper.grid(scenes)], {"simulated": [each.to_dict() for each in scenes]})
 
 
-BENCHMARK = Benchmark("paper", "what a cluster holds, sends and costs", _DESCRIPTION, add_arguments, run)
+BENCHMARK = Benchmark("paper", "the paper's table: what slaves hold and send", _DESCRIPTION, add_arguments, run)

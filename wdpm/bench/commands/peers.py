@@ -21,13 +21,13 @@ from wdpm.rendering.backend import Backends
 from wdpm.scenes.errors import SettingsError
 
 _DESCRIPTION = """\
-Time that wdpm and Mitsuba 3's path tracer take to errors, both warm, at the size
-of each scene's reference. wdpm, by several ways: the fastest of a fixed grid of
-settings, the same for all scenes, or of a part of it (map, gather, cache); what
-it does by default; and its own path tracer. Mitsuba: measured at some numbers of
-samples, and error = a / samples between and beyond. It finds LLVM's library by
-the environment variable DRJIT_LIBLLVM_PATH where it does not itself. CPU time is
-that of all threads and processes: what else runs hardly changes it."""
+Time that wdpm and Mitsuba 3's path tracer take to reach given errors, both warm,
+at the size of each scene's reference. For wdpm, --ways chooses what is measured:
+the fastest of a fixed grid of settings, or of a part of it (map, gather, cache);
+the defaults; its own path tracer. Mitsuba is measured at several numbers of
+samples; between and beyond these, error = a / samples. If Mitsuba does not find
+LLVM's library, name it in the environment variable DRJIT_LIBLLVM_PATH. CPU time
+is that of all threads and processes, which other work hardly changes."""
 
 
 _WAYS = tuple(way.name for way in WAYS)
@@ -60,15 +60,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=counts,
         default=(),
         metavar="N,N,...",
-        help="reach the errors, too, that Mitsuba has with so many samples: rendered where --limit allows it, else by "
-        "its law",
+        help="also reach the errors that Mitsuba has with so many samples: measured where --limit allows it, else "
+        "by error = a / samples",
     )
     parser.add_argument(
         "--trim",
         type=values.length,
         default=0.0,
         metavar="SHARE",
-        help="reach every error a second time without the worst pixels, such a share of them: 0.001 (default: 0, no)",
+        help="reach every error also without this share of the pixels, the worst ones, like 0.001 (default: 0, do not)",
     )
     parser.add_argument(
         "--ways",
@@ -85,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=values.length,
         default=60.0,
         metavar="SECONDS",
-        help="try nothing that is bound to take longer (default: 60)",
+        help="leave out renders that are expected to take longer (default: 60)",
     )
     add_counts(parser, ("--rounds", 2, "images that confirm a choice of settings"))
     add_threads(parser, "threads of each")

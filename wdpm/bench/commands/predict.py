@@ -11,9 +11,9 @@ from wdpm.progress import Progress
 from wdpm.rendering.backend import Backends
 
 _DESCRIPTION = """\
-Ask scenes for errors, as --until-error does, and hold what it says against a
-reference image and the clock: true error against the one asked for and the one
-estimated, time taken against time predicted."""
+Render scenes with --until-error, and compare its estimates with the truth: the
+true error, by a reference image, with the error asked for and the one estimated,
+and the time taken with the time predicted."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,13 +32,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--clock",
         choices=("cpu", "wall"),
         default="cpu",
-        help="time to predict: of all threads together, or on the wall (default: cpu, which other work on the machine "
-        "does not lengthen)",
+        help="time to predict: of all threads together, or wall-clock (default: cpu, which depends less on other work "
+        "on the machine)",
     )
     add_counts(
         parser,
         ("--seeds", 1, "runs of each error"),
-        ("--smaller", 1, "pixels of the reference along a side of the image's, which are larger and cost as much less"),
+        ("--smaller", 1, "factor by which images are narrower and lower than the reference"),
     )
     add_threads(parser, "threads to render with")
     add_rows(parser)
@@ -65,5 +65,5 @@ def run(args: argparse.Namespace, backends: Backends, progress: Progress) -> Mea
 
 
 BENCHMARK = Benchmark(
-    "predict", "how true it is what --until-error predicts and estimates", _DESCRIPTION, add_arguments, run
+    "predict", "how true the estimates and predictions of --until-error are", _DESCRIPTION, add_arguments, run
 )

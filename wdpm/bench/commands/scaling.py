@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 _DESCRIPTION = """\
 Render scenes in one process and with clusters of slaves on this machine, with
-copies of the scene and without: CPU seconds of all processes against those of
-one, what is sent, and what a slave holds at most.
+copies of the scene and without: CPU seconds of all processes over those of one,
+bytes sent, and the most that a slave holds.
 
-With --simulate no cluster is started: its own master and slaves run in simulated
-time, on machines and links as described, one thread a slave. Their jobs are
-computed here, one after another, so that a large cluster takes this machine what
-all its slaves compute together; speed-up, and what the rest of the time goes to."""
+With --simulate no slave is started: master and slaves, one thread each, run in
+simulated time on the machines and links that the options describe. Their jobs
+are computed here, one after another, so a simulation takes as long as all slaves
+compute together. It prints the speed-up, and where the rest of the time goes."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,19 +43,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--simulate",
         type=values.cluster_sizes,
         metavar="N..M",
-        help="numbers of slaves, each twice the one before, or N,N,...: simulate them",
+        help="simulate clusters with these numbers of slaves: 2..16 is 2,4,8,16; or N,N,...",
     )
     parser.add_argument(
-        "--link", type=values.bandwidth, default=1.25e9, metavar="RATE", help="between machines (default: 10Gb)"
+        "--link",
+        type=values.bandwidth,
+        default=1.25e9,
+        metavar="RATE",
+        help="bandwidth between simulated machines (default: 10Gb)",
     )
     parser.add_argument(
-        "--latency", type=values.latency, default=50e-6, metavar="TIME", help="of that link (default: 50us)"
+        "--latency", type=values.latency, default=50e-6, metavar="TIME", help="latency between them (default: 50us)"
     )
     parser.add_argument(
         "--machines",
         type=values.positive_count,
         metavar="N",
-        help="simulated machines, over which slaves are spread (default: one for each)",
+        help="simulated machines that the slaves are spread over (default: one for each slave)",
     )
     parser.add_argument(
         "--cores", type=values.positive_count, default=1, metavar="N", help="cores of a simulated machine (default: 1)"
@@ -65,13 +69,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=values.copies,
         action="append",
         metavar="none|auto",
-        help="may be given twice (default: both)",
+        help="as in wdpm render; may be given twice (default: both)",
     )
     parser.add_argument(
         "--memory",
         type=values.memory,
         metavar="SIZE",
-        help="most that each slave may use, like 2G: slaves that have not room for the whole scene share copies of it "
+        help="most memory of each slave, like 2G: slaves without room for the whole scene share copies of it "
         "(default: no limit)",
     )
     parser.add_argument("--size", type=values.size, metavar="WxH", help="size of the images (default: the scene's)")
@@ -126,4 +130,4 @@ def _simulate(
     return Measured([each.grid() for each in scenes], {"simulated": [each.to_dict() for each in scenes]})
 
 
-BENCHMARK = Benchmark("scaling", "what more slaves cost", _DESCRIPTION, add_arguments, run)
+BENCHMARK = Benchmark("scaling", "cost of more slaves, measured or simulated", _DESCRIPTION, add_arguments, run)

@@ -36,14 +36,13 @@ def add_frame_options(parser: argparse.ArgumentParser) -> None:
         type=values.frames,
         metavar="A..B",
         help="render these frames of an animated glTF file, or of numbered scenes named like scene.%%04d.xml, to "
-        "IMAGE.0001.exr and so on; 1..24, 1..24..2 for every other one, or 7; with --resume, those that are there are "
-        "left out",
+        "IMAGE.0001.exr and so on: 1..24, 1..24..2 (every other one) or 7; --resume skips frames whose files exist",
     )
     group.add_argument(
         "--fps",
         type=values.rate,
         metavar="N",
-        help="frames a second of an animated glTF file: frame n is at n/N seconds (default: 24)",
+        help="frames per second of an animated glTF file: frame n is at n/N seconds (default: 24)",
     )
 
 
