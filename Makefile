@@ -26,14 +26,16 @@ help:  ## show this list
 
 demo: $(VENV)/.installed  ## render a Cornell box with a master and four slaves
 	@mkdir -p $(OUT)
-	@echo "A first, small picture: it compiles the kernels that the large one needs, too (once)"
+	@echo "1 of 3: a small picture, which also compiles the kernels (once; up to a minute)"
 	$(BIN)/wdpm render cornell-box --size 256x256 --spp 4 --photons 100k -q -o $(OUT)/cornell-box-first.png
-	@echo "It is $(abspath $(OUT))/cornell-box-first.png; now the large one, by a master and four slaves"
+	@echo "        $(abspath $(OUT))/cornell-box-first.png"
+	@echo "2 of 3: a larger one, by a master and four slaves"
 	$(BIN)/wdpm render cornell-box --slaves 4 --photons 1M --k 100 -o $(OUT)/cornell-box.exr -o $(OUT)/cornell-box.png
 	@echo
-	@echo "The picture is $(abspath $(OUT))/cornell-box.png; cornell-box.exr beside it has all layers."
-	@echo "Kernels for any scene are compiled, so that none has to wait, once: a minute of one core"
+	@echo "        $(abspath $(OUT))/cornell-box.png; all layers are in cornell-box.exr"
+	@echo "3 of 3: kernels for all effects, so that later scenes need not compile any (once; a minute of one core)"
 	$(BIN)/wdpm doctor --prepare > $(OUT)/doctor.txt
+	@echo "Done. Next: . $(BIN)/activate; wdpm --help; docs/first-picture.md"
 
 # pytest prints the seed of the order; `pytest --randomly-seed=SEED` repeats it, `pytest -p no:randomly` keeps files' order.
 # Of work that is left, a free worker takes half of another's: files stay together, and what they prepare once as well.
