@@ -14,13 +14,13 @@ from wdpm.cluster.host_memory import SlaveMemory
 from wdpm.cluster.limits import MOST_SLAVES, ClusterLimits
 from wdpm.cluster.master.local_slaves import LocalSlaves, slave_command
 from wdpm.cluster.master.server import MasterServer
-from wdpm.cluster.plan.copies import Copies, sharing
+from wdpm.cluster.plan.copies import Copies, copies_named, sharing
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.transport import address, local_sockets
 from wdpm.cluster.transport.registry import transport_of
 from wdpm.cluster.transport.transport import Role
-from wdpm.devices import available_cores, check_device, check_memory
+from wdpm.devices import available_cores, check_count, check_device, check_memory
 from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
 from wdpm.notebook import shown_live
@@ -86,7 +86,7 @@ class Cluster(Backend):
         cls,
         slaves: int,
         *,
-        copies: Copies = Copies.AUTO,
+        copies: Copies | str = Copies.AUTO,
         memory: int | None = None,
         threads: int | None = None,
         device: str = "cpu",
@@ -97,17 +97,19 @@ class Cluster(Backend):
 
         Args:
             slaves: how many.
-            copies: whether each may hold what others hold, too.
+            copies: "auto" or "none": whether each may hold what others hold, too.
             memory: most that each may use [bytes]; None for its part of half the machine's.
             threads: cores to use in all, shared out among the slaves; None for all there are.
             device: that they compute on.
             observers: are told what happens to the cluster, on a thread of its own.
             compiling: when a scene's kernels are compiled, if they have not been.
         """
-        if slaves < 1:
-            raise SettingsError(f"slaves is {slaves}; expected at least 1")
+        check_count("slaves", slaves)
+        if threads is not None:
+            check_count("threads", threads)
         check_memory(memory, slaves)
         check_device(device)
+        copies = copies_named(copies)
         each = max(1, (threads or available_cores()) // slaves)
         with ExitStack() as stack:
             processes = LocalSlaves()
@@ -143,8 +145,8 @@ class Cluster(Backend):
         slaves: int,
         *,
         most: int | None = None,
-        copies: Copies = Copies.AUTO,
-        keys: Path | None = None,
+        copies: Copies | str = Copies.AUTO,
+        keys: str | Path | None = None,
         insecure: bool = False,
         join_timeout: float = JOIN_TIMEOUT_S,
         observers: Sequence[ClusterObserver] = (),
@@ -155,7 +157,7 @@ class Cluster(Backend):
             bind: tcp://HOST:PORT to listen at.
             slaves: how many to wait for.
             most: how many there may be at a time, so that more may join later; None for no more.
-            copies: whether each may hold what others hold, too.
+            copies: "auto" or "none": whether each may hold what others hold, too.
             keys: the master's folder, that `wdpm keys` made; needed unless only this machine can reach HOST ...
             insecure: ... or anyone may take part.
             join_timeout: how long a render waits for slaves that have not joined [s].
@@ -166,11 +168,13 @@ class Cluster(Backend):
                 or the keys cannot be read.
             ClusterError: it cannot listen there.
         """
-        if slaves < 1:
-            raise SettingsError(f"slaves is {slaves}; expected at least 1")
-        if most is not None and most < slaves:
-            raise SettingsError(f"most is {most}; expected at least as many as slaves, which is {slaves}")
-        security = _keys_for(bind, keys, insecure)
+        check_count("slaves", slaves)
+        if most is not None:
+            check_count("most", most)
+            if most < slaves:
+                raise SettingsError(f"most is {most}; expected at least as many as slaves, which is {slaves}")
+        copies = copies_named(copies)
+        security = _keys_for(bind, path_named(keys), insecure)
         with ExitStack() as stack:
             limits = ClusterLimits(join_timeout_s=join_timeout)
             server = MasterServer(bind, slaves, most=most, security=security, limits=limits, observers=observers)
@@ -182,7 +186,7 @@ class Cluster(Backend):
         allocation: Allocation,
         shared: Path,
         *,
-        copies: Copies = Copies.AUTO,
+        copies: Copies | str = Copies.AUTO,
         observers: Sequence[ClusterObserver] = (),
     ) -> Self:
         """Be the master of a Slurm step, whose other tasks are the slaves.
@@ -190,13 +194,14 @@ class Cluster(Backend):
         Args:
             allocation: what Slurm gives this process, task 0 of the step.
             shared: a directory that all nodes of the step share, where master and slaves find each other.
-            copies: whether each may hold what others hold, too.
+            copies: "auto" or "none": whether each may hold what others hold, too.
             observers: are told what happens to the cluster, on a thread of its own.
 
         Raises:
             SettingsError: nothing can be written there, or the other nodes cannot be found.
         """
         slaves = allocation.tasks - 1
+        copies = copies_named(copies)
         number = address_towards(other_nodes(allocation))
         with ExitStack() as stack:
             from wdpm.placing.rendezvous import Rendezvous, meeting_folder  # needs ZeroMQ
@@ -215,7 +220,7 @@ class Cluster(Backend):
         client: Any,
         slaves: int | None = None,
         *,
-        copies: Copies = Copies.AUTO,
+        copies: Copies | str = Copies.AUTO,
         device: str = "cpu",
         observers: Sequence[ClusterObserver] = (),
     ) -> Self:
@@ -227,7 +232,7 @@ class Cluster(Backend):
         Args:
             client: a `distributed.Client`, which stays open; not an asynchronous one.
             slaves: most at a time; None for one on each worker, however many come.
-            copies: whether each may hold what others hold, too.
+            copies: "auto" or "none": whether each may hold what others hold, too.
             device: that slaves compute on.
             observers: are told what happens to the cluster, on a thread of its own.
 
@@ -236,9 +241,9 @@ class Cluster(Backend):
             ClusterError: it cannot listen.
         """
         dask_slaves = _dask_slaves()
+        if slaves is not None:
+            check_count("slaves", slaves)
         most = MOST_SLAVES if slaves is None else slaves
-        if most < 1:
-            raise SettingsError(f"slaves is {slaves}; expected at least 1")
         placed = dask_slaves(client, most, device)
         return cls._with_slaves(placed, min(most, max(1, len(placed.workers()))), most, copies, observers)
 
@@ -247,7 +252,7 @@ class Cluster(Backend):
         cls,
         hosts: Sequence[str],
         *,
-        copies: Copies = Copies.AUTO,
+        copies: Copies | str = Copies.AUTO,
         memory: int | None = None,
         threads: int | None = None,
         device: str = "cpu",
@@ -261,7 +266,7 @@ class Cluster(Backend):
 
         Args:
             hosts: NAME, USER@NAME or, with a number of slaves, NAME:2; names as ssh's configuration has them.
-            copies: whether each may hold what others hold, too.
+            copies: "auto" or "none": whether each may hold what others hold, too.
             memory: most that each may use [bytes].
             threads: of each; None for all cores there, shared out among the slaves of a host.
             device: that they compute on.
@@ -272,14 +277,17 @@ class Cluster(Backend):
             SettingsError: a host cannot be found, or is none.
             ClusterError: it cannot listen.
         """
+        if threads is not None:
+            check_count("threads", threads)
         slaves = SshSlaves(read_hosts(hosts), remote_wdpm, threads=threads, memory=memory, device=device)
         return cls._with_slaves(slaves, len(slaves), len(slaves), copies, observers)
 
     @classmethod
     def _with_slaves(
-        cls, placed: PlacedSlaves, first: int, most: int, copies: Copies, observers: Sequence[ClusterObserver]
+        cls, placed: PlacedSlaves, first: int, most: int, copies: Copies | str, observers: Sequence[ClusterObserver]
     ) -> Self:
         """Listen, and have slaves placed, with keys of the run."""
+        copies = copies_named(copies)
         with ExitStack() as stack:
             stack.callback(placed.stop)
             keys = _run_keys()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from numbers import Integral
 
 from wdpm.cluster.host_memory import PROCESS_BYTES, machine_memory
 from wdpm.scenes.errors import SettingsError
@@ -19,6 +20,8 @@ def check_device(name: str) -> None:
     """
     if name == "cpu":
         return
+    if not isinstance(name, str):
+        raise SettingsError(f'device is {name!r}; expected "cpu" or a CUDA device, like "cuda:0"')
     import warp as wp
 
     wp.init()
@@ -37,6 +40,18 @@ def available_cores() -> int:
     return os.cpu_count() or 1
 
 
+def check_count(name: str, value: object, least: int = 1) -> None:
+    """Raise SettingsError unless cores or slaves are counted by a whole number of at least so many.
+
+    Args:
+        value: as somebody gave it in Python.
+    """
+    if not isinstance(value, Integral) or isinstance(value, bool):
+        raise SettingsError(f"{name} is {value!r}; expected a whole number")
+    if value < least:
+        raise SettingsError(f"{name} is {value}; expected at least {least}")
+
+
 def check_memory(memory: int | None, slaves: int = 1) -> None:
     """Raise SettingsError where slaves of this machine may take more memory than it has: it would swap, or kill them.
 
@@ -47,6 +62,8 @@ def check_memory(memory: int | None, slaves: int = 1) -> None:
     """
     if memory is None:
         return
+    if not isinstance(memory, Integral):
+        raise SettingsError(f"memory is {memory!r}; expected bytes, like 4 * 2**30")
     if memory <= PROCESS_BYTES:
         raise SettingsError(
             f"--memory is {memory / 2**20:.0f} MiB; a slave takes {PROCESS_BYTES / 2**20:.0f} MiB before it holds "

@@ -7,6 +7,7 @@ from typing import Any
 
 from wdpm.cluster.cluster_events import ClusterObserver
 from wdpm.cluster.plan.copies import Copies
+from wdpm.devices import check_count
 from wdpm.rendering.backend import Backend
 from wdpm.rendering.compiling import Compiling
 from wdpm.rendering.in_process import InProcess
@@ -29,7 +30,11 @@ def backend_here(
         copies, memory: of slaves, see Cluster.local.
         observers: are told what happens.
         compiling: when a scene's kernels are compiled, if they have not been.
+
+    Raises:
+        SettingsError: slaves or threads that cannot be.
     """
+    check_count("slaves", slaves, 0)
     shared: Mapping[str, Any] = {
         "threads": threads,
         "device": device,

@@ -26,6 +26,15 @@ class Copies(Enum):
     """As many copies of the whole scene as memory has room for."""
 
 
+def copies_named(value: Copies | str) -> Copies:
+    """A choice by its name, as on the command line; SettingsError for anything else."""
+    try:
+        return Copies(value)
+    except ValueError:
+        names = ", ".join(f'"{each.value}"' for each in Copies)
+        raise SettingsError(f"copies is {value!r}; expected one of {names}") from None
+
+
 AT_WORK_BYTES = 300 << 20
 """What that takes of it where kernels are compiled: 255 to 330 MiB, by the effects and textures of the scene."""
 

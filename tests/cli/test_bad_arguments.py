@@ -57,3 +57,47 @@ def test_kept_passes_have_no_irradiance_records(tmp_path: Path) -> None:
     """They went nowhere, and nobody was told."""
     with pytest.raises(SettingsError, match="--save-cache: passes that are kept have no irradiance records"):
         wdpm.render("cornell-box", save_cache=tmp_path / "cache", journal=tmp_path / "passes")
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({"threads": "2"}, "threads is '2'; expected a whole number"),
+        ({"threads": 0}, "threads is 0; expected at least 1"),
+        ({"threads": 1.5}, "threads is 1.5; expected a whole number"),
+        ({"slaves": "2"}, "slaves is '2'; expected a whole number"),
+        ({"slaves": 2, "threads": True}, "threads is True; expected a whole number"),
+        ({"slaves": 2, "device": 7}, 'device is 7; expected "cpu" or a CUDA device, like "cuda:0"'),
+        ({"device": 7}, 'device is 7; expected "cpu" or a CUDA device, like "cuda:0"'),
+    ],
+)
+def test_wrong_machines(given: dict[str, Any], expected: str) -> None:
+    with pytest.raises(SettingsError, match=expected):
+        wdpm.render("cornell-box", **given)
+    if "slaves" not in given:
+        with pytest.raises(SettingsError, match=expected):
+            wdpm.replay("cornell-box", 0, 0, 0, **given)
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({"slaves": 2, "copies": "some"}, """copies is 'some'; expected one of "none", "auto\""""),
+        ({"slaves": 2, "memory": "4G"}, r"memory is '4G'; expected bytes, like 4 \* 2\*\*30"),
+        ({"slaves": None}, "slaves is None; expected a whole number"),
+    ],
+)
+def test_wrong_local_clusters(given: dict[str, Any], expected: str) -> None:
+    with pytest.raises(SettingsError, match=expected):
+        wdpm.Cluster.local(**given)
+
+
+def test_wrong_clusters_elsewhere() -> None:
+    any_port = "tcp://127.0.0.1:0"
+    with pytest.raises(SettingsError, match="copies is 'some'"):
+        wdpm.Cluster.listen(any_port, 1, copies="some")
+    wrong: Any = "2"
+    with pytest.raises(SettingsError, match="most is '2'; expected a whole number"):
+        wdpm.Cluster.listen(any_port, 1, most=wrong)
+    with pytest.raises(SettingsError, match=r"hosts is 'anna'; expected several, like \['anna'\]"):
+        wdpm.Cluster.over_ssh("anna")

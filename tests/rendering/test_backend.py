@@ -62,7 +62,7 @@ def test_a_backend_here_is_this_process_or_slaves() -> None:
     with backend_here(threads=3) as backend:
         assert (backend.slaves, backend.threads, backend.device) == (0, 3, "cpu")
     assert InProcess().threads == available_cores()
-    with pytest.raises(SettingsError, match="slaves is -1; expected at least 1"):
+    with pytest.raises(SettingsError, match="slaves is -1; expected at least 0"):
         backend_here(slaves=-1)
 
 

@@ -11,6 +11,7 @@ from wdpm.cli.monitoring import add_monitoring_options, observers
 from wdpm.cli.output.image import add_image_options, chosen_way
 from wdpm.cli.placing.options import add_placing_options, is_placed
 from wdpm.cli.placing.running import render_placed
+from wdpm.cluster.plan.copies import Copies
 from wdpm.scenes.errors import SettingsError
 from wdpm.startup import hold_off_collector
 
@@ -85,8 +86,9 @@ def run(args: argparse.Namespace) -> int:
     if is_placed(args):
         return render_placed(args)
     way = chosen_way(args)
-    if args.memory is not None and not args.slaves:
-        raise SettingsError("--memory is of each slave, and there are none: give --slaves N, too, or leave it out")
+    for name in ("memory", "copies"):
+        if getattr(args, name) is not None and not args.slaves:
+            raise SettingsError(f"--{name} is of slaves, and there are none: give --slaves N, too, or leave it out")
     if args.replay is not None:
         if args.view or args.tev is not None:
             option = "--view" if args.view else "--tev"
@@ -110,5 +112,6 @@ def _keep_memory(args: argparse.Namespace) -> None:
 def _backend(args: argparse.Namespace, cluster_observers: Sequence[ClusterObserver]) -> Backend:
     from wdpm.local_backend import backend_here
 
-    chosen = {name: getattr(args, name) for name in ("slaves", "threads", "device", "copies", "memory")}
-    return backend_here(**chosen, observers=cluster_observers, compiling=args.compile)
+    chosen = {name: getattr(args, name) for name in ("slaves", "threads", "device", "memory")}
+    copies = args.copies or Copies.AUTO
+    return backend_here(**chosen, copies=copies, observers=cluster_observers, compiling=args.compile)

@@ -43,6 +43,5 @@ def replay_and_print(args: argparse.Namespace) -> int:
         progress.finish()
     if args.report is not None:
         write_bytes(replayed.to_json().encode(), args.report)
-    if not args.quiet:
-        print_replay(replayed, Console())
+    print_replay(replayed, Console())  # with --quiet, too: that is all that was asked for
     return 0

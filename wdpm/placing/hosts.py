@@ -30,6 +30,8 @@ class Host:
 
 def read_hosts(words: Iterable[str]) -> tuple[Host, ...]:
     """Read NAME, USER@NAME, NAME:SLAVES or [IPv6]:SLAVES; SettingsError for anything else, or none."""
+    if isinstance(words, str):  # its letters are no names
+        raise SettingsError(f"hosts is {words!r}; expected several, like [{words!r}]")
     hosts = []
     for word in words:
         match = _HOST.fullmatch(word)

@@ -16,7 +16,7 @@ from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.work.forked_tasks import can_fork
 from wdpm.cluster.work.worker import CellWorker
 from wdpm.cluster.world import World
-from wdpm.devices import available_cores
+from wdpm.devices import available_cores, check_count
 from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import Progress
@@ -61,6 +61,9 @@ class InProcess(Backend):
         shuffle: shuffles the order in which messages arrive, for tests that it does not matter.
         observers: are told what happens.
         compiling: when a scene's kernels are compiled, on the CPU, if they have not been.
+
+    Raises:
+        SettingsError: threads that cannot be.
     """
 
     def __init__(
@@ -75,6 +78,8 @@ class InProcess(Backend):
         observers: Sequence[ClusterObserver] = (),
         compiling: Compiling = Compiling.FIRST,
     ) -> None:
+        if threads is not None:
+            check_count("threads", threads)
         super().__init__(slaves=0, threads=threads or available_cores(), device=device)
         self._launcher = Launcher(device, threads, wait_for_kernels=compiling is Compiling.FIRST)
         self._beside = KernelsBeside(compiling)

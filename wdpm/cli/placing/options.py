@@ -11,6 +11,9 @@ from wdpm.scenes.errors import SettingsError
 _PLACED = ("slurm", "dask", "hosts")
 """Options that say who places the slaves, by name in the arguments."""
 
+_BESIDE = {"shared": "slurm", "remote_wdpm": "hosts"}
+"""Options that mean something beside one of these alone."""
+
 
 def add_placing_options(parser: argparse.ArgumentParser) -> None:
     """--slurm, --dask, --hosts, and what goes with them."""
@@ -38,22 +41,24 @@ def add_placing_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--shared",
         type=Path,
-        default=Path(),
         metavar="DIR",
         help="with --slurm, a directory that all nodes share, where the tasks find each other (default: this folder)",
     )
     group.add_argument(
         "--remote-wdpm",
-        default="wdpm",
         metavar="PATH",
         help="with --hosts, the program there (default: wdpm, found by PATH)",
     )
-    parser.set_defaults(threads=None)  # what was asked for is told from what the machine or Slurm has
+    # What was asked for is told from what the machine or Slurm has, or from nothing.
+    parser.set_defaults(threads=None, copies=None)
 
 
 def is_placed(args: argparse.Namespace) -> bool:
     """Whether something else places the slaves. Raises SettingsError for options that contradict each other."""
     asked = [name for name in _PLACED if getattr(args, name)]
+    for name, of in _BESIDE.items():
+        if getattr(args, name) is not None and of not in asked:
+            raise SettingsError(f"--{name.replace('_', '-')} goes with --{of}: give that, too, or leave it out")
     if not asked:
         return False
     for name in ("slaves", "replay"):

@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wdpm.cli.monitoring import observers
 from wdpm.cli.output.image import chosen_way
 from wdpm.cluster.cluster_events import ClusterObserver
+from wdpm.cluster.plan.copies import Copies
 from wdpm.scenes.errors import ClusterError, SettingsError
 
 if TYPE_CHECKING:
@@ -37,7 +39,7 @@ def render_placed(args: argparse.Namespace) -> int:
     # Open before the scene is loaded: slaves need not be patient, and hear of it if that fails.
     with (
         observers(args) as cluster_observers,
-        Cluster.in_slurm(allocation, args.shared, copies=args.copies, observers=cluster_observers) as cluster,
+        Cluster.in_slurm(allocation, args.shared or Path(), **_how(args, cluster_observers)) as cluster,
     ):
         return way(args, lambda: cluster)
 
@@ -46,7 +48,7 @@ def _serve_in_slurm(args: argparse.Namespace, allocation: Any) -> int:
     from wdpm.placing.rendezvous import meet, meeting_folder
     from wdpm.serving import serve
 
-    found = meet(meeting_folder(args.shared, allocation.name), allocation.rank, allocation.tasks - 1)
+    found = meet(meeting_folder(args.shared or Path(), allocation.name), allocation.rank, allocation.tasks - 1)
     threads, memory = args.threads or allocation.threads, args.memory or allocation.memory
     serve(found.endpoint, found.security, threads=threads, device=args.device, memory=memory)
     return 0
@@ -65,8 +67,8 @@ def _on_dask(args: argparse.Namespace, cluster_observers: Observers) -> Iterator
     except OSError as error:
         reason = str(error).partition("\n")[0]
         raise ClusterError(f"no scheduler of Dask answers at {args.dask}: {reason}") from None
-    how = {"copies": args.copies, "device": args.device, "observers": cluster_observers}
-    with client, Cluster.on_dask(client, args.slaves or None, **how) as cluster:
+    how = _how(args, cluster_observers)
+    with client, Cluster.on_dask(client, args.slaves or None, device=args.device, **how) as cluster:
         yield cluster
 
 
@@ -75,10 +77,14 @@ def _over_ssh(args: argparse.Namespace, cluster_observers: Observers) -> Cluster
 
     return Cluster.over_ssh(
         args.hosts,
-        copies=args.copies,
         memory=args.memory,
         threads=args.threads,
         device=args.device,
-        remote_wdpm=args.remote_wdpm,
-        observers=cluster_observers,
+        remote_wdpm=args.remote_wdpm or "wdpm",
+        **_how(args, cluster_observers),
     )
+
+
+def _how(args: argparse.Namespace, cluster_observers: Observers) -> dict[str, Any]:
+    """What all clusters are told alike."""
+    return {"copies": args.copies or Copies.AUTO, "observers": cluster_observers}
