@@ -8,6 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.model.bounds import are_finite
@@ -39,6 +40,8 @@ def check_scene(scene: Scene, file: Path | None = None) -> Scene:
     if sum(len(mesh.faces) for mesh in scene.meshes) == 0:
         raise SceneError("the scene is empty: it has no triangles", file)
     for each in scene.media:
+        if not (_all_sound((*each.sigma_t, *each.albedo)) and math.isfinite(each.g)):
+            raise SceneError(f'medium "{each.name}": sigma_t or albedo is negative or not finite in float32', file)
         _check_volume(each.density, f'medium "{each.name}": its density', (1,), math.inf, file)
         _check_volume(each.albedo_volume, f'medium "{each.name}": its albedo', (1, 3), 1.0, file)
     _check_lights(scene, file)
@@ -53,13 +56,14 @@ def _check_material(material: Material, file: Path | None) -> None:
             value = getattr(node, parameter.name)
             if not _is_sound(value):
                 shown = value.name if isinstance(value, Texture) else value
-                kind = type(node).__name__
-                message = f'material "{material.name}": {kind}.{parameter.name} is negative or not finite: {shown}'
-                raise SceneError(message, file)
+                where = f'material "{material.name}": {type(node).__name__}.{parameter.name}'
+                raise SceneError(f"{where} is negative or not finite in float32: {shown}", file)
 
 
 def _is_sound(value: object) -> bool:
     """Whether a parameter is finite and not negative; names and nested functions are."""
+    if isinstance(value, Bitmap | Checkerboard) and not _all_finite(value.to_uv):
+        return False
     if isinstance(value, Bitmap):
         return bool(np.isfinite(value.pixels).all())
     if isinstance(value, Checkerboard):
@@ -67,11 +71,20 @@ def _is_sound(value: object) -> bool:
     if isinstance(value, tuple):
         return _all_sound(value)
     # a bump map may be turned inside out
-    return not isinstance(value, float) or math.isfinite(value)
+    return not isinstance(value, float) or _all_finite(value)
+
+
+LARGEST = float(np.finfo(np.float32).max)
+"""Number that kernels know: what is larger would be infinite to them."""
+
+
+def _all_finite(values: ArrayLike) -> bool:
+    """Whether numbers are finite in float32 as well, which is what kernels compute in."""
+    return bool((np.abs(np.asarray(values, np.float64)) <= LARGEST).all())
 
 
 def _all_sound(values: Iterable[float]) -> bool:
-    return all(math.isfinite(value) and value >= 0 for value in values)
+    return all(0 <= value <= LARGEST for value in values)
 
 
 FARTHEST = 1e37
@@ -136,7 +149,7 @@ def _check_mesh(mesh: Mesh, material_count: int, file: Path | None) -> None:
     if not 0 <= mesh.material < material_count:
         raise SceneError(f'mesh "{mesh.name}": there is no material {mesh.material} (there are {material_count})', file)
     if not _emits_soundly(mesh.emission):
-        raise SceneError(f'mesh "{mesh.name}": emission {mesh.emission} is negative or not finite', file)
+        raise SceneError(f'mesh "{mesh.name}": emission {mesh.emission} is negative or not finite in float32', file)
 
 
 def _emits_soundly(emission: Color | None) -> bool:
@@ -174,8 +187,9 @@ def _check_volume(volume: Volume | None, owner: str, channels: tuple[int, ...], 
 def _check_lights(scene: Scene, file: Path | None) -> None:
     for light in scene.lights:
         place, strength = light.orientation, light.strength
-        if not (np.isfinite(place).all() and np.isfinite(strength).all() and strength.min(initial=0.0) >= 0):
-            raise SceneError(f'light "{light.name}": its place or strength is negative or not finite', file)
+        if not (_all_finite(place) and _all_finite(strength) and strength.min(initial=0.0) >= 0):
+            message = f'light "{light.name}": its place or strength is negative or not finite in float32'
+            raise SceneError(message, file)
         _check_medium(light.medium, f'light "{light.name}"', scene, file)
     glowing = any(len(mesh.faces) and _is_bright(mesh.emission) for mesh in scene.meshes)
     if not glowing and not any(light.strength.max(initial=0.0) > 0 for light in scene.lights):
@@ -193,8 +207,13 @@ def _is_bright(emission: Color | None) -> bool:
 def _check_camera(camera: Camera, file: Path | None) -> None:
     if camera.width < 1 or camera.height < 1:
         raise SceneError(f"the image size is {camera.width}x{camera.height}; both must be at least 1", file)
-    if not np.isfinite(camera.to_world).all():
-        raise SceneError("the camera's transform is not finite", file)
+    if not _all_finite(camera.to_world):
+        raise SceneError("the camera's transform is not finite in float32", file)
+    lens = (camera.near_clip, camera.aperture_radius, camera.focus_distance, *camera.principal_point)
+    if not _all_finite(lens):
+        raise SceneError(
+            "the camera's near_clip, principal point, aperture or focus distance is not finite in float32", file
+        )
     if not camera.orthographic and not 0 < camera.fov_x < 180:
         raise SceneError(f"the field of view is {camera.fov_x:g} degrees; expected between 0 and 180", file)
     if not (camera.aperture_radius >= 0 and camera.focus_distance > 0):

@@ -182,8 +182,18 @@ def test_slaves_with_too_little_memory(memory: str, expected: str, capsys: pytes
     assert expected in line
 
 
-def test_memory_of_slaves_where_there_are_none(capsys: pytest.CaptureFixture[str]) -> None:
-    assert "give --slaves N, too" in said(["render", "cornell-box", "--memory", "2G", "-q"], capsys)
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("--memory 2G", "--memory is of slaves, and there are none: give --slaves N, too"),
+        ("--copies auto", "--copies is of slaves, and there are none: give --slaves N, too"),
+        ("--remote-wdpm /opt/wdpm", "--remote-wdpm goes with --hosts: give that, too"),
+        ("--shared . --slaves 2", "--shared goes with --slurm: give that, too"),
+        ("--shared . --hosts anna", "--shared goes with --slurm: give that, too"),
+    ],
+)
+def test_options_of_slaves_that_nobody_starts(words: str, expected: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert expected in said(["render", "cornell-box", *words.split(), "-q"], capsys)
 
 
 def test_a_slave_with_too_little_memory_does_not_join(capsys: pytest.CaptureFixture[str]) -> None:
@@ -222,6 +232,18 @@ def test_an_occupied_port(capsys: pytest.CaptureFixture[str]) -> None:
     assert str(port) in line
 
 
+AWAY = b'<transform name="to_world"><translate x="1e300"/></transform>'
+NEAR = b'<float name="near_clip" value="1e300"/><float name="far_clip" value="1e301"/>'
+FOG = '<medium name="interior" type="homogeneous"><float name="sigma_t" value="1e300"/></medium>'
+TILES = """<bsdf type="diffuse"><texture type="checkerboard" name="reflectance">
+<transform name="to_uv"><scale value="1e300"/></transform></texture></bsdf>"""
+
+
+def lit(of_sphere: str, lamp: str) -> bytes:
+    """A scene with a sphere and a lamp."""
+    return SCENE.format(body=f'<shape type="sphere">{of_sphere}</shape>{lamp}').encode()
+
+
 def nested(depth: int) -> str:
     return '<scene version="3.0.0">' + '<shape type="sphere">' * depth + "</shape>" * depth + "</scene>"
 
@@ -233,6 +255,17 @@ def nested(depth: int) -> str:
         ("far.obj", b"v 0 0 0\nv 1e308 0 0\nv 0 1e308 0\nf 1 2 3\n", ["far.obj:2", "larger unit"]),
         ("far.xml", FAR.encode(), ["far.obj:2", "beyond 1e+37"]),
         ("huge.xml", HUGE.encode(), ["huge.xml:1", "beyond 1e+37"]),
+        ("lamp.xml", lit("", LAMP.replace("1 1 1", "1e300 0 0")), ['"sphere (line 5)": emission', "float32"]),
+        ("point.xml", lit("", '<emitter type="point"><rgb name="intensity" value="1e39"/></emitter>'), ["strength"]),
+        ("far_camera.xml", lit("", LAMP).replace(b"<film", AWAY + b"<film"), ["camera's transform", "float32"]),
+        ("near.xml", lit("", LAMP).replace(b"<film", NEAR + b"<film"), ["camera's near_clip", "float32"]),
+        (
+            "eta.xml",
+            lit('<bsdf type="dielectric"><float name="int_ior" value="1e300"/></bsdf>', LAMP),
+            ["Dielectric.eta"],
+        ),
+        ("uv.xml", lit(TILES, LAMP), ["Diffuse.reflectance", "float32"]),
+        ("fog.xml", lit(FOG, LAMP), ["sigma_t or albedo", "float32"]),
     ],
 )
 def test_a_scene_out_of_all_proportion(
