@@ -6,6 +6,7 @@ import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,6 +15,7 @@ from patience import wait_until
 
 import wdpm
 from wdpm.cli.main import main
+from wdpm.cluster.master.events import NotComing
 from wdpm.cluster.plan.copies import Copies
 from wdpm.images.image import Image, load
 from wdpm.progress import Progress
@@ -21,6 +23,8 @@ from wdpm.scenes.errors import ClusterError, SettingsError
 
 dask = pytest.importorskip("dask", reason="Dask is not installed: pip install 'wdpm[dask]'")
 distributed = pytest.importorskip("distributed", reason="distributed is not installed: pip install 'wdpm[dask]'")
+
+from wdpm.placing.dask_slaves import MOST_FAILURES, DaskSlaves  # noqa: E402 - needs distributed
 
 # Dask's own sockets and event loops are closed by its garbage collection.
 pytestmark = [pytest.mark.dask, pytest.mark.filterwarnings("default")]
@@ -116,6 +120,71 @@ def test_a_worker_that_comes_later_gets_a_slave(scene: wdpm.Scene, alone: Image)
         image = cluster.render(scene, **SETTINGS)
         assert same_bits(image, alone)
         assert len(image.metadata["report"]["slaves"]) == 2
+
+
+def test_a_worker_on_which_no_slave_runs_is_done_without(scene: wdpm.Scene, alone: Image) -> None:
+    """Three times it failed there, and then the render, though others waited."""
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, memory_limit="3GB", dashboard_address=None) as dask,
+        distributed.Client(dask) as client,
+    ):
+        broken = sorted(client.nthreads())[0]
+        client.run(exec, "import os; os.environ['PYTHONHOME'] = '/nowhere'", workers=[broken])
+        told = At("", None)
+        with wdpm.Cluster.on_dask(client) as cluster:
+            image = cluster.render(scene, **SETTINGS, progress=told)
+        assert same_bits(image, alone)
+        assert len(image.metadata["report"]["slaves"]) == 1
+        [note] = [note for note in told.notes if "no slave runs on" in note]
+        assert note.startswith(f"no slave runs on {broken}: it ended with exit code 1")
+
+
+class Scheduler:
+    """What DaskSlaves asks a client: workers that a test names, and tasks that run until it says otherwise."""
+
+    asynchronous = False
+    scheduler = SimpleNamespace(address="inproc://scheduler")
+
+    def __init__(self, *workers: str) -> None:
+        self.workers = set(workers)
+        self.tasks: dict[str, list[SimpleNamespace]] = {}
+
+    def nthreads(self) -> dict[str, int]:
+        return dict.fromkeys(self.workers, 1)
+
+    def submit(self, *_: Any, workers: list[str], **__: Any) -> SimpleNamespace:
+        task = SimpleNamespace(status="pending", result=lambda: "it fell over", cancel=lambda: None)
+        task.done = lambda: task.status == "finished"
+        self.tasks.setdefault(workers[0], []).append(task)
+        return task
+
+
+def looked(slaves: DaskSlaves) -> list[NotComing]:
+    slaves._look("tcp://127.0.0.1:1", bytes)
+    return list(slaves.ended())
+
+
+def test_workers_that_are_lost_or_no_good_before_all_have_joined() -> None:
+    scheduler = Scheduler("inproc://a", "inproc://b", "inproc://c")
+    slaves = DaskSlaves(scheduler, 8)
+    assert looked(slaves) == []
+    scheduler.workers.remove("inproc://a")
+    assert looked(slaves) == [NotComing("inproc://a is lost", 2)]
+    for times in range(MOST_FAILURES):
+        assert len(scheduler.tasks["inproc://b"]) == times + 1
+        scheduler.tasks["inproc://b"][-1].status = "finished"
+        told = looked(slaves)
+    assert told == [NotComing("no slave runs on inproc://b: it fell over", 1)]
+    slaves.all_joined()
+    scheduler.workers.add("inproc://d")
+    assert looked(slaves) == []
+    scheduler.workers.remove("inproc://d")
+    assert looked(slaves) == [], "the master sees for itself who is lost"
+    for _ in range(MOST_FAILURES):
+        scheduler.tasks["inproc://c"][-1].status = "finished"
+        slaves._look("tcp://127.0.0.1:1", bytes)
+    with pytest.raises(ClusterError, match="a slave cannot run on a worker of Dask: inproc://c: it fell over"):
+        list(slaves.ended())
 
 
 def test_slaves_that_cannot_run_are_said(client: Any, scene: wdpm.Scene) -> None:

@@ -7,6 +7,7 @@ allows of that (`distributed.scheduler.allowed-failures`) is never used up.
 
 from __future__ import annotations
 
+import queue
 import threading
 import time
 import uuid
@@ -16,7 +17,7 @@ from typing import Any
 
 from distributed.comm import get_address_host
 
-from wdpm.cluster.master.events import ProcessEnded
+from wdpm.cluster.master.events import NotComing
 from wdpm.placing.dask_task import Order, kill, serve
 from wdpm.placing.own_address import address_towards, listening_address, reached_at
 from wdpm.scenes.errors import ClusterError, SettingsError
@@ -56,7 +57,9 @@ class DaskSlaves:
         self._count = 0
         self._placed: dict[str, tuple[Order, Any]] = {}  # by address of the worker: what it was given, and its future
         self._failures: Counter[str] = Counter()
-        self._last_reason = ""
+        self._reasons: dict[str, str] = {}  # why the last slave on a worker ended
+        self._given_up: set[str] = set()
+        self._not_coming: queue.SimpleQueue[NotComing] = queue.SimpleQueue()
         self._complete = False
         self._error: ClusterError | None = None
         self._stopping = threading.Event()
@@ -74,18 +77,19 @@ class DaskSlaves:
         self._thread = threading.Thread(target=self._keep, args=(reached, keys), name="wdpm on Dask", daemon=True)
         self._thread.start()
 
-    def ended(self) -> Iterable[ProcessEnded]:
-        """Nothing, as the master sees for itself who is lost.
+    def ended(self) -> Iterable[NotComing]:
+        """Workers on which none runs, since this was last asked. The master sees for itself who is lost.
 
         Raises:
             ClusterError: no slave can be placed any more.
         """
         if self._error is not None:
             raise self._error
-        return ()
+        while not self._not_coming.empty():
+            yield self._not_coming.get()
 
     def all_joined(self) -> None:
-        """From now on others go on where a worker is no good."""
+        """From now on nobody waits for any of them."""
         self._complete = True
 
     def no_more(self) -> None:
@@ -127,20 +131,36 @@ class DaskSlaves:
 
     def _look(self, endpoint: str, keys: Callable[[], bytes]) -> None:
         workers = self.workers()
-        for worker in [worker for worker in self._placed if worker not in workers]:
+        lost = [worker for worker in self._placed if worker not in workers]
+        for worker in lost:
             _, future = self._placed.pop(worker)
             future.cancel()  # it would wait for this worker for ever
         for worker, (_, future) in list(self._placed.items()):
             if future.done():
                 del self._placed[worker]
                 self._failures[worker] += 1
-                self._last_reason = f"{worker}: {_why(future)}"
+                self._reasons[worker] = f"{worker}: {_why(future)}"
         usable = [worker for worker in workers if self._failures[worker] < MOST_FAILURES]
-        if len(usable) < len(workers) and not (self._complete and (usable or self._placed)):
-            self._error = ClusterError(f"a slave cannot run on a worker of Dask: {self._last_reason}")
+        left = min(len(usable), self._most)
+        for worker in lost:
+            self._go_without(f"{worker} is lost", left)  # one that comes in its place joins late
+        for worker in sorted({*workers} - {*usable} - self._given_up):
+            self._given_up.add(worker)
+            if not left:
+                self._error = ClusterError(f"a slave cannot run on a worker of Dask: {self._reasons[worker]}")
+            self._go_without(f"no slave runs on {self._reasons[worker]}", left)
         for worker in usable:
             if worker not in self._placed and len(self._placed) < self._most and not self._stopping.is_set():
                 self._placed[worker] = self._place(worker, endpoint, keys())
+
+    def _go_without(self, reason: str, left: int) -> None:
+        """A slave that is waited for does not come: others begin, if there are any.
+
+        Args:
+            left: slaves that run on other workers, or will.
+        """
+        if left and not self._complete:
+            self._not_coming.put(NotComing(reason, left))
 
     def _place(self, worker: str, endpoint: str, keys: bytes) -> tuple[Order, Any]:
         self._count += 1
