@@ -14,7 +14,7 @@ Photons that were lost are traced again, by all while they trace, later by the t
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Sequence
 from enum import Enum
 
@@ -36,9 +36,9 @@ from wdpm.cluster.master.task_sizes import (
     tasks_in_flight,
 )
 from wdpm.cluster.master.tasks import Tasks, units
-from wdpm.cluster.master.teams import Team, all_share_memory, map_orders
+from wdpm.cluster.master.teams import Team, all_share_memory, late_to_trace, map_orders, ready_for_maps, silent_in_maps
 from wdpm.cluster.messages import protocol
-from wdpm.cluster.session import Session, SessionResult
+from wdpm.cluster.session import Session
 from wdpm.cluster.task import PhotonsTraced, PhotonTask, Task, TaskResult
 from wdpm.cluster.world import NO_REGIONS, PhotonPlan
 from wdpm.scenes.errors import ProtocolError
@@ -80,7 +80,7 @@ class Phases:
         self._members = members
         self._limits = limits
         self._dropped = dropped
-        self._phase_at = 0.0
+        self._phase_at = self._moved_at = 0.0
         self._seconds: dict[str, float] = {}
         self._digest: str | None = None
         self._plan: PhotonPlan | None = None
@@ -153,11 +153,30 @@ class Phases:
         return []
 
     def tick(self, now: float) -> list[Instruction]:
-        """Time has passed: tasks may be late."""
+        """Time has passed: tasks may be late, and teams."""
+        if self.session is not None and self.phase in (Phase.PHOTONS, Phase.MAPS):
+            return self._leave_behind(self.session, now)
         if self.phase not in (Phase.RECORDS, Phase.BUCKETS) or self._tasks.waiting:
             return []
         idle = [member for team in self._working() if not team.at_work for member in team.members[:1]]
         return self._start_tasks(list(self._tasks.hand_out_late(idle, now)))
+
+    def _leave_behind(self, session: Session, now: float) -> list[Instruction]:
+        """Go on without teams that the others have waited for as long as it takes to do without them.
+
+        What they have traced others trace, and they trace all for themselves when they can.
+        """
+        if self.phase is Phase.PHOTONS:
+            limit = max(self._tasks.late_after, self._moved_at - self._phase_at)
+            late = late_to_trace(self.roster.teams, self._trace) if now > self._moved_at + limit else []
+        else:
+            late = silent_in_maps(self.roster.teams, self._trace, now, self._phase_at - self._seconds["photons"])
+        for team in late:
+            team.behind = True
+        out: list[Instruction] = [Noted(f"others go on without {team}, which is late") for team in late]
+        for team in late:
+            out += self._restart_team(team, now) if team.ready else []  # else what it is sent is on its way
+        return out + (self._go_on(session, now) if late else [])
 
     # What slaves say.
 
@@ -192,6 +211,7 @@ class Phases:
             member.peak_memory = message.values["peak_memory_bytes"]
         if isinstance(message, protocol.Ready):
             member.cells = frozenset(team.cells_of(member))
+        self._moved_at = now
         team.waiting.remove(member.number)
         counts = (self.phase, type(message)) in ((Phase.SETUP, protocol.Ready), (Phase.MAPS, protocol.MapsBuilt))
         out: list[Instruction] = [Advanced(1)] if counts else []
@@ -207,11 +227,13 @@ class Phases:
         self._lost = []
         self._view += 1
         self._records = 0
+        for team in self.roster.teams:
+            team.behind = team.behind and (team.at_work or team.awaits is not None)
         same_scene = session.digest == self._digest
         out = self._use_spare(session, now) if same_scene else self.roster.form(session, self._tasks)
         plan = session.world.photon_plan
         self.phase = Phase.SETUP
-        if session.retrace or plan != self._plan or not any(self._has_maps(team) for team in self.roster.teams):
+        if session.retrace or plan != self._plan or not any(team.has_maps(self._trace) for team in self.roster.teams):
             self._digest, self._plan = session.digest, plan
             self._begin_trace(session)
         else:
@@ -220,9 +242,6 @@ class Phases:
         if self._setting_up:
             out.append(Started("partition", sum(len(team.members) for team in self.roster.teams)))
         return out + self._lead_all(session, now) + self._go_on(session, now)
-
-    def _has_maps(self, team: Team) -> bool:
-        return team.mapped and team.trace == self._trace
 
     def _begin_trace(self, session: Session) -> None:
         """All photons are to be traced, by all teams together."""
@@ -236,9 +255,9 @@ class Phases:
         """Enter the next phase if all that this one waits for is done."""
         teams = self.roster.teams
         match self.phase:
-            case Phase.SETUP if any(self._traces(team) for team in teams):
+            case Phase.SETUP if any(team.traces(self._trace) for team in teams):
                 return self._start_photons(session, now)  # with whoever is ready, while others are sent their cells
-            case Phase.PHOTONS if self._tasks.finished and teams and all(self._traces(team) for team in teams):
+            case Phase.PHOTONS if self._tasks.finished and ready_for_maps(teams, self._trace):
                 return self._start_maps(session, now)
             case Phase.MAPS if not any(team.awaits is protocol.MapsBuilt for team in teams):
                 self._end_phase("map", now)
@@ -247,28 +266,25 @@ class Phases:
                 return self._end_round(self._tasks.rounds, session, now)
             case Phase.BUCKETS if self._tasks.finished:
                 return self._start_statistics(session, now)
-            case Phase.STATISTICS if not any(team.awaits for team in teams if self._has_maps(team)):
+            case Phase.STATISTICS if not any(team.awaits for team in teams if team.has_maps(self._trace)):
                 return self._finish(session)
         return []
-
-    def _traces(self, team: Team) -> bool:
-        """Whether a team is ready to trace photons, or does."""
-        return team.ready and team.trace == self._trace and team.awaits is None
 
     def _start_photons(self, session: Session, now: float) -> list[Instruction]:
         if self._setting_up:
             self._end_phase("partition", now)
-        self.phase = Phase.PHOTONS
+        self.phase, self._moved_at = Phase.PHOTONS, now
         out: list[Instruction] = [Started("photons", session.world.paths)]
         return out + self._hand_out(session, now) + self._go_on(session, now)
 
     def _start_maps(self, session: Session, now: float) -> list[Instruction]:
         self._end_phase("photons", now)
         self.phase = Phase.MAPS
-        for team in self.roster.teams:
+        teams = [team for team in self.roster.teams if not team.behind]
+        for team in teams:
             team.wait_for(protocol.MapsBuilt)
-        regions = NO_REGIONS if all_share_memory(self.roster.teams) else regions_of(session, len(self.roster.teams))
-        orders = map_orders(self.roster.teams, regions)
+        regions = NO_REGIONS if all_share_memory(teams) else regions_of(session, len(teams))
+        orders = map_orders(teams, regions)
         return [Started("map", len(orders)), *(Send(member.identity, order) for member, order in orders)]
 
     def _start_records(self, session: Session, now: float) -> list[Instruction]:
@@ -316,26 +332,14 @@ class Phases:
 
     def _ask_for_statistics(self, team: Team) -> list[Instruction]:
         """Of who traced photons: also of a team that was about to take part in the view when others had finished it."""
-        if not self._has_maps(team) or all(member.statistics for member in team.members):
+        if not team.has_maps(self._trace) or all(member.statistics for member in team.members):
             return []
         return self._order(team, protocol.Statistics, protocol.ReadStatistics(team.epoch))
 
     def _finish(self, session: Session) -> list[Instruction]:
-        film, rounds = self._tasks.film, self._tasks.rounds
-        if film is None or rounds is None:
-            raise AssertionError("a session ended without a film")
-        result = SessionResult(
-            film.layers,
-            [member.statistics for member in self._members if member.statistics] or [of_nobody(session.world)],
-            self._tasks.photons,
-            self._seconds,
-            dict(self._dropped),
-            rounds.records,
-            rounds.rays,
-            tuple(map(str, self._lost)),
-        )
-        self.phase = Phase.IDLE
-        self.session = self._tasks.film = self._tasks.rounds = None
+        statistics = [member.statistics for member in self._members if member.statistics] or [of_nobody(session.world)]
+        result = self._tasks.end(statistics, self._seconds, self._dropped, tuple(map(str, self._lost)))
+        self.phase, self.session = Phase.IDLE, None
         for team in self.roster.teams:
             if not team.ready:  # its cells would be those of a session that has ended
                 self.roster.dissolve(team, self._tasks)
@@ -377,7 +381,7 @@ class Phases:
         if self.phase in (Phase.SETUP, Phase.MAPS):
             return []
         if team.own_trace is None:
-            team.own_trace = deque(self._tasks.photon_tasks())
+            team.own_trace = self._tasks.photon_tasks()
         if not team.own_trace:
             return self._order(team, protocol.MapsBuilt, protocol.BuildMaps(team.epoch))
         return self._hand_out_own_trace(team)
@@ -409,21 +413,23 @@ class Phases:
         session = self.session
         if self.phase is Phase.PHOTONS:
             self._tasks.lose_photons(team.traced)
-        together = [team]
-        if self.phase is Phase.MAPS:  # what landed in this team may not have come to the others
-            together = list(self.roster.teams)
-        for each in together:
+        # While maps are built, what landed in this team may not have come to the others.
+        retrace = self.phase is Phase.MAPS and team.maps(self._trace)
+        for each in list(self.roster.teams) if retrace else [team]:
             self.roster.dissolve(each, self._tasks)
         team.size = max(team.size, wanted)
         team.members += self.roster.take_spare(team.size - len(team.members))
         if not team.members:
             self.roster.teams.remove(team)
+        if all(each.behind for each in self.roster.teams):
+            for each in self.roster.teams:  # nobody is left that could go on without them
+                each.behind = False
         if not self.roster.teams and (last := self.roster.take_spare(team.size, anyone=True)):
             self.roster.teams.append(Team(last, team.size))
         if session is None:
             return []
         out: list[Instruction] = []
-        if self.phase is Phase.MAPS:
+        if retrace:
             self.phase = Phase.SETUP
             self._begin_trace(session)
             out.append(Noted("photons are traced again: some were lost before all slaves had them"))
@@ -431,11 +437,7 @@ class Phases:
 
     def _working(self) -> list[Team]:
         """Teams that have all that tasks of the view need."""
-        return [
-            team
-            for team in self.roster.teams
-            if team.awaits is None and self._has_maps(team) and (team.view, team.records) == (self._view, self._records)
-        ]
+        return [team for team in self.roster.teams if team.works(self._trace, self._view, self._records)]
 
     def _order(
         self, team: Team, answer: type[protocol.FromSlave], order: protocol.FromMaster, towards: int = 0
@@ -451,24 +453,22 @@ class Phases:
         photons = self.phase is Phase.PHOTONS
         limit = tasks_in_flight(session, self._limits, photons=photons)
         if photons:
-            teams = [team for team in self.roster.teams if self._traces(team)]
+            teams = [team for team in self.roster.teams if team.traces(self._trace)]
         elif self.phase in (Phase.RECORDS, Phase.BUCKETS):
             teams = self._working()
         else:
             teams = []
         tasks = concurrent_tasks(session, self._members, len(self.roster.teams))
         capacities = [capacity_of(session, member, limit, tasks) for team in teams for member in team.members]
-        return self._start_tasks(list(self._tasks.hand_out(capacities, now)))
+        handed_out = list(self._tasks.hand_out(capacities, now))
+        if handed_out:
+            self._moved_at = now
+        return self._start_tasks(handed_out)
 
     def _hand_out_own_trace(self, team: Team) -> list[Instruction]:
         """Hand out tasks of a team's own trace."""
-        handed_out: list[tuple[Member, Task]] = []
-        for member in team.members:
-            while team.own_trace and len(member.in_flight) < self._limits.photon_tasks_in_flight:
-                task = team.own_trace.popleft()
-                member.in_flight[task.number] = task
-                handed_out.append((member, task))
-        return self._start_tasks(handed_out)
+        limit = self._limits.photon_tasks_in_flight
+        return self._start_tasks(list(self._tasks.hand_out_own_trace(team.members, team.own_trace or [], limit)))
 
     def _start_tasks(self, handed_out: Sequence[tuple[Member, Task]]) -> list[Instruction]:
         return [Send(member.identity, protocol.StartTask(self.epoch_of(member), task)) for member, task in handed_out]
@@ -484,6 +484,7 @@ class Phases:
             out = self._hand_out_own_trace(team)
             return out if team.at_work else out + self._lead(team, session, now)
         task = self._tasks.take(member, result, now)
+        self._moved_at = now
         if task is None:
             self._dropped["repeated result"] += 1
             return self._lead(team, session, now)

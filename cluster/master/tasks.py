@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from wdpm.cluster.kept import BucketKept
 from wdpm.cluster.limits import ClusterLimits
@@ -14,7 +15,7 @@ from wdpm.cluster.master.members import Member
 from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.master.task_sizes import Capacity
 from wdpm.cluster.master.waiting import Waiting
-from wdpm.cluster.session import Session
+from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.task import (
     BucketRendered,
     BucketTask,
@@ -89,6 +90,11 @@ class Tasks:
     def finished(self) -> bool:
         """Whether none waits, and slaves are at none."""
         return not len(self._waiting) and not self._in_flight
+
+    @property
+    def late_after(self) -> float:
+        """How long a task of the phase takes that is late [s]."""
+        return max(LATE_S, LATE * sum(self._seconds) / max(len(self._seconds), 1))
 
     @property
     def begun(self) -> float:
@@ -180,19 +186,32 @@ class Tasks:
         return len(at_hand) < capacity.at_once or capacity.takes(size_of(task), size, self._left)
 
     def hand_out_late(self, idle: Sequence[Member], now: float) -> Iterator[tuple[Member, Task]]:
-        """For slaves that have nothing to do: tasks that others take very long for, each to one more slave."""
+        """For slaves that have nothing to do: tasks that others take very long for, each to one more slave.
+
+        Whoever was given one that was late may be slow as well, or stand still: after as long again another is.
+        """
         if self.waiting or not self._seconds:
             return
-        limit = max(LATE_S, LATE * sum(self._seconds) / len(self._seconds))
+        limit = self.late_after
         late = [
             each
             for each in self._in_flight.values()
-            if now - each.since > limit and len(each.slaves) == 1 and not isinstance(each.task, PhotonTask)
+            if now - each.since > limit * len(each.slaves) and not isinstance(each.task, PhotonTask)
         ]
         for member, running in zip(idle, sorted(late, key=lambda each: each.since), strict=False):
             running.slaves.add(member.number)
             member.in_flight[running.task.number] = running.task
             yield member, running.task
+
+    def hand_out_own_trace(
+        self, members: Sequence[Member], tasks: list[PhotonTask], limit: int
+    ) -> Iterator[tuple[Member, Task]]:
+        """Tasks of a team's own trace, at most so many with each of its slaves."""
+        for member in members:
+            while tasks and len(member.in_flight) < limit:
+                task = tasks.pop(0)
+                member.in_flight[task.number] = task
+                yield member, task
 
     def give_back(self, member: Member) -> None:
         """What a slave was at waits again, unless another one is at it, too."""
@@ -242,6 +261,26 @@ class Tasks:
         self._photons[task.start] = result
         self.ever_done += 1
         del member.in_flight[task.number]
+
+    def end(
+        self,
+        statistics: list[dict[str, Any]],
+        seconds: dict[str, float],
+        dropped: Mapping[str, int],
+        lost: tuple[str, ...],
+    ) -> SessionResult:
+        """All is done: what came of the session. Image and records are let go of.
+
+        Args:
+            See SessionResult.
+        """
+        film, rounds = self.film, self.rounds
+        if film is None or rounds is None:
+            raise AssertionError("a session ended without a film")
+        self.film = self.rounds = None
+        return SessionResult(
+            film.layers, statistics, self.photons, seconds, dict(dropped), rounds.records, rounds.rays, lost
+        )
 
     def _keep(self, task: Task, result: TaskResult) -> None:
         if isinstance(task, PhotonTask) and isinstance(result, PhotonsTraced):

@@ -6,7 +6,7 @@ there are several teams of several slaves: each holds a copy of what the others 
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.master.cell_holders import balanced_holders
 from wdpm.cluster.master.members import Member
+from wdpm.cluster.master.tasks import LATE_S
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.task import PhotonTask
 
@@ -42,6 +43,7 @@ class Team:
         own_trace: tasks of a trace of its own that are not handed out; None if it makes none.
         view, records: numbers of the view and of the irradiance records that its slaves have.
         owed: answers to orders that nobody waits for.
+        behind: the others trace photons and build maps without it, since they had waited for it too long.
     """
 
     members: list[Member]
@@ -55,15 +57,35 @@ class Team:
     trace: int = 0
     mapped: bool = False
     traced: list[PhotonTask] = field(default_factory=list)
-    own_trace: deque[PhotonTask] | None = None
+    own_trace: list[PhotonTask] | None = None
     view: int = 0
     records: int = 0
     owed: Counter[type[protocol.FromSlave]] = field(default_factory=Counter)
+    behind: bool = False
+
+    def __str__(self) -> str:
+        return ", ".join(map(str, self.members))
 
     @property
     def at_work(self) -> bool:
         """Whether one of its slaves has a task."""
         return any(member.in_flight for member in self.members)
+
+    def traces(self, trace: int) -> bool:
+        """Whether it is ready to trace photons with others, or does."""
+        return self.ready and self.trace == trace and self.awaits is None and not self.behind
+
+    def has_maps(self, trace: int) -> bool:
+        """Whether it has built the maps of a trace."""
+        return self.mapped and self.trace == trace
+
+    def maps(self, trace: int) -> bool:
+        """Whether it builds these maps with others, or has built them."""
+        return self.awaits is protocol.MapsBuilt or self.has_maps(trace)
+
+    def works(self, trace: int, view: int, records: int) -> bool:
+        """Whether it has all that tasks of a view need."""
+        return self.awaits is None and self.has_maps(trace) and (self.view, self.records) == (view, records)
 
     def answers_late(self, answer: type[protocol.FromSlave]) -> bool:
         """Whether an answer is one that nobody waits for; it is owed no more."""
@@ -142,6 +164,36 @@ def formed(members: Sequence[Member], team_size: int, cells: int) -> tuple[list[
     groups = [list(members[index::count]) for index in range(count)]
     teams = [Team(each[:cells], min(len(each), cells)) for each in groups]
     return teams, [member for each in groups for member in each[cells:]]
+
+
+def ready_for_maps(teams: Sequence[Team], trace: int) -> bool:
+    """Whether all teams that others wait for are ready with the photons of a trace, if no task is left of it."""
+    return bool(teams) and all(team.behind or team.traces(trace) for team in teams)
+
+
+def late_to_trace(teams: Sequence[Team], trace: int) -> list[Team]:
+    """Teams that are not ready to trace photons, or are at some, while all others have nothing to do."""
+    together = [team for team in teams if not team.behind]
+    late = [team for team in together if team.at_work or not team.traces(trace)]
+    return late if len(late) < len(together) else []
+
+
+def silent_in_maps(teams: Sequence[Team], trace: int, now: float, began: float) -> list[Team]:
+    """Teams that build maps, and of which nothing was heard for as long as all had taken till then; [] if all are.
+
+    Nothing but silence tells who is late: each waits for photons of the others.
+
+    Args:
+        began: when the first photon was traced [s].
+    """
+    together = [team for team in teams if team.maps(trace)]
+    silences = [max(member.silence(now) for member in team.members) for team in together]
+    silent = [
+        team
+        for team, silence in zip(together, silences, strict=True)
+        if silence > LATE_S and silence > now - silence - began
+    ]
+    return silent if len(silent) < len(together) else []
 
 
 def all_share_memory(teams: Sequence[Team]) -> bool:

@@ -46,6 +46,29 @@ def test_a_picture_survives_any_faults(seed: int, slaves: int, team: int, cells:
         assert result.paths == 1000
 
 
+@settings(max_examples=100, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    slaves=st.integers(2, 5),
+    team=st.integers(1, 3),
+    cells=st.sampled_from([1, 2, 4]),
+    every=st.sampled_from([10, 40, 150]),
+    faults=st.integers(1, 8),
+)
+def test_a_picture_survives_slaves_that_stand_still(
+    seed: int, slaves: int, team: int, cells: int, every: int, faults: int
+) -> None:
+    """Others go on without them, in whichever phase; some come back, some are taken for dead."""
+    view = make_view()
+    session = make_session(slaves, cells, team_size=min(team, slaves), view=view)
+    cluster = FaultyCluster(FakeWorker, slaves, seed, every=every, faults=faults, most=slaves + 3 * faults, stops=True)
+    for again in (session, replace(session, retrace=True), session):
+        result = cluster.render(again)
+        for name, layer in picture(view).layers.items():
+            np.testing.assert_array_equal(result.layers[name], layer, str(cluster.suffered))
+        assert result.paths == 1000
+
+
 def make_worker(number: int, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]) -> CellWorker:
     return CellWorker(number, world, partition, holders, Launcher("cpu", 1))
 
