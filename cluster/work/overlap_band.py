@@ -19,8 +19,15 @@ def rows_near(
     """The points that lie in a box or no further from it than a distance."""
     if (low <= -FAR_AWAY).all() and (high >= FAR_AWAY).all():
         return np.arange(len(position))  # the only cell
-    outside = np.maximum(np.maximum(low - position, position - high), 0.0).astype(np.float64)
-    return np.flatnonzero((outside**2).sum(axis=1) <= distance**2)
+    rows = np.arange(len(position))
+    square = np.zeros(len(position))
+    for axis in range(3):  # most are ruled out by the first axis or two, and not looked at again
+        along = position[rows, axis]
+        outside = np.maximum(np.maximum(low[axis] - along, along - high[axis]), 0.0).astype(np.float64)
+        square += outside**2
+        near = np.flatnonzero(square <= distance**2)
+        rows, square = rows[near], square[near]
+    return rows
 
 
 def rows_in_bands(
