@@ -11,7 +11,7 @@ from functools import cache
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -70,15 +70,32 @@ def python_files() -> list[Path]:
     return sorted(ROOT / each for each in files() if each.endswith(".py"))
 
 
+class Code(NamedTuple):
+    """All Python files, read once.
+
+    Attributes:
+        names: that code uses or has in its strings.
+        prose: of each file: docstrings and comments.
+        second_docstrings: places where one docstring follows another.
+    """
+
+    names: frozenset[str]
+    prose: dict[str, str]
+    second_docstrings: list[str]
+
+
 @cache
-def read_code() -> tuple[frozenset[str], dict[str, str]]:
-    """The names that code uses or has in its strings, and the prose of each file: docstrings and comments."""
+def read_code() -> Code:
     names: set[str] = set()
     prose: dict[str, str] = {}
+    twice: list[str] = []
     for path in python_files():
         source = path.read_text()
-        docs = {each.lineno: each for body in bodies(ast.parse(source)) for each in body if is_text(each)}
+        blocks = list(bodies(ast.parse(source)))
+        docs = {each.lineno: each for body in blocks for each in body if is_text(each)}
         said = [ast.literal_eval(each.value) for each in docs.values() if isinstance(each, ast.Expr)]
+        pairs = [pair for body in blocks for pair in pairwise(body) if all(map(is_text, pair))]
+        twice += [f"{path.relative_to(ROOT)}:{second.lineno}" for _, second in pairs]
         for token in tokenize.generate_tokens(io.StringIO(source).readline):
             if token.type == tokenize.NAME:
                 names.add(token.string)
@@ -89,7 +106,7 @@ def read_code() -> tuple[frozenset[str], dict[str, str]]:
         name = path.relative_to(ROOT).as_posix()
         names.update(path.relative_to(ROOT).with_suffix("").parts)
         prose[name] = "\n".join(said)
-    return frozenset(names), prose
+    return Code(frozenset(names), prose, twice)
 
 
 def is_text(node: ast.AST) -> bool:
@@ -109,7 +126,7 @@ def missing_files(text: str) -> list[str]:
 
 def unknown_names(text: str) -> list[str]:
     """Words that look like names of code and are none."""
-    names, _ = read_code()
+    names = read_code().names
     words = {word for word in NAME.findall(text) if not word.startswith("foo_")}
     return sorted(word for word in words - names - FOREIGN if not SUBSCRIPT.fullmatch(word))
 
@@ -172,37 +189,28 @@ def test_names_that_pages_mention_exist(page: Path) -> None:
 @EVERY_PAGE
 def test_code_that_pages_quote_exists(page: Path) -> None:
     """In backticks: what is dotted or written like a class."""
-    names, _ = read_code()
+    names = read_code().names
     quoted = {name for name in CODE.findall(page.read_text()) if "." in name or re.search(r"[a-z][A-Z]", name)}
     assert [name for name in sorted(quoted) if not exists(name) and not set(name.split(".")) <= names] == []
 
 
 def test_files_that_code_mentions_exist() -> None:
-    _, prose = read_code()
-    found = {path: missing_files(text) for path, text in prose.items()}
+    found = {path: missing_files(text) for path, text in read_code().prose.items()}
     assert {path: names for path, names in found.items() if names} == {}
 
 
 def test_names_that_code_mentions_exist() -> None:
-    _, prose = read_code()
-    found = {path: unknown_names(text) + unresolved(text) for path, text in prose.items()}
+    found = {path: unknown_names(text) + unresolved(text) for path, text in read_code().prose.items()}
     assert {path: names for path, names in found.items() if names} == {}
 
 
 def test_no_name_has_two_docstrings() -> None:
     """The second belonged to a name that has moved."""
-    twice = []
-    for path in python_files():
-        for body in bodies(ast.parse(path.read_text())):
-            for first, second in pairwise(body):
-                if is_text(first) and is_text(second):
-                    twice.append(f"{path.relative_to(ROOT)}:{second.lineno}")
-    assert twice == []
+    assert read_code().second_docstrings == []
 
 
 def test_foreign_names_are_still_mentioned() -> None:
-    _, prose = read_code()
-    text = "\n".join([*prose.values(), *(page.read_text() for page in PAGES)])
+    text = "\n".join([*read_code().prose.values(), *(page.read_text() for page in PAGES)])
     assert {name for name in FOREIGN if not re.search(rf"\b{name}\b", text)} == set()
 
 
