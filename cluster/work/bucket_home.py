@@ -14,7 +14,6 @@ import numpy as np
 import warp as wp
 from numpy.typing import NDArray
 
-from wdpm.cluster.allotment import Piece, sample_groups, waves
 from wdpm.cluster.batch import Arrays, Batch, Kind, by_destination, concatenate, take, take_some
 from wdpm.cluster.layers import layers_of
 from wdpm.cluster.render_settings import Routing
@@ -26,6 +25,7 @@ from wdpm.cluster.work.guards import BEAMS_CLAMPED, VOLUME, Guards
 from wdpm.cluster.work.misses import missed_light, no_hits
 from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.sample_weights import SampleWeights
+from wdpm.cluster.work.waves import Piece, sample_groups, waves
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera import add_samples

@@ -12,14 +12,12 @@ from wdpm.cluster.allotment import (
     OUTLINE_SHARE,
     OUTLINE_TIMES,
     Allotment,
-    Piece,
     allotment_by_noise,
     blocks_of,
     lamp_outlines_of,
-    sample_groups,
     spread,
-    waves,
 )
+from wdpm.cluster.work.waves import Piece, sample_groups, waves
 
 
 def test_a_bucket_of_any_size_has_the_samples_of_the_image() -> None:
