@@ -5,6 +5,8 @@ What it stores tells how many paths bring the photons that are asked for, and wh
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -66,6 +68,7 @@ class PhotonPilot:
     photons: list[Arrays]
     left: float | None = None
     _trees: dict[int, AmongPhotons] = field(default_factory=dict, init=False, repr=False)
+    _flux: list[NDArray[np.float64]] = field(default_factory=list, init=False, repr=False)
 
     def among(self, number: int) -> AmongPhotons:
         """The photons of a map of surfaces, to be gathered from: several look for their neighbours, in one tree."""
@@ -87,17 +90,23 @@ class PhotonPilot:
         """The same, once it is known that its photons are not to be steered."""
         known = replace(self, left=1.0)
         known._trees.update(self._trees)
+        known._flux.extend(self._flux)
         return known
 
     def light_of_path(self) -> NDArray[np.int32]:
         """Which light each path comes from, shape [paths of all passes]."""
-        return _light_of_path(self.worker, self.world)
+        return _light_of_path(self.worker)
 
     def flux_by_light(self) -> NDArray[np.float64]:
         """Flux that the pilot's photons of each light brought into each map, shape [MAPS, lights].
 
         Added in the order of the photons' numbers: what a cell sums up depends on its threads in the last bits.
         """
+        if not self._flux:
+            self._flux.append(self._measured_flux())
+        return self._flux[0]
+
+    def _measured_flux(self) -> NDArray[np.float64]:
         world = self.world
         flux = np.zeros((MAPS, len(world.lights.names)))
         if world.paths:
@@ -130,7 +139,7 @@ def fly_pilot(
         if of_each < PILOT_PATHS:
             world = _pilot_world(flat, features, settings, of_each)
         worker.adopt(world)
-    photons = _by_map(_photons_of(worker, world.paths))
+    photons = _flown(worker)
     flat.triangles.let_go()
     return PhotonPilot(settings, of_each, worker, photons)
 
@@ -138,7 +147,7 @@ def fly_pilot(
 def flown_again(flat: FlatScene, world: World, pilot: PhotonPilot, left: float) -> PhotonPilot:
     """The pilot in a world in which photons are shared out and steered as they are to be, which leaves so much."""
     pilot.worker.adopt(world)
-    photons = _by_map(_photons_of(pilot.worker, world.paths))
+    photons = _flown(pilot.worker)
     flat.triangles.let_go()
     return PhotonPilot(pilot.settings, pilot.paths, pilot.worker, photons, left)
 
@@ -207,29 +216,39 @@ def photons_with_direct(world: World, pilot: PhotonPilot, paths: int, bounces: i
         volume_map=MapPlan(0),
         stores_direct=True,
     )
-    return _flown_in(straight, pilot)[0][GLOBAL_MAP]
+    with _in_world(straight, pilot) as worker:
+        return _flown(worker)[GLOBAL_MAP]
 
 
 def caustic_photons_among(materials: MaterialTable, pilot: PhotonPilot) -> tuple[Arrays, NDArray[np.int32]]:
     """Caustic photons of as many paths, were the materials others, and which light each of them comes from."""
     other = replace(pilot.world, materials=materials, global_map=MapPlan(0), volume_map=MapPlan(0))
-    photons, light_of_path = _flown_in(other, pilot)
-    return photons[CAUSTIC_MAP], light_of_path[photons[CAUSTIC_MAP]["id"] >> BOUNCE_BITS]
+    with _in_world(other, pilot) as worker:
+        photons = _flown(worker)[CAUSTIC_MAP]
+        return photons, _light_of_path(worker)[photons["id"] >> BOUNCE_BITS]
 
 
-def _flown_in(world: World, pilot: PhotonPilot) -> tuple[list[Arrays], NDArray[np.int32]]:
-    """Photons of each map that the pilot's worker stores in another world, and the light that each path comes from."""
+@contextmanager
+def _in_world(world: World, pilot: PhotonPilot) -> Iterator[CellWorker]:
+    """The pilot's worker in another world, for as long as the context lasts."""
     worker, before = pilot.worker, pilot.world
     worker.adopt(world)
-    _fly(worker, world.paths)
-    photons = _by_map(worker.cells[0].store.so_far())
-    light_of_path = _light_of_path(worker, world)
-    worker.adopt(before)
-    return photons, light_of_path
+    try:
+        yield worker
+    finally:
+        worker.adopt(before)
 
 
-def _light_of_path(worker: CellWorker, world: World) -> NDArray[np.int32]:
-    """Which light each path comes from, in the world that the worker has."""
+def _flown(worker: CellWorker) -> list[Arrays]:
+    """Photons of each map that all paths of the worker's world store."""
+    return _by_map(_photons_of(worker, worker.replica.world.paths))
+
+
+def _light_of_path(worker: CellWorker) -> NDArray[np.int32]:
+    """Which light each path of the worker's world comes from. They are emitted once more: photons do not remember it."""
+    world = worker.replica.world
+    if len(world.lights.names) == 1:
+        return np.zeros(world.paths, np.int32)
     light: NDArray[np.int32] = emitted_photons(worker.replica, 0, world.paths).light.numpy()
     return light
 

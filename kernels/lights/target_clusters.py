@@ -33,6 +33,7 @@ class _Node:
     """Some of the units (triangles, or runs of them), and how well spheres do for them.
 
     Attributes:
+        leaves: below it, itself if it is one.
         least: sum of squared radii of the best spheres, at most 1, 2, ... of them, shape [MOST_TARGETS].
         left: how many of them the first child has; 0 where one sphere for all is best.
     """
@@ -40,6 +41,7 @@ class _Node:
     rows: NDArray[np.intp]
     radius2: float
     children: tuple[_Node, _Node] | None = None
+    leaves: int = 1
     least: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     left: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
 
@@ -134,12 +136,15 @@ def _weigh(node: _Node) -> None:
     node.left = np.zeros(MOST_TARGETS, np.intp)
     if node.children is None:
         return
+    node.leaves = sum(child.leaves for child in node.children)
+    most = min(node.leaves, MOST_TARGETS)  # more spheres than leaves do no better
     one, other = (child.least for child in node.children)
-    sums = np.where(_SOME_LEFT, one + other[_REST], np.inf)
+    sums = np.where(_SOME_LEFT[:most, :most], one[:most] + other[_REST[:most, :most]], np.inf)
     best = np.argmin(sums, axis=1)
-    least = sums[np.arange(len(sums)), best]
-    pays = least < GAIN * node.radius2
+    least = sums[np.arange(most), best]
+    pays = np.flatnonzero(least < GAIN * node.radius2)
     node.least[pays], node.left[pays] = least[pays], best[pays] + 1
+    node.least[most:], node.left[most:] = node.least[most - 1], node.left[most - 1]
 
 
 def _best_cut(node: _Node, most: int) -> list[NDArray[np.intp]]:
