@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import replace
 
 import warp as wp
 
@@ -36,7 +37,7 @@ from wdpm.kernels.photons import (
 )
 from wdpm.kernels.rays import bvh, bvh_build, instance_areas, overlap
 from wdpm.kernels.stand_ins import Chosen, compiled_kernels, own_kernels, stand_ins
-from wdpm.kernels.variants import make_variants
+from wdpm.kernels.variants import make_variants, without_shortcuts
 
 COMMON = (
     bvh,
@@ -107,6 +108,8 @@ def ready_kernels(device: str, features: Features, *, wait: bool = True, on_comp
         on_compile: hears of what has to be compiled first.
     """
     chosen = own_kernels(features) if wait or device != "cpu" else compiled_kernels(features)
+    if device != "cpu":
+        chosen = replace(chosen, variants=without_shortcuts(chosen.variants))
     _load(device, [*_shared_modules(features), *chosen.variants.modules()], on_compile)
     return chosen
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from wdpm.kernels.cached import seems_compiled
 from wdpm.kernels.camera.shading import make_shading
 from wdpm.kernels.features import ALL, Features
-from wdpm.kernels.variants import Variants, make_variants
+from wdpm.kernels.variants import CAN_DO_WITHOUT, Variants, make_variants
 from wdpm.scenes.model.bsdfs import LEAVES
 
 ENDING = replace(
@@ -35,7 +35,7 @@ class Chosen:
 
     Attributes:
         outputs: what kernels that shade were compiled for, and so write: arrays are made for that.
-        standing_in: names of the kernels with all effects that stand in for the scene's own.
+        standing_in: names of the scene's own kernels for which others stand in, or do their work.
     """
 
     variants: Variants
@@ -57,7 +57,7 @@ def own_kernels(features: Features) -> Chosen:
 def compiled_kernels(features: Features) -> Chosen:
     """Kernels for these features; where some are not compiled, and with all effects they are, those in their place.
 
-    What is compiled neither way is a scene's own, and has to be waited for.
+    What is compiled neither way is a scene's own, and has to be waited for: so are those then that it could do without.
     """
     own = make_variants(features)
     kernels = own.kernels()
@@ -65,14 +65,17 @@ def compiled_kernels(features: Features) -> Chosen:
     if not lacking:
         return Chosen(own, features)
     every = stand_ins().kernels()
-    groups = [SHADING & kernels.keys(), *({name} for name in kernels.keys() - SHADING)]
+    groups = [SHADING & kernels.keys(), *({name} for name in kernels.keys() - SHADING - CAN_DO_WITHOUT)]
     standing_in = frozenset(
         name
         for group in groups
         if group & lacking and all(seems_compiled(every[name].module) for name in group)
         for name in group
     )
-    if not standing_in:
+    without = CAN_DO_WITHOUT & lacking
+    if lacking - without - standing_in:
+        without = frozenset()
+    if not standing_in | without:
         return Chosen(own, features)
-    variants = replace(own, **{name: every[name] for name in standing_in})
-    return Chosen(variants, ALL if standing_in & SHADING else features, standing_in)
+    variants = replace(own, **{name: every[name] for name in standing_in}, **dict.fromkeys(without))
+    return Chosen(variants, ALL if standing_in & SHADING else features, standing_in | without)

@@ -12,6 +12,7 @@ from wdpm.kernels.camera.misses import make_path_misses
 from wdpm.kernels.camera.rays import make_camera_rays, make_visit_paths
 from wdpm.kernels.camera.shading import make_shading
 from wdpm.kernels.camera.shadow_rays import make_pass_surfaces, make_visit_shadow_segments, make_visit_walks
+from wdpm.kernels.camera.whole_samples import make_trace_samples
 from wdpm.kernels.features import Features, Group
 from wdpm.kernels.photons.beam import make_add_beams
 from wdpm.kernels.photons.emit_photons import make_emit_photons
@@ -25,6 +26,7 @@ class Variants:
     Attributes:
         shade_camera_hits: for paths that end at their first surface; None where some never do.
         shade_vertices: for all others; None where there are none.
+        trace_samples: does the work of others in one launch, on the CPU and in one cell; None where it cannot.
     """
 
     first_camera_cells: wp.Kernel
@@ -42,6 +44,7 @@ class Variants:
     pass_surfaces: wp.Kernel | None
     add_beams: wp.Kernel | None
     gather_glossy: wp.Kernel | None
+    trace_samples: wp.Kernel | None
 
     def kernels(self) -> dict[str, wp.Kernel]:
         """Those that there are, by name."""
@@ -51,6 +54,10 @@ class Variants:
     def modules(self) -> list[wp.Module]:
         """The modules that hold them, each once."""
         return list({id(kernel.module): kernel.module for kernel in self.kernels().values()}.values())
+
+
+CAN_DO_WITHOUT = frozenset({"trace_samples"})
+"""Kernels of the CPU that others do the work of, where they are not there."""
 
 
 @cache
@@ -77,4 +84,10 @@ def make_variants(features: Features) -> Variants:
         pass_surfaces=make_pass_surfaces(at_surfaces) if features.walks else None,
         add_beams=make_add_beams(features.only(Group.MEDIA)) if features.media else None,
         gather_glossy=make_gather(features.only(Group.MATERIALS)) if features.goes_on or features.coated else None,
+        trace_samples=make_trace_samples(features) if features.traced and not features.media else None,
     )
+
+
+def without_shortcuts(variants: Variants) -> Variants:
+    """The same without kernels that others do the work of: what other devices than the CPU have."""
+    return replace(variants, **dict.fromkeys(CAN_DO_WITHOUT))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import warp as wp
@@ -21,6 +21,7 @@ from wdpm.cluster.rows import in_order, put_rows, take_rows
 from wdpm.cluster.runs import Runs
 from wdpm.cluster.task import BucketRendered, BucketTask
 from wdpm.cluster.work import parts
+from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.guards import BEAMS_CLAMPED, VOLUME, Guards
 from wdpm.cluster.work.misses import missed_light, no_hits
 from wdpm.cluster.work.replica import Replica
@@ -37,6 +38,9 @@ from wdpm.scenes.errors import ProtocolError
 WAVE_SAMPLES = 1 << 16
 """Samples of a bucket that are under way at once: bounds memory, changes no bit."""
 
+_ALIKE: Final = np.zeros(0, np.float32)
+"""Weights of samples that all weigh 1."""
+
 
 class BucketHome:
     """A bucket: all samples of its pixels, in waves.
@@ -45,6 +49,7 @@ class BucketHome:
         guards: of camera samples whose fate is settled at home.
         samples: which of each pixel's samples: for each range an image, one below the other; none for all that the view
             has, in one.
+        scene: the only cell, where it can follow samples from the camera to their ends at once.
     """
 
     def __init__(
@@ -55,8 +60,10 @@ class BucketHome:
         view: View,
         guards: Guards,
         samples: Sequence[range] = (),
+        scene: Cell | None = None,
     ) -> None:
         self.task = task
+        self._scene = scene
         self._number = number
         self._replica = replica
         self._view = view
@@ -83,6 +90,8 @@ class BucketHome:
 
     def begin(self) -> Iterator[Batch]:
         """Start the next wave of samples, if there is one."""
+        while self._waves and self._trace_whole(self._waves[0]):
+            self._waves.popleft()
         if not self._waves:
             return
         self._wave = self._waves.popleft()
@@ -99,6 +108,30 @@ class BucketHome:
             yield from self._begin_merge(rays)
         else:
             yield from self._begin_forward(rays)
+
+    def _trace_whole(self, wave: Sequence[Piece]) -> bool:
+        """Add a wave's samples at once, if that can be: nothing of it is under way then."""
+        if self._scene is None:
+            return False
+        sums, cell = list(self._sums), self._cell.copy()
+        for piece in wave:
+            group, weights = self._groups[piece.group], self._weights[piece.group]
+            pixels: dict[str, NDArray[Any]] = {
+                "pixel": self._pixels[group.rows],
+                "first": group.first,
+                "weight": _ALIKE,
+            }
+            if weights is not None:
+                pixel, sample = self._samples_in(piece)
+                pixels["weight"] = weights.weights({"pixel": pixel, "sample": sample})
+            traced = self._scene.trace_whole(pixels, piece.start, piece.stop - piece.start, sums[piece.group])
+            if traced is None:
+                return False
+            sums[piece.group], hit = traced
+            if piece.start == 0:
+                cell[group.rows] = np.where(hit, self._scene.number, -1)
+        self._sums, self._cell = sums, cell
+        return True
 
     def _weights_of(self, number: int) -> SampleWeights | None:
         """Of the samples of a group, all of whose pixels end at the same sample where they do not weigh the same."""

@@ -23,7 +23,7 @@ from wdpm.cluster.work.replica import Replica, orders_of
 from wdpm.cluster.work.shadows import Shadows
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
-from wdpm.kernels.camera import vertices
+from wdpm.kernels.camera import add_samples, vertices, whole_samples
 from wdpm.kernels.camera.diffuse_light import DiffuseLight
 from wdpm.kernels.camera.paths import Paths
 from wdpm.kernels.camera.rays import Rays
@@ -34,8 +34,9 @@ from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.two_level import Trees
 from wdpm.scenes.errors import ProtocolError
 
-SHOTS_LATER = 1
-"""Shadow rays of vertices beyond the first: what is seen there is one of many samples already."""
+WHOLE_GRAIN = 256
+"""Samples below which handing a chunk of them to another thread costs more than it saves: of half a microsecond at
+least, mostly of several."""
 
 
 class CameraPaths:
@@ -73,6 +74,57 @@ class CameraPaths:
         self.guards.counts.clear()
         self.gathering.begin_view()
         self.final_gather.begin_view()
+
+    # Whole samples
+
+    @property
+    def traces_whole(self) -> bool:
+        """Whether samples can be followed from the camera to their ends in one launch, with the same bits.
+
+        In one cell, which has all that they meet; where no photon is asked, and nobody looks on.
+        """
+        replica, world = self._replica, self._replica.world
+        if replica.kernels.trace_samples is None or replica.observer is not None or world.top_tree.cells > 1:
+            return False
+        by = self._view.diffuse_light
+        return by is DiffuseLight.PATHS or (by is DiffuseLight.PHOTON_MAP and not any(m.paths for m in world.maps))
+
+    def trace_whole(self, pixels: Arrays, start: int, samples: int, sums: Any) -> tuple[Any, NDArray[np.bool_]] | None:
+        """Add samples `start` to `start + samples` of some pixels to their sums.
+
+        Args:
+            pixels: columns of kernels.camera.whole_samples.Pixels.
+            sums: so far (kernels.camera.add_samples.Sums), which stay what they are.
+
+        Returns:
+            the new sums, and whether the first of the samples of each pixel has met a surface; None where something
+            happened that guards count: then all of it is to be rendered in the other way.
+        """
+        replica, count = self._replica, len(pixels["pixel"])
+        device, shots = replica.launcher.device, self._view.light_samples
+        sums_out = columns.zeros(add_samples.Sums, count, device)
+        told = columns.empty(whole_samples.Told, count, device)
+        rows = {"seen": count, "queries": count, "shots": count * shots, "paths": count}
+        replica.launcher(
+            replica.kernels.trace_samples,
+            count,
+            grain=max(1, WHOLE_GRAIN // samples),
+            scene=self._scene,
+            trees=self._trees,
+            pixels=columns.upload(whole_samples.Pixels, pixels, device, written=()),
+            start=start,
+            samples=samples,
+            orders=orders_of(self._view, shots, asks=False),
+            sums=sums,
+            scratch=columns.empty_nested(vertices.Shaded, rows, device),
+            sums_out=sums_out,
+            told_out=told,
+        )
+        found = columns.download(told, ("hit", "vertices", "spoilt"))
+        if found["spoilt"].any():
+            return None
+        self.vertices += int(found["vertices"].sum())
+        return sums_out, found["hit"] > 0
 
     # Rays from the camera
 
@@ -250,7 +302,7 @@ class CameraPaths:
         self.vertices += len(batch)
         rays = columns.upload(Paths, arrays, self._replica.launcher.device, written=())
         actions = self._decide(rays, arrays)
-        shaded = self._shade(self._replica.kernels.shade_vertices, rays, len(batch), SHOTS_LATER, actions)
+        shaded = self._shade(self._replica.kernels.shade_vertices, rays, len(batch), int(vertices.SHOTS_LATER), actions)
         follows = list(self._send_on(batch, shaded))
         reaches = () if actions is None else actions.reaches(arrays, self._view.light_samples)
         seen = {

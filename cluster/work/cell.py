@@ -100,6 +100,18 @@ class Cell:
         else:
             raise ValueError(f"{batch.kind} is not for a cell")
 
+    @property
+    def traces_whole(self) -> bool:
+        """As CameraLight.traces_whole."""
+        return self._light.traces_whole
+
+    def trace_whole(self, pixels: Arrays, start: int, samples: int, sums: Any) -> tuple[Any, NDArray[np.bool_]] | None:
+        """As CameraLight.trace_whole."""
+        added = self._light.trace_whole(pixels, start, samples, sums)
+        if self._in_files is not None:
+            self._in_files.let_go()
+        return added
+
     def _check(self, batch: Batch) -> None:
         """Raise ProtocolError if a batch asks for what this cell or this scene does not have."""
         needs = batch.kind in _NEEDS_SURFACE

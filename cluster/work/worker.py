@@ -129,7 +129,7 @@ class CellWorker:
         if isinstance(task, PhotonTask):
             home = PhotonHome(task, self.number, self.replica)
         elif isinstance(task, BucketTask) and self.replica.view is not None:
-            home = BucketHome(task, self.number, self.replica, self.replica.view, self._guards, samples)
+            home = BucketHome(task, self.number, self.replica, self.replica.view, self._guards, samples, self._whole())
         elif isinstance(task, RecordTask) and self.replica.view is not None:
             home = RecordHome(task, self.number, self.replica, self.replica.view)
         else:
@@ -140,6 +140,11 @@ class CellWorker:
         self._finish(task.number, outbox)
         self._busy += time.perf_counter() - began
         return outbox
+
+    def _whole(self) -> Cell | None:
+        """The only cell, where it can follow samples from the camera to their ends at once."""
+        held = list(self.cells.values()) if self.holds_all else []
+        return next((cell for cell in held if cell.traces_whole), None)
 
     def handle(self, batches: Sequence[Batch]) -> Outbox:
         """Take in batches that other workers sent."""

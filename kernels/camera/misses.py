@@ -20,12 +20,11 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 
 @functools.cache
-def make_path_misses(features: Features) -> wp.Kernel:
-    """The kernel `path_misses` for a set of features."""
+def make_escaped(features: Features) -> wp.Function:
+    """The function `escaped` for a set of features: (scene, p, orders, stretches_out) -> radiance."""
     light = make_lights(features)
     pdf_environment = light.pdf_environment
     environment_radiance = light.environment_radiance
-    flight_of = make_flight_of(features)
     transmittance_of = make_flights(features).transmittance_of
 
     @wp.func
@@ -52,6 +51,15 @@ def make_path_misses(features: Features) -> wp.Kernel:
                     through = transmittance_of(scene.media, p.medium, p.origin, along, length)
                     radiance = wp.cw_mul(radiance, through)
         return radiance
+
+    return escaped
+
+
+@functools.cache
+def make_path_misses(features: Features) -> wp.Kernel:
+    """The kernel `path_misses` for a set of features."""
+    escaped = make_escaped(features)
+    flight_of = make_flight_of(features)
 
     @made_for(features)
     def path_misses(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from wdpm.kernels.camera.camera import CameraView, make_camera, whole_pixel
+from wdpm.kernels.camera.camera import CameraView, Ray, make_camera, whole_pixel
 from wdpm.kernels.camera.paths import Paths, Vertex, load_hit, store_hit, store_path
 from wdpm.kernels.columns import FromFields, columns_of, loader, storer
 from wdpm.kernels.features import Features
@@ -47,6 +47,23 @@ class CameraRays:
     start_paths: wp.Kernel
 
 
+@wp.func
+def begin_path(camera: wp.ref[CameraView], ray: Ray, p: Vertex) -> Vertex:
+    """A camera ray as the beginning of a path.
+
+    Args:
+        p: which pixel's and sample's it is, and what it has met.
+    """
+    p.item = wp.uint32(whole_pixel(camera, p.pixel))
+    p.edges = 1
+    p.medium = camera.medium
+    p.origin = ray.origin
+    p.direction = ray.direction
+    p.anchor = ray.origin
+    p.throughput = wp.vec3(1.0)
+    return p
+
+
 @functools.cache
 def make_first_vertex(features: Features) -> wp.Function:
     """The function `first_vertex` for cameras with a set of features: (camera, rays, i) -> Vertex."""
@@ -56,16 +73,8 @@ def make_first_vertex(features: Features) -> wp.Function:
     def first_vertex(camera: wp.ref[CameraView], rays: wp.ref[Rays], i: wp.int32) -> Vertex:
         """A camera ray as the beginning of a path."""
         p = load_ray(rays, i)
-        ray = camera_ray(camera, p.pixel, p.sample)
-        p.item = wp.uint32(whole_pixel(camera, p.pixel))
         p.row = i
-        p.edges = 1
-        p.medium = camera.medium
-        p.origin = ray.origin
-        p.direction = ray.direction
-        p.anchor = ray.origin
-        p.throughput = wp.vec3(1.0)
-        return p
+        return begin_path(camera, camera_ray(camera, p.pixel, p.sample), p)
 
     return first_vertex
 

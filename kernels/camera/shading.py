@@ -56,9 +56,8 @@ class Shading:
 
 
 @functools.cache
-def make_shading(features: Features) -> Shading:
-    """The kernels for a set of features."""
-    first_vertex = make_first_vertex(features)
+def make_shade(features: Features) -> wp.Function:
+    """The function `shade` for a set of features: (scene, p, orders, shaded_out)."""
     shade_surface = make_shade_surface(features)
     shade_medium = make_shade_medium(features)
     flight_of = make_flight_of(features)
@@ -94,6 +93,15 @@ def make_shading(features: Features) -> Shading:
                     shoot(p, orders, j, shot_of(p, p.diffuse, orders, j), shaded_out.shots)
                 if wp.static(features.goes_on):
                     nothing_goes_on(p, scene.camera.seed, shaded_out.paths)
+
+    return shade
+
+
+@functools.cache
+def make_shading(features: Features) -> Shading:
+    """The kernels for a set of features."""
+    first_vertex = make_first_vertex(features)
+    shade = make_shade(features)
 
     @made_for(features)
     def shade_camera_hits(scene: Scene, rays: Rays, orders: Orders, offset: wp.int32, shaded_out: Shaded) -> None:

@@ -139,45 +139,86 @@ def make_visit_walks(features: Features) -> wp.Kernel:
     return visit_walks
 
 
+@wp.struct
+class Passage:
+    """A segment that is walked, from origin to origin + direction.
+
+    Attributes:
+        radiance: what arrives if nothing more is in its way.
+        medium: that it is in, -1 for none.
+        ahead: 1 where its end lies ahead of it, behind a surface that it has passed.
+    """
+
+    origin: wp.vec3
+    direction: wp.vec3
+    radiance: wp.vec3
+    medium: wp.int32
+    ahead: wp.int32
+
+
 @functools.cache
-def make_pass_surfaces(features: Features) -> wp.Kernel:
-    """The kernel that takes walked segments through a surface."""
+def make_pass_through(features: Features) -> wp.Function:
+    """The function `pass_through` for a set of features: (scene, way, met) -> Passage."""
     surface_at = make_surface(features).surface_at
     straight_transmittance = make_materials(features).straight_transmittance
     transmittance_of = make_flights(features).transmittance_of
+
+    @wp.func
+    def pass_through(scene: wp.ref[Scene], way: Passage, met: Hit) -> Passage:
+        """A segment beyond the surface that it has met; its radiance is zero where nothing gets through."""
+        unit = wp.normalize(way.direction)
+        s = surface_at(scene.surfaces, scene.materials, scene.textures, met.prim, met.u, met.v, -unit, 0.0)
+        cosine = wp.abs(wp.dot(s.normal, unit))
+        factor = straight_transmittance(scene.materials, scene.textures, s.material, s.uv, s.color, cosine)
+        radiance = wp.cw_mul(way.radiance, factor)
+        if wp.static(features.media):
+            if way.medium >= 0:
+                length = met.t * wp.length(way.direction)
+                through = transmittance_of(scene.media, way.medium, way.origin, unit, length)
+                radiance = wp.cw_mul(radiance, through)
+            way.medium = medium_beyond(scene.materials, s.material, s.front, way.medium)
+        end = way.origin + way.direction
+        origin = leave(s.position, -s.normal, scene.surfaces.offset_min)
+        rest = end - origin
+        way.ahead = wp.int32(wp.max(radiance) > 0.0 and wp.dot(rest, way.direction) > 0.0)
+        way.origin = origin
+        way.direction = rest
+        way.radiance = radiance
+        return way
+
+    return pass_through
+
+
+@functools.cache
+def make_pass_surfaces(features: Features) -> wp.Kernel:
+    """The kernel that takes walked segments through a surface."""
+    pass_through = make_pass_through(features)
 
     @made_for(features)
     def pass_surfaces(scene: Scene, walks: Walks, offset: wp.int32, next_cell_out: wp.array[wp.int32]) -> None:
         """Take segments through the surface that they have met: SHADOW_BLOCKED, or the first cell on the way on."""
         i = offset + wp.tid()
-        direction = walks.direction[i]
-        unit = wp.normalize(direction)
-        met = load_walk_hit(walks, i)
-        s = surface_at(scene.surfaces, scene.materials, scene.textures, met.prim, met.u, met.v, -unit, 0.0)
-        cosine = wp.abs(wp.dot(s.normal, unit))
-        factor = straight_transmittance(scene.materials, scene.textures, s.material, s.uv, s.color, cosine)
-        radiance = wp.cw_mul(walks.radiance[i], factor)
+        way = Passage()
+        way.origin = walks.origin[i]
+        way.direction = walks.direction[i]
+        way.radiance = walks.radiance[i]
+        way.medium = -1
         if wp.static(features.media):
-            medium = walks.medium[i]
-            if medium >= 0:
-                length = met.t * wp.length(direction)
-                through = transmittance_of(scene.media, medium, walks.origin[i], unit, length)
-                radiance = wp.cw_mul(radiance, through)
-            walks.medium[i] = medium_beyond(scene.materials, s.material, s.front, medium)
-        end = walks.origin[i] + direction
-        origin = leave(s.position, -s.normal, scene.surfaces.offset_min)
-        rest = end - origin
-        walks.origin[i] = origin
-        walks.direction[i] = rest
-        walks.radiance[i] = radiance
+            way.medium = walks.medium[i]
+        way = pass_through(scene, way, load_walk_hit(walks, i))
+        if wp.static(features.media):
+            walks.medium[i] = way.medium
+        walks.origin[i] = way.origin
+        walks.direction[i] = way.direction
+        walks.radiance[i] = way.radiance
         walks.t[i] = SEGMENT_END
         walks.prim[i] = -1
         walks.owner[i] = -1
         next_cell_out[i] = SHADOW_BLOCKED
-        if wp.max(radiance) > 0.0:
+        if wp.max(way.radiance) > 0.0:
             onward = wp.int32(-1)
-            if wp.dot(rest, direction) > 0.0:
-                onward = next_cell(scene.cells, origin, rest, SEGMENT_END, -1)
+            if way.ahead == 1:
+                onward = next_cell(scene.cells, way.origin, way.direction, SEGMENT_END, -1)
             next_cell_out[i] = onward
 
     return pass_surfaces

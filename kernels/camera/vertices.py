@@ -25,6 +25,9 @@ CHOICE = wp.constant(2)
 ROULETTE = wp.constant(3)
 DIMENSIONS = wp.constant(4)
 
+SHOTS_LATER = wp.constant(1)
+"""Shadow rays of vertices beyond the first: what is seen there is one of many samples already."""
+
 # Where indirect light of diffuse parts comes from.
 BY_MAP = wp.constant(int(DiffuseLight.PHOTON_MAP))
 BY_PATHS = wp.constant(int(DiffuseLight.PATHS))

@@ -52,7 +52,7 @@ def test_no_contraction_and_no_backward_pass(name: str) -> None:
     assert options["enable_backward"] is False
 
 
-@pytest.mark.parametrize("features", [ALL, Features()], ids=["all", "none"])
+@pytest.mark.parametrize("features", [ALL, Features(), Features(traced=True)], ids=["all", "none", "traced"])
 def test_no_contraction_and_no_backward_pass_in_kernels_of_features(features: Features) -> None:
     for name, kernel in kernels_of(features).items():
         options = options_of(kernel)
@@ -62,8 +62,9 @@ def test_no_contraction_and_no_backward_pass_in_kernels_of_features(features: Fe
 
 
 def test_these_are_all_kernels_of_features() -> None:
-    """Some kernels are for scenes without effects only."""
-    assert kernels_of(ALL).keys() | kernels_of(Features()).keys() == {field.name for field in fields(Variants)}
+    """Some kernels are for scenes without effects only, some for those without media."""
+    some = [kernels_of(features).keys() for features in (ALL, Features(), Features(traced=True))]
+    assert set().union(*some) == {field.name for field in fields(Variants)}
 
 
 def test_kernels_of_factories_are_modules_of_their_own() -> None:

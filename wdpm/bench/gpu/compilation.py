@@ -20,7 +20,7 @@ from wdpm.kernels.compile import MODULES
 from wdpm.kernels.features import Features
 from wdpm.kernels.photons import kd_order, photon_map
 from wdpm.kernels.rays import bvh_build
-from wdpm.kernels.variants import Variants, make_variants
+from wdpm.kernels.variants import CAN_DO_WITHOUT, Variants, make_variants, without_shortcuts
 from wdpm.scenes.errors import WdpmError
 from wdpm.scenes.flat.flatten import flatten
 
@@ -94,13 +94,13 @@ def features_of_effects() -> dict[str, Features]:
 
 
 def modules_of(features: Iterable[Features]) -> list[wp.Module]:
-    """The modules of all kernels that some sets of features pick, each once."""
-    every = [module for one in features for module in make_variants(one).modules()]
+    """The modules of all kernels that some sets of features pick on a GPU, each once."""
+    every = [module for one in features for module in without_shortcuts(make_variants(one)).modules()]
     return list({id(module): module for module in every}.values())
 
 
 def all_kernels(*, trees: bool = True) -> tuple[str, ...]:
-    """Names of the kernels of renders, sorted.
+    """Names of the kernels of renders on a GPU, sorted.
 
     Args:
         trees: also those that build trees, which the CPU does wherever they are used.
@@ -108,7 +108,7 @@ def all_kernels(*, trees: bool = True) -> tuple[str, ...]:
     build = {bvh_build.__name__, kd_order.__name__, photon_map.__name__}
     modules = [module for module in common_modules() if trees or module.name not in build]
     shared = {name for module in modules for name in module.kernels}
-    return tuple(sorted(shared | {field.name for field in fields(Variants)}))
+    return tuple(sorted(shared | {field.name for field in fields(Variants)} - CAN_DO_WITHOUT))
 
 
 def inexact_instructions(ptx: str) -> Counter[str]:

@@ -17,6 +17,7 @@ from wdpm.kernels import columns
 from wdpm.kernels.host_arrays import HostArray
 from wdpm.kernels.launch import Launcher, arguments_of
 from wdpm.kernels.photons.deposits import Deposits
+from wdpm.kernels.variants import CAN_DO_WITHOUT
 
 Launches = Sequence[tuple[int, Sequence[Any]]]
 
@@ -76,10 +77,16 @@ class LaunchComparison:
 
     @contextmanager
     def watching(self) -> Iterator[None]:
-        """Repeat all launches of `Launcher` on the CPU meanwhile. One thread of the program at a time."""
+        """Repeat all launches of `Launcher` on the CPU meanwhile, but those of kernels for the CPU alone.
+
+        One thread of the program at a time.
+        """
         run = Launcher.run
 
         def run_twice(launcher: Launcher, kernel: wp.Kernel, launches: Launches) -> None:
+            if plain_name(kernel.key) in CAN_DO_WITHOUT:
+                run(launcher, kernel, launches)
+                return
             repeat = Repeat(self.device, launches)  # the input is copied before a kernel refines it in place
             run(launcher, kernel, launches)
             repeat.run(kernel)

@@ -1,0 +1,154 @@
+"""Samples that one launch follows to their ends have the bits of those whose rays travel as batches."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import effect_scenes
+import numpy as np
+import pytest
+from digests import alone, same_bits
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_scenes import scenes_with_effects
+
+from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
+from wdpm.cluster.work.camera_paths import CameraLight
+from wdpm.images.image import Image
+from wdpm.rendering.in_process import render_in_process
+from wdpm.scenes import cornell_box
+from wdpm.scenes.model.lights import Environment, PointLight
+from wdpm.scenes.model.scene import Camera, FilterKind, Mesh, PixelFilter, Scene, diffuse
+
+PATH = RenderSettings(integrator=Integrator.PATH, spp=3, light_samples=2)
+
+
+def under_a_sky() -> Scene:
+    """Metals in front of a sky: paths leave the scene at their first ray and later."""
+    scene = effect_scenes.metals()
+    sky = np.random.default_rng(1).random((8, 16, 3)).astype(np.float32)
+    return replace(scene, meshes=scene.meshes[-3:], lights=(*scene.lights, Environment("sky", sky)))
+
+
+def floor() -> Mesh:
+    """A unit square at y = 0 that faces up."""
+    corners = np.array([[-0.5, 0.0, -0.5], [-0.5, 0.0, 0.5], [0.5, 0.0, 0.5], [0.5, 0.0, -0.5]])
+    return Mesh("floor", corners, np.array([[0, 1, 2], [0, 2, 3]]), None, None, 0)
+
+
+def seen_by(**camera: object) -> Scene:
+    scene = cornell_box((16, 12))
+    return replace(scene, camera=replace(scene.camera, **camera))  # type: ignore[arg-type]
+
+
+SCENES = {
+    "diffuse": cornell_box((16, 12)),
+    "metals": effect_scenes.metals(),
+    "glasses": effect_scenes.glasses(),
+    "coats": effect_scenes.coats(),
+    "panes": effect_scenes.panes(),
+    "sky": under_a_sky(),
+    "lens": seen_by(aperture_radius=0.1, focus_distance=3.0),
+    "negative filter": seen_by(filter=PixelFilter(FilterKind.MITCHELL, 2.0)),
+}
+
+
+@contextmanager
+def counted(monkeypatch: pytest.MonkeyPatch, *, whole: bool) -> Iterator[list[int]]:
+    """How many samples whole launches add, where there are any."""
+    launched: list[int] = []
+    trace = CameraLight.trace_whole
+
+    def remember(self: CameraLight, pixels: object, start: int, samples: int, sums: object) -> object:
+        launched.append(samples)
+        return trace(self, pixels, start, samples, sums)  # type: ignore[arg-type]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(CameraLight, "trace_whole", remember)
+        if not whole:
+            patch.setattr(CameraLight, "traces_whole", False)
+        yield launched
+
+
+def by_batches(monkeypatch: pytest.MonkeyPatch, scene: Scene, chosen: RenderSettings) -> Image:
+    """The image of a worker that follows no sample whole."""
+    with counted(monkeypatch, whole=False) as launched:
+        image = alone(scene, chosen)
+    assert launched == []
+    return image
+
+
+@pytest.mark.parametrize("name", list(SCENES))
+def test_the_same_bits(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    chosen = replace(PATH, max_depth=4 if name == "glasses" else None)
+    expected = by_batches(monkeypatch, SCENES[name], chosen)
+    with counted(monkeypatch, whole=True) as launched:
+        image = alone(SCENES[name], chosen)
+    assert sum(launched) >= chosen.spp  # more on outlines of lamps
+    assert image.digest() == expected.digest()
+    vertices = [each.metadata["report"]["vertices"] for each in (image, expected)]
+    assert vertices[0] == vertices[1] > 0
+    assert expected.layers["direct"].any()
+    assert expected.layers["indirect"].any() or name == "sky"
+
+
+@pytest.mark.parametrize("name", ["diffuse", "coats", "negative filter"])
+def test_waves_buckets_threads_and_cells_change_no_bit(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = alone(SCENES[name], PATH)
+    monkeypatch.setattr("wdpm.cluster.work.bucket_home.WAVE_SAMPLES", 50)
+    monkeypatch.setattr("wdpm.cluster.work.camera_paths.WHOLE_GRAIN", 8)
+    for workers, cells, threads, bucket in ((1, 1, 3, 5), (3, 1, 1, 7), (2, 4, 2, 6)):
+        chosen = replace(PATH, bucket=bucket)
+        order = random.Random(bucket)
+        image = render_in_process(
+            SCENES[name],
+            chosen,
+            workers=workers,
+            cells=cells,
+            team=1 if cells == 1 else None,
+            threads=threads,
+            shuffle=order,
+        )
+        assert same_bits(image, expected)
+
+
+def test_what_guards_count_is_rendered_in_the_other_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    to_world = np.diag([-1.0, 1.0, -1.0, 1.0])  # looks along -z
+    to_world[:3, 3] = (0.0, 0.05, 1.0)
+    star = PointLight("star", (0.0, 0.3, 0.0), (3e38, 3e38, 3e38))  # right above it light overflows
+    white = diffuse("white", (0.9, 0.9, 0.9), twosided=True)
+    scene = Scene("too bright", (floor(),), (white,), (star,), Camera(to_world, fov_x=40.0, width=12, height=8))
+    with np.errstate(over="ignore"):  # what is finite may be too bright for a float32 as well, in the sum
+        expected = by_batches(monkeypatch, scene, PATH)
+        image = alone(scene, PATH)
+    assert image.metadata["report"]["nonfinite"] == expected.metadata["report"]["nonfinite"] != {}
+    assert image.digest() == expected.digest()
+
+
+@pytest.mark.parametrize(
+    ("scene", "chosen"),
+    [
+        (effect_scenes.fogs(), PATH),
+        (SCENES["diffuse"], replace(PATH, integrator=Integrator.PHOTONS, indirect=Indirect.MAP, photons=500)),
+        (SCENES["diffuse"], replace(PATH, integrator=Integrator.PHOTONS, indirect=Indirect.CACHE, photons=500)),
+    ],
+    ids=["media", "photons", "irradiance records"],
+)
+def test_what_needs_more_than_a_path_is_not_traced_whole(
+    scene: Scene, chosen: RenderSettings, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with counted(monkeypatch, whole=True) as launched:
+        alone(scene, chosen)
+    assert chosen.spp not in launched  # trials of the plan are of other numbers
+
+
+@given(scene=scenes_with_effects(), seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=5, deadline=None)
+def test_random_scenes(scene: Scene, seed: int) -> None:
+    chosen = replace(PATH, seed=seed, spp=2)
+    with pytest.MonkeyPatch.context() as patch:
+        expected = by_batches(patch, scene, chosen)
+    assert same_bits(alone(scene, chosen), expected)
