@@ -245,7 +245,7 @@ def _flown(worker: CellWorker) -> list[Arrays]:
 
 
 def _light_of_path(worker: CellWorker) -> NDArray[np.int32]:
-    """Which light each path of the worker's world comes from. They are emitted once more: photons do not remember it."""
+    """Which light each path of the worker's world comes from. They are emitted once more: no photon tells."""
     world = worker.replica.world
     if len(world.lights.names) == 1:
         return np.zeros(world.paths, np.int32)
