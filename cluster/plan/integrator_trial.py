@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,9 +21,9 @@ from numpy.typing import NDArray
 
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide
-from wdpm.cluster.plan.map_plans import IRRADIANCE_SHARE, MapPlans, map_plans, with_fewer_paths
+from wdpm.cluster.plan.map_plans import MapPlans, map_plans, with_fewer_paths
 from wdpm.cluster.plan.map_worth import MapError, best_shares, fewer_shares, irradiance_by, map_error
-from wdpm.cluster.plan.path_caustics import PathCaustics, caustics_by_paths
+from wdpm.cluster.plan.path_caustics import caustics_by_paths
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
 from wdpm.cluster.plan.small_view import (
     Figures,
@@ -37,7 +36,10 @@ from wdpm.cluster.plan.small_view import (
     without_photons,
 )
 from wdpm.cluster.plan.steering.pilot import steered_pilot
-from wdpm.cluster.plan.view import CACHE_PLAN, SAMPLES_OF_PLAN, share_of_rays, view_of
+from wdpm.cluster.plan.trial.figures import Trial
+from wdpm.cluster.plan.trial.prices import Prices
+from wdpm.cluster.plan.trial.ways import Way, words_for
+from wdpm.cluster.plan.view import view_of
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.kernels.camera.camera import tangent
 from wdpm.kernels.constants import INV_PI
@@ -48,41 +50,11 @@ from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.used_media import calls_for_media
 from wdpm.scenes.model.scene import Camera, PixelFilter
 
-TRIAL_PIXELS = 1024
-"""Of the image of a trial that tells how noisy one sample is."""
-
 CHOICE_PIXELS = 512
 CHOICE_SAMPLES = 8
 """Of each pixel, by each way to render, in two halves: some 12,000 samples in all take about a fifth of a second. Four
 samples of a pixel are spread over lamps and directions as those of a render are: their noise, and not that of single
 ones, falls from there on as 1 / samples."""
-
-# Prices, about nanoseconds of one core. Only their ratios matter. Fitted to the CPU seconds of whole renders of
-# cbox, staircase, staircase2, living-room and breakfast-room (160 x 90, 16 samples), within a factor of 1.5.
-CAMERA_RAY = 900.0
-SHADOW_RAY = 400.0
-VERTEX = 1200.0
-"""A ray that goes on and what it meets, but for its shadow ray."""
-PRICED_TRIANGLES = 36
-"""Of the scene in which rays have these prices: half of them is the way down the tree, which is as deep as the
-logarithm of all triangles."""
-PLANNED_TRIANGLE = 6000.0
-"""To be put into trees: by photons and paths alike."""
-GATHER = 150.0
-"""Of each photon that a gather looks for."""
-PHOTON_PATH = 1000.0
-"""As a ray, with its prices."""
-STORED_PHOTON = 3000.0
-"""To be put into a map."""
-RECORDS = 2400
-"""Of an image that is Lambertian everywhere, whatever its size: reach is a share of the image. On eight scenes 1,000 to
-5,500."""
-RECORD_PIXELS = 6
-"""Pixels a record, at least."""
-RECORD_RAY = 1000.0
-"""Beside what it meets: to be stratified, stored and added."""
-COAT_SHARE = 0.25
-"""Of the photons of a gather, those that gather rays look for where they arrive at coats."""
 
 GATHERED_PLACES = 1024
 """Places of a trial at which the pilot's photons are gathered, to tell what the global map gets wrong."""
@@ -94,19 +66,6 @@ LEFT_BY_MAP = 0.02
 LEFT_BY_CACHE = 0.003
 """Error that samples do not lessen, as a share of the square of indirect light: noise and blur of gathers of 50
 photons, and of irradiance records of 16 samples a pixel. On cbox and sibenik 0.013 to 0.022, and 0.001 to 0.004."""
-
-GATHERED = 0.3
-"""Noise of a gather ray's light, as a share of that of a whole path's."""
-
-LEFT_BY_RECORDS = 0.1
-"""Squared error that records may leave, as a share of what samples leave: a blotch is seen where grain of the same
-error is not, and ten times less of it is not either."""
-
-MOST_TOLERANCE = 1.0
-"""Beyond that records get no more gather rays than one a stratum, whatever the noise."""
-
-MOST_NOISE = 4.0
-"""Of a pixel's relative squared error, where samples go by it (allotment): a rare bright sample may draw no more."""
 
 HIDDEN_MOST = 1e-3
 """Of all light of an image, what path tracing may leave out: less than photons are off by."""
@@ -184,43 +143,6 @@ def choose_integrator(
     return IntegratorChoice(chosen, words, pilot, learnt, trial.noises_by(chosen))
 
 
-@dataclass(frozen=True)
-class Way:
-    """What an image is expected to come to by one integrator.
-
-    Attributes:
-        error: as relMSE.
-        price: see Prices.
-        of_caustics: the part of the error that caustics make.
-    """
-
-    error: float
-    price: float
-    of_caustics: float = 0.0
-
-    def is_better_than(self, other: Way) -> bool:
-        """Whether it has the smaller error for the same price; or, where trials saw none of either, is cheaper."""
-        if not self.error and not other.error:
-            return self.price < other.price
-        return self.error * self.price < other.error * other.price
-
-
-def words_for(paths: Way, photons: Way) -> str:
-    """Which of both is better, and by what figures."""
-    name = "path" if paths.is_better_than(photons) else "photons"
-    price = f"{paths.price / photons.price:.2g} of the price"
-    caustics = f", {paths.of_caustics:.2g} of it by caustics" if paths.of_caustics else ""
-    if not paths.error and not photons.error:
-        return f"{name}, since trials saw no noise by either, and path tracing is expected to take {price} of photons"
-    if not photons.error:
-        return f"{name}, since a trial saw no noise by photons, and by path tracing relMSE {paths.error:.2g}{caustics}"
-    ratio = paths.error * paths.price / (photons.error * photons.price)
-    return (
-        f"{name}, since error times price of path tracing is expected to be {ratio:.2g} of that of photons (relMSE "
-        f"{paths.error:.2g}{caustics}, against {photons.error:.2g}, for {price})"
-    )
-
-
 def _with_photons_of_worth(
     flat: FlatScene, plans: MapPlans, trial: Trial, photons: RenderSettings
 ) -> tuple[RenderSettings, MapPlans, str]:
@@ -277,117 +199,6 @@ def _with_more_shadow_rays(by_path: Figures, by_photons: Figures) -> Figures:
     settings = replace(by_path.settings, light_samples=by_photons.light_samples)
     noise = by_path.of_indirect + min(by_path.noise - by_path.of_indirect, by_photons.noise)
     return replace(by_path, settings=settings, light_samples=by_photons.light_samples, noise=noise)
-
-
-@dataclass(frozen=True)
-class Trial:
-    """What a trial tells.
-
-    Attributes:
-        by_photons: their figures, with Indirect.MAP.
-        by_paths: of each way to trace paths.
-        caustics: what paths make of those, where smooth surfaces make any.
-        lambertian: the share of the diffuse surfaces that camera paths meet that records serve.
-        map_errors: what gathers of the global and the caustic map get wrong; None where too little is known.
-        noises: of a sample of each pixel: by photons, by paths, and the part of these that indirect light makes, shape
-            [height, width].
-    """
-
-    by_photons: Figures
-    by_paths: Sequence[Figures]
-    caustics: PathCaustics
-    lambertian: float
-    map_errors: Sequence[MapError | None]
-    noises: tuple[Values, Values, Values]
-
-    def noise_by(self, settings: RenderSettings) -> float:
-        """Of one sample of every pixel by photon mapping: with that of gather rays, where each sample has one."""
-        return self.by_photons.noise + self._gathered(settings) * GATHERED * self.by_paths[0].of_indirect
-
-    def noises_by(self, settings: RenderSettings) -> Values:
-        """Of one sample of each pixel, at most MOST_NOISE, shape [height, width]."""
-        by_photons, by_path, of_indirect = self.noises
-        if settings.algorithm.shoots_photons:
-            by_path = by_photons + self._gathered(settings) * GATHERED * of_indirect
-        return np.minimum(by_path, MOST_NOISE)
-
-    def _gathered(self, settings: RenderSettings) -> float:
-        """The share of samples that have a gather ray, by photon mapping."""
-        if not settings.final_gathers:
-            return 0.0
-        return 1.0 - self.lambertian if settings.algorithm.has_irradiance_cache(settings) else 1.0
-
-
-class Prices:
-    """What renders of one pass are expected to cost: about nanoseconds of one core, but only their ratios matter.
-
-    Args:
-        plans: of the maps, if it is by photons.
-        spp: samples of a pixel.
-    """
-
-    def __init__(self, flat: FlatScene, plans: MapPlans, spp: int) -> None:
-        self._pixels = flat.camera.width * flat.camera.height
-        self._spp = spp
-        self._plans = plans
-        triangles = flat.triangles.total + 2
-        self._ray = (1.0 + math.log(triangles) / math.log(PRICED_TRIANGLES)) / 2.0
-        self._trees = flat.triangles.held * PLANNED_TRIANGLE
-
-    def of_paths(self, way: Figures) -> float:
-        """Of a render by path tracing."""
-        return self._trees + self._pixels * self._spp * self._rays(way)
-
-    def of_photons(self, trial: Trial, settings: RenderSettings) -> float:
-        """Of a render by photons."""
-        maps, way = self._plans.maps, trial.by_photons
-        shot = sum(
-            maps[number].paths * PHOTON_PATH * self._ray + self._plans.expected[number] * STORED_PHOTON
-            for number in (GLOBAL_MAP, CAUSTIC_MAP)
-        )
-        caustic = GATHER * self._plans.caustic_k if maps[CAUSTIC_MAP].paths else 0.0
-        asks = 1.0 + way.vertices
-        sample, records = self._rays(way) + asks * caustic, 0.0
-        if settings.final_gathers:  # the rays read what of caustics was gathered ahead
-            shot += IRRADIANCE_SHARE * self._plans.expected[GLOBAL_MAP] * caustic
-        if settings.algorithm.has_irradiance_cache(settings):
-            coats = 1.0 - trial.lambertian
-            at_coats = coats * COAT_SHARE * (GATHER * settings.k + caustic)
-            ray = asks * ((VERTEX + SHADOW_RAY) * self._ray + at_coats)
-            sample += coats * ray
-            records = self._record_rays(trial) * (RECORD_RAY + ray)
-        elif settings.final_gathers:
-            sample += asks * (VERTEX + SHADOW_RAY) * self._ray
-        else:
-            sample += asks * GATHER * settings.k
-        return self._trees + shot + records + self._pixels * self._spp * sample
-
-    def _rays(self, way: Figures) -> float:
-        """Of a sample."""
-        rays = CAMERA_RAY + way.light_samples * SHADOW_RAY + way.vertices * (VERTEX + SHADOW_RAY)
-        return rays * self._ray
-
-    def _record_rays(self, trial: Trial) -> float:
-        """Gather rays of all records: twice as many where these are to be as exact as they may be."""
-        count = min(RECORDS, self._pixels / RECORD_PIXELS) * trial.lambertian
-        of_each = CACHE_PLAN.rows * CACHE_PLAN.columns * share_of_rays(self._spp)
-        error = tolerance_for(trial.by_photons.noise / SAMPLES_OF_PLAN, trial.by_paths[0].indirect)
-        # What records may err falls as noise does, their strata only down to share_of_rays.
-        extra = min(1.0, CACHE_PLAN.tolerance / error) * min(
-            1.0, self._spp / SAMPLES_OF_PLAN / share_of_rays(self._spp)
-        )
-        return count * of_each * (1.0 + extra)
-
-
-def tolerance_for(noise: float, indirect: float) -> float:
-    """Relative standard error that is not seen in irradiance records.
-
-    Args:
-        noise: that samples leave, as relMSE.
-        indirect: the mean square of indirect light, as relMSE is weighted.
-    """
-    asked = math.sqrt(LEFT_BY_RECORDS * noise / indirect) if indirect else MOST_TOLERANCE
-    return max(CACHE_PLAN.tolerance, min(asked, MOST_TOLERANCE))
 
 
 def _left(settings: RenderSettings) -> float:

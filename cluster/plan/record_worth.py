@@ -13,14 +13,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from wdpm.cluster.plan.integrator_trial import TRIAL_PIXELS, tolerance_for
 from wdpm.cluster.plan.light_guide import Learnt
 from wdpm.cluster.plan.photon_pilot import PhotonPilot
 from wdpm.cluster.plan.small_view import Halves, Values, box_blurred, relmse_epsilon, small_camera, without_photons
+from wdpm.cluster.plan.trial.prices import tolerance_for
 from wdpm.cluster.plan.view import SAMPLES_OF_PLAN
 from wdpm.cluster.records import CachePlan
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.scenes.flat.flatten import FlatScene
+
+TRIAL_PIXELS = 1024
+"""Of the image of a trial that tells how noisy one sample is."""
 
 NOISIEST = 0.1
 """Share of the image that is not looked at, the noisiest: blotches are seen in the rest of it."""

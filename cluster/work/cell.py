@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wdpm.cluster.batch import GHOSTS, Batch, Kind
+from wdpm.cluster.batch import GHOSTS, Arrays, Batch, Kind
 from wdpm.cluster.host_cache import CacheEntry
 from wdpm.cluster.work import tally
 from wdpm.cluster.work.camera_paths import CameraPaths
@@ -102,12 +102,12 @@ class Cell:
 
     @property
     def traces_whole(self) -> bool:
-        """As CameraLight.traces_whole."""
-        return self._light.traces_whole
+        """As CameraPaths.traces_whole."""
+        return self._camera_paths.traces_whole
 
     def trace_whole(self, pixels: Arrays, start: int, samples: int, sums: Any) -> tuple[Any, NDArray[np.bool_]] | None:
-        """As CameraLight.trace_whole."""
-        added = self._light.trace_whole(pixels, start, samples, sums)
+        """As CameraPaths.trace_whole."""
+        added = self._camera_paths.trace_whole(pixels, start, samples, sums)
         if self._in_files is not None:
             self._in_files.let_go()
         return added

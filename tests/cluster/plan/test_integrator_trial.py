@@ -12,12 +12,15 @@ import window_room
 import wdpm
 from tests.helpers.effect_scenes import fogs
 from wdpm.cluster.plan.effects import features_of
-from wdpm.cluster.plan.integrator_trial import COAT_SHARE, GATHER, TRIAL_PIXELS, Prices, Trial, Way, words_for
 from wdpm.cluster.plan.map_plans import IRRADIANCE_SHARE, MapPlans
 from wdpm.cluster.plan.map_worth import FEWEST, MapError, irradiance_by, map_error
 from wdpm.cluster.plan.path_caustics import NO_CAUSTICS
+from wdpm.cluster.plan.record_worth import TRIAL_PIXELS
 from wdpm.cluster.plan.render_plan import make_render_plan
 from wdpm.cluster.plan.small_view import Figures, small_camera
+from wdpm.cluster.plan.trial.figures import Trial
+from wdpm.cluster.plan.trial.prices import COAT_SHARE, GATHER, Prices
+from wdpm.cluster.plan.trial.ways import Way, words_for
 from wdpm.cluster.render_settings import MOST_SHADOW_RAYS, Indirect, Integrator, RenderSettings
 from wdpm.cluster.world import MapPlan
 from wdpm.inspection.inspect import inspect

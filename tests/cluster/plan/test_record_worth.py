@@ -7,7 +7,7 @@ import math
 import pytest
 import window_room
 
-from wdpm.cluster.plan.integrator_trial import MOST_TOLERANCE
+from wdpm.cluster.plan.trial.prices import MOST_TOLERANCE
 from wdpm.cluster.plan.view import CACHE_PLAN
 from wdpm.cluster.records import NO_CACHE
 from wdpm.cluster.render_settings import Indirect, RenderSettings

@@ -1,0 +1,58 @@
+"""What a trial of integrators tells: how noisy a sample is by each, and what photon maps get wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wdpm.cluster.plan.map_worth import MapError
+from wdpm.cluster.plan.path_caustics import PathCaustics
+from wdpm.cluster.plan.small_view import Figures, Values
+from wdpm.cluster.render_settings import RenderSettings
+
+GATHERED = 0.3
+"""Noise of a gather ray's light, as a share of that of a whole path's."""
+
+MOST_NOISE = 4.0
+"""Of a pixel's relative squared error, where samples go by it (allotment): a rare bright sample may draw no more."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What a trial tells.
+
+    Attributes:
+        by_photons: their figures, with Indirect.MAP.
+        by_paths: of each way to trace paths.
+        caustics: what paths make of those, where smooth surfaces make any.
+        lambertian: the share of the diffuse surfaces that camera paths meet that records serve.
+        map_errors: what gathers of the global and the caustic map get wrong; None where too little is known.
+        noises: of a sample of each pixel: by photons, by paths, and the part of these that indirect light makes, shape
+            [height, width].
+    """
+
+    by_photons: Figures
+    by_paths: Sequence[Figures]
+    caustics: PathCaustics
+    lambertian: float
+    map_errors: Sequence[MapError | None]
+    noises: tuple[Values, Values, Values]
+
+    def noise_by(self, settings: RenderSettings) -> float:
+        """Of one sample of every pixel by photon mapping: with that of gather rays, where each sample has one."""
+        return self.by_photons.noise + self._gathered(settings) * GATHERED * self.by_paths[0].of_indirect
+
+    def noises_by(self, settings: RenderSettings) -> Values:
+        """Of one sample of each pixel, at most MOST_NOISE, shape [height, width]."""
+        by_photons, by_path, of_indirect = self.noises
+        if settings.algorithm.shoots_photons:
+            by_path = by_photons + self._gathered(settings) * GATHERED * of_indirect
+        return np.minimum(by_path, MOST_NOISE)
+
+    def _gathered(self, settings: RenderSettings) -> float:
+        """The share of samples that have a gather ray, by photon mapping."""
+        if not settings.final_gathers:
+            return 0.0
+        return 1.0 - self.lambertian if settings.algorithm.has_irradiance_cache(settings) else 1.0

@@ -1,0 +1,119 @@
+"""What renders are expected to cost, by the figures of a trial."""
+
+from __future__ import annotations
+
+import math
+
+from wdpm.cluster.plan.map_plans import IRRADIANCE_SHARE, MapPlans
+from wdpm.cluster.plan.small_view import Figures
+from wdpm.cluster.plan.trial.figures import Trial
+from wdpm.cluster.plan.view import CACHE_PLAN, SAMPLES_OF_PLAN, share_of_rays
+from wdpm.cluster.render_settings import RenderSettings
+from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
+from wdpm.scenes.flat.flatten import FlatScene
+
+# Prices, about nanoseconds of one core. Only their ratios matter. Fitted to the CPU seconds of whole renders of
+# cbox, staircase, staircase2, living-room and breakfast-room (160 x 90, 16 samples), within a factor of 1.5.
+CAMERA_RAY = 900.0
+SHADOW_RAY = 400.0
+VERTEX = 1200.0
+"""A ray that goes on and what it meets, but for its shadow ray."""
+PRICED_TRIANGLES = 36
+"""Of the scene in which rays have these prices: half of them is the way down the tree, which is as deep as the
+logarithm of all triangles."""
+PLANNED_TRIANGLE = 6000.0
+"""To be put into trees: by photons and paths alike."""
+GATHER = 150.0
+"""Of each photon that a gather looks for."""
+PHOTON_PATH = 1000.0
+"""As a ray, with its prices."""
+STORED_PHOTON = 3000.0
+"""To be put into a map."""
+RECORDS = 2400
+"""Of an image that is Lambertian everywhere, whatever its size: reach is a share of the image. On eight scenes 1,000 to
+5,500."""
+RECORD_PIXELS = 6
+"""Pixels a record, at least."""
+RECORD_RAY = 1000.0
+"""Beside what it meets: to be stratified, stored and added."""
+COAT_SHARE = 0.25
+"""Of the photons of a gather, those that gather rays look for where they arrive at coats."""
+
+LEFT_BY_RECORDS = 0.1
+"""Squared error that records may leave, as a share of what samples leave: a blotch is seen where grain of the same
+error is not, and ten times less of it is not either."""
+
+MOST_TOLERANCE = 1.0
+"""Beyond that records get no more gather rays than one a stratum, whatever the noise."""
+
+
+class Prices:
+    """What renders of one pass are expected to cost: about nanoseconds of one core, but only their ratios matter.
+
+    Args:
+        plans: of the maps, if it is by photons.
+        spp: samples of a pixel.
+    """
+
+    def __init__(self, flat: FlatScene, plans: MapPlans, spp: int) -> None:
+        self._pixels = flat.camera.width * flat.camera.height
+        self._spp = spp
+        self._plans = plans
+        triangles = flat.triangles.total + 2
+        self._ray = (1.0 + math.log(triangles) / math.log(PRICED_TRIANGLES)) / 2.0
+        self._trees = flat.triangles.held * PLANNED_TRIANGLE
+
+    def of_paths(self, way: Figures) -> float:
+        """Of a render by path tracing."""
+        return self._trees + self._pixels * self._spp * self._rays(way)
+
+    def of_photons(self, trial: Trial, settings: RenderSettings) -> float:
+        """Of a render by photons."""
+        maps, way = self._plans.maps, trial.by_photons
+        shot = sum(
+            maps[number].paths * PHOTON_PATH * self._ray + self._plans.expected[number] * STORED_PHOTON
+            for number in (GLOBAL_MAP, CAUSTIC_MAP)
+        )
+        caustic = GATHER * self._plans.caustic_k if maps[CAUSTIC_MAP].paths else 0.0
+        asks = 1.0 + way.vertices
+        sample, records = self._rays(way) + asks * caustic, 0.0
+        if settings.final_gathers:  # the rays read what of caustics was gathered ahead
+            shot += IRRADIANCE_SHARE * self._plans.expected[GLOBAL_MAP] * caustic
+        if settings.algorithm.has_irradiance_cache(settings):
+            coats = 1.0 - trial.lambertian
+            at_coats = coats * COAT_SHARE * (GATHER * settings.k + caustic)
+            ray = asks * ((VERTEX + SHADOW_RAY) * self._ray + at_coats)
+            sample += coats * ray
+            records = self._record_rays(trial) * (RECORD_RAY + ray)
+        elif settings.final_gathers:
+            sample += asks * (VERTEX + SHADOW_RAY) * self._ray
+        else:
+            sample += asks * GATHER * settings.k
+        return self._trees + shot + records + self._pixels * self._spp * sample
+
+    def _rays(self, way: Figures) -> float:
+        """Of a sample."""
+        rays = CAMERA_RAY + way.light_samples * SHADOW_RAY + way.vertices * (VERTEX + SHADOW_RAY)
+        return rays * self._ray
+
+    def _record_rays(self, trial: Trial) -> float:
+        """Gather rays of all records: twice as many where these are to be as exact as they may be."""
+        count = min(RECORDS, self._pixels / RECORD_PIXELS) * trial.lambertian
+        of_each = CACHE_PLAN.rows * CACHE_PLAN.columns * share_of_rays(self._spp)
+        error = tolerance_for(trial.by_photons.noise / SAMPLES_OF_PLAN, trial.by_paths[0].indirect)
+        # What records may err falls as noise does, their strata only down to share_of_rays.
+        extra = min(1.0, CACHE_PLAN.tolerance / error) * min(
+            1.0, self._spp / SAMPLES_OF_PLAN / share_of_rays(self._spp)
+        )
+        return count * of_each * (1.0 + extra)
+
+
+def tolerance_for(noise: float, indirect: float) -> float:
+    """Relative standard error that is not seen in irradiance records.
+
+    Args:
+        noise: that samples leave, as relMSE.
+        indirect: the mean square of indirect light, as relMSE is weighted.
+    """
+    asked = math.sqrt(LEFT_BY_RECORDS * noise / indirect) if indirect else MOST_TOLERANCE
+    return max(CACHE_PLAN.tolerance, min(asked, MOST_TOLERANCE))

@@ -1,0 +1,42 @@
+"""Which of two ways to render is better, and by what figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Way:
+    """What an image is expected to come to by one integrator.
+
+    Attributes:
+        error: as relMSE.
+        price: see Prices.
+        of_caustics: the part of the error that caustics make.
+    """
+
+    error: float
+    price: float
+    of_caustics: float = 0.0
+
+    def is_better_than(self, other: Way) -> bool:
+        """Whether it has the smaller error for the same price; or, where trials saw none of either, is cheaper."""
+        if not self.error and not other.error:
+            return self.price < other.price
+        return self.error * self.price < other.error * other.price
+
+
+def words_for(paths: Way, photons: Way) -> str:
+    """Which of both is better, and by what figures."""
+    name = "path" if paths.is_better_than(photons) else "photons"
+    price = f"{paths.price / photons.price:.2g} of the price"
+    caustics = f", {paths.of_caustics:.2g} of it by caustics" if paths.of_caustics else ""
+    if not paths.error and not photons.error:
+        return f"{name}, since trials saw no noise by either, and path tracing is expected to take {price} of photons"
+    if not photons.error:
+        return f"{name}, since a trial saw no noise by photons, and by path tracing relMSE {paths.error:.2g}{caustics}"
+    ratio = paths.error * paths.price / (photons.error * photons.price)
+    return (
+        f"{name}, since error times price of path tracing is expected to be {ratio:.2g} of that of photons (relMSE "
+        f"{paths.error:.2g}{caustics}, against {photons.error:.2g}, for {price})"
+    )
