@@ -315,7 +315,8 @@ class Cluster(Backend):
         if self._placed is not None:
             self._placed.all_joined()
         team = partial(sharing, self._copies, slaves)
-        prepared = prepare(source, settings, len(slaves), self._launcher, progress, team=team)
+        ahead = self._master.begin_ahead
+        prepared = prepare(source, settings, len(slaves), self._launcher, progress, team=team, ahead=ahead)
         forget_pilot(prepared)
         self._beside.compile(prepared.uncompiled)
         return prepared

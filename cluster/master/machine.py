@@ -19,6 +19,7 @@ from wdpm.cluster.master.events import (
     Abort,
     AllJoined,
     Begin,
+    BeginAhead,
     Broken,
     Close,
     Event,
@@ -36,8 +37,8 @@ from wdpm.cluster.master.events import (
 )
 from wdpm.cluster.master.joining import JoinWait
 from wdpm.cluster.master.members import MOST_SETBACKS, Member, Members, Setbacks
-from wdpm.cluster.master.phases import Phase, Phases
-from wdpm.cluster.master.render_status import RenderStatus, seen
+from wdpm.cluster.master.phases import Phases
+from wdpm.cluster.master.render_status import Phase, RenderStatus, seen
 from wdpm.cluster.messages import protocol
 from wdpm.scenes.errors import ProtocolError
 
@@ -111,8 +112,8 @@ class Master:
 
     @property
     def rendering(self) -> bool:
-        """Whether a session is rendered just now."""
-        return self.phase not in (Phase.JOINING, Phase.IDLE, Phase.ENDED)
+        """Whether a session is rendered just now, and not one begun ahead that nobody waits for yet."""
+        return self.phase not in (Phase.JOINING, Phase.IDLE, Phase.ENDED) and not self._phases.ahead
 
     def seen(self) -> tuple[SlaveSeen, ...]:
         """All slaves that ever joined, for those who look at the image."""
@@ -144,6 +145,8 @@ class Master:
                 return [] if self.phase is Phase.JOINING else self._tell_who_is_there()
             case Begin(session):
                 return self._phases.begin(session, now)
+            case BeginAhead(session):
+                return self._phases.begin_ahead(session, now)
             case SlaveLost(identity, reason):
                 member = self._members.get(identity)
                 return [] if member is None else self._lose(member, reason, now)

@@ -2,6 +2,8 @@
 
     joining -> idle -> setup -> photons -> maps -> (records, once a round) -> buckets -> statistics -> idle
 
+A session may begin ahead of its view, which is still being planned: it comes as far as maps, and waits in phase view.
+
 A session is in one phase. Each team takes the steps of its own that the phase asks for (`_lead`): its cells, photons,
 maps, view, records, and then tasks. A slave says when it has taken a step, and a team goes on when all its slaves have:
 so a batch of a bucket cannot reach a slave that has not seen its view. Phases in which teams need each other end when
@@ -16,7 +18,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from enum import Enum
 
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.events import Advanced, Finished, Instruction, Noted, Send, Started
@@ -24,6 +25,7 @@ from wdpm.cluster.master.map_regions import regions_of
 from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.master.observing import bucket_done, frame_begun, shown_again, worth_keeping
 from wdpm.cluster.master.records import RecordRounds
+from wdpm.cluster.master.render_status import Phase
 from wdpm.cluster.master.roster import Roster, team_size_of
 from wdpm.cluster.master.statistics import check_statistics, of_nobody
 from wdpm.cluster.master.task_sizes import (
@@ -47,26 +49,13 @@ WORTH_REGROUPING = 0.5
 """A team of several begins anew for a slave that joins while no larger share of the buckets was handed out."""
 
 
-class Phase(Enum):
-    """What the master waits for."""
-
-    JOINING = "joining"
-    IDLE = "idle"
-    SETUP = "setup"
-    PHOTONS = "photons"
-    MAPS = "maps"
-    RECORDS = "records"
-    BUCKETS = "buckets"
-    STATISTICS = "statistics"
-    ENDED = "ended"
-
-
 class Phases:
     """What a cluster does for one session after another.
 
     Attributes:
         phase: what is waited for.
         session: what is rendered, or waits for slaves to join.
+        ahead: whether the session has begun ahead of its view.
         roster: the slaves that share the work, in teams.
     """
 
@@ -77,6 +66,7 @@ class Phases:
         """
         self.phase = Phase.JOINING
         self.session: Session | None = None
+        self.ahead = False
         self._members = members
         self._limits = limits
         self._dropped = dropped
@@ -100,14 +90,25 @@ class Phases:
         """Of all sessions so far."""
         return self._tasks.retried
 
+    def begin_ahead(self, session: Session, now: float) -> list[Instruction]:
+        """Begin with what does not depend on a session's view, unless something else is rendered or awaited."""
+        if self.phase is not Phase.IDLE and not self.ahead:
+            return []
+        self.ahead = True
+        return self._take_up(session, now)
+
     def begin(self, session: Session, now: float) -> list[Instruction]:
         """Render a session, as soon as all slaves have joined."""
-        if self.phase not in (Phase.JOINING, Phase.IDLE) or self.session is not None:
+        busy = self.phase not in (Phase.JOINING, Phase.IDLE) or self.session is not None
+        if busy and not self.ahead:
             raise AssertionError(f"a session began in phase {self.phase.value}")
         if len(session.burdens) != session.cells:
             raise AssertionError(f"{len(session.burdens)} burdens for {session.cells} cells")
+        self.ahead = False
+        if self.phase is not Phase.JOINING:
+            return self._take_up(session, now)
         self.session = session
-        return self._start_session(session, now) if self.phase is Phase.IDLE else []
+        return []
 
     def all_joined(self, now: float) -> list[Instruction]:
         """All slaves have joined."""
@@ -116,7 +117,7 @@ class Phases:
 
     def end(self) -> None:
         """Wait for nothing any more."""
-        self.phase = Phase.ENDED
+        self.phase, self.ahead = Phase.ENDED, False
         self.session = self._tasks.film = None
 
     def epoch_of(self, member: Member) -> int:
@@ -200,7 +201,7 @@ class Phases:
         if isinstance(message, protocol.TaskDone):
             return self._task_done(team, member, message.result, now)
         if isinstance(message, protocol.PartitionReceived):
-            return self.roster.cell_received(member, message)
+            return self.roster.cell_received(member, message, session)
         if team.answers_late(type(message)):
             return []
         if team.awaits is not type(message) or member.number not in team.waiting:
@@ -222,6 +223,22 @@ class Phases:
 
     # A session.
 
+    def _take_up(self, session: Session, now: float) -> list[Instruction]:
+        """Begin a session, or go on with what was begun ahead of it if that has its scene and its photons."""
+        before, self.session = self.session, session
+        if before is None:
+            return self._start_session(session, now)
+        same = session.digest == self._digest and session.world.photon_plan == self._plan
+        if not same or session.retrace:
+            for team in self.roster.teams:
+                self.roster.dissolve(team, self._tasks)
+            return self._start_session(session, now)
+        self._seconds, self._phase_at = {}, now  # what was done while it was planned took nobody longer
+        return self._start_view(session, now) + self._follow_up(session, now) if self.phase is Phase.VIEW else []
+
+    def _follow_up(self, session: Session, now: float) -> list[Instruction]:
+        return self._lead_all(session, now) + self._go_on(session, now)
+
     def _start_session(self, session: Session, now: float) -> list[Instruction]:
         self._seconds, self._phase_at = {}, now
         self._lost = []
@@ -237,11 +254,11 @@ class Phases:
             self._digest, self._plan = session.digest, plan
             self._begin_trace(session)
         else:
-            out += self._start_records(session, now)
+            out += self._start_view(session, now)
         self._setting_up = not all(team.ready for team in self.roster.teams)
         if self._setting_up:
             out.append(Started("partition", sum(len(team.members) for team in self.roster.teams)))
-        return out + self._lead_all(session, now) + self._go_on(session, now)
+        return out + self._follow_up(session, now)
 
     def _begin_trace(self, session: Session) -> None:
         """All photons are to be traced, by all teams together."""
@@ -261,7 +278,7 @@ class Phases:
                 return self._start_maps(session, now)
             case Phase.MAPS if not any(team.awaits is protocol.MapsBuilt for team in teams):
                 self._end_phase("map", now)
-                return self._start_records(session, now) + self._lead_all(session, now) + self._go_on(session, now)
+                return self._start_view(session, now) + self._follow_up(session, now)
             case Phase.RECORDS if self._tasks.finished and self._tasks.rounds is not None:
                 return self._end_round(self._tasks.rounds, session, now)
             case Phase.BUCKETS if self._tasks.finished:
@@ -287,8 +304,11 @@ class Phases:
         orders = map_orders(teams, regions)
         return [Started("map", len(orders)), *(Send(member.identity, order) for member, order in orders)]
 
-    def _start_records(self, session: Session, now: float) -> list[Instruction]:
-        """The first round of irradiance records, or those that are there already."""
+    def _start_view(self, session: Session, now: float) -> list[Instruction]:
+        """The first round of irradiance records, or those that are there already; nothing while no view is known."""
+        if self.ahead:
+            self.phase = Phase.VIEW
+            return []
         self._phase_at = now
         rounds = self._tasks.rounds = RecordRounds(session.view, session.records, session.kept.records)
         if len(rounds.records):
@@ -315,7 +335,7 @@ class Phases:
             else:
                 self._make_records(rounds, session)
         self._records += 1
-        return out + self._lead_all(session, now) + self._go_on(session, now)
+        return out + self._follow_up(session, now)
 
     def _start_buckets(self, session: Session) -> list[Instruction]:
         self.phase = Phase.BUCKETS
@@ -328,7 +348,7 @@ class Phases:
     def _start_statistics(self, session: Session, now: float) -> list[Instruction]:
         self._end_phase("render", now)
         self.phase = Phase.STATISTICS
-        return self._lead_all(session, now) + self._go_on(session, now)
+        return self._follow_up(session, now)
 
     def _ask_for_statistics(self, team: Team) -> list[Instruction]:
         """Of who traced photons: also of a team that was about to take part in the view when others had finished it."""
@@ -362,6 +382,8 @@ class Phases:
             return self._order(team, protocol.PhotonsForgotten, plan, self._trace)
         if not team.mapped:
             return self._trace_by_itself(team, session, now)
+        if self.ahead:
+            return []
         if team.view != self._view:
             view = protocol.SetView(team.epoch, session.view)
             return self._order(team, protocol.ViewSet, view, self._view) + self._lead(team, session, now)
@@ -393,7 +415,7 @@ class Phases:
         while self.roster.able_spare >= team_size:
             self.roster.teams.append(Team(self.roster.take_spare(team_size), team_size))
             out += self._lead(self.roster.teams[-1], session, now)
-        early = self.phase in (Phase.IDLE, Phase.SETUP, Phase.PHOTONS, Phase.RECORDS)
+        early = self.phase in (Phase.IDLE, Phase.SETUP, Phase.PHOTONS, Phase.VIEW, Phase.RECORDS)
         early = early or (self.phase is Phase.BUCKETS and self._tasks.begun <= WORTH_REGROUPING)
         smallest = min(self.roster.teams, key=lambda team: len(team.members), default=None)
         if smallest is None and (members := self.roster.take_spare(session.cells, anyone=True)):
@@ -433,7 +455,7 @@ class Phases:
             self.phase = Phase.SETUP
             self._begin_trace(session)
             out.append(Noted("photons are traced again: some were lost before all slaves had them"))
-        return out + self._lead_all(session, now) + self._go_on(session, now) + self.roster.next_cells()
+        return out + self._lead_all(session, now) + self._go_on(session, now) + self.roster.next_cells(session)
 
     def _working(self) -> list[Team]:
         """Teams that have all that tasks of the view need."""

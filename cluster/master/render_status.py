@@ -3,12 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from enum import Enum
 
 from wdpm.cluster.display import SlaveSeen
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.master.roster import Roster
 from wdpm.cluster.messages import protocol
+
+
+class Phase(Enum):
+    """What the master waits for."""
+
+    JOINING = "joining"
+    IDLE = "idle"
+    SETUP = "setup"
+    PHOTONS = "photons"
+    MAPS = "maps"
+    VIEW = "view"
+    RECORDS = "records"
+    BUCKETS = "buckets"
+    STATISTICS = "statistics"
+    ENDED = "ended"
 
 
 class RenderStatus:

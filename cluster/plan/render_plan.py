@@ -8,6 +8,7 @@ and the image does not depend on them.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from wdpm.cluster.plan.forecast.sight import NO_SIGHT, Sight, sight_of
 from wdpm.cluster.plan.forecast.work import work_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide, with_guide
 from wdpm.cluster.plan.lit_places import lit_places
-from wdpm.cluster.plan.map_plans import irradiance_plan, map_plans, volume_unit
+from wdpm.cluster.plan.map_plans import MapPlans, irradiance_plan, map_plans, volume_unit
 from wdpm.cluster.plan.partition import instances_of_cells, outlines_of, places_to_cut, rows_of_cells
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
 from wdpm.cluster.plan.record_worth import records_in_words, tolerance_of_records, with_tolerance
@@ -44,16 +45,38 @@ SOME_PLACES = 4096
 
 
 @dataclass(frozen=True, eq=False)
-class RenderPlan:
-    """What is decided before any work is handed out.
+class WorldPlan:
+    """What photons depend on, and who holds what.
 
     Attributes:
         rows: the triangles of each cell, rows of the flat scene.
         instances: the instances of each cell.
         burdens: what each cell weighs: its shares of all triangles and of all photons.
+        pilot_photons: places of the pilot's photons, float32, shape [P, 3].
+    """
+
+    world: World
+    rows: list[NDArray[np.intp]]
+    instances: list[NDArray[np.intp]]
+    burdens: tuple[float, ...]
+    pilot_photons: NDArray[np.float32]
+
+    def some_places(self) -> NDArray[np.float32]:
+        """Of photons, which tell how they lie in space, shape [P, 3]."""
+        return self.pilot_photons[:: len(self.pilot_photons) // SOME_PLACES + 1]
+
+    def share_of(self, cell: int, triangles: Triangles) -> float:
+        """What a cell holds of the scene's triangles and instances."""
+        return (len(self.rows[cell]) + len(self.instances[cell])) / (len(triangles) + len(triangles.instances))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RenderPlan(WorldPlan):
+    """What is decided before any work is handed out.
+
+    Attributes:
         pilot: the pilot's one-cell worker, to be used again, where there is but one cell; otherwise None, since it
             holds the whole scene.
-        pilot_photons: places of the pilot's photons, float32, shape [P, 3].
         learnt: how the view's shadow rays choose among lights.
         caustic_k: photons that gathers of the caustic map look for.
         tolerance: relative standard error that irradiance records are to have, as CachePlan has it.
@@ -63,12 +86,7 @@ class RenderPlan:
         chose: what was decided by what photon maps and irradiance records are worth, and why.
     """
 
-    world: World
-    rows: list[NDArray[np.intp]]
-    instances: list[NDArray[np.intp]]
-    burdens: tuple[float, ...]
     pilot: CellWorker | None
-    pilot_photons: NDArray[np.float32]
     learnt: Learnt
     caustic_k: int
     tolerance: float
@@ -83,14 +101,6 @@ class RenderPlan:
         known = replace(view, caustic_k=self.caustic_k, cache=cache, lit_places=self.lit_places, outlines=self.outlines)
         return with_guide(known, self.learnt)
 
-    def some_places(self) -> NDArray[np.float32]:
-        """Of photons, which tell how they lie in space, shape [P, 3]."""
-        return self.pilot_photons[:: len(self.pilot_photons) // SOME_PLACES + 1]
-
-    def share_of(self, cell: int, triangles: Triangles) -> float:
-        """What a cell holds of the scene's triangles and instances."""
-        return (len(self.rows[cell]) + len(self.instances[cell])) / (len(triangles) + len(triangles.instances))
-
 
 def make_render_plan(
     flat: FlatScene,
@@ -100,6 +110,7 @@ def make_render_plan(
     cells: int | None = None,
     pilot: PhotonPilot | None = None,
     learnt: Learnt | None = None,
+    told: Callable[[WorldPlan], object] = lambda _: None,
 ) -> RenderPlan:
     """Decide what an image depends on, and who will compute what.
 
@@ -108,23 +119,62 @@ def make_render_plan(
         cells: a power of two; None for the least that gives every worker the like.
         pilot: that was flown to decide on settings.
         learnt: how shadow rays choose among lights, if that was learnt to decide on settings.
+        told: is told what photons depend on as soon as that is decided; what the camera adds is decided later.
     """
     view = view_of(flat, settings, workers)
     pilot = steered_pilot(flat, pilot_for(flat, features_of(flat, settings), settings, launcher, pilot), view)
     planned = map_plans(pilot, settings, flat)
-    maps = planned.maps
-    for each in maps:
+    for each in planned.maps:
         check_settings(settings.k, each.radius)
+    wanted = max(workers, 1) if cells is None else cells
+    sight = sight_of(flat, pilot.cell, view) if wanted > 1 else NO_SIGHT
+    decided = _world_plan(flat, settings, pilot, planned, sight, view, launcher, wanted)
+    told(decided)
+    tree = decided.world.top_tree
+    pilot.worker.forget_photons()
+    if learnt is None:
+        learnt = learn_guide(flat, pilot.cell, view)
+    lit = lit_places(pilot, view.cache)
+    outlines = lamp_outlines(flat, pilot.cell)
+    tolerance = tolerance_of_records(flat, pilot, settings, learnt, view.cache)
+    words = (steering_in_words(pilot), records_in_words(tolerance, view.cache), _outlines_in_words(outlines))
+    flat.triangles.let_go()
+    return RenderPlan(
+        **vars(decided),
+        pilot=pilot.worker if tree.cells == 1 else None,
+        learnt=learnt,
+        caustic_k=planned.caustic_k,
+        tolerance=tolerance,
+        lit_places=lit,
+        outlines=outlines,
+        sight=cells_seen(sight.position, sight.seen, tree),
+        chose=(*planned.chose, *itertools.chain(*words)),
+    )
+
+
+def _world_plan(
+    flat: FlatScene,
+    settings: RenderSettings,
+    pilot: PhotonPilot,
+    planned: MapPlans,
+    sight: Sight,
+    view: View,
+    launcher: Launcher,
+    wanted: int,
+) -> WorldPlan:
+    """What photons depend on, and who holds what.
+
+    Args:
+        sight: what the camera sees, where the scene is cut.
+        wanted: cells, at least.
+    """
     irradiance = irradiance_plan(pilot, settings, planned)
     # What lies within reach of a cell is estimated there too, from the photons about it.
-    of_surfaces = [replace(each, band=each.band + irradiance.reach) for each in maps[:VOLUME_MAP]]
-    maps = (of_surfaces[GLOBAL_MAP], of_surfaces[CAUSTIC_MAP], maps[VOLUME_MAP])
-    wanted = max(workers, 1) if cells is None else cells
-    levels = (wanted - 1).bit_length()
+    of_surfaces = [replace(each, band=each.band + irradiance.reach) for each in planned.maps[:VOLUME_MAP]]
+    maps = (of_surfaces[GLOBAL_MAP], of_surfaces[CAUSTIC_MAP], planned.maps[VOLUME_MAP])
     places = np.concatenate([part["position"] for part in pilot.photons])
     band = max((each.band for each in maps if each.paths), default=maps[0].band)
-    sight = sight_of(flat, pilot.cell, view) if levels else NO_SIGHT
-    tree = _top_tree(flat, settings, pilot, sight, view, band, levels, wanted)
+    tree = _top_tree(flat, settings, pilot, sight, view, band, (wanted - 1).bit_length(), wanted)
     rows = rows_of_cells(flat.triangles.positions, tree, flat.extent, launcher)
     instances = instances_of_cells(flat.triangles.instances, tree, flat.extent)
     tree = replace(tree, outlines=outlines_of(flat.triangles, tree, rows, instances, flat.extent))
@@ -137,36 +187,13 @@ def make_render_plan(
         emission=emission_of(pilot),
         volume_unit=volume_unit(pilot.photons, maps[VOLUME_MAP], flat),
         irradiance=irradiance,
+        strict=settings.strict,
     )
     held = [len(r) + len(i) for r, i in zip(rows, instances, strict=True)]
     burdens = np.array(held, np.float64) / (len(flat.triangles) + len(flat.triangles.instances))
     if len(places):
         burdens += photons_in_cells(places, tree) / len(places)
-    pilot.worker.forget_photons()
-    weights = tuple(float(burden) for burden in burdens)
-    if learnt is None:
-        learnt = learn_guide(flat, pilot.cell, view)
-    lit = lit_places(pilot, view.cache)
-    outlines = lamp_outlines(flat, pilot.cell)
-    tolerance = tolerance_of_records(flat, pilot, settings, learnt, view.cache)
-    words = (steering_in_words(pilot), records_in_words(tolerance, view.cache), _outlines_in_words(outlines))
-    worker = pilot.worker if tree.cells == 1 else None
-    flat.triangles.let_go()
-    return RenderPlan(
-        world,
-        rows,
-        instances,
-        weights,
-        worker,
-        places,
-        learnt,
-        planned.caustic_k,
-        tolerance,
-        lit,
-        outlines,
-        cells_seen(sight.position, sight.seen, tree),
-        (*planned.chose, *itertools.chain(*words)),
-    )
+    return WorldPlan(world, rows, instances, tuple(float(burden) for burden in burdens), places)
 
 
 def _top_tree(

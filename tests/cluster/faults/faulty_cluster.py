@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import random
 import time
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -63,7 +64,7 @@ class FaultyCluster(MemoryCluster):
         most: int = 0,
         stops: bool = False,
     ) -> None:
-        self._random = random.Random(seed)
+        self._random, self._ahead = random.Random(seed), random.Random(seed + 2)
         self._make_worker = make_worker
         self._every, self._faults = every, faults
         self._stops = stops
@@ -83,15 +84,11 @@ class FaultyCluster(MemoryCluster):
 
     def render(self, session: Session, *_: Any) -> SessionResult:
         self._session, self._progress, self._display, self._result = session, None, None, None
+        self._begin_ahead(session)
         self._master.handle(m.Begin(session))
         idle = 0
         while self._result is None:
-            self._turns += 1
-            if self._faults and self._random.random() < 1.0 / self._every:
-                self._suffer()
-            idle = 0 if self._step() else idle + 1
-            if idle:  # only timers are left
-                self._tick()
+            idle = 0 if self._turn() else idle + 1
             if self._holding.still and self._random.random() < 0.02:
                 self._holding.still.clear()
                 idle = 0
@@ -101,6 +98,27 @@ class FaultyCluster(MemoryCluster):
             self._step()
         self._session = None
         return self._result
+
+    def _begin_ahead(self, session: Session) -> None:
+        """Have slaves begin, more often than not, while the view of the session is still another, or the scene is."""
+        if self._ahead.random() < 0.25:
+            return
+        other = replace(session, view=replace(session.view, seed=session.view.seed + 1))
+        if self._ahead.random() < 0.25:
+            other = replace(other, digest=f"not {session.digest}")
+        self._master.handle(m.BeginAhead(other))
+        for _ in range(self._ahead.choice((0, 30, 300))):
+            self._turn()
+
+    def _turn(self) -> bool:
+        """A message, and perhaps a fault; False if no message was on its way."""
+        self._turns += 1
+        if self._faults and self._random.random() < 1.0 / self._every:
+            self._suffer()
+        if self._step():
+            return True
+        self._tick()  # only timers are left
+        return False
 
     def _suffer(self) -> None:
         kinds = ["join", "cut"] + (["kill", "leave"] if len(self._slaves) > 1 else [])
