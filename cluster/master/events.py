@@ -98,6 +98,11 @@ class PartitionMade:
 
 
 @dataclass(frozen=True)
+class GoOn:
+    """The answer to GoOnLater."""
+
+
+@dataclass(frozen=True)
 class Close:
     """End the cluster: all is done, or the person wants to stop.
 
@@ -127,6 +132,7 @@ Event = (
     | Begin
     | BeginAhead
     | PartitionMade
+    | GoOn
     | Close
     | Abort
 )
@@ -148,6 +154,11 @@ class MakePartition:
     """Find the triangles of a cell, one of several, which may take long."""
 
     cell: int
+
+
+@dataclass(frozen=True)
+class GoOnLater:
+    """Send what is to be sent first: what follows takes a while, which slaves have something to do in."""
 
 
 @dataclass(frozen=True)
@@ -224,6 +235,7 @@ class Broken:
 Instruction = (
     Send
     | MakePartition
+    | GoOnLater
     | AllJoined
     | Started
     | Advanced

@@ -38,6 +38,7 @@ class MasterShell:
         answer: takes the instructions that are no messages to slaves, in order.
         observers: are told what happens.
         clock: what the state machine takes for the time [s].
+        later: does something once what was sent is on its way.
     """
 
     def __init__(
@@ -47,12 +48,14 @@ class MasterShell:
         answer: Callable[[m.Instruction], None],
         observers: Sequence[ClusterObserver] = (),
         clock: Callable[[], float] = time.monotonic,
+        later: Callable[[Callable[[], None]], object] = lambda do: do(),
     ) -> None:
         self.state = state
         self._listener = listener
         self._answer = answer
         self._event_log = EventLog(observers)
         self._clock = clock
+        self._later = later
         self._unreachable: set[bytes] = set()
 
     def receive(self) -> None:
@@ -80,6 +83,8 @@ class MasterShell:
         instructions = self.state.handle(event, now)
         self._event_log.tell(event, instructions, now)
         for instruction in instructions:
+            if isinstance(instruction, m.GoOnLater):
+                continue
             if not isinstance(instruction, m.Send):
                 self._answer(instruction)
                 if isinstance(instruction, m.FrameBegun):
@@ -91,6 +96,8 @@ class MasterShell:
                 self._unreachable.discard(instruction.identity)  # it has connected again meanwhile
             else:
                 self._unreachable.add(instruction.identity)
+        if any(isinstance(instruction, m.GoOnLater) for instruction in instructions):
+            self._later(lambda: self.handle(m.GoOn()))
 
     def _lose(self) -> None:
         unreachable, self._unreachable = self._unreachable, set()

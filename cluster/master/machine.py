@@ -23,6 +23,7 @@ from wdpm.cluster.master.events import (
     Broken,
     Close,
     Event,
+    GoOn,
     Instruction,
     NotComing,
     Noted,
@@ -147,6 +148,8 @@ class Master:
                 return self._phases.begin(session, now)
             case BeginAhead(session):
                 return self._phases.begin_ahead(session, now)
+            case GoOn():
+                return self._phases.go_on(now)
             case SlaveLost(identity, reason):
                 member = self._members.get(identity)
                 return [] if member is None else self._lose(member, reason, now)
@@ -318,7 +321,7 @@ class Master:
         if isinstance(message, protocol.Hello):
             return self._join(identity, message, now)
         if isinstance(message, protocol.AskStatus):
-            refused, retried = self._dropped["refused slaves"], self._phases.tasks_retried
+            refused, retried = self._dropped["refused slaves"], self._phases.tasks.retried
             known = (self.phase.value, self._members, self._phases.roster)
             return [Send(identity, self._status.report(*known, refused=refused, retried=retried, now=now))]
         member = self._members.get(identity)
@@ -381,7 +384,7 @@ class Master:
 
     def _count_setback(self, setback: str, lost: Member | None = None) -> list[Instruction]:
         """End a cluster that begins anew all the time and gets nothing done."""
-        if not self._setbacks.add(self._phases.tasks_done, len(self._members.ever_joined), lost):
+        if not self._setbacks.add(self._phases.tasks.ever_done, len(self._members.ever_joined), lost):
             return []
         times = f"slaves were lost or separated {MOST_SETBACKS} times"
         return self._break(f"{times}, and no task was done since then: {setback}")

@@ -20,7 +20,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from wdpm.cluster.limits import ClusterLimits
-from wdpm.cluster.master.events import Advanced, Finished, Instruction, Noted, Send, Started
+from wdpm.cluster.master.events import Advanced, Finished, GoOnLater, Instruction, Noted, Send, Started
 from wdpm.cluster.master.map_regions import regions_of
 from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.master.observing import bucket_done, frame_begun, shown_again, worth_keeping
@@ -38,7 +38,15 @@ from wdpm.cluster.master.task_sizes import (
     tasks_in_flight,
 )
 from wdpm.cluster.master.tasks import Tasks, units
-from wdpm.cluster.master.teams import Team, all_share_memory, late_to_trace, map_orders, ready_for_maps, silent_in_maps
+from wdpm.cluster.master.teams import (
+    Team,
+    all_share_memory,
+    begin_early,
+    late_to_trace,
+    map_orders,
+    ready_for_maps,
+    silent_in_maps,
+)
 from wdpm.cluster.messages import protocol
 from wdpm.cluster.session import Session
 from wdpm.cluster.task import PhotonsTraced, PhotonTask, Task, TaskResult
@@ -57,6 +65,7 @@ class Phases:
         session: what is rendered, or waits for slaves to join.
         ahead: whether the session has begun ahead of its view.
         roster: the slaves that share the work, in teams.
+        tasks: of the session.
     """
 
     def __init__(self, members: Members, limits: ClusterLimits, dropped: Counter[str]) -> None:
@@ -70,7 +79,7 @@ class Phases:
         self._members = members
         self._limits = limits
         self._dropped = dropped
-        self._phase_at = self._moved_at = 0.0
+        self._phase_at = self._photons_at = self._moved_at = 0.0
         self._seconds: dict[str, float] = {}
         self._digest: str | None = None
         self._plan: PhotonPlan | None = None
@@ -78,17 +87,7 @@ class Phases:
         self._setting_up = False
         self._lost: list[Member] = []
         self.roster = Roster(members, limits)
-        self._tasks = Tasks()
-
-    @property
-    def tasks_done(self) -> int:
-        """Of all sessions so far."""
-        return self._tasks.ever_done
-
-    @property
-    def tasks_retried(self) -> int:
-        """Of all sessions so far."""
-        return self._tasks.retried
+        self.tasks = Tasks()
 
     def begin_ahead(self, session: Session, now: float) -> list[Instruction]:
         """Begin with what does not depend on a session's view, unless something else is rendered or awaited."""
@@ -118,7 +117,7 @@ class Phases:
     def end(self) -> None:
         """Wait for nothing any more."""
         self.phase, self.ahead = Phase.ENDED, False
-        self.session = self._tasks.film = None
+        self.session = self.tasks.film = None
 
     def epoch_of(self, member: Member) -> int:
         """The epoch of a slave's team, -1 if it has none."""
@@ -137,7 +136,7 @@ class Phases:
     def lost(self, member: Member, now: float) -> list[Instruction]:
         """A slave is gone. Its team begins anew without it, and its tasks are done by others."""
         self._lost.append(member)
-        self._tasks.give_back(member)
+        self.tasks.give_back(member)
         if member in self.roster.spare:
             self.roster.spare.remove(member)
         team = self.roster.team_of(member)
@@ -157,10 +156,10 @@ class Phases:
         """Time has passed: tasks may be late, and teams."""
         if self.session is not None and self.phase in (Phase.PHOTONS, Phase.MAPS):
             return self._leave_behind(self.session, now)
-        if self.phase not in (Phase.RECORDS, Phase.BUCKETS) or self._tasks.waiting:
+        if self.phase not in (Phase.RECORDS, Phase.BUCKETS) or self.tasks.waiting:
             return []
         idle = [member for team in self._working() if not team.at_work for member in team.members[:1]]
-        return self._start_tasks(list(self._tasks.hand_out_late(idle, now)))
+        return self._start_tasks(list(self.tasks.hand_out_late(idle, now)))
 
     def _leave_behind(self, session: Session, now: float) -> list[Instruction]:
         """Go on without teams that the others have waited for as long as it takes to do without them.
@@ -168,32 +167,20 @@ class Phases:
         What they have traced others trace, and they trace all for themselves when they can.
         """
         if self.phase is Phase.PHOTONS:
-            limit = max(self._tasks.late_after, self._moved_at - self._phase_at)
+            limit = max(self.tasks.late_after, self._moved_at - self._photons_at)
             late = late_to_trace(self.roster.teams, self._trace) if now > self._moved_at + limit else []
         else:
-            late = silent_in_maps(self.roster.teams, self._trace, now, self._phase_at - self._seconds["photons"])
+            late = silent_in_maps(self.roster.teams, self._trace, now, self._photons_at)
+        out: list[Instruction] = [Noted(f"others go on without {team}, which is late") for team in late]
         for team in late:
             team.behind = True
-        out: list[Instruction] = [Noted(f"others go on without {team}, which is late") for team in late]
         for team in late:
             out += self._restart_team(team, now) if team.ready else []  # else what it is sent is on its way
         return out + (self._go_on(session, now) if late else [])
 
     # What slaves say.
 
-    def progressed(
-        self,
-        member: Member,
-        message: protocol.PartitionReceived
-        | protocol.Ready
-        | protocol.TaskDone
-        | protocol.MapsBuilt
-        | protocol.ViewSet
-        | protocol.RecordsSet
-        | protocol.PhotonsForgotten
-        | protocol.Statistics,
-        now: float,
-    ) -> list[Instruction]:
+    def progressed(self, member: Member, message: protocol.Progress, now: float) -> list[Instruction]:
         """A slave says how far it is, or what came of a task; ProtocolError where that cannot be."""
         team, session = self.roster.team_of(member), self.session
         if team is None:
@@ -231,7 +218,7 @@ class Phases:
         same = session.digest == self._digest and session.world.photon_plan == self._plan
         if not same or session.retrace:
             for team in self.roster.teams:
-                self.roster.dissolve(team, self._tasks)
+                self.roster.dissolve(team, self.tasks)
             return self._start_session(session, now)
         self._seconds, self._phase_at = {}, now  # what was done while it was planned took nobody longer
         return self._start_view(session, now) + self._follow_up(session, now) if self.phase is Phase.VIEW else []
@@ -247,7 +234,7 @@ class Phases:
         for team in self.roster.teams:
             team.behind = team.behind and (team.at_work or team.awaits is not None)
         same_scene = session.digest == self._digest
-        out = self._use_spare(session, now) if same_scene else self.roster.form(session, self._tasks)
+        out = self._use_spare(session, now) if same_scene else self.roster.form(session, self.tasks)
         plan = session.world.photon_plan
         self.phase = Phase.SETUP
         if session.retrace or plan != self._plan or not any(team.has_maps(self._trace) for team in self.roster.teams):
@@ -264,7 +251,7 @@ class Phases:
         """All photons are to be traced, by all teams together."""
         self._trace += 1
         size = photon_task_size(session, self._members, len(self.roster.teams), self._limits)
-        self._tasks.trace(session.world.paths, size)
+        self.tasks.trace(session.world.paths, size)
         for team in self.roster.teams:
             team.mapped, team.traced, team.own_trace = False, [], None
 
@@ -274,14 +261,14 @@ class Phases:
         match self.phase:
             case Phase.SETUP if any(team.traces(self._trace) for team in teams):
                 return self._start_photons(session, now)  # with whoever is ready, while others are sent their cells
-            case Phase.PHOTONS if self._tasks.finished and ready_for_maps(teams, self._trace):
+            case Phase.PHOTONS if self.tasks.finished and ready_for_maps(teams, self._trace):
                 return self._start_maps(session, now)
             case Phase.MAPS if not any(team.awaits is protocol.MapsBuilt for team in teams):
                 self._end_phase("map", now)
                 return self._start_view(session, now) + self._follow_up(session, now)
-            case Phase.RECORDS if self._tasks.finished and self._tasks.rounds is not None:
-                return self._end_round(self._tasks.rounds, session, now)
-            case Phase.BUCKETS if self._tasks.finished:
+            case Phase.RECORDS if self.tasks.finished and self.tasks.rounds is not None:
+                return self._end_round(self.tasks.rounds, session, now)
+            case Phase.BUCKETS if self.tasks.finished:
                 return self._start_statistics(session, now)
             case Phase.STATISTICS if not any(team.awaits for team in teams if team.has_maps(self._trace)):
                 return self._finish(session)
@@ -290,7 +277,7 @@ class Phases:
     def _start_photons(self, session: Session, now: float) -> list[Instruction]:
         if self._setting_up:
             self._end_phase("partition", now)
-        self.phase, self._moved_at = Phase.PHOTONS, now
+        self.phase, self._photons_at, self._moved_at = Phase.PHOTONS, now, now
         out: list[Instruction] = [Started("photons", session.world.paths)]
         return out + self._hand_out(session, now) + self._go_on(session, now)
 
@@ -310,7 +297,7 @@ class Phases:
             self.phase = Phase.VIEW
             return []
         self._phase_at = now
-        rounds = self._tasks.rounds = RecordRounds(session.view, session.records, session.kept.records)
+        rounds = self.tasks.rounds = RecordRounds(session.view, session.records, session.kept.records)
         if len(rounds.records):
             self._records += 1
         if rounds.finished:
@@ -322,26 +309,32 @@ class Phases:
     def _make_records(self, rounds: RecordRounds, session: Session) -> None:
         limits, alike = record_limits(session, self._limits), len(self._members) == 1
         tasks = parallel_record_tasks(session, self._members, len(self.roster.teams), rounds.rays_expected, limits)
-        self._tasks.make_records(rounds, session, tasks, limits, alike=alike)
+        self.tasks.make_records(rounds, session, tasks, limits, alike=alike)
 
     def _end_round(self, rounds: RecordRounds, session: Session, now: float) -> list[Instruction]:
         """All get all records before the next round: a few megabytes at most, and each keeps what reaches its cells."""
         out: list[Instruction] = []
-        while self._tasks.finished and self.phase is Phase.RECORDS:  # a round may be without candidates
+        while self.tasks.finished and self.phase is Phase.RECORDS:  # a round may be without candidates
             rounds.end_round()
             if rounds.finished:
                 self._end_phase("records", now)
                 out = self._start_buckets(session)
             else:
                 self._make_records(rounds, session)
+        orders = begin_early(self.roster.teams, self._trace, self._view, self._records)
         self._records += 1
-        return out + self._follow_up(session, now)
+        out += [Send(member.identity, order) for member, order in orders]
+        return [*out, *self._hand_out(session, now), GoOnLater()]
+
+    def go_on(self, now: float) -> list[Instruction]:
+        """What was put off until slaves had something to do."""
+        return [] if self.session is None else self._follow_up(self.session, now)
 
     def _start_buckets(self, session: Session) -> list[Instruction]:
         self.phase = Phase.BUCKETS
         parts = parallel_tasks(session, self._members, len(self.roster.teams))
-        kept = self._tasks.render(session, parts)
-        begun: list[Instruction] = [Started("render", self._tasks.total + len(kept))]
+        kept = self.tasks.render(session, parts)
+        begun: list[Instruction] = [Started("render", self.tasks.total + len(kept))]
         begun += [Advanced(len(kept))] if kept else []
         return [*begun, frame_begun(session, self.roster.holders(), self._members), *shown_again(kept)]
 
@@ -358,11 +351,11 @@ class Phases:
 
     def _finish(self, session: Session) -> list[Instruction]:
         statistics = [member.statistics for member in self._members if member.statistics] or [of_nobody(session.world)]
-        result = self._tasks.end(statistics, self._seconds, self._dropped, tuple(map(str, self._lost)))
+        result = self.tasks.end(statistics, self._seconds, self._dropped, tuple(map(str, self._lost)))
         self.phase, self.session = Phase.IDLE, None
         for team in self.roster.teams:
             if not team.ready:  # its cells would be those of a session that has ended
-                self.roster.dissolve(team, self._tasks)
+                self.roster.dissolve(team, self.tasks)
         for member in self._members:
             member.statistics = {}
         return [Finished(result)]
@@ -371,7 +364,7 @@ class Phases:
 
     def _lead(self, team: Team, session: Session, now: float) -> list[Instruction]:
         """Have a team take its next step, if there is one that does not wait for others."""
-        if team.awaits is not None or team.at_work or self.phase in (Phase.IDLE, Phase.ENDED):
+        if team.awaits is not None or (team.at_work and not team.early) or self.phase in (Phase.IDLE, Phase.ENDED):
             return []
         if self.phase is Phase.STATISTICS:
             return self._ask_for_statistics(team)
@@ -387,9 +380,10 @@ class Phases:
         if team.view != self._view:
             view = protocol.SetView(team.epoch, session.view)
             return self._order(team, protocol.ViewSet, view, self._view) + self._lead(team, session, now)
-        rounds = self._tasks.rounds
+        rounds = self.tasks.rounds
         if rounds is not None and team.records != self._records:
             records = protocol.SetRecords(team.epoch, rounds.shared())
+            team.early = False
             return self._order(team, protocol.RecordsSet, records, self._records) + self._lead(team, session, now)
         return self._hand_out(session, now)
 
@@ -403,7 +397,7 @@ class Phases:
         if self.phase in (Phase.SETUP, Phase.MAPS):
             return []
         if team.own_trace is None:
-            team.own_trace = self._tasks.photon_tasks()
+            team.own_trace = self.tasks.photon_tasks()
         if not team.own_trace:
             return self._order(team, protocol.MapsBuilt, protocol.BuildMaps(team.epoch))
         return self._hand_out_own_trace(team)
@@ -411,12 +405,10 @@ class Phases:
     def _use_spare(self, session: Session, now: float) -> list[Instruction]:
         """Make teams of slaves that are in none, or have them help out where that is worth a new beginning."""
         out: list[Instruction] = self.roster.note_slaves_short_of_memory()
-        team_size = team_size_of(session)
-        while self.roster.able_spare >= team_size:
-            self.roster.teams.append(Team(self.roster.take_spare(team_size), team_size))
-            out += self._lead(self.roster.teams[-1], session, now)
+        for team in self.roster.teams_of_spare(team_size_of(session)):
+            out += self._lead(team, session, now)
         early = self.phase in (Phase.IDLE, Phase.SETUP, Phase.PHOTONS, Phase.VIEW, Phase.RECORDS)
-        early = early or (self.phase is Phase.BUCKETS and self._tasks.begun <= WORTH_REGROUPING)
+        early = early or (self.phase is Phase.BUCKETS and self.tasks.begun <= WORTH_REGROUPING)
         smallest = min(self.roster.teams, key=lambda team: len(team.members), default=None)
         if smallest is None and (members := self.roster.take_spare(session.cells, anyone=True)):
             self.roster.teams.append(Team(members, len(members)))
@@ -434,20 +426,12 @@ class Phases:
         """
         session = self.session
         if self.phase is Phase.PHOTONS:
-            self._tasks.lose_photons(team.traced)
+            self.tasks.lose_photons(team.traced)
         # While maps are built, what landed in this team may not have come to the others.
         retrace = self.phase is Phase.MAPS and team.maps(self._trace)
         for each in list(self.roster.teams) if retrace else [team]:
-            self.roster.dissolve(each, self._tasks)
-        team.size = max(team.size, wanted)
-        team.members += self.roster.take_spare(team.size - len(team.members))
-        if not team.members:
-            self.roster.teams.remove(team)
-        if all(each.behind for each in self.roster.teams):
-            for each in self.roster.teams:  # nobody is left that could go on without them
-                each.behind = False
-        if not self.roster.teams and (last := self.roster.take_spare(team.size, anyone=True)):
-            self.roster.teams.append(Team(last, team.size))
+            self.roster.dissolve(each, self.tasks)
+        self.roster.fill_up(team, max(team.size, wanted))
         if session is None:
             return []
         out: list[Instruction] = []
@@ -472,25 +456,22 @@ class Phases:
 
     def _hand_out(self, session: Session, now: float) -> list[Instruction]:
         """Hand out tasks, as far as the slaves' limits allow."""
-        photons = self.phase is Phase.PHOTONS
-        limit = tasks_in_flight(session, self._limits, photons=photons)
-        if photons:
+        teams: list[Team] = []
+        if self.phase is Phase.PHOTONS:
             teams = [team for team in self.roster.teams if team.traces(self._trace)]
         elif self.phase in (Phase.RECORDS, Phase.BUCKETS):
             teams = self._working()
-        else:
-            teams = []
+        limit = tasks_in_flight(session, self._limits, photons=self.phase is Phase.PHOTONS)
         tasks = concurrent_tasks(session, self._members, len(self.roster.teams))
         capacities = [capacity_of(session, member, limit, tasks) for team in teams for member in team.members]
-        handed_out = list(self._tasks.hand_out(capacities, now))
+        handed_out = list(self.tasks.hand_out(capacities, now))
         if handed_out:
             self._moved_at = now
         return self._start_tasks(handed_out)
 
     def _hand_out_own_trace(self, team: Team) -> list[Instruction]:
-        """Hand out tasks of a team's own trace."""
         limit = self._limits.photon_tasks_in_flight
-        return self._start_tasks(list(self._tasks.hand_out_own_trace(team.members, team.own_trace or [], limit)))
+        return self._start_tasks(list(self.tasks.hand_out_own_trace(team.members, team.own_trace or [], limit)))
 
     def _start_tasks(self, handed_out: Sequence[tuple[Member, Task]]) -> list[Instruction]:
         return [Send(member.identity, protocol.StartTask(self.epoch_of(member), task)) for member, task in handed_out]
@@ -502,10 +483,10 @@ class Phases:
                 raise ProtocolError(f"a result came for task {result.number} while nothing is rendered")
             return []
         if team.own_trace is not None and isinstance(result, PhotonsTraced) and result.number in member.in_flight:
-            self._tasks.take_own_trace(member, result)
+            self.tasks.take_own_trace(member, result)
             out = self._hand_out_own_trace(team)
             return out if team.at_work else out + self._lead(team, session, now)
-        task = self._tasks.take(member, result, now)
+        task = self.tasks.take(member, result, now)
         self._moved_at = now
         if task is None:
             self._dropped["repeated result"] += 1

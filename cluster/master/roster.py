@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from wdpm.cluster.host_memory import SlaveMemory, rooms_of
 from wdpm.cluster.limits import ClusterLimits
@@ -55,6 +55,24 @@ class Roster:
         rooms = rooms_of([SlaveMemory(each.hello.host, each.hello.memory, each.hello.own_memory) for each in there])
         room = {member.number: of_member for member, of_member in zip(there, rooms, strict=True)}
         return [slave for slave in slaves if room[slave.number] >= self._room]
+
+    def teams_of_spare(self, team_size: int) -> Iterator[Team]:
+        """New teams of slaves that were in none, while there are enough for one."""
+        while self.able_spare >= team_size:
+            self.teams.append(Team(self.take_spare(team_size), team_size))
+            yield self.teams[-1]
+
+    def fill_up(self, team: Team, size: int) -> None:
+        """Bring a team that begins anew to a size, as far as there are spare slaves; without any it is no more."""
+        team.size = size
+        team.members += self.take_spare(size - len(team.members))
+        if not team.members:
+            self.teams.remove(team)
+        if all(each.behind for each in self.teams):
+            for each in self.teams:  # nobody is left that could go on without them
+                each.behind = False
+        if not self.teams and (last := self.take_spare(size, anyone=True)):
+            self.teams.append(Team(last, size))
 
     def take_spare(self, count: int, *, anyone: bool = False) -> list[Member]:
         """At most so many slaves that are in no team, and have room for a share of the scene.

@@ -42,6 +42,7 @@ class Team:
         traced: tasks of a trace of all teams that this one has done.
         own_trace: tasks of a trace of its own that are not handed out; None if it makes none.
         view, records: numbers of the view and of the irradiance records that its slaves have.
+        early: whether it has begun with tasks before it has the records that they need.
         owed: answers to orders that nobody waits for.
         behind: the others trace photons and build maps without it, since they had waited for it too long.
     """
@@ -60,6 +61,7 @@ class Team:
     own_trace: list[PhotonTask] | None = None
     view: int = 0
     records: int = 0
+    early: bool = False
     owed: Counter[type[protocol.FromSlave]] = field(default_factory=Counter)
     behind: bool = False
 
@@ -83,9 +85,15 @@ class Team:
         """Whether it builds these maps with others, or has built them."""
         return self.awaits is protocol.MapsBuilt or self.has_maps(trace)
 
+    @property
+    def needs_no_other(self) -> bool:
+        """Whether it is one slave that has the whole scene, and does its tasks itself, one after another."""
+        return len(self.holders) == 1 and all(member.hello.processes == 1 for member in self.members)
+
     def works(self, trace: int, view: int, records: int) -> bool:
         """Whether it has all that tasks of a view need."""
-        return self.awaits is None and self.has_maps(trace) and (self.view, self.records) == (view, records)
+        up_to_date = self.view == view and (self.early or self.records == records)
+        return self.awaits is None and self.has_maps(trace) and up_to_date
 
     def answers_late(self, answer: type[protocol.FromSlave]) -> bool:
         """Whether an answer is one that nobody waits for; it is owed no more."""
@@ -112,6 +120,7 @@ class Team:
         self.ready = self.mapped = False
         self.traced, self.own_trace = [], None
         self.trace = self.view = self.records = 0
+        self.early = False
         self.owed.clear()
 
     def begin(self, epoch: int, burdens: Sequence[float]) -> None:
@@ -194,6 +203,22 @@ def silent_in_maps(teams: Sequence[Team], trace: int, now: float, began: float) 
         if silence > LATE_S and silence > now - silence - began
     ]
     return silent if len(silent) < len(together) else []
+
+
+def begin_early(
+    teams: Sequence[Team], trace: int, view: int, records: int
+) -> list[tuple[Member, protocol.AwaitRecords]]:
+    """Have slaves that need no others begin with what needs no records, while these are worked out; but not one alone.
+
+    Args:
+        trace, view, records: numbers of those that a slave must have to begin.
+    """
+    early = [team for team in teams if team.needs_no_other and not team.at_work and team.works(trace, view, records)]
+    if sum(len(team.members) for team in teams) == 1:
+        return []
+    for team in early:
+        team.early = True
+    return [(member, protocol.AwaitRecords(team.epoch)) for team in early for member in team.members]
 
 
 def all_share_memory(teams: Sequence[Team]) -> bool:

@@ -21,7 +21,7 @@ from wdpm.cluster.task import Task, TaskResult
 from wdpm.cluster.world import NO_REGIONS, PhotonPlan, View, World
 from wdpm.scenes.flat.arrays import Triangles
 
-PROTOCOL = 19
+PROTOCOL = 20
 
 
 # From a slave to the master.
@@ -284,6 +284,13 @@ class SetView:
 
 
 @dataclass(frozen=True)
+class AwaitRecords:
+    """Other irradiance records follow: what reads records waits for them, and all else that is started goes on."""
+
+    epoch: int
+
+
+@dataclass(frozen=True)
 class SetRecords:
     """The irradiance records of all rounds so far, in place of those sent before, for what follows."""
 
@@ -437,41 +444,14 @@ class StatusReport:
 FromReader = AskStatus
 ToReader = StatusReport | Rejected
 
-FromSlave = (
-    Hello
-    | PartitionReceived
-    | Ready
-    | TaskDone
-    | MapsBuilt
-    | ViewSet
-    | RecordsSet
-    | PhotonsForgotten
-    | Statistics
-    | PeerGone
-    | PeerUnreachable
-    | Vitals
-    | Note
-    | Failed
-    | Goodbye
-    | Heartbeat
-    | Rejected
-)
-FromMaster = (
-    Welcome
-    | Refuse
-    | Setup
-    | Partition
-    | StartTask
-    | BuildMaps
-    | SetView
-    | SetRecords
-    | ForgetPhotons
-    | ReadStatistics
-    | Dismissed
-    | Stop
-    | Heartbeat
-    | Rejected
-)
+Progress = PartitionReceived | Ready | TaskDone | MapsBuilt | ViewSet | RecordsSet | PhotonsForgotten | Statistics
+"""What a slave says in an epoch."""
+
+FromSlave = Hello | Progress | PeerGone | PeerUnreachable | Vitals | Note | Failed | Goodbye | Heartbeat | Rejected
+Ordered = Partition | StartTask | BuildMaps | SetView | AwaitRecords | SetRecords | ForgetPhotons | ReadStatistics
+"""What a slave is told in an epoch."""
+
+FromMaster = Welcome | Refuse | Setup | Ordered | Dismissed | Stop | Heartbeat | Rejected
 FromPeer = PeerHello | PeerBatches
 PeerAnswer = PeerWelcome | Rejected
 Message = FromSlave | FromMaster | FromPeer | PeerAnswer | FromReader | ToReader

@@ -49,7 +49,11 @@ class Worker(Protocol):
 
     def statistics(self) -> dict[str, Any]: ...
 
+    def await_records(self) -> None: ...
+
     def set_records(self, records: Records) -> None: ...
+
+    def go_on(self) -> Outbox: ...
 
     def forget_photons(self, plan: PhotonPlan) -> None: ...
 
@@ -166,6 +170,11 @@ class FinishMaps:
 
 
 @dataclass(frozen=True)
+class AwaitRecords:
+    """Have what reads irradiance records wait for those that SetRecords brings."""
+
+
+@dataclass(frozen=True)
 class SetRecords:
     """Have these irradiance records, in place of those before."""
 
@@ -194,6 +203,7 @@ Job = (
     | SortTrees
     | BuildMaps
     | FinishMaps
+    | AwaitRecords
     | SetRecords
     | ForgetPhotons
     | ReadStatistics
@@ -317,8 +327,11 @@ class Compute:
                 worker.finish_maps()
             case SetRecords(records):
                 worker.set_records(records)
+                outbox = worker.go_on()
                 # The job is not kept: the worker keeps those that reach its cells.
-                return Outcome(SetRecords(NO_RECORDS))
+                return Outcome(SetRecords(NO_RECORDS), outbox.batches, outbox.results)
+            case AwaitRecords():
+                worker.await_records()
             case ForgetPhotons(plan):
                 worker.forget_photons(plan)
             case ReadStatistics():

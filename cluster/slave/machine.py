@@ -310,17 +310,7 @@ class Slave:
             return self._drop(f"{type(message).__name__} of another epoch")
         return self._ordered(message, now)
 
-    def _ordered(
-        self,
-        message: protocol.Partition
-        | protocol.StartTask
-        | protocol.BuildMaps
-        | protocol.SetView
-        | protocol.SetRecords
-        | protocol.ForgetPhotons
-        | protocol.ReadStatistics,
-        now: float,
-    ) -> list[Instruction]:
+    def _ordered(self, message: protocol.Ordered, now: float) -> list[Instruction]:
         match message:
             case protocol.Partition():
                 return self._receive(message)
@@ -330,6 +320,8 @@ class Slave:
                 return self._build_maps(message, now)
             case protocol.SetView(_, view):
                 self._work.orders.append(jobs.SetView(view))
+            case protocol.AwaitRecords():
+                self._work.orders.append(jobs.AwaitRecords())
             case protocol.SetRecords(_, records):
                 self._work.orders.append(jobs.SetRecords(records))
             case protocol.ForgetPhotons(_, plan):

@@ -40,6 +40,9 @@ Home = PhotonHome | RecordHome | BucketHome
 
 RAYS = frozenset(set(Kind) - TO_HOME - OF_MAPS)
 
+READS_RECORDS = frozenset({Kind.SHADE, Kind.CANDIDATE_HIT})
+"""What asks the irradiance cache, before anything else in a task that has a use for it does."""
+
 PIECE_ROWS = 1 << 15
 """Rays that a home starts in a cell of its own worker, at a time: far more than are worth a launch."""
 
@@ -74,6 +77,8 @@ class CellWorker:
         self.cells = {cell: Cell(cell, triangles, self.replica) for cell, triangles in sorted(partition.items())}
         self._guards = Guards(self.replica)  # of its homes
         self._homes: dict[int, Home] = {}
+        self._awaits_records = False
+        self._put_aside: list[Batch] = []  # until records are here
         self._traffic = dict.fromkeys(
             ("rays_in", "rays_out", "rays_put_off", "bytes_in", "bytes_out", "bytes_put_off"), 0
         )
@@ -84,6 +89,8 @@ class CellWorker:
 
     def set_view(self, view: View) -> None:
         """Look through a camera; before buckets are started. What is counted for each view begins anew."""
+        self._awaits_records = False
+        self._put_aside.clear()
         self.replica.set_view(view)
         self._traffic, self._busy = dict(self._photon_traffic), self._photon_busy
         self._guards.counts.clear()
@@ -116,6 +123,8 @@ class CellWorker:
         new = {cell: Cell(cell, triangles, self.replica) for cell, triangles in partition.items()}
         self.cells = dict(sorted((kept | new).items()))
         self._homes.clear()
+        self._awaits_records = False
+        self._put_aside.clear()
         self.adopt(world)
 
     def start(self, task: Task, samples: Sequence[range] = ()) -> Outbox:
@@ -155,6 +164,19 @@ class CellWorker:
                 self._traffic["rays_in"] += len(batch)
         outbox = Outbox()
         self._run(batches, outbox)
+        self._busy += time.perf_counter() - began
+        return outbox
+
+    def await_records(self) -> None:
+        """Put aside what reads irradiance records until others are set; for who has the whole scene."""
+        self._awaits_records = True
+
+    def go_on(self) -> Outbox:
+        """Work off what was put aside until records were set."""
+        began = time.perf_counter()
+        outbox, self._awaits_records = Outbox(), False
+        put_aside, self._put_aside = self._put_aside, []
+        self._run(put_aside, outbox)
         self._busy += time.perf_counter() - began
         return outbox
 
@@ -369,6 +391,9 @@ class CellWorker:
         waiting.extend(batches)
         while waiting:
             batch = waiting.pop()
+            if self._awaits_records and batch.kind in READS_RECORDS:
+                self._put_aside.append(batch)
+                continue
             comes_home = batch.kind in TO_HOME
             follows = self._receive(batch, outbox) if comes_home else self._cell_of(batch).advance(batch)
             for following in by_home(follows):

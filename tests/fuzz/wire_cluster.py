@@ -49,6 +49,7 @@ NEVER_SENT = (
     p.PeerUnreachable(1, "no answer"),
     p.TaskDone(1, RecordsMade(0, 0, irradiance_records(3), 12)),
     p.StartTask(1, RecordTask(0, 0, 0, 9)),
+    p.AwaitRecords(1),
     p.SetRecords(1, irradiance_records(2)),
     p.ForgetPhotons(1, make_world(2).photon_plan),
     p.Stop("enough", False),
@@ -194,6 +195,8 @@ class WireCluster:
                         self._numbers[_number(identity)] = message.number
                     if identity != _identity(STRANGER):
                         self._send((MASTER, _number(identity), False), message)
+                case m.GoOnLater():
+                    self._to_master(m.GoOn())
                 case m.MakePartition(cell):
                     self._to_master(m.PartitionMade(cell, self.session.partition(cell)))
                 case m.Finished(result):

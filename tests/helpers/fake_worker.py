@@ -50,18 +50,22 @@ class FakeWorker:
         self.triangles = sum(len(triangles) for triangles in partition.values())
         self.view: View | None = None
         self.open: dict[int, tuple[Task, int]] = {}
+        self.put_aside: list[Task] | None = None  # while records are awaited
         self.photons = self.ghosts = self.copied = 0
         self.maps_built = False
 
     def set_view(self, view: View) -> None:
         assert self.maps_built
-        self.view = view
+        self.view, self.put_aside = view, None
 
     def start(self, task: Task) -> Outbox:
         time.sleep(self.delay)
         assert task.number not in self.open
         assert isinstance(task, PhotonTask) or self.view is not None
         outbox = Outbox()
+        if self.put_aside is not None:
+            self.put_aside.append(task)
+            return outbox
         self.open[task.number] = (task, len(self.holders))
         kind = Kind.LANDED if isinstance(task, PhotonTask) else Kind.SHADE
         for cell in range(len(self.holders)):
@@ -127,6 +131,7 @@ class FakeWorker:
         kept = {cell for cell in self.cells if holders[cell] == self.number}
         assert kept | set(partition) == {cell for cell, holder in enumerate(holders) if holder == self.number}
         self.triangles = sum(5 + cell for cell in kept) + sum(len(triangles) for triangles in partition.values())
+        self.put_aside = None
         self.cells, self.holders = sorted(kept | set(partition)), holders
         self.open.clear()
         self.forget_photons(world.photon_plan)
@@ -164,8 +169,20 @@ class FakeWorker:
     def finish_maps(self) -> None:
         self.maps_built = True
 
+    def await_records(self) -> None:
+        self.put_aside = []
+
     def set_records(self, records: Records) -> None:
         self.records = records
+
+    def go_on(self) -> Outbox:
+        """Tasks of which nothing is done before the records are there."""
+        put_aside, self.put_aside = self.put_aside or [], None
+        outboxes = [self.start(task) for task in put_aside]
+        return Outbox(
+            [batch for outbox in outboxes for batch in outbox.batches],
+            [result for outbox in outboxes for result in outbox.results],
+        )
 
     def forget_photons(self, plan: PhotonPlan) -> None:
         self.world = self.world.with_photons(plan)

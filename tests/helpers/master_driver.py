@@ -33,7 +33,11 @@ class Driver:
 
     def __call__(self, event: m.Event) -> list[m.Instruction]:
         self.now += 0.001
-        return self.master.handle(event, self.now)
+        out = self.master.handle(event, self.now)
+        if m.GoOnLater() in out:
+            out.remove(m.GoOnLater())
+            out += self(m.GoOn())
+        return out
 
     def says(self, identity: bytes, message: p.FromSlave) -> list[m.Instruction]:
         return self(m.SlaveSaid(identity, message))

@@ -64,7 +64,7 @@ def test_photons_of_a_late_slave_are_traced_by_others() -> None:
     assert not noted(later(driver, LATE_S - 1.0))
     out = later(driver, 3.0)
     assert LEFT in noted(out)
-    assert driver.master._phases._tasks._left == 2 * 100, "what it has traced is with it"
+    assert driver.master._phases.tasks._left == 2 * 100, "what it has traced is with it"
     again = tasks_of(out, A)
     [setup] = [message for message in sent(out, B) if isinstance(message, p.Setup)]
     assert setup.kept == (0,)

@@ -176,6 +176,7 @@ MESSAGES: dict[type, st.SearchStrategy[Any]] = {
     ),
     p.Dismissed: st.builds(p.Dismissed, texts),
     p.SetView: st.builds(p.SetView, epochs, views),
+    p.AwaitRecords: st.builds(p.AwaitRecords, epochs),
     p.SetRecords: st.builds(p.SetRecords, epochs, records),
     p.ForgetPhotons: st.builds(lambda epoch: p.ForgetPhotons(epoch, make_world(1).photon_plan), epochs),
     p.ReadStatistics: st.builds(p.ReadStatistics, epochs),

@@ -115,7 +115,7 @@ class SimulatedCluster:
         network = self._transport.open(None)
         listener = network.listen(MASTER, Role.MASTER, FROM_SLAVE)
         state = Master(hardware.slaves, {})
-        self._master_shell = MasterShell(state, listener, self._answer, clock=lambda: self.clock.now)
+        self._master_shell = MasterShell(state, listener, self._answer, clock=lambda: self.clock.now, later=self._later)
         self._master = self._processes[network] = self._process(self._machines[0])
         self._planner = Thread(self._machines[0].processor)  # as planning goes on, slaves may have begun
         self._master.take_in = self._master_shell.receive
@@ -274,6 +274,10 @@ class SimulatedCluster:
             return time.thread_time() - began, lambda: self._have(self._master, lambda: self._master_shell.handle(made))
 
         self._decided.append(lambda: self._master.compute.submit(work))
+
+    def _later(self, do: Callable[[], None]) -> None:
+        """Have the master do something in a turn of its own."""
+        self._decided.append(lambda: self._have(self._master, do))
 
     def _finish(self, result: SessionResult) -> None:
         self._result = result
