@@ -64,8 +64,7 @@ class Phases:
         phase: what is waited for.
         session: what is rendered, or waits for slaves to join.
         ahead: whether the session has begun ahead of its view.
-        roster: the slaves that share the work, in teams.
-        tasks: of the session.
+        roster, tasks: the slaves that share the work, in teams, and what they share.
     """
 
     def __init__(self, members: Members, limits: ClusterLimits, dropped: Counter[str]) -> None:
