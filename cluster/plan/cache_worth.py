@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from wdpm.cluster.plan.map_plans import irradiance_plan, map_plans
+from wdpm.cluster.plan.map_plans import MapPlans, irradiance_plan, map_plans
 from wdpm.cluster.plan.photon_pilot import PhotonPilot
 from wdpm.cluster.plan.pilot_gathers import PILOT_K
 from wdpm.cluster.plan.small_view import SeenPlaces, small_camera, without_photons
@@ -36,19 +36,34 @@ def unread_share(flat: FlatScene, pilot: PhotonPilot, settings: RenderSettings) 
     Args:
         pilot: that was flown for these settings, which have final gathering.
     """
-    photons, flown = pilot.photons[GLOBAL_MAP], pilot.world.global_map.paths
-    plans = map_plans(pilot, settings, flat)
-    planned = plans.maps[GLOBAL_MAP]
-    if not planned.paths or not len(photons["id"]):
+    planned = map_plans(pilot, settings, flat)
+    if not planned.maps[GLOBAL_MAP].paths or not len(pilot.photons[GLOBAL_MAP]["id"]):
         return 1.0
     places = _seen(flat, pilot, settings)
-    position = places.all("position")
+    return unread_at(pilot, settings, planned, places.all("position"), places.all("normal"))
+
+
+def unread_at(
+    pilot: PhotonPilot,
+    settings: RenderSettings,
+    planned: MapPlans,
+    position: NDArray[np.float32],
+    normal: NDArray[np.float32],
+) -> float:
+    """The same of gather rays that arrive at some places.
+
+    Args:
+        position, normal: of the places, shape [P, 3].
+    """
+    plan, maps, flown = irradiance_plan(pilot, settings, planned), planned.maps, pilot.world.global_map.paths
+    if not maps[GLOBAL_MAP].paths or not len(pilot.photons[GLOBAL_MAP]["id"]):
+        return 1.0
     if not len(position):
         return 0.0
-    plan = irradiance_plan(pilot, settings, plans)
-    _, radius = pilot.among(GLOBAL_MAP).gather(position, places.all("normal"), pilot.world.extent)
+    _, radius = pilot.among(GLOBAL_MAP).gather(position, normal, pilot.world.extent)
     # Photons are strewn at random: where some number is expected, there is none with a probability of exp(-number).
-    expected = PILOT_K * plan.share * planned.paths / flown * (plan.reach / radius.astype(np.float64)) ** 2
+    share = plan.share * maps[GLOBAL_MAP].paths / flown
+    expected = PILOT_K * share * (plan.reach / radius.astype(np.float64)) ** 2
     return float(np.exp(-expected).mean())
 
 

@@ -19,6 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from wdpm.cluster.integrators.indirect_choice import LAMBERTIAN_SHARE
+from wdpm.cluster.plan.cache_worth import unread_at
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide
 from wdpm.cluster.plan.map_plans import MapPlans, map_plans, with_fewer_paths
@@ -67,6 +69,12 @@ LEFT_BY_CACHE = 0.003
 """Error that samples do not lessen, as a share of the square of indirect light: noise and blur of gathers of 50
 photons, and of irradiance records of 16 samples a pixel. On cbox and sibenik 0.013 to 0.022, and 0.001 to 0.004."""
 
+OVER_WIDE = 0.1
+"""Blur, as a share of the square of indirect light, from which on a map's gathers are wider than what they are to show:
+in ordinary rooms it is a fiftieth of that (LEFT_BY_MAP). In a car under the open sky it was 0.8, and regions of the
+image were off by 14 % (root mean square); by the irradiance cache, in the same time, by 4 %, most of it their
+reference's."""
+
 HIDDEN_MOST = 1e-3
 """Of all light of an image, what path tracing may leave out: less than photons are off by."""
 
@@ -81,6 +89,7 @@ class IntegratorChoice:
         pilot: that was flown for photons.
         learnt: how shadow rays choose among lights, in the trial as in the render.
         noise: squared error of a sample of each pixel of the trial, with what was chosen, shape [height, width].
+        instead: where indirect light comes from by photons, in words, where that is not what was chosen before.
     """
 
     settings: RenderSettings
@@ -88,6 +97,7 @@ class IntegratorChoice:
     pilot: PhotonPilot
     learnt: Learnt
     noise: Values
+    instead: tuple[str, ...] = ()
 
 
 def trial_features(flat: FlatScene, settings: RenderSettings) -> Features:
@@ -126,21 +136,69 @@ def choose_integrator(
     learnt = learn_guide(flat, pilot.cell, view)
     paths = replace(settings, integrator=Integrator.PATH, indirect=Indirect.MAP)
     trial = _try_both(flat, pilot, photons, paths, learnt)
-    photons, plans, fewer = _with_photons_of_worth(flat, plans, trial, photons)
+    spp = -(-settings.spp // settings.passes)
+    ways = [_by_photons(flat, plans, trial, photons)]
+    if settings.indirect is Indirect.AUTO and _is_over_wide(trial, plans, photons):
+        rays = Indirect.CACHE if trial.lambertian >= LAMBERTIAN_SHARE else Indirect.GATHER
+        ways.append(_by_photons(flat, plans, trial, replace(photons, indirect=rays)))
+    best = ways[-1] if ways[-1].way.is_better_than(ways[0].way) else ways[0]
+    instead = () if best is ways[0] else (_rays_in_words(best.way, ways[0].way, best.settings),)
     if trial.caustics.hidden > HIDDEN_MOST:
         words = f"photons, since no path finds {trial.caustics.hidden:.1%} of the light: caustics of lamps without size"
-        return IntegratorChoice(photons, words + fewer, pilot, learnt, trial.noises_by(photons))
+        noises = trial.noises_by(best.settings)
+        return IntegratorChoice(best.settings, words + best.fewer, pilot, learnt, noises, instead)
     # Of one pass: with more of the same kind errors fall and prices rise alike, and what goes on must choose alike.
-    spp, of_caustics = -(-settings.spp // settings.passes), trial.caustics.noise
     prices = Prices(flat, plans, spp)
-    photons_error = trial.noise_by(photons) / spp + _left_by_map(trial, plans, photons, spp)
-    photons_cost = prices.of_photons(trial, photons)
-    by_path = min(trial.by_paths, key=lambda way: (way.noise + of_caustics) * prices.of_paths(way))
-    path_error, path_cost = (by_path.noise + of_caustics) / spp, prices.of_paths(by_path)
-    of_photons, of_paths = Way(photons_error, photons_cost), Way(path_error, path_cost, of_caustics / spp)
-    chosen = by_path.settings if of_paths.is_better_than(of_photons) else photons
-    words = words_for(of_paths, of_photons) + (fewer if chosen is photons else "")
-    return IntegratorChoice(chosen, words, pilot, learnt, trial.noises_by(chosen))
+    every = [_by_paths(trial, prices, spp, figures) for figures in trial.by_paths]
+    by_path, of_paths = min(every, key=lambda each: each[1].error * each[1].price)
+    chosen = by_path.settings if of_paths.is_better_than(best.way) else best.settings
+    words = words_for(of_paths, best.way) + (best.fewer if chosen is best.settings else "")
+    return IntegratorChoice(chosen, words, pilot, learnt, trial.noises_by(chosen), instead)
+
+
+@dataclass(frozen=True)
+class _ByPhotons:
+    """What an image by photons is expected to come to.
+
+    Attributes:
+        settings: with as many photons as are worth it.
+        fewer: in words, where these are fewer than by default.
+    """
+
+    settings: RenderSettings
+    way: Way
+    fewer: str
+
+
+def _by_photons(flat: FlatScene, plans: MapPlans, trial: Trial, photons: RenderSettings) -> _ByPhotons:
+    """With photons of worth."""
+    spp = -(-photons.spp // photons.passes)
+    settings, fewer, words = _with_photons_of_worth(flat, plans, trial, photons)
+    error = trial.noise_by(settings) / spp + _left_by_map(trial, fewer, settings, spp)
+    return _ByPhotons(settings, Way(error, Prices(flat, fewer, spp).of_photons(trial, settings)), words)
+
+
+def _by_paths(trial: Trial, prices: Prices, spp: int, figures: Figures) -> tuple[Figures, Way]:
+    grain = figures.noise / spp
+    of_caustics = trial.caustics.left(spp, grain)
+    return figures, Way(grain + of_caustics, prices.of_paths(figures), of_caustics)
+
+
+def _is_over_wide(trial: Trial, plans: MapPlans, photons: RenderSettings) -> bool:
+    """Whether gathers of the global map, read where the camera looks, are wider than what they are to show."""
+    error = trial.map_errors[GLOBAL_MAP]
+    if error is None or photons.indirect is not Indirect.MAP:
+        return False
+    return error.of_blur(plans.expected[GLOBAL_MAP]) > OVER_WIDE * trial.by_paths[0].indirect
+
+
+def _rays_in_words(rays: Way, by_map: Way, settings: RenderSettings) -> str:
+    """What was chosen in place of an over-wide map."""
+    ratio = rays.error * rays.price / (by_map.error * by_map.price)
+    return (
+        f"indirect light: {settings.indirect.value}, since photons lie wider apart than light is alike, and its error "
+        f"times price is expected to be {ratio:.2g} of that of the photon map"
+    )
 
 
 def _with_photons_of_worth(
@@ -241,12 +299,15 @@ def _try_both(
     of_global, of_caustics = _map_errors(flat, pilot, photons, places, truth, epsilon)
     if of_global is not None:
         of_global = of_global.of_light(by_path.indirect)
+    some = _some(len(places.all("pixel")))
+    looks = places.all("position")[some], places.all("normal")[some]
+    unread = unread_at(pilot, replace(photons, indirect=Indirect.CACHE), map_plans(pilot, photons, flat), *looks)
     noises = (
         photon_halves.noise(weight).mean(axis=2),
         path_halves.noise(weight).mean(axis=2),
         path_halves.noise(weight, "indirect").mean(axis=2),
     )
-    return Trial(by_photons, ways, caustics, places.lambertian, (of_global, of_caustics), noises)
+    return Trial(by_photons, ways, caustics, places.lambertian, unread, (of_global, of_caustics), noises)
 
 
 def _map_errors(
@@ -262,7 +323,7 @@ def _map_errors(
     pixel = places.all("pixel")
     if not len(pixel):
         return None, None
-    some = np.linspace(0, len(pixel) - 1, min(GATHERED_PLACES, len(pixel))).astype(np.intp)
+    some = _some(len(pixel))
     position, normal = places.all("position")[some], places.all("normal")[some]
     radiance = truth.mean(axis=2).reshape(-1)[pixel[some]]
     of_sample = len(pixel) / (CHOICE_SAMPLES * truth.shape[0] * truth.shape[1])  # places
@@ -284,6 +345,11 @@ def _map_errors(
         return map_error(pilot, number, k, position, normal, each, area, reach)
 
     return error(GLOBAL_MAP, photons.k, factor), error(CAUSTIC_MAP, photons.caustic_k, among_caustics)
+
+
+def _some(count: int) -> NDArray[np.intp]:
+    """Up to GATHERED_PLACES of so many places."""
+    return np.linspace(0, max(count - 1, 0), min(GATHERED_PLACES, count)).astype(np.intp)
 
 
 def _pixel_areas(camera: Camera, position: NDArray[np.float32], normal: NDArray[np.float32]) -> Values:

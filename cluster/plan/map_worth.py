@@ -212,12 +212,16 @@ class MapError:
             gathered: the map is read by many gather rays, which average out noise, but for that of all its photons,
                 and most of the blur.
         """
-        squares, full = float(self.squares.mean()), np.clip(self.held / self.k, LEAST_HELD, 1.0)
-        blur = min(self.blur * float(full.mean()) / photons, squares)  # at worst, all light is elsewhere
+        full, blur = np.clip(self.held / self.k, LEAST_HELD, 1.0), self.of_blur(photons)
         if gathered:
             return GATHERED_BLUR * blur + float((self.noise / full).mean()) * self.k / photons
         differ = np.minimum(1.0 + self.discs * photons, spp)
         return float((self.noise / (differ * full)).mean()) + blur
+
+    def of_blur(self, photons: float) -> float:
+        """The part of it that is blur, in a map of so many photons."""
+        full = np.clip(self.held / self.k, LEAST_HELD, 1.0)
+        return min(self.blur * float(full.mean()) / photons, float(self.squares.mean()))  # at worst, all is elsewhere
 
     def of_light(self, square: float) -> MapError:
         """The same where light is known to be as much by other means: the pilot's wide gathers reach past surfaces.

@@ -34,23 +34,56 @@ from wdpm.scenes.model.leaf_kind import BLACK
 Values = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
+FIREFLIES = 1e-4
+"""Of an image's pixels, those that may meet a caustic for it to count by what the others lack. Ten times as many of the
+worst are left out where errors of images are measured (`wdpm bench peers`)."""
+
+MOST_LACKED = 5e-3
+"""Of an image's light, what may be found by so few."""
+
+LACKED_BESIDE_GRAIN = 0.1
+"""Squared error of what the others lack, as a share of what samples leave: light that is missing has a shape, and is
+seen where grain of the same error is not."""
+
+
+@dataclass(frozen=True, eq=False)
 class PathCaustics:
     """What path tracing makes of the caustics of an image.
 
     Attributes:
         noise: that they add to a sample of every pixel, as relMSE.
         hidden: the share of the image's light that no path finds: caustics of lamps without size.
+        chance: that a sample of a pixel meets one, shape [pixels].
+        share: of them in the image's light.
+        square: of what they bring, as relMSE is weighted.
     """
 
     noise: float
     hidden: float
+    chance: Values
+    share: float
+    square: float
+
+    def left(self, spp: int, grain: float) -> float:
+        """What they add to the error of an image, as relMSE.
+
+        Where hardly a pixel meets one, all others lack their light, and that is the error that is seen: a few that are
+        a million times too bright would otherwise outweigh whatever photons get wrong everywhere.
+
+        Args:
+            spp: samples of a pixel.
+            grain: that samples leave besides.
+        """
+        met = float((-np.expm1(-spp * self.chance)).mean()) if len(self.chance) else 0.0
+        if met <= FIREFLIES and self.share <= MOST_LACKED and self.square <= LACKED_BESIDE_GRAIN * grain:
+            return self.square
+        return self.noise / spp
 
 
 GREY = 0.5
 """Photons are stored on it; what it reflects of them is no caustic any more."""
 
-NO_CAUSTICS = PathCaustics(0.0, 0.0)
+NO_CAUSTICS = PathCaustics(0.0, 0.0, np.zeros(0), 0.0, 0.0)
 
 
 def caustics_by_paths(
@@ -86,9 +119,14 @@ def caustics_by_paths(
     found = by_pixel(weight * irradiance(sized))
     radiance = np.maximum(truth.mean(axis=2).reshape(-1), found + hidden)
     second = by_pixel(np.pi * weight**2 * irradiance(np.where(sized, bright, 0.0)))
+    once = np.divide(1.0, np.pi * bright, out=np.zeros(len(bright)), where=sized & (bright > 0))
+    whole, relative = float(radiance.sum()), 1.0 / (radiance**2 + epsilon)
     return PathCaustics(
-        float((second / (radiance**2 + epsilon)).mean()),
-        float(hidden.sum() / radiance.sum()) if radiance.any() else 0.0,
+        float((second * relative).mean()),
+        float(hidden.sum()) / whole if whole > 0 else 0.0,
+        by_pixel(irradiance(once)),
+        float(found.sum()) / whole if whole > 0 else 0.0,
+        float((found**2 * relative).mean()),
     )
 
 

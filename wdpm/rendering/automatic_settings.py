@@ -57,7 +57,7 @@ def choose_settings(
         return replace(by_photons, chose=(f"integrator: {why}", *by_photons.chose))
     compile_for(trial_features(flat, settings))
     choice = choose_integrator(flat, settings, by_photons.settings, launcher, by_photons.pilot)
-    others = by_photons.chose if choice.settings.algorithm.shoots_photons else ()
+    others = (choice.instead or by_photons.chose) if choice.settings.algorithm.shoots_photons else ()
     chosen = _with_light_samples(flat, choice.settings)
     return ChosenSettings(chosen, (f"integrator: {choice.words}", *others), choice.pilot, choice.learnt, choice.noise)
 

@@ -28,6 +28,7 @@ class Trial:
         by_paths: of each way to trace paths.
         caustics: what paths make of those, where smooth surfaces make any.
         lambertian: the share of the diffuse surfaces that camera paths meet that records serve.
+        unread: the share of gather rays that would find no irradiance within reach.
         map_errors: what gathers of the global and the caustic map get wrong; None where too little is known.
         noises: of a sample of each pixel: by photons, by paths, and the part of these that indirect light makes, shape
             [height, width].
@@ -37,6 +38,7 @@ class Trial:
     by_paths: Sequence[Figures]
     caustics: PathCaustics
     lambertian: float
+    unread: float
     map_errors: Sequence[MapError | None]
     noises: tuple[Values, Values, Values]
 

@@ -76,17 +76,18 @@ class Prices:
         )
         caustic = GATHER * self._plans.caustic_k if maps[CAUSTIC_MAP].paths else 0.0
         asks = 1.0 + way.vertices
+        onward = 1.0 + trial.unread * trial.by_paths[0].vertices  # places that a gather ray comes to
         sample, records = self._rays(way) + asks * caustic, 0.0
         if settings.final_gathers:  # the rays read what of caustics was gathered ahead
             shot += IRRADIANCE_SHARE * self._plans.expected[GLOBAL_MAP] * caustic
         if settings.algorithm.has_irradiance_cache(settings):
             coats = 1.0 - trial.lambertian
             at_coats = coats * COAT_SHARE * (GATHER * settings.k + caustic)
-            ray = asks * ((VERTEX + SHADOW_RAY) * self._ray + at_coats)
+            ray = asks * (onward * (VERTEX + SHADOW_RAY) * self._ray + at_coats)
             sample += coats * ray
             records = self._record_rays(trial) * (RECORD_RAY + ray)
         elif settings.final_gathers:
-            sample += asks * (VERTEX + SHADOW_RAY) * self._ray
+            sample += asks * onward * (VERTEX + SHADOW_RAY) * self._ray
         else:
             sample += asks * GATHER * settings.k
         return self._trees + shot + records + self._pixels * self._spp * sample

@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 import window_room
+from two_rooms import rooms
 
 import wdpm
 from tests.helpers.effect_scenes import fogs
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.map_plans import IRRADIANCE_SHARE, MapPlans
 from wdpm.cluster.plan.map_worth import FEWEST, MapError, irradiance_by, map_error
-from wdpm.cluster.plan.path_caustics import NO_CAUSTICS
+from wdpm.cluster.plan.path_caustics import NO_CAUSTICS, PathCaustics
 from wdpm.cluster.plan.record_worth import TRIAL_PIXELS
 from wdpm.cluster.plan.render_plan import make_render_plan
 from wdpm.cluster.plan.small_view import Figures, small_camera
@@ -31,7 +32,7 @@ from wdpm.rendering.automatic_settings import ChosenSettings, choose_settings
 from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.flatten import flatten
-from wdpm.scenes.model.bsdfs import Conductor
+from wdpm.scenes.model.bsdfs import Conductor, Plastic
 from wdpm.scenes.model.lights import PointLight
 from wdpm.scenes.model.scene import Material, Scene
 
@@ -105,6 +106,50 @@ def test_caustics_of_small_bright_lamps_are_for_photons_and_those_of_wide_ones_a
         assert " of it by caustics" in each.chose[0]
 
 
+@pytest.mark.parametrize(("shine", "integrator"), [(0.3, Integrator.PATH), (1.0, Integrator.PHOTONS)])
+def test_faint_caustics_that_hardly_a_pixel_meets_are_no_reason_for_photons(
+    shine: float, integrator: Integrator
+) -> None:
+    """A tiny bright lamp on coats, of which one pixel in millions would be a million times too bright."""
+    tiny = with_lamp(SMALL, 0.0005)
+    coat = Material(tiny.materials[0].name, Plastic(specular_reflectance=(shine,) * 3))
+    found = settled(replace(tiny, materials=(coat, *tiny.materials[1:])), spp=2, all_effects=True)
+    assert found.settings.integrator is integrator
+    assert " of it by caustics" in found.chose[0]
+
+
+@pytest.mark.parametrize(
+    ("chance", "share", "square", "told"),
+    [(1e-6, 1e-3, 1e-5, 1e-5), (1e-4, 1e-3, 1e-5, 50.0), (1e-6, 1e-2, 1e-5, 50.0), (1e-6, 1e-3, 1e-2, 50.0)],
+    ids=["met by hardly any", "met by many", "much light", "light in one place"],
+)
+def test_caustics_count_by_what_is_lacked_only_where_that_is_not_seen(
+    chance: float, share: float, square: float, told: float
+) -> None:
+    assert PathCaustics(800.0, 0.0, np.full(100, chance), share, square).left(16, 0.03) == told
+
+
+def beside_others(lamp: float) -> Scene:
+    """Behind a wall six lamps so strong, before it a weak one, and a bulb whose light a mirror throws about."""
+    scene = rooms((PointLight("bulb", (0.5, 0.0, 1.0), (0.02, 0.02, 0.02)),), (64, 64))
+    strength = {40.0: (lamp,) * 3, 4.0: (0.02,) * 3}
+    lamps = [
+        mesh if mesh.emission is None else replace(mesh, emission=strength[mesh.emission[0]]) for mesh in scene.meshes
+    ]
+    lamps[3] = replace(lamps[3], material=len(scene.materials))
+    return replace(scene, meshes=tuple(lamps), materials=(*scene.materials, Material("mirror", Conductor())))
+
+
+@pytest.mark.parametrize(("lamp", "rays"), [(40.0, True), (0.0, False)], ids=["over-wide", "as wide as it must be"])
+def test_gathers_that_are_over_wide_give_way_to_rays(lamp: float, rays: bool) -> None:
+    """Nearly all photons fall behind the wall, and those before it lie as far apart as the room is wide."""
+    found = settled(beside_others(lamp), spp=16, all_effects=True)
+    assert found.settings.integrator is Integrator.PHOTONS
+    (line,) = (line for line in found.chose if line.startswith("indirect light: "))
+    assert found.settings.indirect is (Indirect.CACHE if rays else Indirect.MAP)
+    assert ("since photons lie wider apart than light is alike" in line) == rays
+
+
 def test_few_samples_have_fewer_photons_and_many_have_all() -> None:
     """Beside one sample's noise a map that is twice as blurred serves as well; beside that of many it does not."""
     scene = with_bulb(cornell_box((64, 64)))
@@ -161,7 +206,7 @@ def price(indirect: Indirect, lambertian: float, caustic_k: int, photons: float)
     settings = RenderSettings(integrator=Integrator.PHOTONS, indirect=indirect)
     figures = Figures(settings, noise=0.01, of_indirect=0.0, vertices=0.0, light_samples=1, indirect=1.0)
     noises = (np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
-    trial = Trial(figures, [figures], NO_CAUSTICS, lambertian, (None, None), noises)
+    trial = Trial(figures, [figures], NO_CAUSTICS, lambertian, 0.0, (None, None), noises)
     plans = MapPlans((MapPlan(1000), MapPlan(1000), MapPlan()), caustic_k, (), (photons, 0.0, 0.0))
     return Prices(flatten(SMALL), plans, 8).of_photons(trial, settings)
 
