@@ -29,8 +29,6 @@ from wdpm.scenes import cornell_box
 from wdpm.scenes.errors import ClusterError, GuardError
 from wdpm.scenes.model.scene import Camera, Medium, Mesh, Scene, diffuse
 
-pytestmark = pytest.mark.usefixtures("small_pilot")
-
 STRICT = replace(FEW, strict=True)
 PLACE = re.compile(r"pixel (\d+),(\d+), sample (\d+), vertex (\d+); .* --replay (\d+,\d+,\d+)")
 
