@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from enum import Enum
+from functools import cached_property
 from typing import Any
 
 from wdpm.scenes.model.bsdfs import LEAVES
@@ -89,12 +90,12 @@ class Features:
         """Whether kernels have the code of a kind of leaf."""
         return kind.feature is None or bool(getattr(self, kind.feature))
 
-    @property
+    @cached_property
     def glossy(self) -> bool:
         """Some surface has a part that is traced on, not gathered."""
         return any(leaf.KIND.glossy and self.compiles(leaf.KIND) for leaf in LEAVES)
 
-    @property
+    @cached_property
     def non_lambertian(self) -> bool:
         """Some diffuse part is not Lambertian."""
         return any(not leaf.KIND.lambertian and self.compiles(leaf.KIND) for leaf in LEAVES)

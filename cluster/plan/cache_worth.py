@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wdpm.cluster.plan.map_plans import MapPlans, irradiance_plan, map_plans
 from wdpm.cluster.plan.photon_pilot import PhotonPilot

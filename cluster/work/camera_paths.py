@@ -19,7 +19,7 @@ from wdpm.cluster.work.final_gather import Actions, FinalGather
 from wdpm.cluster.work.misses import missed_light, no_hits, rest_of, start_paths
 from wdpm.cluster.work.photon_gathers import PhotonGathering
 from wdpm.cluster.work.photon_store import PhotonStore
-from wdpm.cluster.work.replica import Replica, orders_of
+from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.work.shadows import Shadows
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
@@ -114,7 +114,7 @@ class CameraPaths:
             pixels=columns.upload(whole_samples.Pixels, pixels, device, written=()),
             start=start,
             samples=samples,
-            orders=orders_of(self._view, shots, asks=False),
+            orders=self._replica.orders(shots, asks=False),
             sums=sums,
             scratch=columns.empty_nested(vertices.Shaded, rows, device),
             sums_out=sums_out,
@@ -365,7 +365,7 @@ class CameraPaths:
         """
         if kernel is None:
             raise ProtocolError("a camera path goes on in a scene where none does")
-        replica, view = self._replica, self._view
+        replica = self._replica
         outputs, device = replica.outputs, replica.launcher.device
         ends = kernel is replica.kernels.shade_camera_hits
         counts = {
@@ -378,10 +378,10 @@ class CameraPaths:
         }
         shaded = columns.empty_nested(vertices.Shaded, counts, device)
         if ends:
-            orders = orders_of(view, shots, DiffuseLight.PHOTON_MAP, asks=self._asks(actions))
+            orders = replica.orders(shots, DiffuseLight.PHOTON_MAP, asks=self._asks(actions))
             replica.launcher(kernel, count, scene=self._scene, rays=rays, orders=orders, shaded_out=shaded)
         else:
-            orders = orders_of(view, shots, asks=self._asks(actions))
+            orders = replica.orders(shots, asks=self._asks(actions))
             codes = np.zeros(0, np.int32) if actions is None else actions.codes
             replica.launcher(
                 kernel,

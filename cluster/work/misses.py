@@ -15,7 +15,7 @@ from wdpm.cluster.runs import Numbers, Runs
 from wdpm.cluster.work import parts
 from wdpm.cluster.work.beams import start_beams
 from wdpm.cluster.work.guards import EMISSION, Guards
-from wdpm.cluster.work.replica import Replica, orders_of
+from wdpm.cluster.work.replica import Replica
 from wdpm.cluster.world import View
 from wdpm.kernels import columns
 from wdpm.kernels.camera.paths import Paths
@@ -73,7 +73,7 @@ def missed_light(
         count,
         scene=replica.scene,
         paths=paths,
-        orders=orders_of(view, 0),
+        orders=replica.orders(0),
         radiance_out=radiance,
         collision_out=collision,
         stretches_out=stretches,

@@ -107,6 +107,7 @@ class Replica:
         self._record_tree: Any = None
         self._view_lights: Any = None
         self._bare_scene: Any = None
+        self._orders: dict[tuple[int, DiffuseLight, bool], Any] = {}
         self._tiled_environment: Any = None
         device, tree = launcher.device, world.top_tree
         self._choose_kernels(world.features)
@@ -182,6 +183,7 @@ class Replica:
         self._view_lights = self._guided(view.guide)
         self.camera = camera.upload(view.camera, view.seed, self.launcher.device)
         self._bare_scene = None
+        self._orders.clear()
 
     @property
     def scene(self) -> Any:
@@ -221,28 +223,32 @@ class Replica:
         tables = guide.upload(**vars(known), sky=sky, device=self.launcher.device)
         return lights.guided(self.lights, tables, around)
 
+    def orders(self, shots: int, diffuse_light: DiffuseLight | None = None, *, asks: bool = True) -> Any:
+        """What is asked of vertices (kernels.camera.vertices.Orders), which is made once for a view.
+
+        Args:
+            shots: shadow rays of each vertex.
+            diffuse_light: where they find it, if not as the view says.
+            asks: whether some may ask for photons.
+        """
+        if self.view is None:
+            raise ValueError("vertices were to be lit before a view was set")
+        light = self.view.diffuse_light if diffuse_light is None else diffuse_light
+        asked = shots, light, asks
+        if asked not in self._orders:
+            orders = self._orders[asked] = Orders()
+            orders.light_samples, orders.shots = self.view.light_samples, shots
+            orders.max_depth = self.view.max_depth or 0
+            orders.diffuse_light = int(light)
+            orders.asks = int(asks)
+        return self._orders[asked]
+
     def tiled_environment(self) -> Any:
         """The environment as guides divide it (kernels.lights.environment.Environment): uploaded once."""
         if self._tiled_environment is None:
             axes = self.world.lights.environment_axes
             self._tiled_environment = environment.upload(self.tiled_sky.pixels, axes, self.launcher.device)
         return self._tiled_environment
-
-
-def orders_of(view: View, shots: int, diffuse_light: DiffuseLight | None = None, *, asks: bool = True) -> Any:
-    """What is asked of vertices: kernels.camera.vertices.Orders.
-
-    Args:
-        shots: shadow rays of each vertex.
-        diffuse_light: where they find it, if not as the view says.
-        asks: whether some may ask for photons.
-    """
-    orders = Orders()
-    orders.light_samples, orders.shots = view.light_samples, shots
-    orders.max_depth = view.max_depth or 0
-    orders.diffuse_light = int(view.diffuse_light if diffuse_light is None else diffuse_light)
-    orders.asks = int(asks)
-    return orders
 
 
 def with_camera(features: Features, view: Camera) -> Features:
