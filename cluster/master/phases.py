@@ -320,7 +320,7 @@ class Phases:
                 out = self._start_buckets(session)
             else:
                 self._make_records(rounds, session)
-        orders = begin_early(self.roster.teams, self._trace, self._view, self._records)
+        orders = begin_early(self.roster.teams, self._trace, self._view, self._records, self._members.cores)
         self._records += 1
         out += [Send(member.identity, order) for member, order in orders]
         return [*out, *self._hand_out(session, now), GoOnLater()]

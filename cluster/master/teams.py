@@ -7,7 +7,7 @@ there are several teams of several slaves: each holds a copy of what the others 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -206,16 +206,26 @@ def silent_in_maps(teams: Sequence[Team], trace: int, now: float, began: float) 
 
 
 def begin_early(
-    teams: Sequence[Team], trace: int, view: int, records: int
+    teams: Sequence[Team], trace: int, view: int, records: int, cores: Mapping[str, int]
 ) -> list[tuple[Member, protocol.AwaitRecords]]:
-    """Have slaves that need no others begin with what needs no records, while these are worked out; but not one alone.
+    """Have slaves that need no others begin with what needs no records, while these are worked out.
+
+    One alone does not, nor do those that the master would have to share its core with: all wait for what it works out.
 
     Args:
         trace, view, records: numbers of those that a slave must have to begin.
+        cores: of machines of which that is known, by name: of the master's.
     """
     early = [team for team in teams if team.needs_no_other and not team.at_work and team.works(trace, view, records)]
-    if sum(len(team.members) for team in teams) == 1:
+    members = [member for team in teams for member in team.members]
+    if len(members) == 1:
         return []
+    for host, count in cores.items():
+        spare = count - sum(member.hello.threads for member in members if member.hello.host == host)
+        for team in [team for team in early if team.members[0].hello.host == host]:
+            if spare < 1:
+                early.remove(team)
+                spare += team.members[0].hello.threads
     for team in early:
         team.early = True
     return [(member, protocol.AwaitRecords(team.epoch)) for team in early for member in team.members]

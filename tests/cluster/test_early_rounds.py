@@ -8,19 +8,24 @@ from typing import Any
 
 import pytest
 from fake_worker import make_session
-from master_driver import A, B, Driver, hello, sent, tasks_of
+from master_driver import VERSIONS, A, B, Driver, hello, sent, tasks_of
 from record_rounds import FEW_A_TASK, cached, made
 
 from wdpm.cluster.master import events as m
-from wdpm.cluster.master.machine import Phase
+from wdpm.cluster.master.machine import Master, Phase
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.records import equal
 from wdpm.cluster.task import BucketTask
 
 
-def to_first_round(slaves: int, **of_hello: Any) -> tuple[Driver, list[m.Instruction]]:
-    """Slaves that each have the whole scene, as far as the first tasks of records."""
+def to_first_round(slaves: int, cores: int = 0, **of_hello: Any) -> tuple[Driver, list[m.Instruction]]:
+    """Slaves that each have the whole scene, as far as the first tasks of records.
+
+    Args:
+        cores: of the machine that the master shares with them; 0 where it has one of its own.
+    """
     driver = Driver(slaves, FEW_A_TASK)
+    driver.master = Master(slaves, VERSIONS, FEW_A_TASK, cores={"host": cores} if cores else {})
     out: list[m.Instruction] = []
     for number, identity in enumerate((A, B)[:slaves]):
         driver.says(identity, replace(hello(number), **of_hello))
@@ -63,6 +68,13 @@ def test_buckets_begin_before_records_are_smooth() -> None:
         out = early + driver(m.GoOn())
     assert [type(message) for message in sent(early, A)][:2] == [p.AwaitRecords, p.StartTask]
     assert all(isinstance(task, BucketTask) for task in tasks_of(early, A))
+
+
+@pytest.mark.parametrize(("cores", "begin"), [(1, 0), (2, 1), (3, 2), (8, 2)])
+def test_the_master_keeps_a_core(cores: int, begin: int) -> None:
+    driver, out = to_first_round(2, cores)
+    early = sent(end_round(driver, out, 2))
+    assert sum(isinstance(message, p.AwaitRecords) for message in early) == begin
 
 
 @pytest.mark.parametrize(("slaves", "processes"), [(1, 1), (2, 2)])

@@ -114,7 +114,7 @@ class SimulatedCluster:
         self._transport = MemoryTransport(self._carry)
         network = self._transport.open(None)
         listener = network.listen(MASTER, Role.MASTER, FROM_SLAVE)
-        state = Master(hardware.slaves, {})
+        state = Master(hardware.slaves, {}, cores={"machine 0": max(int(hardware.cores), 1)})
         self._master_shell = MasterShell(state, listener, self._answer, clock=lambda: self.clock.now, later=self._later)
         self._master = self._processes[network] = self._process(self._machines[0])
         self._planner = Thread(self._machines[0].processor)  # as planning goes on, slaves may have begun
@@ -132,7 +132,7 @@ class SimulatedCluster:
     def _add_slave(self, number: int, make_worker: WorkerFactory, machine: Machine) -> None:
         network = self._transport.open(None)
         listener = network.listen(network.address_for_peers(MASTER), Role.SLAVE, FROM_PEER)
-        hello = protocol.Hello({}, f"machine {number}", number, 1, 0, listener.endpoint, 1)
+        hello = protocol.Hello({}, f"machine {self._machines.index(machine)}", number, 1, 0, listener.endpoint, 1)
         state = Slave(hello, "memory", patience=float("inf"), hold_s=HOLD_S)
         process = self._processes[network] = self._process(machine)
         compute = Compute(make_worker)
