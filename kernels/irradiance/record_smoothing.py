@@ -70,6 +70,8 @@ def typical_variances(
     error: wp.array[wp.float32],
     offset: wp.int32,
     variance_out: wp.array[wp.float64],
+    count_out: wp.array[wp.int32],
+    near_out: wp.array2d[wp.int32],
 ) -> None:
     """The larger of a record's own variance and the mean of those around it, one thread a record.
 
@@ -77,6 +79,8 @@ def typical_variances(
         reach: how far neighbours lie [scene units] [N].
         error: standard errors, mean of RGB [N].
         variance_out: [N].
+        count_out: records that lie around it [N].
+        near_out: which these are, ascending [N, CAPACITY].
     """
     i = offset + wp.tid()
     stack = wp.zeros(shape=(STACK_CAPACITY,), dtype=wp.int32)
@@ -87,9 +91,11 @@ def typical_variances(
     weight = wp.float64(0.0)
     for k in range(count):
         j = key_rank(found[k])
+        near_out[i, k] = j
         w = wp.float64(_nearness(cache, reach, i, j))
         total += w * (wp.float64(error[j]) * wp.float64(error[j]))
         weight += w
+    count_out[i] = count
     variance_out[i] = own
     if weight > wp.float64(0.0):
         variance_out[i] = wp.max(own, total / weight)
@@ -100,6 +106,8 @@ def smooth(
     cache: IrradianceCache,
     reach: wp.array[wp.float32],
     variance: wp.array[wp.float64],
+    count: wp.array[wp.int32],
+    near: wp.array2d[wp.int32],
     offset: wp.int32,
     irradiance_out: wp.array[wp.vec3],
     rotation_out: wp.array[wp.mat33],
@@ -109,22 +117,19 @@ def smooth(
 
     Args:
         reach: see typical_variances [N].
-        variance: of each record's irradiance, mean of RGB [N].
+        variance, count, near: as typical_variances gives them.
         irradiance_out: >= 0 [N].
         rotation_out, translation_out: its derivatives [N].
     """
     i = offset + wp.tid()
-    stack = wp.zeros(shape=(STACK_CAPACITY,), dtype=wp.int32)
-    found = wp.zeros(shape=(CAPACITY,), dtype=wp.uint64)
     x = cache.position[i]
     n = cache.normal[i]
-    count = find(cache, x, n, stack, found)
     total = wp.vec3(0.0)
     rotation = wp.mat33(0.0)
     translation = wp.mat33(0.0)
     weight = wp.float32(0.0)
-    for k in range(count):
-        j = key_rank(found[k])
+    for k in range(count[i]):
+        j = near[i, k]
         w = _nearness(cache, reach, i, j)
         if w > 0.0:
             turned = (cache.rotation[i] + cache.rotation[j]) * (0.5 * (n - cache.normal[j]))
@@ -165,11 +170,12 @@ def smoothed(records: Arrays) -> dict[str, NDArray[Any]]:
     reach = wp.array(far, dtype=wp.float32, device="cpu")
     error = wp.array(np.ascontiguousarray(records["error"], np.float32), dtype=wp.float32, device="cpu")
     variance = wp.empty(count, dtype=wp.float64, device="cpu")
-    launch(typical_variances, count, [cache, reach, error, 0, variance], "cpu")
+    near = wp.empty(count, dtype=wp.int32, device="cpu"), wp.empty((count, CAPACITY), dtype=wp.int32, device="cpu")
+    launch(typical_variances, count, [cache, reach, error, 0, variance, *near], "cpu")
     made = {
         "irradiance": wp.empty(count, dtype=wp.vec3, device="cpu"),
         "rotation": wp.empty(count, dtype=wp.mat33, device="cpu"),
         "translation": wp.empty(count, dtype=wp.mat33, device="cpu"),
     }
-    launch(smooth, count, [cache, reach, variance, 0, *made.values()], "cpu")
+    launch(smooth, count, [cache, reach, variance, *near, 0, *made.values()], "cpu")
     return {name: array.numpy() for name, array in made.items()}
