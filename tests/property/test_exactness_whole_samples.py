@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from random_scenes import scenes_with_effects
 
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
-from wdpm.cluster.work.camera_paths import CameraLight
+from wdpm.cluster.work.camera_paths import CameraPaths
 from wdpm.images.image import Image
 from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import cornell_box
@@ -60,16 +60,16 @@ SCENES = {
 def counted(monkeypatch: pytest.MonkeyPatch, *, whole: bool) -> Iterator[list[int]]:
     """How many samples whole launches add, where there are any."""
     launched: list[int] = []
-    trace = CameraLight.trace_whole
+    trace = CameraPaths.trace_whole
 
-    def remember(self: CameraLight, pixels: object, start: int, samples: int, sums: object) -> object:
+    def remember(self: CameraPaths, pixels: object, start: int, samples: int, sums: object) -> object:
         launched.append(samples)
         return trace(self, pixels, start, samples, sums)  # type: ignore[arg-type]
 
     with monkeypatch.context() as patch:
-        patch.setattr(CameraLight, "trace_whole", remember)
+        patch.setattr(CameraPaths, "trace_whole", remember)
         if not whole:
-            patch.setattr(CameraLight, "traces_whole", False)
+            patch.setattr(CameraPaths, "traces_whole", False)
         yield launched
 
 
