@@ -72,7 +72,7 @@ class ClusterLimits:
     record_task_rays: int = 32_768
     record_task_least: int = 32
     record_task_most: int = 131_072
-    record_home_rays: int = 32_768
+    record_home_rays: int = 131_072
     buckets_in_flight: int = 2
     shared_in_flight: int = 6
     cells_in_flight: int = 2

@@ -48,10 +48,11 @@ def parallel_record_tasks(session: Session, members: Members, teams: int, rays: 
     """Tasks of records that are made at a time.
 
     Where a team has cut the scene all its slaves work at each task, whoever is its home. Each home more is one that
-    every cell sends its results to, and gather rays of homes that go at their own pace travel in batches of their own:
-    8 slaves of the Cornell box took 12.8 CPU seconds with a home each, 11.8 with one for 32,768 rays. But what a home
-    does for many rays others wait for, and few homes are near to few rays: with one for 131,072, 4 slaves took 20.4
-    seconds at 512x512, and 19.1 with this. Where each slave has a core for itself, which would be idle, all are homes.
+    every cell sends its results to, and gather rays of homes that go at their own pace travel in batches of their own.
+    8 slaves of the Cornell box (512x512, 8 samples) sent 3,850 messages in rounds of records with a home for 32,768
+    rays, and send 2,540 with one for 131,072, which saves a tenth of their CPU seconds. But few homes are near to few
+    rays (4 slaves send a seventh more bytes; of sponza a twentieth), and what a home does for many rays others wait
+    for: where each slave has a core for itself, which would be idle, all are homes.
 
     Args:
         rays: gather rays that are expected of the round.

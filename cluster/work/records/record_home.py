@@ -31,6 +31,10 @@ _GRAIN = 8
 WAVE_RAYS = 1 << 17
 """Gather rays of a task that are under way at once, at most, or those of one record: bounds memory, changes no bit."""
 
+DIVIDED_WAVE_RAYS = 1 << 18
+"""The same where the scene is divided into cells. Each wave ends with a few rays that many holders of cells send each
+other, which take as long as many; and while those are under way, the next wave waits."""
+
 
 class RecordHome:
     """Some of a round's candidates."""
@@ -52,6 +56,7 @@ class RecordHome:
         self._site: Arrays = {}
         self._wave: RecordWave | None = None
         self._first: tuple[Values, NDArray[np.float32], Counts] | None = None  # once the rays after them are known
+        self._most_rays = WAVE_RAYS if replica.world.top_tree.cells == 1 else DIVIDED_WAVE_RAYS
         self._further: deque[GatherRays] = deque()  # those of them that have not set out
         self._light: list[Values] = []  # of those that are back
         self._made: list[Records] = []
@@ -110,7 +115,7 @@ class RecordHome:
         """Start the rays of the next sites, or further ones that those that are back call for; or make records."""
         strata = self._strata[0] * self._strata[1]
         if self._wave is None:
-            stop = self._next_site + max(1, WAVE_RAYS // strata)
+            stop = self._next_site + max(1, self._most_rays // strata)
             self._site = take(self._sites, slice(self._next_site, stop))
             self._site["pixel"] = self._pixels[self._site["slot"]]
             self._next_site = stop
@@ -121,7 +126,7 @@ class RecordHome:
         if self._first is None:
             counts = self._counts(radiance, distance)
             self._first = radiance, distance, counts
-            self._further.extend(further_rays(counts.reshape(-1, strata)).cut(WAVE_RAYS))
+            self._further.extend(further_rays(counts.reshape(-1, strata)).cut(self._most_rays))
         else:
             self._light.append(radiance)
         if self._further:

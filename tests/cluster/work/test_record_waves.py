@@ -16,8 +16,9 @@ from wdpm.scenes import cornell_box
 SETTINGS = RenderSettings(photons=2000, spp=2, indirect=Indirect.CACHE)
 
 
+@pytest.mark.parametrize(("cells", "bound"), [(1, "WAVE_RAYS"), (2, "DIVIDED_WAVE_RAYS")])
 @pytest.mark.parametrize("most", [30, 100])
-def test_no_bit_depends_on_how_many_rays_are_under_way(most: int) -> None:
+def test_no_bit_depends_on_how_many_rays_are_under_way(most: int, cells: int, bound: str) -> None:
     """`most` below a hemisphere's: one record at a time, and its further rays in several waves."""
     waves: list[int] = []
     begin = RecordWave.__init__
@@ -28,11 +29,11 @@ def test_no_bit_depends_on_how_many_rays_are_under_way(most: int) -> None:
 
     scene = cornell_box((12, 12))
     with mock.patch.object(RecordWave, "__init__", counted):
-        whole = render_in_process(scene, SETTINGS, workers=1, threads=1)
+        whole = render_in_process(scene, SETTINGS, workers=1, cells=cells, threads=1)
         few, rays = len(waves), sum(waves)
         waves.clear()
-        with mock.patch.object(record_home, "WAVE_RAYS", most):
-            cut = render_in_process(scene, SETTINGS, workers=1, threads=1)
+        with mock.patch.object(record_home, bound, most):
+            cut = render_in_process(scene, SETTINGS, workers=1, cells=cells, threads=1)
     assert cut.digest() == whole.digest()
     assert sum(waves) == rays
     assert len(waves) > few
