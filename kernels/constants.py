@@ -50,7 +50,7 @@ MAX_PHOTON_COORDINATE: Final = 1e16
 """Largest photon coordinate: squares of differences, flattened, stay finite: 3 * (2e16)² * 64 = 7.7e34."""
 
 MIN_ARRIVAL_COS: Final = 1e-6
-"""Least divisor of the shading-normal weight (s · d) / (n · d).
+"""Least divisor of the weight of shading normals, ((m + s - n) · d) / (m · d), m a photon's normal.
 
 It keeps the quotient finite; what the weight may be at most is ADJOINT_BOUND.
 """

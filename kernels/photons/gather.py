@@ -11,17 +11,17 @@ of the photons nor the guess of the radius nor what lies further away has a say.
 
 The estimate. With k + 1 photons or more within r_max, r is the distance of the (k + 1)-th and the k nearer ones are
 summed over pi r². For a Poisson process of density D, the area to the (k + 1)-th point has a gamma distribution of
-shape k + 1, so E[k / area] = D: unbiased. The textbook's k / (pi r_k²), with the k-th on its own circle, has mean
-D k / (k - 1), since its area has shape k: at k = 50 it is 2 % too bright. With k photons or fewer the estimate is that
-of a fixed radius, r_max, and the gather is called truncated. Where k + 1 photons lie within a least radius, r_least, it
-is that of this radius: of smaller discs it cannot be told how much is surface (surface_points.py).
+shape k + 1, so E[k / area] = D: unbiased. With k photons or fewer the estimate is that of a fixed radius, r_max, and
+the gather is called truncated. Where k + 1 photons lie within a least radius, r_least, it is that of this radius: of
+smaller discs it cannot be told how much is surface (surface_points.py).
 
-Coincident photons. If the (k + 1)-th photon is nearer than 2^-40 r_max (constants.py), no density can be told: the k
-nearest are summed over the disc of r_max.
+Photons that came from below the query's plane count, if they landed on the same side where the surface bends away: left
+out, even light would be too dark on curved surfaces, by (1 - cos) / 2 of the angle by which normals turn in the disc.
 
-The search. Consecutive queries of a run lie close together, so the radius of one is a good guess for the next. With a
-good guess a range search beats a best-first one: visit, in any order, what the ball of the guess touches, append what
-is in it, and select at the end. Too small a guess is grown and searched again.
+Coincident photons. With the (k + 1)-th nearer than 2^-40 r_max (constants.py), the k nearest are summed over all of it.
+
+The search. Consecutive queries of a run lie close together, so the radius of one is a good guess for the next: visit,
+in any order, what its ball touches, append what is in it, and select at the end. Too small a guess is grown.
 """
 
 from __future__ import annotations
@@ -232,9 +232,8 @@ def _search_leaf(
     row = LEAF_ROWS * leaf
     distance2 = distance2_to(photons.leaves[row + 0], photons.leaves[row + 1], photons.leaves[row + 2], x, n)
     facing = dot8(photons.leaves[row + 3], photons.leaves[row + 4], photons.leaves[row + 5], n)
-    arrival = dot8(photons.leaves[row + 6], photons.leaves[row + 7], photons.leaves[row + 8], n)
-    # All three strict, so that one comparison of eight values tells who passes; the sign of a difference is exact.
-    passes = wp.min(wp.min(vec8(radius2_above) - distance2, facing - vec8(_NORMAL_COS)), arrival)
+    # Both strict, so that one comparison of eight values tells who passes; the sign of a difference is exact.
+    passes = wp.min(vec8(radius2_above) - distance2, facing - vec8(_NORMAL_COS))
     found = int(count)
     for c in range(8):
         # Stored always, kept if counted: a branch would be mispredicted too often.
@@ -288,10 +287,7 @@ def _search(
 
 @wp.func
 def _guess_from_density(photons: wp.ref[PhotonMap], x: wp.vec3, k: wp.int32) -> wp.float32:
-    """Radius of a disc that holds k + 1 photons, were they spread evenly over the largest face of the box around x.
-
-    The box is that of the smallest node near x with more than 2 k photons.
-    """
+    """Radius of a disc for k + 1 photons, if those of a node near x, 2 k or more, are even on its largest face."""
     node = wp.int32(0)
     share = wp.float32(photons.count)
     area = wp.float32(0.0)
@@ -316,9 +312,10 @@ def _guess_from_density(photons: wp.ref[PhotonMap], x: wp.vec3, k: wp.int32) -> 
 
 
 @wp.func
-def _weight(n: wp.vec3, s: wp.vec3, d: wp.vec3) -> wp.float32:
-    """Turns flux per true area into irradiance on the shading normal's plane (Veach 1997, section 5.3), bounded."""
-    return wp.min(wp.max(wp.dot(s, d), 0.0) / wp.max(wp.dot(n, d), _MIN_ARRIVAL_COS), ADJOINT_BOUND)
+def _weight(lean: wp.vec3, m: wp.vec3, d: wp.vec3) -> wp.float32:
+    """Turns flux about a photon's normal m into irradiance about m + lean (Veach 1997, section 5.3), bounded."""
+    arriving = wp.dot(m, d)
+    return wp.min(wp.max(arriving + wp.dot(lean, d), 0.0) / wp.max(arriving, _MIN_ARRIVAL_COS), ADJOINT_BOUND)
 
 
 @wp.func
@@ -327,8 +324,9 @@ def contribution(photons: wp.ref[PhotonMap], place: wp.int32, n: wp.vec3, s: wp.
     if smooth:
         row = LEAF_ROWS * (place >> 3)
         c = place & 7
+        m = wp.vec3(photons.leaves[row + 3][c], photons.leaves[row + 4][c], photons.leaves[row + 5][c])
         d = wp.vec3(photons.leaves[row + 6][c], photons.leaves[row + 7][c], photons.leaves[row + 8][c])
-        flux = flux * _weight(n, s, d)
+        flux = flux * _weight(s - n, m, d)
     return flux
 
 

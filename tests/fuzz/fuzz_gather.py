@@ -169,7 +169,7 @@ def expect(case: Case) -> Result:
     """What the contract says."""
     id_of = case.photons["id"]
     rank = np.argsort(np.argsort(id_of))
-    position, facing, arriving = (case.photons[name] for name in ("position", "normal", "direction"))
+    position, facing, direction = (case.photons[name] for name in ("position", "normal", "direction"))
     irradiance = np.zeros((len(case.position), 3), F32)
     counts, radii, truncated, ids = [], [], [], []
     r_max2 = F32(case.r_max) * F32(case.r_max)
@@ -178,7 +178,7 @@ def expect(case: Case) -> Result:
         d = position - x
         height = _dot(d, n)
         d2 = _dot(d, d) + F32(FLATTENING**2 - 1) * (height * height)
-        passes = (d2 <= r_max2) & (_dot(facing, n) > F32(NORMAL_COS)) & (_dot(arriving, n) > 0)
+        passes = (d2 <= r_max2) & (_dot(facing, n) > F32(NORMAL_COS))
         found = np.flatnonzero(passes)
         found = found[np.lexsort((rank[found], d2[found]))[: case.k + 1]]
         full = len(found) > case.k
@@ -187,7 +187,7 @@ def expect(case: Case) -> Result:
             area2 = d2[found[case.k]]
             radius = np.sqrt(area2)
         used = found[: case.k]
-        irradiance[q] = _estimate(case.photons["flux"][used], arriving[used], n, s, area2)
+        irradiance[q] = _estimate(case.photons["flux"][used], facing[used], direction[used], s - n, area2)
         counts.append(len(used))
         radii.append(radius)
         truncated.append(not full)
@@ -200,11 +200,12 @@ def _dot(a: Array, b: Array) -> Array:
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
-def _estimate(flux: Array, arriving: Array, n: Array, s: Array, area2: Any) -> Array:
+def _estimate(flux: Array, facing: Array, direction: Array, lean: Array, area2: Any) -> Array:
     terms = flux
-    if (s != n).any():
-        divisor = np.maximum(_dot(arriving, n), F32(MIN_ARRIVAL_COS))
-        weight = np.minimum(np.maximum(_dot(arriving, s), F32(0)) / divisor, F32(ADJOINT_BOUND))
+    if lean.any():
+        arriving = _dot(facing, direction)
+        leaning = np.maximum(arriving + _dot(lean, direction), F32(0))
+        weight = np.minimum(leaning / np.maximum(arriving, F32(MIN_ARRIVAL_COS)), F32(ADJOINT_BOUND))
         terms = terms * weight[:, None]
     largest = float(np.abs(terms).max(initial=0))
     quantum = 2.0 ** (max(math.frexp(largest)[1], -126) - EXACT_SUM_BITS)

@@ -24,17 +24,15 @@ GUARDS = (
         prevents="photons of another surface take places among the k nearest, and those of the surface are left out",
         changes=(
             (
-                "passes = wp.min(wp.min(vec8(radius2_above) - distance2, facing - vec8(_NORMAL_COS)), arrival)",
-                "passes = wp.min(vec8(radius2_above) - distance2, facing + arrival + vec8(9.0))",
+                "passes = wp.min(vec8(radius2_above) - distance2, facing - vec8(_NORMAL_COS))",
+                "passes = wp.min(vec8(radius2_above) - distance2, facing + vec8(9.0))",
             ),
             (
-                "        flux = flux * _weight(n, s, d)\n    return flux",
-                "        flux = flux * _weight(n, s, d)\n    at = LEAF_ROWS * (place >> 3)\n    lane = place & 7\n"
+                "        flux = flux * _weight(s - n, m, d)\n    return flux",
+                "        flux = flux * _weight(s - n, m, d)\n    at = LEAF_ROWS * (place >> 3)\n    lane = place & 7\n"
                 "    facing = photons.leaves[at + 3][lane] * n[0] + photons.leaves[at + 4][lane] * n[1]\n"
-                "    arrival = photons.leaves[at + 6][lane] * n[0] + photons.leaves[at + 7][lane] * n[1]\n"
                 "    facing = facing + photons.leaves[at + 5][lane] * n[2]\n"
-                "    arrival = arrival + photons.leaves[at + 8][lane] * n[2]\n"
-                "    if facing <= _NORMAL_COS or arrival <= 0.0:\n        flux = wp.vec3(0.0)\n    return flux",
+                "    if facing <= _NORMAL_COS:\n        flux = wp.vec3(0.0)\n    return flux",
             ),
         ),
         tests=(GATHER + "test_equals_brute_force", GATHER + "test_photons_of_another_surface_do_not_count"),
@@ -43,15 +41,8 @@ GUARDS = (
         name="normals alike",
         file="kernels/photons/gather.py",
         prevents="light leaks around edges and through thin walls",
-        changes=(("facing - vec8(_NORMAL_COS)), arrival)", "facing + vec8(2.0)), arrival)"),),
+        changes=(("distance2, facing - vec8(_NORMAL_COS))", "distance2, facing + vec8(2.0))"),),
         tests=(hard("walls thinner than the gather radius"),),
-    ),
-    Guard(
-        name="photons of this side",
-        file="kernels/photons/gather.py",
-        prevents="a photon that arrived at the back lights the front",
-        changes=(("facing - vec8(_NORMAL_COS)), arrival)", "facing - vec8(_NORMAL_COS)), arrival + vec8(2.0))"),),
-        tests=(GATHER + "test_photons_of_another_surface_do_not_count", GATHER + "test_equals_brute_force"),
     ),
     Guard(
         name="a disc, not a ball",
