@@ -81,8 +81,9 @@ OnCompile = Callable[[int], Callable[[], None]]
 """Called before a wait with how many modules are to be compiled; returns what is called when one of them is."""
 
 SECONDS_A_MODULE = 1.0
-"""Of one core, to compile a module: 19 s for the 22 that all scenes share, 11 s for the 11 of a diffuse room; with all
-effects 36 s for 15, whose largest two take 15 s."""
+"""Of one core, to compile a module: 19 s for the 22 that all scenes share, 11 s for 11 of a diffuse room, whose
+twelfth, for whole samples, takes 1.2 times as long as the one that shades vertices; with all effects 36 s for 15, whose
+largest two take 15 s."""
 
 ALL_AT_ONCE = Features(traced=True)
 """Of a diffuse room, which has its own kernels from the start as well: the first picture of many people."""

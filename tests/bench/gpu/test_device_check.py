@@ -159,4 +159,6 @@ def test_every_kernel_is_compared() -> None:
     kernels = device_check.compare_kernels("cpu", SilentProgress())
     assert {name: str(record.first) for name, record in kernels.items() if record.differing} == {}
     unseen = set(device_check.all_kernels(trees=False)) - kernels.keys()
-    assert unseen == {"_fill_rows", "_fill_columns", "clamp_records"}  # the last is the master's, which has no device
+    of_the_master = {"clamp_records", "smooth"}  # which has no device
+    under_the_sky = {"numbers_of_paths"}  # where few photons come indoors
+    assert unseen == {"_fill_rows", "_fill_columns", *of_the_master, *under_the_sky}
