@@ -104,22 +104,16 @@ class CameraPaths:
         device, shots = replica.launcher.device, self._view.light_samples
         sums_out = columns.zeros(add_samples.Sums, count, device)
         told = columns.empty(whole_samples.Told, count, device)
-        rows = {"seen": count, "queries": count, "shots": count * shots, "paths": count}
-        replica.launcher(
-            replica.kernels.trace_samples,
-            count,
-            grain=max(1, WHOLE_GRAIN // samples),
-            scene=self._scene,
-            trees=self._trees,
-            pixels=columns.upload(whole_samples.Pixels, pixels, device, written=()),
-            start=start,
-            samples=samples,
-            orders=self._replica.orders(shots, asks=False),
-            sums=sums,
-            scratch=columns.empty_nested(vertices.Shaded, rows, device),
-            sums_out=sums_out,
-            told_out=told,
-        )
+        orders = replica.orders(shots, asks=False)
+        uploaded = columns.upload(whole_samples.Pixels, pixels, device, written=())
+        launches = []
+        for first, size in replica.launcher.chunks(count, max(1, WHOLE_GRAIN // samples)):
+            # Each has rows of its own: shadow rays of one may stand where others of another chunk do.
+            rows = {"seen": first + 1, "queries": first + 1, "shots": (first + 1) * shots, "paths": first + 1}
+            scratch = columns.empty_nested(vertices.Shaded, rows, device)
+            before = [self._scene, self._trees, uploaded, start, samples, orders, sums]
+            launches.append((size, [*before, first, scratch, sums_out, told]))
+        replica.launcher.run(replica.kernels.trace_samples, launches)
         found = columns.download(told, ("hit", "vertices", "spoilt"))
         if found["spoilt"].any():
             return None

@@ -11,26 +11,16 @@ import effect_scenes
 import numpy as np
 import pytest
 from digests import alone, same_bits
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from random_scenes import scenes_with_effects
 
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.cluster.work.camera_paths import CameraPaths
 from wdpm.images.image import Image
 from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import cornell_box
-from wdpm.scenes.model.lights import Environment, PointLight
+from wdpm.scenes.model.lights import PointLight
 from wdpm.scenes.model.scene import Camera, FilterKind, Mesh, PixelFilter, Scene, diffuse
 
 PATH = RenderSettings(integrator=Integrator.PATH, spp=3, light_samples=2)
-
-
-def under_a_sky() -> Scene:
-    """Metals in front of a sky: paths leave the scene at their first ray and later."""
-    scene = effect_scenes.metals()
-    sky = np.random.default_rng(1).random((8, 16, 3)).astype(np.float32)
-    return replace(scene, meshes=scene.meshes[-3:], lights=(*scene.lights, Environment("sky", sky)))
 
 
 def floor() -> Mesh:
@@ -44,14 +34,12 @@ def seen_by(**camera: object) -> Scene:
     return replace(scene, camera=replace(scene.camera, **camera))  # type: ignore[arg-type]
 
 
+# Few, as each has kernels of its own compiled: with all effects, media among them, samples are not traced whole.
 SCENES = {
     "diffuse": cornell_box((16, 12)),
     "metals": effect_scenes.metals(),
-    "glasses": effect_scenes.glasses(),
     "coats": effect_scenes.coats(),
     "panes": effect_scenes.panes(),
-    "sky": under_a_sky(),
-    "lens": seen_by(aperture_radius=0.1, focus_distance=3.0),
     "negative filter": seen_by(filter=PixelFilter(FilterKind.MITCHELL, 2.0)),
 }
 
@@ -83,7 +71,7 @@ def by_batches(monkeypatch: pytest.MonkeyPatch, scene: Scene, chosen: RenderSett
 
 @pytest.mark.parametrize("name", list(SCENES))
 def test_the_same_bits(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    chosen = replace(PATH, max_depth=4 if name == "glasses" else None)
+    chosen = replace(PATH, max_depth=4 if name == "panes" else None)
     expected = by_batches(monkeypatch, SCENES[name], chosen)
     with counted(monkeypatch, whole=True) as launched:
         image = alone(SCENES[name], chosen)
@@ -91,8 +79,7 @@ def test_the_same_bits(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert image.digest() == expected.digest()
     vertices = [each.metadata["report"]["vertices"] for each in (image, expected)]
     assert vertices[0] == vertices[1] > 0
-    assert expected.layers["direct"].any()
-    assert expected.layers["indirect"].any() or name == "sky"
+    assert all(expected.layers[layer].any() for layer in ("direct", "indirect"))
 
 
 @pytest.mark.parametrize("name", ["diffuse", "coats", "negative filter"])
@@ -143,12 +130,3 @@ def test_what_needs_more_than_a_path_is_not_traced_whole(
     with counted(monkeypatch, whole=True) as launched:
         alone(scene, chosen)
     assert chosen.spp not in launched  # trials of the plan are of other numbers
-
-
-@given(scene=scenes_with_effects(), seed=st.integers(0, 2**32 - 1))
-@settings(max_examples=5, deadline=None)
-def test_random_scenes(scene: Scene, seed: int) -> None:
-    chosen = replace(PATH, seed=seed, spp=2)
-    with pytest.MonkeyPatch.context() as patch:
-        expected = by_batches(patch, scene, chosen)
-    assert same_bits(alone(scene, chosen), expected)
