@@ -24,7 +24,7 @@ from wdpm.cluster.plan.cache_worth import unread_at
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide
 from wdpm.cluster.plan.map_plans import MapPlans, map_plans, with_fewer_paths
-from wdpm.cluster.plan.map_worth import MapError, best_shares, fewer_shares, irradiance_by, map_error
+from wdpm.cluster.plan.map_worth import GATHERED_BLUR, MapError, best_shares, fewer_shares, irradiance_by, map_error
 from wdpm.cluster.plan.path_caustics import caustics_by_paths
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
 from wdpm.cluster.plan.small_view import (
@@ -38,6 +38,7 @@ from wdpm.cluster.plan.small_view import (
     without_photons,
 )
 from wdpm.cluster.plan.steering.pilot import steered_pilot
+from wdpm.cluster.plan.trial.bias import Looks, map_bias
 from wdpm.cluster.plan.trial.figures import Trial
 from wdpm.cluster.plan.trial.prices import Prices
 from wdpm.cluster.plan.trial.ways import Way, words_for
@@ -189,15 +190,16 @@ def _is_over_wide(trial: Trial, plans: MapPlans, photons: RenderSettings) -> boo
     error = trial.map_errors[GLOBAL_MAP]
     if error is None or photons.indirect is not Indirect.MAP:
         return False
-    return error.of_blur(plans.expected[GLOBAL_MAP]) > OVER_WIDE * trial.by_paths[0].indirect
+    wrong = max(error.of_blur(plans.expected[GLOBAL_MAP]), trial.bias)
+    return wrong > OVER_WIDE * trial.by_paths[0].indirect
 
 
 def _rays_in_words(rays: Way, by_map: Way, settings: RenderSettings) -> str:
     """What was chosen in place of an over-wide map."""
     ratio = rays.error * rays.price / (by_map.error * by_map.price)
     return (
-        f"indirect light: {settings.indirect.value}, since photons lie wider apart than light is alike, and its error "
-        f"times price is expected to be {ratio:.2g} of that of the photon map"
+        f"indirect light: {settings.indirect.value}, since gathers of the map reach beyond what they are to show, and "
+        f"error times price is expected to be {ratio:.2g} of that of the map"
     )
 
 
@@ -266,10 +268,15 @@ def _left(settings: RenderSettings) -> float:
 
 def _left_by_map(trial: Trial, plans: MapPlans, settings: RenderSettings, spp: int) -> float:
     """Error that samples do not lessen: as ever, or more where the camera sees places that hardly a photon comes to."""
-    ordinary, error = _left(settings) * trial.by_paths[0].indirect, trial.map_errors[GLOBAL_MAP]
-    if error is None:
-        return ordinary
-    return max(ordinary, error.of(plans.expected[GLOBAL_MAP], spp, gathered=settings.final_gathers))
+    ordinary, (error, of_caustics) = _left(settings) * trial.by_paths[0].indirect, trial.map_errors
+    wrong, gathers = trial.bias, plans.expected[GLOBAL_MAP]
+    if error is not None:
+        wrong = max(wrong, error.of(gathers, spp))
+    if not settings.final_gathers:
+        left = max(ordinary, wrong)
+    else:  # what a few heavy photons get wrong is alike in many gathers, and no more averaged out than blur is
+        left = max(ordinary, GATHERED_BLUR * wrong, 0.0 if error is None else error.of(gathers, spp, gathered=True))
+    return left if of_caustics is None else left + of_caustics.of(plans.expected[CAUSTIC_MAP], spp)
 
 
 def _try_both(
@@ -299,15 +306,22 @@ def _try_both(
     of_global, of_caustics = _map_errors(flat, pilot, photons, places, truth, epsilon)
     if of_global is not None:
         of_global = of_global.of_light(by_path.indirect)
-    some = _some(len(places.all("pixel")))
-    looks = places.all("position")[some], places.all("normal")[some]
-    unread = unread_at(pilot, replace(photons, indirect=Indirect.CACHE), map_plans(pilot, photons, flat), *looks)
+    plans, looks = map_plans(pilot, photons, flat), _looks(places)
+    cached = replace(photons, indirect=Indirect.CACHE)
+    unread = unread_at(pilot, cached, plans, looks.position, looks.normal)
+    bias = 0.0
+    if caustics.are_found:
+        told = [
+            (path["beauty"] - photon["beauty"]).mean(axis=2)
+            for path, photon in zip(path_halves.layers, photon_halves.layers, strict=True)
+        ]
+        bias = map_bias(pilot, plans, photons.k, looks, told, 1.0 / (truth.mean(axis=2) ** 2 + epsilon))
     noises = (
         photon_halves.noise(weight).mean(axis=2),
         path_halves.noise(weight).mean(axis=2),
         path_halves.noise(weight, "indirect").mean(axis=2),
     )
-    return Trial(by_photons, ways, caustics, places.lambertian, unread, (of_global, of_caustics), noises)
+    return Trial(by_photons, ways, caustics, places.lambertian, unread, (of_global, of_caustics), bias, noises)
 
 
 def _map_errors(
@@ -345,6 +359,15 @@ def _map_errors(
         return map_error(pilot, number, k, position, normal, each, area, reach)
 
     return error(GLOBAL_MAP, photons.k, factor), error(CAUSTIC_MAP, photons.caustic_k, among_caustics)
+
+
+def _looks(places: SeenPlaces) -> Looks:
+    """Some of the places that an image of CHOICE_SAMPLES samples a pixel has seen."""
+    pixel = places.all("pixel")
+    some = _some(len(pixel))
+    of_each = len(pixel) / max(len(some), 1) / CHOICE_SAMPLES
+    share = places.all("weight")[some].mean(axis=1, dtype=np.float64) * float(INV_PI) * of_each
+    return Looks(places.all("position")[some], places.all("normal")[some], pixel[some], share)
 
 
 def _some(count: int) -> NDArray[np.intp]:

@@ -30,6 +30,7 @@ class Trial:
         lambertian: the share of the diffuse surfaces that camera paths meet that records serve.
         unread: the share of gather rays that would find no irradiance within reach.
         map_errors: what gathers of the global and the caustic map get wrong; None where too little is known.
+        bias: of the global map, as relMSE: what it shows beyond what paths do, and beyond noise.
         noises: of a sample of each pixel: by photons, by paths, and the part of these that indirect light makes, shape
             [height, width].
     """
@@ -40,6 +41,7 @@ class Trial:
     lambertian: float
     unread: float
     map_errors: Sequence[MapError | None]
+    bias: float
     noises: tuple[Values, Values, Values]
 
     def noise_by(self, settings: RenderSettings) -> float:

@@ -120,7 +120,7 @@ def test_faint_caustics_that_hardly_a_pixel_meets_are_no_reason_for_photons(
 
 @pytest.mark.parametrize(
     ("chance", "share", "square", "told"),
-    [(1e-6, 1e-3, 1e-5, 1e-5), (1e-4, 1e-3, 1e-5, 50.0), (1e-6, 1e-2, 1e-5, 50.0), (1e-6, 1e-3, 1e-2, 50.0)],
+    [(1e-7, 1e-3, 1e-5, 1e-5), (1e-4, 1e-3, 1e-5, 50.0), (1e-7, 1e-2, 1e-5, 50.0), (1e-7, 1e-3, 1e-2, 50.0)],
     ids=["met by hardly any", "met by many", "much light", "light in one place"],
 )
 def test_caustics_count_by_what_is_lacked_only_where_that_is_not_seen(
@@ -147,7 +147,7 @@ def test_gathers_that_are_over_wide_give_way_to_rays(lamp: float, rays: bool) ->
     assert found.settings.integrator is Integrator.PHOTONS
     (line,) = (line for line in found.chose if line.startswith("indirect light: "))
     assert found.settings.indirect is (Indirect.CACHE if rays else Indirect.MAP)
-    assert ("since photons lie wider apart than light is alike" in line) == rays
+    assert ("since gathers of the map reach beyond what they are to show" in line) == rays
 
 
 def test_few_samples_have_fewer_photons_and_many_have_all() -> None:
@@ -206,7 +206,7 @@ def price(indirect: Indirect, lambertian: float, caustic_k: int, photons: float)
     settings = RenderSettings(integrator=Integrator.PHOTONS, indirect=indirect)
     figures = Figures(settings, noise=0.01, of_indirect=0.0, vertices=0.0, light_samples=1, indirect=1.0)
     noises = (np.zeros((1, 1)), np.zeros((1, 1)), np.zeros((1, 1)))
-    trial = Trial(figures, [figures], NO_CAUSTICS, lambertian, 0.0, (None, None), noises)
+    trial = Trial(figures, [figures], NO_CAUSTICS, lambertian, 0.0, (None, None), 0.0, noises)
     plans = MapPlans((MapPlan(1000), MapPlan(1000), MapPlan()), caustic_k, (), (photons, 0.0, 0.0))
     return Prices(flatten(SMALL), plans, 8).of_photons(trial, settings)
 
