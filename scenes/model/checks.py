@@ -40,8 +40,10 @@ def check_scene(scene: Scene, file: Path | None = None) -> Scene:
     if sum(len(mesh.faces) for mesh in scene.meshes) == 0:
         raise SceneError("the scene is empty: it has no triangles", file)
     for each in scene.media:
-        if not (_all_sound((*each.sigma_t, *each.albedo)) and math.isfinite(each.g)):
+        if not _all_sound((*each.sigma_t, *each.albedo)):
             raise SceneError(f'medium "{each.name}": sigma_t or albedo is negative or not finite in float32', file)
+        if not abs(np.float32(each.g)) < 1:
+            raise SceneError(f'medium "{each.name}": g is {each.g}; expected between -1 and 1, in float32', file)
         _check_volume(each.density, f'medium "{each.name}": its density', (1,), math.inf, file)
         _check_volume(each.albedo_volume, f'medium "{each.name}": its albedo', (1, 3), 1.0, file)
     _check_lights(scene, file)
@@ -209,11 +211,10 @@ def _check_camera(camera: Camera, file: Path | None) -> None:
         raise SceneError(f"the image size is {camera.width}x{camera.height}; both must be at least 1", file)
     if not _all_finite(camera.to_world):
         raise SceneError("the camera's transform is not finite in float32", file)
-    lens = (camera.near_clip, camera.aperture_radius, camera.focus_distance, *camera.principal_point)
+    far_clip = 0.0 if camera.far_clip == math.inf else camera.far_clip
+    lens = (camera.near_clip, far_clip, camera.aperture_radius, camera.focus_distance, *camera.principal_point)
     if not _all_finite(lens):
-        raise SceneError(
-            "the camera's near_clip, principal point, aperture or focus distance is not finite in float32", file
-        )
+        raise SceneError("the camera's clipping, principal point, aperture or focus is not finite in float32", file)
     if not camera.orthographic and not 0 < camera.fov_x < 180:
         raise SceneError(f"the field of view is {camera.fov_x:g} degrees; expected between 0 and 180", file)
     if not (camera.aperture_radius >= 0 and camera.focus_distance > 0):

@@ -235,6 +235,8 @@ def test_an_occupied_port(capsys: pytest.CaptureFixture[str]) -> None:
 AWAY = b'<transform name="to_world"><translate x="1e300"/></transform>'
 NEAR = b'<float name="near_clip" value="1e300"/><float name="far_clip" value="1e301"/>'
 FOG = '<medium name="interior" type="homogeneous"><float name="sigma_t" value="1e300"/></medium>'
+BEAM = """<medium name="interior" type="homogeneous"><phase type="hg"><float name="g" value="0.99999999999"/></phase>
+</medium>"""
 TILES = """<bsdf type="diffuse"><texture type="checkerboard" name="reflectance">
 <transform name="to_uv"><scale value="1e300"/></transform></texture></bsdf>"""
 
@@ -258,7 +260,7 @@ def nested(depth: int) -> str:
         ("lamp.xml", lit("", LAMP.replace("1 1 1", "1e300 0 0")), ['"sphere (line 5)": emission', "float32"]),
         ("point.xml", lit("", '<emitter type="point"><rgb name="intensity" value="1e39"/></emitter>'), ["strength"]),
         ("far_camera.xml", lit("", LAMP).replace(b"<film", AWAY + b"<film"), ["camera's transform", "float32"]),
-        ("near.xml", lit("", LAMP).replace(b"<film", NEAR + b"<film"), ["camera's near_clip", "float32"]),
+        ("near.xml", lit("", LAMP).replace(b"<film", NEAR + b"<film"), ["camera's clipping", "float32"]),
         (
             "eta.xml",
             lit('<bsdf type="dielectric"><float name="int_ior" value="1e300"/></bsdf>', LAMP),
@@ -266,6 +268,7 @@ def nested(depth: int) -> str:
         ),
         ("uv.xml", lit(TILES, LAMP), ["Diffuse.reflectance", "float32"]),
         ("fog.xml", lit(FOG, LAMP), ["sigma_t or albedo", "float32"]),
+        ("beam.xml", lit(BEAM, LAMP), ["g is 0.99999999999; expected between -1 and 1, in float32"]),
     ],
 )
 def test_a_scene_out_of_all_proportion(
