@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -382,6 +383,20 @@ def test_a_short_render_leaves_nothing(interrupted: Interrupted, tmp_path: Path)
         render(interrupted.scene, log)
     assert log.picture() is None
     assert list(tmp_path.iterdir()) == []
+
+
+def test_there_is_no_picture_of_a_journal_that_somebody_has_removed(interrupted: Interrupted, tmp_path: Path) -> None:
+    """The render ended with that for an error, and with exit code 2, in place of the interrupt."""
+    folder = tmp_path / "kept"
+    folder.mkdir()
+    log = Interrupting(folder / "journal", resume=False, at_once=True)
+    log.left = 12
+    with pytest.raises(KeyboardInterrupt):
+        render(interrupted.scene, log)
+    shutil.rmtree(folder)
+    assert log.picture() is None
+    log.close()
+    log.remove()
 
 
 def test_the_picture_so_far(interrupted: Interrupted, tmp_path: Path) -> None:

@@ -137,6 +137,8 @@ class SessionJournal:
         """The image as far as it is: the mean of passes, or what is on disk and black elsewhere. None for nothing."""
         if self.mean is not None or self._writer is None:
             return self.mean
+        if not self.path.exists():  # somebody has removed it, or its folder: what ended the render is told all the same
+            return None
         left = _read_head(self.path)
         if left is None:
             return None
