@@ -269,7 +269,9 @@ class Tasks:
         dropped: Mapping[str, int],
         lost: tuple[str, ...],
     ) -> SessionResult:
-        """All is done: what came of the session. Image and records are let go of.
+        """All is done: what came of the session. Image, records and tasks are let go of.
+
+        A slave may still be at a task that another was faster with: there is nothing left to compare its result with.
 
         Args:
             See SessionResult.
@@ -278,6 +280,7 @@ class Tasks:
         if film is None or rounds is None:
             raise AssertionError("a session ended without a film")
         self.film = self.rounds = None
+        self._begin(())
         return SessionResult(
             film.layers, statistics, self.photons, seconds, dict(dropped), rounds.records, rounds.rays, lost
         )

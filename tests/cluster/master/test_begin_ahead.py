@@ -6,11 +6,12 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from fake_worker import make_session, make_view, pixels_of
+from fake_worker import make_session, make_view, make_world, pixels_of, statistics_of
 from master_driver import A, B, C, Driver, hello, sent, tasks_of
 
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.machine import Phase
+from wdpm.cluster.master.tasks import LATE_S
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.session import Session
 from wdpm.cluster.task import PhotonsTraced, PhotonTask
@@ -140,6 +141,24 @@ def test_photons_of_the_last_session_are_there_for_the_next() -> None:
     says(driver, B, p.MapsBuilt)
     assert driver(m.BeginAhead(session())) == []
     assert driver.master.phase is Phase.VIEW
+    assert views(driver(m.Begin(session(view=OTHER_VIEW)))) == [OTHER_VIEW, OTHER_VIEW]
+
+
+def test_a_bucket_that_another_was_faster_with_comes_when_the_next_session_has_begun() -> None:
+    view = make_view(32, 16, 16)
+    driver = Driver().join()
+    driver(m.Begin(session(view=view)))
+    trace(driver, set_up(driver, A, B))
+    out = says(driver, A, p.MapsBuilt) + says(driver, B, p.MapsBuilt)
+    [[mine], [late]] = tasks_of(out, A), tasks_of(out, B)
+    says(driver, A, p.TaskDone, pixels_of(mine, view))
+    driver.now += LATE_S + 1.0
+    assert tasks_of(driver(m.Tick()), A) == [late]
+    says(driver, A, p.TaskDone, pixels_of(late, view))
+    assert m.Finished in map(type, says(driver, A, p.Statistics, statistics_of(make_world(1), dropped={})))
+    assert driver(m.BeginAhead(session(view=view))) == []
+    assert driver.master.phase is Phase.VIEW
+    assert says(driver, B, p.TaskDone, pixels_of(late, view)) == []
     assert views(driver(m.Begin(session(view=OTHER_VIEW)))) == [OTHER_VIEW, OTHER_VIEW]
 
 
