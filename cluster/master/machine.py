@@ -198,9 +198,10 @@ class Master:
 
     def _tick(self, now: float) -> list[Instruction]:
         slept, self._ticked_at = now - (now if self._ticked_at is None else self._ticked_at), now
+        stood_still = slept if slept > self._limits.slept_s else 0.0
         out: list[Instruction] = []
         for member in list(self._members):
-            if slept > self._limits.slept_s:
+            if stood_still:
                 member.heard_at = now  # this process itself stood still (a laptop's lid): silence says nothing
             silence = member.silence(now)
             if silence > self._limits.dead_s:
@@ -214,7 +215,7 @@ class Master:
             return self._break(f"{self._deserted[1]}; {none_came}")
         for separation in [each for each, (until, _) in self._separations.items() if now >= until]:
             out += self._separated(separation, self._separations.pop(separation)[1], now)
-        out += self._phases.tick(now)
+        out += self._phases.tick(now, stood_still)
         if now < self._beat_at or self.phase is Phase.ENDED:
             return out
         self._beat_at = now + self._limits.heartbeat_s

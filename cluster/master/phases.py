@@ -151,8 +151,9 @@ class Phases:
             return self._restart_team(team, now)
         return []
 
-    def tick(self, now: float) -> list[Instruction]:
-        """Time has passed: tasks may be late, and teams."""
+    def tick(self, now: float, stood_still: float = 0.0) -> list[Instruction]:
+        """Time has passed: tasks may be late, and teams; but for so long nothing could move, or be heard of [s]."""
+        self._photons_at, self._moved_at = self._photons_at + stood_still, self._moved_at + stood_still
         if self.session is not None and self.phase in (Phase.PHOTONS, Phase.MAPS):
             return self._leave_behind(self.session, now)
         if self.phase not in (Phase.RECORDS, Phase.BUCKETS) or self.tasks.waiting:
@@ -227,9 +228,8 @@ class Phases:
 
     def _start_session(self, session: Session, now: float) -> list[Instruction]:
         self._seconds, self._phase_at = {}, now
-        self._lost = []
+        self._lost, self._records = [], 0
         self._view += 1
-        self._records = 0
         for team in self.roster.teams:
             team.behind = team.behind and (team.at_work or team.awaits is not None)
         same_scene = session.digest == self._digest

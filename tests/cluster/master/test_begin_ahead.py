@@ -162,6 +162,15 @@ def test_a_bucket_that_another_was_faster_with_comes_when_the_next_session_has_b
     assert views(driver(m.Begin(session(view=OTHER_VIEW)))) == [OTHER_VIEW, OTHER_VIEW]
 
 
+def test_who_asks_hears_of_no_work_that_is_left_while_the_view_is_planned() -> None:
+    driver, _ = ahead()
+    trace(driver, set_up(driver, A, B))
+    says(driver, A, p.MapsBuilt)
+    says(driver, B, p.MapsBuilt)
+    [report] = sent(driver.says(C, p.AskStatus()))
+    assert (report.phase, report.units, report.done) == ("view", 0, 0)
+
+
 def test_a_slave_that_is_lost_meanwhile_is_replaced_by_the_other() -> None:
     driver, _ = ahead()
     trace(driver, set_up(driver, A, B))

@@ -74,6 +74,17 @@ def test_photons_of_a_late_slave_are_traced_by_others() -> None:
     assert driver.master.phase is Phase.MAPS
 
 
+def test_nobody_is_late_after_the_master_itself_stood_still() -> None:
+    """On a laptop whose lid was shut all did."""
+    driver, tasks = begun(A, B)
+    trace_all(driver, A, tasks[A])
+    done(driver, B, tasks[B].pop(0))
+    driver(m.Tick())
+    driver.now += 3600.0
+    assert not noted(driver(m.Tick()))
+    assert LEFT in noted(later(driver, LATE_S + 3.0))
+
+
 def test_it_traces_all_photons_for_itself_when_it_is_back() -> None:
     driver, tasks = begun(A, B)
     trace_all(driver, A, tasks[A])
