@@ -100,12 +100,15 @@ class FaultyCluster(MemoryCluster):
         return self._result
 
     def _begin_ahead(self, session: Session) -> None:
-        """Have slaves begin, more often than not, while the view of the session is still another, or the scene is."""
+        """Have slaves begin, more often than not, while the view is still another, or the scene or its photons are."""
         if self._ahead.random() < 0.25:
             return
+        world, plan = session.world, session.world.photon_plan
         other = replace(session, view=replace(session.view, seed=session.view.seed + 1))
         if self._ahead.random() < 0.25:
             other = replace(other, digest=f"not {session.digest}")
+        elif self._ahead.random() < 0.25:
+            other = replace(other, world=world.with_photons(replace(plan, seed=plan.seed + 1)))
         self._master.handle(m.BeginAhead(other))
         for _ in range(self._ahead.choice((0, 30, 300))):
             self._turn()

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from digests import without_cells
 from fake_worker import FakeWorker, make_session, make_view, picture
-from faulty_cluster import FaultyCluster
+from faulty_cluster import LIMITS, FaultyCluster
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from record_rounds import PLAN, all_records, cached, made
 
 import wdpm
+from wdpm.cluster.outbox import Outbox
 from wdpm.cluster.plan.copies import Sharing
+from wdpm.cluster.records import Records, equal
 from wdpm.cluster.render_settings import Indirect, RenderSettings, Routing
+from wdpm.cluster.task import BucketTask, RecordTask
 from wdpm.cluster.work import tree_orders
 from wdpm.cluster.work.worker import CellWorker
-from wdpm.cluster.world import World
+from wdpm.cluster.world import View, World
 from wdpm.images.image import Image
 from wdpm.kernels.launch import Launcher
 from wdpm.progress import SilentProgress
@@ -67,6 +72,53 @@ def test_a_picture_survives_slaves_that_stand_still(
         for name, layer in picture(view).layers.items():
             np.testing.assert_array_equal(result.layers[name], layer, str(cluster.suffered))
         assert result.paths == 1000
+
+
+RECORDS_BY = [len(all_records(rounds)) for rounds in range(PLAN.rounds + 1)]
+
+
+class RecordingWorker(FakeWorker):
+    """Ends no task with other irradiance records than those that it needs."""
+
+    def set_view(self, view: View) -> None:
+        super().set_view(view)
+        self.records_here = 0
+
+    def set_records(self, records: Records) -> None:
+        self.records_here = len(records)
+
+    def _take_credit(self, number: int, credit: int, outbox: Outbox) -> None:
+        task, missing = self.open[number]
+        if missing == credit and isinstance(task, RecordTask):
+            assert self.records_here == RECORDS_BY[task.round]
+            outbox.results.append(made(task))
+            del self.open[number]
+            return
+        assert missing > credit or not isinstance(task, BucketTask) or self.records_here == RECORDS_BY[-1]
+        super()._take_credit(number, credit, outbox)
+
+
+@patch("faulty_cluster.LIMITS", replace(LIMITS, record_task_least=20, record_task_most=20))
+@settings(max_examples=10, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    slaves=st.integers(2, 5),
+    team=st.integers(1, 3),
+    cells=st.sampled_from([1, 2]),
+    every=st.sampled_from([10, 40, 150]),
+    faults=st.integers(1, 8),
+)
+def test_records_survive_any_faults(seed: int, slaves: int, team: int, cells: int, every: int, faults: int) -> None:
+    """Whoever begins with tasks before the records are there may be lost, or stand still, as well."""
+    view = cached()
+    session = make_session(slaves, cells, team_size=min(team, slaves), view=view)
+    cluster = FaultyCluster(
+        RecordingWorker, slaves, seed, every=every, faults=faults, most=slaves + 3 * faults, stops=True
+    )
+    for again in (session, replace(session, retrace=True)):
+        result = cluster.render(again)
+        np.testing.assert_array_equal(result.layers["beauty"], picture(view).layers["beauty"], str(cluster.suffered))
+        assert equal(result.records, all_records(PLAN.rounds))
 
 
 def make_worker(number: int, world: World, partition: Mapping[int, Triangles], holders: Sequence[int]) -> CellWorker:
