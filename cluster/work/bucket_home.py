@@ -113,7 +113,7 @@ class BucketHome:
         """Add a wave's samples at once, if that can be: nothing of it is under way then."""
         if self._scene is None:
             return False
-        sums, cell = list(self._sums), self._cell.copy()
+        sums, cell, vertices = list(self._sums), self._cell.copy(), 0
         for piece in wave:
             group, weights = self._groups[piece.group], self._weights[piece.group]
             pixels: dict[str, NDArray[Any]] = {
@@ -127,10 +127,12 @@ class BucketHome:
             traced = self._scene.trace_whole(pixels, piece.start, piece.stop - piece.start, sums[piece.group])
             if traced is None:
                 return False
-            sums[piece.group], hit = traced
+            sums[piece.group] = traced.sums
+            vertices += traced.vertices
             if piece.start == 0:
-                cell[group.rows] = np.where(hit, self._scene.number, -1)
+                cell[group.rows] = np.where(traced.hit, self._scene.number, -1)
         self._sums, self._cell = sums, cell
+        self._scene.count_whole(vertices)
         return True
 
     def _weights_of(self, number: int) -> SampleWeights | None:

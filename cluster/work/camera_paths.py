@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -37,6 +37,20 @@ from wdpm.scenes.errors import ProtocolError
 WHOLE_GRAIN = 256
 """Samples below which handing a chunk of them to another thread costs more than it saves: of half a microsecond at
 least, mostly of several."""
+
+
+class TracedWhole(NamedTuple):
+    """What samples come to that were followed to their ends.
+
+    Attributes:
+        sums: of their pixels, with theirs (kernels.camera.add_samples.Sums).
+        hit: of each pixel, whether the first of them met a surface.
+        vertices: that they had beyond their first: of CameraPaths.vertices, once they count.
+    """
+
+    sums: Any
+    hit: NDArray[np.bool_]
+    vertices: int
 
 
 class CameraPaths:
@@ -89,7 +103,7 @@ class CameraPaths:
         by = self._view.diffuse_light
         return by is DiffuseLight.PATHS or (by is DiffuseLight.PHOTON_MAP and not any(m.paths for m in world.maps))
 
-    def trace_whole(self, pixels: Arrays, start: int, samples: int, sums: Any) -> tuple[Any, NDArray[np.bool_]] | None:
+    def trace_whole(self, pixels: Arrays, start: int, samples: int, sums: Any) -> TracedWhole | None:
         """Add samples `start` to `start + samples` of some pixels to their sums.
 
         Args:
@@ -97,8 +111,8 @@ class CameraPaths:
             sums: so far (kernels.camera.add_samples.Sums), which stay what they are.
 
         Returns:
-            the new sums, and whether the first of the samples of each pixel has met a surface; None where something
-            happened that guards count: then all of it is to be rendered in the other way.
+            what they come to; None where something happened that guards count: then all that is under way with them is
+            to be rendered in the other way.
         """
         replica, count = self._replica, len(pixels["pixel"])
         device, shots = replica.launcher.device, self._view.light_samples
@@ -117,8 +131,7 @@ class CameraPaths:
         found = columns.download(told, ("hit", "vertices", "spoilt"))
         if found["spoilt"].any():
             return None
-        self.vertices += int(found["vertices"].sum())
-        return sums_out, found["hit"] > 0
+        return TracedWhole(sums_out, found["hit"] > 0, int(found["vertices"].sum()))
 
     # Rays from the camera
 

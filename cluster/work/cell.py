@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from wdpm.cluster.batch import GHOSTS, Arrays, Batch, Kind
 from wdpm.cluster.host_cache import CacheEntry
 from wdpm.cluster.work import tally
-from wdpm.cluster.work.camera_paths import CameraPaths
+from wdpm.cluster.work.camera_paths import CameraPaths, TracedWhole
 from wdpm.cluster.work.final_gather import FinalGatherCounters
 from wdpm.cluster.work.guards import added
 from wdpm.cluster.work.photon_gathers import PhotonGatherCounters
@@ -105,12 +105,16 @@ class Cell:
         """As CameraPaths.traces_whole."""
         return self._camera_paths.traces_whole
 
-    def trace_whole(self, pixels: Arrays, start: int, samples: int, sums: Any) -> tuple[Any, NDArray[np.bool_]] | None:
+    def trace_whole(self, pixels: Arrays, start: int, samples: int, sums: Any) -> TracedWhole | None:
         """As CameraPaths.trace_whole."""
         added = self._camera_paths.trace_whole(pixels, start, samples, sums)
         if self._in_files is not None:
             self._in_files.let_go()
         return added
+
+    def count_whole(self, vertices: int) -> None:
+        """Count the vertices of samples that were followed to their ends, now that these are not rendered again."""
+        self._camera_paths.vertices += vertices
 
     def _check(self, batch: Batch) -> None:
         """Raise ProtocolError if a batch asks for what this cell or this scene does not have."""

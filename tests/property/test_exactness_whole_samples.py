@@ -11,10 +11,16 @@ import effect_scenes
 import numpy as np
 import pytest
 from digests import alone, same_bits
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_scenes import scenes_with_effects
 
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.cluster.work.camera_paths import CameraPaths
+from wdpm.cluster.work.replica import Replica
 from wdpm.images.image import Image
+from wdpm.kernels.camera.whole_samples import make_trace_samples
+from wdpm.kernels.features import ALL, Features
 from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes import cornell_box
 from wdpm.scenes.model.lights import PointLight
@@ -102,6 +108,21 @@ def test_waves_buckets_threads_and_cells_change_no_bit(name: str, monkeypatch: p
         assert same_bits(image, expected)
 
 
+def test_vertices_of_samples_that_are_rendered_again_count_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = by_batches(monkeypatch, SCENES["diffuse"], PATH)
+    trace, calls = CameraPaths.trace_whole, []
+
+    def spoilt_at_last(self: CameraPaths, pixels: object, start: int, samples: int, sums: object) -> object:
+        calls.append(samples)  # of pixels on outlines of lamps, which take more, or of the others
+        return trace(self, pixels, start, samples, sums) if len(calls) == 1 else None  # type: ignore[arg-type]
+
+    monkeypatch.setattr(CameraPaths, "trace_whole", spoilt_at_last)
+    image = alone(SCENES["diffuse"], PATH)
+    assert len(calls) == 2
+    assert image.digest() == expected.digest()
+    assert image.metadata["report"]["vertices"] == expected.metadata["report"]["vertices"]
+
+
 def test_what_guards_count_is_rendered_in_the_other_way(monkeypatch: pytest.MonkeyPatch) -> None:
     to_world = np.diag([-1.0, 1.0, -1.0, 1.0])  # looks along -z
     to_world[:3, 3] = (0.0, 0.05, 1.0)
@@ -113,6 +134,51 @@ def test_what_guards_count_is_rendered_in_the_other_way(monkeypatch: pytest.Monk
         image = alone(scene, PATH)
     assert image.metadata["report"]["nonfinite"] == expected.metadata["report"]["nonfinite"] != {}
     assert image.digest() == expected.digest()
+
+
+@settings(max_examples=20, deadline=None, derandomize=True)
+@given(
+    scene=scenes_with_effects(),
+    chosen=st.builds(
+        lambda **changes: replace(PATH, all_effects=True, **changes),
+        seed=st.integers(0, 2**32 - 1),
+        max_depth=st.sampled_from([None, None, 1, 2, 4]),
+        light_samples=st.sampled_from([1, 4]),
+        passes=st.sampled_from([1, 2]),
+    ),
+    wave=st.sampled_from([7, 50, 1 << 16]),
+    bright=st.booleans(),
+)
+def test_random_scenes_of_all_effects_but_media(scene: Scene, chosen: RenderSettings, wave: int, bright: bool) -> None:
+    """By kernels for all effects, but for the one that follows samples, which is for all of those that it knows."""
+    scene = without_media(scene)
+    if bright:  # some of its light overflows
+        star = PointLight("star", (0.3, 0.2, -0.9), (3e38, 1e38, 3e38))
+        scene = replace(scene, lights=(*scene.lights, star))
+    with pytest.MonkeyPatch.context() as patch, np.errstate(over="ignore", invalid="ignore"):
+        expected = by_batches(patch, scene, chosen)
+        patch.setattr(Replica, "_choose_kernels", choose_kernels_that_follow_samples)
+        patch.setattr("wdpm.cluster.work.bucket_home.WAVE_SAMPLES", wave)
+        patch.setattr("wdpm.cluster.work.camera_paths.WHOLE_GRAIN", 8)
+        with counted(patch, whole=True) as launched:
+            image = render_in_process(scene, replace(chosen, bucket=8), workers=1, cells=1, threads=3)
+    assert launched
+    assert image.digest() == expected.digest()
+    for told in ("vertices", "nonfinite"):
+        assert image.metadata["report"][told] == expected.metadata["report"][told]
+
+
+def without_media(scene: Scene) -> Scene:
+    meshes = tuple(replace(mesh, interior=None, exterior=None) for mesh in scene.meshes)
+    return replace(scene, meshes=meshes, camera=replace(scene.camera, medium=None), media=())
+
+
+def choose_kernels_that_follow_samples(self: Replica, features: Features) -> None:
+    CHOOSE_KERNELS(self, features)
+    self.kernels = replace(self.kernels, trace_samples=make_trace_samples(replace(ALL, media=False, grids=False)))
+
+
+CHOOSE_KERNELS = Replica._choose_kernels
 
 
 @pytest.mark.parametrize(
