@@ -13,6 +13,7 @@ find the lamp, and trials see what comes of it: E is that of photons in the same
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -154,11 +155,13 @@ def _smooth_alone(table: MaterialTable) -> MaterialTable | None:
 
 def _irradiance(pilot: PhotonPilot, photons: Arrays, factor: Values, places: SeenPlaces) -> Values:
     """Of some photons, each with a factor, at all places, mean of RGB, shape [places]."""
-    flux = (photons["flux"] * factor[:, None]).astype(np.float32)
+    flux = photons["flux"] * factor[:, None]
+    # Flux times radiance may be beyond what float32 holds, though neither is: a power of two changes nothing else.
+    unit = 2.0 ** math.frexp(float(flux.max(initial=0.0)))[1]
     position, normal = places.all("position"), places.all("normal")
-    among = AmongPhotons(pilot.cell, {**photons, "flux": flux})
+    among = AmongPhotons(pilot.cell, {**photons, "flux": (flux / unit).astype(np.float32)})
     found, _ = among.gather(position, normal, pilot.world.extent)
-    return found.astype(np.float64) / pilot.paths
+    return found.astype(np.float64) * (unit / pilot.paths)
 
 
 def _radiance_of(lights: LightTable) -> Values:

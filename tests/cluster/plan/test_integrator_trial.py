@@ -106,6 +106,23 @@ def test_caustics_of_small_bright_lamps_are_for_photons_and_those_of_wide_ones_a
         assert " of it by caustics" in each.chose[0]
 
 
+@pytest.mark.parametrize(("near", "far"), [(2.0**30, 2.0**70), (2.0**-30, 2.0**-90)])
+def test_caustics_of_lamps_of_any_unit_count_alike(near: float, far: float) -> None:
+    """Of lamps so bright, or so faint, that their photons' flux times their radiance is beyond float32."""
+    found = [settled(with_lamps(mirrored(SMALL), strength), spp=64).chose for strength in (near, far)]
+    assert " of it by caustics" in found[0][0]
+    assert found[0] == found[1]
+
+
+def with_lamps(scene: Scene, strength: float) -> Scene:
+    """The same with lamps so many times as strong."""
+    meshes = [
+        mesh if mesh.emission is None else replace(mesh, emission=tuple(strength * each for each in mesh.emission))
+        for mesh in scene.meshes
+    ]
+    return replace(scene, meshes=tuple(meshes))
+
+
 @pytest.mark.parametrize(("shine", "integrator"), [(0.3, Integrator.PATH), (1.0, Integrator.PHOTONS)])
 def test_faint_caustics_that_hardly_a_pixel_meets_are_no_reason_for_photons(
     shine: float, integrator: Integrator
