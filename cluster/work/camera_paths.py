@@ -120,10 +120,9 @@ class CameraPaths:
         told = columns.empty(whole_samples.Told, count, device)
         orders = replica.orders(shots, asks=False)
         uploaded = columns.upload(whole_samples.Pixels, pixels, device, written=())
-        launches = []
+        # Of one vertex at a time, and each launch has its own: they run at once.
+        rows, launches = {"seen": 1, "queries": 1, "shots": shots, "paths": 1}, []
         for first, size in replica.launcher.chunks(count, max(1, WHOLE_GRAIN // samples)):
-            # Each has rows of its own: shadow rays of one may stand where others of another chunk do.
-            rows = {"seen": first + 1, "queries": first + 1, "shots": (first + 1) * shots, "paths": first + 1}
             scratch = columns.empty_nested(vertices.Shaded, rows, device)
             before = [self._scene, self._trees, uploaded, start, samples, orders, sums]
             launches.append((size, [*before, first, scratch, sums_out, told]))

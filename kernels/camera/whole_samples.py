@@ -109,18 +109,18 @@ def orders_at(orders: Orders, bounce: wp.int32) -> Orders:
 
 @functools.cache
 def make_arriving(features: Features) -> wp.Function:
-    """The function `arriving` for a set of features: (scene, trees, k, scratch) -> radiance."""
+    """The function `arriving` for a set of features: (scene, trees, j, scratch) -> radiance."""
     closest_hit = closest_function(features.instances)
     any_hit = any_function(features.instances)
     pass_through = make_pass_through(features)
 
     @wp.func
-    def arriving(scene: wp.ref[Scene], trees: wp.ref[Trees], k: wp.int32, scratch: wp.ref[Shaded]) -> wp.vec3:
-        """What of a shadow ray's light arrives."""
-        radiance = scratch.shots.radiance[k]
+    def arriving(scene: wp.ref[Scene], trees: wp.ref[Trees], j: wp.int32, scratch: wp.ref[Shaded]) -> wp.vec3:
+        """What of the light of shadow ray j arrives."""
+        radiance = scratch.shots.radiance[j]
         if wp.max(radiance) > 0.0:
-            origin = scratch.shots.origin[k]
-            direction = scratch.shots.direction[k]
+            origin = scratch.shots.origin[j]
+            direction = scratch.shots.direction[j]
             if wp.static(not features.walks):
                 if any_hit(trees, origin, direction, SEGMENT_END):
                     return wp.vec3(0.0)
@@ -163,20 +163,19 @@ def make_trace(features: Features) -> wp.Function:
         number: wp.int32,
         weight: wp.float32,
         orders: Orders,
-        row: wp.int32,
         scratch: wp.ref[Shaded],
     ) -> Sample:
         """One sample.
 
         Args:
-            row: of `scratch`, which nobody else writes to meanwhile.
+            scratch: of one vertex, for all of the path, one after another.
         """
         found = Sample()
         found.depth = -1.0
         p = Vertex()
         p.pixel = pixel
         p.sample = number
-        p.row = row
+        p.row = 0
         ray = camera_ray(scene.camera, pixel, number)
         p.t = ray.t_max
         p.prim = -1
@@ -200,17 +199,16 @@ def make_trace(features: Features) -> wp.Function:
                 shade(scene, p, now, scratch)
                 lit = wp.vec3d()
                 for j in range(now.shots):
-                    k = row * now.shots + j
-                    if not wp.isfinite(scratch.shots.radiance[k]):
+                    if not wp.isfinite(scratch.shots.radiance[j]):
                         found.spoilt = 1
-                    lit += wp.vec3d(arriving(scene, trees, k, scratch) * weight)
-                emission = scratch.seen.emission[row]
+                    lit += wp.vec3d(arriving(scene, trees, j, scratch) * weight)
+                emission = scratch.seen.emission[0]
                 if not wp.isfinite(emission):
                     found.spoilt = 1
                 if p.bounce == 0:
-                    found.depth = scratch.seen.depth[row]
-                    found.normal = scratch.seen.normal[row] * weight
-                    found.albedo = scratch.seen.albedo[row] * weight
+                    found.depth = scratch.seen.depth[0]
+                    found.normal = scratch.seen.normal[0] * weight
+                    found.albedo = scratch.seen.albedo[0] * weight
                     share = wp.float64(1.0) / wp.float64(orders.light_samples)
                     found.direct = wp.vec3d(emission * weight) + lit * share
                 else:
@@ -223,11 +221,11 @@ def make_trace(features: Features) -> wp.Function:
                         found.indirect += wp.vec3d(emission * weight)
                     else:
                         found.direct += wp.vec3d(emission * weight)
-                throughput = scratch.paths.throughput[row]
-                if not wp.isfinite(throughput) or scratch.paths.bounce[row] >= _CHAIN_LIMIT:
+                throughput = scratch.paths.throughput[0]
+                if not wp.isfinite(throughput) or scratch.paths.bounce[0] >= _CHAIN_LIMIT:
                     found.spoilt = 1
                 elif wp.max(throughput) > 0.0:
-                    p = camera_path(scene.camera, scratch.paths, row)
+                    p = camera_path(scene.camera, scratch.paths, 0)
                     goes_on = 1
         return found
 
@@ -258,8 +256,7 @@ def make_trace_samples(features: Features) -> wp.Kernel:
         Args:
             orders: of first vertices; by BY_PATHS, or by BY_MAP where there are no photons.
             sums: so far.
-            scratch: a row for each pixel, though those of a launch share that of its first: there one is traced after
-                another.
+            scratch: of one vertex, and of this launch alone: one sample is traced after another.
         """
         i = offset + wp.tid()
         direct = sums.direct[i]
@@ -275,7 +272,7 @@ def make_trace_samples(features: Features) -> wp.Kernel:
             weight = wp.float32(1.0)
             if pixels.weight.shape[0] > 0:
                 weight = pixels.weight[i * samples + s]
-            found = trace(scene, trees, pixels.pixel[i], pixels.first[i] + start + s, weight, orders, offset, scratch)
+            found = trace(scene, trees, pixels.pixel[i], pixels.first[i] + start + s, weight, orders, scratch)
             if found.depth >= 0.0:
                 hits += 1
                 depth += wp.float64(found.depth)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -19,6 +19,7 @@ from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.cluster.work.camera_paths import CameraPaths
 from wdpm.cluster.work.replica import Replica
 from wdpm.images.image import Image
+from wdpm.kernels import columns
 from wdpm.kernels.camera.whole_samples import make_trace_samples
 from wdpm.kernels.features import ALL, Features
 from wdpm.rendering.in_process import render_in_process
@@ -106,6 +107,22 @@ def test_waves_buckets_threads_and_cells_change_no_bit(name: str, monkeypatch: p
             shuffle=order,
         )
         assert same_bits(image, expected)
+
+
+def test_a_launch_has_room_for_one_vertex_however_many_samples_it_follows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Room for each pixel of all launches before was 2 GiB of a bucket of 512 x 512 pixels, with 16 threads."""
+    made, empty_nested = [], columns.empty_nested
+
+    def remember(struct: object, counts: Mapping[str, int], device: str) -> object:
+        made.append(max(counts.values()))
+        return empty_nested(struct, counts, device)  # type: ignore[arg-type]
+
+    with counted(monkeypatch, whole=True):
+        monkeypatch.setattr("wdpm.cluster.work.camera_paths.WHOLE_GRAIN", 8)
+        monkeypatch.setattr(columns, "empty_nested", remember)
+        render_in_process(SCENES["diffuse"], PATH, workers=1, cells=1, threads=3)
+    assert len(made) > 1
+    assert set(made) == {PATH.light_samples}
 
 
 def test_vertices_of_samples_that_are_rendered_again_count_once(monkeypatch: pytest.MonkeyPatch) -> None:
