@@ -50,11 +50,11 @@ def test_predictions_of_path_tracing_show_no_photons(integrator: Integrator, pho
     assert ("250,000" in row) == (photons != "none")
 
 
-def test_help_tells_which_knobs_are_not_swept_by_default(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_tells_which_settings_are_not_swept_by_default(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main.main(["accuracy", "--help"])
     text = " ".join(capsys.readouterr().out.split()).replace("- ", "-")
-    assert "but for caustic-k, caustic-radius, volume-samples, volume-radius)" in text
+    assert "except caustic-k, caustic-radius, volume-samples, volume-radius)" in text
 
 
 def swept(capsys: pytest.CaptureFixture[str], folder: Path, *options: str) -> tuple[str, str]:
