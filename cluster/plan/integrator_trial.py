@@ -38,7 +38,7 @@ from wdpm.cluster.plan.small_view import (
     without_photons,
 )
 from wdpm.cluster.plan.steering.pilot import steered_pilot
-from wdpm.cluster.plan.trial.bias import Looks, map_bias
+from wdpm.cluster.plan.trial.bias import MapQueries, map_bias
 from wdpm.cluster.plan.trial.figures import Trial
 from wdpm.cluster.plan.trial.prices import Prices
 from wdpm.cluster.plan.trial.ways import Way, words_for
@@ -306,16 +306,16 @@ def _try_both(
     of_global, of_caustics = _map_errors(flat, pilot, photons, places, truth, epsilon)
     if of_global is not None:
         of_global = of_global.of_light(by_path.indirect)
-    plans, looks = map_plans(pilot, photons, flat), _looks(places)
+    plans, queries = map_plans(pilot, photons, flat), _map_queries(places)
     cached = replace(photons, indirect=Indirect.CACHE)
-    unread = unread_at(pilot, cached, plans, looks.position, looks.normal)
+    unread = unread_at(pilot, cached, plans, queries.position, queries.normal)
     bias = 0.0
     if caustics.are_found:
-        told = [
+        wanted = [
             (path["beauty"] - photon["beauty"]).mean(axis=2)
             for path, photon in zip(path_halves.layers, photon_halves.layers, strict=True)
         ]
-        bias = map_bias(pilot, plans, photons.k, looks, told, 1.0 / (truth.mean(axis=2) ** 2 + epsilon))
+        bias = map_bias(pilot, plans, photons.k, queries, wanted, 1.0 / (truth.mean(axis=2) ** 2 + epsilon))
     noises = (
         photon_halves.noise(weight).mean(axis=2),
         path_halves.noise(weight).mean(axis=2),
@@ -361,13 +361,13 @@ def _map_errors(
     return error(GLOBAL_MAP, photons.k, factor), error(CAUSTIC_MAP, photons.caustic_k, among_caustics)
 
 
-def _looks(places: SeenPlaces) -> Looks:
+def _map_queries(places: SeenPlaces) -> MapQueries:
     """Some of the places that an image of CHOICE_SAMPLES samples a pixel has seen."""
     pixel = places.all("pixel")
     some = _some(len(pixel))
     of_each = len(pixel) / max(len(some), 1) / CHOICE_SAMPLES
     share = places.all("weight")[some].mean(axis=1, dtype=np.float64) * float(INV_PI) * of_each
-    return Looks(places.all("position")[some], places.all("normal")[some], pixel[some], share)
+    return MapQueries(places.all("position")[some], places.all("normal")[some], pixel[some], share)
 
 
 def _some(count: int) -> NDArray[np.intp]:

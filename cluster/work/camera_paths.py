@@ -117,7 +117,7 @@ class CameraPaths:
         replica, count = self._replica, len(pixels["pixel"])
         device, shots = replica.launcher.device, self._view.light_samples
         sums_out = columns.zeros(add_samples.Sums, count, device)
-        told = columns.empty(whole_samples.Told, count, device)
+        outcome = columns.empty(whole_samples.Outcome, count, device)
         orders = replica.orders(shots, asks=False)
         uploaded = columns.upload(whole_samples.Pixels, pixels, device, written=())
         # Of one vertex at a time, and each launch has its own: they run at once.
@@ -125,9 +125,9 @@ class CameraPaths:
         for first, size in replica.launcher.chunks(count, max(1, WHOLE_GRAIN // samples)):
             scratch = columns.empty_nested(vertices.Shaded, rows, device)
             before = [self._scene, self._trees, uploaded, start, samples, orders, sums]
-            launches.append((size, [*before, first, scratch, sums_out, told]))
+            launches.append((size, [*before, first, scratch, sums_out, outcome]))
         replica.launcher.run(replica.kernels.trace_samples, launches)
-        found = columns.download(told, ("hit", "vertices", "spoilt"))
+        found = columns.download(outcome, ("hit", "vertices", "spoilt"))
         if found["spoilt"].any():
             return None
         return TracedWhole(sums_out, found["hit"] > 0, int(found["vertices"].sum()))

@@ -51,8 +51,8 @@ class Pixels:
 
 
 @wp.struct
-class Told:
-    """What is told of each pixel besides its sums.
+class Outcome:
+    """What the samples of each pixel came to, besides its sums.
 
     Attributes:
         hit: 1 where the first of the samples met a surface.
@@ -249,7 +249,7 @@ def make_trace_samples(features: Features) -> wp.Kernel:
         offset: wp.int32,
         scratch: Shaded,
         sums_out: Sums,
-        told_out: Told,
+        outcome_out: Outcome,
     ) -> None:
         """Add samples `start` to `start + samples` of some pixels to their sums, as add_samples does. On the CPU alone.
 
@@ -292,8 +292,8 @@ def make_trace_samples(features: Features) -> wp.Kernel:
         sums_out.albedo[i] = albedo
         sums_out.depth[i] = depth
         sums_out.hits[i] = hits
-        told_out.hit[i] = first_hit
-        told_out.vertices[i] = vertices
-        told_out.spoilt[i] = spoilt
+        outcome_out.hit[i] = first_hit
+        outcome_out.vertices[i] = vertices
+        outcome_out.spoilt[i] = spoilt
 
     return trace_samples

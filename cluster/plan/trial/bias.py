@@ -35,7 +35,7 @@ LEAST_NEIGHBOURS = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Looks:
+class MapQueries:
     """Places of a trial at which maps are asked.
 
     Attributes:
@@ -51,22 +51,22 @@ class Looks:
 
 
 def map_bias(
-    pilot: PhotonPilot, plans: MapPlans, k: int, looks: Looks, told: Sequence[Values], weight: Values
+    pilot: PhotonPilot, plans: MapPlans, k: int, queries: MapQueries, wanted: Sequence[Values], weight: Values
 ) -> float:
     """Square of what the global map shows too much, as relMSE.
 
     Args:
         k: photons that its gathers look for.
-        told: what the maps have to show, by two halves of the samples, each of shape [height, width].
+        wanted: what the maps have to show, by two halves of the samples, each of shape [height, width].
         weight: of each pixel's squared error, shape [height, width].
     """
-    if not len(pilot.photons[GLOBAL_MAP]["id"]) or not len(looks.pixel):
+    if not len(pilot.photons[GLOBAL_MAP]["id"]) or not len(queries.pixel):
         return 0.0
-    gathered = [_shown(pilot, number, plans, each, looks, weight.shape) for number, each in _maps(plans, k)]
+    gathered = [_shown(pilot, number, plans, each, queries, weight.shape) for number, each in _maps(plans, k)]
     root = np.sqrt(weight)
     # Light of caustics may be found by paths, or not: of what maps show the part that agrees is held against them.
     every = [
-        _beyond_noise([(sum(maps[half] for maps in some) - told[half]) * root for half in (0, 1)])
+        _beyond_noise([(sum(maps[half] for maps in some) - wanted[half]) * root for half in (0, 1)])
         for some in (gathered[:1], gathered)
     ]
     return float(np.minimum(every[0], every[1]).mean())
@@ -77,20 +77,20 @@ def _maps(plans: MapPlans, k: int) -> tuple[tuple[int, int], tuple[int, int]]:
 
 
 def _shown(
-    pilot: PhotonPilot, number: int, plans: MapPlans, k: int, looks: Looks, shape: tuple[int, ...]
+    pilot: PhotonPilot, number: int, plans: MapPlans, k: int, queries: MapQueries, shape: tuple[int, ...]
 ) -> list[Values]:
     """What two halves of the pilot's photons show, by gathers as wide as those of the render, shape [height, width]."""
     photons, paths = pilot.photons[number], pilot.world.maps[number].paths
     path, shown = photons["id"] >> BOUNCE_BITS, []
     for odd in (0, 1):
         half = take(photons, np.flatnonzero(path % 2 == odd))
-        count, irradiance = len(half["id"]), np.zeros(len(looks.pixel))
+        count, irradiance = len(half["id"]), np.zeros(len(queries.pixel))
         if count and plans.maps[number].paths:
             fewer = max(round(k * count / max(plans.expected[number], 1.0)), min(LEAST_NEIGHBOURS, k))
             reach = plans.maps[number].radius
-            found, _ = AmongPhotons(pilot.cell, half).gather(looks.position, looks.normal, reach, min(fewer, k))
+            found, _ = AmongPhotons(pilot.cell, half).gather(queries.position, queries.normal, reach, min(fewer, k))
             irradiance = found.astype(np.float64) * 2.0 / paths
-        pixels = np.bincount(looks.pixel, looks.share * irradiance, shape[0] * shape[1]).astype(np.float64)
+        pixels = np.bincount(queries.pixel, queries.share * irradiance, shape[0] * shape[1]).astype(np.float64)
         shown.append(pixels.reshape(shape))
     return shown
 
