@@ -315,8 +315,7 @@ class Cluster(Backend):
         if self._placed is not None:
             self._placed.all_joined()
         team = partial(sharing, self._copies, slaves)
-        ahead = self._master.begin_ahead
-        prepared = prepare(source, settings, len(slaves), self._launcher, progress, team=team, ahead=ahead)
+        prepared = prepare(source, settings, len(slaves), self._launcher, progress, team=team)
         forget_pilot(prepared)
         self._beside.compile(prepared.uncompiled)
         return prepared

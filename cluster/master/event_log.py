@@ -64,8 +64,6 @@ class EventLog:
                 yield ClusterEvent("lost", {"slave": self._numbers[identity], "reason": reason})
             case m.ProcessEnded(process, reason, _):
                 yield ClusterEvent("process ended", {"process": process, "reason": reason})
-            case m.BeginAhead():
-                yield ClusterEvent("begun ahead")
             case m.Begin():
                 yield ClusterEvent("begun")
             case m.Close(reason, completed):

@@ -75,16 +75,6 @@ class Begin:
 
 
 @dataclass(frozen=True)
-class BeginAhead:
-    """Have slaves set up, and trace photons, for a session whose view is still being planned; Begin follows.
-
-    Nobody has to: a session that is begun then with another scene or other photons begins anew.
-    """
-
-    session: Session
-
-
-@dataclass(frozen=True)
 class WaitForSlaves:
     """Tell when all slaves have joined that are waited for."""
 
@@ -130,7 +120,6 @@ Event = (
     | NotComing
     | WaitForSlaves
     | Begin
-    | BeginAhead
     | PartitionMade
     | GoOn
     | Close
@@ -151,7 +140,7 @@ class Send:
 
 @dataclass(frozen=True)
 class MakePartition:
-    """Find the triangles of a cell, one of several, which may take long."""
+    """Find the triangles of a cell, which may take long."""
 
     cell: int
 

@@ -19,7 +19,6 @@ from wdpm.cluster.master.events import (
     Abort,
     AllJoined,
     Begin,
-    BeginAhead,
     Broken,
     Close,
     Event,
@@ -113,8 +112,8 @@ class Master:
 
     @property
     def rendering(self) -> bool:
-        """Whether a session is rendered just now, and not one begun ahead that nobody waits for yet."""
-        return self.phase not in (Phase.JOINING, Phase.IDLE, Phase.ENDED) and not self._phases.ahead
+        """Whether a session is rendered just now."""
+        return self.phase not in (Phase.JOINING, Phase.IDLE, Phase.ENDED)
 
     def seen(self) -> tuple[SlaveSeen, ...]:
         """All slaves that ever joined, for those who look at the image."""
@@ -146,8 +145,6 @@ class Master:
                 return [] if self.phase is Phase.JOINING else self._tell_who_is_there()
             case Begin(session):
                 return self._phases.begin(session, now)
-            case BeginAhead(session):
-                return self._phases.begin_ahead(session, now)
             case GoOn():
                 return self._phases.go_on(now)
             case SlaveLost(identity, reason):

@@ -2,8 +2,6 @@
 
     joining -> idle -> setup -> photons -> maps -> (records, once a round) -> buckets -> statistics -> idle
 
-A session may begin ahead of its view, which is still being planned: it comes as far as maps, and waits in phase view.
-
 A session is in one phase. Each team takes the steps of its own that the phase asks for (`_lead`): its cells, photons,
 maps, view, records, and then tasks. A slave says when it has taken a step, and a team goes on when all its slaves have:
 so a batch of a bucket cannot reach a slave that has not seen its view. Phases in which teams need each other end when
@@ -63,7 +61,6 @@ class Phases:
     Attributes:
         phase: what is waited for.
         session: what is rendered, or waits for slaves to join.
-        ahead: whether the session has begun ahead of its view.
         roster, tasks: the slaves that share the work, in teams, and what they share.
     """
 
@@ -74,7 +71,6 @@ class Phases:
         """
         self.phase = Phase.JOINING
         self.session: Session | None = None
-        self.ahead = False
         self._members = members
         self._limits = limits
         self._dropped = dropped
@@ -88,25 +84,14 @@ class Phases:
         self.roster = Roster(members, limits)
         self.tasks = Tasks()
 
-    def begin_ahead(self, session: Session, now: float) -> list[Instruction]:
-        """Begin with what does not depend on a session's view, unless something else is rendered or awaited."""
-        if self.phase is not Phase.IDLE and not self.ahead:
-            return []
-        self.ahead = True
-        return self._take_up(session, now)
-
     def begin(self, session: Session, now: float) -> list[Instruction]:
         """Render a session, as soon as all slaves have joined."""
-        busy = self.phase not in (Phase.JOINING, Phase.IDLE) or self.session is not None
-        if busy and not self.ahead:
+        if self.phase not in (Phase.JOINING, Phase.IDLE) or self.session is not None:
             raise AssertionError(f"a session began in phase {self.phase.value}")
         if len(session.burdens) != session.cells:
             raise AssertionError(f"{len(session.burdens)} burdens for {session.cells} cells")
-        self.ahead = False
-        if self.phase is not Phase.JOINING:
-            return self._take_up(session, now)
         self.session = session
-        return []
+        return self._start_session(session, now) if self.phase is Phase.IDLE else []
 
     def all_joined(self, now: float) -> list[Instruction]:
         """All slaves have joined."""
@@ -115,7 +100,7 @@ class Phases:
 
     def end(self) -> None:
         """Wait for nothing any more."""
-        self.phase, self.ahead = Phase.ENDED, False
+        self.phase = Phase.ENDED
         self.session = self.tasks.film = None
 
     def epoch_of(self, member: Member) -> int:
@@ -188,7 +173,7 @@ class Phases:
         if isinstance(message, protocol.TaskDone):
             return self._task_done(team, member, message.result, now)
         if isinstance(message, protocol.PartitionReceived):
-            return self.roster.cell_received(member, message, session)
+            return self.roster.cell_received(member, message)
         if team.answers_late(type(message)):
             return []
         if team.awaits is not type(message) or member.number not in team.waiting:
@@ -209,19 +194,6 @@ class Phases:
         return out
 
     # A session.
-
-    def _take_up(self, session: Session, now: float) -> list[Instruction]:
-        """Begin a session, or go on with what was begun ahead of it if that has its scene and its photons."""
-        before, self.session = self.session, session
-        if before is None:
-            return self._start_session(session, now)
-        same = session.digest == self._digest and session.world.photon_plan == self._plan
-        if not same or session.retrace:
-            for team in self.roster.teams:
-                self.roster.dissolve(team, self.tasks)
-            return self._start_session(session, now)
-        self._seconds, self._phase_at = {}, now  # what was done while it was planned took nobody longer
-        return self._start_view(session, now) + self._follow_up(session, now) if self.phase is Phase.VIEW else []
 
     def _follow_up(self, session: Session, now: float) -> list[Instruction]:
         return self._lead_all(session, now) + self._go_on(session, now)
@@ -291,10 +263,7 @@ class Phases:
         return [Started("map", len(orders)), *(Send(member.identity, order) for member, order in orders)]
 
     def _start_view(self, session: Session, now: float) -> list[Instruction]:
-        """The first round of irradiance records, or those that are there already; nothing while no view is known."""
-        if self.ahead:
-            self.phase = Phase.VIEW
-            return []
+        """The first round of irradiance records, or those that are there already."""
         self._phase_at = now
         rounds = self.tasks.rounds = RecordRounds(session.view, session.records, session.kept.records)
         if len(rounds.records):
@@ -374,8 +343,6 @@ class Phases:
             return self._order(team, protocol.PhotonsForgotten, plan, self._trace)
         if not team.mapped:
             return self._trace_by_itself(team, session, now)
-        if self.ahead:
-            return []
         if team.view != self._view:
             view = protocol.SetView(team.epoch, session.view)
             return self._order(team, protocol.ViewSet, view, self._view) + self._lead(team, session, now)
@@ -406,7 +373,7 @@ class Phases:
         out: list[Instruction] = self.roster.note_slaves_short_of_memory()
         for team in self.roster.teams_of_spare(team_size_of(session)):
             out += self._lead(team, session, now)
-        early = self.phase in (Phase.IDLE, Phase.SETUP, Phase.PHOTONS, Phase.VIEW, Phase.RECORDS)
+        early = self.phase in (Phase.IDLE, Phase.SETUP, Phase.PHOTONS, Phase.RECORDS)
         early = early or (self.phase is Phase.BUCKETS and self.tasks.begun <= WORTH_REGROUPING)
         smallest = min(self.roster.teams, key=lambda team: len(team.members), default=None)
         if smallest is None and (members := self.roster.take_spare(session.cells, anyone=True)):
@@ -438,7 +405,7 @@ class Phases:
             self.phase = Phase.SETUP
             self._begin_trace(session)
             out.append(Noted("photons are traced again: some were lost before all slaves had them"))
-        return out + self._lead_all(session, now) + self._go_on(session, now) + self.roster.next_cells(session)
+        return out + self._lead_all(session, now) + self._go_on(session, now) + self.roster.next_cells()
 
     def _working(self) -> list[Team]:
         """Teams that have all that tasks of the view need."""

@@ -20,7 +20,6 @@ class Phase(Enum):
     SETUP = "setup"
     PHOTONS = "photons"
     MAPS = "maps"
-    VIEW = "view"
     RECORDS = "records"
     BUCKETS = "buckets"
     STATISTICS = "statistics"
@@ -51,11 +50,10 @@ class RenderStatus:
     ) -> protocol.StatusReport:
         """The answer to AskStatus."""
         lost = sum(member.left for member in members.ever_joined)
-        counts = phase != Phase.VIEW.value  # what is counted is of the phase before
         return protocol.StatusReport(
             phase=phase,
-            units=self._units if counts else 0,
-            done=self._done if counts else 0,
+            units=self._units,
+            done=self._done,
             phase_s=0.0 if self._phase_at is None else now - self._phase_at,
             images=self._images,
             expected=members.expected,

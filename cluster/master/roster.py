@@ -131,14 +131,11 @@ class Roster:
         for cell, holder in enumerate(team.holders):
             if cell not in self._members.ever_joined[holder].cells:
                 self._cells.add(Delivery(team.epoch, holder, cell))
-        return out + self.next_cells(session)
+        return out + self.next_cells()
 
-    def next_cells(self, session: Session | None) -> list[Instruction]:
-        """Cells that may set out now: the whole scene at once, and parts of it when they are found."""
-        cells = self._cells.next()
-        if session is None or len(session.burdens) > 1:
-            return [MakePartition(cell) for cell in cells]
-        return [send for cell in cells for send in self.partition_made(cell, session.partition(cell))]
+    def next_cells(self) -> list[Instruction]:
+        """Cells that may set out now."""
+        return [MakePartition(cell) for cell in self._cells.next()]
 
     def partition_made(self, cell: int, triangles: Triangles) -> list[Instruction]:
         """Send a cell that was asked for to whom it was made for."""
@@ -149,13 +146,11 @@ class Roster:
         parts = parts_of(delivery.epoch, cell, triangles, self._part_triangles)
         return [Send(slave.identity, part) for part in parts]
 
-    def cell_received(
-        self, member: Member, message: protocol.PartitionReceived, session: Session | None
-    ) -> list[Instruction]:
+    def cell_received(self, member: Member, message: protocol.PartitionReceived) -> list[Instruction]:
         """A slave says that it has a cell."""
         if not self._cells.arrived(Delivery(message.epoch, member.number, message.cell)):
             raise ProtocolError(f"it says that it got cell {message.cell}, which was not sent to it")
-        return self.next_cells(session)
+        return self.next_cells()
 
 
 def team_size_of(session: Session) -> int:

@@ -114,14 +114,6 @@ class MasterServer:
             raise AssertionError("a session ended before it began")
         return joined.slaves
 
-    def begin_ahead(self, session: Session) -> None:
-        """Have slaves set up, and trace photons, for a session whose view is still being planned: `render` follows.
-
-        Nothing is waited for. Where it cannot be, nothing is done: `render` says why, if that matters then.
-        """
-        if not self._closed:
-            self._mailbox.put(m.BeginAhead(session))
-
     def render(
         self,
         session: Session,

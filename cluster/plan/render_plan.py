@@ -8,7 +8,6 @@ and the image does not depend on them.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -110,7 +109,6 @@ def make_render_plan(
     cells: int | None = None,
     pilot: PhotonPilot | None = None,
     learnt: Learnt | None = None,
-    on_world_plan: Callable[[WorldPlan], object] = lambda _: None,
 ) -> RenderPlan:
     """Decide what an image depends on, and who will compute what.
 
@@ -119,7 +117,6 @@ def make_render_plan(
         cells: a power of two; None for the least that gives every worker the like.
         pilot: that was flown to decide on settings.
         learnt: how shadow rays choose among lights, if that was learnt to decide on settings.
-        on_world_plan: is called with what photons depend on once that is decided; what the camera adds comes later.
     """
     view = view_of(flat, settings, workers)
     pilot = steered_pilot(flat, pilot_for(flat, features_of(flat, settings), settings, launcher, pilot), view)
@@ -129,7 +126,6 @@ def make_render_plan(
     wanted = max(workers, 1) if cells is None else cells
     sight = sight_of(flat, pilot.cell, view) if wanted > 1 else NO_SIGHT
     decided = _world_plan(flat, settings, pilot, planned, sight, view, launcher, wanted)
-    on_world_plan(decided)
     tree = decided.world.top_tree
     pilot.worker.forget_photons()
     if learnt is None:

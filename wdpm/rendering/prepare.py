@@ -21,7 +21,7 @@ from wdpm.cluster.plan.copies import SceneMemory, Sharing, largest_team, scene_m
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.effects_in_words import effects_of, missing_effects
 from wdpm.cluster.plan.photon_pilot import PILOT_PATHS
-from wdpm.cluster.plan.render_plan import RenderPlan, WorldPlan, make_render_plan
+from wdpm.cluster.plan.render_plan import RenderPlan, make_render_plan
 from wdpm.cluster.plan.view import view_of
 from wdpm.cluster.progress import ProgressObserver
 from wdpm.cluster.render_settings import CHANGE_NO_BIT, RenderSettings
@@ -118,7 +118,6 @@ def prepare(
     cells: int | None = None,
     processes: int = 1,
     team: Callable[[SceneMemory], Sharing] | None = None,
-    ahead: Callable[[Session], object] | None = None,
 ) -> Prepared:
     """Compile what is needed, fly the pilot, and divide the scene.
 
@@ -128,7 +127,6 @@ def prepare(
         cells: a power of two, or None for the least that serves a team of the workers.
         processes: that share the tasks of the only worker.
         team: memory that the scene takes -> which workers hold it together; None for all.
-        ahead: is given the session without what is still to be planned of its view, for workers to begin with.
 
     Raises:
         SettingsError: the device is not there, the image has too many pixels, or settings contradict the scene.
@@ -155,11 +153,12 @@ def prepare(
 
     progress.start("plan")
     shared = Sharing(workers, workers) if team is None else team(_memory_of(flat, settings))
-    outset = _Outset(flat, automatic, shared, processes, ahead)
-    plan = _planned(outset, largest_team(shared.slaves, shared.team_size), launcher, cells)
-    session = outset.settled(plan)
+    plan = _planned(flat, automatic, largest_team(shared.slaves, shared.team_size), launcher, cells)
+    lit_scene = _lit_scene(plan.world, flat.triangles)
+    alone = shared.slaves == 1 and plan.pilot is not None
+    session = _session(flat, automatic, plan, shared, processes, lit_scene, alone)
     return Prepared(
-        pilot=plan.pilot if outset.alone else None,
+        pilot=plan.pilot if alone else None,
         session=session,
         settings=settings,
         triangles=flat.triangles.total,
@@ -171,82 +170,52 @@ def prepare(
         warnings=(*scene.warnings, *_lost(flat, plan.world, settings), *unused),
         # All but compiling is planning, from when the scene was read.
         seconds={"compile": compiling.seconds, "partition": time.perf_counter() - began - compiling.seconds},
-        identity=_identity(digest(outset.lit_scene, plan.world.extent), session.view, settings),
-        lit_scene=digest(outset.lit_scene, *(getattr(settings, name) for name in OF_RECORDS)),
+        identity=_identity(digest(lit_scene, plan.world.extent), session.view, settings),
+        lit_scene=digest(lit_scene, *(getattr(settings, name) for name in OF_RECORDS)),
         header=header_of(scene),
         uncompiled=tuple(reversed(compiling.uncompiled)),
     )
 
 
-class _Outset:
-    """A session as far as it is known: of a world that is planned, and then of a view.
+def _session(
+    flat: FlatScene,
+    automatic: ChosenSettings,
+    plan: RenderPlan,
+    shared: Sharing,
+    processes: int,
+    lit_scene: str,
+    alone: bool,
+) -> Session:
+    """What a cluster is asked for.
 
     Args:
         shared: how many slaves there are, and how many of them hold the scene together.
         processes: that share the tasks of the only worker.
-        ahead: is given the session while its view is being planned.
-
-    Attributes:
         lit_scene: names what light depends on.
         alone: whether the pilot's own worker goes on, so that triangles are sent to nobody.
     """
-
-    def __init__(
-        self,
-        flat: FlatScene,
-        automatic: ChosenSettings,
-        shared: Sharing,
-        processes: int,
-        ahead: Callable[[Session], object] | None,
-    ) -> None:
-        self.flat, self.automatic = flat, automatic
-        self.lit_scene = ""
-        self.alone = False
-        self._shared = shared
-        self._processes = processes
-        self._ahead = ahead
-        self._session: Session | None = None
-
-    def decided(self, plan: WorldPlan) -> None:
-        """What photons depend on is decided."""
-        flat, shared, world = self.flat, self._shared, plan.world
-        settings, one_cell = self.automatic.settings, plan.world.top_tree.cells == 1
-        self.lit_scene = _lit_scene(world, flat.triangles)
-        self.alone = shared.slaves == 1 and one_cell
-        view = view_of(flat, settings, max(shared.slaves, self._processes), alone=shared.team_size == 1)
-        self._session = Session(
-            world=world,
-            view=view,
-            partition=_partition(flat.triangles if self.alone else spooled(flat.triangles), plan),
-            burdens=plan.burdens,
-            digest=digest(replace(world.with_photons(NO_PHOTONS), textures=()), self.lit_scene, shared.team_size),
-            team_size=shared.team_size,
-            room=shared.room,
-            layers=layers_of(world, view),
-            places=plan.some_places(),
-        )
-        if self._ahead is not None and one_cell and len(flat.triangles) <= MOST_AHEAD:
-            self._ahead(self._session)
-
-    def settled(self, plan: RenderPlan) -> Session:
-        """The session, with all that is planned of its view."""
-        if self._session is None:
-            raise AssertionError("a view was planned before its world")
-        view = plan.learnt_view(self._session.view)
-        return replace(self._session, view=replace(view, allotment=_allotment(self.automatic, view)), sight=plan.sight)
-
-
-MOST_AHEAD = 1 << 20
-"""Triangles of a scene that slaves are sent while its view is planned: the tree of more, which the plan has, is let go
-of before (`forget_pilot`), or a master would need memory for both."""
-
-
-def _planned(outset: _Outset, team: int, launcher: Launcher, cells: int | None) -> RenderPlan:
-    """The plan of a team, by what was found out to choose its settings."""
-    known = outset.automatic
-    return make_render_plan(
-        outset.flat, known.settings, team, launcher, cells, known.pilot, known.learnt, outset.decided
+    world = plan.world
+    view = view_of(flat, automatic.settings, max(shared.slaves, processes), alone=shared.team_size == 1)
+    view = plan.learnt_view(view)
+    return Session(
+        world=world,
+        view=replace(view, allotment=_allotment(automatic, view)),
+        partition=_partition(flat.triangles if alone else spooled(flat.triangles), plan),
+        burdens=plan.burdens,
+        digest=digest(replace(world.with_photons(NO_PHOTONS), textures=()), lit_scene, shared.team_size),
+        team_size=shared.team_size,
+        room=shared.room,
+        layers=layers_of(world, view),
+        places=plan.some_places(),
+        sight=plan.sight,
     )
+
+
+def _planned(
+    flat: FlatScene, automatic: ChosenSettings, team: int, launcher: Launcher, cells: int | None
+) -> RenderPlan:
+    """The plan of a team, by what was found out to choose its settings."""
+    return make_render_plan(flat, automatic.settings, team, launcher, cells, automatic.pilot, automatic.learnt)
 
 
 def _allotment(automatic: ChosenSettings, view: View) -> Allotment:
@@ -362,7 +331,7 @@ def _left_out(
     return missing_effects(effects_of(as_it_is, flat, media, world, features, settings), settings)
 
 
-def _partition(triangles: Triangles, plan: WorldPlan) -> Callable[[int], Triangles]:
+def _partition(triangles: Triangles, plan: RenderPlan) -> Callable[[int], Triangles]:
     """Hands out each cell's triangles, as often as slaves need them."""
     rows, instances = plan.rows, plan.instances
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import random
 import time
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -64,7 +63,7 @@ class FaultyCluster(MemoryCluster):
         most: int = 0,
         stops: bool = False,
     ) -> None:
-        self._random, self._ahead = random.Random(seed), random.Random(seed + 2)
+        self._random = random.Random(seed)
         self._make_worker = make_worker
         self._every, self._faults = every, faults
         self._stops = stops
@@ -84,7 +83,6 @@ class FaultyCluster(MemoryCluster):
 
     def render(self, session: Session, *_: Any) -> SessionResult:
         self._session, self._progress, self._display, self._result = session, None, None, None
-        self._begin_ahead(session)
         self._master.handle(m.Begin(session))
         idle = 0
         while self._result is None:
@@ -98,20 +96,6 @@ class FaultyCluster(MemoryCluster):
             self._step()
         self._session = None
         return self._result
-
-    def _begin_ahead(self, session: Session) -> None:
-        """Have slaves begin, more often than not, while the view is still another, or the scene or its photons are."""
-        if self._ahead.random() < 0.25:
-            return
-        world, plan = session.world, session.world.photon_plan
-        other = replace(session, view=replace(session.view, seed=session.view.seed + 1))
-        if self._ahead.random() < 0.25:
-            other = replace(other, digest=f"not {session.digest}")
-        elif self._ahead.random() < 0.25:
-            other = replace(other, world=world.with_photons(replace(plan, seed=plan.seed + 1)))
-        self._master.handle(m.BeginAhead(other))
-        for _ in range(self._ahead.choice((0, 30, 300))):
-            self._turn()
 
     def _turn(self) -> bool:
         """A message, and perhaps a fault; False if no message was on its way."""

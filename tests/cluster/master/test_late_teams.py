@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from fake_worker import make_session, make_view, triangles
+from fake_worker import make_session, make_view, make_world, pixels_of, statistics_of, triangles
 from master_driver import A, B, Driver, noted, sent, tasks_of
 
 from wdpm.cluster.master import events as m
@@ -12,14 +12,15 @@ from wdpm.cluster.master.machine import Phase
 from wdpm.cluster.master.tasks import LATE_S
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.task import PhotonsTraced, PhotonTask
+from wdpm.cluster.world import View
 
 LEFT = "others go on without slave 1 (host, process 1), which is late"
 
 
-def begun(*ready: bytes, paths: int = 450) -> tuple[Driver, dict[bytes, list[PhotonTask]]]:
+def begun(*ready: bytes, view: View | None = None) -> tuple[Driver, dict[bytes, list[PhotonTask]]]:
     """Two slaves that hold the whole scene each; the tasks of those that are ready."""
     driver = Driver().join()
-    out = driver(m.Begin(make_session(2, 1, paths=paths, team_size=1, view=make_view(64, 32, 16))))
+    out = driver(m.Begin(make_session(2, 1, paths=450, team_size=1, view=view or make_view(64, 32, 16))))
     for identity in (A, B):
         out += driver(m.PartitionMade(0, triangles(3)))
         out += driver.says(identity, p.PartitionReceived(epoch(driver, identity), 0))
@@ -151,3 +152,22 @@ def test_the_loss_of_a_slave_that_builds_no_maps_costs_others_nothing() -> None:
     out = driver(m.SlaveLost(B, "killed"))
     assert not sent(out, A)
     assert driver.master.phase is Phase.MAPS
+
+
+def test_a_bucket_that_another_was_faster_with_comes_when_the_next_session_has_begun() -> None:
+    view = make_view(32, 16, 16)
+    driver, tasks = begun(A, B, view=view)
+    trace_all(driver, A, tasks[A])
+    trace_all(driver, B, tasks[B])
+    out = [each for identity in (A, B) for each in driver.says(identity, p.MapsBuilt(epoch(driver, identity)))]
+    [[mine], [late]] = tasks_of(out, A), tasks_of(out, B)
+    driver.says(A, p.TaskDone(epoch(driver, A), pixels_of(mine, view)))
+    assert tasks_of(later(driver, LATE_S + 1.0), A) == [late]
+    driver.says(A, p.TaskDone(epoch(driver, A), pixels_of(late, view)))
+    out = driver.says(A, p.Statistics(epoch(driver, A), statistics_of(make_world(1), dropped={})))
+    assert m.Finished in map(type, out)
+    [first, *_] = tasks_of(driver(m.Begin(make_session(2, 1, paths=450, team_size=1, view=view))), A)
+    out = driver.says(B, p.TaskDone(epoch(driver, B), pixels_of(late, view)))
+    assert tasks_of(out, B), "it has nothing more to do of the last session"
+    assert driver.master.dropped == {"repeated result": 1}
+    assert tasks_of(driver.says(A, p.TaskDone(epoch(driver, A), pixels_of(first, view))), A) == []

@@ -6,7 +6,6 @@ import gc
 import time
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
 
 from wdpm.bench.simulation.cluster import Hardware, SimulatedCluster
 from wdpm.bench.simulation.records import Recorder
@@ -22,17 +21,6 @@ from wdpm.rendering.prepare import Prepared, Source, prepare
 from wdpm.scenes.flat.arrays import Triangles
 
 
-class Ahead(NamedTuple):
-    """A session that slaves begin with while its view is planned.
-
-    Attributes:
-        at: what this thread's clock said then [s].
-    """
-
-    session: Session
-    at: float
-
-
 class SimulatedBackend(Backend):
     """Slaves of one thread each on machines that are not there.
 
@@ -41,7 +29,7 @@ class SimulatedBackend(Backend):
 
     Attributes:
         session_s: simulated seconds of all sessions.
-        host_s: seconds of this process's thread that sessions took here, and planning after slaves had begun.
+        host_s: seconds of this process's thread that sessions took here.
         recorders: of the sessions, in their order.
     """
 
@@ -53,22 +41,17 @@ class SimulatedBackend(Backend):
         self._team = team
         self.session_s = self.host_s = 0.0
         self.recorders: list[Recorder] = []
-        self._ahead: Ahead | None = None
         self._cluster = SimulatedCluster(partial(_worker, self._launcher), hardware)
 
     def prepare(self, source: Source, settings: RenderSettings, progress: Progress) -> Prepared:
-        def begin_ahead(session: Session) -> None:
-            self._ahead = Ahead(session, time.thread_time())
-
-        team = Sharing(self.slaves, self._team)
-        return prepare(source, settings, self.slaves, self._launcher, progress, team=lambda _: team, ahead=begin_ahead)
+        return prepare(
+            source, settings, self.slaves, self._launcher, progress, team=lambda _: Sharing(self.slaves, self._team)
+        )
 
     def run(self, prepared: Prepared, session: Session, progress: Progress) -> SessionResult:  # noqa: ARG002
         began, now = time.thread_time(), self._cluster.clock.now
-        ahead, self._ahead = self._ahead, None
-        planned_s = 0.0 if ahead is None else began - ahead.at
-        result = self._cluster.render(session, None if ahead is None else ahead.session, planned_s)
-        self.host_s += time.thread_time() - began + planned_s
+        result = self._cluster.render(session)
+        self.host_s += time.thread_time() - began
         self.session_s += self._cluster.clock.now - now
         self.recorders.append(self._cluster.recorder)
         return result

@@ -117,7 +117,6 @@ class SimulatedCluster:
         state = Master(hardware.slaves, {}, cores={"machine 0": max(int(hardware.cores), 1)})
         self._master_shell = MasterShell(state, listener, self._answer, clock=lambda: self.clock.now, later=self._later)
         self._master = self._processes[network] = self._process(self._machines[0])
-        self._planner = Thread(self._machines[0].processor)  # as planning goes on, slaves may have begun
         self._master.take_in = self._master_shell.receive
         places = self._machines[1:] if hardware.apart else self._machines
         for number in range(hardware.slaves):
@@ -146,25 +145,12 @@ class SimulatedCluster:
         self._slaves.append((process, shell))
         self._have(process, lambda: shell.handle(s.Start()))
 
-    def render(self, session: Session, ahead: Session | None = None, planned_s: float = 0.0) -> SessionResult:
-        """Render a session; ClusterError if a slave fails, and whatever a worker raises.
-
-        Args:
-            ahead: the session as slaves begin with it, if they do ...
-            planned_s: ... while the master still plans for so long [s].
-        """
+    def render(self, session: Session) -> SessionResult:
+        """Render a session; ClusterError if a slave fails, and whatever a worker raises."""
         self._session, self._result = session, None
         self.recorder = Recorder()
         self.recorder.phase(SETTING_UP, self.clock.now, self._spent())
-
-        def begin() -> None:
-            self._have(self._master, lambda: self._master_shell.handle(m.Begin(session)))
-
-        if ahead is None:
-            begin()
-        else:
-            self._have(self._master, lambda: self._master_shell.handle(m.BeginAhead(ahead)))
-            self._planner.submit(lambda: (planned_s, begin))
+        self._have(self._master, lambda: self._master_shell.handle(m.Begin(session)))
         while self._result is None:
             if not self.clock.step():
                 raise AssertionError(f"the cluster waits for nothing in phase {self._master_shell.state.phase.value}")
@@ -180,7 +166,6 @@ class SimulatedCluster:
             tuple(process.loop.busy_s + process.carrier.busy_s for process in processes),
             master.loop.busy_s + master.carrier.busy_s + master.compute.busy_s,
             tuple(machine.wire_s for machine in self._machines),
-            self._planner.busy_s,
         )
 
     def _check(self) -> None:

@@ -143,7 +143,7 @@ class _Bench:
 def _run_of(
     backend: SimulatedBackend, image: Image, hardware: Hardware, copies: Copies, alone_s: float, host_s: float
 ) -> Run:
-    plan_s = host_s - backend.host_s  # all that is no session, nor planned beside it, is the master's alone
+    plan_s = host_s - backend.host_s  # all that is no session is the master's alone
     seconds = plan_s + backend.session_s
     report = image.metadata["report"]
     held = [slave["photons"] + slave["copies"] + slave["ghosts"] for slave in report["slaves"]]
@@ -185,7 +185,7 @@ def losses(recorders: Sequence[Recorder], hardware: Hardware, plan_s: float, alo
     lost["plan"] = plan_s * (cores - 1)
     computed, total = plan_s, plan_s * cores
     for phase in (phase for one in recorders for phase in one.phases):
-        computed += sum(phase.spent.computing) + phase.spent.planning
+        computed += sum(phase.spent.computing)
         lost["messages"] += sum(phase.spent.messages) + phase.spent.master
         name = "setup" if phase.name == SETTING_UP else phase.name
         lost[name if name in WAITS else "render"] += phase.seconds * cores - phase.spent.busy_s

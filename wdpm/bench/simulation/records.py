@@ -66,14 +66,12 @@ class Spent:
         messages: of each slave's other threads: orders, packing and unpacking, ZeroMQ's.
         master: of all threads of the master.
         wires: of the busier direction of each machine's interface.
-        planning: of the master, after slaves have begun.
     """
 
     computing: tuple[float, ...]
     messages: tuple[float, ...]
     master: float
     wires: tuple[float, ...]
-    planning: float = 0.0
 
     def __sub__(self, other: Spent) -> Spent:
         return Spent(
@@ -81,13 +79,12 @@ class Spent:
             _less(self.messages, other.messages),
             self.master - other.master,
             _less(self.wires, other.wires),
-            self.planning - other.planning,
         )
 
     @property
     def busy_s(self) -> float:
         """Of all processors together."""
-        return sum(self.computing) + sum(self.messages) + self.master + self.planning
+        return sum(self.computing) + sum(self.messages) + self.master
 
 
 def _less(these: Sequence[float], those: Sequence[float]) -> tuple[float, ...]:
