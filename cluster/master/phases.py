@@ -26,15 +26,7 @@ from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.master.render_status import Phase
 from wdpm.cluster.master.roster import Roster, team_size_of
 from wdpm.cluster.master.statistics import check_statistics, of_nobody
-from wdpm.cluster.master.task_sizes import (
-    capacity_of,
-    concurrent_tasks,
-    parallel_record_tasks,
-    parallel_tasks,
-    photon_task_size,
-    record_limits,
-    tasks_in_flight,
-)
+from wdpm.cluster.master.task_sizes import capacities, parallel_tasks, photon_task_size
 from wdpm.cluster.master.tasks import Tasks, units
 from wdpm.cluster.master.teams import (
     Team,
@@ -271,13 +263,8 @@ class Phases:
         if rounds.finished:
             return self._start_buckets(session)
         self.phase = Phase.RECORDS
-        self._make_records(rounds, session)
+        self.tasks.make_records(rounds, session, self._members, len(self.roster.teams), self._limits)
         return [Started("records", rounds.total), *([Advanced(rounds.kept)] if rounds.kept else [])]
-
-    def _make_records(self, rounds: RecordRounds, session: Session) -> None:
-        limits, alike = record_limits(session, self._limits), len(self._members) == 1
-        tasks = parallel_record_tasks(session, self._members, len(self.roster.teams), rounds.rays_expected, limits)
-        self.tasks.make_records(rounds, session, tasks, limits, alike=alike)
 
     def _end_round(self, rounds: RecordRounds, session: Session, now: float) -> list[Instruction]:
         """All get all records before the next round: a few megabytes at most, and each keeps what reaches its cells."""
@@ -288,7 +275,7 @@ class Phases:
                 self._end_phase("records", now)
                 out = self._start_buckets(session)
             else:
-                self._make_records(rounds, session)
+                self.tasks.make_records(rounds, session, self._members, len(self.roster.teams), self._limits)
         orders = begin_early(self.roster.teams, self._trace, self._view, self._records, self._members.cores)
         self._records += 1
         out += [Send(member.identity, order) for member, order in orders]
@@ -300,11 +287,10 @@ class Phases:
 
     def _start_buckets(self, session: Session) -> list[Instruction]:
         self.phase = Phase.BUCKETS
-        parts = parallel_tasks(session, self._members, len(self.roster.teams))
-        kept = self.tasks.render(session, parts)
-        begun: list[Instruction] = [Started("render", self.tasks.total + len(kept))]
-        begun += [Advanced(len(kept))] if kept else []
-        return [*begun, frame_begun(session, self.roster.holders(), self._members), *shown_again(kept)]
+        kept = self.tasks.render(session, parallel_tasks(session, self._members, len(self.roster.teams)))
+        begun = Started("render", self.tasks.total + len(kept))
+        done = [Advanced(len(kept))] if kept else []
+        return [begun, *done, frame_begun(session, self.roster.holders(), self._members), *shown_again(kept)]
 
     def _start_statistics(self, session: Session, now: float) -> list[Instruction]:
         self._end_phase("render", now)
@@ -379,8 +365,7 @@ class Phases:
         if smallest is None and (members := self.roster.take_spare(session.cells, anyone=True)):
             self.roster.teams.append(Team(members, len(members)))
             return out + self._lead(self.roster.teams[-1], session, now)
-        early = early and self.roster.able_spare > 0
-        if smallest is not None and early and len(smallest.members) < session.cells:
+        if smallest is not None and early and self.roster.able_spare and len(smallest.members) < session.cells:
             return out + self._restart_team(smallest, now, wanted=len(smallest.members) + 1)
         return out
 
@@ -405,11 +390,14 @@ class Phases:
             self.phase = Phase.SETUP
             self._begin_trace(session)
             out.append(Noted("photons are traced again: some were lost before all slaves had them"))
-        return out + self._lead_all(session, now) + self._go_on(session, now) + self.roster.next_cells()
+        return out + self._follow_up(session, now) + self.roster.next_cells()
 
     def _working(self) -> list[Team]:
-        """Teams that have all that tasks of the view need."""
-        return [team for team in self.roster.teams if team.works(self._trace, self._view, self._records)]
+        """Teams that have all that tasks of the phase need."""
+        if self.phase is Phase.PHOTONS:
+            return [team for team in self.roster.teams if team.traces(self._trace)]
+        of_view = self.phase in (Phase.RECORDS, Phase.BUCKETS)
+        return [team for team in self.roster.teams if of_view and team.works(self._trace, self._view, self._records)]
 
     def _order(
         self, team: Team, answer: type[protocol.FromSlave], order: protocol.FromMaster, towards: int = 0
@@ -422,15 +410,10 @@ class Phases:
 
     def _hand_out(self, session: Session, now: float) -> list[Instruction]:
         """Hand out tasks, as far as the slaves' limits allow."""
-        teams: list[Team] = []
-        if self.phase is Phase.PHOTONS:
-            teams = [team for team in self.roster.teams if team.traces(self._trace)]
-        elif self.phase in (Phase.RECORDS, Phase.BUCKETS):
-            teams = self._working()
-        limit = tasks_in_flight(session, self._limits, photons=self.phase is Phase.PHOTONS)
-        tasks = concurrent_tasks(session, self._members, len(self.roster.teams))
-        capacities = [capacity_of(session, member, limit, tasks) for team in teams for member in team.members]
-        handed_out = list(self.tasks.hand_out(capacities, now))
+        working, photons = self._working(), self.phase is Phase.PHOTONS
+        slaves = (member for team in working for member in team.members)
+        able = capacities(session, slaves, self._members, len(self.roster.teams), self._limits, photons=photons)
+        handed_out = list(self.tasks.hand_out(able, now))
         if handed_out:
             self._moved_at = now
         return self._start_tasks(handed_out)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from wdpm.cluster.limits import ClusterLimits
@@ -70,7 +71,7 @@ def parallel_tasks(session: Session, members: Members, teams: int) -> int:
     return min(concurrent_tasks(session, members, teams), tasks_with_cores(session, members, teams))
 
 
-def tasks_in_flight(session: Session, limits: ClusterLimits, *, photons: bool) -> int:
+def _tasks_in_flight(session: Session, limits: ClusterLimits, *, photons: bool) -> int:
     """Most tasks that are with a slave, for each that it does at once."""
     if photons:
         return limits.photon_tasks_in_flight
@@ -113,8 +114,20 @@ class Capacity:
         return (at_hand + size) * self.all_at_once <= left * self.at_once
 
 
-def capacity_of(session: Session, member: Member, limit: int, tasks: int) -> Capacity:
-    """How many tasks of a session a slave may be handed.
+def capacities(
+    session: Session, working: Iterable[Member], members: Members, teams: int, limits: ClusterLimits, *, photons: bool
+) -> list[Capacity]:
+    """How many tasks of a session each slave may be handed that can do some.
+
+    Args:
+        working: those slaves.
+    """
+    limit, tasks = _tasks_in_flight(session, limits, photons=photons), concurrent_tasks(session, members, teams)
+    return [_capacity_of(session, member, limit, tasks) for member in working]
+
+
+def _capacity_of(session: Session, member: Member, limit: int, tasks: int) -> Capacity:
+    """How many tasks a slave may be handed.
 
     Args:
         limit: tasks for each that the slave does at once.

@@ -11,9 +11,9 @@ from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master.buckets import buckets, rectangle_of
 from wdpm.cluster.master.film import Film
 from wdpm.cluster.master.homes import ANYWHERE, cell_of_bucket
-from wdpm.cluster.master.members import Member
+from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.master.records import RecordRounds
-from wdpm.cluster.master.task_sizes import Capacity
+from wdpm.cluster.master.task_sizes import Capacity, parallel_record_tasks, record_limits
 from wdpm.cluster.master.waiting import Waiting
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.task import (
@@ -119,19 +119,16 @@ class Tasks:
         return tasks
 
     def make_records(
-        self, rounds: RecordRounds, session: Session, slaves: int, limits: ClusterLimits, *, alike: bool = False
+        self, rounds: RecordRounds, session: Session, members: Members, teams: int, limits: ClusterLimits
     ) -> None:
-        """The records of a round are to be made.
-
-        Args:
-            slaves: tasks that are done at once.
-            alike: whether those who do them are processes of one machine.
-        """
+        """The records of the round that is next are to be made."""
         self.rounds = rounds
+        limits = record_limits(session, limits)
+        at_once = parallel_record_tasks(session, members, teams, rounds.rays_expected, limits)
         if session.sight.size:
-            tasks, cells = rounds.tasks_by_cell(session, slaves, self._next_number)
+            tasks, cells = rounds.tasks_by_cell(session, at_once, self._next_number)
         else:
-            tasks, cells = rounds.tasks(slaves, limits, self._next_number, alike=alike), {}
+            tasks, cells = rounds.tasks(at_once, limits, self._next_number, alike=len(members) == 1), {}
         self._next_number += len(tasks)
         self._begin(tasks, cells)
 
