@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import ast
-import io
 import re
-import tokenize
-from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
 from itertools import pairwise
@@ -25,6 +22,12 @@ FILE = re.compile(r"(?<![\w/<*.{}-])((?:[\w-]+/)*[\w-]+\.(?:py|md|toml))\b")
 DOTTED = re.compile(r"(?<![\w./-])wdpm(?:\.[A-Za-z_]\w*)+(?!\w*[(/])")
 NAME = re.compile(r"\b[A-Za-z]\w*_\w+\b")
 CODE = re.compile(r"`([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)(?:\(\))?`")
+
+WORD = re.compile(r"[^\W\d]\w*")
+NOT_CODE = re.compile(
+    r"""(#[^\n]*)|'{3}(?:\\.|[^\\])*?'{3}|"{3}(?:\\.|[^\\])*?"{3}|'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*\"""", re.DOTALL
+)
+"""A comment (which is found), or a string."""
 
 SUBSCRIPT = re.compile(r"\w+_\w²?")
 """A quantity of a formula: x_i, theta_x."""
@@ -91,33 +94,23 @@ def read_code() -> Code:
     twice: list[str] = []
     for path in python_files():
         source = path.read_text()
-        blocks = list(bodies(ast.parse(source)))
-        docs = {each.lineno: each for body in blocks for each in body if is_text(each)}
-        said = [ast.literal_eval(each.value) for each in docs.values() if isinstance(each, ast.Expr)]
+        nodes = list(ast.walk(ast.parse(source)))
+        blocks = [body for node in nodes if isinstance(body := getattr(node, "body", None), list)]
+        docs = {id(each.value): each.value.value for body in blocks for each in body if is_text(each)}
         pairs = [pair for body in blocks for pair in pairwise(body) if all(map(is_text, pair))]
         twice += [f"{path.relative_to(ROOT)}:{second.lineno}" for _, second in pairs]
-        for token in tokenize.generate_tokens(io.StringIO(source).readline):
-            if token.type == tokenize.NAME:
-                names.add(token.string)
-            elif token.type == tokenize.COMMENT:
-                said.append(token.string)
-            elif token.type == tokenize.STRING and token.start[0] not in docs and path != Path(__file__):
-                names.update(re.findall(r"\w+", token.string))
-        name = path.relative_to(ROOT).as_posix()
+        names.update(WORD.findall(NOT_CODE.sub(" ", source)))
+        if path != Path(__file__):
+            strings = {node.value for node in nodes if isinstance(node, ast.Constant) and id(node) not in docs}
+            names.update(*(WORD.findall(each) for each in strings if isinstance(each, str)))
         names.update(path.relative_to(ROOT).with_suffix("").parts)
-        prose[name] = "\n".join(said)
+        prose[path.relative_to(ROOT).as_posix()] = "\n".join([*docs.values(), *NOT_CODE.findall(source)])
     return Code(frozenset(names), prose, twice)
 
 
 def is_text(node: ast.AST) -> bool:
     """A string that stands alone: of a module, class or function, or below a constant."""
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
-
-
-def bodies(tree: ast.AST) -> Iterator[list[ast.stmt]]:
-    """The statements of all modules, classes, functions and branches."""
-    every = (getattr(node, "body", None) for node in ast.walk(tree))
-    return (body for body in every if isinstance(body, list))
 
 
 def missing_files(text: str) -> list[str]:
