@@ -48,6 +48,18 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Accuracy]:
     return folder, measure(request(folder, SWEEPS), ONE_THREAD, SilentProgress())
 
 
+@pytest.fixture(scope="module")
+def of_two_points(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Accuracy]:
+    """A sweep of k=5,20, to be copied by whoever changes it."""
+    folder = tmp_path_factory.mktemp("two points")
+    return folder, measure(request(folder, ["k=5,20"]), ONE_THREAD, SilentProgress())
+
+
+@pytest.fixture
+def copied(of_two_points: tuple[Path, Accuracy], tmp_path: Path) -> Path:
+    return shutil.copytree(of_two_points[0], tmp_path / "copy")
+
+
 def run(arguments: list[str]) -> int:
     """Like main, with the exit of argparse as a return value."""
     try:
@@ -230,29 +242,25 @@ def test_an_interrupted_sweep_goes_on(tmp_path: Path, monkeypatch: pytest.Monkey
     assert len(rendered) == 1 + 3 * 4, "a point that is new is rendered, the others are there"
 
 
-def test_a_broken_record_is_told(tmp_path: Path) -> None:
-    measure(request(tmp_path, ["k=5,20"]), ONE_THREAD, SilentProgress())
-    record = next((tmp_path / "renders").glob("*.json"))
+def test_a_broken_record_is_told(copied: Path) -> None:
+    record = next((copied / "renders").glob("*.json"))
     record.write_text("{")
     with pytest.raises(ImageError, match=f"{record.name}: is no record.*delete it"):
-        measure(request(tmp_path, ["k=5,20"]), ONE_THREAD, SilentProgress())
+        measure(request(copied, ["k=5,20"]), ONE_THREAD, SilentProgress())
 
 
-def test_a_truncated_image_is_told_before_anything_is_rendered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    measure(request(tmp_path, ["k=5,20"]), ONE_THREAD, SilentProgress())
-    image = next((tmp_path / "renders").glob("*.exr"))
+def test_a_truncated_image_is_told_before_anything_is_rendered(copied: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    image = next((copied / "renders").glob("*.exr"))
     image.write_bytes(image.read_bytes()[:700])
     monkeypatch.setattr(accuracy_render.PointRenderer, "render", lambda *_: pytest.fail("rendered"))
     with pytest.raises(ImageError, match=f"{image.name}: not a whole OpenEXR file.*; delete it and run again"):
-        measure(request(tmp_path, ["k=5,20,40"]), ONE_THREAD, SilentProgress())
+        measure(request(copied, ["k=5,20,40"]), ONE_THREAD, SilentProgress())
 
 
-def test_another_scene_uses_nothing_of_the_folder(tmp_path: Path) -> None:
-    first = measure(request(tmp_path, ["k=5,20"]), ONE_THREAD, SilentProgress())
-    second = measure(request(tmp_path, ["k=5,20"], size=(10, 8)), ONE_THREAD, SilentProgress())
-    assert {image for p in first.points for image in p.images}.isdisjoint(
-        image for p in second.points for image in p.images
-    )
+def test_another_scene_uses_nothing_of_the_folder(of_two_points: tuple[Path, Accuracy], copied: Path) -> None:
+    second = measure(request(copied, ["k=5,20"], size=(10, 8)), ONE_THREAD, SilentProgress())
+    first, other = ({image for point in each.points for image in point.images} for each in (of_two_points[1], second))
+    assert first.isdisjoint(other)
 
 
 @pytest.mark.sockets

@@ -30,14 +30,21 @@ def request(folder: Path, **chosen: Any) -> Request:
     return Request("cornell-box", folder, size=SIZE, chosen=settings, sweeps=sweeps, reference_time=0.01)
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Image:
+    """The reference of a sweep that leaves nothing out."""
+    folder = tmp_path_factory.mktemp("whole")
+    measure(request(folder), ONE_THREAD, SilentProgress())
+    return load(folder / "reference-a.exr")
+
+
 @pytest.mark.parametrize("without", [("indirect",), ("caustics",), ("indirect", "lens")])
-def test_what_renders_leave_out_is_bias(without: tuple[str, ...], tmp_path: Path) -> None:
-    found = measure(request(tmp_path / "without", without=without, spp=16), ONE_THREAD, SilentProgress())
-    measure(request(tmp_path / "with"), ONE_THREAD, SilentProgress())
-    dark, whole = (load(tmp_path / folder / "reference-a.exr").pixels for folder in ("without", "with"))
+def test_what_renders_leave_out_is_bias(without: tuple[str, ...], whole: Image, tmp_path: Path) -> None:
+    found = measure(request(tmp_path, without=without, spp=16), ONE_THREAD, SilentProgress())
+    dark = load(tmp_path / "reference-a.exr").pixels
     if "lens" not in without:
         # Batches are as many as fit into the time, but the first has the same random numbers.
-        assert dark.mean() == pytest.approx(whole.mean(), rel=0.1)
+        assert dark.mean() == pytest.approx(whole.pixels.mean(), rel=0.1)
     bias = found.base.rel_mse.bias
     assert (bias.low > 0.0) == ("indirect" in without)
 
