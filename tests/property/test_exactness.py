@@ -40,7 +40,7 @@ def cornell_alone(small_pilot: None) -> Image:  # noqa: ARG001
 
 
 @pytest.mark.parametrize("routing", list(Routing))
-@pytest.mark.parametrize(("workers", "cells"), [(1, 2), (1, 8), (2, 2), (2, 4), (3, 8), (4, 4), (8, 8)])
+@pytest.mark.parametrize(("workers", "cells"), [(1, 2), (2, 4), (3, 8), (8, 8)])
 def test_partition_and_routing_change_no_bit(cornell_alone: Image, routing: Routing, workers: int, cells: int) -> None:
     image = render_in_process(CORNELL, replace(FEW, routing=routing), workers=workers, cells=cells, threads=1)
     assert same_bits(image, cornell_alone)
@@ -49,18 +49,18 @@ def test_partition_and_routing_change_no_bit(cornell_alone: Image, routing: Rout
     assert image.metadata["report"]["settings"]["cells"] == cells
 
 
-@pytest.mark.parametrize("workers", [1, 2, 3, 5])
+@pytest.mark.parametrize("workers", [2, 5])
 def test_the_default_number_of_cells_changes_no_bit(cornell_alone: Image, workers: int) -> None:
     assert same_bits(render_in_process(CORNELL, FEW, workers=workers, threads=1), cornell_alone)
 
 
-@pytest.mark.parametrize(("bucket", "workers"), [(8, 1), (16, 2), (32, 2), (7, 3), (13, 1), (1000, 4)])
+@pytest.mark.parametrize(("bucket", "workers"), [(13, 1), (16, 2), (7, 3), (1000, 4)])
 def test_bucket_size_changes_no_bit(cornell_alone: Image, bucket: int, workers: int) -> None:
     assert same_bits(render_in_process(CORNELL, replace(FEW, bucket=bucket), workers=workers), cornell_alone)
 
 
 def test_one_pixel_buckets_change_no_bit() -> None:
-    small = cornell_box((7, 5))
+    small = cornell_box((4, 3))
     assert same_bits(render_in_process(small, replace(FEW, bucket=1), workers=2), alone(small, FEW))
 
 
@@ -70,22 +70,21 @@ def test_processes_change_no_bit(cornell_alone: Image, threads: int, monkeypatch
     assert same_bits(render_in_process(CORNELL, FEW, workers=1, threads=threads), cornell_alone)
 
 
-@pytest.mark.parametrize("threads", [2, 3])
-@pytest.mark.parametrize(("workers", "cells"), [(1, 1), (2, 4)])
-def test_threads_change_no_bit(cornell_alone: Image, threads: int, workers: int, cells: int) -> None:
+@pytest.mark.parametrize(("workers", "cells", "threads"), [(1, 1, 2), (1, 1, 3), (2, 4, 3)])
+def test_threads_change_no_bit(cornell_alone: Image, workers: int, cells: int, threads: int) -> None:
     assert same_bits(render_in_process(CORNELL, FEW, workers=workers, cells=cells, threads=threads), cornell_alone)
 
 
-@pytest.mark.parametrize("order", range(6))
+@pytest.mark.parametrize("order", range(4))
 def test_order_of_delivery_changes_no_bit(cornell_alone: Image, order: int) -> None:
-    chosen = replace(FEW, routing=(Routing.FORWARD, Routing.MERGE)[order % 2], bucket=(9, 32)[order // 3])
+    chosen = replace(FEW, routing=(Routing.FORWARD, Routing.MERGE)[order % 2], bucket=(9, 32)[order // 2])
     image = render_in_process(
         CORNELL, chosen, workers=(2, 4, 3)[order % 3], cells=(4, 8)[order % 2], shuffle=random.Random(order)
     )
     assert same_bits(image, cornell_alone)
 
 
-@pytest.mark.parametrize("seed", [1, 12345, 2**32 - 1])
+@pytest.mark.parametrize("seed", [1, 2**32 - 1])
 def test_every_seed_has_its_own_bits(cornell_alone: Image, seed: int) -> None:
     chosen = replace(FEW, seed=seed)
     image = render_in_process(CORNELL, chosen, workers=3, shuffle=random.Random(seed))
@@ -94,16 +93,22 @@ def test_every_seed_has_its_own_bits(cornell_alone: Image, seed: int) -> None:
         assert not np.array_equal(image.layers[layer], cornell_alone.layers[layer]), layer
 
 
-@pytest.mark.parametrize("change", [{"k": 1}, {"k": 200}, {"light_samples": 3}, {"max_depth": 3}, {"max_depth": 2}])
-def test_every_setting_gives_the_same_bits(cornell_alone: Image, change: dict[str, int]) -> None:
+@pytest.mark.parametrize(
+    ("change", "routing"),
+    [
+        ({"k": 1}, Routing.FORWARD),
+        ({"k": 200}, Routing.MERGE),
+        ({"light_samples": 3}, Routing.MERGE),
+        ({"max_depth": 3}, Routing.FORWARD),
+        ({"max_depth": 2}, Routing.MERGE),
+    ],
+)
+def test_every_setting_gives_the_same_bits(cornell_alone: Image, change: dict[str, int], routing: Routing) -> None:
     chosen = replace(FEW, **change)  # type: ignore[arg-type]
     reference = alone(CORNELL, chosen)
     assert not same_bits(reference, cornell_alone)
-    for routing in Routing:
-        image = render_in_process(
-            CORNELL, replace(chosen, routing=routing), workers=2, cells=8, shuffle=random.Random(1)
-        )
-        assert same_bits(image, reference)
+    chosen = replace(chosen, routing=routing)
+    assert same_bits(render_in_process(CORNELL, chosen, workers=2, cells=8, shuffle=random.Random(1)), reference)
 
 
 def test_waves_and_full_photon_regions_change_no_bit(monkeypatch: pytest.MonkeyPatch, cornell_alone: Image) -> None:
@@ -124,7 +129,7 @@ def test_photons_that_wait_for_room_change_no_bit(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr("wdpm.cluster.work.photon_paths.LEAST_DEPOSITS", 1)
     bright = replace(CORNELL, materials=tuple(diffuse(m.name, (0.95, 0.9, 0.9), True) for m in CORNELL.materials))
     reference = alone(bright, FEW)
-    for threads, worth_forking in ((2, 1 << 16), (3, 0), (4, 1 << 16)):
+    for threads, worth_forking in ((3, 0), (4, 1 << 16)):
         monkeypatch.setattr("wdpm.rendering.in_process.WORTH_FORKING", worth_forking)
         image = render_in_process(bright, FEW, workers=1, cells=1, threads=threads)
         radii = [i.metadata["report"]["settings"]["gather_radius"] for i in (image, reference)]
@@ -159,26 +164,15 @@ def places_of_cornell() -> dict[str, NDArray[Any]]:
     }
 
 
-@pytest.mark.parametrize("place", list(places_of_cornell()))
+@pytest.mark.parametrize(("number", "place"), list(enumerate(places_of_cornell())))
 def test_planes_through_everything_change_no_bit(
-    monkeypatch: pytest.MonkeyPatch, cornell_alone: Image, place: str
+    monkeypatch: pytest.MonkeyPatch, cornell_alone: Image, number: int, place: str
 ) -> None:
     give_tree(monkeypatch, *eight_cells_through(places_of_cornell()[place]))
-    for routing in Routing:
-        image = render_in_process(
-            CORNELL, replace(FEW, routing=routing), workers=3, cells=8, shuffle=random.Random(len(place))
-        )
-        assert same_bits(image, cornell_alone)
-
-
-def test_cells_without_triangles_and_photons_change_no_bit(
-    monkeypatch: pytest.MonkeyPatch, cornell_alone: Image
-) -> None:
-    # All geometry lies in the last cell; six planes in one place make cells without any space at all.
-    give_tree(monkeypatch, [0, 0, 0, 0, 0, 0, 0], [-1e6, -1e6, -1e6, -1e6, -1e6, -1e6, -1e6])
-    image = render_in_process(CORNELL, FEW, workers=8, cells=8)
-    assert same_bits(image, cornell_alone)
-    assert sorted(slave["photons"] for slave in image.metadata["report"]["slaves"])[:-1] == [0] * 7
+    chosen = replace(FEW, routing=list(Routing)[number % 2])
+    assert same_bits(
+        render_in_process(CORNELL, chosen, workers=3, cells=8, shuffle=random.Random(number)), cornell_alone
+    )
 
 
 def test_slabs_thinner_than_the_gather_radius_change_no_bit(
@@ -187,12 +181,6 @@ def test_slabs_thinner_than_the_gather_radius_change_no_bit(
     unit = flatten(CORNELL).unit
     give_tree(monkeypatch, [2] * 7, [z / unit for z in (0.0, -2.0, 2.0, -3.0, -1.0, 1.0, 3.0)])
     image = render_in_process(CORNELL, FEW, workers=4, cells=8)
-    assert same_bits(image, cornell_alone)
-
-
-@pytest.mark.parametrize("routing", list(Routing))
-def test_64_cells_change_no_bit(cornell_alone: Image, routing: Routing) -> None:
-    image = render_in_process(CORNELL, replace(FEW, routing=routing), workers=3, cells=64, shuffle=random.Random(7))
     assert same_bits(image, cornell_alone)
 
 
