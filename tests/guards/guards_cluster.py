@@ -5,7 +5,6 @@ from __future__ import annotations
 from guard import Guard
 
 EXACT = "tests/property/test_exactness.py::"
-EFFECTS = "tests/property/test_exactness_effects.py::"
 TREE = "tests/kernels/rays/test_top_tree.py::"
 PARTITION = "tests/cluster/plan/test_partition.py::"
 FUZZ = "tests/fuzz/test_fuzz_traversal.py::"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from guard import Guard, hard
 
 BSDF = "tests/kernels/materials/test_bsdf.py::"
-COATED = "tests/kernels/materials/test_bsdf_coated.py::"
 MATERIALS = "tests/kernels/materials/test_materials.py::"
 MEDIA = "tests/kernels/materials/test_media.py::"
 LIGHTS = "tests/kernels/lights/test_lights.py::"

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from wdpm.cluster.render_settings import RenderSettings
 from wdpm.scenes.model.bsdfs import BumpMap
 from wdpm.scenes.model.lights import Light, PointLight, SpotLight
-from wdpm.scenes.model.scene import Camera, Mesh, Scene
+from wdpm.scenes.model.scene import Camera, Scene
 
 Array = NDArray[np.float64]
 
@@ -94,11 +94,6 @@ def small(scene: Scene, width: int, height: int | None = None) -> Scene:
     camera = scene.camera
     rows = height or max(1, round(width * camera.height / camera.width))
     return replace(scene, camera=replace(camera, width=width, height=rows, crop=None, full_size=None))
-
-
-def mesh_with(mesh: Mesh, vertices: Array, faces: Sequence[Sequence[int]]) -> Mesh:
-    """Other triangles in a mesh's place, flat and without texture."""
-    return replace(mesh, vertices=vertices, faces=np.asarray(faces, np.int64), normals=None, uvs=None, colors=None)
 
 
 def _camera_scaled(camera: Camera, by: float) -> Camera:

@@ -150,9 +150,7 @@ def test_the_image_is_the_mean_of_its_passes_by_their_samples(scene: Scene) -> N
 
 
 def test_depth_is_that_of_what_was_hit(scene: Scene) -> None:
-    class OneMisses:
-        """A pass of one sample that misses everything, after one of three that do not."""
-
+    """A pass of one sample that misses everything, after one of three that do not."""
     renderer = PassRenderer(scene, InProcess(), FEW)
     average = PassAverage(renderer.prepared)
     hit = renderer.render(PassPlan(0, 0, 3))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import random
 import time
-from functools import partial
 from typing import Any
 
 from wdpm.cluster.in_process import MemoryCluster, Post
@@ -160,6 +159,3 @@ class FaultyCluster(MemoryCluster):
                 self._slaves[network].handle(s.Computed(outcome))
 
         self._post.put(Channel(network, network), do)
-
-
-FAULTY = partial(FaultyCluster, every=60, faults=6)
