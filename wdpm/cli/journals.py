@@ -88,16 +88,16 @@ def journals(args: argparse.Namespace, output: Path) -> Iterator[dict[str, Any]]
     if args.journal is not None:
         _make_folder(args.journal)
     in_passes = args.keep_passes or (args.passes or 1) > 1 or (args.resume and places.passes.exists())
-    told: dict[str, Any] = {}
+    passes: dict[str, Any] = {}
     _check_places(places, in_passes=in_passes, log=args.journal is not None)
     if in_passes:
-        told = {"journal": places.passes, "resume": args.resume and places.passes.exists(), "keep": True}
+        passes = {"journal": places.passes, "resume": args.resume and places.passes.exists(), "keep": True}
     log = None if args.no_journal else _log(args, places.log)
-    if args.resume and not (told.get("resume") or places.log.exists()):
+    if args.resume and not (passes.get("resume") or places.log.exists()):
         _tell(f"there is nothing to go on with at {places.log}; the render begins")
     before = _written_at(places)
     try:
-        yield {**told, **({} if log is None else {"log": log})}
+        yield {**passes, **({} if log is None else {"log": log})}
     except BaseException as error:
         _end_early(args, places, before, log, error)
         raise

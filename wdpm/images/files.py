@@ -264,8 +264,8 @@ def _read_png(path: Path) -> NDArray[np.float32]:
 def _write_png(layers: Layers, metadata: Metadata, path: Path) -> None:
     """Write the beauty layer as its look wants it shown, and what was done to it."""
     look = look_in(metadata).resolved(layers["beauty"])
-    told = {name: metadata[name] for name in _IN_PNG if name in metadata} | {LOOK: look.to_dict()}
-    texts = {"Software": "wdpm", _PNG_KEYWORD: json.dumps(told)}
+    said = {name: metadata[name] for name in _IN_PNG if name in metadata} | {LOOK: look.to_dict()}
+    texts = {"Software": "wdpm", _PNG_KEYWORD: json.dumps(said)}
     path.write_bytes(png_bytes(shown_pixels(layers["beauty"], look), texts))
 
 

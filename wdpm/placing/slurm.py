@@ -76,10 +76,10 @@ def other_nodes(allocation: Allocation) -> list[str]:
         return []
     command = ["scontrol", "--oneliner", "show", "nodes", allocation.nodes]
     try:
-        told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=ASK_S)
+        answer = subprocess.run(command, capture_output=True, text=True, check=True, timeout=ASK_S)
     except (OSError, subprocess.SubprocessError) as error:
         raise SettingsError(f"--slurm: cannot find the nodes of the step: {' '.join(command)}: {error}") from None
-    nodes = re.findall(r"^NodeName=(\S+) .*?\bNodeAddr=(\S+)", told.stdout, re.MULTILINE)
+    nodes = re.findall(r"^NodeName=(\S+) .*?\bNodeAddr=(\S+)", answer.stdout, re.MULTILINE)
     return [address for name, address in nodes if name != allocation.node]
 
 

@@ -189,10 +189,10 @@ class SshSlaves:
         """The machine that a host's name means in the configuration of ssh."""
         command = [self._ssh, "-G", "--", host.name]
         try:
-            told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=_ASK_S)
+            answer = subprocess.run(command, capture_output=True, text=True, check=True, timeout=_ASK_S)
         except FileNotFoundError:
             raise SettingsError(f"--hosts needs OpenSSH's client: there is no program {self._ssh}") from None
         except (OSError, subprocess.SubprocessError) as error:
             raise SettingsError(f"{' '.join(command)}: {error}") from None
-        names = [line.partition(" ")[2] for line in told.stdout.splitlines() if line.startswith("hostname ")]
+        names = [line.partition(" ")[2] for line in answer.stdout.splitlines() if line.startswith("hostname ")]
         return names[0] if names else host.name.rpartition("@")[2]

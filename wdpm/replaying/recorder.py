@@ -137,17 +137,17 @@ class Recorder:
         place, samples = batch.arrays["place"], self._view.light_samples
         return list(zip(parts.bounce_of(place, samples).tolist(), parts.part_of(place, samples).tolist(), strict=True))
 
-    # What is told of it
+    # What a replay shows of it
 
     def vertices(self, names: Names) -> tuple[ReplayVertex, ...]:
         """All vertices, and where a path leaves the scene what is beyond."""
-        told = [self._told(bounce, vertex, names) for bounce, vertex in enumerate(self._vertices)]
-        onward = told[-1].onward if told else None
-        if not told or onward is not None:
-            told.append(self._beyond(len(told), names))
-        return tuple(told)
+        path = [self._vertex(bounce, vertex, names) for bounce, vertex in enumerate(self._vertices)]
+        onward = path[-1].onward if path else None
+        if not path or onward is not None:
+            path.append(self._beyond(len(path), names))
+        return tuple(path)
 
-    def _told(self, bounce: int, vertex: _Vertex, names: Names) -> ReplayVertex:
+    def _vertex(self, bounce: int, vertex: _Vertex, names: Names) -> ReplayVertex:
         arrives = vertex.arrives
         return ReplayVertex(
             bounce,

@@ -1,7 +1,7 @@
 """One sample of one pixel, traced again as a render traces it, with all that happens at each vertex of its path.
 
-    told = wdpm.replay("scene.xml", 10, 7, 3, photons=250_000, spp=16)
-    told.value, told.vertices[0].hit.material, told.vertices[0].direct
+    sample = wdpm.replay("scene.xml", 10, 7, 3, photons=250_000, spp=16)
+    sample.value, sample.vertices[0].hit.material, sample.vertices[0].direct
 
 The photons are those of the render, and so is every kernel that computes light: `Replay.layers` are, bit for bit, what
 the sample adds to its pixel. It takes the time of the render's photons; the samples of other pixels are not traced.

@@ -199,9 +199,9 @@ def _best_cuts(
         table = np.bincount(place * SLABS + slab, square, count * SLABS).reshape(count, SLABS)
         summed = table.cumsum(axis=1)
         whole = summed[:, -1:]
-        told = np.divide(whole - summed[:, :-1], whole, out=np.repeat(1.0 - cuts[None], count, 0), where=whole > 0)
+        beyond = np.divide(whole - summed[:, :-1], whole, out=np.repeat(1.0 - cuts[None], count, 0), where=whole > 0)
         known = effective[:, None]
-        above[axis] = np.clip((told * known + (1.0 - cuts) * PRIOR) / (known + PRIOR), 0.0, 1.0)
+        above[axis] = np.clip((beyond * known + (1.0 - cuts) * PRIOR) / (known + PRIOR), 0.0, 1.0)
     root = np.sqrt(above * (1.0 - cuts)) + np.sqrt((1.0 - above) * cuts)  # of both parts, over that of the whole
     flat = root.transpose(1, 0, 2).reshape(count, -1)
     best, nodes = flat.argmin(axis=1), np.arange(count)
