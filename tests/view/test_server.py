@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
+import socket
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -94,6 +98,38 @@ def test_a_browser_that_goes_is_not_missed(view: LiveView) -> None:
 
     watch(view.url, leave)
     wait_until(lambda: not view._server.watched, "its end", lambda: view.bucket(bucket(0, 0, 64, 64, 1.0)))
+
+
+def test_browsers_that_take_nothing_do_not_hold_up_the_end(view: LiveView, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tabs that sleep: the system still has their connections, and nobody reads what comes."""
+    monkeypatch.setattr(server, "FAREWELL_S", 0.2)
+    view.begin(frame(1024, 1024))
+    view.bucket(bucket(0, 0, 1024, 1024, 0.5))
+    with ExitStack() as stack:
+        for _ in range(3):
+            stack.enter_context(asleep(view.url))
+        wait_until(lambda: len(view._server._viewers) == 3, "the pages")
+        closing = threading.Thread(target=view.close, args=("done",))
+        closing.start()
+        closing.join(WAIT_S)
+        assert not closing.is_alive()
+
+
+def asleep(url: str) -> socket.socket:
+    """A browser that asks for an image, and reads no more."""
+    place = urlsplit(url)
+    browser = socket.socket()
+    browser.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    browser.connect((place.hostname, place.port))
+    browser.sendall(
+        f"GET {place.path}socket HTTP/1.1\r\nHost: {place.netloc}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n".encode()
+    )
+    assert b" 101 " in browser.recv(64)
+    asked = json.dumps(want(("a", "beauty"))).encode()
+    assert len(asked) < 126
+    browser.sendall(bytes([0x81, 0x80 | len(asked), 0, 0, 0, 0]) + asked)  # a text, masked by zeros
+    return browser
 
 
 def test_what_a_page_asks_for_is_done(view: LiveView, stops: Stops) -> None:

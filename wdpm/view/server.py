@@ -76,7 +76,7 @@ class ViewServer:
         self._act = act
         self._token = secrets.token_urlsafe(16)
         self._viewers: set[Viewer] = set()
-        self._sockets: set[web.WebSocketResponse] = set()
+        self._sockets: dict[web.WebSocketResponse, asyncio.Transport | None] = {}
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="wdpm view", daemon=True)
         self._thread.start()
@@ -149,8 +149,12 @@ class ViewServer:
     async def _shut(self) -> None:
         farewells = [asyncio.wait_for(viewer.flush(), FAREWELL_S) for viewer in list(self._viewers)]
         await asyncio.gather(*farewells, return_exceptions=True)  # who is gone or too slow misses the end
-        for socket in list(self._sockets):
-            await socket.close()
+        goodbyes = [asyncio.wait_for(socket.close(), FAREWELL_S) for socket in self._sockets]
+        await asyncio.gather(*goodbyes, return_exceptions=True)
+        # A browser that takes nothing any more (a tab that sleeps, a debugger) would never take the last word either.
+        for transport in self._sockets.values():
+            if transport is not None:
+                transport.abort()
         await self._runner.cleanup()
 
     @web.middleware
@@ -183,14 +187,14 @@ class ViewServer:
         viewer = Viewer(socket, self._pictures, self._status)
         sending = asyncio.create_task(viewer.send())
         self._viewers.add(viewer)
-        self._sockets.add(socket)
+        self._sockets[socket] = request.transport
         try:
             async for message in socket:
                 if message.type is WSMsgType.TEXT:
                     await self._take(message.data, viewer, socket)
         finally:
             self._viewers.discard(viewer)
-            self._sockets.discard(socket)
+            del self._sockets[socket]
             sending.cancel()
             # Whatever ended it, the browser is gone or goes: nobody is left to tell.
             await asyncio.gather(sending, return_exceptions=True)
