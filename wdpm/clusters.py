@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import partial
+from numbers import Real
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -28,6 +29,7 @@ from wdpm.placing.hosts import read_hosts
 from wdpm.placing.own_address import address_towards, listening_address, reached_at
 from wdpm.placing.placed_slaves import PlacedSlaves
 from wdpm.placing.slurm import Allocation, other_nodes
+from wdpm.placing.ssh_slaves import JOIN_TIMEOUT_S as SSH_JOIN_TIMEOUT_S
 from wdpm.placing.ssh_slaves import SshSlaves
 from wdpm.progress import Progress
 from wdpm.rendering.backend import Backend
@@ -176,7 +178,7 @@ class Cluster(Backend):
         copies = copies_named(copies)
         security = _keys_for(bind, path_named(keys), insecure)
         with ExitStack() as stack:
-            limits = ClusterLimits(join_timeout_s=join_timeout)
+            limits = _limits(join_timeout)
             server = MasterServer(bind, slaves, most=most, security=security, limits=limits, observers=observers)
             return cls(stack.enter_context(server), slaves, stack.pop_all(), copies=copies)
 
@@ -187,6 +189,7 @@ class Cluster(Backend):
         shared: Path,
         *,
         copies: Copies | str = Copies.AUTO,
+        join_timeout: float = JOIN_TIMEOUT_S,
         observers: Sequence[ClusterObserver] = (),
     ) -> Self:
         """Be the master of a Slurm step, whose other tasks are the slaves.
@@ -195,6 +198,7 @@ class Cluster(Backend):
             allocation: what Slurm gives this process, task 0 of the step.
             shared: a directory that all nodes of the step share, where master and slaves find each other.
             copies: "auto" or "none": whether each may hold what others hold, too.
+            join_timeout: how long a render waits for slaves that have not joined [s].
             observers: are told what happens to the cluster, on a thread of its own.
 
         Raises:
@@ -209,7 +213,8 @@ class Cluster(Backend):
             rendezvous = Rendezvous(meeting_folder(shared, allocation.name), slaves)
             stack.callback(rendezvous.close, "the master has ended")
             bind = listening_address(number)
-            server = MasterServer(bind, slaves, security=rendezvous.security, observers=observers)
+            limits = _limits(join_timeout)
+            server = MasterServer(bind, slaves, security=rendezvous.security, limits=limits, observers=observers)
             master = stack.enter_context(server)
             rendezvous.publish(reached_at(number, master.endpoint))
             return cls(master, slaves, stack.pop_all(), copies=copies, threads=allocation.threads)
@@ -222,6 +227,7 @@ class Cluster(Backend):
         *,
         copies: Copies | str = Copies.AUTO,
         device: str = "cpu",
+        join_timeout: float = JOIN_TIMEOUT_S,
         observers: Sequence[ClusterObserver] = (),
     ) -> Self:
         """Have slaves on the workers of a Dask cluster: one on each, with its threads and its memory.
@@ -234,6 +240,7 @@ class Cluster(Backend):
             slaves: most at a time; None for one on each worker, however many come.
             copies: "auto" or "none": whether each may hold what others hold, too.
             device: that slaves compute on.
+            join_timeout: how long a render waits for slaves that have not joined [s].
             observers: are told what happens to the cluster, on a thread of its own.
 
         Raises:
@@ -245,7 +252,8 @@ class Cluster(Backend):
             check_count("slaves", slaves)
         most = MOST_SLAVES if slaves is None else slaves
         placed = dask_slaves(client, most, device)
-        return cls._with_slaves(placed, min(most, max(1, len(placed.workers()))), most, copies, observers)
+        first = min(most, max(1, len(placed.workers())))
+        return cls._with_slaves(placed, first, most, copies, join_timeout, observers)
 
     @classmethod
     def over_ssh(
@@ -257,6 +265,7 @@ class Cluster(Backend):
         threads: int | None = None,
         device: str = "cpu",
         remote_wdpm: str = "wdpm",
+        join_timeout: float = SSH_JOIN_TIMEOUT_S,
         observers: Sequence[ClusterObserver] = (),
     ) -> Self:
         """Start slaves on other machines by OpenSSH's client, which must not have to ask for anything.
@@ -271,6 +280,7 @@ class Cluster(Backend):
             threads: of each; None for all cores there, shared out among the slaves of a host.
             device: that they compute on.
             remote_wdpm: the program `wdpm` on those machines.
+            join_timeout: how long a render waits for slaves that have not joined [s].
             observers: are told what happens to the cluster, on a thread of its own.
 
         Raises:
@@ -280,11 +290,17 @@ class Cluster(Backend):
         if threads is not None:
             check_count("threads", threads)
         slaves = SshSlaves(read_hosts(hosts), remote_wdpm, threads=threads, memory=memory, device=device)
-        return cls._with_slaves(slaves, len(slaves), len(slaves), copies, observers)
+        return cls._with_slaves(slaves, len(slaves), len(slaves), copies, join_timeout, observers)
 
     @classmethod
     def _with_slaves(
-        cls, placed: PlacedSlaves, first: int, most: int, copies: Copies | str, observers: Sequence[ClusterObserver]
+        cls,
+        placed: PlacedSlaves,
+        first: int,
+        most: int,
+        copies: Copies | str,
+        join_timeout: float,
+        observers: Sequence[ClusterObserver],
     ) -> Self:
         """Listen, and have slaves placed, with keys of the run."""
         copies = copies_named(copies)
@@ -292,7 +308,13 @@ class Cluster(Backend):
             stack.callback(placed.stop)
             keys = _run_keys()
             server = MasterServer(
-                placed.listen_at, first, most=most, security=keys.master, watch=placed.ended, observers=observers
+                placed.listen_at,
+                first,
+                most=most,
+                security=keys.master,
+                limits=_limits(join_timeout),
+                watch=placed.ended,
+                observers=observers,
             )
             master = stack.enter_context(server)
             stack.callback(placed.no_more)
@@ -380,6 +402,13 @@ class Cluster(Backend):
     ) -> None:
         # The master tells the slaves why it ends, so it must hear of the error.
         self._stack.__exit__(kind, error, trace)
+
+
+def _limits(join_timeout: float) -> ClusterLimits:
+    """Those of a cluster that waits so long for slaves [s]; SettingsError for what is no time."""
+    if not isinstance(join_timeout, Real) or isinstance(join_timeout, bool) or not join_timeout > 0.0:
+        raise SettingsError(f"join_timeout is {join_timeout!r}; expected seconds above 0")
+    return ClusterLimits(join_timeout_s=float(join_timeout))
 
 
 def _run_keys() -> RunKeys:

@@ -68,6 +68,13 @@ class NotComing:
 
 
 @dataclass(frozen=True)
+class StillAwaited:
+    """Whoever starts slaves on other machines has something to tell a person of one that has not joined yet."""
+
+    text: str
+
+
+@dataclass(frozen=True)
 class Begin:
     """Render a session as soon as all slaves have joined."""
 
@@ -118,6 +125,7 @@ Event = (
     | SlaveLost
     | ProcessEnded
     | NotComing
+    | StillAwaited
     | WaitForSlaves
     | Begin
     | PartitionMade

@@ -38,7 +38,8 @@ class JoinWait:
         """Why there is no render, if none has come."""
         return (
             f"no slave has joined within {self._limits.join_timeout_s:g} s, of {self._members.expected} that are "
-            "waited for; start them with `wdpm slave`, or give them longer with --join-timeout"
+            "waited for; see that `wdpm slave` runs there and reaches this machine, or give it longer with "
+            "--join-timeout"
         )
 
     @property

@@ -89,6 +89,11 @@ class SlaveProcess:
         return None if code is None else _reason(code, self._log)
 
     @property
+    def last_line(self) -> str:
+        """What it printed last; empty for nothing."""
+        return _last_line(self._log)
+
+    @property
     def exit_code(self) -> int | None:
         """None while it runs; negative for a signal."""
         return self._process.poll()
@@ -170,7 +175,16 @@ def _environment() -> dict[str, str]:
 def _reason(code: int, log: IO[bytes]) -> str:
     if code < 0:
         return f"killed by {signal.Signals(-code).name}"
-    log.seek(0, os.SEEK_END)
-    log.seek(max(0, log.tell() - LOG_TAIL_BYTES))
-    lines = log.read().decode(errors="replace").strip().splitlines()
-    return f"it ended with exit code {code}" + (f": {lines[-1]}" if lines else "")
+    last = _last_line(log)
+    return f"it ended with exit code {code}" + (f": {last}" if last else "")
+
+
+def _last_line(log: IO[bytes]) -> str:
+    start = max(0, os.fstat(log.fileno()).st_size - LOG_TAIL_BYTES)
+    if hasattr(os, "pread"):  # the process that writes here shares the file's place, which this leaves alone
+        tail = os.pread(log.fileno(), LOG_TAIL_BYTES, start)
+    else:
+        log.seek(start)
+        tail = log.read()
+    lines = tail.decode(errors="replace").splitlines()
+    return next((line.strip() for line in reversed(lines) if line.strip()), "")

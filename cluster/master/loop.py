@@ -26,7 +26,10 @@ SEEN_S = 2.0
 SEE_OFF_S = 5.0
 """How long a master that ends waits for the Goodbye of slaves that it has told to stop; they answer at once."""
 
-Watch = Callable[[], Iterable[m.ProcessEnded | m.NotComing]]
+Started = m.ProcessEnded | m.NotComing | m.StillAwaited
+"""What becomes of slaves that were started here, or from here."""
+
+Watch = Callable[[], Iterable[Started]]
 """Slaves that were started and have ended, or do not come, since this was last asked."""
 
 
@@ -138,7 +141,7 @@ class MasterLoop:
         self._watch = watch
         self._answers = answers
         self._closing = False
-        self._ended: list[m.ProcessEnded | m.NotComing] = []
+        self._ended: list[Started] = []
         self._ticked = self._seen_again = 0.0
         self._seen: list[tuple[int, bool]] = []
         network.watch(mailbox.fd)

@@ -31,6 +31,7 @@ from wdpm.cluster.master.events import (
     Send,
     SlaveLost,
     SlaveSaid,
+    StillAwaited,
     Tick,
     Unreadable,
     WaitForSlaves,
@@ -154,6 +155,8 @@ class Master:
                 return self._process_ended(process, reason, left, now)
             case NotComing(reason, left):
                 return self._not_coming(reason, left, now)
+            case StillAwaited(text):
+                return [Noted(text)]
             case Unreadable(identity, reason):
                 return self._unreadable(identity, reason)
             case Close(reason, completed):

@@ -19,7 +19,7 @@ from wdpm.cluster.display import Display
 from wdpm.cluster.kept import Keeper
 from wdpm.cluster.limits import MOST_SLAVES, ClusterLimits
 from wdpm.cluster.master import events as m
-from wdpm.cluster.master.loop import FROM_SLAVE, MasterLoop, Watch
+from wdpm.cluster.master.loop import FROM_SLAVE, MasterLoop, Started, Watch
 from wdpm.cluster.master.machine import Master
 from wdpm.cluster.master.observing import tell_display, tell_keeper, tell_observer
 from wdpm.cluster.messages import protocol
@@ -37,7 +37,7 @@ PULSE_S = 0.2
 """Between one word to an observer and the next, while nothing comes."""
 
 
-def nobody() -> Iterable[m.ProcessEnded | m.NotComing]:
+def nobody() -> Iterable[Started]:
     """Watches no process."""
     return ()
 
@@ -151,7 +151,7 @@ class MasterServer:
     def _tell_to_wait(self, progress: ProgressObserver | None) -> None:
         if progress is not None and not self._noted_wait:
             self._noted_wait = True
-            progress.note(f"waiting for {self._slaves} slaves at {self.endpoint}")
+            progress.note(f"waiting for {self._slaves} slave{'s' * (self._slaves != 1)} at {self.endpoint}")
 
     def _follow(
         self,

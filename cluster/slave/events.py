@@ -178,6 +178,10 @@ class Reconnect:
     fresh: bool = False
 
 
+JOINED = "joined"
+"""The first word of what a slave tells when it has joined: whoever started it may look for that."""
+
+
 @dataclass(frozen=True)
 class Tell:
     """A line for the person at the slave."""

@@ -20,6 +20,7 @@ from wdpm.cluster.slave.attempts import Attempts
 from wdpm.cluster.slave.cells import ArrivingCells
 from wdpm.cluster.slave.destination import destination_of
 from wdpm.cluster.slave.events import (
+    JOINED,
     AnswerPeer,
     Computed,
     ComputeFailed,
@@ -225,7 +226,7 @@ class Slave:
             self._clear(epoch=0)
         self._beat_at = now + welcome.heartbeat_s
         self._welcome = welcome
-        out: list[Instruction] = [Tell(f"joined {self._endpoint} as slave {welcome.number}")]
+        out: list[Instruction] = [Tell(f"{JOINED} {self._endpoint} as slave {welcome.number}")]
         for identity, hello in self._peers.take_early():
             out += self._peer_said(identity, hello)
         return out

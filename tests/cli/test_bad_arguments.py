@@ -97,6 +97,10 @@ def test_wrong_clusters_elsewhere() -> None:
     with pytest.raises(SettingsError, match="copies is 'some'"):
         wdpm.Cluster.listen(any_port, 1, copies="some")
     wrong: Any = "2"
+    wrong_times: list[Any] = [0, -1.0, float("nan"), "5m", True]
+    for wrong_time in wrong_times:
+        with pytest.raises(SettingsError, match=r"join_timeout is .*; expected seconds above 0"):
+            wdpm.Cluster.listen(any_port, 1, join_timeout=wrong_time)
     with pytest.raises(SettingsError, match="most is '2'; expected a whole number"):
         wdpm.Cluster.listen(any_port, 1, most=wrong)
     with pytest.raises(SettingsError, match=r"hosts is 'anna'; expected several, like \['anna'\]"):

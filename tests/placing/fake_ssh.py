@@ -7,9 +7,12 @@ from pathlib import Path
 
 SSH = """#!/bin/bash
 printf '%s\\n' "$@" CALL >> {folder}/calls
+[ "$1" = -G ] && [ "$3" = odd ] && {{ echo "Bad owner or permissions on /home/me/.ssh/config" >&2; exit 255; }}
 [ "$1" = -G ] && {{ printf 'user me\\nhostname 127.0.0.1\\nport 22\\n'; exit; }}
 while [ "$1" != -- ]; do shift; done
 case $2 in
+    mute) exec sleep 600;;
+    touch) echo "Confirm user presence for key ED25519-SK" >&2; exec sleep 600;;
     deaf) echo "ssh: connect to host deaf port 22: Connection refused" >&2; exit 255;;
 esac
 cd /

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
-from typing import Any
+import os
+import shlex
+from pathlib import Path
 
 import pytest
+from patience import WAIT_S
 
 from wdpm.placing import slurm
 from wdpm.placing.slurm import Allocation, allocation_of, other_nodes
@@ -84,14 +86,37 @@ def test_what_is_no_step_of_a_cluster(given: dict[str, str], said: str) -> None:
         allocation_of({**STEP, **given})
 
 
-def test_slurm_itself_knows_addresses_of_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
-    def run(command: list[str], **_: Any) -> subprocess.CompletedProcess[str]:
-        assert command == ["scontrol", "--oneliner", "show", "nodes", "node[1-2]"]
-        told = [f"NodeName=node{n} Arch=x86_64 NodeAddr=10.0.0.{n} NodeHostName=node{n} Port=6818 \n" for n in (1, 2)]
-        return subprocess.CompletedProcess(command, 0, "".join(told))
-
-    monkeypatch.setattr(subprocess, "run", run)
+@pytest.mark.processes
+def test_slurm_itself_knows_addresses_of_nodes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    nodes = [f"NodeName=node{n} Arch=x86_64 NodeAddr=10.0.0.{n} NodeHostName=node{n} Port=6818" for n in (1, 2)]
+    scontrol(
+        tmp_path, monkeypatch, '[ "$*" = "--oneliner show nodes node[1-2]" ] && printf "%s\\n" ' + shlex.join(nodes)
+    )
     assert other_nodes(allocation_of(STEP)) == ["10.0.0.2"]
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize(
+    ("does", "said"),
+    [
+        ("echo 'Unable to contact slurm controller' >&2; exit 1", "node.1-2.: Unable to contact slurm controller$"),
+        ("exit 3", "it ended with exit code 3$"),
+        ("exec sleep 60", "has not ended within 0.2 s$"),
+    ],
+)
+def test_slurm_cannot_say(does: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(slurm, "ASK_S", 0.2 if "sleep" in does else WAIT_S)
+    scontrol(tmp_path, monkeypatch, does)
+    with pytest.raises(SettingsError, match=f"cannot find the nodes of the step: scontrol .*{said}"):
+        other_nodes(allocation_of(STEP))
+
+
+def scontrol(folder: Path, monkeypatch: pytest.MonkeyPatch, does: str) -> None:
+    """Slurm's tool as a script."""
+    path = folder / "scontrol"
+    path.write_text(f"#!/bin/bash\n{does}\n")
+    path.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{folder}:{os.environ['PATH']}")
 
 
 def test_a_step_on_one_node_asks_nobody(monkeypatch: pytest.MonkeyPatch) -> None:

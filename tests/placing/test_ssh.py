@@ -16,7 +16,7 @@ from patience import WAIT_S, wait_until
 
 import wdpm
 from wdpm.cli.main import main
-from wdpm.cluster.master.events import NotComing
+from wdpm.cluster.master.events import NotComing, StillAwaited
 from wdpm.images.image import load
 from wdpm.placing import own_address, ssh_slaves
 from wdpm.placing.hosts import Host
@@ -145,6 +145,44 @@ def test_a_slave_that_does_not_start_is_not_waited_for(tmp_path: Path, capfd: py
     assert same_bits(load(image), wdpm.render(wdpm.load("cornell-box", size=(48, 40)), **SETTINGS))
 
 
+@pytest.mark.sockets
+@pytest.mark.usefixtures("ssh")
+def test_an_ssh_that_hangs_is_not_waited_for_long(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    image = tmp_path / "box.exr"
+    words = ["cornell-box", "--size", "48x40", "--photons", "5k", "--spp", "2", "--k", "20", "-o", str(image)]
+    words += ["--hosts", "mute,bert", "--remote-wdpm", make_wdpm(tmp_path / "wdpm there"), "--threads", "1"]
+    assert main(["render", *words, "--join-timeout", "8s"]) == 0
+    assert "1 of 2 slaves have joined" in capfd.readouterr().err
+    assert same_bits(load(image), wdpm.render(wdpm.load("cornell-box", size=(48, 40)), **SETTINGS))
+
+
+@pytest.mark.usefixtures("ssh")
+def test_a_person_hears_once_what_ssh_said_of_slaves_that_do_not_come(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = script(tmp_path, "echo 'wdpm slave: joined tcp://127.0.0.1:1 as slave 0' >&2; cat")
+    slaves = SshSlaves([Host("mute"), Host("touch"), Host("bert")], program)
+    slaves.start(ENDPOINT, bytes)
+    wait_until(lambda: all(place.process and place.process.last_line for place in slaves._places[1:]), "words of ssh")
+    assert list(slaves.ended()) == []
+    monkeypatch.setattr(ssh_slaves, "QUIET_S", 0.0)
+    assert list(slaves.ended()) == [
+        StillAwaited("mute: no slave has joined from there for 0 s; ssh has said nothing"),
+        StillAwaited(
+            "touch: no slave has joined from there for 0 s; ssh has said last: Confirm user presence for key ED25519-SK"
+        ),
+    ]
+    assert list(slaves.ended()) == []
+    monkeypatch.setattr(ssh_slaves, "GRACE_S", 0.0)
+    slaves.stop()
+
+
+@pytest.mark.usefixtures("ssh")
+def test_a_configuration_that_ssh_does_not_take_is_one_line() -> None:
+    with pytest.raises(SettingsError, match=r"^--hosts needs .*: ssh -G -- odd: Bad owner or permissions on /home/me"):
+        SshSlaves([Host("odd")])
+
+
 def test_a_slave_that_did_not_start_is_tried_again_once_the_others_render(
     ssh: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -217,6 +255,7 @@ def test_no_ssh(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     [
         (["--hosts=-oProxyCommand=ls"], "is no host"),
         (["--hosts", "anna", "--slaves", "2"], "--hosts and --slaves contradict each other"),
+        (["--slaves", "2", "--join-timeout", "9s"], "--join-timeout goes with --slurm or --dask or --hosts"),
         (["--dask", "tcp://127.0.0.1:1", "--threads", "2"], "leave --threads and --memory out"),
         (["--dask", "tcp://127.0.0.1:1", "--replay", "1,1,1"], "--dask and --replay contradict each other"),
     ],

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
-from wdpm.cluster.master.events import NotComing, ProcessEnded
+from wdpm.cluster.master.events import NotComing, ProcessEnded, StillAwaited
 
 
 class PlacedSlaves(Protocol):
@@ -25,9 +25,9 @@ class PlacedSlaves(Protocol):
             keys: gives those of one more slave, as it takes them from its standard input.
         """
 
-    def ended(self) -> Iterable[ProcessEnded | NotComing]:
+    def ended(self) -> Iterable[ProcessEnded | NotComing | StillAwaited]:
         """Asked by the master all the time, on its thread: processes of this machine that have ended, if any have, and
-        slaves that need not be waited for.
+        slaves that need not be waited for, or of which a person should hear.
 
         Raises:
             ClusterError: there are no slaves, and none will come.

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from wdpm.devices import available_cores
+from wdpm.placing.asking import answer_of
 from wdpm.scenes.errors import SettingsError
 
 _MEBIBYTE = 1024 * 1024
@@ -76,10 +76,10 @@ def other_nodes(allocation: Allocation) -> list[str]:
         return []
     command = ["scontrol", "--oneliner", "show", "nodes", allocation.nodes]
     try:
-        answer = subprocess.run(command, capture_output=True, text=True, check=True, timeout=ASK_S)
-    except (OSError, subprocess.SubprocessError) as error:
-        raise SettingsError(f"--slurm: cannot find the nodes of the step: {' '.join(command)}: {error}") from None
-    nodes = re.findall(r"^NodeName=(\S+) .*?\bNodeAddr=(\S+)", answer.stdout, re.MULTILINE)
+        answer = answer_of(command, ASK_S)
+    except SettingsError as error:
+        raise SettingsError(f"--slurm: cannot find the nodes of the step: {error}") from None
+    nodes = re.findall(r"^NodeName=(\S+) .*?\bNodeAddr=(\S+)", answer, re.MULTILINE)
     return [address for name, address in nodes if name != allocation.node]
 
 

@@ -7,13 +7,14 @@ Master and slaves then talk directly to each other, not through ssh.
 from __future__ import annotations
 
 import shlex
-import subprocess
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from wdpm.cluster.master.events import NotComing
+from wdpm.cluster.master.events import NotComing, StillAwaited
 from wdpm.cluster.master.local_slaves import GRACE_S, SlaveProcess
+from wdpm.cluster.slave.events import JOINED
+from wdpm.placing.asking import answer_of
 from wdpm.placing.hosts import Host
 from wdpm.placing.own_address import address_towards, listening_address, reached_at
 from wdpm.scenes.errors import ClusterError, SettingsError
@@ -37,8 +38,19 @@ LONGEST_WAIT_S = 300.0
 MOST_TRIES = 10
 """In a row, of one slave."""
 
+_HAS_JOINED = f"wdpm slave: {JOINED} "
+"""What a slave's last line begins with once it has joined (slave/process.py)."""
+
 _BAD_INPUT = 2
 """Exit code of a slave that would end the same way again."""
+
+QUIET_S = 20.0
+"""After which a person hears what ssh has said of a slave that has not joined: ssh itself gives up a machine that does
+not answer, but may wait for a key to be touched, and a shell there for a file server, for as long as it takes [s]."""
+
+JOIN_TIMEOUT_S = 120.0
+"""How long slaves are waited for unless told otherwise: machines that are there take some seconds, and what comes later
+still joins [s]."""
 
 _ASK_S = 30.0
 """How long ssh may take to say what a name means in its configuration [s]."""
@@ -50,6 +62,8 @@ class _Place:
 
     Attributes:
         process: the last ssh that ran there.
+        started_at: when that was [s].
+        watched: whether it has not joined yet, so far as is known, and no person has heard why.
         tries: that were needed in a row.
         again_at: when to try again; None while it runs, or for never.
         held: it ended before a render had begun, and is tried again only when one has.
@@ -59,6 +73,8 @@ class _Place:
     host: Host
     endpoint: str = ""
     process: SlaveProcess | None = None
+    started_at: float = 0.0
+    watched: bool = False
     tries: int = 0
     again_at: float | None = None
     held: bool = False
@@ -114,10 +130,11 @@ class SshSlaves:
             place.endpoint = reached_at(self._numbers[place.host], endpoint)
             self._start(place)
 
-    def ended(self) -> Iterable[NotComing]:
+    def ended(self) -> Iterable[NotComing | StillAwaited]:
         """Look after the slaves. Their numbers are of other machines, so none is named: the master sees who is lost.
 
-        One that ends before all have joined is not waited for; those that are left begin.
+        One that ends before all have joined is not waited for; those that are left begin. Of one that is long in
+        joining, a person hears once what ssh has said.
         """
         if self._over:
             return ()
@@ -126,7 +143,8 @@ class SshSlaves:
             begun = "no slave is left:" if self._complete else "no slave runs on"
             raise ClusterError(f"{begun} {(failed or self._places)[-1].reason}")
         left = sum(place.process is not None for place in self._places)
-        return [NotComing(f"no slave runs on {place.reason}", left) for place in failed if place.held]
+        not_coming = [NotComing(f"no slave runs on {place.reason}", left) for place in failed if place.held]
+        return [*not_coming, *self._news_of_quiet()]
 
     def all_joined(self) -> None:
         """From now on a slave that is lost is started again, and so are those that were not waited for."""
@@ -147,6 +165,18 @@ class SshSlaves:
             process.stop(deadline - time.monotonic())
         for place in self._places:
             place.process = None
+
+    def _news_of_quiet(self) -> Iterable[StillAwaited]:
+        """What to tell of slaves that have not joined for a while; of each once."""
+        now = time.monotonic()
+        for place in self._places:
+            if self._complete or place.process is None or not place.watched or now < place.started_at + QUIET_S:
+                continue
+            place.watched = False
+            last = place.process.last_line
+            if not last.startswith(_HAS_JOINED):
+                said = f"has said last: {last}" if last else "has said nothing"
+                yield StillAwaited(f"{place.host.name}: no slave has joined from there for {QUIET_S:.0f} s; ssh {said}")
 
     def _look_after(self, place: _Place) -> bool:
         """Start it if it is time for that; returns whether it has just ended."""
@@ -176,6 +206,7 @@ class SshSlaves:
     def _start(self, place: _Place) -> None:
         place.again_at = None
         place.process = SlaveProcess(self._command(place), self._keys())
+        place.started_at, place.watched = time.monotonic(), True
 
     def _command(self, place: _Place) -> list[str]:
         words = [self._program, "slave", place.endpoint, "--keys", "-", "--life-line", "--device", self._device]
@@ -189,10 +220,8 @@ class SshSlaves:
         """The machine that a host's name means in the configuration of ssh."""
         command = [self._ssh, "-G", "--", host.name]
         try:
-            answer = subprocess.run(command, capture_output=True, text=True, check=True, timeout=_ASK_S)
-        except FileNotFoundError:
-            raise SettingsError(f"--hosts needs OpenSSH's client: there is no program {self._ssh}") from None
-        except (OSError, subprocess.SubprocessError) as error:
-            raise SettingsError(f"{' '.join(command)}: {error}") from None
-        names = [line.partition(" ")[2] for line in answer.stdout.splitlines() if line.startswith("hostname ")]
+            lines = answer_of(command, _ASK_S).splitlines()
+        except SettingsError as error:
+            raise SettingsError(f"--hosts needs OpenSSH's client: {error}") from None
+        names = [line.partition(" ")[2] for line in lines if line.startswith("hostname ")]
         return names[0] if names else host.name.rpartition("@")[2]

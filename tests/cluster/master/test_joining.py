@@ -65,7 +65,7 @@ def test_no_slave_at_all_ends_the_render() -> None:
     driver(m.Tick())
     out = [each for second in range(1, WAIT_S + 2) for each in driver.master.handle(m.Tick(), float(second))]
     [reason] = [i.reason for i in out if isinstance(i, m.Broken)]
-    assert reason.startswith("no slave has joined within 600 s, of 2 that are waited for; start them with `wdpm slave`")
+    assert reason.startswith("no slave has joined within 600 s, of 2 that are waited for; see that `wdpm slave` runs")
     assert "--join-timeout" in reason
 
 
@@ -113,6 +113,12 @@ def test_a_slave_elsewhere_that_does_not_start_is_done_without() -> None:
     assert [hello.process for hello in joined(driver.says(B, hello(1)))] == [0, 1]
     out = driver(m.NotComing("no slave runs on bert: it was lost", 1))
     assert driver.master.phase is Phase.IDLE, "who has begun goes on with who is there"
+
+
+def test_what_is_known_of_a_slave_that_is_awaited_is_passed_on() -> None:
+    driver = waiting()
+    assert notes(driver(m.StillAwaited("anna: ssh has said nothing"))) == ["anna: ssh has said nothing"]
+    assert driver.master.phase is Phase.JOINING
 
 
 @pytest.mark.parametrize("connection_first", [False, True])

@@ -11,8 +11,8 @@ from wdpm.scenes.errors import SettingsError
 _PLACED = ("slurm", "dask", "hosts")
 """Options that say who places the slaves, by name in the arguments."""
 
-_BESIDE = {"shared": "slurm", "remote_wdpm": "hosts"}
-"""Options that mean something beside one of these alone."""
+_BESIDE = {"shared": ("slurm",), "remote_wdpm": ("hosts",), "join_timeout": _PLACED}
+"""Options that mean something beside some of these alone."""
 
 
 def add_placing_options(parser: argparse.ArgumentParser) -> None:
@@ -49,7 +49,14 @@ def add_placing_options(parser: argparse.ArgumentParser) -> None:
         metavar="PATH",
         help="with --hosts, the program there (default: wdpm, found by PATH)",
     )
-    # What was asked for is told from what the machine or Slurm has, or from nothing.
+    group.add_argument(
+        "--join-timeout",
+        type=values.duration,
+        metavar="TIME",
+        help="with any of these, how long to wait for slaves that have not joined, like 90s or 30m, before those that "
+        "have begin (default: 2m with --hosts, otherwise 10m)",
+    )
+    # None: nothing was asked for, and the machine or Slurm says what there is.
     parser.set_defaults(threads=None, copies=None)
 
 
@@ -57,8 +64,9 @@ def is_placed(args: argparse.Namespace) -> bool:
     """Whether something else places the slaves. Raises SettingsError for options that contradict each other."""
     asked = [name for name in _PLACED if getattr(args, name)]
     for name, of in _BESIDE.items():
-        if getattr(args, name) is not None and of not in asked:
-            raise SettingsError(f"--{name.replace('_', '-')} goes with --{of}: give that, too, or leave it out")
+        if getattr(args, name) is not None and not set(of).intersection(asked):
+            those = " or ".join(f"--{each}" for each in of)
+            raise SettingsError(f"--{name.replace('_', '-')} goes with {those}: give that, too, or leave it out")
     if not asked:
         return False
     for name in ("slaves", "replay"):

@@ -87,4 +87,5 @@ def _over_ssh(args: argparse.Namespace, cluster_observers: Observers) -> Cluster
 
 def _how(args: argparse.Namespace, cluster_observers: Observers) -> dict[str, Any]:
     """What all clusters are told alike."""
-    return {"copies": args.copies or Copies.AUTO, "observers": cluster_observers}
+    how = {"copies": args.copies or Copies.AUTO, "observers": cluster_observers}
+    return how if args.join_timeout is None else {**how, "join_timeout": args.join_timeout}
