@@ -13,6 +13,9 @@ _COUNT_UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
 MOST_STOPS = 64.0
 """Size of an exposure: beyond it there is nothing to be seen."""
 
+MOST_FRAMES = 1_000_000
+"""Of a sequence: some eleven hours of film. What is known of each is held from the beginning."""
+
 _MEMORY_UNITS = {"k": 2**10, "m": 2**20, "g": 2**30, "t": 2**40}
 
 
@@ -88,6 +91,8 @@ def frames(text: str) -> tuple[int, ...]:
     step = step or 1 if match is None or match[3] is None else step
     if last < first or step < 1:
         raise ArgumentTypeError(f"'{text}' are no frames: expected FIRST..LAST, FIRST..LAST..STEP or one number")
+    if len(range(first, last + 1, step)) > MOST_FRAMES:
+        raise ArgumentTypeError(f"'{text}' are more than {MOST_FRAMES:,} frames: render them in several parts")
     return tuple(range(first, last + 1, step))
 
 

@@ -24,6 +24,7 @@ from wdpm.cluster.world import IrradiancePlan, MapPlan
 from wdpm.kernels.limits import POINTS_A_PHOTON, POINTS_LEAST, POINTS_MOST
 from wdpm.kernels.photons.beam import sum_unit
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
+from wdpm.scenes.errors import SettingsError
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.whole import total_area
 
@@ -115,11 +116,11 @@ def map_plans(pilot: PhotonPilot, settings: RenderSettings, flat: FlatScene) -> 
     if 0 < expected[CAUSTIC_MAP] < settings.caustic_photons:  # of as many as were asked for, k is as it was asked for
         caustic_k = fewer_neighbours(caustic_k, expected[CAUSTIC_MAP])
     radii = [
-        _given(settings.radius, unit)
+        _given(settings, "radius", unit)
         or _gather_radius(measured.radii[GLOBAL_MAP], stored[GLOBAL_MAP], settings.k, expected[GLOBAL_MAP], extent),
-        _given(settings.caustic_radius, unit)
+        _given(settings, "caustic_radius", unit)
         or _gather_radius(measured.radii[CAUSTIC_MAP], stored[CAUSTIC_MAP], caustic_k, expected[CAUSTIC_MAP], extent),
-        _given(settings.volume_radius, unit) or _beam_radius(photons[VOLUME_MAP], expected[VOLUME_MAP], extent),
+        _given(settings, "volume_radius", unit) or _beam_radius(photons[VOLUME_MAP], expected[VOLUME_MAP], extent),
     ]
     plans = [
         MapPlan(p, r, settings.band * r, old.read, point_area(measured.area, r, e, most))
@@ -191,9 +192,22 @@ def _may_scatter(pilot: PhotonPilot, settings: RenderSettings) -> bool:
     return scatters and pilot.world.volume_map.paths > 0 and settings.volume_photons > 0
 
 
-def _given(length: float | None, unit: float) -> float | None:
-    """A length that a person gave in the scene's unit, in the renderer's."""
-    return None if length is None else length / unit
+MOST_RADIUS = 1e15
+"""Of what a person may ask for, in the renderer's unit, in which a scene is of the order of 1; the least is one over
+it. Squares of all between are normal numbers in single precision."""
+
+
+def _given(settings: RenderSettings, name: str, unit: float) -> float | None:
+    """A length that a person gave in the scene's unit, in the renderer's; SettingsError beyond all proportion."""
+    length: float | None = getattr(settings, name)
+    if length is None:
+        return None
+    if not 1.0 / MOST_RADIUS <= length / unit <= MOST_RADIUS:
+        raise SettingsError(
+            f"{name} is {length:g}; expected between {unit / MOST_RADIUS:.0e} and {unit * MOST_RADIUS:.0e} in a scene "
+            "of this size"
+        )
+    return length / unit
 
 
 def _beam_radius(photons: Arrays, expected: float, extent: float) -> float:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-KEPT, NON_FINITE, ZERO_AREA, NO_NORMAL, DUPLICATE = range(5)
+from wdpm.scenes.model.scene import Solid
+
+KEPT, NON_FINITE, ZERO_AREA, NO_NORMAL, DUPLICATE, TOO_SMALL = range(6)
 """Numbers of the causes."""
 
 CAUSES = {
@@ -13,6 +17,7 @@ CAUSES = {
     ZERO_AREA: "zero area",
     NO_NORMAL: "no normal in single precision",
     DUPLICATE: "the same as another, which hides it",
+    TOO_SMALL: "too small beside the whole scene to have an area in single precision; does something lie far off?",
 }
 """In words."""
 
@@ -30,6 +35,22 @@ def drop_cause(positions: NDArray[np.float32], glows: NDArray[np.bool_]) -> NDAr
     cause = degenerate_cause(positions)
     cause[(cause == KEPT) & repeated(positions) & ~glows] = DUPLICATE
     return cause
+
+
+def mark_small(cause: NDArray[np.int8], meshes: Sequence[Solid], sizes: Sequence[int]) -> None:
+    """Tell triangles that have no area from those that have one, but beside the scene's extent are next to nothing.
+
+    Args:
+        cause: of all triangles, shape [T]: ZERO_AREA becomes TOO_SMALL.
+        meshes, sizes: whose triangles these are, in order, and how many each has.
+    """
+    if not (cause == ZERO_AREA).any():
+        return
+    for mesh, part in zip(meshes, np.split(cause, np.cumsum(sizes)[:-1]), strict=True):
+        flat = np.flatnonzero(part == ZERO_AREA)
+        corners = mesh.vertices[mesh.faces[flat]]
+        has_area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).any(axis=1)
+        part[flat[has_area]] = TOO_SMALL
 
 
 def counted(cause: NDArray[np.int8]) -> dict[str, int]:

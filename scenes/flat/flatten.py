@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from wdpm.scenes.errors import SceneError
 from wdpm.scenes.flat.arrays import ARRAYS, NO_TRIANGLES, Media, Triangles
-from wdpm.scenes.flat.dropped import CAUSES, KEPT, counted, drop_cause
+from wdpm.scenes.flat.dropped import CAUSES, KEPT, counted, drop_cause, mark_small
 from wdpm.scenes.flat.grids import tabulate_grids
 from wdpm.scenes.flat.light_table import LightTable, tabulate_lights
 from wdpm.scenes.flat.material_coats import with_coats
@@ -137,6 +137,7 @@ def _triangles(
     )
     soup = _joined([meshes[number] for number in apart], parts, sum(sizes), colored, room)
     cause = _cause(soup, [standing[number] for number in apart], sizes)
+    mark_small(cause, [meshes[number] for number in apart], sizes)
     held = _Counter()
     counts = np.array([held.kept(each) if k and each else 0 for each, k in zip(standing, kept, strict=True)], np.int64)
     counts[apart] = _kept_of_parts(cause, sizes)

@@ -27,6 +27,9 @@ _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 
 
+_READ_VERSIONS = ("2.0", "2")
+
+
 class GltfFile:
     """A parsed .gltf or .glb file.
 
@@ -55,6 +58,9 @@ class GltfFile:
         version = self.get(self.json, "asset", dict, {}).get("version")
         if version is None or not str(version).startswith("2."):
             raise self.error(f'expected glTF version 2.x in asset.version, got "{version}"')
+        least = self.get(self.json, "asset", dict, {}).get("minVersion", "2.0")
+        if str(least) not in _READ_VERSIONS:
+            raise self.error(f"asks for a reader of glTF {least} in asset.minVersion; this one reads 2.0")
 
     def error(self, message: str) -> SceneError:
         return SceneError(message, self.file)

@@ -198,7 +198,7 @@ class _Parser:
         for corner, word in enumerate(self.faces.corners):
             parts = word.split("/")
             try:
-                row = [int(part) if part else _ABSENT for part in parts]
+                row = [max(-_FARTHEST, min(int(part), _FARTHEST)) if part else _ABSENT for part in parts]
             except ValueError:
                 row = []
             if not 1 <= len(row) <= 3 or row[0] == _ABSENT:
@@ -209,6 +209,7 @@ class _Parser:
 
 
 _ABSENT = np.iinfo(np.int64).max // 2  # far from any index, and index arithmetic on it does not overflow
+_FARTHEST = _ABSENT // 2  # what a number beyond is taken for: no vertex has it either
 
 
 def _gather(values: NDArray[np.float64], indices: NDArray[np.int64]) -> NDArray[np.float64] | None:

@@ -130,10 +130,20 @@ def test_a_wrong_scene(body: str, expected: list[str], here: Path, capsys: pytes
         (["cornell-box", "--k", "0"], "--k"),
         (["cornell-box", "--radius", "0"], "radius"),
         (["cornell-box", "--k", "100000"], "k is 100000"),
+        (["cornell-box", "--size", "8x8", "--radius", "1e-300"], "radius is 1e-300; expected between"),
+        (["cornell-box", "--size", "8x8", "--radius", "1e300"], "in a scene of this size"),
+        (["cornell-box", "-o", "a.exr", "--log", "./a.exr"], "cannot hold both the image and the log"),
+        (["far.obj"], "far.obj:4: face corner 99999999999999999999: there is no v"),
+        (["scene.%02d.xml", "--frames", "1..999999999"], "more than 1,000,000 frames: render them in several parts"),
+        (["far.obj", "-o", "a.exr", "--log", "far.obj"], "cannot hold both the scene and the log"),
+        (["far.obj", "-o", "a.exr", "--save-cache", "far.obj"], "cannot hold both irradiance records and the scene"),
     ],
 )
-def test_a_wrong_argument(arguments: list[str], expected: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_argument(arguments: list[str], expected: str, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99999999999999999999\n"
+    (here / "far.obj").write_text(model)
     assert expected in said(["render", *arguments], capsys)
+    assert (here / "far.obj").read_text() == model
 
 
 @pytest.mark.parametrize(

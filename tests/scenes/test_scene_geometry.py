@@ -228,6 +228,12 @@ def test_degenerate_triangles_are_dropped_and_counted() -> None:
         flatten(scene_of(TRIANGLE, [[0, 0, 1]]))
 
 
+def test_a_stray_vertex_is_said_to_make_all_else_small() -> None:
+    far = 1e30 * TRIANGLE
+    [(cause, count)] = flatten(scene_of(np.concatenate([TRIANGLE, far]), [[0, 1, 2], [3, 4, 5]])).dropped.items()
+    assert (cause.startswith("too small beside the whole scene"), count) == (True, 1)
+
+
 @given(st.tuples(*[st.integers(-(2**20), 2**20)] * 3))
 def test_flat_scene_does_not_depend_on_where_the_scene_lies(offset: tuple[int, int, int]) -> None:
     """Whole numbers are added without rounding, so the arrays must be equal to the last bit."""

@@ -239,11 +239,12 @@ def test_off(tmp_path: Path) -> None:
     [
         "OFF\n4 1 0\n0 0 0\n1 0 0\n",
         "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 9\n",
+        "OFF 3 2 0\n0 0 0\n1 0 0\n0 1 0\n\n3 0 1 2 # one of two\n",
         "OFF\n0 0 0\n",
         "nothing of the kind",
         "",
     ],
-    ids=["truncated", "index out of range", "empty", "no OFF", "no bytes"],
+    ids=["truncated", "index out of range", "a face is missing", "empty", "no OFF", "no bytes"],
 )
 def test_broken_off(tmp_path: Path, text: str) -> None:
     file = tmp_path / "m.off"

@@ -36,7 +36,11 @@ def observers(args: argparse.Namespace) -> Iterator[tuple[ClusterObserver, ...]]
     with ExitStack() as stack:
         asked: list[ClusterObserver] = []
         if args.log is not None:
+            from wdpm.cli.result import output_paths
+            from wdpm.images.files import check_apart
             from wdpm.monitoring.json_log import JsonLog
+
+            check_apart([*output_paths(args), ("the log", args.log)])
 
             log = JsonLog(args.log, _tell)
             stack.callback(log.close)

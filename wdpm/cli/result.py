@@ -114,9 +114,16 @@ def _checked_outputs(args: argparse.Namespace) -> list[Path]:
         check_output_path(args.report, (".json",))
     if args.save_cache is not None:
         check_place(args.save_cache)
-    caches = [("irradiance records", path) for path in (args.save_cache, args.load_cache)]
-    check_apart([*(("the image", path) for path in outputs), ("the report", args.report), *caches])
+    check_apart(output_paths(args))
     return outputs
+
+
+def output_paths(args: argparse.Namespace) -> list[tuple[str, Path | None]]:
+    """What a command writes and reads, as `check_apart` takes it: a file that holds two things has lost one."""
+    outputs = args.output or [default_output(args.scene)]
+    caches = [("irradiance records", path) for path in (args.save_cache, args.load_cache)]
+    read = [("the scene", Path(args.scene)), ("the image to compare with", args.view_beside)]
+    return [*(("the image", path) for path in outputs), ("the report", args.report), *caches, *read]
 
 
 def _completed(image: Image, load_s: float) -> tuple[Image, report.Report]:

@@ -255,7 +255,10 @@ WORTH_FORGETTING = 1 << 18
 
 def _lost(flat: FlatScene, world: World, settings: RenderSettings) -> tuple[str, ...]:
     """What of the scene does not come to the image, in words."""
-    lost = tuple(f"{count} triangles were left out: {cause}" for cause, count in flat.dropped.items())
+    lost = tuple(
+        f"{count:,} triangle{'s were' if count > 1 else ' was'} left out: {cause}"
+        for cause, count in flat.dropped.items()
+    )
     if settings.algorithm.shoots_photons and settings.photons > 0 and not world.global_map.paths:
         lost += (f"none of {PILOT_PATHS:,} photon paths stored a photon: there is no indirect light",)
     return lost

@@ -167,6 +167,7 @@ def test_primitive_modes(tmp_path: Path, mode: int, expected: list[list[int]] | 
     ("changes", "message"),
     [
         ({"asset": {"version": "1.0"}}, "expected glTF version 2"),
+        ({"asset": {"version": "2.0", "minVersion": "3.0"}}, "asks for a reader of glTF 3.0 in asset.minVersion"),
         ({"extensionsRequired": ["KHR_texture_basisu"]}, "KHR_texture_basisu"),
         ({"nodes": [{"mesh": 3}]}, r"there is no meshes\[3\]"),
         ({"nodes": [{"mesh": 0, "children": [0]}]}, "its own ancestor"),

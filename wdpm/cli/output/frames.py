@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from wdpm.rendering.backend import Backend
     from wdpm.scenes.model.scene import Scene
 
-_NUMBER = re.compile(r"%0?(\d*)d")
+_NUMBER = re.compile(r"%0?(\d{0,2})d")
 """Where the name of a file has the frame's number: %d, or %04d with zeros."""
 
 _DIGITS = 4
