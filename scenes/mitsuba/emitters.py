@@ -186,7 +186,6 @@ def _read_constant(reader: EmitterReader, plugin: Plugin) -> Environment:
 @_reads("envmap")
 def _read_envmap(reader: EmitterReader, plugin: Plugin) -> Environment:
     reader.check_only(plugin)
-    at = plugin.value_error("filename", "")
     file = plugin.take_file()
     scale_error = plugin.value_error("scale", "must not be negative")
     scale = plugin.take_float("scale", 1.0)
@@ -195,9 +194,8 @@ def _read_envmap(reader: EmitterReader, plugin: Plugin) -> Environment:
     to_world = take_rotation(plugin)
     plugin.ignore("mis_compensation", "cache", "gamma")  # change neither the light nor its directions
     pixels = read_texture(file, raw=False)
-    if min(pixels.shape[:2]) < 2:
-        shape = f"{pixels.shape[1]}x{pixels.shape[0]}"
-        raise type(at)(f"{plugin}: an environment map has at least 2x2 pixels, got {shape}", at.file, at.line)
+    below, right = max(3 - pixels.shape[0], 0), max(2 - pixels.shape[1], 0)
+    pixels = np.pad(pixels, ((0, below), (0, right), (0, 0)), mode="edge")  # as Mitsuba fills up what is smaller
     if pixels.min() < 0.0:
         reader.warnings.append(f"line {plugin.line}: {plugin}: negative pixels of {file.name} are taken as black")
     return Environment(plugin.name, np.maximum(pixels, 0.0) * np.float32(scale), to_world)

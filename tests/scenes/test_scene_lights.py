@@ -124,7 +124,7 @@ def test_environment_map_in_radiance_s_format(tmp_path: Path) -> None:
     pixels = np.full((2, 8, 4), (128, 64, 32, 130), np.uint8)  # mantissas over 256, times 2 to the power of 130 - 128
     (tmp_path / "sky.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 2 +X 8\n" + pixels.tobytes())
     body = emitter("envmap", '<string name="filename" value="sky.hdr"/>')
-    expected = np.broadcast_to([2.0, 1.0, 0.5], (2, 8, 3))
+    expected = np.broadcast_to([2.0, 1.0, 0.5], (3, 8, 3))
     np.testing.assert_array_equal(only_environment(read(tmp_path, body)).pixels, expected)
     (tmp_path / "sky.hdr").write_bytes(b"no picture")
     with pytest.raises(SceneError, match="not a Radiance picture"):
@@ -284,9 +284,10 @@ def seen_by_mitsuba(mi: Any, xml: str, directions: NDArray[np.float64]) -> NDArr
     return np.array(values, np.float64)
 
 
-def test_environment_map_points_where_mitsuba_s_does(tmp_path: Path, mi: Any) -> None:
+@pytest.mark.parametrize("size", [(5, 8), (2, 4), (1, 3), (4, 1)])  # what is smaller than 3x2 is filled up
+def test_environment_map_points_where_mitsuba_s_does(tmp_path: Path, mi: Any, size: tuple[int, int]) -> None:
     random = np.random.default_rng(3)
-    write_exr(tmp_path / "sky.exr", random.random((5, 8, 3)).astype(np.float32))
+    write_exr(tmp_path / "sky.exr", random.random((*size, 3)).astype(np.float32))
     name = f'<string name="filename" value="{tmp_path / "sky.exr"}"/>{number("scale", 1.5)}'
     directions = unit(random.normal(size=(200, 3)))
     for steps in (
