@@ -115,7 +115,7 @@ class RecordRounds:
 
         Args:
             slaves: tasks that are done at once.
-            alike: whether those who do them are processes of one machine: then batches are larger.
+            alike: whether those who do them are equally fast: then batches are larger.
         """
         places = np.flatnonzero(self._open(self._candidates(self._round))).astype(np.int32)
         out: list[RecordTask] = []

@@ -78,6 +78,11 @@ def _tasks_in_flight(session: Session, limits: ClusterLimits, *, photons: bool) 
     return limits.shared_in_flight if session.is_divided else limits.buckets_in_flight
 
 
+def equally_fast(members: Members) -> bool:
+    """Whether all slaves are processes of one machine, with as many cores each."""
+    return len({(member.hello.host, member.hello.threads, member.hello.processes) for member in members}) == 1
+
+
 def record_limits(session: Session, limits: ClusterLimits) -> ClusterLimits:
     """The limits that tasks of records keep: one large task for each home where the scene is divided.
 

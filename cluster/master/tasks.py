@@ -13,7 +13,7 @@ from wdpm.cluster.master.film import Film
 from wdpm.cluster.master.homes import ANYWHERE, cell_of_bucket
 from wdpm.cluster.master.members import Member, Members
 from wdpm.cluster.master.records import RecordRounds
-from wdpm.cluster.master.task_sizes import Capacity, parallel_record_tasks, record_limits
+from wdpm.cluster.master.task_sizes import Capacity, equally_fast, parallel_record_tasks, record_limits
 from wdpm.cluster.master.waiting import Waiting
 from wdpm.cluster.session import Session, SessionResult
 from wdpm.cluster.task import (
@@ -128,7 +128,8 @@ class Tasks:
         if session.sight.size:
             tasks, cells = rounds.tasks_by_cell(session, at_once, self._next_number)
         else:
-            tasks, cells = rounds.tasks(at_once, limits, self._next_number, alike=len(members) == 1), {}
+            alike = equally_fast(members)
+            tasks, cells = rounds.tasks(at_once, limits, self._next_number, alike=alike), {}
         self._next_number += len(tasks)
         self._begin(tasks, cells)
 

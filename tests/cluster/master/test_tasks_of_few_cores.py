@@ -7,19 +7,23 @@ from dataclasses import replace
 import pytest
 from fake_worker import make_session, make_view, triangles
 from master_driver import LIMITS, VERSIONS, A, B, Driver, hello
+from record_rounds import cached
 
 from wdpm.cluster.limits import ClusterLimits
 from wdpm.cluster.master import events as m
 from wdpm.cluster.master.buckets import buckets
 from wdpm.cluster.master.machine import Master
 from wdpm.cluster.master.members import Members
+from wdpm.cluster.master.records import RecordRounds
 from wdpm.cluster.master.task_sizes import (
     PHOTON_TASK_LEAST,
     TASKS_A_PROCESS,
+    equally_fast,
     parallel_record_tasks,
     photon_task_size,
     tasks_with_cores,
 )
+from wdpm.cluster.master.tasks import Tasks
 from wdpm.cluster.messages import protocol as p
 
 RAYS = 1000
@@ -54,6 +58,25 @@ def test_a_team_of_several_computes_one_task_together() -> None:
     """However few cores: what one of them waits for, others compute."""
     members = members_of({"here": 4}, {"here": 1})
     assert tasks_with_cores(make_session(4, 4), members, 1) == 4
+
+
+@pytest.mark.parametrize(
+    ("hosts", "alike"), [({"here": 4}, True), ({"there": 1}, True), ({"here": 2, "there": 2}, False)]
+)
+def test_slaves_of_one_machine_have_few_large_tasks_of_records(hosts: dict[str, int], alike: bool) -> None:
+    """Slaves that are equally fast end together with two tasks each; others need small ones at the end for that."""
+    members = members_of(hosts, {"here": 2})
+    assert equally_fast(members) == alike
+    tasks, session = Tasks(), make_session(4, 1, view=cached(make_view(512, 512, 64)))
+    rounds = RecordRounds(session.view, session.records)
+    tasks.make_records(rounds, session, members, 4, ClusterLimits(record_task_rays=1))
+    assert (tasks.total <= 2 * tasks_with_cores(session, members, 4)) == alike
+
+
+def test_a_slave_with_more_threads_is_faster_than_others_of_its_machine() -> None:
+    members = members_of({"here": 2}, {})
+    members.add(b"more", replace(hello(2), host="here", threads=4), 0.0)
+    assert not equally_fast(members)
 
 
 @pytest.mark.parametrize(
