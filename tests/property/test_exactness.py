@@ -294,6 +294,8 @@ def test_ghosts_are_just_the_photons_of_the_band(
         corner.astype(np.float64) for corner in cell_boxes(np.array(axis, np.int32), np.array(split, np.float32))
     )
     assert exchange.band == pytest.approx(radius / flat.unit + flat.extent * PAD_SHARE, rel=1e-12)
+    for number, owned in exchange.owned.items():  # shaded, and so stored, in the cell that they lie in
+        assert ((low[number] <= owned["position"]) & (owned["position"] <= high[number])).all()
     for source, target, kind, arrays in exchange.sent:
         owned = exchange.owned[source] if kind is Kind.GHOST_PHOTONS else exchange.points[source]
         position = owned["position"].astype(np.float64)
