@@ -262,7 +262,7 @@ class Master:
 
     def _not_coming(self, reason: str, left: int, now: float) -> list[Instruction]:
         """A slave is not waited for any longer."""
-        return [Noted(f"{reason}; {left} others are there or on their way"), *self._expect(left, now)]
+        return [Noted(f"{reason}; {_others(left)} there or on the way"), *self._expect(left, now)]
 
     def _expect(self, left: int, now: float) -> list[Instruction]:
         """No more slaves than these come for now: begin if all of them are here."""
@@ -306,9 +306,10 @@ class Master:
             if self.phase is not Phase.JOINING:
                 joined = self._phases.joined(member, now)
         welcome = protocol.Welcome(member.number, self._cluster, self._limits.heartbeat_s, self._limits.dead_s)
+        threads = _counted(hello.threads, "thread")
         out += [
             Send(identity, welcome),
-            Noted(f"{member} joined, {hello.threads} threads ({len(self._members)} of {self._members.expected})"),
+            Noted(f"{member} joined, {threads} ({len(self._members)} of {self._members.expected})"),
         ]
         if self.phase is Phase.JOINING:
             return out + self._begin_if_all_came(now)
@@ -396,3 +397,12 @@ class Master:
             return self._break(f"{member} broke the protocol: {reason}")
         self._dropped["unreadable message"] += 1
         return [Send(identity, protocol.Rejected(reason))]
+
+
+def _counted(count: int, what: str) -> str:
+    """2 threads, 1 thread."""
+    return f"{count} {what}{'s' * (count != 1)}"
+
+
+def _others(count: int) -> str:
+    return f"{_counted(count, 'other')} {'is' if count == 1 else 'are'}"

@@ -141,7 +141,7 @@ def test_a_slave_that_does_not_start_is_not_waited_for(tmp_path: Path, capfd: py
     words = ["cornell-box", "--size", "48x40", "--photons", "5k", "--spp", "2", "--k", "20", "-o", str(image)]
     words += ["--hosts", "deaf,bert", "--remote-wdpm", make_wdpm(tmp_path / "wdpm there"), "--threads", "1"]
     assert main(["render", *words]) == 0
-    assert re.search("no slave runs on deaf: .*Connection refused; 1 others are", capfd.readouterr().err)
+    assert re.search("no slave runs on deaf: .*Connection refused; 1 other is there", capfd.readouterr().err)
     assert same_bits(load(image), wdpm.render(wdpm.load("cornell-box", size=(48, 40)), **SETTINGS))
 
 

@@ -139,8 +139,11 @@ def reasons(schedule: Schedule) -> str:
     kind = settings.algorithm.in_words(settings)
     if settings.algorithm.shoots_photons:
         kind += f", {settings.photons:,} photons a pass"
+    kind += f", {schedule.samples} sample{'s' * (schedule.samples != 1)} a pass"
+    if not trial.measured:
+        return f"{kind}, which took {trial.sample_cost:.2g} s with one: there was no time to see how noise falls"
     return (
-        f"{kind}, {schedule.samples} samples a pass: a pass costs {trial.pass_cost:.2g} s and "
+        f"{kind}: a pass costs {trial.pass_cost:.2g} s and "
         f"{trial.sample_cost:.2g} s a sample, with mean squares of noise {trial.pass_noise:.2g} and "
         f"{trial.sample_noise:.2g} a sample, and "
         f"squared bias of at most {trial.bias:.2g}"

@@ -230,7 +230,7 @@ def _runs(process: int) -> bool:
 
 
 def _reason(error: OSError) -> str:
-    return error.strerror.lower() if error.strerror else str(error)
+    return error.strerror.lower() if error.strerror else str(error).rstrip(".")
 
 
 def _check_extension(path: Path, allowed: tuple[str, ...]) -> None:

@@ -108,7 +108,7 @@ def test_a_slave_elsewhere_that_does_not_start_is_done_without() -> None:
     driver.says(A, hello(0))
     driver(m.WaitForSlaves())
     out = driver(m.NotComing("no slave runs on anna: no such host", 2))
-    assert notes(out) == ["no slave runs on anna: no such host; 2 others are there or on their way"]
+    assert notes(out) == ["no slave runs on anna: no such host; 2 others are there or on the way"]
     assert driver.master.phase is Phase.JOINING
     assert [hello.process for hello in joined(driver.says(B, hello(1)))] == [0, 1]
     out = driver(m.NotComing("no slave runs on bert: it was lost", 1))
