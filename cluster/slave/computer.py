@@ -59,13 +59,14 @@ class ComputeThread:
 
     def _run(self) -> None:
         while (job := self._jobs.get()) is not None:
-            self.mailbox.put(self._outcome(job))
+            self.mailbox.put(self.run_here(job))
         with self._leaving:
             self._ended = True
             if self._left_behind:
                 self.mailbox.close()
 
-    def _outcome(self, job: Job) -> s.Computed | s.ComputeFailed | s.Leave:
+    def run_here(self, job: Job) -> s.Computed | s.ComputeFailed | s.Leave:
+        """Run a job on the calling thread; while the one here is at none."""
         try:
             began = time.thread_time()
             outcome = self._compute.run(job)

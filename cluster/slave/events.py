@@ -162,9 +162,14 @@ class ConnectPeers:
 
 @dataclass(frozen=True)
 class Run:
-    """Have the worker do a job; its Outcome is due before another Run comes."""
+    """Have the worker do a job; its Outcome is due before another Run comes.
+
+    Attributes:
+        short: whether it takes no longer than to hand it to another thread and back, about.
+    """
 
     job: Job
+    short: bool = False
 
 
 @dataclass(frozen=True)

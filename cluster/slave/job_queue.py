@@ -10,10 +10,11 @@ come at once, are begun before them.
 
 from __future__ import annotations
 
+import math
 from collections import deque
-from typing import Final
+from typing import Final, TypeGuard
 
-from wdpm.cluster.batch import OF_MAPS, Batch
+from wdpm.cluster.batch import OF_MAPS, TO_HOME, Batch
 from wdpm.cluster.queues import Queues
 from wdpm.cluster.slave import jobs
 from wdpm.cluster.slave.jobs import Job
@@ -40,6 +41,10 @@ to do. Where each has a core of its own, all would wait for what is held."""
 _AVERAGED_TURNS: Final = 8
 """Turns over which that is averaged, about."""
 
+SHORT_S: Final = 0.02
+"""Turns of few rows that take no longer, on the average, are done by the thread that has taken the rows in [s]. To wake
+another, and to be woken by it, costs as much as such a turn where slaves share cores. Heartbeats wait for no longer."""
+
 
 class JobQueue:
     """Orders, batches and tasks that wait.
@@ -55,16 +60,28 @@ class JobQueue:
         self._batches = Queues()
         self._hold_s = hold_s
         self._held_since: float | None = None
+        self._late_s = 0.0  # how much longer than they should few rows have waited the last time
         self._waited_s = 0.0  # for a core, in a turn of few rows
+        self._ran_s = math.inf  # such a turn
 
-    def ended(self, job: Job, waited_s: float) -> None:
+    def ended(self, job: Job, ran_s: float, waited_s: float) -> None:
         """A job has ended.
 
         Args:
+            ran_s: how long it was computed [s].
             waited_s: of the time from when it was handed out until its outcome was here, how long nobody computed [s].
         """
-        if isinstance(job, jobs.HandleBatches) and sum(map(len, job.batches)) < FEW_ROWS:
-            self._waited_s += (waited_s - self._waited_s) / _AVERAGED_TURNS
+        if not _has_few_rows(job):
+            return
+        self._waited_s += (self._late_s + waited_s - self._waited_s) / _AVERAGED_TURNS
+        self._ran_s = ran_s if math.isinf(self._ran_s) else self._ran_s + (ran_s - self._ran_s) / _AVERAGED_TURNS
+
+    def is_short(self, job: Job) -> bool:
+        """Whether a job takes no longer than SHORT_S, by what others like it have taken.
+
+        What comes home may be the last that a home waits for, which then does what it can do with all.
+        """
+        return self._ran_s <= SHORT_S and _has_few_rows(job) and not any(b.kind in TO_HOME for b in job.batches)
 
     @property
     def _hold(self) -> float:
@@ -113,4 +130,12 @@ class JobQueue:
         if now < since + self._hold:
             self._held_since = since
             return None
+        self._late_s = now - since - self._hold
         return jobs.HandleBatches(self._batches.take(ROWS_A_TURN))
+
+
+def _has_few_rows(job: Job) -> TypeGuard[jobs.HandleBatches]:
+    """Whether it is a turn of few rows of rays and what comes home."""
+    if not isinstance(job, jobs.HandleBatches) or job.batches[0].kind in OF_MAPS:
+        return False
+    return sum(map(len, job.batches)) < FEW_ROWS

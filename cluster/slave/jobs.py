@@ -1,7 +1,7 @@
 """What a slave has its worker do: each job is one call. The state machine orders jobs; a shell runs them.
 
-A slave process runs jobs on a thread of their own, so that heartbeats go on during long kernels; a cluster in one
-process runs them in line. Either way there is one job at a time.
+A slave process runs jobs on a thread of their own, so that heartbeats go on during long kernels, and short ones in
+line; a cluster in one process runs all in line. Either way there is one job at a time.
 """
 
 from __future__ import annotations

@@ -52,6 +52,7 @@ class SlaveShell:
         tell: shows a line to a person.
         clock: what the state machine takes for the time [s].
         account: is told of jobs and messages; None where nobody asks, as in a cluster of one process.
+        run_here: does a short job at once; None where `submit` is to have all.
 
     Attributes:
         error: why the slave has ended, if that is a failure ...
@@ -69,6 +70,7 @@ class SlaveShell:
         tell: Tell,
         clock: Clock = time.monotonic,
         account: Account | None = None,
+        run_here: Callable[[Job], s.Event] | None = None,
     ) -> None:
         self.state = state
         self.error: str | None = None
@@ -81,6 +83,7 @@ class SlaveShell:
         self._tell = tell
         self._clock = clock
         self._account = account
+        self._run_here = run_here
         self._identity = uuid.uuid4().bytes
         self._peers: dict[int, Connection] = {}
         self._endpoints: dict[int, str] = {}
@@ -203,10 +206,13 @@ class SlaveShell:
         match instruction:
             case s.ToPeer(number, message):
                 self._send_to_peer(number, message)
-            case s.Run(job):
+            case s.Run(job, short):
                 if self._account is not None:
                     self._account.idling.started(job, self._clock())
-                self._submit(job)
+                if short and self._run_here is not None:
+                    self.handle(self._run_here(job))  # the last instruction: nothing waits for it
+                else:
+                    self._submit(job)
             case s.ToMaster(message):
                 self.tell_master(message)
             case s.ConnectPeers(peers):

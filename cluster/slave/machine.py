@@ -151,7 +151,7 @@ class Slave:
             case PeerAnswered(number, message):
                 return self._peers.answered(number, message)
             case Computed(outcome, ran_s):
-                self._work.ended(outcome.job, now - self._running_since - ran_s)
+                self._work.ended(outcome.job, ran_s, now - self._running_since - ran_s)
                 return self._computed(outcome)
             case Tick():
                 return self._tick(now)
@@ -416,7 +416,7 @@ class Slave:
         while (job := self._next_job(now)) is not None:
             self._running.append((self._epoch, job))
             self._running_since = now
-            out.append(Run(job))
+            out.append(Run(job, self._work.is_short(job)))
         return out
 
     def _next_job(self, now: float) -> Job | None:

@@ -78,7 +78,16 @@ def run_slave(
         )
         state = Slave(hello, master, patience, limits, rejoin, HOLD_S)
         computer = ComputeThread(Compute(make_worker, tell_scene=tell_scene))
-        shell = SlaveShell(state, network, listener, resolved, computer.submit, tell or _to_stderr, account=Account())
+        shell = SlaveShell(
+            state,
+            network,
+            listener,
+            resolved,
+            computer.submit,
+            tell or _to_stderr,
+            account=Account(),
+            run_here=computer.run_here,
+        )
         stack.callback(shell.close)
         SlaveLoop(shell, network, computer, life_line).run()
 

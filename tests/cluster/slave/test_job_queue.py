@@ -11,7 +11,7 @@ from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.slave import events as s
 from wdpm.cluster.slave import jobs
-from wdpm.cluster.slave.job_queue import FEW_ROWS, MOST_HOLD_S, ROWS_A_TURN, TURNS_HELD, JobQueue
+from wdpm.cluster.slave.job_queue import FEW_ROWS, MOST_HOLD_S, ROWS_A_TURN, SHORT_S, TURNS_HELD, JobQueue
 from wdpm.cluster.task import PhotonTask
 
 HOLD_S = 0.5
@@ -142,23 +142,53 @@ def test_few_rows_wait_until_the_shell_tells_the_time() -> None:
 def test_few_rows_wait_longer_where_turns_wait_for_cores() -> None:
     work = at_hand(rays())
     for _ in range(100):
-        work.ended(jobs.HandleBatches((rays(),)), HOLD_S)
-        work.ended(jobs.HandleBatches((rays(FEW_ROWS),)), 100 * HOLD_S)  # many rows may be computed by several threads
+        work.ended(jobs.HandleBatches((rays(),)), 0.0, HOLD_S)
+        work.ended(jobs.HandleBatches((rays(FEW_ROWS),)), 0.0, 100 * HOLD_S)  # many may be computed by several threads
     assert work.next_job(10.0) is None
     assert work.wake_at == 10.0 + HOLD_S, "no longer than that, however few cores there are"
     quick = at_hand(rays(), hold_s=0.001)
     assert quick.next_job(10.0) is None
     assert quick.wake_at == 10.0 + 0.001, "no less than what is asked for"
     for _ in range(100):
-        quick.ended(jobs.HandleBatches((rays(),)), 0.005)
+        quick.ended(jobs.HandleBatches((rays(),)), 0.0, 0.005)
     assert quick.wake_at is not None
     assert quick.wake_at - 10.0 == pytest.approx(0.005 * TURNS_HELD, rel=1e-3)
     for _ in range(100):
-        quick.ended(jobs.HandleBatches((rays(),)), 1.0)
+        quick.ended(jobs.HandleBatches((rays(),)), 0.0, 1.0)
     assert quick.wake_at == 10.0 + MOST_HOLD_S
 
 
 def test_who_does_not_hold_waits_for_no_core() -> None:
     work = at_hand(rays(), hold_s=0.0)
-    work.ended(jobs.HandleBatches((rays(),)), 1.0)
+    work.ended(jobs.HandleBatches((rays(),)), 0.0, 1.0)
     assert rows_of(work.next_job(10.0)) == [1]
+
+
+def test_few_rows_that_begin_late_wait_longer_the_next_time() -> None:
+    quick = at_hand(rays(), hold_s=0.001)
+    for start in range(10, 1010, 10):
+        assert quick.next_job(start) is None
+        assert quick.wake_at is not None
+        job = quick.next_job(quick.wake_at + 0.004)
+        assert job is not None
+        quick.ended(job, 0.0, 0.001)
+        quick.add(rays())
+    assert quick.next_job(2000.0) is None
+    assert quick.wake_at is not None
+    assert quick.wake_at - 2000.0 == pytest.approx(0.005 * TURNS_HELD, rel=1e-3)
+
+
+def test_turns_of_few_rows_are_short_once_others_were() -> None:
+    work = at_hand()
+    few = jobs.HandleBatches((rays(),))
+    assert not work.is_short(few), "the first may load kernels"
+    work.ended(few, 100.0, 0.0)
+    assert not work.is_short(few)
+    for _ in range(100):
+        work.ended(few, SHORT_S / 2, 0.0)
+        work.ended(jobs.HandleBatches((rays(FEW_ROWS),)), 100.0, 0.0)
+    assert work.is_short(few)
+    assert not work.is_short(jobs.HandleBatches((rays(FEW_ROWS),)))
+    assert not work.is_short(jobs.HandleBatches((rays(), batch(Kind.LIT)))), "a home may have waited for it"
+    assert not work.is_short(jobs.HandleBatches((rays(1, Kind.GHOST_PHOTONS),)))
+    assert not work.is_short(TASK)

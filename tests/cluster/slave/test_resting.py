@@ -9,6 +9,7 @@ from slave_driver import jobs as jobs_of
 from wdpm.cluster.batch import Batch, Kind
 from wdpm.cluster.messages import protocol as p
 from wdpm.cluster.slave import events as s
+from wdpm.cluster.slave import jobs
 from wdpm.cluster.slave.job_queue import FEW_ROWS, HOLD_S
 from wdpm.cluster.slave.loop import FROM_PEER, SlaveShell
 from wdpm.cluster.transport.memory import MemoryTransport
@@ -38,4 +39,38 @@ def test_messages_lie_while_none_is_wanted() -> None:
     assert shell.rest_s(came=True) == 0.0
     [job] = jobs_of(driver.peer(message(FEW_ROWS)))
     assert shell.rest_s(came=True) == HOLD_S
+    network.close()
+
+
+def test_short_jobs_are_done_at_once_and_others_submitted() -> None:
+    driver = Driver(hold_s=HOLD_S).ready()
+    network = MemoryTransport().open(None)
+    listener = network.listen("memory://at-once", Role.SLAVE, FROM_PEER)
+    submitted: list[jobs.Job] = []
+    done: list[jobs.Job] = []
+
+    def run_here(job: jobs.Job) -> s.Event:
+        done.append(job)
+        return s.Computed(jobs.Outcome(job))
+
+    shell = SlaveShell(
+        driver.slave,
+        network,
+        listener,
+        "memory://nobody",
+        submitted.append,
+        lambda _: None,
+        lambda: driver.now,
+        run_here=run_here,
+    )
+    driver.peer(message(1))
+    driver.now += HOLD_S
+    shell.handle(s.Wake())
+    assert (len(submitted), len(done)) == (1, 0), "the first may load kernels"
+    shell.handle(s.Computed(jobs.Outcome(submitted[0]), 0.001))
+    driver.peer(message(1))
+    driver.now += HOLD_S
+    shell.handle(s.Wake())
+    assert (len(submitted), len(done)) == (1, 1)
+    assert not driver.slave.computes, "its outcome was taken in"
     network.close()
