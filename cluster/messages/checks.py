@@ -354,7 +354,9 @@ def _records(records: Records, where: str) -> None:
 
 
 def _record_task(task: RecordTask, where: str) -> None:
-    _require(task.round >= 0 and 0 <= task.start < task.stop, where, f"{task} is no range of candidates")
+    # Not the task itself: its places would be written out for each that is fine, which takes a millisecond or two.
+    said = f"{task.start} to {task.stop} of round {task.round} is no range of candidates"
+    _require(task.round >= 0 and 0 <= task.start < task.stop, where, said)
     _task_size(task.stop - task.start, where)
     some = task.some
     if some.ndim != 1 or not len(some):
