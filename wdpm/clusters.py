@@ -211,7 +211,7 @@ class Cluster(Backend):
             from wdpm.placing.rendezvous import Rendezvous, meeting_folder  # needs ZeroMQ
 
             rendezvous = Rendezvous(meeting_folder(shared, allocation.name), slaves)
-            stack.callback(rendezvous.close, "the master has ended")
+            stack.callback(rendezvous.close, "its render is over")
             bind = listening_address(number)
             limits = _limits(join_timeout)
             server = MasterServer(bind, slaves, security=rendezvous.security, limits=limits, observers=observers)

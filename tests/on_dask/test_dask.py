@@ -15,7 +15,7 @@ from patience import wait_until
 
 import wdpm
 from wdpm.cli.main import main
-from wdpm.cluster.master.events import NotComing
+from wdpm.cluster.master.events import NotComing, StillAwaited
 from wdpm.cluster.plan.copies import Copies
 from wdpm.images.image import Image, load
 from wdpm.progress import Progress
@@ -24,7 +24,7 @@ from wdpm.scenes.errors import ClusterError, SettingsError
 dask = pytest.importorskip("dask", reason="Dask is not installed: pip install 'wdpm[dask]'")
 distributed = pytest.importorskip("distributed", reason="distributed is not installed: pip install 'wdpm[dask]'")
 
-from wdpm.placing.dask_slaves import MOST_FAILURES, DaskSlaves  # noqa: E402 - needs distributed
+from wdpm.placing.dask_slaves import MOST_FAILURES, NO_WORKERS, DaskSlaves  # noqa: E402 - needs distributed
 
 # Dask's own sockets and event loops are closed by its garbage collection.
 pytestmark = [pytest.mark.dask, pytest.mark.filterwarnings("default")]
@@ -185,6 +185,17 @@ def test_workers_that_are_lost_or_no_good_before_all_have_joined() -> None:
         slaves._look("tcp://127.0.0.1:1", bytes)
     with pytest.raises(ClusterError, match="a slave cannot run on a worker of Dask: inproc://c: it fell over"):
         list(slaves.ended())
+
+
+def test_a_cluster_without_workers_is_said_once() -> None:
+    """It may be one that adapts: to tasks of others."""
+    scheduler = Scheduler()
+    slaves = DaskSlaves(scheduler, 8)
+    assert looked(slaves) == [StillAwaited(NO_WORKERS)]
+    assert looked(slaves) == []
+    scheduler.workers.add("inproc://a")
+    assert looked(slaves) == []
+    assert list(scheduler.tasks) == ["inproc://a"]
 
 
 def test_slaves_that_cannot_run_are_said(client: Any, scene: wdpm.Scene) -> None:

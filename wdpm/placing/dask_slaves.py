@@ -17,7 +17,7 @@ from typing import Any
 
 from distributed.comm import get_address_host
 
-from wdpm.cluster.master.events import NotComing
+from wdpm.cluster.master.events import NotComing, StillAwaited
 from wdpm.placing.dask_task import Order, kill, serve
 from wdpm.placing.own_address import address_towards, listening_address, reached_at
 from wdpm.scenes.errors import ClusterError, SettingsError
@@ -27,6 +27,11 @@ LOOK_S = 1.0
 
 GRACE_S = 5.0
 """How long slaves get to end by themselves before they are killed [s]."""
+
+NO_WORKERS = (
+    "Dask has no workers so far; a cluster that adapts starts none for slaves, which are bound to workers: give adapt "
+    "a minimum, or call scale"
+)
 
 MOST_FAILURES = 3
 """Of slaves on one worker, without the worker being lost: another slave would fare alike."""
@@ -59,8 +64,9 @@ class DaskSlaves:
         self._failures: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}  # why the last slave on a worker ended
         self._given_up: set[str] = set()
-        self._not_coming: queue.SimpleQueue[NotComing] = queue.SimpleQueue()
+        self._news: queue.SimpleQueue[NotComing | StillAwaited] = queue.SimpleQueue()
         self._complete = False
+        self._said_none = False
         self._error: ClusterError | None = None
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
@@ -77,16 +83,16 @@ class DaskSlaves:
         self._thread = threading.Thread(target=self._keep, args=(reached, keys), name="wdpm on Dask", daemon=True)
         self._thread.start()
 
-    def ended(self) -> Iterable[NotComing]:
-        """Workers on which none runs, since this was last asked. The master sees for itself who is lost.
+    def ended(self) -> Iterable[NotComing | StillAwaited]:
+        """Workers on which none runs, and that there are none, since this was last asked. The master sees who is lost.
 
         Raises:
             ClusterError: no slave can be placed any more.
         """
         if self._error is not None:
             raise self._error
-        while not self._not_coming.empty():
-            yield self._not_coming.get()
+        while not self._news.empty():
+            yield self._news.get()
 
     def all_joined(self) -> None:
         """From now on nobody waits for any of them."""
@@ -131,6 +137,9 @@ class DaskSlaves:
 
     def _look(self, endpoint: str, keys: Callable[[], bytes]) -> None:
         workers = self.workers()
+        if not (workers or self._complete or self._said_none):
+            self._said_none = True
+            self._news.put(StillAwaited(NO_WORKERS))
         lost = [worker for worker in self._placed if worker not in workers]
         for worker in lost:
             _, future = self._placed.pop(worker)
@@ -160,7 +169,7 @@ class DaskSlaves:
             left: slaves that run on other workers, or will.
         """
         if left and not self._complete:
-            self._not_coming.put(NotComing(reason, left))
+            self._news.put(NotComing(reason, left))
 
     def _place(self, worker: str, endpoint: str, keys: bytes) -> tuple[Order, Any]:
         self._count += 1
