@@ -1,22 +1,20 @@
 """The one form of all hard cases: what is looked at, what is to be expected and why, and what was found.
 
-A module hard_<section>.py has a tuple CASES. A case is a function that is given a `Run`; it renders with `Run.render`,
-which also demands what holds for every image, and compares with `Run.check`:
+A case is a function of a module hard_<section>.py that is given a `Run`; it renders with `Run.render`, which also
+demands what holds for every image, and compares with `Run.check`:
 
+    @hard_case(
+        "white furnace",
+        section=8,
+        shows="a closed box of albedo 0.5 that glows everywhere",
+        expected="Le / (1 - albedo), by energy conservation",
+        tolerance="1 %: the noise of 2,000 photons, 3 sigma",
+    )
     def furnace(run: Run) -> None:
         image = run.render(scene, photons=20_000 if run.full else 2_000)
         run.check("radiance", image.pixels.mean(), 2.0, 0.02)
 
-    CASES = (
-        HardCase(
-            name="white furnace",
-            section=8,
-            shows="a closed box of albedo 0.5 that glows everywhere",
-            expected="Le / (1 - albedo), by energy conservation",
-            tolerance="1 %: the noise of 2,000 photons, 3 sigma",
-            measure=furnace,
-        ),
-    )
+Those that come in several sizes or for several scenes are made in a loop, and stand in the module's tuple CASES.
 
 `pytest tests/hard_cases` runs all at the small size, run.py in full.
 """
@@ -53,6 +51,10 @@ SECTIONS = {
 }
 
 
+FIRST_OF_LIGHT = 5
+"""From this section on, cases are of what light does, not of where things lie."""
+
+
 @dataclass(frozen=True)
 class Check:
     """One comparison.
@@ -76,6 +78,8 @@ class Run:
     Attributes:
         full: whether there is time for many samples; otherwise the case should take a second.
         rays: how many rays a case that counts rays is to trace; None for what the size allows.
+        cut: whether each image is rendered in several cells as well; small cases of what light does are not, as random
+            scenes of such materials, media and lamps are cut in tests/property.
         checks: all comparisons so far.
         picture: linear RGB to be shown, shape [height, width, 3], or None.
         notes: what else a person should know, one sentence each.
@@ -83,6 +87,7 @@ class Run:
 
     full: bool
     rays: int | None = None
+    cut: bool = True
     checks: list[Check] = field(default_factory=list)
     picture: NDArray[np.float32] | None = None
     notes: list[str] = field(default_factory=list)
@@ -104,7 +109,7 @@ class Run:
         wanted = settings or RenderSettings(**{"all_effects": True, **chosen})
         image = render_in_process(scene, wanted, workers=1, cells=1)
         self.demand_sound(image)
-        if cells > 1:
+        if self.cut and cells > 1:
             other = render_in_process(scene, wanted, workers=2, cells=cells)
             self.demand(f"the same bits in {cells} cells", image.digest() == other.digest())
         if self.picture is None:
@@ -173,6 +178,11 @@ class HardCase:
     slow: bool = False
 
 
+def hard_case(name: str, **told: Any) -> Callable[[Callable[[Run], None]], HardCase]:
+    """Makes a case of a function; what is told are the other attributes of a `HardCase`."""
+    return lambda measure: HardCase(name=name, measure=measure, **told)
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What became of a case, and how long that took [s]."""
@@ -189,7 +199,7 @@ class Outcome:
 
 def run_case(case: HardCase, full: bool, rays: int | None = None) -> Outcome:
     """Run a case; an exception is an outcome too."""
-    run = Run(full, rays)
+    run = Run(full, rays, cut=full or case.section < FIRST_OF_LIGHT)
     began = time.perf_counter()
     error = ""
     try:
@@ -201,8 +211,9 @@ def run_case(case: HardCase, full: bool, rays: int | None = None) -> Outcome:
 
 def every_case() -> list[HardCase]:
     """The cases of all modules hard_*.py beside this one, by section."""
-    modules = sorted(path.stem for path in Path(__file__).parent.glob("hard_*.py"))
-    cases: list[HardCase] = [case for name in modules for case in importlib.import_module(name).CASES]
+    modules = [importlib.import_module(path.stem) for path in sorted(Path(__file__).parent.glob("hard_*.py"))]
+    own = [case for module in modules for case in vars(module).values() if isinstance(case, HardCase)]
+    cases = [*own, *(case for module in modules for case in getattr(module, "CASES", ()))]
     names = [case.name for case in cases]
     twice = {name for name in names if names.count(name) > 1}
     if twice:

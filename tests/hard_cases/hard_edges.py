@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import warp as wp
-from case import HardCase, Run
+from case import Run, hard_case
 from rooms import quad, scene, triangles, view
 
 from wdpm.kernels.constants import PAD_SHARE
@@ -19,6 +19,8 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 NOT_HIT = 1.5
 """Where shadow rays of the watertight box end, in units of their way to its wall: outside."""
+
+BLACK = "none: not a single ray may get through"
 
 
 @wp.kernel
@@ -80,45 +82,32 @@ def _dark_box(run: Run, mesh: Mesh) -> None:
     run.check("brightest pixel of indirect light", image.layers["indirect"].max(), 0, 0)
 
 
+@hard_case(
+    "a watertight box",
+    section=2,
+    shows="lights outside, shared edges and corners aimed at",
+    expected="black",
+    tolerance=BLACK,
+)
 def watertight_box(run: Run) -> None:
     mesh = tessellated_box(False)
     _dark_box(run, mesh)
     _through_edges(run, mesh)
 
 
+@hard_case(
+    "T-junctions", section=2, shows="walls cut up otherwise than their neighbours", expected="black", tolerance=BLACK
+)
 def t_junctions(run: Run) -> None:
     _dark_box(run, tessellated_box(True))
 
 
+@hard_case(
+    "aimed at T-junctions exactly",
+    section=2,
+    shows="segments whose ends lie on the very line of the edge, in floats",
+    expected="blocked",
+    tolerance=BLACK,
+)
 def aimed_at_t_junctions(run: Run) -> None:
     _through_edges(run, tessellated_box(True))
-
-
-BLACK = "none: not a single ray may get through"
-
-CASES = (
-    HardCase(
-        name="a watertight box",
-        section=2,
-        shows="lights outside, shared edges and corners aimed at",
-        expected="black",
-        tolerance=BLACK,
-        measure=watertight_box,
-    ),
-    HardCase(
-        name="T-junctions",
-        section=2,
-        shows="walls cut up otherwise than their neighbours",
-        expected="black",
-        tolerance=BLACK,
-        measure=t_junctions,
-    ),
-    HardCase(
-        name="aimed at T-junctions exactly",
-        section=2,
-        shows="segments whose ends lie on the very line of the edge, in floats",
-        expected="blocked",
-        tolerance=BLACK,
-        measure=aimed_at_t_junctions,
-    ),
-)

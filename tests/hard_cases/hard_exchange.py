@@ -7,7 +7,7 @@ from math import cos, pi, radians, sin
 
 import numpy as np
 from beams import parallel
-from case import HardCase, Run
+from case import Run, hard_case
 from numpy.typing import NDArray
 from optics import disk_irradiance, polygon_irradiance, sphere_irradiance
 from rooms import GREY, ball, quad, scene, view
@@ -39,6 +39,13 @@ def at_origin(lamp: Mesh, run: Run) -> float:
     return float(np.mean(seen)) / 0.5
 
 
+@hard_case(
+    "form factors of rectangles",
+    section=8,
+    shows="direct light of rectangular lamps, near and far, parallel, perpendicular and slanted",
+    expected="Lambert's polygon formula",
+    tolerance="0.1 %: 65,536 stratified samples, whose integrand varies by less than 100 %",
+)
 def rectangles(run: Run) -> None:
     for name, corner, u, v in (
         ("parallel", (-1, 2, -1), (2, 0, 0), (0, 0, 2)),
@@ -54,6 +61,13 @@ def rectangles(run: Run) -> None:
         run.check_share(f"rectangle, {name}", at_origin(lamp, run) * pi, exact, 1e-3)
 
 
+@hard_case(
+    "form factors of spheres",
+    section=8,
+    shows="direct light of spherical lamps, of which half faces away",
+    expected="pi (r / d)² cos a",
+    tolerance="0.1 %: noise; 128 segments around, of the right area, are off by 2e-4",
+)
 def spheres(run: Run) -> None:
     for radius, distance, angle in ((0.5, 2.0, 0.0), (1.0, 1.5, 0.0), (0.3, 1.0, 60.0)):
         a = radians(angle)
@@ -64,6 +78,13 @@ def spheres(run: Run) -> None:
         run.check_share(f"sphere of {radius} at {distance}, {angle:g} degrees", at_origin(lamp, run) * pi, exact, 1e-3)
 
 
+@hard_case(
+    "form factors of disks",
+    section=8,
+    shows="direct light of disks, on and off their axis",
+    expected="Foote's formula",
+    tolerance="0.1 %: noise; 256 segments around",
+)
 def disks(run: Run) -> None:
     for radius, height, aside in ((1.0, 2.0, 0.0), (0.5, 1.0, 0.8), (2.0, 1.0, 1.0)):
         data = disk(256, true_area=True)
@@ -80,8 +101,14 @@ def disks(run: Run) -> None:
 # Radiosity
 
 
+@hard_case(
+    "exchange of two balls",
+    section=8,
+    shows="a glowing grey ball in a grey hollow one",
+    expected="two linear equations: the inner one sees the outer alone",
+    tolerance="1 %, at the small size 4 %: noise of photons and light samples",
+)
 def concentric(run: Run) -> None:
-    """A ball in a hollow ball, grey both, the inner one glows: two equations, exactly."""
     inner, outer = 0.5, 1.0
     rho = {"inner": 0.3, "outer": 0.7}
     share = (inner / outer) ** 2
@@ -165,6 +192,13 @@ def _seen_from(corners: Array, point: Array, normal: Array) -> Array:
     return np.asarray(np.where(apart, np.abs(edges.sum(axis=1)) / (2 * pi), 0.0))
 
 
+@hard_case(
+    "exchange of two boxes",
+    section=8,
+    shows="two open boxes, mouth to mouth at a distance, one of which glows",
+    expected="radiosity of 4,000 patches with analytic form factors, at the small size 1,000",
+    tolerance="1 %, at the small size 4 %: noise of photons; patches are worth 0.1 %",
+)
 def two_boxes(run: Run) -> None:
     once, often = radiosity(20 if run.full else 10)
     meshes = [quad(o, u, v, box, WHITE if number == LAMP else None) for number, (o, u, v, box) in enumerate(walls())]
@@ -190,47 +224,3 @@ def two_boxes(run: Run) -> None:
         run.check_share(f"{name}, indirect", mean(image.layers["indirect"]), np.full(3, often[number]), share)
         if number > LAMP:  # on walls that meet the lamp the variance of single light samples is infinite
             run.check_share(f"{name}, direct", mean(image.layers["direct"]), np.full(3, once[number]), share)
-
-
-CASES = (
-    HardCase(
-        name="form factors of rectangles",
-        section=8,
-        shows="direct light of rectangular lamps, near and far, parallel, perpendicular and slanted",
-        expected="Lambert's polygon formula",
-        tolerance="0.1 %: 65,536 stratified samples, whose integrand varies by less than 100 %",
-        measure=rectangles,
-    ),
-    HardCase(
-        name="form factors of spheres",
-        section=8,
-        shows="direct light of spherical lamps, of which half faces away",
-        expected="pi (r / d)² cos a",
-        tolerance="0.1 %: noise; 128 segments around, of the right area, are off by 2e-4",
-        measure=spheres,
-    ),
-    HardCase(
-        name="form factors of disks",
-        section=8,
-        shows="direct light of disks, on and off their axis",
-        expected="Foote's formula",
-        tolerance="0.1 %: noise; 256 segments around",
-        measure=disks,
-    ),
-    HardCase(
-        name="exchange of two balls",
-        section=8,
-        shows="a glowing grey ball in a grey hollow one",
-        expected="two linear equations: the inner one sees the outer alone",
-        tolerance="1 %, at the small size 4 %: noise of photons and light samples",
-        measure=concentric,
-    ),
-    HardCase(
-        name="exchange of two boxes",
-        section=8,
-        shows="two open boxes, mouth to mouth at a distance, one of which glows",
-        expected="radiosity of 4,000 patches with analytic form factors, at the small size 1,000",
-        tolerance="1 %, at the small size 4 %: noise of photons; patches are worth 0.1 %",
-        measure=two_boxes,
-    ),
-)

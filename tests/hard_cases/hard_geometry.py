@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import warp as wp
-from case import HardCase, Run
+from case import Run, hard_case
 from partitions import planes, with_tree
 from placing import scaled
 from rooms import Array, ball, box, glowing_box, lit_room, quad, scene, triangles, view
@@ -22,6 +22,10 @@ RED = diffuse("red", (0.8, 0.1, 0.1), twosided=True)
 SKY = Environment("sky", np.ones((1, 1, 3), np.float32))
 
 
+NO_BIT = "none: what is dropped is numbered by nobody, so no bit may change"
+BLACK = "none: not a single ray may get through"
+
+
 def _same_as_without(run: Run, added: list[Mesh], what: str) -> None:
     """What has no surface of its own changes no bit."""
     photons = 5_000 if run.full else 1_000
@@ -30,22 +34,46 @@ def _same_as_without(run: Run, added: list[Mesh], what: str) -> None:
     run.demand(f"the bits of the room without {what}", image.digest() == plain.digest())
 
 
+@hard_case(
+    "triangles of zero area",
+    section=2,
+    shows="points and lines as triangles",
+    expected="the room without them",
+    tolerance=NO_BIT,
+)
 def zero_area(run: Run) -> None:
     point, line = np.full((3, 3), 0.25), np.array([[0, 0, 0], [0.25, 0.25, 0.25], [0.5, 0.5, 0.5]])
     _same_as_without(run, [triangles([point, line, line[[0, 0, 2]]])], "triangles of zero area")
 
 
+@hard_case(
+    "vertices that are not finite",
+    section=2,
+    shows="NaN, inf and -inf",
+    expected="the room without them",
+    tolerance=NO_BIT,
+)
 def not_finite(run: Run) -> None:
     bad = np.tile(np.array([[0.0, 0, 0], [0.5, 0, 0], [0, 0.5, 0]]), (3, 1, 1))
     bad[0, 0, 0], bad[1, 1, 1], bad[2, 2, 2] = np.nan, np.inf, -np.inf
     _same_as_without(run, [triangles(bad)], "vertices that are not finite")
 
 
+@hard_case(
+    "denormal vertices", section=2, shows="a triangle of 1e-40", expected="the room without it", tolerance=NO_BIT
+)
 def denormal(run: Run) -> None:
     """Three corners within 1e-40 of each other are one place in float32."""
     _same_as_without(run, [triangles(np.eye(3)[None] * 1e-40)], "triangles of 1e-40")
 
 
+@hard_case(
+    "instanced duplicates",
+    section=2,
+    shows="each wall ten times, turned",
+    expected="the room with each once",
+    tolerance=NO_BIT,
+)
 def duplicates(run: Run) -> None:
     """Every wall nine times more, in another material, some with their corners turned around."""
     walls = lit_room().meshes[0]
@@ -53,6 +81,13 @@ def duplicates(run: Run) -> None:
     _same_as_without(run, copies, "nine copies of its walls")
 
 
+@hard_case(
+    "an index out of range",
+    section=2,
+    shows="a face names vertex 3 of 3",
+    expected="an error that names the mesh",
+    tolerance="none",
+)
 def index_out_of_range(run: Run) -> None:
     mesh = Mesh("broken", np.eye(3), np.array([[0, 1, 3]]), None, None, 0)
     try:
@@ -63,6 +98,13 @@ def index_out_of_range(run: Run) -> None:
         run.demand("an error", False)
 
 
+@hard_case(
+    "needles",
+    section=2,
+    shows="walls with strips of 1 : 2e7",
+    expected="a closed furnace: Le / (1 - albedo) = 2",
+    tolerance="1.5 % (small: 3 %): noise of photons, and of direct light near edges",
+)
 def needles(run: Run) -> None:
     """A glowing box in which every wall has a strip 1e-7 wide along its middle."""
     strips = []
@@ -79,6 +121,13 @@ def needles(run: Run) -> None:
     run.check_share("radiance", image.pixels.mean(axis=(0, 1)), 2.0, 0.015 if run.full else 0.03)
 
 
+@hard_case(
+    "coplanar walls of two materials",
+    section=2,
+    shows="which of two surfaces in one place is seen",
+    expected="the same everywhere: whatever the partition (symmetry)",
+    tolerance="none: every bit",
+)
 def coplanar_walls(run: Run) -> None:
     """Two walls in one plane, of other outline, other diagonals and other colour."""
     front = quad((-0.8, -0.6, 0.5), (0.0, 1.3, 0.0), (1.5, 0.1, 0.0), 1, name="red")
@@ -112,20 +161,52 @@ def _two_rooms(gap: float) -> list[Mesh]:
     return [first, box((0.5, 1.6, 1.6), (0.5 + gap, 0, 0), inside=True, name="dark room")]
 
 
+@hard_case(
+    "walls thinner than the gather radius",
+    section=2,
+    shows="two rooms back to back, 1e-4 apart and not at all, gathers of 0.3",
+    expected="the dark side is black",
+    tolerance=BLACK,
+)
 def thin_walls(run: Run) -> None:
     for gap in (1e-4, 0.0):
         _beyond(run, _two_rooms(gap), 0.3)
 
 
+@hard_case(
+    "a wall thinner than an offset",
+    section=2,
+    shows="two faces 1e-9 apart, the same floats",
+    expected="the dark side is black",
+    tolerance=BLACK,
+)
 def wall_thinner_than_an_offset(run: Run) -> None:
     _beyond(run, _two_rooms(1e-9), None)
 
 
+@hard_case(
+    "one floor on both sides of a thin wall",
+    section=2,
+    shows="a wall of 2e-4 on a floor, gathers of 0.3",
+    expected="the dark side is black",
+    tolerance=BLACK,
+    limit="a gather on the floor reaches below the wall, where the floor goes on with the same normal (bias of "
+    "density estimation, no further than the gather radius, and gone with it: --passes shrinks it, --integrator "
+    "path has none). It would take a ray to each photon of a gather that any triangle above its plane comes "
+    "near, and cells that hold all triangles within the band, not photons alone",
+)
 def floor_below_a_wall(run: Run) -> None:
     """One floor runs on below the wall, and its photons next to the wall count on both sides of it."""
     _beyond(run, [box(inside=True, name="room"), box((1e-4, 1.0, 1.0), name="wall")], 0.3)
 
 
+@hard_case(
+    "a slit",
+    section=2,
+    shows="a lamp seen through a slit 0.01 wide",
+    expected="radiance by quadrature of the form factor",
+    tolerance="2 % (small: 6 %): one in ten shadow rays gets through, 3 sigma of 260,000 (16,000) of them",
+)
 def slit(run: Run) -> None:
     """A plate with a slit 0.01 wide under a lamp: what comes through it to the floor below its middle."""
     half, height, radiance = 0.005, 0.5, 10.0
@@ -151,6 +232,13 @@ def slit(run: Run) -> None:
     run.check_share("radiance below the slit", image.pixels.mean(), 0.5 * radiance * factor, 0.02 if run.full else 0.06)
 
 
+@hard_case(
+    "a lamp 1e-5 above a floor",
+    section=2,
+    shows="distances whose squares are 1e-10",
+    expected="all light stays between the two, but for the gap's share of some 2e-4 (form factor, albedo 1/2)",
+    tolerance="1.5e-3: 3 sigma of one path in 2,000 that leaves",
+)
 def lamp_close_to_a_floor(run: Run) -> None:
     """All light of a lamp 1e-5 above a floor stays between the two, but what leaves through the gap around them."""
     lamp = quad((-0.1, 1e-5, -0.1), (0.2, 0, 0), (0, 0, 0.2), emission=(5.0, 5.0, 5.0), name="lamp")
@@ -162,6 +250,13 @@ def lamp_close_to_a_floor(run: Run) -> None:
     run.check("share that leaves through the gap", energy["escaped"] / energy["emitted"], 2e-4, 1.5e-3)
 
 
+@hard_case(
+    "nested and touching glass",
+    section=2,
+    shows="glass in water, a bubble in it, balls that touch",
+    expected="radiance 1: a furnace",
+    tolerance="0.5 % (small: 1 %): paths between the two normals of smooth balls end, 1e-3 of them; noise",
+)
 def nested_glass(run: Run) -> None:
     """Glass in water in air, a bubble in it, and two balls that touch, under a sky of 1: none can be seen."""
     materials = [
@@ -178,6 +273,17 @@ def nested_glass(run: Run) -> None:
     run.check("mean radiance", image.pixels.mean(), 1.0, 5e-3 if run.full else 1e-2)
 
 
+@hard_case(
+    "glass faces in one plane",
+    section=2,
+    shows="two boxes that share a face",
+    expected="radiance 1: a furnace",
+    tolerance="0.5 % (small: 1 %): noise of Russian roulette",
+    limit="of two faces in one plane a ray meets the first and starts beyond both, so that it leaves glass that it "
+    "has not entered: 0.973, as in Mitsuba 3.9.1; a gap of 1e-3 gives 1 in both. `wdpm check` names such faces "
+    "(touching-solids) and what to do. It would take media with priorities (Schmidt & Budge 2002), which every ray "
+    "and photon would have to carry from cell to cell",
+)
 def glass_faces_in_one_plane(run: Run) -> None:
     """Two glass boxes that share a face, under a sky of 1."""
     materials = [Material("glass", Dielectric(1.5))]
@@ -189,6 +295,13 @@ def glass_faces_in_one_plane(run: Run) -> None:
     run.check("mean radiance", image.pixels.mean(), 1.0, 5e-3 if run.full else 1e-2)
 
 
+@hard_case(
+    "inconsistent winding",
+    section=2,
+    shows="half of a ball's triangles face inwards",
+    expected="radiance 1: a furnace",
+    tolerance="0.5 %: noise",
+)
 def inconsistent_winding(run: Run) -> None:
     """A white two-sided ball whose triangles face in and out at random, under a sky of 1: it cannot be seen."""
     mesh = ball(1.0, around=32)
@@ -205,6 +318,13 @@ def inconsistent_winding(run: Run) -> None:
     run.check("mean radiance", image.pixels.mean(), 1.0, 5e-3)
 
 
+@hard_case(
+    "open and non-manifold meshes",
+    section=2,
+    shows="five fins on one edge, a box without a lid",
+    expected="black before a sky of 1: radiance 0 or 1",
+    tolerance="none",
+)
 def open_and_non_manifold(run: Run) -> None:
     """Five black fins that share one edge, and a black box without a lid, before a sky of 1: 0 or 1, nothing else."""
     fins = [np.array([[0.0, -1, 0], [0.0, 1, 0], [np.cos(a), 0.3, np.sin(a)]]) for a in 2 * np.pi * np.arange(5) / 5]
@@ -223,6 +343,13 @@ def _crowd(count: int, size: float, at: Array) -> Mesh:
     return triangles(at + size * rng.normal(size=(count, 3, 3)), name="crowd")
 
 
+@hard_case(
+    "a crowd in one point",
+    section=2,
+    shows="a million (small: 20,000) triangles of 1e-6 in one place",
+    expected="the room without them: they are smaller than a hundredth of a pixel",
+    tolerance="direct light 1e-3, indirect 2 %: they take a millionth of the light, but photons are others",
+)
 def many_in_one_point(run: Run) -> None:
     """A crowd of triangles of 1e-6 in one place, seen as a speck: the room is lit as ever."""
     crowd = _crowd(1_000_000 if run.full else 20_000, 1e-6, np.array([0.25, -0.5, 0.25]))
@@ -233,12 +360,26 @@ def many_in_one_point(run: Run) -> None:
     run.check_share("mean of indirect light", image.layers["indirect"].mean(), plain.layers["indirect"].mean(), 0.02)
 
 
+@hard_case(
+    "a million triangles in one place",
+    section=2,
+    shows="all corners are one point",
+    expected="the room without",
+    tolerance=NO_BIT,
+)
 def one_place_exactly(run: Run) -> None:
     """A crowd of triangles whose corners are all the same point."""
     count = 1_000_000 if run.full else 20_000
     _same_as_without(run, [triangles(np.broadcast_to([0.25, -0.5, 0.25], (count, 3, 3)))], "them")
 
 
+@hard_case(
+    "one large among many small",
+    section=2,
+    shows="a triangle as large as the scene among a million (small: 19,200)",
+    expected="a closed furnace: 2",
+    tolerance="1.5 % (small: 3 %): noise of photons, and of direct light near edges",
+)
 def one_large_among_small(run: Run) -> None:
     """A closed glowing box of many small triangles, and one triangle as large as the box in the middle of it."""
     side = 288 if run.full else 40  # 12 side²: 995,000 and 19,200
@@ -267,6 +408,13 @@ def one_large_among_small(run: Run) -> None:
     run.check_share("radiance", image.pixels.mean(axis=(0, 1)), 2.0, 0.015 if run.full else 0.03)
 
 
+@hard_case(
+    "boxes of 1e-20 and 1e15",
+    section=2,
+    shows="areas whose squares leave float32's range",
+    expected="a closed furnace: 2",
+    tolerance="2 %: noise",
+)
 def boxes_of_any_scale(run: Run) -> None:
     """Areas of triangles of 1e-20 and of 1e15 have squares that float32 does not hold."""
     radii = []
@@ -277,142 +425,3 @@ def boxes_of_any_scale(run: Run) -> None:
         run.check_share("power emitted", report["energy"]["emitted"], np.pi * 24.0 * size**2, 1e-4)
         radii.append(report["settings"]["gather_radius"] / size)
     run.check_share("gather radius in sizes of the box", radii, [radii[1]] * 3, 1e-6)
-
-
-def _case(name: str, shows: str, expected: str, tolerance: str, measure: object, **more: object) -> HardCase:
-    return HardCase(
-        name=name,
-        section=2,
-        shows=shows,
-        expected=expected,
-        tolerance=tolerance,
-        measure=measure,
-        **more,  # type: ignore[arg-type]
-    )
-
-
-NO_BIT = "none: what is dropped is numbered by nobody, so no bit may change"
-BLACK = "none: not a single ray may get through"
-
-CASES = (
-    _case("triangles of zero area", "points and lines as triangles", "the room without them", NO_BIT, zero_area),
-    _case("vertices that are not finite", "NaN, inf and -inf", "the room without them", NO_BIT, not_finite),
-    _case("denormal vertices", "a triangle of 1e-40", "the room without it", NO_BIT, denormal),
-    _case("instanced duplicates", "each wall ten times, turned", "the room with each once", NO_BIT, duplicates),
-    _case(
-        "an index out of range",
-        "a face names vertex 3 of 3",
-        "an error that names the mesh",
-        "none",
-        index_out_of_range,
-    ),
-    _case(
-        "needles",
-        "walls with strips of 1 : 2e7",
-        "a closed furnace: Le / (1 - albedo) = 2",
-        "1.5 % (small: 3 %): noise of photons, and of direct light near edges",
-        needles,
-    ),
-    _case(
-        "coplanar walls of two materials",
-        "which of two surfaces in one place is seen",
-        "the same everywhere: whatever the partition (symmetry)",
-        "none: every bit",
-        coplanar_walls,
-    ),
-    _case(
-        "walls thinner than the gather radius",
-        "two rooms back to back, 1e-4 apart and not at all, gathers of 0.3",
-        "the dark side is black",
-        BLACK,
-        thin_walls,
-    ),
-    _case(
-        "a wall thinner than an offset",
-        "two faces 1e-9 apart, the same floats",
-        "the dark side is black",
-        BLACK,
-        wall_thinner_than_an_offset,
-    ),
-    _case(
-        "one floor on both sides of a thin wall",
-        "a wall of 2e-4 on a floor, gathers of 0.3",
-        "the dark side is black",
-        BLACK,
-        floor_below_a_wall,
-        limit="a gather on the floor reaches below the wall, where the floor goes on with the same normal (bias of "
-        "density estimation, no further than the gather radius, and gone with it: --passes shrinks it, --integrator "
-        "path has none). It would take a ray to each photon of a gather that any triangle above its plane comes "
-        "near, and cells that hold all triangles within the band, not photons alone",
-    ),
-    _case(
-        "a slit",
-        "a lamp seen through a slit 0.01 wide",
-        "radiance by quadrature of the form factor",
-        "2 % (small: 6 %): one in ten shadow rays gets through, 3 sigma of 260,000 (16,000) of them",
-        slit,
-    ),
-    _case(
-        "a lamp 1e-5 above a floor",
-        "distances whose squares are 1e-10",
-        "all light stays between the two, but for the gap's share of some 2e-4 (form factor, albedo 1/2)",
-        "1.5e-3: 3 sigma of one path in 2,000 that leaves",
-        lamp_close_to_a_floor,
-    ),
-    _case(
-        "nested and touching glass",
-        "glass in water, a bubble in it, balls that touch",
-        "radiance 1: a furnace",
-        "0.5 % (small: 1 %): paths between the two normals of smooth balls end, 1e-3 of them; noise",
-        nested_glass,
-    ),
-    _case(
-        "glass faces in one plane",
-        "two boxes that share a face",
-        "radiance 1: a furnace",
-        "0.5 % (small: 1 %): noise of Russian roulette",
-        glass_faces_in_one_plane,
-        limit="of two faces in one plane a ray meets the first and starts beyond both, so that it leaves glass that it "
-        "has not entered: 0.973, as in Mitsuba 3.9.1; a gap of 1e-3 gives 1 in both. `wdpm check` names such faces "
-        "(touching-solids) and what to do. It would take media with priorities (Schmidt & Budge 2002), which every ray "
-        "and photon would have to carry from cell to cell",
-    ),
-    _case(
-        "inconsistent winding",
-        "half of a ball's triangles face inwards",
-        "radiance 1: a furnace",
-        "0.5 %: noise",
-        inconsistent_winding,
-    ),
-    _case(
-        "open and non-manifold meshes",
-        "five fins on one edge, a box without a lid",
-        "black before a sky of 1: radiance 0 or 1",
-        "none",
-        open_and_non_manifold,
-    ),
-    _case(
-        "a crowd in one point",
-        "a million (small: 20,000) triangles of 1e-6 in one place",
-        "the room without them: they are smaller than a hundredth of a pixel",
-        "direct light 1e-3, indirect 2 %: they take a millionth of the light, but photons are others",
-        many_in_one_point,
-    ),
-    _case(
-        "a million triangles in one place", "all corners are one point", "the room without", NO_BIT, one_place_exactly
-    ),
-    _case(
-        "one large among many small",
-        "a triangle as large as the scene among a million (small: 19,200)",
-        "a closed furnace: 2",
-        "1.5 % (small: 3 %): noise of photons, and of direct light near edges",
-        one_large_among_small,
-    ),
-    _case(
-        "boxes of 1e-20 and 1e15",
-        "areas whose squares leave float32's range",
-        "a closed furnace: 2",
-        "2 %: noise",
-        boxes_of_any_scale,
-    ),
-)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from beams import parallel
-from case import HardCase, Run, mean_of
+from case import Run, hard_case, mean_of
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 from optics import beckmann_albedo, fresnel, masking, slab_transmission
@@ -38,8 +38,14 @@ LARGE = 2.0**100
 # Albedo
 
 
+@hard_case(
+    "albedo 0",
+    section=6,
+    shows="a room in which nothing reflects",
+    expected="no light but the lamp's own; all photons absorbed at once",
+    tolerance="none; the ledger to 1e-6",
+)
 def black(run: Run) -> None:
-    """Albedo 0: direct light and nothing more, and all photons end at their first surface."""
     room = lit_room()
     dark = replace(room, materials=(diffuse("black", (0.0, 0.0, 0.0), twosided=True),))
     image = run.render(dark, photons=2000, spp=4)
@@ -50,8 +56,14 @@ def black(run: Run) -> None:
     run.check("photons stored", image.metadata["report"]["photons"]["stored"], 0, 0)
 
 
+@hard_case(
+    "closed furnace",
+    section=6,
+    shows="a closed box that glows, of albedo 0 to 0.99",
+    expected="emission / (1 - albedo)",
+    tolerance="1 %, and 3 deviations of the number of photons that paths leave",
+)
 def glowing_walls(run: Run) -> None:
-    """Emission / (1 - albedo), for albedos up to 0.99."""
     for albedo in (0.0, 0.5, 0.9, 0.99) if run.full else (0.0, 0.5, 0.9):
         glow = replace(glowing_box((albedo,) * 3), camera=view((0, 0, -0.3), (0, 0, 1), 50))
         photons = 1_000_000 if run.full else 10_000
@@ -66,8 +78,14 @@ def glowing_walls(run: Run) -> None:
 # Roughness
 
 
+@hard_case(
+    "roughness of metals",
+    section=6,
+    shows="white metals of roughness 0, 1e-8, 1e-3, 0.05 and 1 under an even sky",
+    expected="1, and the albedo of Beckmann's microfacets by quadrature",
+    tolerance="0.5 %, at the small size 2 %: noise of light samples",
+)
 def rough_metals(run: Run) -> None:
-    """A white metal under a white sky shows its albedo: 1 when smooth, less where microfacets hide light."""
     spp = 1024 if run.full else 64
     for alpha in (0.0, 1e-8, 1e-3, 0.05, 1.0):
         for cosine in (1.0, 0.5):
@@ -82,8 +100,14 @@ def rough_metals(run: Run) -> None:
             )
 
 
+@hard_case(
+    "nearly smooth",
+    section=6,
+    shows="the image of a lamp by mirrors, through glass, of roughness 0, 1e-8 and 1e-3",
+    expected="the same in all",
+    tolerance="1 % at 1e-8; 3 % at 1e-3, which blurs the lamp's rim",
+)
 def nearly_smooth(run: Run) -> None:
-    """Roughness of 1e-8 and 0 are the same mirror, glass and plastic: a lamp's image, and a sharp one."""
     lamp = quad((-0.5, -0.5, -2), (1, 0, 0), (0, 1, 0), 0, (5.0, 5.0, 5.0))  # faces z
     camera = parallel((0.0, 0.0, -1.0), (0.0, 0.0, 0.0), 0.9, 8, up=(0, 1, 0))
     for name, bsdf in (
@@ -100,8 +124,14 @@ def nearly_smooth(run: Run) -> None:
         run.demand(f"{name} shows the lamp", images[0] > 0.01, f"{images[0]:.4g}", "above 0.01")
 
 
+@hard_case(
+    "white things",
+    section=6,
+    shows="things that absorb nothing, of roughness 0 to 1e-3, under an even sky",
+    expected="1: they cannot be seen",
+    tolerance="0.5 %, at the small size 2 %: noise",
+)
 def white_things(run: Run) -> None:
-    """Nothing that absorbs nothing can be seen under an even sky, however smooth."""
     for name, bsdf in (
         ("glass, alpha 0", Dielectric(1.5)),
         ("glass, alpha 1e-8", Dielectric(1.5, alpha_u=1e-8, alpha_v=1e-8)),
@@ -119,6 +149,14 @@ def white_things(run: Run) -> None:
         run.check_share(name, mean_of(image.pixels), np.ones(3), 0.005 if run.full else 0.02)
 
 
+@hard_case(
+    "nearly smooth plastic",
+    section=6,
+    shows="a white plastic of roughness 1e-8 and 1e-3 under an even sky",
+    expected="1, less what Mitsuba 3's mean of 64 reflectances in place of their integral loses in the coat "
+    "(2.6 %), by Fresnel's formula and quadrature: colours are to be Mitsuba's",
+    tolerance="0.2 %: noise, and the coat's fit",
+)
 def rough_plastic(run: Run) -> None:
     """The coat of a nearly smooth plastic passes and keeps as much as Mitsuba's, which is not quite all.
 
@@ -146,8 +184,14 @@ def rough_plastic(run: Run) -> None:
 # Refraction
 
 
+@hard_case(
+    "indices of refraction",
+    section=6,
+    shows="a lamp behind slabs and panes of index 1, 1 + 1e-7, 0.5 and 3",
+    expected="2 n / (n² + 1) of it: Fresnel's formula at right angles and a geometric series",
+    tolerance="2 %: each sample is the lamp or nothing; 1e-6 where nothing is reflected",
+)
 def indices(run: Run) -> None:
-    """A slab at right angles passes 2 n / (n² + 1), by all its inner reflections."""
     lamp = quad((-1, -1, 1), (0, 2, 0), (2, 0, 0), 0, (4.0, 4.0, 4.0))  # faces -z
     camera = parallel((0, 0, -1), (0, 0, 1), 0.1, 8, up=(0, 1, 0))
     for eta in (1.0, 1.0 + 1e-7, 0.5, 3.0):
@@ -169,8 +213,14 @@ def indices(run: Run) -> None:
             )
 
 
+@hard_case(
+    "index 1",
+    section=6,
+    shows="a ball of index 1, and of the next float, before a pattern",
+    expected="the pattern without the ball",
+    tolerance="none; 2 % of pixels with the next float, which bends rays by 1e-7",
+)
 def no_refraction(run: Run) -> None:
-    """Index 1 (and the next float) bends nothing: a ball of it before a pattern is not there."""
     rng = np.random.default_rng(4)
     pattern = Bitmap("pattern", rng.random((16, 16, 3)).astype(np.float32), interpolation=Interpolation.NEAREST)
     wall = replace(quad((-1, -1, 1), (0, 2, 0), (2, 0, 0), 0), emission=pattern)
@@ -186,8 +236,14 @@ def no_refraction(run: Run) -> None:
         run.check(f"share of equal pixels, index {eta:.8g}", same, 1.0, 0.0 if eta == 1.0 else 0.02)
 
 
+@hard_case(
+    "critical angle",
+    section=6,
+    shows="the sky from within glass, within 0.3 and down to 1e-7 of the critical angle",
+    expected="R + (1 - R) n² by Fresnel's formula; 1 beyond",
+    tolerance="2e-7 of angle, as directions are float32, and 4 deviations of noise",
+)
 def critical_angle(run: Run) -> None:
-    """From within glass of index 1.5 under an even sky: R + (1 - R) n² up to the critical angle, and 1 beyond."""
     eta = 1.5
     critical = asin(1 / eta)
     big = quad((-50, -50, 0), (0, 100, 0), (100, 0, 0), 0)  # its front, the outside, faces -z
@@ -214,8 +270,14 @@ def critical_angle(run: Run) -> None:
 # Values
 
 
+@hard_case(
+    "radiance of 1e30 and 1e-30",
+    section=6,
+    shows="a lamp 2^100 times brighter, or darker",
+    expected="the same bits but for the exponent",
+    tolerance="none",
+)
 def brightness(run: Run) -> None:
-    """A room that is 2^100 times brighter or darker has the same bits but for the exponent."""
     room = lit_room()
     chosen: dict[str, Any] = {"photons": 2000, "spp": 4}
     plain = run.render(room, **chosen)
@@ -231,8 +293,14 @@ def brightness(run: Run) -> None:
             run.demand(f"{layer} light times {factor:.3g}, same bits", equal)
 
 
+@hard_case(
+    "reflectance of 1e-30",
+    section=6,
+    shows="albedos of 2^-100, diffuse and glossy",
+    expected="light in proportion to the albedo",
+    tolerance="1e-6; 1e-5 of noise in the box",
+)
 def faint_reflectance(run: Run) -> None:
-    """Light is linear in an albedo of 2^-100, by each part of the material."""
     lamp = PointLight("lamp", (0.3, 0.4, -1.0), (3.0, 2.0, 1.0))
     camera = parallel((0, 0, -1), (0, 0, 0), 0.5, 8, up=(0, 1, 0))
     for name, bsdf in (
@@ -251,8 +319,14 @@ def faint_reflectance(run: Run) -> None:
     run.check_share("a closed box of it", mean_of(image.pixels), np.ones(3), 1e-5)
 
 
+@hard_case(
+    "reflectance of 1e30",
+    section=6,
+    shows="materials that reflect 1e30 times what they get",
+    expected="an error that names them, or a finite image",
+    tolerance="none",
+)
 def huge_reflectance(run: Run) -> None:
-    """Reflectances of 1e30: an error that names it, or an image that is finite; never a NaN."""
     for name, bsdf in (
         ("diffuse", Diffuse((1e30, 1e30, 1e30))),
         ("mirror", Conductor(specular_reflectance=(1e30, 1e30, 1e30))),
@@ -278,8 +352,14 @@ def walls_of(half: float) -> list[tuple[Array, Array]]:
     return [((half - 0.5) * axis, half * axis) for axis in axes]
 
 
+@hard_case(
+    "rough caustics",
+    section=6,
+    shows="a beam on rough glass, and on a rough metal, in a closed room: caustics full of single bright photons",
+    expected="the whole flux on the walls, by conservation (of metal: what microfacets reflect, by quadrature)",
+    tolerance="1 %, at the small size 3 %; glass of roughness 0.05 hides 0.2 % from itself",
+)
 def rough_caustics(run: Run) -> None:
-    """All light of a beam that meets rough glass, or a rough metal, ends on the walls, however unevenly."""
     half, albedo = 2.0, 0.5
     power = 2.0 * pi * (1.0 - cos(radians(5.0))) * np.ones(3)
     lamp = SpotLight("beam", look_at((-1.0, 0.3, 0), (0, 0, 0), (0, 1, 0)), WHITE, 5.0, 5.0)
@@ -308,8 +388,14 @@ def rough_caustics(run: Run) -> None:
         run.check_share(f"{name}: flux on all walls", total, share * power, 0.01 if run.full else 0.03)
 
 
+@hard_case(
+    "a tiny lamp of a million",
+    section=6,
+    shows="a rough metal lit by a lamp that rays hardly ever meet by chance",
+    expected="Beckmann's density, Smith's masking and the solid angle, by formula: nothing is clamped",
+    tolerance="1 %: the lamp is 0.01 across, the mean over seeds",
+)
 def tiny_lamp(run: Run) -> None:
-    """A rough metal lit by a lamp of 0.01 and a radiance of a million: density of normals, masking and solid angle."""
     alpha, side, radiance = 0.3, 0.01, 1e6
     lamp_at = np.array([-0.5, 0.0, -1.0])
     to_eye = np.array([0.3, 0.0, -1.0])
@@ -337,136 +423,17 @@ def tiny_lamp(run: Run) -> None:
     run.check_share("reflected radiance", image, value * radiance * side**2 / float(lamp_at @ lamp_at), 0.01)
 
 
+@hard_case(
+    "rough glass in a furnace",
+    section=6,
+    shows="a ball of rough glass in a closed box that glows",
+    expected="2 everywhere, through the glass and in all its caustics",
+    tolerance="1.5 %, at the small size 4 %: noise, and what microfacets hide",
+)
 def glass_in_a_furnace(run: Run) -> None:
-    """A rough ball of glass in a closed glowing box: light is everywhere the same, in all its caustics as well."""
     room = glowing_box()
     glass = Material("glass", Dielectric(1.5, alpha_u=0.05, alpha_v=0.05))
     photons = 40_000 if run.full else 8_000
     what = replace(room, meshes=(*room.meshes, ball(0.5, (0.3, -0.1, 0.4), 1, 48)), materials=(*room.materials, glass))
     image = run.render(what, photons=photons, caustic_photons=photons, spp=256 if run.full else 32)
     run.check_share("radiance", mean_of(image.pixels), np.full(3, 2.0), 0.015 if run.full else 0.04)
-
-
-CASES = (
-    HardCase(
-        name="albedo 0",
-        section=6,
-        shows="a room in which nothing reflects",
-        expected="no light but the lamp's own; all photons absorbed at once",
-        tolerance="none; the ledger to 1e-6",
-        measure=black,
-    ),
-    HardCase(
-        name="closed furnace",
-        section=6,
-        shows="a closed box that glows, of albedo 0 to 0.99",
-        expected="emission / (1 - albedo)",
-        tolerance="1 %, and 3 deviations of the number of photons that paths leave",
-        measure=glowing_walls,
-    ),
-    HardCase(
-        name="roughness of metals",
-        section=6,
-        shows="white metals of roughness 0, 1e-8, 1e-3, 0.05 and 1 under an even sky",
-        expected="1, and the albedo of Beckmann's microfacets by quadrature",
-        tolerance="0.5 %, at the small size 2 %: noise of light samples",
-        measure=rough_metals,
-    ),
-    HardCase(
-        name="nearly smooth",
-        section=6,
-        shows="the image of a lamp by mirrors, through glass, of roughness 0, 1e-8 and 1e-3",
-        expected="the same in all",
-        tolerance="1 % at 1e-8; 3 % at 1e-3, which blurs the lamp's rim",
-        measure=nearly_smooth,
-    ),
-    HardCase(
-        name="white things",
-        section=6,
-        shows="things that absorb nothing, of roughness 0 to 1e-3, under an even sky",
-        expected="1: they cannot be seen",
-        tolerance="0.5 %, at the small size 2 %: noise",
-        measure=white_things,
-    ),
-    HardCase(
-        name="nearly smooth plastic",
-        section=6,
-        shows="a white plastic of roughness 1e-8 and 1e-3 under an even sky",
-        expected="1, less what Mitsuba 3's mean of 64 reflectances in place of their integral loses in the coat "
-        "(2.6 %), by Fresnel's formula and quadrature: colours are to be Mitsuba's",
-        tolerance="0.2 %: noise, and the coat's fit",
-        measure=rough_plastic,
-    ),
-    HardCase(
-        name="indices of refraction",
-        section=6,
-        shows="a lamp behind slabs and panes of index 1, 1 + 1e-7, 0.5 and 3",
-        expected="2 n / (n² + 1) of it: Fresnel's formula at right angles and a geometric series",
-        tolerance="2 %: each sample is the lamp or nothing; 1e-6 where nothing is reflected",
-        measure=indices,
-    ),
-    HardCase(
-        name="index 1",
-        section=6,
-        shows="a ball of index 1, and of the next float, before a pattern",
-        expected="the pattern without the ball",
-        tolerance="none; 2 % of pixels with the next float, which bends rays by 1e-7",
-        measure=no_refraction,
-    ),
-    HardCase(
-        name="critical angle",
-        section=6,
-        shows="the sky from within glass, within 0.3 and down to 1e-7 of the critical angle",
-        expected="R + (1 - R) n² by Fresnel's formula; 1 beyond",
-        tolerance="2e-7 of angle, as directions are float32, and 4 deviations of noise",
-        measure=critical_angle,
-    ),
-    HardCase(
-        name="radiance of 1e30 and 1e-30",
-        section=6,
-        shows="a lamp 2^100 times brighter, or darker",
-        expected="the same bits but for the exponent",
-        tolerance="none",
-        measure=brightness,
-    ),
-    HardCase(
-        name="reflectance of 1e-30",
-        section=6,
-        shows="albedos of 2^-100, diffuse and glossy",
-        expected="light in proportion to the albedo",
-        tolerance="1e-6; 1e-5 of noise in the box",
-        measure=faint_reflectance,
-    ),
-    HardCase(
-        name="reflectance of 1e30",
-        section=6,
-        shows="materials that reflect 1e30 times what they get",
-        expected="an error that names them, or a finite image",
-        tolerance="none",
-        measure=huge_reflectance,
-    ),
-    HardCase(
-        name="rough caustics",
-        section=6,
-        shows="a beam on rough glass, and on a rough metal, in a closed room: caustics full of single bright photons",
-        expected="the whole flux on the walls, by conservation (of metal: what microfacets reflect, by quadrature)",
-        tolerance="1 %, at the small size 3 %; glass of roughness 0.05 hides 0.2 % from itself",
-        measure=rough_caustics,
-    ),
-    HardCase(
-        name="a tiny lamp of a million",
-        section=6,
-        shows="a rough metal lit by a lamp that rays hardly ever meet by chance",
-        expected="Beckmann's density, Smith's masking and the solid angle, by formula: nothing is clamped",
-        tolerance="1 %: the lamp is 0.01 across, the mean over seeds",
-        measure=tiny_lamp,
-    ),
-    HardCase(
-        name="rough glass in a furnace",
-        section=6,
-        shows="a ball of rough glass in a closed box that glows",
-        expected="2 everywhere, through the glass and in all its caustics",
-        tolerance="1.5 %, at the small size 4 %: noise, and what microfacets hide",
-        measure=glass_in_a_furnace,
-    ),
-)

@@ -7,7 +7,7 @@ from math import sqrt
 
 import numpy as np
 from beams import parallel, pilot_of
-from case import HardCase, Run
+from case import Run, hard_case
 from numpy.typing import NDArray
 from optics import reflected_by_half_space
 from rooms import GREY, box, quad, scene
@@ -33,8 +33,14 @@ def lamp_in(medium: Medium, camera: Camera = AWAY) -> Scene:
     return scene([quad((-1, -1, 1), (0, 2, 0), (2, 0, 0), 0, (5.0, 5.0, 5.0))], camera, [BLACK], media=[medium])
 
 
+@hard_case(
+    "Beer's law",
+    section=7,
+    shows="a lamp from within media of albedo 0 and optical depths of 1e-8 to 1e4",
+    expected="exp(-depth)",
+    tolerance="1e-6, and what half a rounding of the exponent makes; 0 below the least floats",
+)
 def beers_law(run: Run) -> None:
-    """A lamp at a distance of 1.9 through media of albedo 0, from optical depths of 1e-8 to 1e4."""
     for depth in (1e-8, 1e-4, 1.0, 20.0, 80.0, 200.0, 1e4):
         sigma = depth / 1.9
         image = run.render(
@@ -53,8 +59,14 @@ def beers_law(run: Run) -> None:
             run.check(f"radiance at depth {depth:g}", mean(image.pixels), 0.0, 1e-37)
 
 
+@hard_case(
+    "optical depth 1e-8",
+    section=7,
+    shows="a room with a medium of albedo 1 that is hardly there, around camera and lamp",
+    expected="the room without it",
+    tolerance="1e-6: a float's rounding; 1e-5 for photons, of which one in 1e8 collides",
+)
 def thin(run: Run) -> None:
-    """An optical depth of 1e-8 and albedo 1: the image of empty space, to a float's rounding."""
     wall = box((1, 1, 1), inside=True)
     lamp = PointLight("lamp", (0.5, 0.2, 0.0), (3.0, 2.0, 1.0), 0)
     fog = scene([wall], AWAY, [diffuse("wall", GREY)], [lamp], [Medium("thin", (1e-8,) * 3, (1.0, 1.0, 1.0))])
@@ -72,8 +84,14 @@ def furnace(medium: Medium, albedo: float = 0.5) -> Scene:
     return scene([wall], AWAY, [diffuse("wall", (albedo,) * 3)], media=[medium])
 
 
+@hard_case(
+    "white fog in a furnace",
+    section=7,
+    shows="a closed glowing box full of a medium of albedo 1, the camera in it",
+    expected="emission / (1 - albedo) of the walls, at any depth and phase function: equilibrium",
+    tolerance="4 deviations of the number of paths: 2 to 10 %; none escapes",
+)
 def white_fog(run: Run) -> None:
-    """Albedo 1: what scatters is in equilibrium with the walls, whatever its depth and phase function."""
     every = ((0.5, 0.0), (3.0, 0.0), (3.0, -0.6), (3.0, 0.9), (20.0, 0.0))
     for sigma, g in every if run.full else every[:2]:
         what = furnace(Medium("milk", (sigma,) * 3, (1.0, 1.0, 1.0), g))
@@ -95,8 +113,15 @@ def white_fog(run: Run) -> None:
         run.check("escaped, of what was emitted", energy["escaped"] / energy["emitted"], 0.0, 0.0)
 
 
+@hard_case(
+    "optical depth 1e4, albedo 1",
+    section=7,
+    shows="photons that scatter ten thousand times each in a closed black box that glows, the camera among them",
+    expected="all energy at the walls, none outside",
+    tolerance="none outside; some 1 % of light is scattered more than 65,535 times, and is cut and counted: "
+    "10 % of few paths",
+)
 def dense_white_fog(run: Run) -> None:
-    """An optical depth of 1e4 and albedo 1 around the camera: photons scatter 1e4 times, and none gets out."""
     what = furnace(Medium("milk", (5e3,) * 3, (1.0, 1.0, 1.0)), 0.0)
     with pilot_of(64 if run.full else 8):
         image = run.render(what, photons=0, volume_photons=500_000 if run.full else 50_000, volume_radius=0.1, spp=1)
@@ -106,8 +131,14 @@ def dense_white_fog(run: Run) -> None:
     run.note("a dozen photons lie within a free path of the camera: the radiance, 1 in the mean, is noise")
 
 
+@hard_case(
+    "half space",
+    section=7,
+    shows="a block of optical depth 1e4 in the sun",
+    expected="Chandrasekhar's H functions, solved by iteration",
+    tolerance="4 deviations of the number of paths: 2 to 4 %, at the small size 5 %",
+)
 def half_space(run: Run) -> None:
-    """A block of optical depth 1e4 lit by the sun: Chandrasekhar's solution for a medium that fills half of space."""
     cosine = 0.5
     block = replace(box((1, 1, 0.5), (0, 0, 0.5), 0), interior=0, bounds=True)
     sun = DirectionalLight("sun", (sqrt(1 - cosine**2), 0.0, cosine), (1.0, 1.0, 1.0))
@@ -125,8 +156,14 @@ def half_space(run: Run) -> None:
             run.check_share(f"albedo {albedo}, depth {depth:g}", mean(image.pixels), np.full(3, exact), 4 * deviation)
 
 
+@hard_case(
+    "no way out of a dense medium",
+    section=7,
+    shows="collisions within a float's rounding of a wall",
+    expected="no photon beyond the wall",
+    tolerance="none",
+)
 def nothing_leaks(run: Run) -> None:
-    """A lamp in a closed room full of a dense medium: no photon gets through the walls from within it."""
     wall = box((1, 1, 1), inside=True)
     lamp = PointLight("lamp", (0.75, 0.1, 0.0), (3.0, 2.0, 1.0), 0)
     for sigma in (3.0, 300.0, 1e4):
@@ -145,8 +182,14 @@ def grid(values: Array, half: float, **chosen: bool) -> Volume:
     return Volume("grid", values[..., None].astype(np.float32), corner, **chosen)
 
 
+@hard_case(
+    "grids at their limits",
+    section=7,
+    shows="a lamp through a heterogeneous medium: one layer of voxels, none, and of densities 1e-6 to 1e6",
+    expected="exp(-depth), the depth a sum over voxels",
+    tolerance="1e-6, and what half a rounding of the exponent makes",
+)
 def grids_at_limits(run: Run) -> None:
-    """A lamp behind a thin shell, behind nothing, and behind densities of twelve orders of magnitude."""
     shell = np.zeros((256, 2, 2))
     shell[177] = 40.0
     range_of_12 = 10.0 ** np.random.default_rng(1).uniform(-6.0, 6.0, (64, 1, 1))
@@ -168,8 +211,14 @@ def grids_at_limits(run: Run) -> None:
         run.check_share(f"radiance through {name}", mean(image.pixels), exact, 1e-6 + 3e-7 * whole)
 
 
+@hard_case(
+    "white smoke in a furnace",
+    section=7,
+    shows="a closed glowing box full of a heterogeneous medium of albedo 1, the camera in it",
+    expected="emission / (1 - albedo) of the walls: equilibrium",
+    tolerance="4 deviations of the number of paths and 1 % for the blur of beams; none escapes",
+)
 def white_smoke(run: Run) -> None:
-    """Albedo 1 in a grid, empty here and dense there, with the camera in it: equilibrium with the walls."""
     for most in (4.0, 40.0) if run.full else (4.0,):
         values = np.random.default_rng(2).uniform(-most, most, (12, 12, 12)).clip(0.0)
         what = furnace(Medium("smoke", (1.0,) * 3, (1.0,) * 3, 0.3, grid(values, 1.01)))
@@ -188,72 +237,3 @@ def white_smoke(run: Run) -> None:
         run.check_share(f"radiance, density up to {most:g}", mean(image.pixels), np.full(3, 2.0), 4 * deviation + 0.01)
         energy = image.metadata["report"]["energy"]
         run.check("escaped, of what was emitted", energy["escaped"] / energy["emitted"], 0.0, 0.0)
-
-
-CASES = (
-    HardCase(
-        name="Beer's law",
-        section=7,
-        shows="a lamp from within media of albedo 0 and optical depths of 1e-8 to 1e4",
-        expected="exp(-depth)",
-        tolerance="1e-6, and what half a rounding of the exponent makes; 0 below the least floats",
-        measure=beers_law,
-    ),
-    HardCase(
-        name="optical depth 1e-8",
-        section=7,
-        shows="a room with a medium of albedo 1 that is hardly there, around camera and lamp",
-        expected="the room without it",
-        tolerance="1e-6: a float's rounding; 1e-5 for photons, of which one in 1e8 collides",
-        measure=thin,
-    ),
-    HardCase(
-        name="white fog in a furnace",
-        section=7,
-        shows="a closed glowing box full of a medium of albedo 1, the camera in it",
-        expected="emission / (1 - albedo) of the walls, at any depth and phase function: equilibrium",
-        tolerance="4 deviations of the number of paths: 2 to 10 %; none escapes",
-        measure=white_fog,
-    ),
-    HardCase(
-        name="optical depth 1e4, albedo 1",
-        section=7,
-        shows="photons that scatter ten thousand times each in a closed black box that glows, the camera among them",
-        expected="all energy at the walls, none outside",
-        tolerance="none outside; some 1 % of light is scattered more than 65,535 times, and is cut and counted: "
-        "10 % of few paths",
-        measure=dense_white_fog,
-    ),
-    HardCase(
-        name="half space",
-        section=7,
-        shows="a block of optical depth 1e4 in the sun",
-        expected="Chandrasekhar's H functions, solved by iteration",
-        tolerance="4 deviations of the number of paths: 2 to 4 %, at the small size 5 %",
-        measure=half_space,
-    ),
-    HardCase(
-        name="no way out of a dense medium",
-        section=7,
-        shows="collisions within a float's rounding of a wall",
-        expected="no photon beyond the wall",
-        tolerance="none",
-        measure=nothing_leaks,
-    ),
-    HardCase(
-        name="grids at their limits",
-        section=7,
-        shows="a lamp through a heterogeneous medium: one layer of voxels, none, and of densities 1e-6 to 1e6",
-        expected="exp(-depth), the depth a sum over voxels",
-        tolerance="1e-6, and what half a rounding of the exponent makes",
-        measure=grids_at_limits,
-    ),
-    HardCase(
-        name="white smoke in a furnace",
-        section=7,
-        shows="a closed glowing box full of a heterogeneous medium of albedo 1, the camera in it",
-        expected="emission / (1 - albedo) of the walls: equilibrium",
-        tolerance="4 deviations of the number of paths and 1 % for the blur of beams; none escapes",
-        measure=white_smoke,
-    ),
-)

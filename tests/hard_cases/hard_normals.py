@@ -7,7 +7,7 @@ from math import cos, radians, sin
 
 import numpy as np
 from beams import parallel
-from case import HardCase, Run, mean_of
+from case import Run, hard_case, mean_of
 from rooms import GREY, box, scene, view
 from walls import NO_MAPS, slanted, square, under_sky
 
@@ -25,8 +25,14 @@ def leaning(angle: float, material: int = 0) -> Mesh:
     return replace(square(material), normals=np.tile(normal, (4, 1)))
 
 
+@hard_case(
+    "leaning normals",
+    section=6,
+    shows="a white wall whose normals lean by 0 to 180 degrees",
+    expected="(1 + cos a) / 2 up to 90 degrees; black beyond, as seen from behind",
+    tolerance="1 %: noise of light samples",
+)
 def leaning_normals(run: Run) -> None:
-    """A white wall whose normals lean by a under an even sky: without the lune below it, (1 + cos a) / 2 is left."""
     for angle in (0.0, 30.0, 60.0, 89.0):
         what = under_sky(Diffuse(WHITE), leaning(angle), parallel((0, 0, -1), (0, 0, 0), 0.1, 8, up=(0, 1, 0)))
         image = run.render(what, spp=1024 if run.full else 256, **NO_MAPS)
@@ -39,8 +45,14 @@ def leaning_normals(run: Run) -> None:
         run.check(f"leaning by {angle:g} degrees", run.render(what, cells=1, spp=4, **NO_MAPS).pixels, 0.0, 0.0)
 
 
+@hard_case(
+    "wild normals",
+    section=6,
+    shows="a closed room whose interpolated normals point anywhere, and a lamp outside",
+    expected="black",
+    tolerance="none",
+)
 def wild_normals(run: Run) -> None:
-    """A closed room of random normals, one of them against two others, and a bright lamp outside: black inside."""
     rng = np.random.default_rng(6)
     room = box(inside=True)
     flat = np.cross(*(room.vertices[room.faces[:, i]] - room.vertices[room.faces[:, 0]] for i in (1, 2)))
@@ -57,8 +69,14 @@ def wild_normals(run: Run) -> None:
             run.check(f"{type(bsdf).__name__}, normals {name}", image.pixels, 0.0, 0.0)
 
 
+@hard_case(
+    "normal maps of no length",
+    section=6,
+    shows="normal maps of (0, 0, 0), of half length and of random values",
+    expected="as without the map; no more light than the sky has",
+    tolerance="1e-6; 30 % in single pixels of random normals: noise",
+)
 def maps_without_length(run: Run) -> None:
-    """Normal maps of length zero, and near it, leave the normal as it is."""
     lamp = PointLight("lamp", (0.3, 0.4, -1.0), (3.0, 2.0, 1.0))
     camera = parallel((0, 0, -1), (0, 0, 0), 0.5, 8, up=(0, 1, 0))
 
@@ -84,31 +102,3 @@ def maps_without_length(run: Run) -> None:
         f"{image.pixels.max():.4f}",
         "1 and noise",
     )
-
-
-CASES = (
-    HardCase(
-        name="leaning normals",
-        section=6,
-        shows="a white wall whose normals lean by 0 to 180 degrees",
-        expected="(1 + cos a) / 2 up to 90 degrees; black beyond, as seen from behind",
-        tolerance="1 %: noise of light samples",
-        measure=leaning_normals,
-    ),
-    HardCase(
-        name="wild normals",
-        section=6,
-        shows="a closed room whose interpolated normals point anywhere, and a lamp outside",
-        expected="black",
-        tolerance="none",
-        measure=wild_normals,
-    ),
-    HardCase(
-        name="normal maps of no length",
-        section=6,
-        shows="normal maps of (0, 0, 0), of half length and of random values",
-        expected="as without the map; no more light than the sky has",
-        tolerance="1e-6; 30 % in single pixels of random normals: noise",
-        measure=maps_without_length,
-    ),
-)

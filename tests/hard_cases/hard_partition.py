@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from case import HardCase, Run, imbalance
+from case import Run, hard_case, imbalance
 from partitions import in_renderer, planes, with_tree
 from rooms import effects_room, glowing_box, lit_room
 
@@ -13,6 +13,8 @@ from wdpm.cluster.render_settings import RenderSettings, Routing
 from wdpm.images.image import Image
 from wdpm.rendering.in_process import render_in_process
 from wdpm.scenes.model.scene import Scene
+
+SAME = {"expected": "the image of one cell (symmetry)", "tolerance": "none: every bit"}
 
 
 def _settings(full: bool) -> RenderSettings:
@@ -32,6 +34,9 @@ def _same(run: Run, what: Scene, reference: Image, axis: list[int], split: list[
     run.check(f"gathers that left their band, {name}", image.metadata["report"]["gathers_left_band"], 0, 0)
 
 
+@hard_case(
+    "planes along surfaces", section=4, shows="split planes in a floor full of photons, and a float beside it", **SAME
+)
 def along_surfaces(run: Run) -> None:
     """Planes through the floor (and so through its photons), a float above it, and a float below."""
     for what in (lit_room(), effects_room()) if run.full else (lit_room(),):
@@ -43,6 +48,9 @@ def along_surfaces(run: Run) -> None:
             _same(run, what, reference, [1, 0, 1], [y, 0.0, top], f"{what.name}: {name} floor and ceiling")
 
 
+@hard_case(
+    "planes through everything", section=4, shows="eight cells that meet in a corner, in the lamp, in the air", **SAME
+)
 def through_everything(run: Run) -> None:
     """Eight cells that meet in a corner of the room, in the middle of the lamp, and where nothing is."""
     what = effects_room()
@@ -53,6 +61,7 @@ def through_everything(run: Run) -> None:
         _same(run, what, reference, axis, split, f"planes through {name}")
 
 
+@hard_case("planes through photons", section=4, shows="split planes at the very coordinates of photons", **SAME)
 def through_photons(run: Run) -> None:
     """Planes at coordinates of photons themselves: each has one owner."""
     from wdpm.cluster.plan import render_plan
@@ -79,6 +88,7 @@ def through_photons(run: Run) -> None:
         _same(run, what, reference, [0, 1, 1, 2, 2, 2, 2], [x, y, y, z, z, z, z], f"planes through photons {number}")
 
 
+@hard_case("all geometry on one side", section=4, shows="planes beyond the scene, cells without triangles", **SAME)
 def all_on_one_side(run: Run) -> None:
     """Planes beyond the scene: cells without triangles, all photons in one cell."""
     what = effects_room()
@@ -87,6 +97,7 @@ def all_on_one_side(run: Run) -> None:
         _same(run, what, reference, [0, 1, 2], [far, far, far], f"planes at {far:g}")
 
 
+@hard_case("the same plane again", section=4, shows="one plane in all levels, planes one float apart", **SAME)
 def the_same_plane_again(run: Run) -> None:
     """Every level of the tree has one and the same plane: half of the cells are empty sets of points."""
     what = lit_room()
@@ -96,16 +107,18 @@ def the_same_plane_again(run: Run) -> None:
     _same(run, what, reference, [0] * 7, slivers, "planes a float apart")
 
 
+@hard_case("1 to 64 cells", section=4, shows="every number of cells, both routings", **SAME)
 def any_number_of_cells(run: Run) -> None:
     what = effects_room() if run.full else lit_room()
     reference = run.render(what, settings=_settings(run.full), cells=1)
-    for cells in (2, 4, 8, 16, 32, 64) if run.full else (2, 16, 64):
-        for routing in Routing if run.full else (Routing.FORWARD,):
+    for cells in (2, 4, 8, 16, 32, 64) if run.full else (2, 64):
+        for routing in Routing if run.full or cells == 64 else (Routing.FORWARD,):
             chosen = replace(_settings(run.full), routing=routing)
             image = render_in_process(what, chosen, workers=min(cells, 3), cells=cells)
             run.demand(f"the same bits in {cells} cells, {routing.value}", image.digest() == reference.digest())
 
 
+@hard_case("a band wider than the scene", section=4, shows="gather radii of 100 and 1e12", **SAME)
 def wide_band(run: Run) -> None:
     """Gathers, and so bands, many times as wide as the scene: every cell has every photon."""
     for radius in (100.0, 1e12):
@@ -114,6 +127,7 @@ def wide_band(run: Run) -> None:
         run.check(f"gathers that left their band of {radius:g}", image.metadata["report"]["gathers_left_band"], 0, 0)
 
 
+@hard_case("a radius below float spacing", section=4, shows="gather radii of 1e-9 and 1e-15", slow=True, **SAME)
 def narrow_radius(run: Run) -> None:
     """Gathers narrower than float spacing find their own place at most: nothing is lost or counted twice."""
     for radius in (1e-9, 1e-15):
@@ -124,6 +138,13 @@ def narrow_radius(run: Run) -> None:
     run.note("slow: as many surface points are made as there may be, 16.8 million, for discs that hold none")
 
 
+@hard_case(
+    "a band of zero",
+    section=4,
+    shows="bands of 0, 1e-12 and half of the radius, with --inexact",
+    expected="finite values, a closed ledger, and gathers that left the band counted",
+    tolerance="1e-5 of the energy; the image itself is approximate",
+)
 def narrow_band(run: Run) -> None:
     """Bands of zero and below float spacing: approximate, and said so; energy and numbers stay sound."""
     what = glowing_box()
@@ -136,29 +157,3 @@ def narrow_band(run: Run) -> None:
         if band < 0.5:  # gathers that find k photons within half of the radius need no more
             run.demand(f"gathers that left a band of {band:g}", image.metadata["report"]["gathers_left_band"] > 0)
     run.show(image.pixels)
-
-
-def _case(name: str, shows: str, measure: object, slow: bool = False, **more: str) -> HardCase:
-    told = {"expected": "the image of one cell (symmetry)", "tolerance": "none: every bit"} | more
-    return HardCase(name=name, section=4, shows=shows, measure=measure, slow=slow, **told)  # type: ignore[arg-type]
-
-
-CASES = (
-    _case("planes along surfaces", "split planes in a floor full of photons, and a float beside it", along_surfaces),
-    _case(
-        "planes through everything", "eight cells that meet in a corner, in the lamp, in the air", through_everything
-    ),
-    _case("planes through photons", "split planes at the very coordinates of photons", through_photons),
-    _case("all geometry on one side", "planes beyond the scene, cells without triangles", all_on_one_side),
-    _case("the same plane again", "one plane in all levels, planes one float apart", the_same_plane_again),
-    _case("1 to 64 cells", "every number of cells, both routings", any_number_of_cells),
-    _case("a band wider than the scene", "gather radii of 100 and 1e12", wide_band),
-    _case("a radius below float spacing", "gather radii of 1e-9 and 1e-15", narrow_radius, slow=True),
-    _case(
-        "a band of zero",
-        "bands of 0, 1e-12 and half of the radius, with --inexact",
-        narrow_band,
-        expected="finite values, a closed ledger, and gathers that left the band counted",
-        tolerance="1e-5 of the energy; the image itself is approximate",
-    ),
-)

@@ -9,7 +9,7 @@ from unittest.mock import patch
 import numpy as np
 import warp as wp
 from beams import ALBEDO, INTENSITY, POWER, SCREEN_AREA, beam, mirrored_beam, on_screen, parallel, screen
-from case import HardCase, Run, mean, mean_of
+from case import Run, hard_case, mean, mean_of
 from numpy.typing import NDArray
 from rooms import GREY, box, lit_room, quad, scene, triangles, view
 
@@ -38,17 +38,37 @@ def _whole_screen(run: Run, **chosen: object) -> None:
     run.check("indirect", image.layers["indirect"], 0.0, 0.0)
 
 
+@hard_case(
+    "k above the map",
+    section=5,
+    shows="200 photons, all on one screen, gathers of 500 and a radius of 500 scene sizes",
+    expected="flux over area, times albedo over pi: every gather holds everything",
+    tolerance="0.5 %: the count of surface points that tells the area is stratified, not exact",
+)
 def k_above_the_map(run: Run) -> None:
     _whole_screen(run, caustic_photons=200, caustic_k=500)
 
 
+@hard_case(
+    "one photon",
+    section=5,
+    shows="a map of one photon, gathers of 500 and of 2",
+    expected="its flux over the area of the screen",
+    tolerance="0.5 %, as above",
+)
 def one_photon(run: Run) -> None:
     _whole_screen(run, caustic_photons=1, caustic_k=500)
     _whole_screen(run, caustic_photons=1, caustic_k=2)  # the pilot may ask for two paths
 
 
+@hard_case(
+    "the largest radius",
+    section=5,
+    shows="a gather radius of 2^58 scene units",
+    expected="flux over area",
+    tolerance="0.5 %, as above",
+)
 def largest_radius(run: Run) -> None:
-    """As far as settings allow."""
     image = run.render(
         mirrored_beam(on_screen()), photons=0, caustic_photons=100, caustic_k=500, caustic_radius=MAX_GATHER_RADIUS / 4
     )
@@ -56,8 +76,14 @@ def largest_radius(run: Run) -> None:
     run.check_share("caustic", image.layers["caustic"], np.broadcast_to(exact, image.pixels.shape), 5e-3)
 
 
+@hard_case(
+    "empty map",
+    section=5,
+    shows="no photons at all",
+    expected="no indirect light; direct light bit for bit as with photons",
+    tolerance="none",
+)
 def no_photons(run: Run) -> None:
-    """The same scene with an empty map has the direct light alone, and that does not change."""
     room = lit_room()
     dark = run.render(room, photons=0, spp=4)
     lit = run.render(room, photons=2000, spp=4)
@@ -66,8 +92,14 @@ def no_photons(run: Run) -> None:
     run.demand("there is indirect light with photons", bool(lit.layers["indirect"].any()))
 
 
+@hard_case(
+    "no photon lands",
+    section=5,
+    shows="all photon paths leave the scene",
+    expected="intensity over distance squared times albedo over pi, no indirect light, and a warning",
+    tolerance="1e-4: the view is 0.004 across at a distance of 1",
+)
 def nothing_lands(run: Run) -> None:
-    """A lamp before one wall, under the open sky: all photons leave."""
     wall = screen(1.0)
     lamp = PointLight("lamp", (0.0, 0.0, 0.0), (3.0, 2.0, 1.0))
     image = run.render(scene([wall], on_screen(0.002), [diffuse("screen", GREY)], [lamp]), photons=5000, spp=4)
@@ -122,8 +154,14 @@ def on_plane(xy: Array) -> Array:
     return np.column_stack([xy, np.zeros(len(xy))])
 
 
+@hard_case(
+    "k = 1",
+    section=5,
+    shows="gathers of the nearest photon alone, whose variance is infinite",
+    expected="the distribution of one over an area of gamma distribution, shape 2: all quantiles, not the mean",
+    tolerance="0.01 of probability: 4 deviations of 10,000 queries that share photons",
+)
 def one_nearest(run: Run) -> None:
-    """k = 1: the area to the second photon has a gamma distribution of shape 2, whatever the density."""
     count = 400_000 if run.full else 40_000
     rng = np.random.default_rng(5)
     queries = rng.uniform(0.1, 0.9, (count // 4, 2))
@@ -139,8 +177,14 @@ def one_nearest(run: Run) -> None:
         )
 
 
+@hard_case(
+    "all photons in one place",
+    section=5,
+    shows="51 to 20,000 photons at one point, seen from 0.4 to 1e-6 away and from the point itself",
+    expected="k over pi r²; finite at the point; at most k photons: over the disc of the largest radius",
+    tolerance="1e-5: float32",
+)
 def all_in_one_place(run: Run) -> None:
-    """M coincident photons: seen from r, the k nearest are on a circle of r; seen from their place, there is no r."""
     k, radius = 50, 0.5
     distance = np.array([0.4, 0.1, 1e-2, 1e-4, 1e-6])
     queries = on_plane(np.column_stack([distance, np.zeros(5)]))
@@ -156,8 +200,14 @@ def all_in_one_place(run: Run) -> None:
     run.check_share("no more than k: over the whole disc", found, k / (pi * radius**2), 1e-5)
 
 
+@hard_case(
+    "equal distances",
+    section=5,
+    shows="1,024 photons, many of them the same, at one distance exactly",
+    expected="k over pi r², whichever k of them",
+    tolerance="1e-6: float32",
+)
 def equally_far(run: Run) -> None:
-    """A ring of photons at one float32 distance exactly: any k of them are as good, and their number decides."""
     step = 2.0**-6
     corners = [(3, 4), (4, 3), (5, 0), (0, 5)]  # all 5 away, in integers
     ring = np.array([(sx * x, sy * y) for x, y in corners for sx in (-1, 1) for sy in (-1, 1)], np.float64) * step
@@ -169,8 +219,14 @@ def equally_far(run: Run) -> None:
         run.check_share(f"irradiance, k = {k}", found, k / (pi * (5 * step) ** 2), 1e-6)
 
 
+@hard_case(
+    "radius below float spacing, gathers",
+    section=5,
+    shows="photons one and three floats apart, radii down to the least",
+    expected="one photon over pi r² at its very place, none a float away",
+    tolerance="1e-5: float32",
+)
 def tiny_radius(run: Run) -> None:
-    """Radii between the least that there is and float spacing: a photon exactly there is found, a neighbour is not."""
     spacing = float(np.spacing(np.float32(1.0)))
     places = on_plane(1.0 + spacing * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 3.0]]))
     for radius in (MIN_GATHER_RADIUS, spacing / 16, spacing / 2):
@@ -179,8 +235,14 @@ def tiny_radius(run: Run) -> None:
         run.check_share(f"irradiance within {radius:.1e}", found, [1.0 / (pi * radius**2), 0.0], 1e-5)
 
 
+@hard_case(
+    "radius below float spacing",
+    section=5,
+    shows="a room with a gather radius of 1e-9",
+    expected="no indirect light; all else bit for bit as without photons",
+    tolerance="none",
+)
 def radius_below_spacing(run: Run) -> None:
-    """No photon is so near: an image without indirect light, in a second, not with 10^20 points on its surfaces."""
     room = lit_room()
     with patch.object(map_plans, "POINTS_MOST", map_plans.POINTS_MOST if run.full else 1 << 17):  # 16 million take 10 s
         image = run.render(room, photons=2000, radius=1e-9, spp=1)
@@ -192,8 +254,14 @@ def radius_below_spacing(run: Run) -> None:
 # Lights
 
 
+@hard_case(
+    "12 decades of beams",
+    section=5,
+    shows="two caustics, one 1e12 times weaker than the other",
+    expected="flux over area on both screens",
+    tolerance="the weak one keeps 2.5 % of 300 photons, 7.5 in the mean: 4 deviations of as many as there are",
+)
 def beams_of_12_decades(run: Run) -> None:
-    """Two beams, one 1e12 times weaker, on two screens that face each other's backs: each shows its own alone."""
     weaker = 1e-12
     strong = mirrored_beam(on_screen())
     other_mirror = quad((-0.1, -0.5, -0.1), (0.2, 0, 0.2), (0, 0.2, 0), 1, name="other mirror")  # faces (-1, 0, 1)
@@ -210,8 +278,15 @@ def beams_of_12_decades(run: Run) -> None:
     run.check_share("the weak one's screen", dim, weaker * exact, 4 * (7.5 * seeds) ** -0.5)
 
 
+@hard_case(
+    "12 decades of rooms",
+    section=5,
+    shows="two closed rooms, one of which glows 1e12 times less",
+    expected="emission / (1 - albedo) in both",
+    tolerance="2 % (small: 4 %): the weak room gets one in 40 of the photons and one in 32 of the shadow rays; 4 "
+    "deviations of 32 (8) seeds, of 2.5 % each",
+)
 def rooms_of_12_decades(run: Run) -> None:
-    """Two closed rooms whose walls glow, one 1e12 times less: neither sees the other."""
     weaker = 1e-12
     rooms = [
         box((1, 1, 1), (0, 0, 0), inside=True, emission=(1.0, 1.0, 1.0), name="strong room"),
@@ -227,8 +302,14 @@ def rooms_of_12_decades(run: Run) -> None:
         run.check_share(f"the {name} room", radiance, factor * 2.0 * np.ones(3), 0.02 if run.full else 0.04)
 
 
+@hard_case(
+    "12 decades of lamps",
+    section=5,
+    shows="a lamp 1e12 times weaker than that of the room",
+    expected="the room without it: light adds up",
+    tolerance="1 % in the mean; no pixel's direct light above 1.5 times: other random numbers, no spike",
+)
 def lamps_of_12_decades(run: Run) -> None:
-    """One room with a lamp 1e12 times weaker than the other: it changes nothing, in the mean nor in any pixel."""
     room = lit_room()
     faint = PointLight("faint", (0.5, -0.5, 0.5), (1e-12,) * 3)
     chosen = {"photons": 20_000, "spp": 16}
@@ -239,8 +320,14 @@ def lamps_of_12_decades(run: Run) -> None:
     run.check("brightest pixel against the same without", ratio.max(), 1.0, 0.5)
 
 
+@hard_case(
+    "lights of nothing",
+    section=5,
+    shows="lamps of zero power and of zero area",
+    expected="the very bits of the room without them",
+    tolerance="none",
+)
 def lights_of_nothing(run: Run) -> None:
-    """Lamps without area, without power, or of a cone without width add nothing at all, not one bit."""
     room = lit_room()
     chosen = {"photons": 2000, "spp": 4}
     plain = run.render(room, **chosen)
@@ -265,8 +352,14 @@ DARKEST = 9.0 / 1266.0
 """Share of the room's lamp in all power: as often, at least, is it chosen for a shadow ray."""
 
 
+@hard_case(
+    "a light that sees nothing",
+    section=5,
+    shows="a bright lamp in a closed black chest within a room",
+    expected="the room without the lamp; no photon of it in the map",
+    tolerance="4 deviations of how often the room's lamp is chosen for a shadow ray; 4 % for other photons",
+)
 def blind_light(run: Run) -> None:
-    """A lamp in a closed black chest: the room has its own light, and all that the chest's lamp emits is absorbed."""
     room = lit_room()
     chest = box((0.1, 0.1, 0.1), (0.5, -0.8, 0.5), 1, inside=True, name="chest")
     hidden = PointLight("hidden", (0.5, -0.8, 0.5), (100.0, 100.0, 100.0))
@@ -284,128 +377,3 @@ def blind_light(run: Run) -> None:
 
 
 # Long ways
-
-
-CASES = (
-    HardCase(
-        name="k above the map",
-        section=5,
-        shows="200 photons, all on one screen, gathers of 500 and a radius of 500 scene sizes",
-        expected="flux over area, times albedo over pi: every gather holds everything",
-        tolerance="0.5 %: the count of surface points that tells the area is stratified, not exact",
-        measure=k_above_the_map,
-    ),
-    HardCase(
-        name="one photon",
-        section=5,
-        shows="a map of one photon, gathers of 500 and of 2",
-        expected="its flux over the area of the screen",
-        tolerance="0.5 %, as above",
-        measure=one_photon,
-    ),
-    HardCase(
-        name="the largest radius",
-        section=5,
-        shows="a gather radius of 2^58 scene units",
-        expected="flux over area",
-        tolerance="0.5 %, as above",
-        measure=largest_radius,
-    ),
-    HardCase(
-        name="empty map",
-        section=5,
-        shows="no photons at all",
-        expected="no indirect light; direct light bit for bit as with photons",
-        tolerance="none",
-        measure=no_photons,
-    ),
-    HardCase(
-        name="no photon lands",
-        section=5,
-        shows="all photon paths leave the scene",
-        expected="intensity over distance squared times albedo over pi, no indirect light, and a warning",
-        tolerance="1e-4: the view is 0.004 across at a distance of 1",
-        measure=nothing_lands,
-    ),
-    HardCase(
-        name="k = 1",
-        section=5,
-        shows="gathers of the nearest photon alone, whose variance is infinite",
-        expected="the distribution of one over an area of gamma distribution, shape 2: all quantiles, not the mean",
-        tolerance="0.01 of probability: 4 deviations of 10,000 queries that share photons",
-        measure=one_nearest,
-    ),
-    HardCase(
-        name="all photons in one place",
-        section=5,
-        shows="51 to 20,000 photons at one point, seen from 0.4 to 1e-6 away and from the point itself",
-        expected="k over pi r²; finite at the point; at most k photons: over the disc of the largest radius",
-        tolerance="1e-5: float32",
-        measure=all_in_one_place,
-    ),
-    HardCase(
-        name="equal distances",
-        section=5,
-        shows="1,024 photons, many of them the same, at one distance exactly",
-        expected="k over pi r², whichever k of them",
-        tolerance="1e-6: float32",
-        measure=equally_far,
-    ),
-    HardCase(
-        name="radius below float spacing, gathers",
-        section=5,
-        shows="photons one and three floats apart, radii down to the least",
-        expected="one photon over pi r² at its very place, none a float away",
-        tolerance="1e-5: float32",
-        measure=tiny_radius,
-    ),
-    HardCase(
-        name="radius below float spacing",
-        section=5,
-        shows="a room with a gather radius of 1e-9",
-        expected="no indirect light; all else bit for bit as without photons",
-        tolerance="none",
-        measure=radius_below_spacing,
-    ),
-    HardCase(
-        name="12 decades of beams",
-        section=5,
-        shows="two caustics, one 1e12 times weaker than the other",
-        expected="flux over area on both screens",
-        tolerance="the weak one keeps 2.5 % of 300 photons, 7.5 in the mean: 4 deviations of as many as there are",
-        measure=beams_of_12_decades,
-    ),
-    HardCase(
-        name="12 decades of rooms",
-        section=5,
-        shows="two closed rooms, one of which glows 1e12 times less",
-        expected="emission / (1 - albedo) in both",
-        tolerance="2 % (small: 4 %): the weak room gets one in 40 of the photons and one in 32 of the shadow rays; 4 "
-        "deviations of 32 (8) seeds, of 2.5 % each",
-        measure=rooms_of_12_decades,
-    ),
-    HardCase(
-        name="12 decades of lamps",
-        section=5,
-        shows="a lamp 1e12 times weaker than that of the room",
-        expected="the room without it: light adds up",
-        tolerance="1 % in the mean; no pixel's direct light above 1.5 times: other random numbers, no spike",
-        measure=lamps_of_12_decades,
-    ),
-    HardCase(
-        name="lights of nothing",
-        section=5,
-        shows="lamps of zero power and of zero area",
-        expected="the very bits of the room without them",
-        tolerance="none",
-        measure=lights_of_nothing,
-    ),
-    HardCase(
-        name="a light that sees nothing",
-        section=5,
-        shows="a bright lamp in a closed black chest within a room",
-        expected="the room without the lamp; no photon of it in the map",
-        tolerance="4 deviations of how often the room's lamp is chosen for a shadow ray; 4 % for other photons",
-        measure=blind_light,
-    ),
-)

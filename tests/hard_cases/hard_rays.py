@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from case import HardCase, Run
+from case import Run, hard_case
 from numpy.typing import ArrayLike
 from partitions import in_renderer, planes, with_tree
 from rooms import ball, box, glowing_box, lit_room, quad, scene, view
@@ -31,6 +31,10 @@ AXES = {
 }
 
 
+SAME = "the image of one cell (symmetry)"
+NONE = "none"
+
+
 def _turned(axis: str, eye: ArrayLike, *, negative_zeros: bool = False) -> np.ndarray:
     to_world = np.eye(4)
     to_world[:3, :3] = np.array(AXES[axis], np.float64).T
@@ -40,6 +44,13 @@ def _turned(axis: str, eye: ArrayLike, *, negative_zeros: bool = False) -> np.nd
     return to_world
 
 
+@hard_case(
+    "rays along axes",
+    section=3,
+    shows="zero components, and -0.0",
+    expected="a closed box: every ray meets radiance 1",
+    tolerance=NONE,
+)
 def along_axes(run: Run) -> None:
     """Parallel rays along each axis, with 0.0 and with -0.0, in a box whose planes some of them lie in."""
     for axis in AXES:
@@ -55,6 +66,13 @@ def along_axes(run: Run) -> None:
             run.check(f"radiance, {axis} with {sign}", image.pixels, 1.0, 0)
 
 
+@hard_case(
+    "rays along split planes",
+    section=3,
+    shows="the eye where three planes meet",
+    expected=SAME,
+    tolerance="none: every bit",
+)
 def along_split_planes(run: Run) -> None:
     """The eye in the corner of eight cells, pixels' rays along their planes: the bits of one cell."""
     eye = (0.0, 0.0, 0.0)
@@ -68,6 +86,13 @@ def along_split_planes(run: Run) -> None:
             run.demand(f"the same bits, {axis}, {routing.value}", image.digest() == reference.digest())
 
 
+@hard_case(
+    "rays through vertices and edges",
+    section=3,
+    shows="fields of view of 1e-6 degrees",
+    expected="a wall without holes: 1",
+    tolerance=NONE,
+)
 def through_vertices(run: Run) -> None:
     """Pixels are so small that every ray goes through one vertex where eight triangles meet, or an edge."""
     grid = np.linspace(-1.0, 1.0, 5)
@@ -87,6 +112,13 @@ def through_vertices(run: Run) -> None:
         run.check(f"radiance through {what}", image.pixels, 1.0, 0)
 
 
+@hard_case(
+    "grazing rays",
+    section=3,
+    shows="1e-7 rad above a floor",
+    expected="the floor, at a distance of 1",
+    tolerance="1e-6, and what the direction's rounding (2^-24) does to a grazing distance",
+)
 def grazing(run: Run) -> None:
     """A camera 1e-7 above a floor that looks down by 1e-7 rad: it meets the floor at a distance of 1."""
     floor = quad((-4.0, 0.0, -4.0), (0, 0, 8.0), (8.0, 0, 0), emission=(1.0, 1.0, 1.0), name="floor")
@@ -99,6 +131,13 @@ def grazing(run: Run) -> None:
         run.check(f"distance at {angle:g} rad", image.layers["depth"], 1.0, 1e-6 + 1.2e-7 / angle * 1e-2)
 
 
+@hard_case(
+    "rays that start in odd places",
+    section=3,
+    shows="on the lamp, a wall, an edge, a vertex",
+    expected=SAME,
+    tolerance="none: every bit",
+)
 def starting_in_odd_places(run: Run) -> None:
     """The eye on the lamp, on an edge of the room, in a vertex of it, on a wall, and on planes through it."""
     places = {
@@ -116,6 +155,13 @@ def starting_in_odd_places(run: Run) -> None:
         run.demand(f"rays hit, {name}", bool((reference.layers["depth"] > 0).mean() > 0.9))
 
 
+@hard_case(
+    "a camera inside a wall",
+    section=3,
+    shows="between faces 0.01 apart",
+    expected="black: no light gets there",
+    tolerance=NONE,
+)
 def inside_a_wall(run: Run) -> None:
     """The eye between the two faces of a wall 0.01 thick: it sees their backs, which are unlit, and nothing else."""
     wall = box((0.005, 1.0, 1.0), (0.6, 0, 0), name="wall")
@@ -126,6 +172,13 @@ def inside_a_wall(run: Run) -> None:
     run.demand("every ray hits", bool((image.layers["depth"] > 0).all()))
 
 
+@hard_case(
+    "a camera inside glass",
+    section=3,
+    shows="in the middle of a ball under a sky of 1",
+    expected="eta² = 2.25, by conservation of radiance / eta²",
+    tolerance="1 %: noise of reflections inside, and the ball's facets",
+)
 def inside_glass(run: Run) -> None:
     """The eye in the middle of a glass ball under a sky of 1: radiance in glass is eta² times that outside."""
     what = scene(
@@ -138,6 +191,13 @@ def inside_glass(run: Run) -> None:
     run.check_share("radiance", image.pixels.mean(axis=(0, 1)), 1.5**2, 0.01)
 
 
+@hard_case(
+    "fields of view of 0.01 and 179 degrees",
+    section=3,
+    shows="a closed box that glows",
+    expected="radiance 1; distances by intersection in double",
+    tolerance="none in radiance; distances 1e-5, and 1e-3 of a pixel's own range",
+)
 def narrow_and_wide(run: Run) -> None:
     """Fields of view of 0.01 and 179 degrees in a closed box that glows: no ray is lost, and distances are right."""
     for fov in (0.01, 179.0):
@@ -180,6 +240,13 @@ def _between(run: Run, image: Image, eye: np.ndarray, fov: float) -> None:
     )
 
 
+@hard_case(
+    "planes beside the eye",
+    section=3,
+    shows="split planes at the eye, one float less, one more",
+    expected=SAME,
+    tolerance="none: every bit",
+)
 def planes_in_float_neighbours(run: Run) -> None:
     """Planes at the eye's own floats and the next ones: the bits of one cell."""
     what: Scene = lit_room()
@@ -191,67 +258,3 @@ def planes_in_float_neighbours(run: Run) -> None:
         with with_tree([0, 1, 1], [x, y, y]):
             image = render_in_process(what, FEW, workers=2, cells=4)
         run.demand(f"the same bits, planes one float {name}", image.digest() == reference.digest())
-
-
-def _case(name: str, shows: str, expected: str, tolerance: str, measure: object, **more: object) -> HardCase:
-    return HardCase(
-        name=name,
-        section=3,
-        shows=shows,
-        expected=expected,
-        tolerance=tolerance,
-        measure=measure,
-        **more,  # type: ignore[arg-type]
-    )
-
-
-SAME = "the image of one cell (symmetry)"
-NONE = "none"
-
-CASES = (
-    _case("rays along axes", "zero components, and -0.0", "a closed box: every ray meets radiance 1", NONE, along_axes),
-    _case("rays along split planes", "the eye where three planes meet", SAME, "none: every bit", along_split_planes),
-    _case(
-        "planes beside the eye",
-        "split planes at the eye, one float less, one more",
-        SAME,
-        "none: every bit",
-        planes_in_float_neighbours,
-    ),
-    _case(
-        "rays through vertices and edges",
-        "fields of view of 1e-6 degrees",
-        "a wall without holes: 1",
-        NONE,
-        through_vertices,
-    ),
-    _case(
-        "grazing rays",
-        "1e-7 rad above a floor",
-        "the floor, at a distance of 1",
-        "1e-6, and what the direction's rounding (2^-24) does to a grazing distance",
-        grazing,
-    ),
-    _case(
-        "rays that start in odd places",
-        "on the lamp, a wall, an edge, a vertex",
-        SAME,
-        "none: every bit",
-        starting_in_odd_places,
-    ),
-    _case("a camera inside a wall", "between faces 0.01 apart", "black: no light gets there", NONE, inside_a_wall),
-    _case(
-        "a camera inside glass",
-        "in the middle of a ball under a sky of 1",
-        "eta² = 2.25, by conservation of radiance / eta²",
-        "1 %: noise of reflections inside, and the ball's facets",
-        inside_glass,
-    ),
-    _case(
-        "fields of view of 0.01 and 179 degrees",
-        "a closed box that glows",
-        "radiance 1; distances by intersection in double",
-        "none in radiance; distances 1e-5, and 1e-3 of a pixel's own range",
-        narrow_and_wide,
-    ),
-)

@@ -6,7 +6,7 @@ from math import pi
 
 import numpy as np
 from beams import ALBEDO, INTENSITY, POWER, SCREEN_AREA, beam, parallel, pilot_of, screen
-from case import HardCase, Run, mean
+from case import Run, hard_case, mean
 from numpy.typing import NDArray
 from rooms import GREY, box, glowing_box, quad, scene, view
 
@@ -30,6 +30,13 @@ def between_mirrors(reflectance: float, gap: float) -> Scene:
     return scene([screen(1.2), slope, above], parallel((1.1, 0, 0.5), (1.2, 0, 0.5), 0.05, 4), materials, [light])
 
 
+@hard_case(
+    "10,000 reflections",
+    section=5,
+    shows="photons that leave a slit after 10,000 reflections of 1 and of 1 - 1e-4 (small: 1,000, of 1 - 1e-3)",
+    expected="all light, and (1 - 1e-4)^10,000 = 0.3679 of it, over the area of a screen",
+    tolerance="0.5 %: surface points; 4 deviations of a binomial number of photons",
+)
 def ten_thousand_reflections(run: Run) -> None:
     exact = ALBEDO / pi * POWER / SCREEN_AREA
     chosen = {"photons": 0, "caustic_k": 500, "caustic_radius": 1e3, "spp": 1}
@@ -44,8 +51,15 @@ def ten_thousand_reflections(run: Run) -> None:
         run.check_share(f"e^-1 of it, at {gap:g} lost each time", mean(image, "caustic"), exact * np.exp(-1), 4 * noise)
 
 
+@hard_case(
+    "endless reflections",
+    section=5,
+    shows="a beam straight to and fro between perfect mirrors",
+    expected="under way at the limit of 65,535 bounces, or out beside the mirrors; nothing is absorbed but the "
+    "light of a lamp in a room apart, and nothing is lost",
+    tolerance="0.1 % of the lamp: its photons are a whole number",
+)
 def endless_reflections(run: Run) -> None:
-    """To and fro between perfect mirrors: cut at the limit of bounces, or out beside them, and absorbed nowhere."""
     below = quad((-1, -1, 0.0), (2, 0, 0), (0, 2, 0), 1, name="below")
     above = quad((-1, -1, 0.1), (0, 2, 0), (2, 0, 0), 1, name="above")
     narrow = SpotLight("beam", look_at((0, 0, 0.05), (0, 0, 1), (0, 1, 0)), INTENSITY, 0.05, 0.05)
@@ -66,8 +80,15 @@ def endless_reflections(run: Run) -> None:
     run.check_share("absorbed: the light of the room alone", energy["absorbed"], 4.0 * np.pi * intensity, 1e-3)
 
 
+@hard_case(
+    "closed white box",
+    section=6,
+    shows="a closed box of albedo exactly 1 without a depth limit",
+    expected="it ends; all energy is in the ledger",
+    tolerance="1e-6",
+    slow=True,
+)
 def closed_white_box(run: Run) -> None:
-    """Photons that nothing ever absorbs: the render ends, and the ledger has them all."""
     what = scene(
         [box(inside=True)],
         view((0.2, 0.1, -0.3), (0.5, -0.3, 1.0), 70),
@@ -80,47 +101,15 @@ def closed_white_box(run: Run) -> None:
     run.check_share("under way at the limit of bounces", energy["travelling"], energy["emitted"], 1e-6)
 
 
+@hard_case(
+    "white box to a depth",
+    section=6,
+    shows="a closed box of albedo exactly 1 that glows, to depths of 2 to 12",
+    expected="indirect light of depth - 2 times the emission: each bounce adds it once more",
+    tolerance="4 %: 8,000 photons, a third of which is seen",
+)
 def white_box_to_a_depth(run: Run) -> None:
-    """Each bounce in a closed white box adds as much as the walls emit."""
     glow = glowing_box((1.0, 1.0, 1.0))
     for depth in (2, 3, 6, 12):
         image = run.render(glow, photons=60_000 if run.full else 8_000, k=200, spp=4, max_depth=depth)
         run.check_share(f"indirect light to depth {depth}", mean(image, "indirect"), np.full(3, depth - 2.0), 0.04)
-
-
-CASES = (
-    HardCase(
-        name="10,000 reflections",
-        section=5,
-        shows="photons that leave a slit after 10,000 reflections of 1 and of 1 - 1e-4 (small: 1,000, of 1 - 1e-3)",
-        expected="all light, and (1 - 1e-4)^10,000 = 0.3679 of it, over the area of a screen",
-        tolerance="0.5 %: surface points; 4 deviations of a binomial number of photons",
-        measure=ten_thousand_reflections,
-    ),
-    HardCase(
-        name="endless reflections",
-        section=5,
-        shows="a beam straight to and fro between perfect mirrors",
-        expected="under way at the limit of 65,535 bounces, or out beside the mirrors; nothing is absorbed but the "
-        "light of a lamp in a room apart, and nothing is lost",
-        tolerance="0.1 % of the lamp: its photons are a whole number",
-        measure=endless_reflections,
-    ),
-    HardCase(
-        name="closed white box",
-        section=6,
-        shows="a closed box of albedo exactly 1 without a depth limit",
-        expected="it ends; all energy is in the ledger",
-        tolerance="1e-6",
-        measure=closed_white_box,
-        slow=True,
-    ),
-    HardCase(
-        name="white box to a depth",
-        section=6,
-        shows="a closed box of albedo exactly 1 that glows, to depths of 2 to 12",
-        expected="indirect light of depth - 2 times the emission: each bounce adds it once more",
-        tolerance="4 %: 8,000 photons, a third of which is seen",
-        measure=white_box_to_a_depth,
-    ),
-)

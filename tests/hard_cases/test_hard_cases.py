@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 from case import HardCase, every_case, run_case
 
+pytestmark = pytest.mark.usefixtures("small_pilot")
+
 
 @pytest.mark.parametrize("case", every_case(), ids=lambda case: case.name)
 def test_hard_case(case: HardCase) -> None:
