@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -27,6 +28,8 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 SCENES_VARIABLE = "WDPM_SCENES"
 FOREIGN_VARIABLE = "WDPM_FOREIGN_SCENES"
 
+OWN_KERNELS = pytest.StashKey[bool]()
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Skip what needs the scenes with references, or those of others, where they are not."""
@@ -41,6 +44,38 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for item in items:
             if item.get_closest_marker(marker):
                 item.add_marker(skip)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Before its fixtures are made, whatever their scope."""
+    item.session.stash[OWN_KERNELS] = item.get_closest_marker("own_kernels") is not None
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _kernels_of_all_tests(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Scenes have the kernels that all tests share, for no effects or for all: to compile others takes 20 s each time.
+
+    No bit depends on it, which tests with a scene's own kernels hold; they are marked own_kernels.
+    """
+    from wdpm.kernels import compile as compiling
+    from wdpm.kernels.features import ALL, Features
+    from wdpm.kernels.stand_ins import Chosen, own_kernels, stand_ins
+    from wdpm.kernels.variants import CAN_DO_WITHOUT
+
+    def chosen(features: Features) -> Chosen:
+        own = own_kernels(features)
+        if request.session.stash[OWN_KERNELS] or features in (Features(), compiling.ALL_AT_ONCE, ALL):
+            return own
+        names = frozenset(own.variants.kernels())
+        every = {name: kernel for name, kernel in stand_ins().kernels().items() if name in names}
+        variants = replace(own.variants, **{**every, **dict.fromkeys(names & CAN_DO_WITHOUT)})
+        return Chosen(variants, ALL, names)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiling, "own_kernels", chosen)
+        patch.setattr(compiling, "make_variants", lambda features: chosen(features).variants)
+        yield
 
 
 @pytest.fixture(autouse=True)

@@ -62,10 +62,13 @@ CASES = {
     ),
 }
 
+OWN = [pytest.param(name, marks=pytest.mark.own_kernels) for name in CASES if name != "everything"]
+"""The scene of all effects is rendered with the kernels that have all, in place of nearly all."""
+
 _alone: dict[str, Image] = {}
 
 
-@pytest.fixture(params=list(CASES))
+@pytest.fixture(params=[*OWN, "everything"])
 def name(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
@@ -107,7 +110,7 @@ def test_partition_threads_buckets_and_order_change_no_bit(
         assert image.metadata["report"][of_map] == reference.metadata["report"][of_map]
 
 
-@pytest.mark.parametrize("name", ["coats", "everything"])
+@pytest.mark.parametrize("name", [pytest.param("coats", marks=pytest.mark.own_kernels), "everything"])
 @pytest.mark.parametrize("worth_forking", [0, 1 << 16], ids=["processes", "threads"])
 def test_threads_change_no_bit_in_one_cell(
     name: str, reference: Image, worth_forking: int, monkeypatch: pytest.MonkeyPatch
@@ -117,6 +120,7 @@ def test_threads_change_no_bit_in_one_cell(
     assert same_bits(image, reference)
 
 
+@pytest.mark.parametrize("name", OWN)
 def test_kernels_with_all_effects_give_the_same_bits(name: str, reference: Image) -> None:
     every = replace(FEW, all_effects=True)
     image = render_in_process(CASES[name].scene, every, workers=2, cells=4, threads=2, shuffle=random.Random(1))
@@ -155,6 +159,6 @@ def test_every_batch_carries_credit_and_none_is_lost_or_made(routing: Routing, m
 def test_two_slaves_over_sockets_give_the_same_bits(name: str, reference: Image) -> None:
     with wdpm.Cluster.local(slaves=2, copies=Copies.NONE) as cluster:
         for routing in Routing:
-            image = cluster.render(CASES[name].scene, replace(FEW, routing=routing))
+            image = cluster.render(CASES[name].scene, replace(FEW, routing=routing, all_effects=True))
             assert same_bits(image, reference)
         assert sum(slave["rays_in"] for slave in image.metadata["report"]["slaves"]) > 0

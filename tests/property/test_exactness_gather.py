@@ -181,6 +181,7 @@ def test_each_worker_keeps_the_records_that_reach_it(published: list[Records], m
     assert sum(kept) >= whole
 
 
+@pytest.mark.own_kernels
 @pytest.mark.parametrize("name", ["diffuse", "coats", "fogs"])
 def test_kernels_for_few_effects_give_the_same_bits(name: str, way: Indirect) -> None:
     few = replace(FEW, indirect=way, all_effects=False)

@@ -71,6 +71,7 @@ def test_processes_change_no_bit(case: str, monkeypatch: pytest.MonkeyPatch) -> 
     assert same_bits(render_in_process(*CASES[case], workers=1, threads=2), reference_of(case))
 
 
+@pytest.mark.own_kernels
 def test_few_effects_give_the_same_bits() -> None:
     scene, settings = CASES["path"]
     assert same_bits(alone(scene, replace(settings, all_effects=False)), reference_of("path"))

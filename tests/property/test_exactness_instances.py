@@ -67,7 +67,9 @@ def test_the_copies_are_seen_and_have_their_own_triangles(copied: dict[str, Imag
 
 
 @pytest.mark.parametrize(
-    ("name", "settings"), [("map", MAP), ("cache", CACHE), ("paths", PATHS)], ids=["map", "cache", "paths"]
+    ("name", "settings"),
+    [pytest.param("map", MAP, marks=pytest.mark.own_kernels), ("cache", CACHE), ("paths", PATHS)],
+    ids=["map", "cache", "paths"],
 )
 def test_held_once_they_give_the_same_bits(copied: dict[str, Image], name: str, settings: RenderSettings) -> None:
     image = alone(SCENE, settings)

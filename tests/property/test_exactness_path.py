@@ -89,6 +89,7 @@ def test_partition_threads_buckets_and_order_change_no_bit(
     assert cells == 2 or len(np.unique(image.layers["cell"])) > 1  # one of two may lie behind all that is seen
 
 
+@pytest.mark.own_kernels
 @pytest.mark.parametrize("name", ["diffuse", "coats", "fogs"])
 def test_kernels_for_few_effects_give_the_same_bits(name: str, reference: Image) -> None:
     few = replace(PATH, all_effects=False)

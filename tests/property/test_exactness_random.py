@@ -37,13 +37,13 @@ class Way:
 
 
 WAYS = {
-    "own kernels": Way(MAP, scenes(), 24),
+    "plain scenes": Way(MAP, scenes(), 24),
     "map": Way(replace(MAP, all_effects=True), scenes_with_effects(), 14),
     "gather": Way(GATHER, scenes() | scenes_with_effects(), 7),
     "cache": Way(replace(GATHER, indirect=Indirect.CACHE), scenes() | scenes_with_effects(), 7),
     "paths": Way(RenderSettings(integrator=Integrator.PATH, spp=3, all_effects=True), scenes_with_effects(), 10),
 }
-"""All but the first with the kernels for all effects, or each scene would have others to be compiled."""
+"""With kernels that many share, or each scene would have others to be compiled; own ones: test_exactness_effects.py."""
 
 
 @pytest.mark.parametrize("way", WAYS)

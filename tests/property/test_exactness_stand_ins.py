@@ -22,7 +22,7 @@ from wdpm.scenes import cornell_box
 from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.model.scene import Scene
 
-pytestmark = pytest.mark.usefixtures("small_pilot")
+pytestmark = [pytest.mark.usefixtures("small_pilot"), pytest.mark.own_kernels]
 
 FEW: dict[str, Any] = {"photons": 2000, "caustic_photons": 1000, "volume_photons": 2000, "k": 20, "caustic_k": 10}
 BOX = cornell_box((12, 12))

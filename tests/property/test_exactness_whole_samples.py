@@ -27,6 +27,8 @@ from wdpm.scenes import cornell_box
 from wdpm.scenes.model.lights import PointLight
 from wdpm.scenes.model.scene import Camera, FilterKind, Mesh, PixelFilter, Scene, diffuse
 
+pytestmark = pytest.mark.own_kernels
+
 PATH = RenderSettings(integrator=Integrator.PATH, spp=3, light_samples=2)
 
 
