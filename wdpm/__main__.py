@@ -1,5 +1,6 @@
 """`python -m wdpm` is the command line, and so is the script `wdpm`."""
 
+import sys
 from typing import NoReturn
 
 from wdpm.process_exit import leave
@@ -9,10 +10,16 @@ from wdpm.startup import hold_off_collector
 def run() -> NoReturn:
     """Run the command that this process was started for, and end with its exit code."""
     hold_off_collector()  # until the command has begun
+    try:
+        from wdpm.cli.main import main
 
-    from wdpm.cli.main import main
+        code = main()
+    except KeyboardInterrupt:  # so early that no command was there to take it: nothing is begun, and nothing to be told
+        from wdpm.exit_codes import EXIT_INTERRUPTED
 
-    leave(main())
+        print("wdpm: interrupted", file=sys.stderr)
+        code = EXIT_INTERRUPTED
+    leave(code)
 
 
 if __name__ == "__main__":

@@ -71,3 +71,12 @@ def test_a_command_has_its_exit_code() -> None:
     assert bad.stderr.startswith("wdpm: error: no such file")
     assert good.returncode == 0
     assert good.stdout.startswith("usage: wdpm compare")
+
+
+def test_ctrl_c_before_a_command_has_begun_is_one_line(tmp_path: Path) -> None:
+    """What computes takes half a second to import, and no handler of a command's is there yet."""
+    (tmp_path / "argparse.py").write_text("raise KeyboardInterrupt\n")
+    path = os.pathsep.join([str(tmp_path), *sys.path])
+    command = [sys.executable, "-P", "-c", "from wdpm.__main__ import run; run()"]
+    found = subprocess.run(command, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": path})
+    assert (found.returncode, found.stderr) == (130, "wdpm: interrupted\n")
