@@ -20,7 +20,7 @@ from wdpm.checkup.soup import edges_of, make_soup, pieces, volumes
 from wdpm.cli.main import main
 from wdpm.scenes.builtin.cornell_box import cornell_box
 from wdpm.scenes.errors import SceneError, SettingsError
-from wdpm.scenes.flat.dropped import NO_NORMAL, ZERO_AREA, degenerate_cause
+from wdpm.scenes.flat.dropped import CAUSES, NO_NORMAL, TOO_SMALL, ZERO_AREA, degenerate_cause
 from wdpm.scenes.flat.flatten import flatten
 from wdpm.scenes.meshes.primitives import cube
 from wdpm.scenes.model.bsdfs import Bsdf, Dielectric, Diffuse, ThinDielectric
@@ -117,7 +117,7 @@ def test_what_is_dropped_is_what_a_render_drops() -> None:
     scene = scene_of(mesh_of(corners), box(scale=100.0))  # about the origin: the least detail is kept there
     cause = degenerate_cause(make_soup(scene).positions)
     dropped = flatten(scene).dropped
-    assert int((cause == ZERO_AREA).sum()) == dropped["zero area"]
+    assert int((cause == ZERO_AREA).sum()) == dropped["zero area"] + dropped[CAUSES[TOO_SMALL]]
     assert int((cause == NO_NORMAL).sum()) == dropped["no normal in single precision"] > 0
 
 
