@@ -32,7 +32,7 @@ def load(
     *,
     defines: Mapping[str, str] | None = None,
     size: tuple[int, int] | None = None,
-    root: Path | None = None,
+    root: str | Path | None = None,
     lenient: bool = False,
     camera: str | None = None,
     frame: Frame | str | None = None,
@@ -77,7 +77,7 @@ def load(
         _refuse_defines(defines, source)
         _refuse_view(asked, source)
         return check_scene(load_built_in(str(source), size))
-    with files_within(root):
+    with files_within(None if root is None else Path(root)):
         check_within(file)
         check_not_a_pointer(file)
         return check_scene(_read(file, source, asked), file)

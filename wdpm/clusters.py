@@ -170,6 +170,8 @@ class Cluster(Backend):
                 or the keys cannot be read.
             ClusterError: it cannot listen there.
         """
+        if not isinstance(bind, str):
+            raise SettingsError(f"bind is {bind!r}; expected an address, like 'tcp://127.0.0.1:7117'")
         check_count("slaves", slaves)
         if most is not None:
             check_count("most", most)
@@ -289,6 +291,13 @@ class Cluster(Backend):
         """
         if threads is not None:
             check_count("threads", threads)
+        if memory is not None:
+            check_count("memory", memory)
+        for name, word in (("device", device), ("remote_wdpm", remote_wdpm)):
+            if not isinstance(word, str):
+                raise SettingsError(
+                    f"{name} is {word!r}; expected a word, like {'cpu' if name == 'device' else 'wdpm'!r}"
+                )
         slaves = SshSlaves(read_hosts(hosts), remote_wdpm, threads=threads, memory=memory, device=device)
         return cls._with_slaves(slaves, len(slaves), len(slaves), copies, join_timeout, observers)
 

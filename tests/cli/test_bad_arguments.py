@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import wdpm
-from wdpm.scenes.errors import SceneError, SettingsError
+from wdpm.scenes.errors import SceneError, SettingsError, WdpmError
 
 
 @pytest.mark.parametrize(
@@ -105,3 +105,34 @@ def test_wrong_clusters_elsewhere() -> None:
         wdpm.Cluster.listen(any_port, 1, most=wrong)
     with pytest.raises(SettingsError, match=r"hosts is 'anna'; expected several, like \['anna'\]"):
         wdpm.Cluster.over_ssh("anna")
+    for arguments in ({"memory": "4G"}, {"device": 7}, {"remote_wdpm": 7}):
+        given: dict[str, Any] = arguments
+        with pytest.raises(SettingsError, match=f"{next(iter(given))} is .*; expected"):
+            wdpm.Cluster.over_ssh(["localhost"], **given)
+    not_text: Any = 7117
+    with pytest.raises(SettingsError, match="bind is 7117; expected an address"):
+        wdpm.Cluster.listen(not_text, 1)
+
+
+BOX = wdpm.load("cornell-box", size=(4, 4))
+PIXELS = np.zeros((4, 4, 3), np.float32)
+
+
+@pytest.mark.parametrize(
+    ("call", "expected"),
+    [
+        (lambda: wdpm.render(lambda: None), "gave NoneType; expected wdpm.Scene"),
+        (lambda: wdpm.render(BOX, load_cache=3), "3 is no name of a file"),
+        (lambda: wdpm.render(BOX, journal="."), "is a folder; name a file in it"),
+        (lambda: wdpm.load("a.obj", root="nowhere"), "no such file|is no folder"),
+        (lambda: wdpm.compare(wdpm.Image({"beauty": PIXELS}, {}), "a.exr"), "str is no image"),
+        (lambda: wdpm.Image({"beauty": [1, 2, 3]}, {}), "must be a float32 array of shape"),
+        (lambda: wdpm.inspect(BOX, slaves=0), "slaves is 0; expected at least 1"),
+        (lambda: wdpm.inspect(BOX, slaves="2"), "slaves is '2'; expected a whole number"),
+        (lambda: wdpm.replay(BOX, 1.5, 0, 0), "x is 1.5; expected a whole number"),
+        (lambda: wdpm.check(None), "NoneType is no scene"),
+    ],
+)
+def test_what_is_of_another_kind(call: Any, expected: str) -> None:
+    with pytest.raises(WdpmError, match=expected):
+        call()

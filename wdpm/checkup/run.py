@@ -44,7 +44,7 @@ def check(
     """
     file = None
     if not isinstance(scene, Scene):
-        file = str(scene) if Path(scene).exists() else None
+        file = str(scene) if isinstance(scene, str | Path) and Path(scene).exists() else None
         scene = load(scene, defines=defines, size=size, lenient=lenient)
     findings = sorted_findings(_find(scene))
     return Checkup(scene.name, file, len(scene.meshes), sum(len(mesh.faces) for mesh in scene.meshes), findings)

@@ -157,6 +157,9 @@ def compare(a: Image, b: Image, region: Region | None = None) -> Comparison:
     Raises:
         ImageError: the sizes differ, or the region lies outside or is empty.
     """
+    for each in (a, b):
+        if not isinstance(each, Image):
+            raise ImageError(f"{type(each).__name__} is no image: expected two of wdpm.Image")
     check_same_size(a, b)
     rows, columns = region_slices(region, a.shape)
     beauty_a = a.pixels[rows, columns].astype(np.float64)

@@ -39,6 +39,9 @@ class Image:
     def __post_init__(self) -> None:
         if "beauty" not in self.layers:
             raise ImageError(f"an image needs a layer 'beauty' (got {', '.join(self.layers) or 'no layer'})")
+        for name, layer in self.layers.items():
+            if not isinstance(layer, np.ndarray) or layer.ndim < 2:
+                raise ImageError(f"layer '{name}' must be a float32 array of shape (height, width, ...)")
         height, width = self.layers["beauty"].shape[:2]
         for name, layer in self.layers.items():
             if name not in LAYER_CHANNELS:

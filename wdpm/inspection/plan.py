@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from wdpm.devices import check_count
 from wdpm.inspection.inspect import Inspection, inspect
 from wdpm.inspection.tables import inspection_parts
 from wdpm.rendering.prepare import Source, scene_of
@@ -22,4 +23,5 @@ class Plan(Inspection):
 
 def plan_of(source: Source, slaves: int, chosen: Mapping[str, Any]) -> Plan:
     """Look at a scene as a render with chosen settings would, divided among slaves."""
+    check_count("slaves", slaves)
     return Plan(**vars(inspect(scene_of(source), slaves=slaves, **chosen)))

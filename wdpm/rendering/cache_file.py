@@ -38,7 +38,9 @@ class CacheFiles:
 
 
 def path_named(given: str | Path | None) -> Path | None:
-    """A path as people give it."""
+    """A path as people give it; SettingsError for what is none."""
+    if not isinstance(given, str | Path | None):
+        raise SettingsError(f"{given!r} is no name of a file or folder")
     return None if given is None else Path(given)
 
 

@@ -277,6 +277,8 @@ def _keep(journal: Path, average: PassAverage, renderer: PassRenderer, *, told: 
 
 
 def _refuse_to_overwrite(journal: Path) -> None:
+    if journal.is_dir():
+        raise SettingsError(f"{journal}: is a folder; name a file in it that keeps the passes")
     if journal.exists():
         raise SettingsError(
             f"{journal}: keeps the passes of a render that was interrupted, or is to be gone on with; give --resume to "

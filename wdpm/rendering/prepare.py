@@ -42,7 +42,7 @@ from wdpm.rendering.automatic_settings import ChosenSettings, choose_settings
 from wdpm.rendering.header import SceneHeader, header_of
 from wdpm.rendering.spool import spooled
 from wdpm.report.report import KernelReport
-from wdpm.scenes.errors import GuardError
+from wdpm.scenes.errors import GuardError, SceneError
 from wdpm.scenes.flat.arrays import Triangles
 from wdpm.scenes.flat.flatten import FlatScene, flatten
 from wdpm.scenes.flat.room import in_file, let_go
@@ -103,10 +103,15 @@ NO_PHOTONS = PhotonPlan(0, MapPlan(), MapPlan(), MapPlan(), 1.0)
 
 
 def scene_of(source: Source) -> Scene:
-    """The scene that a source stands for."""
+    """The scene that a source stands for. Raises SceneError if it gives something else."""
     if isinstance(source, Scene):
         return source
-    return source() if callable(source) else load(source)
+    if not callable(source):
+        return load(source)
+    scene = source()
+    if not isinstance(scene, Scene):
+        raise SceneError(f"the function that was to give a scene gave {type(scene).__name__}; expected wdpm.Scene")
+    return scene
 
 
 def prepare(

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -160,6 +161,9 @@ def _samples(view: View, x: int, y: int) -> tuple[int, int]:
 
 def check_place(camera: Camera, spp: int, x: int, y: int, sample: int, first: int = 0) -> None:
     """Raise SettingsError if an image has no such pixel, or the pixel no such sample."""
+    for name, value in (("x", x), ("y", y), ("sample", sample)):
+        if not isinstance(value, Integral):  # as somebody gave it in Python
+            raise SettingsError(f"{name} is {value!r}; expected a whole number")
     if not (0 <= x < camera.width and 0 <= y < camera.height):
         raise SettingsError(
             f"there is no pixel {x},{y} in an image of {camera.width}x{camera.height}: "
