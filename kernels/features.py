@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Any
 
 from wdpm.scenes.model.bsdfs import LEAVES
-from wdpm.scenes.model.leaf_kind import LeafKind
+from wdpm.scenes.model.leaf_kind import LeafKind, never
 from wdpm.scenes.model.lights import DELTA_LIGHTS
 
 
@@ -94,6 +94,12 @@ class Features:
     def glossy(self) -> bool:
         """Some surface has a part that is traced on, not gathered."""
         return any(leaf.KIND.glossy and self.compiles(leaf.KIND) for leaf in LEAVES)
+
+    @cached_property
+    def sheer(self) -> bool:
+        """Some surface scatters light to its other side."""
+        kinds = (leaf.KIND for leaf in LEAVES)
+        return any(kind.glossy and kind.transmits is not never and self.compiles(kind) for kind in kinds)
 
     @cached_property
     def non_lambertian(self) -> bool:

@@ -100,7 +100,7 @@ def make_go_on(features: Features) -> wp.Function:
                         u_lobe = wp.min((u_lobe - diffuse_share) / rest, _BELOW_ONE)
                 sampled = sample_glossy(s.bsdf, w_from, u_lobe, u, RADIANCE)
                 crosses = sampled.crosses
-                if wp.static(features.dielectric):
+                if wp.static(features.sheer):
                     crosses = goes_through(s, sampled)
                 if crosses == 1:
                     leaves = -s.normal

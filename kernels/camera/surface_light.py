@@ -21,7 +21,7 @@ from wdpm.kernels.lights.lights import make_lights
 from wdpm.kernels.lights.tree import Starts
 from wdpm.kernels.materials.bsdf import make_bsdf
 from wdpm.kernels.materials.resolve import medium_beyond
-from wdpm.kernels.materials.surface import Surface, bump_shading, leave, to_local
+from wdpm.kernels.materials.surface import Surface, bump_shading, leave, scatters_to_either_side, to_local
 from wdpm.kernels.materials.types import RADIANCE
 from wdpm.kernels.maths.random import PURPOSE_LIGHT, sample_2d_fine, stream_of
 
@@ -93,7 +93,7 @@ def make_surface_light(features: Features) -> SurfaceLight:
             leaves = -s.normal
         if found.pdf > 0.0:
             w_to = to_local(s, found.direction)
-            # Both normals must agree on the side that light comes from, or it would leak through walls.
+            # Both normals must agree on the side that light comes from, or it would leak through what is opaque.
             seen_from = w_from[2]
             reflects = side > 0.0 and w_to[2] * seen_from > 0.0
             crosses = side < 0.0 and w_to[2] * seen_from < 0.0
@@ -105,7 +105,10 @@ def make_surface_light(features: Features) -> SurfaceLight:
                         by_diffuse = diffuse_share * (wp.max(w_to[2], 0.0) * INV_PI)
                         scattering = scattering * (found.pdf / (found.pdf + by_diffuse))
             if wp.static(features.glossy):
-                if (reflects or crosses) and (orders.diffuse_light != BY_FINAL_GATHER or p.diffuse == 0):
+                scatters = reflects or crosses
+                if wp.static(features.sheer):
+                    scatters = scatters or (side != 0.0 and scatters_to_either_side(s))
+                if scatters and (orders.diffuse_light != BY_FINAL_GATHER or p.diffuse == 0):
                     glossy = eval_glossy(s.bsdf, w_from, w_to, RADIANCE)
                     if wp.max(glossy) > 0.0:
                         if found.delta == 0:

@@ -11,8 +11,12 @@ from wdpm.kernels.constants import OFFSET_SHARE
 from wdpm.kernels.features import Features
 from wdpm.kernels.materials.dielectric import DIELECTRIC, is_smooth_dielectric
 from wdpm.kernels.materials.frames import bump_shadowing, plain_frame
+from wdpm.kernels.materials.principled import PRINCIPLED
 from wdpm.kernels.materials.resolve import Materials, make_materials
 from wdpm.kernels.materials.texture import Textures
+from wdpm.kernels.materials.thin.rough_pane import ROUGH_PANE
+from wdpm.kernels.materials.thin.translucent import TRANSLUCENT
+from wdpm.kernels.materials.thin_dielectric import THIN_DIELECTRIC
 from wdpm.kernels.materials.types import Bsdf, BsdfSample
 from wdpm.kernels.rays.cell_triangles import Surfaces
 from wdpm.kernels.rays.instanced_triangles import make_triangles
@@ -72,14 +76,25 @@ def to_world(s: Surface, local: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def goes_through(s: Surface, sampled: BsdfSample) -> wp.int32:
-    """1 where a sampled direction leads to the other side of the surface.
+def scatters_to_either_side(s: Surface) -> bool:
+    """Whether light goes on at whichever side its direction points to, be it not the side that it was meant for.
 
-    Smooth glass takes none of the light that comes to it. Where the interpolated normal of a coarse mesh sends light to
-    the side that it was not meant for, it goes on from there, as in Mitsuba and pbrt: what is lost is seen as black.
+    What lets light through has nothing to hide, and takes little of the light that comes to it. Where the interpolated
+    normal of a coarse mesh sends light to the side that it was not meant for, it goes on from there, as in Mitsuba and
+    pbrt: what is lost is seen as black. Bent normals are meant to lose it.
     """
+    glass = s.bsdf.kind == DIELECTRIC or s.bsdf.kind == THIN_DIELECTRIC
+    sheet = s.bsdf.kind == ROUGH_PANE or s.bsdf.kind == TRANSLUCENT
+    sheer = glass or sheet or (s.bsdf.kind == PRINCIPLED and s.bsdf.spec_trans > 0.0)
+    return sheer and s.bumps2 == 0.0
+
+
+@wp.func
+def goes_through(s: Surface, sampled: BsdfSample) -> wp.int32:
+    """1 where a sampled direction of the glossy part leads to the other side of the surface."""
     crosses = sampled.crosses
-    if s.bsdf.kind == DIELECTRIC and sampled.delta == 1:
+    smooth_glass = s.bsdf.kind == DIELECTRIC and sampled.delta == 1
+    if sampled.straight == 0 and sampled.diffuse == 0 and (smooth_glass or scatters_to_either_side(s)):
         crosses = wp.int32(wp.dot(s.normal, to_world(s, sampled.to)) < 0.0)
     return crosses
 

@@ -353,7 +353,7 @@ def make_arrive(features: Features) -> wp.Function:
         a.state = p.state
         a.medium = p.medium
         crosses = sampled.crosses
-        if wp.static(features.dielectric):
+        if wp.static(features.sheer):
             crosses = goes_through(s, sampled)
         if crosses == 1:
             a.leaves = -s.normal
