@@ -3,6 +3,9 @@
 A cell's boxes are the leaves of a small tree over the boxes of its triangles, each cut off where the cell ends. The
 leaf whose split saves most surface, that is most rays that meet it for nothing, is split next, until there are
 MOST_BOXES. Lamps have leaves of their own: every shadow ray ends at one.
+
+The box of a face that stands askew, or of a triangle, has a plane, but in it corners where there is nothing, and rays
+that go by an edge of the face meet those. Where a cell has boxes to spare, such a face is covered by strips.
 """
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -48,6 +52,12 @@ FLAT = 2.0**-21
 LEAST_SHAPE = 2.0**-4
 """Twice the area of a triangle in a plane over the square of its longest edge, at least."""
 
+STRIPS = 16
+"""Boxes that a face is covered by in place of one, ..."""
+
+WORTH_STRIPS = 0.9
+"""... if they cover no more than this share of what it would."""
+
 Boxes = NDArray[np.float64]
 
 
@@ -67,6 +77,29 @@ class Items:
 
 
 NO_ITEMS = Items(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, np.intp))
+
+
+Plane = tuple[Boxes, Boxes]
+
+
+@dataclass(frozen=True, eq=False)
+class _Leaf:
+    """A box, shape [3] each corner, the rows of what lies in it, and the plane of that, if it has one."""
+
+    low: Boxes
+    high: Boxes
+    rows: NDArray[np.intp]
+    plane: Plane | None
+
+    @property
+    def across(self) -> int:
+        """The axis that the plane's normal is nearest to."""
+        return 0 if self.plane is None else int(np.abs(self.plane[0]).argmax())
+
+    @property
+    def area(self) -> float:
+        """Of the box as it is seen along that axis."""
+        return float(np.delete(self.high - self.low, self.across).prod())
 
 
 @dataclass(eq=False)
@@ -102,7 +135,7 @@ def build_outlines(
         lamps = _items_of(corners, held[lamp], low, high, extent)
         rest = _joined([_items_of(corners, held[~lamp], low, high, extent), _cut(other, low, high)])
         found = (rest, MOST_BOXES), (lamps, MOST_LAMPS)
-        writer.add([_grown(items, most) for items, most in found if len(items)])
+        writer.add([(_grown(items, most), most) for items, most in found if len(items)])
     return writer.tables()
 
 
@@ -215,24 +248,94 @@ class _Writer:
         self._low: list[Boxes] = []
         self._high: list[Boxes] = []
         self._plane: list[int] = []
-        self._planes: list[tuple[Boxes, Boxes]] = []
+        self._planes: list[Plane] = []
 
-    def add(self, trees: Sequence[_Node]) -> None:
-        """The trees of the next cell, one behind the other."""
-        for tree in trees:
-            self._write(tree)
+    def add(self, trees: Sequence[tuple[_Node, int]]) -> None:
+        """The trees of the next cell, one behind the other, and how many boxes each may have."""
+        for tree, most in trees:
+            leaves = list(self._leaves(tree))
+            for leaf in leaves if len(leaves) == most else self._of_faces(leaves, most):
+                self._low.append(leaf.low)
+                self._high.append(leaf.high)
+                self._plane.append(-1 if leaf.plane is None else len(self._planes))
+                if leaf.plane is not None:
+                    self._planes.append(leaf.plane)
         self._first.append(len(self._low))
 
-    def _write(self, node: _Node) -> None:
+    def _leaves(self, node: _Node) -> Iterator[_Leaf]:
         for child in node.children:
-            self._write(child)
+            yield from self._leaves(child)
         if not node.children:
-            self._low.append(node.items.low.min(axis=0))
-            self._high.append(node.items.high.max(axis=0))
-            found = plane_of(self._corners, node.items.row, self._extent)
-            self._plane.append(-1 if found is None else len(self._planes))
-            if found is not None:
-                self._planes.append(found)
+            items = node.items
+            plane = plane_of(self._corners, items.row, self._extent)
+            yield _Leaf(items.low.min(axis=0), items.high.max(axis=0), items.row, plane)
+
+    def _of_faces(self, leaves: Sequence[_Leaf], most: int) -> Iterator[_Leaf]:
+        """The same with faces in place of leaves that overlap in a plane, and strips of faces; `most` in all."""
+        left = most - len(leaves)
+        for parts in self._overlapping(leaves):
+            face = self._joined(parts)
+            if face is None:
+                yield from parts
+                continue
+            before = min(face.area, sum(part.area for part in parts))
+            strips = self._strips(face) if left + len(parts) >= STRIPS else []
+            if strips and sum(strip.area for strip in strips) <= WORTH_STRIPS * before:
+                left += len(parts) - len(strips)
+                yield from strips
+            elif face.area <= before:
+                yield face
+            else:
+                yield from parts
+
+    def _overlapping(self, leaves: Sequence[_Leaf]) -> Iterator[list[_Leaf]]:
+        """Leaves of one plane whose boxes overlap; each that has no plane alone."""
+        of_plane: dict[tuple[float, ...], list[list[_Leaf]]] = {}
+        for leaf in leaves:
+            if leaf.plane is None:
+                yield [leaf]
+                continue
+            normal, slab = leaf.plane
+            turned = np.sign(normal[leaf.across])
+            place = turned * slab[:2].mean() / (FLAT * self._extent)
+            key = *np.round(turned * normal, 6).tolist(), float(np.round(place))
+            near: list[_Leaf] = [leaf]
+            apart = []
+            for group in of_plane.get(key, ()):
+                if any(bool(((leaf.low <= other.high) & (leaf.high >= other.low)).all()) for other in group):
+                    near += group
+                else:
+                    apart.append(group)
+            of_plane[key] = [*apart, near]
+        for groups in of_plane.values():
+            yield from groups
+
+    def _joined(self, parts: Sequence[_Leaf]) -> _Leaf | None:
+        """One box around all parts of a plane; None if they have no plane together."""
+        rows = np.unique(np.concatenate([part.rows for part in parts]))
+        low = np.min([part.low for part in parts], axis=0)
+        high = np.max([part.high for part in parts], axis=0)
+        plane = plane_of(self._corners, rows, self._extent) if parts[0].plane is not None else None
+        return None if plane is None else _Leaf(low, high, rows, plane)
+
+    def _strips(self, face: _Leaf) -> list[_Leaf]:
+        """A face in STRIPS boxes along the longer side of its box, those left out that hold nothing of it."""
+        own = self._corners[face.rows].astype(np.float64)
+        size = face.high - face.low
+        size[face.across] = -1.0
+        along = int(size.argmax())
+        ends = np.linspace(face.low[along], face.high[along], STRIPS + 1)
+        strips = []
+        for begin, end in pairwise(ends):
+            corners = own.reshape(-1, 3)
+            inside = corners[(corners[:, along] >= begin) & (corners[:, along] <= end)]
+            points = np.concatenate([inside, *(_crossings(own, along, place) for place in (begin, end))])
+            if not len(points):
+                continue
+            low, high = np.maximum(points.min(axis=0), face.low), np.minimum(points.max(axis=0), face.high)
+            if (low <= high).all():
+                strips.append(_Leaf(low, high, face.rows, face.plane))
+        return strips
 
     def tables(self) -> dict[str, NDArray[Any]]:
         """All of it."""
@@ -246,6 +349,16 @@ class _Writer:
         }
 
 
+def _crossings(corners: Boxes, axis: int, place: float) -> Boxes:
+    """Where edges of triangles, shape [N, 3, 3], cross a plane across an axis, shape [crossings, 3]."""
+    begin, end = corners.reshape(-1, 3), np.roll(corners, -1, axis=1).reshape(-1, 3)
+    crosses = (begin[:, axis] - place) * (end[:, axis] - place) < 0.0
+    begin, end = begin[crosses], end[crosses]
+    share = (place - begin[:, axis]) / (end[:, axis] - begin[:, axis])
+    points: Boxes = begin + share[:, None] * (end - begin)
+    return points
+
+
 def _rounded(values: Boxes, towards: float) -> NDArray[np.float32]:
     """To float32, never inwards."""
     near = values.astype(np.float32)
@@ -253,7 +366,7 @@ def _rounded(values: Boxes, towards: float) -> NDArray[np.float32]:
     return np.where(inwards, np.nextafter(near, np.float32(towards)), near)
 
 
-def plane_of(corners: NDArray[np.float32], rows: NDArray[np.intp], extent: float) -> tuple[Boxes, Boxes] | None:
+def plane_of(corners: NDArray[np.float32], rows: NDArray[np.intp], extent: float) -> Plane | None:
     """Normal and slab of the plane that triangles lie in (outlines.upload); None if none, or one is badly shaped."""
     if not 0 < len(rows) <= MOST_IN_PLANE or rows.min() < 0:
         return None

@@ -11,7 +11,7 @@ from wdpm.cluster.world import Outlines, TopTree
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.rays import outline_build
 from wdpm.kernels.rays.cells import cell_boxes
-from wdpm.kernels.rays.outline_build import plane_of
+from wdpm.kernels.rays.outline_build import NO_ITEMS, STRIPS, build_outlines, plane_of
 from wdpm.scenes.builtin.cornell_box import cornell_box
 from wdpm.scenes.builtin.forest import forest
 from wdpm.scenes.flat.flatten import FlatScene, flatten
@@ -38,7 +38,9 @@ def lie_in_boxes(known: Outlines, points: NDArray[np.float64], tree: TopTree = T
     return found
 
 
-@pytest.mark.parametrize("sizes", [{}, {"MOST_BOXES": 3}, {"MANY": 2, "LATTICE": 2, "MOST_LARGE": 3, "AT_ONCE": 5}])
+@pytest.mark.parametrize(
+    "sizes", [{}, {"MOST_BOXES": 3}, {"MANY": 2, "LATTICE": 2, "MOST_LARGE": 3, "AT_ONCE": 5}, {"STRIPS": 3}]
+)
 def test_all_points_of_triangles_lie_in_boxes(sizes: dict[str, int], monkeypatch: pytest.MonkeyPatch) -> None:
     for name, size in sizes.items():
         monkeypatch.setattr(outline_build, name, size)
@@ -76,6 +78,35 @@ def test_walls_and_lamps_have_planes() -> None:
 
 
 SQUARE = np.array([[[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]]], np.float32)
+
+
+def boxes_of(corners: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Sides of the boxes of a cell that holds all, shape [boxes, 3]."""
+    whole = np.full((1, 3), -3.0, np.float32), np.full((1, 3), 3.0, np.float32)
+    none = np.full(len(corners), -1, np.int32)
+    found = build_outlines(corners, none, whole, [np.arange(len(corners))], [NO_ITEMS], 3.0)
+    assert (found["plane"] >= 0).all()
+    sides: NDArray[np.float64] = found["high"].astype(np.float64) - found["low"]
+    return sides
+
+
+def test_a_wall_is_one_box_and_a_face_that_stands_askew_is_covered_by_strips() -> None:
+    np.testing.assert_array_equal(boxes_of(SQUARE), [[1, 1, 0]])
+    turned = np.array([[0.8, 0.6, 0], [-0.6, 0.8, 0], [0, 0, 1]])
+    sides = boxes_of((SQUARE @ turned).astype(np.float32))
+    assert len(sides) == STRIPS
+    assert 1.0 < sides[:, :2].prod(axis=1).sum() < 1.15, "its box has 1.96"
+    other = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+    far = np.stack([other, other + np.float32([1.5, 1.5, 0])])
+    sides = boxes_of(far)
+    assert len(sides) == 2 * STRIPS, "two triangles of a plane, far from each other"
+    assert 1.0 < sides[:, :2].prod(axis=1).sum() < 1.2
+
+
+def test_upright_faces_need_no_strips() -> None:
+    """In the box of such a face its plane holds nothing else."""
+    upright = np.array([[0.8, 0, 0.6], [0, 1, 0], [-0.6, 0, 0.8]])
+    assert len(boxes_of((SQUARE @ upright).astype(np.float32))) <= 2
 
 
 def test_a_plane_is_that_of_its_triangles() -> None:
