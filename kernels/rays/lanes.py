@@ -128,7 +128,7 @@ _SLABS = """
         const wide far = along < 0.0 ? at - low : high - at;
         const wide last = WIDE(leave, k) * (1.0 + 0x1p-24) * speed;
         const auto before = near * (1.0 - 0x1p-45) <= last;
-        const auto ahead = far >= 0.0;
+        const auto ahead = far * (1.0 + 0x1p-45) >= WIDE(enter, k) * (1.0 - 0x1p-24) * speed;
         const wide farthest = WIDE_ABS(near) > WIDE_ABS(far) ? WIDE_ABS(near) : WIDE_ABS(far);
         const auto edge_on = speed <= longest * 0x1p-5;
         const auto beyond = farthest * (double)longest > reach * speed;
@@ -231,14 +231,20 @@ def lanes_not_above(a: vec8, b: vec8) -> int:
 
 @wp.func_native(_SLABS)
 def slabs_met(
-    slabs: wp.array[wp.float64], block: int, origin: wp.vec3, direction: wp.vec3, longest: float, leave: vec8
+    slabs: wp.array[wp.float64],
+    block: int,
+    origin: wp.vec3,
+    direction: wp.vec3,
+    longest: float,
+    enter: vec8,
+    leave: vec8,
 ) -> int:
-    """Bit k is set unless a ray does not come to slab k of a block, from its origin up to leave[k].
+    """Bit k is set unless a ray does not come to slab k of a block, from enter[k], which is not below 0, to leave[k].
 
     A slab is what lies between two parallel planes. It is set, too, where that can't be told: at a cosine of less than
     2^-5 / sqrt(3) between normal and direction, and from further away than the slab's reach. Sides are compared times
     the ray's speed along the normal, so that nothing is divided: 1 - 2^-45 covers the roundings of the products, and
-    what is not above a float times 1 + 2^-24 may be rounded to that float.
+    what is not above a float times 1 + 2^-24, nor below another times 1 - 2^-24, may be rounded to that float.
 
     Args:
         slabs: six rows of eight numbers a block: a unit normal's x, y and z, the least and the largest distance along

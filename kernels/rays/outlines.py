@@ -16,7 +16,7 @@ at least 2^-6. Sheared corners add up to S <= 12 s, and are known to 2^-52 (D + 
 that they tell is off the ray by at most 2^-52 D + 2^-28.7 s. Slabs are grown by 2^-28 s (SLAB_SHARE), s that of the
 largest. The determinant is above EDGE_ON of S times distance wherever D <= 2^12 s: further away (`reach`, by the
 smallest s), and at lower cosines, planes are not asked. A hit's t is then in the slab's interval in double; it is
-rounded to float, and what is rounded to a box's last float is not beyond that (lanes.slabs_met).
+rounded to float, and what is rounded to a float of a box's interval is not beyond it (lanes.slabs_met).
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ def meets_outline(
             if (inside & outlines.full[block]) != 0:
                 return True
             if inside != 0:
-                inside = inside & slabs_met(outlines.slabs, block, origin, direction, longest, leave_box)
+                inside = inside & slabs_met(outlines.slabs, block, origin, direction, longest, enter_box, leave_box)
                 if inside != 0:
                     return True
     return False
