@@ -14,7 +14,7 @@ from wdpm.kernels.features import Features
 from wdpm.kernels.made_for import made_for
 from wdpm.kernels.ray_fields import CAMERA_RAY
 from wdpm.kernels.rays.cell_triangles import Surfaces
-from wdpm.kernels.rays.cells import Cells, cell_of, entry_of, inverse_direction, next_cell
+from wdpm.kernels.rays.cells import Cells, cell_of, cell_on_way, entry_of, inverse_direction, next_cell
 from wdpm.kernels.rays.outlines import meets_outline
 from wdpm.kernels.rays.owners import make_owner_of
 from wdpm.kernels.rays.triangle import Hit
@@ -144,12 +144,21 @@ def make_camera_rays(features: Features) -> CameraRays:
 
 
 @wp.kernel
-def first_path_cells(cells: Cells, paths: Paths, offset: wp.int32, next_cell_out: wp.array[wp.int32]) -> None:
-    """The first cell on the way of each path's next ray; -1 for one that carries nothing."""
+def first_path_cells(
+    cells: Cells, paths: Paths, misses: wp.int32, offset: wp.int32, next_cell_out: wp.array[wp.int32]
+) -> None:
+    """The first cell on the way of each path's next ray; -1 for one that carries nothing.
+
+    Args:
+        misses: 1 if rays bring light from beyond the scene; 0 if one that meets no cell's outline carries nothing.
+    """
     i = offset + wp.tid()
-    next_cell_out[i] = -1
+    cell = wp.int32(-1)
     if wp.max(paths.throughput[i]) > 0.0:
-        next_cell_out[i] = next_cell(cells, paths.origin[i], paths.direction[i], paths.t[i], -1)
+        cell = cell_on_way(cells, paths.origin[i], paths.direction[i], paths.t[i], -1, True)
+        if cell < 0 and misses != 0:
+            cell = cell_of(cells, paths.origin[i])
+    next_cell_out[i] = cell
 
 
 @functools.cache

@@ -143,7 +143,8 @@ class RecordWave:
             paths_out=paths,
         )
         first = columns.integers(count, device)
-        replica.launcher(first_path_cells, count, cells=replica.cells, paths=paths, next_cell_out=first)
+        misses = int(replica.world.features.misses)
+        replica.launcher(first_path_cells, count, cells=replica.cells, paths=paths, misses=misses, next_cell_out=first)
         arrays, destination = columns.download(paths, SCHEMAS[Kind.PATH]), first.numpy()
         for cell, rows in by_destination(destination, destination >= 0):
             sent = take(arrays, rows)
