@@ -46,13 +46,12 @@ def way(request: pytest.FixtureRequest) -> Indirect:
 # Furnaces
 
 
-@pytest.mark.parametrize("albedo", [0.2, 0.8])
-def test_a_closed_furnace(way: Indirect, albedo: float) -> None:
+def test_a_closed_furnace(way: Indirect) -> None:
     """Radiance is emission / (1 - albedo) everywhere; what is emitted and reflected once is not indirect."""
-    assert_indirect(furnace(albedo), albedo**2 / (1.0 - albedo), indirect=way)
+    assert_indirect(furnace(0.8), 0.8**2 / (1.0 - 0.8), indirect=way)
 
 
-@pytest.mark.parametrize("max_depth", [1, 2, 3, 4, 6])
+@pytest.mark.parametrize("max_depth", [2, 3, 6])
 def test_a_furnace_by_number_of_edges(way: Indirect, max_depth: int) -> None:
     """Every further edge adds albedo times as much: no light is longer than it may be."""
     exact = sum(0.5**edge for edge in range(2, max_depth))
@@ -68,7 +67,7 @@ def test_a_white_ball_in_a_furnace_is_not_seen(way: Indirect, name: str) -> None
     np.testing.assert_allclose(image.pixels.mean(axis=(0, 1), dtype=np.float64), 2.0, rtol=0.03)
 
 
-@pytest.mark.parametrize("towards", [(1.0, 1.0, 1.0), (1.0, -1.0, 0.0), (-1.0, -1.0, -1.0)])
+@pytest.mark.parametrize("towards", [(1.0, 1.0, 1.0), (1.0, -1.0, 0.0)])
 def test_edges_and_corners_are_as_bright_as_walls(way: Indirect, towards: tuple[float, float, float]) -> None:
     """Rays that are shorter than the radius of what they would read go on; none is lost on the way."""
     what = replace(furnace(0.5), camera=view(0.6 * np.array(towards), towards, 40))
@@ -91,11 +90,10 @@ def two_rooms(wall: float, camera_in: int) -> Scene:
     return scene(meshes, view(eye, target, 60), (0.5,) * 3)
 
 
-@pytest.mark.parametrize("wall", [0.1, 1e-3])
-def test_nothing_leaks_from_room_to_room(way: Indirect, wall: float) -> None:
+def test_nothing_leaks_from_room_to_room(way: Indirect) -> None:
     """Half a thousandth of the bright room's light would be seen in the dark one."""
     for number, glow in enumerate((1.0, 0.01)):
-        assert_indirect(two_rooms(wall, number), 0.5 * glow, indirect=way, photons=60_000, spp=64)
+        assert_indirect(two_rooms(1e-3, number), 0.5 * glow, indirect=way, photons=60_000, spp=64)
 
 
 # Against path tracing
