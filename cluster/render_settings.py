@@ -107,6 +107,11 @@ class RenderSettings:
         return self.integrator.algorithm
 
     @property
+    def samples_of_pass(self) -> int:
+        """Samples a pixel of one pass: they decide what is worth while, and what goes on with more passes as before."""
+        return -(-self.spp // self.passes)
+
+    @property
     def final_gathers(self) -> bool:
         """Whether indirect light comes by final gathering."""
         return self.algorithm.diffuse_light(self) is DiffuseLight.FINAL_GATHER

@@ -1,7 +1,7 @@
 """The pilot of a guide: places that camera paths come to, and rays from them to the lights.
 
-It is one computation of the whole scene in one cell, whatever the cluster; it depends on scene, camera, seed and size
-of the image alone.
+It is one computation of the whole scene in one cell, whatever the cluster; it depends on scene, camera, seed, size of
+the image and samples of a pass alone.
 """
 
 from __future__ import annotations
@@ -33,8 +33,9 @@ MOST_PATHS = 4096
 
 LEAST_PATHS = 1024
 
-PIXELS_A_PATH = 16
-"""Pixels for which there is a path, within these bounds: the pilot of a small image shall be short."""
+SAMPLES_A_PATH = 256
+"""Camera samples of a pass for which there is a path, within these bounds: what a path asks for is some two hundred
+rays, a tenth of what so many samples do."""
 
 BOUNCES = 4
 """Places of a path."""
@@ -97,19 +98,20 @@ class GuidePilot:
     Args:
         cell: the whole scene.
         view: as the replica of the cell has it.
+        spp: samples a pixel of a pass.
 
     Attributes:
         position, normal: of the places, float32, shape [N, 3].
         mass: probability of each tile of the environment without a guide, shape [rows, columns]; [0, 0] without one.
     """
 
-    def __init__(self, flat: FlatScene, cell: Cell, view: View) -> None:
+    def __init__(self, flat: FlatScene, cell: Cell, view: View, spp: int) -> None:
         self._replica = cell.replica
         self._seed = wp.uint32(view.seed)
         sky = cell.replica.tiled_sky
         self.mass = sky.mass if sky.pixels.size else np.zeros((0, 0))
         self._scene = pilot_scene(flat, cell)
-        places = places_of_paths(self._scene, cell.replica, view)
+        places = places_of_paths(self._scene, cell.replica, view, spp)
         self.position = np.concatenate([position[found] for position, _, found in places])
         self.normal = np.concatenate([normal[found] for _, normal, found in places])
 
@@ -176,16 +178,17 @@ class GuidePilot:
 Places = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]
 
 
-def places_of_paths(scene: Any, replica: Replica, view: View) -> list[Places]:
+def places_of_paths(scene: Any, replica: Replica, view: View, spp: int) -> list[Places]:
     """Where paths from evenly spread pixels come to, by bounce: position, normal, shape [paths, 3], and whether there
     is a place, shape [paths].
 
     Args:
         scene: pilot_scene's.
         replica: which has the view.
+        spp: samples a pixel of a pass.
     """
     pixels, device = view.camera.width * view.camera.height, replica.launcher.device
-    count = min(MOST_PATHS, max(LEAST_PATHS, pixels // PIXELS_A_PATH))
+    count = min(MOST_PATHS, max(LEAST_PATHS, pixels * spp // SAMPLES_A_PATH))
     arrays = {
         "slot": np.arange(count, dtype=np.int32),
         "pixel": ((2 * np.arange(count, dtype=np.int64) + 1) * pixels // (2 * count)).astype(np.int32),

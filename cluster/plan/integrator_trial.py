@@ -20,28 +20,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.integrators.indirect_choice import LAMBERTIAN_SHARE
-from wdpm.cluster.plan.cache_worth import unread_at
+from wdpm.cluster.plan.cache_worth import MOST_UNREAD, unread_at
 from wdpm.cluster.plan.effects import features_of
 from wdpm.cluster.plan.light_guide import Learnt, learn_guide
-from wdpm.cluster.plan.map_plans import MapPlans, map_plans, with_fewer_paths
+from wdpm.cluster.plan.map_plans import NO_MAPS, MapPlans, map_plans, with_fewer_paths
 from wdpm.cluster.plan.map_worth import GATHERED_BLUR, MapError, best_shares, fewer_shares, irradiance_by, map_error
-from wdpm.cluster.plan.path_caustics import caustics_by_paths
-from wdpm.cluster.plan.photon_pilot import PhotonPilot, pilot_for
-from wdpm.cluster.plan.small_view import (
-    Figures,
-    Halves,
-    SeenPlaces,
-    Values,
-    box_blurred,
-    relmse_epsilon,
-    small_camera,
-    without_photons,
-)
+from wdpm.cluster.plan.path_caustics import caustics_by_paths, may_have_caustics
+from wdpm.cluster.plan.photon_pilot import PhotonPilot, fly_pilot, worker_without_photons
+from wdpm.cluster.plan.small_view import Figures, SeenPlaces, Values
 from wdpm.cluster.plan.steering.pilot import steered_pilot
 from wdpm.cluster.plan.trial.bias import MapQueries, map_bias
 from wdpm.cluster.plan.trial.figures import Trial
-from wdpm.cluster.plan.trial.prices import Prices
-from wdpm.cluster.plan.trial.ways import Way, words_for
+from wdpm.cluster.plan.trial.looks import Looks, look
+from wdpm.cluster.plan.trial.prices import FINDING_OUT, Prices
+from wdpm.cluster.plan.trial.ways import PATCHES, Way, words_for
 from wdpm.cluster.plan.view import view_of
 from wdpm.cluster.render_settings import Indirect, Integrator, RenderSettings
 from wdpm.kernels.camera.camera import tangent
@@ -51,13 +43,7 @@ from wdpm.kernels.launch import Launcher
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.used_media import calls_for_media
-from wdpm.scenes.model.scene import Camera, PixelFilter
-
-CHOICE_PIXELS = 512
-CHOICE_SAMPLES = 8
-"""Of each pixel, by each way to render, in two halves: some 12,000 samples in all take about a fifth of a second. Four
-samples of a pixel are spread over lamps and directions as those of a render are: their noise, and not that of single
-ones, falls from there on as 1 / samples."""
+from wdpm.scenes.model.scene import Camera
 
 GATHERED_PLACES = 1024
 """Places of a trial at which the pilot's photons are gathered, to tell what the global map gets wrong."""
@@ -90,7 +76,7 @@ class IntegratorChoice:
         pilot: that was flown for photons.
         learnt: how shadow rays choose among lights, in the trial as in the render.
         noise: squared error of a sample of each pixel of the trial, with what was chosen, shape [height, width].
-        instead: where indirect light comes from by photons, in words, where that is not what was chosen before.
+        indirect: where indirect light comes from by photons, in words.
     """
 
     settings: RenderSettings
@@ -98,7 +84,7 @@ class IntegratorChoice:
     pilot: PhotonPilot
     learnt: Learnt
     noise: Values
-    instead: tuple[str, ...] = ()
+    indirect: tuple[str, ...] = ()
 
 
 def trial_features(flat: FlatScene, settings: RenderSettings) -> Features:
@@ -118,43 +104,66 @@ def reason_for_photons(flat: FlatScene, settings: RenderSettings) -> str | None:
 
 
 def choose_integrator(
-    flat: FlatScene,
-    settings: RenderSettings,
-    photons: RenderSettings,
-    launcher: Launcher,
-    flown: PhotonPilot | None = None,
+    flat: FlatScene, settings: RenderSettings, photons: RenderSettings, launcher: Launcher
 ) -> IntegratorChoice:
     """Choose between photon mapping and path tracing. Kernels for `trial_features` are to be compiled before.
 
+    Photons are flown only where they may pay, or where light may be that no path finds.
+
     Args:
-        settings: with an integrator that stands for several.
-        photons: the same with photon mapping, and what that chose for itself.
-        flown: a pilot that was flown before, perhaps for other settings.
+        settings: with an integrator that stands for several, and indirect light from anywhere.
+        photons: the same with photon mapping, by the map.
     """
-    view = view_of(flat, photons, 1)
-    pilot = steered_pilot(flat, pilot_for(flat, trial_features(flat, settings), photons, launcher, flown), view)
-    plans = map_plans(pilot, photons, flat)
-    learnt = learn_guide(flat, pilot.cell, view)
+    features, view = trial_features(flat, settings), view_of(flat, photons, 1)
+    worker = worker_without_photons(flat, features, settings, launcher)
+    worker.set_view(view)
+    learnt = learn_guide(flat, worker.cells[0], view, photons.samples_of_pass)
     paths = replace(settings, integrator=Integrator.PATH, indirect=Indirect.MAP)
-    trial = _try_both(flat, pilot, photons, paths, learnt)
-    spp = -(-settings.spp // settings.passes)
-    ways = [_by_photons(flat, plans, trial, photons)]
-    if settings.indirect is Indirect.AUTO and _is_over_wide(trial, plans, photons):
-        rays = Indirect.CACHE if trial.lambertian >= LAMBERTIAN_SHARE else Indirect.GATHER
-        ways.append(_by_photons(flat, plans, trial, replace(photons, indirect=rays)))
-    best = ways[-1] if ways[-1].way.is_better_than(ways[0].way) else ways[0]
-    instead = () if best is ways[0] else (_rays_in_words(best.way, ways[0].way, best.settings),)
+    looks = look(flat, worker, photons, paths, learnt)
+    if not may_have_caustics(flat, features, photons):
+        choice = _surely_by_paths(flat, looks, photons)
+        if choice is not None:
+            by_path, words = choice
+            pilot = fly_pilot(flat, features, by_path, launcher, worker)
+            return IntegratorChoice(by_path, words, pilot, learnt, looks.trial().noises_by(by_path))
+    pilot = steered_pilot(flat, fly_pilot(flat, features, photons, launcher, worker), view)
+    return _by_trial(flat, pilot, learnt, _ask_photons(flat, pilot, photons, looks), photons)
+
+
+def _by_trial(
+    flat: FlatScene, pilot: PhotonPilot, learnt: Learnt, trial: Trial, photons: RenderSettings
+) -> IntegratorChoice:
+    """What a trial finds to be best."""
+    plans = map_plans(pilot, photons, flat)
+    best, indirect = _best_by_photons(flat, plans, trial, photons)
     if trial.caustics.hidden > HIDDEN_MOST:
         words = f"photons, since no path finds {trial.caustics.hidden:.1%} of the light: caustics of lamps without size"
         noises = trial.noises_by(best.settings)
-        return IntegratorChoice(best.settings, words + best.fewer, pilot, learnt, noises, instead)
-    # Of one pass: with more of the same kind errors fall and prices rise alike, and what goes on must choose alike.
-    prices = Prices(flat, plans, spp)
-    every = [_by_paths(trial, prices, spp, figures) for figures in trial.by_paths]
-    by_path, of_paths = min(every, key=lambda each: each[1].error * each[1].price)
+        return IntegratorChoice(best.settings, words + best.fewer, pilot, learnt, noises, (indirect,))
+    spp = photons.samples_of_pass
+    by_path, of_paths = _best_by_paths(trial, Prices(flat, plans, spp), spp)
     chosen = by_path.settings if of_paths.is_better_than(best.way) else best.settings
     words = words_for(of_paths, best.way) + (best.fewer if chosen is best.settings else "")
-    return IntegratorChoice(chosen, words, pilot, learnt, trial.noises_by(chosen), instead)
+    return IntegratorChoice(chosen, words, pilot, learnt, trial.noises_by(chosen), (indirect,))
+
+
+def _surely_by_paths(flat: FlatScene, looks: Looks, photons: RenderSettings) -> tuple[RenderSettings, str] | None:
+    """Path tracing, and in words why, if it is better than photon mapping could be, which has yet to be looked into.
+
+    Maps are thought to get no more wrong than every one does, and to take no time to make once a pilot was flown.
+    """
+    trial, spp = looks.trial(), photons.samples_of_pass
+    by_path, of_paths = _best_by_paths(trial, Prices(flat, NO_MAPS, spp), spp)
+    ways = []
+    for kind in (Indirect.MAP, Indirect.CACHE):
+        by_kind = replace(photons, indirect=kind)
+        left = _left(by_kind) * trial.by_paths[0].indirect
+        price = FINDING_OUT + Prices(flat, NO_MAPS, spp).of_photons(trial, by_kind)
+        ways.append(Way(trial.noise_by(by_kind) / spp + left, price, of_maps=left))
+    if any(not of_paths.is_better_than(way) for way in ways):
+        return None
+    least = min(ways, key=lambda way: way.worth)
+    return by_path.settings, words_for(of_paths, least, "at most ")
 
 
 @dataclass(frozen=True)
@@ -173,41 +182,58 @@ class _ByPhotons:
 
 def _by_photons(flat: FlatScene, plans: MapPlans, trial: Trial, photons: RenderSettings) -> _ByPhotons:
     """With photons of worth."""
-    spp = -(-photons.spp // photons.passes)
+    spp = photons.samples_of_pass
     settings, fewer, words = _with_photons_of_worth(flat, plans, trial, photons)
-    error = trial.noise_by(settings) / spp + _left_by_map(trial, fewer, settings, spp)
-    return _ByPhotons(settings, Way(error, Prices(flat, fewer, spp).of_photons(trial, settings)), words)
+    grain, left = trial.noise_by(settings) / spp, _left_by_map(trial, fewer, settings, spp)
+    way = Way(grain + left, Prices(flat, fewer, spp).of_photons(trial, settings), of_maps=left)
+    return _ByPhotons(settings, way, words)
 
 
-def _by_paths(trial: Trial, prices: Prices, spp: int, figures: Figures) -> tuple[Figures, Way]:
-    grain = figures.noise / spp
-    of_caustics = trial.caustics.left(spp, grain)
-    return figures, Way(grain + of_caustics, prices.of_paths(figures), of_caustics)
+def _best_by_photons(flat: FlatScene, plans: MapPlans, trial: Trial, photons: RenderSettings) -> tuple[_ByPhotons, str]:
+    """With indirect light from where it comes with the least error for its price, as it is seen, and in words why."""
+    over_wide = _is_over_wide(trial, plans)
+    by_map = _by_photons(flat, plans, trial, photons)
+    if trial.lambertian < LAMBERTIAN_SHARE and not over_wide:
+        return by_map, f"indirect light: map, since {1 - trial.lambertian:.0%} of what is seen has a coat or bumps"
+    if trial.unread > MOST_UNREAD and not over_wide:
+        words = f"{trial.unread:.0%} of gather rays would find no photons within reach"
+        return by_map, f"indirect light: map, since {words}"
+    rays = Indirect.CACHE if trial.lambertian >= LAMBERTIAN_SHARE else Indirect.GATHER
+    by_rays = _by_photons(flat, plans, trial, replace(photons, indirect=rays))
+    of_map, of_rays = by_map.way.as_seen, by_rays.way.as_seen
+    best, other = (by_rays, of_map) if of_rays.is_better_than(of_map) else (by_map, of_rays)
+    ratio = best.way.as_seen.worth / other.worth if other.worth else 1.0
+    why = "gathers of the map reach beyond what they are to show, and " if over_wide and best is by_rays else ""
+    return best, (
+        f"indirect light: {best.settings.indirect.value}, since {why}error times price, what is seen as patches "
+        f"counted {PATCHES:g} times, is expected to be {ratio:.2g} of that of {rays.value if best is by_map else 'map'}"
+    )
 
 
-def _is_over_wide(trial: Trial, plans: MapPlans, photons: RenderSettings) -> bool:
+def _best_by_paths(trial: Trial, prices: Prices, spp: int) -> tuple[Figures, Way]:
+    """The best way to trace paths."""
+    every = []
+    for figures in trial.by_paths:
+        grain = figures.noise / spp
+        of_caustics = trial.caustics.left(spp, grain)
+        every.append((figures, Way(grain + of_caustics, prices.of_paths(figures), of_caustics)))
+    return min(every, key=lambda each: each[1].worth)
+
+
+def _is_over_wide(trial: Trial, plans: MapPlans) -> bool:
     """Whether gathers of the global map, read where the camera looks, are wider than what they are to show."""
     error = trial.map_errors[GLOBAL_MAP]
-    if error is None or photons.indirect is not Indirect.MAP:
+    if error is None:
         return False
     wrong = max(error.of_blur(plans.expected[GLOBAL_MAP]), trial.bias)
     return wrong > OVER_WIDE * trial.by_paths[0].indirect
-
-
-def _rays_in_words(rays: Way, by_map: Way, settings: RenderSettings) -> str:
-    """What was chosen in place of an over-wide map."""
-    ratio = rays.error * rays.price / (by_map.error * by_map.price)
-    return (
-        f"indirect light: {settings.indirect.value}, since gathers of the map reach beyond what they are to show, and "
-        f"error times price is expected to be {ratio:.2g} of that of the map"
-    )
 
 
 def _with_photons_of_worth(
     flat: FlatScene, plans: MapPlans, trial: Trial, photons: RenderSettings
 ) -> tuple[RenderSettings, MapPlans, str]:
     """As many photons as make error times price least, of those shot by default and parts of them; and in words."""
-    spp, maps = -(-photons.spp // photons.passes), (GLOBAL_MAP, CAUSTIC_MAP)
+    spp, maps = photons.samples_of_pass, (GLOBAL_MAP, CAUSTIC_MAP)
     asked = {GLOBAL_MAP: photons.photons, CAUSTIC_MAP: photons.caustic_photons}
     plain = {GLOBAL_MAP: RenderSettings.photons, CAUSTIC_MAP: RenderSettings.caustic_photons}
     known = {number: trial.map_errors[number] for number in maps if asked[number] == plain[number]}
@@ -254,13 +280,6 @@ def _asked_of_photons(settings: RenderSettings) -> list[str]:
     return names + [f"without {effect}" for effect in settings.without if effect in paths.cannot_leave_out]
 
 
-def _with_more_shadow_rays(by_path: Figures, by_photons: Figures) -> Figures:
-    """Path tracing with as many shadow rays of what the camera sees as photon mapping has: they leave as much noise."""
-    settings = replace(by_path.settings, light_samples=by_photons.light_samples)
-    noise = by_path.of_indirect + min(by_path.noise - by_path.of_indirect, by_photons.noise)
-    return replace(by_path, settings=settings, light_samples=by_photons.light_samples, noise=noise)
-
-
 def _left(settings: RenderSettings) -> float:
     """Of the square of indirect light, what samples do not lessen."""
     return LEFT_BY_CACHE if settings.algorithm.has_irradiance_cache(settings) else LEFT_BY_MAP
@@ -279,68 +298,41 @@ def _left_by_map(trial: Trial, plans: MapPlans, settings: RenderSettings, spp: i
     return left if of_caustics is None else left + of_caustics.of(plans.expected[CAUSTIC_MAP], spp)
 
 
-def _try_both(
-    flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, paths: RenderSettings, learnt: Learnt
-) -> Trial:
-    """Render a small image, without photons, twice in each way: figures by one and the same idea of the truth."""
-    looking = replace(flat, camera=_few_pixels(flat.camera))
-    places = SeenPlaces()
-    with without_photons(pilot) as worker:
-        worker.replica.observer = places
-        photon_halves = Halves(looking, worker, replace(photons, indirect=Indirect.MAP), learnt, CHOICE_SAMPLES)
-        worker.replica.observer = None
-        path_halves = Halves(looking, worker, paths, learnt, CHOICE_SAMPLES)
-    # A pixel that one sample made bright is as bright as those around it: its error is not to hide behind itself.
-    indirect = np.mean([half["indirect"] for half in path_halves.layers], axis=0)
-    images = [half["beauty"] for half in path_halves.layers] + [
-        half["beauty"] + indirect for half in photon_halves.layers
-    ]
-    truth = box_blurred(np.mean(images, axis=0))
-    epsilon = relmse_epsilon(truth)
-    weight = 1.0 / (truth**2 + epsilon)
-    by_photons, by_path = photon_halves.figures(weight), path_halves.figures(weight)
-    ways = [by_path]
-    if paths.light_samples is None and by_photons.light_samples > by_path.light_samples:
-        ways.append(_with_more_shadow_rays(by_path, by_photons))
-    caustics = caustics_by_paths(pilot, flat, places, truth, CHOICE_SAMPLES, epsilon)
-    of_global, of_caustics = _map_errors(flat, pilot, photons, places, truth, epsilon)
+def _ask_photons(flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, looks: Looks) -> Trial:
+    """What the pilot's photons tell besides of what is seen without."""
+    places, truth, epsilon = looks.places, looks.truth, looks.epsilon
+    caustics = caustics_by_paths(pilot, flat, places, truth, looks.samples, epsilon)
+    of_global, of_caustics = _map_errors(flat, pilot, photons, looks)
     if of_global is not None:
-        of_global = of_global.of_light(by_path.indirect)
-    plans, queries = map_plans(pilot, photons, flat), _map_queries(places)
+        of_global = of_global.of_light(looks.by_paths[0].indirect)
+    plans, queries = map_plans(pilot, photons, flat), _map_queries(places, looks.samples)
     cached = replace(photons, indirect=Indirect.CACHE)
     unread = unread_at(pilot, cached, plans, queries.position, queries.normal)
     bias = 0.0
     if caustics.are_found:
         wanted = [
             (path["beauty"] - photon["beauty"]).mean(axis=2)
-            for path, photon in zip(path_halves.layers, photon_halves.layers, strict=True)
+            for path, photon in zip(looks.paths.layers, looks.photons.layers, strict=True)
         ]
         bias = map_bias(pilot, plans, photons.k, queries, wanted, 1.0 / (truth.mean(axis=2) ** 2 + epsilon))
-    noises = (
-        photon_halves.noise(weight).mean(axis=2),
-        path_halves.noise(weight).mean(axis=2),
-        path_halves.noise(weight, "indirect").mean(axis=2),
-    )
-    return Trial(by_photons, ways, caustics, places.lambertian, unread, (of_global, of_caustics), bias, noises)
+    return looks.trial(caustics, unread, (of_global, of_caustics), bias)
 
 
 def _map_errors(
-    flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, places: SeenPlaces, truth: Values, epsilon: float
+    flat: FlatScene, pilot: PhotonPilot, photons: RenderSettings, looks: Looks
 ) -> tuple[MapError | None, MapError | None]:
     """What gathers of the global and the caustic map get wrong, at some of the places that a trial has seen.
 
-    Args:
-        places: that an image of CHOICE_SAMPLES samples a pixel has seen.
-        truth: that image, or about so, shape [height, width, 3]. Paths hardly ever find what caustics it has.
-        epsilon: added to squared radiance, as in relMSE.
+    Paths hardly ever find what caustics there are.
     """
+    places, truth, epsilon = looks.places, looks.truth, looks.epsilon
     pixel = places.all("pixel")
     if not len(pixel):
         return None, None
     some = _some(len(pixel))
     position, normal = places.all("position")[some], places.all("normal")[some]
     radiance = truth.mean(axis=2).reshape(-1)[pixel[some]]
-    of_sample = len(pixel) / (CHOICE_SAMPLES * truth.shape[0] * truth.shape[1])  # places
+    of_sample = len(pixel) / (looks.samples * truth.shape[0] * truth.shape[1])  # places
     weight = places.all("weight")[some].mean(axis=1).astype(np.float64)
     reflected = weight * float(INV_PI)
     of_caustics, of_global = (
@@ -361,11 +353,11 @@ def _map_errors(
     return error(GLOBAL_MAP, photons.k, factor), error(CAUSTIC_MAP, photons.caustic_k, among_caustics)
 
 
-def _map_queries(places: SeenPlaces) -> MapQueries:
-    """Some of the places that an image of CHOICE_SAMPLES samples a pixel has seen."""
+def _map_queries(places: SeenPlaces, samples: int) -> MapQueries:
+    """Some of the places that an image of so many samples a pixel has seen."""
     pixel = places.all("pixel")
     some = _some(len(pixel))
-    of_each = len(pixel) / max(len(some), 1) / CHOICE_SAMPLES
+    of_each = len(pixel) / max(len(some), 1) / samples
     share = places.all("weight")[some].mean(axis=1, dtype=np.float64) * float(INV_PI) * of_each
     return MapQueries(places.all("position")[some], places.all("normal")[some], pixel[some], share)
 
@@ -388,9 +380,3 @@ def _pixel_areas(camera: Camera, position: NDArray[np.float32], normal: NDArray[
         side = 2.0 * tangent(camera.fov_x / 2) * distance / whole
     cosine = np.abs((way * normal).sum(axis=1)) / np.maximum(np.sqrt((way**2).sum(axis=1)), 1e-30)
     return np.asarray(side**2 / np.maximum(cosine, LEAST_COSINE))
-
-
-def _few_pixels(camera: Camera) -> Camera:
-    """CHOICE_PIXELS pixels of the image, spread over it: each as small as it is there, or all would lie on edges."""
-    few = small_camera(camera, CHOICE_PIXELS)
-    return replace(few, filter=PixelFilter(radius=PixelFilter().radius * few.width / camera.width))

@@ -57,19 +57,20 @@ class Learnt:
 NOTHING_LEARNT = Learnt(NO_GUIDE)
 
 
-def learn_guide(flat: FlatScene, cell: Cell, view: View) -> Learnt:
+def learn_guide(flat: FlatScene, cell: Cell, view: View, spp: int) -> Learnt:
     """Fly the pilot, and learn from it.
 
     Args:
         cell: the whole scene.
         view: as the replica of the cell has it; its guide is not looked at.
+        spp: samples a pixel of a pass.
     """
     lights = cell.replica.lights
     sky = flat.lights.environment_pixels.size > 0 and bool(flat.lights.power[-1] > 0)
     several = lights.tree.head_count + lights.count - lights.first_distant > 1
     if not (sky or several) or not flat.triangles.total or (view.max_depth is not None and view.max_depth < 2):
         return NOTHING_LEARNT
-    pilot = GuidePilot(flat, cell, view)
+    pilot = GuidePilot(flat, cell, view, spp)
     if len(pilot.position) < 2 * PLACES_A_REGION:
         return NOTHING_LEARNT
     if not several:

@@ -100,6 +100,10 @@ class MapPlans:
     expected: tuple[float, float, float]
 
 
+NO_MAPS = MapPlans((MapPlan(), MapPlan(), MapPlan()), 0, (), (0.0, 0.0, 0.0))
+"""Of a render without photons."""
+
+
 def map_plans(pilot: PhotonPilot, settings: RenderSettings, flat: FlatScene) -> MapPlans:
     """Paths and radius of each map."""
     world, photons, extent, unit = pilot.world, pilot.photons, flat.extent, flat.unit

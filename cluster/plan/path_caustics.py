@@ -14,6 +14,7 @@ find the lamp, and trials see what comes of it: E is that of photons in the same
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,10 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wdpm.cluster.batch import Arrays
+from wdpm.cluster.plan.effects import calls_for_caustics
 from wdpm.cluster.plan.photon_pilot import PhotonPilot, caustic_photons_among
 from wdpm.cluster.plan.pilot_gathers import AmongPhotons
 from wdpm.cluster.plan.small_view import SeenPlaces
+from wdpm.cluster.render_settings import RenderSettings
 from wdpm.kernels.constants import INV_PI
+from wdpm.kernels.features import Features
 from wdpm.kernels.materials.types import DIFFUSE
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP
 from wdpm.scenes.flat.flatten import FlatScene
@@ -86,10 +90,18 @@ class PathCaustics:
         return self.noise / spp
 
 
+MOST_PLACES = 4096
+"""At which photons are gathered, of all that a trial has seen."""
+
 GREY = 0.5
 """Photons are stored on it; what it reflects of them is no caustic any more."""
 
 NO_CAUSTICS = PathCaustics(0.0, 0.0, np.zeros(0), 0.0, 0.0)
+
+
+def may_have_caustics(flat: FlatScene, features: Features, settings: RenderSettings) -> bool:
+    """Whether a scene may have caustics that smooth surfaces make, which trials of few paths do not know of."""
+    return calls_for_caustics(flat, features, settings) and _smooth_alone(flat.materials) is not None
 
 
 def caustics_by_paths(
@@ -110,27 +122,27 @@ def caustics_by_paths(
         return NO_CAUSTICS
     bright = _radiance_of(flat.lights)
     pixels = truth.shape[0] * truth.shape[1]
-    weight, pixel = places.all("weight").mean(axis=1).astype(np.float64) * float(INV_PI), places.all("pixel")
+    step = -(-len(places.all("pixel")) // MOST_PLACES)
+    position, normal, pixel = (places.all(name)[::step] for name in ("position", "normal", "pixel"))
+    weight = places.all("weight")[::step].mean(axis=1).astype(np.float64) * float(INV_PI)
 
     def by_pixel(value: Values) -> Values:
-        total: Values = np.bincount(pixel, value, pixels) / samples
-        return total
-
-    def irradiance(factor: NDArray[Any]) -> Values:
-        return _irradiance(pilot, photons, factor[light].astype(np.float64), places)
+        return np.asarray(np.bincount(pixel, value, pixels) * (step / samples), np.float64)
 
     sized = np.isfinite(bright)
-    hidden = by_pixel(weight * irradiance(~sized))
-    # A trial may have met no caustic: where photons know that one is, the image is at least as bright.
-    found = by_pixel(weight * irradiance(sized))
-    radiance = np.maximum(truth.mean(axis=2).reshape(-1), found + hidden)
-    second = by_pixel(np.pi * weight**2 * irradiance(np.where(sized, bright, 0.0)))
     once = np.divide(1.0, np.pi * bright, out=np.zeros(len(bright)), where=sized & (bright > 0))
+    told = _irradiance(pilot, photons, [sized, np.where(sized, bright, 0.0), once], light, position, normal)
+    # A trial may have met no caustic: where photons know that one is, the image is at least as bright.
+    found, second, chance = by_pixel(weight * told[0]), by_pixel(np.pi * weight**2 * told[1]), by_pixel(told[2])
+    hidden = np.zeros(pixels)
+    if not sized.all():
+        hidden = by_pixel(weight * _irradiance(pilot, photons, [~sized], light, position, normal)[0])
+    radiance = np.maximum(truth.mean(axis=2).reshape(-1), found + hidden)
     whole, relative = float(radiance.sum()), 1.0 / (radiance**2 + epsilon)
     return PathCaustics(
         float((second * relative).mean()),
         float(hidden.sum()) / whole if whole > 0 else 0.0,
-        by_pixel(irradiance(once)),
+        chance,
         float(found.sum()) / whole if whole > 0 else 0.0,
         float((found**2 * relative).mean()),
     )
@@ -153,15 +165,29 @@ def _smooth_alone(table: MaterialTable) -> MaterialTable | None:
     return replace(table, kind=kind, value=value, texture=texture) if smooth else None
 
 
-def _irradiance(pilot: PhotonPilot, photons: Arrays, factor: Values, places: SeenPlaces) -> Values:
-    """Of some photons, each with a factor, at all places, mean of RGB, shape [places]."""
-    flux = photons["flux"] * factor[:, None]
-    # Flux times radiance may be beyond what float32 holds, though neither is: a power of two changes nothing else.
-    unit = 2.0 ** math.frexp(float(flux.max(initial=0.0)))[1]
-    position, normal = places.all("position"), places.all("normal")
-    among = AmongPhotons(pilot.cell, {**photons, "flux": (flux / unit).astype(np.float32)})
-    found, _ = among.gather(position, normal, pilot.world.extent)
-    return found.astype(np.float64) * (unit / pilot.paths)
+def _irradiance(
+    pilot: PhotonPilot,
+    photons: Arrays,
+    factors: Sequence[NDArray[Any]],
+    light: NDArray[np.int32],
+    position: NDArray[np.float32],
+    normal: NDArray[np.float32],
+) -> list[Values]:
+    """Of some photons at some places, mean of RGB, by each of up to three factors of the lights: shape [places] each.
+
+    Args:
+        light: that each photon comes from.
+    """
+    flux = photons["flux"].mean(axis=1, dtype=np.float64)
+    scaled, units = np.zeros((len(flux), 3), np.float32), []
+    for number, factor in enumerate(factors):
+        each = flux * factor[light]
+        # Flux times radiance may be beyond what float32 holds, though neither is: a power of two changes nothing else.
+        units.append(2.0 ** math.frexp(float(each.max(initial=0.0)))[1])
+        scaled[:, number] = each / units[-1]
+    among = AmongPhotons(pilot.cell, {**photons, "flux": scaled})
+    found, _ = among.gather_each(position, normal, pilot.world.extent)
+    return [found[:, number].astype(np.float64) * (unit / pilot.paths) for number, unit in enumerate(units)]
 
 
 def _radiance_of(lights: LightTable) -> Values:

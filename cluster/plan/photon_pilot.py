@@ -16,7 +16,7 @@ from wdpm.cluster.batch import Arrays, take
 from wdpm.cluster.plan.effects import calls_for_caustics
 from wdpm.cluster.plan.light_shares import pilot_emission
 from wdpm.cluster.plan.pilot_gathers import AmongPhotons
-from wdpm.cluster.render_settings import RenderSettings
+from wdpm.cluster.render_settings import Integrator, RenderSettings
 from wdpm.cluster.task import PhotonTask
 from wdpm.cluster.work.cell import Cell
 from wdpm.cluster.work.photon_home import emitted_photons
@@ -25,14 +25,23 @@ from wdpm.cluster.world import MapPlan, TopTree, World
 from wdpm.kernels.features import Features
 from wdpm.kernels.launch import Launcher
 from wdpm.kernels.limits import MAPS
-from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
+from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP, VOLUME_MAP
 from wdpm.kernels.photons.flight import BOUNCE_BITS
 from wdpm.scenes.flat.flatten import FlatScene
 from wdpm.scenes.flat.material_table import MaterialTable
 from wdpm.scenes.flat.used_media import calls_for_media
 
 PILOT_PATHS = 1 << 15
-"""Paths of the pilot: its stored photons tell paths per photon to about half a percent, in some 50 ms."""
+"""Paths of the pilot, at most: its stored photons tell paths per photon to about half a percent, in some 50 ms."""
+
+LEAST_PATHS = 1 << 13
+SAMPLES_A_PATH = 8
+"""Camera samples of a pass for each path of its pilot, which has so many paths at least: of each pass they take a tenth
+of what the samples do, and few samples call for no more exact a plan than that."""
+
+ENOUGH = 256
+"""Photons of a map that are told apart from none: their number is known to a sixteenth. Where a shorter pilot stores
+fewer, all paths are flown."""
 
 PATHS_OF_PAGES = 1 << 9
 """Paths that are traced together where triangles lie in files: all of them look at nearly every page of ten million."""
@@ -117,6 +126,14 @@ class PhotonPilot:
         return flux
 
 
+def worker_without_photons(
+    flat: FlatScene, features: Features, settings: RenderSettings, launcher: Launcher
+) -> CellWorker:
+    """A worker of one cell that is the whole scene, in a world without photons."""
+    world = _pilot_world(flat, features, replace(settings, integrator=Integrator.PATH), 0)
+    return CellWorker(0, world, {0: flat.triangles}, [0], launcher)
+
+
 def fly_pilot(
     flat: FlatScene,
     features: Features,
@@ -129,19 +146,43 @@ def fly_pilot(
     Args:
         worker: that has the whole scene in one cell already; None to make one.
     """
-    of_each, world = PILOT_PATHS, _pilot_world(flat, features, settings, PILOT_PATHS)
+    of_each = first_paths(flat, settings)
+    world = _pilot_world(flat, features, settings, of_each)
     if worker is None:
         worker = CellWorker(0, world, {0: flat.triangles}, [0], launcher)
     else:
         worker.adopt(world)
     if calls_for_media(flat) and world.global_map.paths:
         of_each = _affordable_paths(worker, world)
-        if of_each < PILOT_PATHS:
-            world = _pilot_world(flat, features, settings, of_each)
+        world = with_paths(world, of_each)
         worker.adopt(world)
     photons = _flown(worker)
+    if of_each < PILOT_PATHS and not calls_for_media(flat) and _are_few(world, photons):
+        of_each = PILOT_PATHS
+        worker.adopt(with_paths(world, of_each))
+        photons = _flown(worker)
     flat.triangles.let_go()
     return PhotonPilot(settings, of_each, worker, photons)
+
+
+def first_paths(flat: FlatScene, settings: RenderSettings) -> int:
+    """Paths that are flown first, a power of two: by the samples of a pass, of whose price they are to be a part."""
+    if calls_for_media(flat):  # how long paths are is seen first
+        return PILOT_PATHS
+    samples = flat.camera.width * flat.camera.height * settings.samples_of_pass
+    wanted = 1 << max(samples // SAMPLES_A_PATH, 1).bit_length() - 1
+    return min(PILOT_PATHS, max(LEAST_PATHS, wanted))
+
+
+def with_paths(world: World, of_each: int) -> World:
+    """The world with so many paths for each map that there is."""
+    maps = [replace(each, paths=of_each) if each.paths else each for each in world.maps]
+    return replace(world, global_map=maps[GLOBAL_MAP], caustic_map=maps[CAUSTIC_MAP], volume_map=maps[VOLUME_MAP])
+
+
+def _are_few(world: World, photons: list[Arrays]) -> bool:
+    """Whether some map of surfaces has fewer photons than tell how many paths store one."""
+    return any(world.maps[each].paths and len(photons[each]["id"]) < ENOUGH for each in (GLOBAL_MAP, CAUSTIC_MAP))
 
 
 def flown_again(flat: FlatScene, world: World, pilot: PhotonPilot, left: float) -> PhotonPilot:

@@ -129,7 +129,7 @@ def make_render_plan(
     tree = decided.world.top_tree
     pilot.worker.forget_photons()
     if learnt is None:
-        learnt = learn_guide(flat, pilot.cell, view)
+        learnt = learn_guide(flat, pilot.cell, view, settings.samples_of_pass)
     lit = lit_places(pilot, view.cache)
     outlines = lamp_outlines(flat, pilot.cell)
     tolerance = tolerance_of_records(flat, pilot, settings, learnt, view.cache)

@@ -136,6 +136,10 @@ class Halves:
     Args:
         learnt: how shadow rays choose among lights.
         samples: of each pixel, in both.
+
+    Attributes:
+        layers: of each image.
+        light_samples: shadow rays of a camera sample.
     """
 
     def __init__(
@@ -151,16 +155,16 @@ class Halves:
         view = with_guide(view_of(flat, replace(settings, spp=samples, passes=1), 1), learnt)
         self.layers, vertices = _halves(worker, replace(view, spp=self._half))
         self._vertices = vertices / (samples * view.camera.width * view.camera.height)
-        self._light_samples = view.light_samples
+        self.light_samples = view.light_samples
 
     def figures(self, weight: Values) -> Figures:
         """What they tell, with that weight of each pixel's squared error."""
         a, b = self.layers
         indirect = (a["indirect"] * b["indirect"] * weight).mean()  # independent: the square of the truth
         noise, of_indirect = (_mean_but_for_chance(self.noise(weight, layer)) for layer in ("beauty", "indirect"))
-        settings = replace(self._settings, light_samples=self._light_samples)
+        settings = replace(self._settings, light_samples=self.light_samples)
         of_indirect = min(of_indirect, noise)
-        return Figures(settings, noise, of_indirect, self._vertices, self._light_samples, max(float(indirect), 0.0))
+        return Figures(settings, noise, of_indirect, self._vertices, self.light_samples, max(float(indirect), 0.0))
 
     def noise(self, weight: Values, layer: str = "beauty") -> Values:
         """Of one sample of every pixel, shape [height, width, 3], with that weight of its squared error."""

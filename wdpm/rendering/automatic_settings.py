@@ -52,12 +52,13 @@ def choose_settings(
     """
     if not settings.algorithm.stands_for_others:
         return _settled(flat, settings, launcher, compile_for)
-    by_photons = _settled(flat, replace(settings, integrator=Integrator.PHOTONS), launcher, compile_for)
     if why := reason_for_photons(flat, settings):
+        by_photons = _settled(flat, replace(settings, integrator=Integrator.PHOTONS), launcher, compile_for)
         return replace(by_photons, chose=(f"integrator: {why}", *by_photons.chose))
     compile_for(trial_features(flat, settings))
-    choice = choose_integrator(flat, settings, by_photons.settings, launcher, by_photons.pilot)
-    others = (choice.instead or by_photons.chose) if choice.settings.algorithm.shoots_photons else ()
+    by_map = replace(settings, integrator=Integrator.PHOTONS, indirect=Indirect.MAP)
+    choice = choose_integrator(flat, settings, _with_light_samples(flat, by_map), launcher)
+    others = choice.indirect if choice.settings.algorithm.shoots_photons else ()
     chosen = _with_light_samples(flat, choice.settings)
     return ChosenSettings(chosen, (f"integrator: {choice.words}", *others), choice.pilot, choice.learnt, choice.noise)
 

@@ -34,9 +34,10 @@ INDOORS = 0.5
 """Photons that a path stores from which on lights shine on what encloses them, where hardly any path is of no use."""
 
 FIRST_PATHS = 1 << 13
-PATHS = 1 << 15
+"""Of a first look, which tells whether more is worth while."""
+
 ROUNDS = 4
-"""Of a first look, which tells whether more is worth while, and of each round, of which there are so many at most."""
+"""At most, of as many paths as the pilot has."""
 
 BOUNCES = 2
 """Of these paths: what comes in by a window lights walls as well."""
@@ -91,7 +92,7 @@ def _learnt(world: World, pilot: PhotonPilot, places: _Places) -> Known:
     known = Known()
     for halved in range(ROUNDS):
         emission = replace(world.emission, steering=known.tree)
-        known.add(known.tree, *_flown(replace(world, emission=emission), pilot, places, PATHS))
+        known.add(known.tree, *_flown(replace(world, emission=emission), pilot, places, max(pilot.paths, FIRST_PATHS)))
         if not known.learn(GOES_ON) or known.left > PROMISES / 2**halved:
             break
     return known
@@ -127,7 +128,8 @@ class _Places:
 
 def _lighting_places(flat: FlatScene, pilot: PhotonPilot, view: View) -> _Places:
     """Where camera paths come to behind the first place, whose direct light is no matter of photons."""
-    paths = places_of_paths(pilot_scene(flat, pilot.cell), pilot.cell.replica, view)
+    spp = pilot.settings.samples_of_pass
+    paths = places_of_paths(pilot_scene(flat, pilot.cell), pilot.cell.replica, view, spp)
     passed = np.zeros(len(paths[0][2]), np.int64)
     positions, normals, weight = [], [], []
     for position, normal, found in paths:

@@ -12,33 +12,37 @@ from wdpm.cluster.render_settings import RenderSettings
 from wdpm.kernels.photons.deposits import CAUSTIC_MAP, GLOBAL_MAP
 from wdpm.scenes.flat.flatten import FlatScene
 
-# Prices, about nanoseconds of one core. Only their ratios matter. Fitted to the CPU seconds of whole renders of
-# cbox, staircase, staircase2, living-room and breakfast-room (160 x 90, 16 samples), within a factor of 1.5.
+# Prices, about half a nanosecond of one core each. Only their ratios matter. Fitted to the CPU seconds of whole
+# renders of cbox, sibenik, sponza, bunny, envmap and materials (256 x 256, 1, 2 and 4 samples), and by paths of these,
+# veach-mis and uplight-room (128 x 128, 16 samples), within a factor of 1.5.
 CAMERA_RAY = 900.0
 SHADOW_RAY = 400.0
 VERTEX = 1200.0
 """A ray that goes on and what it meets, but for its shadow ray."""
-WHOLE_PATHS = 0.6
-"""Of the prices of camera rays and vertices of path tracing: one launch follows each sample. Of whole renders
-0.58 to 0.73 was measured with one shadow ray a vertex, 0.87 to 0.93 with four at the first."""
+WHOLE_PATHS = 0.7
+"""Of the prices of camera rays and vertices of path tracing: one launch follows each sample."""
 PRICED_TRIANGLES = 36
 """Of the scene in which rays have these prices: half of them is the way down the tree, which is as deep as the
 logarithm of all triangles."""
-PLANNED_TRIANGLE = 6000.0
+PLANNED_TRIANGLE = 2500.0
 """To be put into trees: by photons and paths alike."""
-GATHER = 150.0
+FINDING_OUT = 4e8
+"""To fly a pilot and to ask its photons: once that is done it is no reason for either way any more."""
+GATHER = 70.0
 """Of each photon that a gather looks for."""
 PHOTON_PATH = 1000.0
 """As a ray, with its prices."""
 STORED_PHOTON = 3000.0
 """To be put into a map."""
-RECORDS = 2400
+RECORDS = 3200
 """Of an image that is Lambertian everywhere, whatever its size: reach is a share of the image. On eight scenes 1,000 to
 5,500."""
 RECORD_PIXELS = 6
 """Pixels a record, at least."""
-RECORD_RAY = 1000.0
+RECORD_RAY = 1700.0
 """Beside what it meets: to be stratified, stored and added."""
+RECORDS_READ = 2000.0
+"""To be interpolated between, where a camera path asks for them."""
 COAT_SHARE = 0.25
 """Of the photons of a gather, those that gather rays look for where they arrive at coats."""
 
@@ -51,7 +55,7 @@ MOST_TOLERANCE = 1.0
 
 
 class Prices:
-    """What renders of one pass are expected to cost: about nanoseconds of one core, but only their ratios matter.
+    """What renders of one pass are expected to cost: see above.
 
     Args:
         plans: of the maps, if it is by photons.
@@ -81,13 +85,13 @@ class Prices:
         asks = 1.0 + way.vertices
         onward = 1.0 + trial.unread * trial.by_paths[0].vertices  # places that a gather ray comes to
         sample, records = self._rays(way) + asks * caustic, 0.0
-        if settings.final_gathers:  # the rays read what of caustics was gathered ahead
-            shot += IRRADIANCE_SHARE * self._plans.expected[GLOBAL_MAP] * caustic
+        if settings.final_gathers:  # the rays read what was gathered ahead
+            shot += IRRADIANCE_SHARE * self._plans.expected[GLOBAL_MAP] * (GATHER * settings.k + caustic)
         if settings.algorithm.has_irradiance_cache(settings):
             coats = 1.0 - trial.lambertian
             at_coats = coats * COAT_SHARE * (GATHER * settings.k + caustic)
             ray = asks * (onward * (VERTEX + SHADOW_RAY) * self._ray + at_coats)
-            sample += coats * ray
+            sample += asks * (1.0 - coats) * RECORDS_READ + coats * ray
             records = self._record_rays(trial) * (RECORD_RAY + ray)
         elif settings.final_gathers:
             sample += asks * onward * (VERTEX + SHADOW_RAY) * self._ray

@@ -62,13 +62,13 @@ def test_images_smaller_than_a_region_are_one() -> None:
 def tried(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> Trial:
     """The trial of a scene, in `auto` by default."""
     trials: list[Trial] = []
-    try_both: Callable[..., Trial] = integrator_trial._try_both
+    ask_photons: Callable[..., Trial] = integrator_trial._ask_photons
 
     def noted(*arguments: Any) -> Trial:
-        trials.append(try_both(*arguments))
+        trials.append(ask_photons(*arguments))
         return trials[-1]
 
-    monkeypatch.setattr(integrator_trial, "_try_both", noted)
+    monkeypatch.setattr(integrator_trial, "_ask_photons", noted)
     settings = RenderSettings(integrator=Integrator.AUTO, spp=16)
     choose_settings(flatten(scene), settings, Launcher("cpu", 1), lambda features: compile_kernels("cpu", features))
     return trials[0]
