@@ -18,7 +18,14 @@ from wdpm.kernels.materials.bsdf import make_bsdf
 from wdpm.kernels.materials.frames import bump_shadowing
 from wdpm.kernels.materials.types import DIFFUSE
 from wdpm.kernels.maths.exact_sum import dequantise, exponent, magnitude_bits, quantise
-from wdpm.kernels.photons.gather import INT_SCRATCH, KEY_SCRATCH, contribution, key_place, nearest_or_within
+from wdpm.kernels.photons.gather import (
+    INT_SCRATCH,
+    KEY_SCRATCH,
+    Gathered,
+    contribution,
+    key_place,
+    nearest_or_within,
+)
 from wdpm.kernels.photons.gather_guess import follow
 from wdpm.kernels.photons.photon_map import LEAF_ROWS, PhotonMap
 
@@ -29,8 +36,8 @@ _PI_SINGLE = wp.constant(wp.float32(math.pi))
 
 
 @functools.cache
-def make_gather(features: Features) -> wp.Kernel:
-    """The kernel, for surfaces with the given features."""
+def make_gather_at(features: Features) -> wp.Function:
+    """The function `gather_at` for surfaces with the given features: (photons, photon_edges, ...) -> Gathered."""
     eval_diffuse = make_bsdf(features).eval_diffuse
 
     @wp.func
@@ -67,6 +74,64 @@ def make_gather(features: Features) -> wp.Kernel:
                 flux = wp.vec3(0.0)
         return flux
 
+    @wp.func
+    def gather_at(
+        photons: wp.ref[PhotonMap],
+        photon_edges: wp.array[wp.int32],
+        queries: wp.ref[Queries],
+        coats: wp.ref[Coats],
+        q: wp.int32,
+        k: wp.int32,
+        r_max: wp.float32,
+        r_least: wp.float32,
+        max_depth: wp.int32,
+        guess: wp.float32,
+        candidates: wp.array[wp.uint64],
+        ints: wp.array[wp.int32],
+    ) -> Gathered:
+        """As `gather`, for query q; the irradiance is pi times the scattered radiance where that is not Lambertian.
+
+        Args:
+            photon_edges: edges of each photon's path from its light, in the order of the photons' numbers.
+            max_depth: longest path in edges; 0 for no limit.
+        """
+        found = nearest_or_within(
+            photons, queries.position[q], queries.normal[q], k, r_max, r_least, guess, candidates, ints
+        )
+        largest = wp.int32(0)
+        for i in range(found.count):
+            flux = term(photons, photon_edges, queries, coats, q, key_place(candidates[i]), max_depth)
+            largest = wp.max(largest, wp.max(magnitude_bits(flux[0]), magnitude_bits(flux[1])))
+            largest = wp.max(largest, magnitude_bits(flux[2]))
+        e = exponent(largest)
+        red = wp.int64(0)
+        green = wp.int64(0)
+        blue = wp.int64(0)
+        for i in range(found.count):
+            flux = term(photons, photon_edges, queries, coats, q, key_place(candidates[i]), max_depth)
+            red += quantise(flux[0], e)
+            green += quantise(flux[1], e)
+            blue += quantise(flux[2], e)
+        area = _PI * wp.float64(found.area_radius2)
+        result = Gathered()
+        result.truncated = found.truncated
+        result.count = found.count
+        result.radius = found.radius
+        result.irradiance = wp.vec3(
+            wp.float32(dequantise(red, e) / area),
+            wp.float32(dequantise(green, e) / area),
+            wp.float32(dequantise(blue, e) / area),
+        )
+        return result
+
+    return gather_at
+
+
+@functools.cache
+def make_gather(features: Features) -> wp.Kernel:
+    """The kernel, for surfaces with the given features."""
+    gather_at = make_gather_at(features)
+
     @made_for(features)
     def gather_glossy(
         photons: PhotonMap,
@@ -84,12 +149,7 @@ def make_gather(features: Features) -> wp.Kernel:
         radius_out: wp.array[wp.float32],
         truncated_out: wp.array[wp.bool],
     ) -> None:
-        """As gather_kernel; `irradiance_out` holds pi times the scattered radiance where that is not Lambertian.
-
-        Args:
-            photon_edges: edges of each photon's path from its light, in the order of the photons' numbers.
-            max_depth: longest path in edges; 0 for no limit.
-        """
+        """As gather_kernel. Arguments as for `gather_at`."""
         candidates = wp.zeros(shape=(KEY_SCRATCH,), dtype=wp.uint64)
         ints = wp.zeros(shape=(INT_SCRATCH,), dtype=wp.int32)
         begin = (offset + wp.tid()) * run
@@ -100,27 +160,10 @@ def make_gather(features: Features) -> wp.Kernel:
             x = queries.position[q]
             if q > begin:
                 guess = follow(guess, wp.length(x - before))
-            found = nearest_or_within(photons, x, queries.normal[q], k, r_max, r_least, guess, candidates, ints)
-            largest = wp.int32(0)
-            for i in range(found.count):
-                flux = term(photons, photon_edges, queries, coats, q, key_place(candidates[i]), max_depth)
-                largest = wp.max(largest, wp.max(magnitude_bits(flux[0]), magnitude_bits(flux[1])))
-                largest = wp.max(largest, magnitude_bits(flux[2]))
-            e = exponent(largest)
-            red = wp.int64(0)
-            green = wp.int64(0)
-            blue = wp.int64(0)
-            for i in range(found.count):
-                flux = term(photons, photon_edges, queries, coats, q, key_place(candidates[i]), max_depth)
-                red += quantise(flux[0], e)
-                green += quantise(flux[1], e)
-                blue += quantise(flux[2], e)
-            area = _PI * wp.float64(found.area_radius2)
-            irradiance_out[q] = wp.vec3(
-                wp.float32(dequantise(red, e) / area),
-                wp.float32(dequantise(green, e) / area),
-                wp.float32(dequantise(blue, e) / area),
+            found = gather_at(
+                photons, photon_edges, queries, coats, q, k, r_max, r_least, max_depth, guess, candidates, ints
             )
+            irradiance_out[q] = found.irradiance
             count_out[q] = found.count
             radius_out[q] = found.radius
             truncated_out[q] = found.truncated

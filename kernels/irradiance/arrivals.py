@@ -12,7 +12,7 @@ import warp as wp
 from wdpm.kernels.camera.paths import Paths
 from wdpm.kernels.camera.vertices import CACHED, TRACE_ON
 from wdpm.kernels.irradiance.at_photons import SEARCH_STACK, nearest_point, radius_at, value_at
-from wdpm.kernels.irradiance.gather_places import place_of_path
+from wdpm.kernels.irradiance.gather_places import Place, place_of_path
 from wdpm.kernels.photons.photon_map import PhotonMap
 from wdpm.kernels.rays.cell_triangles import Surfaces
 
@@ -20,6 +20,44 @@ wp.set_module_options({"enable_backward": False, "fuse_fp": False})
 
 ARRIVALS: dict[str, Any] = {"code": wp.int32, "value": wp.vec3, "length": wp.float32, "found": wp.bool}
 """What `read_arrivals` tells of each ray."""
+
+
+@wp.struct
+class Arrival:
+    """What a gather ray reads where it arrives.
+
+    Attributes:
+        code: CACHED where it reads and ends, else TRACE_ON.
+        value: what it reads; zero where it goes on.
+        found: 1 where there is a point within reach.
+    """
+
+    code: wp.int32
+    value: wp.vec3
+    found: wp.int32
+
+
+@wp.func
+def arrive(
+    points: wp.ref[PhotonMap], place: Place, diffuse: wp.int32, reach: wp.float32, stack: wp.array[wp.uint64]
+) -> Arrival:
+    """What a gather ray reads at a place. A ray shorter than what it would read is blurred over goes on, once.
+
+    Args:
+        points: irradiance at photons.
+        diffuse: as in kernels.ray_fields.PATH, above 0.
+        reach: most distant point to read [scene units].
+        stack: scratch, at least SEARCH_STACK.
+    """
+    found = nearest_point(points, place.position, place.normal, reach, stack)
+    arrival = Arrival()
+    arrival.code = TRACE_ON
+    if found.place >= 0:
+        arrival.found = 1
+        if place.length >= radius_at(points, found.place) or diffuse > 1:
+            arrival.code = CACHED
+            arrival.value = value_at(points, found.place)
+    return arrival
 
 
 @wp.kernel
@@ -34,12 +72,10 @@ def read_arrivals(
     length_out: wp.array[wp.float32],
     found_out: wp.array[wp.bool],
 ) -> None:
-    """Irradiance that gather rays read. A ray shorter than what it would read is blurred over goes on, once.
+    """Irradiance that gather rays read. See `arrive`.
 
     Args:
-        points: irradiance at photons.
         paths: gather rays (diffuse > 0) whose final hits lie in this cell.
-        reach: most distant point to read [scene units].
         code_out: CACHED where a ray reads and ends, else TRACE_ON.
         value_out: what it reads; zero where it goes on.
         length_out: of the ray [scene units].
@@ -48,14 +84,8 @@ def read_arrivals(
     i = offset + wp.tid()
     stack = wp.zeros(shape=(SEARCH_STACK,), dtype=wp.uint64)
     place = place_of_path(surfaces, paths, i)
-    found = nearest_point(points, place.position, place.normal, reach, stack)
-    code = wp.int32(TRACE_ON)
-    value = wp.vec3(0.0)
-    if found.place >= 0:
-        if place.length >= radius_at(points, found.place) or paths.diffuse[i] > 1:
-            code = CACHED
-            value = value_at(points, found.place)
-    code_out[i] = code
-    value_out[i] = value
+    arrival = arrive(points, place, paths.diffuse[i], reach, stack)
+    code_out[i] = arrival.code
+    value_out[i] = arrival.value
     length_out[i] = place.length
-    found_out[i] = found.place >= 0
+    found_out[i] = arrival.found == 1

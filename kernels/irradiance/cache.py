@@ -152,6 +152,60 @@ def extrapolated(cache: wp.ref[IrradianceCache], rank: wp.int32, x: wp.vec3, n: 
     return wp.max(cache.irradiance[rank] + turned + moved, wp.vec3(0.0))
 
 
+@wp.struct
+class Interpolated:
+    """What the records that reach a point tell of it.
+
+    Attributes:
+        irradiance: >= 0; 0 where none reaches.
+        weight: sum of their weights: 1 for each record right here, 0 where none reaches.
+        count: of them, at most CAPACITY.
+    """
+
+    irradiance: wp.vec3
+    weight: wp.float32
+    count: wp.int32
+
+
+@wp.func
+def interpolated(
+    cache: wp.ref[IrradianceCache], x: wp.vec3, n: wp.vec3, stack: wp.array[wp.int32], found: wp.array[wp.uint64]
+) -> Interpolated:
+    """Irradiance at a point between records.
+
+    Args:
+        x: the point [scene units].
+        n: unit shading normal, on the seen side.
+        stack, found: scratch, at least STACK_CAPACITY and CAPACITY.
+    """
+    count = find(cache, x, n, stack, found)
+    tangents = wp.vec3(0.0)
+    values = wp.vec3(0.0)
+    moved = wp.vec3(0.0)
+    turned = wp.vec3(0.0)
+    translation = wp.mat33(0.0)
+    rotation = wp.mat33(0.0)
+    weight = wp.float32(0.0)
+    for k in range(count):
+        key = found[k & _MASK]
+        rank = key_rank(key)
+        w = _key_t(key) * _key_t(key)
+        tangents += w * extrapolated(cache, rank, x, n)
+        values += w * cache.irradiance[rank]
+        moved += w * (x - cache.position[rank])
+        turned += w * (n - cache.normal[rank])
+        translation += w * cache.translation[rank]
+        rotation += w * cache.rotation[rank]
+        weight += w
+    result = Interpolated()
+    result.weight = weight
+    result.count = count
+    if weight > 0.0:
+        plane = values + (translation * moved + rotation * turned) / weight
+        result.irradiance = 0.5 * (tangents + wp.max(plane, wp.vec3(0.0))) / weight
+    return result
+
+
 @wp.kernel
 def interpolate(
     cache: IrradianceCache,
@@ -174,31 +228,7 @@ def interpolate(
     i = offset + wp.tid()
     stack = wp.zeros(shape=(STACK_CAPACITY,), dtype=wp.int32)
     found = wp.zeros(shape=(CAPACITY,), dtype=wp.uint64)
-    x = position[i]
-    n = shading_normal[i]
-    count = find(cache, x, n, stack, found)
-    tangents = wp.vec3(0.0)
-    values = wp.vec3(0.0)
-    moved = wp.vec3(0.0)
-    turned = wp.vec3(0.0)
-    translation = wp.mat33(0.0)
-    rotation = wp.mat33(0.0)
-    weight = wp.float32(0.0)
-    for k in range(count):
-        key = found[k & _MASK]
-        rank = key_rank(key)
-        w = _key_t(key) * _key_t(key)
-        tangents += w * extrapolated(cache, rank, x, n)
-        values += w * cache.irradiance[rank]
-        moved += w * (x - cache.position[rank])
-        turned += w * (n - cache.normal[rank])
-        translation += w * cache.translation[rank]
-        rotation += w * cache.rotation[rank]
-        weight += w
-    total = wp.vec3(0.0)
-    if weight > 0.0:
-        plane = values + (translation * moved + rotation * turned) / weight
-        total = 0.5 * (tangents + wp.max(plane, wp.vec3(0.0))) / weight
-    irradiance_out[i] = total
-    weight_out[i] = weight
-    count_out[i] = count
+    told = interpolated(cache, position[i], shading_normal[i], stack, found)
+    irradiance_out[i] = told.irradiance
+    weight_out[i] = told.weight
+    count_out[i] = told.count

@@ -48,13 +48,12 @@ class Place:
 
 
 @wp.func
-def place_of_path(surfaces: wp.ref[Surfaces], paths: wp.ref[Paths], i: wp.int32) -> Place:
-    """Where path i, whose final hit lies in this cell, has arrived."""
-    row = row_of_all(surfaces, paths.prim[i])
+def place_at(
+    surfaces: wp.ref[Surfaces], direction: wp.vec3, t: wp.float32, prim: wp.int32, u: wp.float32, v: wp.float32
+) -> Place:
+    """Where a ray in a direction, whose final hit lies in this cell, has arrived."""
+    row = row_of_all(surfaces, prim)
     held = table_row_of_all(row)
-    u = paths.u[i]
-    v = paths.v[i]
-    direction = paths.direction[i]
     normal = front_of_all(surfaces, row)
     shading = normal
     if surfaces.smooth[held] == 1:
@@ -73,9 +72,15 @@ def place_of_path(surfaces: wp.ref[Surfaces], paths: wp.ref[Paths], i: wp.int32)
     place.position = position_at_all(surfaces, row, u, v)
     place.normal = normal
     place.shading_normal = shading
-    place.length = paths.t[i] * wp.length(direction)
+    place.length = t * wp.length(direction)
     place.side = 2 * surfaces.material[held] + wp.int32(front)
     return place
+
+
+@wp.func
+def place_of_path(surfaces: wp.ref[Surfaces], paths: wp.ref[Paths], i: wp.int32) -> Place:
+    """Where path i has arrived."""
+    return place_at(surfaces, paths.direction[i], paths.t[i], paths.prim[i], paths.u[i], paths.v[i])
 
 
 @wp.kernel

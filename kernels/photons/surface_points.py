@@ -228,6 +228,35 @@ def count_within(
     return found
 
 
+@wp.func
+def of_surface(
+    points: wp.ref[PhotonMap],
+    position: wp.vec3,
+    front_normal: wp.vec3,
+    clearance: wp.float32,
+    irradiance: wp.vec3,
+    radius: wp.float32,
+    point_area: wp.float32,
+    r_max: wp.float32,
+    stack: wp.array[wp.int32],
+) -> wp.vec3:
+    """The irradiance of a gather, corrected from a disc's area to the surface's. Arguments as of reflect_gathered.
+
+    Args:
+        stack: scratch, at least 128 numbers.
+    """
+    incoming = irradiance
+    # Around most places that ask a map of few photons there are none: of nothing no share need be known.
+    if radius > clearance and wp.max(incoming) > 0.0:
+        # Where photons lie denser than points, the share of a disc that is surface is that of a somewhat larger disc.
+        r = wp.max(radius, wp.min(wp.sqrt(LEAST_POINTS * point_area / _PI), r_max))
+        larger2 = wp.min(r * r / wp.max(radius * radius, _LEAST_SQUARE), _LARGER2_MOST)
+        found = count_within(points, position, front_normal, r * r, larger2, stack)
+        count = wp.float32(wp.max(found, 1))
+        incoming = incoming * ((_PI * r * r) / ((count + _COUNT_VARIANCE / wp.sqrt(count)) * point_area))
+    return incoming
+
+
 @wp.kernel
 def reflect_gathered(
     points: PhotonMap,
@@ -254,13 +283,7 @@ def reflect_gathered(
     """
     i = offset + wp.tid()
     stack = wp.zeros(shape=(_STACK,), dtype=wp.int32)
-    incoming = irradiance[i]
-    # Around most places that ask a map of few photons there are none: of nothing no share need be known.
-    if radius[i] > clearance[i] and wp.max(incoming) > 0.0:
-        # Where photons lie denser than points, the share of a disc that is surface is that of a somewhat larger disc.
-        r = wp.max(radius[i], wp.min(wp.sqrt(LEAST_POINTS * point_area / _PI), r_max))
-        larger2 = wp.min(r * r / wp.max(radius[i] * radius[i], _LEAST_SQUARE), _LARGER2_MOST)
-        found = count_within(points, position[i], front_normal[i], r * r, larger2, stack)
-        count = wp.float32(wp.max(found, 1))
-        incoming = incoming * ((_PI * r * r) / ((count + _COUNT_VARIANCE / wp.sqrt(count)) * point_area))
-    radiance_out[i] = wp.cw_mul(albedo[i], incoming) * (INV_PI * scale)
+    corrected = of_surface(
+        points, position[i], front_normal[i], clearance[i], irradiance[i], radius[i], point_area, r_max, stack
+    )
+    radiance_out[i] = wp.cw_mul(albedo[i], corrected) * (INV_PI * scale)

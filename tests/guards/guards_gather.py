@@ -199,7 +199,7 @@ GUARDS = (
         name="areas are counted by enough points",
         file="kernels/photons/surface_points.py",
         prevents="where photons lie denser than points, the area is noise",
-        changes=(("r = wp.max(radius[i], wp.min(wp.sqrt(LEAST_POINTS * point_area / _PI), r_max))", "r = radius[i]"),),
+        changes=(("r = wp.max(radius, wp.min(wp.sqrt(LEAST_POINTS * point_area / _PI), r_max))", "r = radius"),),
         tests=(AREA + "test_a_tiny_gather_is_measured_by_a_larger_disc",),
     ),
     Guard(
